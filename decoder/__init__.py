@@ -1,0 +1,1 @@
+"""Receiver side: side information, parity requests, reconstruction."""

@@ -1,0 +1,1 @@
+"""Prediction of Wyner-Ziv frames at the decoder."""

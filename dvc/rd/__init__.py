@@ -1,0 +1,1 @@
+"""Rate-distortion experiments: sweeps, results, reports."""

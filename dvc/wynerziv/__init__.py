@@ -1,0 +1,1 @@
+"""Wyner-Ziv coding of frames in the transform domain."""

@@ -1,0 +1,1 @@
+"""Test material: rendered scenes with exact geometry, and the catalogue of named sequences."""
