@@ -1,0 +1,525 @@
+"""The codec configuration: everything that changes the decoded frames, and its form in a stream header.
+
+`CodecConfig` nests one frozen dataclass per part of the codec. It travels as JSON-safe dictionaries
+(`CodecConfig.to_dict`, `CodecConfig.from_dict`) in results, and as bytes (`encode_config`, `decode_config`)
+in streams, where only what differs from the defaults is written. A new field is one line in its dataclass
+and one number in `FIELD_NUMBERS`; its default must mean what the codec did before there was such a field.
+"""
+
+import base64
+import binascii
+import math
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cache
+from operator import attrgetter
+from typing import Any, Self, get_type_hints
+
+from dvc.errors import BitstreamError, ConfigError
+
+CODECS = ("2d",)
+TURBO_FAMILIES = ("adaptive", "classical")
+NUM_BANDS = 16
+MAX_SIDE_PX = 16384
+MAX_AREA_PX = 2**24
+MAX_GOP_LENGTH = 256
+MAX_PARAMETER_SETS_BYTES = 1024
+
+ZIGZAG = (0, 1, 4, 8, 5, 2, 3, 6, 9, 12, 13, 10, 7, 11, 14, 15)
+"""Raster position in the 4x4 block of each band, in zigzag order."""
+
+PRESET_LEVELS = (
+    (16, 8, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+    (32, 8, 0, 0, 8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0),
+    (32, 8, 4, 0, 8, 4, 0, 0, 4, 0, 0, 0, 0, 0, 0, 0),
+    (32, 16, 8, 4, 16, 8, 4, 0, 8, 4, 0, 0, 4, 0, 0, 0),
+    (32, 16, 8, 4, 16, 8, 4, 4, 8, 4, 4, 0, 4, 4, 0, 0),
+    (64, 16, 8, 8, 16, 8, 8, 4, 8, 8, 4, 4, 8, 4, 4, 0),
+    (64, 32, 16, 8, 32, 16, 8, 4, 16, 8, 4, 4, 8, 4, 4, 0),
+    (128, 64, 32, 16, 64, 32, 16, 8, 32, 16, 8, 4, 16, 8, 4, 0),
+)
+"""Levels of each band for Q1 to Q8, in raster order of the 4x4 block; 0 where a band is not sent."""
+
+_KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice for the foreman sequence
+_NAME = re.compile(r"[a-z0-9_-]{1,32}")
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, int) and value.bit_length() > 64:
+        return f"a number of {value.bit_length()} bits"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _check_range(name: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:
+        raise ConfigError(f"`{name}` must be from {low} to {high}, got {_shown(value)}")
+
+
+def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ConfigError(f"`{name}` must be one of {', '.join(choices)}, got {_shown(value)}")
+
+
+def _hints(section: Any) -> dict[str, Any]:
+    return get_type_hints(section)
+
+
+def _check_type(name: str, value: object, hint: Any) -> None:
+    if hint == tuple[int, ...]:
+        good = isinstance(value, tuple) and all(type(item) is int for item in value)
+        expected = "a sequence of integers"
+    elif hint is float:
+        good = type(value) is float and math.isfinite(value)
+        expected = "a finite number"
+    else:
+        good = type(value) is hint
+        expected = f"of type {hint.__name__}"
+    if not good:
+        raise ConfigError(f"`{name}` must be {expected}, got {_shown(value)}")
+
+
+class _Section:
+    """Check the type of every field, then what the section itself demands of the values."""
+
+    def __post_init__(self) -> None:
+        for name, hint in _hints(type(self)).items():
+            value = getattr(self, name)
+            if hint is float and type(value) is int and abs(value) < 2**53:
+                value = float(value)
+                object.__setattr__(self, name, value)
+            _check_type(name, value, hint)
+        self._check_values()
+
+    def _check_values(self) -> None:
+        """Raise `ConfigError` for values that make no sense; the types are right already."""
+
+
+@dataclass(frozen=True)
+class VideoConfig(_Section):
+    """Format of the frames that are coded."""
+
+    width: int  # in pixels
+    height: int  # in pixels
+    frame_rate_num: int  # frames per second, as a fraction
+    frame_rate_den: int
+    luma_only: bool = False  # no chroma is coded
+
+    def _check_values(self) -> None:
+        _check_range("width", self.width, 1, MAX_SIDE_PX)
+        _check_range("height", self.height, 1, MAX_SIDE_PX)
+        if self.width * self.height > MAX_AREA_PX:
+            raise ConfigError(
+                f"a frame must have {MAX_AREA_PX} pixels or fewer, got {self.width}x{self.height}"
+            )
+        _check_range("frame_rate_num", self.frame_rate_num, 1, 2**31 - 1)
+        _check_range("frame_rate_den", self.frame_rate_den, 1, 2**31 - 1)
+
+    @property
+    def num_blocks(self) -> int:
+        """Number of 4x4 blocks that cover a frame: the length of every band and bit plane."""
+        return -(-self.width // 4) * -(-self.height // 4)
+
+
+@dataclass(frozen=True)
+class GopConfig(_Section):
+    """Spacing of the key frames."""
+
+    length: int = 2  # frames from one key frame to the next; 1: key frames only
+    hierarchical: bool = False  # predict the middle frame first, and the others from it
+
+    def _check_values(self) -> None:
+        _check_range("length", self.length, 1, MAX_GOP_LENGTH)
+
+
+@dataclass(frozen=True)
+class KeyFrameConfig(_Section):
+    """H.264 intra coding of the key frames."""
+
+    qp: int = 34  # quantisation parameter
+    lossless: bool = False  # code the samples exactly; `qp` plays no part
+    parameter_sets: bytes = b""  # what the H.264 decoder needs once, before the first key frame
+
+    def _check_values(self) -> None:
+        _check_range("qp", self.qp, 0, 51)
+        size = len(self.parameter_sets)
+        if size > MAX_PARAMETER_SETS_BYTES:
+            raise ConfigError(f"`parameter_sets` is limited to {MAX_PARAMETER_SETS_BYTES} bytes, got {size}")
+
+
+@dataclass(frozen=True)
+class WynerZivConfig(_Section):
+    """Quantisation of the Wyner-Ziv frames and decoding of their bands."""
+
+    levels: tuple[int, ...] = tuple(
+        PRESET_LEVELS[3][position] for position in ZIGZAG
+    )  # per band, zigzag order
+    refine_after: tuple[int, ...] = (
+        0,
+        2,
+        5,
+        8,
+    )  # numbers of decoded bands after which side information is refined
+    max_llr: float = 9.0  # bound on the magnitude of the prior LLR of a bit
+
+    def _check_values(self) -> None:
+        if len(self.levels) != NUM_BANDS:
+            raise ConfigError(f"`levels` must have {NUM_BANDS} entries, got {len(self.levels)}")
+        for number in self.levels:
+            if number != 0 and (not 2 <= number <= 256 or number & (number - 1)):
+                raise ConfigError(
+                    f"`levels` must hold 0 or powers of two from 2 to 256, got {_shown(number)}"
+                )
+        if len(self.refine_after) > NUM_BANDS or any(not 0 <= n < NUM_BANDS for n in self.refine_after):
+            raise ConfigError(f"`refine_after` must hold numbers of bands below {NUM_BANDS}")
+        if any(b <= a for a, b in zip(self.refine_after, self.refine_after[1:], strict=False)):
+            raise ConfigError(f"`refine_after` must increase, got {_shown(self.refine_after)}")
+        if not 0 < self.max_llr <= 100:
+            raise ConfigError(f"`max_llr` must be above 0 and at most 100, got {self.max_llr}")
+
+    @classmethod
+    def preset(cls, q: int) -> Self:
+        """Build one of the eight quantisation presets of the DISCOVER family.
+
+        Parameters
+        ----------
+        q : int
+            From 1 (coarsest) to 8 (finest).
+
+        Returns
+        -------
+        WynerZivConfig
+            Its levels; all else at the defaults.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such preset.
+        """
+        _check_preset(q)
+        return cls(tuple(PRESET_LEVELS[q - 1][position] for position in ZIGZAG))
+
+    @property
+    def num_planes(self) -> int:
+        """Number of bit planes of a frame, over all bands."""
+        return sum(number.bit_length() - 1 for number in self.levels if number)
+
+
+@dataclass(frozen=True)
+class TurboConfig(_Section):
+    """Slepian-Wolf coding of the bit planes."""
+
+    family: str = "adaptive"  # set of turbo codes that the decoder chooses from
+    interleaver_seed: int = 1
+    crc_bits: int = 8  # length of the checksum of a bit plane
+    max_iterations: int = 18  # decoder iterations per request
+
+    def _check_values(self) -> None:
+        _check_choice("family", self.family, TURBO_FAMILIES)
+        _check_range("interleaver_seed", self.interleaver_seed, 0, 2**31 - 1)
+        _check_range("crc_bits", self.crc_bits, 4, 32)
+        _check_range("max_iterations", self.max_iterations, 1, 1000)
+
+
+@dataclass(frozen=True)
+class SideInformationConfig(_Section):
+    """Prediction of the Wyner-Ziv frames at the decoder."""
+
+    method: str = "mci"  # name of the method; the decoder knows which there are
+    block_size: int = 8  # side of a block in pixels
+    search_radius: int = 16  # of the motion search, in pixels
+    smoothness: float = 1.0  # weight of smooth motion against matching blocks
+
+    def _check_values(self) -> None:
+        if not _NAME.fullmatch(self.method):
+            raise ConfigError(
+                f"`method` must be 1 to 32 of the characters a-z 0-9 _ -, got {_shown(self.method)}"
+            )
+        _check_range("block_size", self.block_size, 1, 256)
+        _check_range("search_radius", self.search_radius, 0, 1024)
+        _check_range("smoothness", self.smoothness, 0, 1e6)
+
+
+@dataclass(frozen=True)
+class CodecConfig(_Section):
+    """All that encoder and decoder must agree on."""
+
+    codec: str  # one of `CODECS`
+    video: VideoConfig
+    gop: GopConfig = GopConfig()
+    key: KeyFrameConfig = KeyFrameConfig()
+    wyner_ziv: WynerZivConfig = WynerZivConfig()
+    turbo: TurboConfig = TurboConfig()
+    side_information: SideInformationConfig = SideInformationConfig()
+    seed: int = 0  # of all randomness but the interleavers
+
+    def _check_values(self) -> None:
+        _check_choice("codec", self.codec, CODECS)
+        _check_range("seed", self.seed, 0, 2**31 - 1)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the configuration as JSON-safe values; inverse of `from_dict`.
+
+        Returns
+        -------
+        dict
+            One entry per field, sections as dictionaries, bytes in base64.
+        """
+        return _to_json(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Self:
+        """Rebuild a configuration from JSON-safe values; fields that are left out take their defaults.
+
+        Parameters
+        ----------
+        values : dict
+            As `to_dict` returns it.
+
+        Returns
+        -------
+        CodecConfig
+            The configuration.
+
+        Raises
+        ------
+        ConfigError
+            If a name is unknown, a value is missing, of the wrong type or out of range.
+        """
+        built = _build(cls, values, "configuration")
+        assert isinstance(built, cls)
+        return built
+
+
+def _check_preset(q: int) -> None:
+    if type(q) is not int or not 1 <= q <= len(PRESET_LEVELS):
+        raise ConfigError(f"the quantiser must be from 1 to {len(PRESET_LEVELS)}, got {_shown(q)}")
+
+
+def key_qp_for(wz_q: int) -> int:
+    """Return the key-frame QP that gives key and Wyner-Ziv frames about the same quality.
+
+    Parameters
+    ----------
+    wz_q : int
+        Quantisation preset, 1 to 8.
+
+    Returns
+    -------
+    int
+        H.264 quantisation parameter.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such preset.
+    """
+    _check_preset(wz_q)
+    return _KEY_QP[wz_q - 1]
+
+
+def _to_json(section: _Section) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name in _hints(type(section)):
+        value = getattr(section, name)
+        if isinstance(value, _Section):
+            value = _to_json(value)
+        elif isinstance(value, bytes):
+            value = base64.b64encode(value).decode("ascii")
+        elif isinstance(value, tuple):
+            value = list(value)
+        values[name] = value
+    return values
+
+
+def _from_json(name: str, value: Any, hint: Any) -> Any:
+    if hint is bytes and isinstance(value, str):
+        try:
+            return base64.b64decode(value, validate=True)
+        except (binascii.Error, ValueError) as err:
+            raise ConfigError(f"`{name}` must be base64, got {_shown(value)}") from err
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _build(section: Any, values: Any, name: str) -> Any:
+    """Build a section from a dictionary of JSON values or of the fields themselves."""
+    if not isinstance(values, dict):
+        raise ConfigError(f"`{name}` must be a table of fields, got {_shown(values)}")
+    hints = _hints(section)
+    unknown = [key for key in values if key not in hints]
+    if unknown:
+        raise ConfigError(f"`{name}` has no field {_shown(unknown[0])}; fields are {', '.join(hints)}")
+    arguments: dict[str, Any] = {}
+    for field in fields(section):
+        if field.name not in values:
+            if field.default is MISSING:
+                raise ConfigError(f"`{name}` lacks the field `{field.name}`")
+            continue
+        hint, value = hints[field.name], values[field.name]
+        arguments[field.name] = (
+            _build(hint, value, field.name) if is_dataclass(hint) else _from_json(field.name, value, hint)
+        )
+    return section(**arguments)
+
+
+FIELD_NUMBERS = {
+    "codec": 0,
+    "seed": 1,
+    "video.width": 2,
+    "video.height": 3,
+    "video.frame_rate_num": 4,
+    "video.frame_rate_den": 5,
+    "video.luma_only": 6,
+    "gop.length": 8,
+    "gop.hierarchical": 9,
+    "key.qp": 16,
+    "key.lossless": 17,
+    "key.parameter_sets": 18,
+    "wyner_ziv.levels": 24,
+    "wyner_ziv.refine_after": 25,
+    "wyner_ziv.max_llr": 26,
+    "turbo.family": 40,
+    "turbo.interleaver_seed": 41,
+    "turbo.crc_bits": 42,
+    "turbo.max_iterations": 43,
+    "side_information.method": 56,
+    "side_information.block_size": 57,
+    "side_information.search_radius": 58,
+    "side_information.smoothness": 59,
+}
+"""Number of every field in a stream header; numbers are never used again for something else."""
+
+_PATHS = {number: path for path, number in FIELD_NUMBERS.items()}
+_MAX_TEXT_BYTES = 64
+_MAX_TUPLE_LENGTH = 64
+
+
+@cache
+def _leaf(path: str) -> tuple[Any, Any]:
+    """Return the type of a field and its default, `MISSING` if it has none."""
+    section: Any = CodecConfig
+    *parents, name = path.split(".")
+    for parent in parents:
+        section = _hints(section)[parent]
+    (field,) = (field for field in fields(section) if field.name == name)
+    return _hints(section)[name], field.default
+
+
+def _encode_value(value: Any) -> bytes:
+    from dvc.bits import encode_varint
+
+    if isinstance(value, float):
+        return struct.pack("<d", value)
+    if isinstance(value, str):
+        value = value.encode("ascii")
+    if isinstance(value, bytes):
+        return encode_varint(len(value)) + value
+    if isinstance(value, tuple):
+        return encode_varint(len(value)) + b"".join(encode_varint(item) for item in value)
+    return encode_varint(int(value))
+
+
+def _decode_value(data: bytes, position: int, hint: Any) -> tuple[Any, int]:
+    from dvc.bits import decode_bytes, decode_varint
+
+    if hint is float:
+        (number,) = struct.unpack_from("<d", data, position)
+        return number, position + 8
+    if hint is str:
+        text, position = decode_bytes(data, position, _MAX_TEXT_BYTES)
+        return text.decode("ascii"), position
+    if hint is bytes:
+        return decode_bytes(data, position, MAX_PARAMETER_SETS_BYTES)
+    value, position = decode_varint(data, position)
+    if hint is bool and value <= 1:
+        return bool(value), position
+    if hint is not int and hint is not bool:
+        if value > _MAX_TUPLE_LENGTH:
+            raise BitstreamError(f"{value} entries where at most {_MAX_TUPLE_LENGTH} are allowed")
+        items = []
+        for _ in range(value):
+            item, position = decode_varint(data, position)
+            items.append(item)
+        return tuple(items), position
+    return value, position
+
+
+def encode_config(config: CodecConfig) -> bytes:
+    """Write a configuration for a stream header; inverse of `decode_config`.
+
+    Each field that differs from its default, in increasing order of its number: the number, then the value,
+    both as `docs/bitstream.md` states. A configuration has exactly one such form.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        The configuration.
+
+    Returns
+    -------
+    bytes
+        About 15 bytes, and what differs from the defaults.
+    """
+    from dvc.bits import encode_varint
+
+    parts = []
+    for path, number in FIELD_NUMBERS.items():
+        value = attrgetter(path)(config)
+        if value != _leaf(path)[1]:
+            parts.append(encode_varint(number) + _encode_value(value))
+    return b"".join(parts)
+
+
+def _decode_fields(data: bytes) -> Iterator[tuple[str, Any]]:
+    from dvc.bits import decode_varint
+
+    position, last = 0, -1
+    while position < len(data):
+        number, position = decode_varint(data, position)
+        if number not in _PATHS:
+            raise BitstreamError(f"configuration field {number} is unknown: made by a newer program?")
+        if number <= last:
+            raise BitstreamError(f"configuration field {number} follows field {last}")
+        path = _PATHS[number]
+        hint, default = _leaf(path)
+        try:
+            value, position = _decode_value(data, position, hint)
+        except (struct.error, UnicodeDecodeError, BitstreamError) as err:
+            raise BitstreamError(f"configuration field `{path}`: {err}") from err
+        if value == default:
+            raise BitstreamError(f"configuration field `{path}` restates its default")
+        last = number
+        yield path, value
+
+
+def decode_config(data: bytes) -> CodecConfig:
+    """Read a configuration from a stream header; inverse of `encode_config`.
+
+    Parameters
+    ----------
+    data : bytes
+        As `encode_config` returns it.
+
+    Returns
+    -------
+    CodecConfig
+        The configuration.
+
+    Raises
+    ------
+    BitstreamError
+        If the bytes are damaged, of a newer program, or hold values that make no sense.
+    """
+    values: dict[str, Any] = {}
+    for path, value in _decode_fields(data):
+        *parents, name = path.split(".")
+        section = values
+        for parent in parents:
+            section = section.setdefault(parent, {})
+        section[name] = value
+    try:
+        return CodecConfig.from_dict(values)
+    except ConfigError as err:
+        raise BitstreamError(f"configuration: {err}") from err
