@@ -1,0 +1,258 @@
+"""Bits, and integers of variable length, written to and read from bytes."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import BitstreamError
+
+MAX_VARINT_BYTES = 5
+MAX_VARINT = 2 ** (7 * MAX_VARINT_BYTES) - 1
+
+
+def encode_varint(value: int) -> bytes:
+    """Write an integer seven bits a byte, lowest first, top bit set in all bytes but the last (LEB128).
+
+    Parameters
+    ----------
+    value : int
+        From 0 to `MAX_VARINT`.
+
+    Returns
+    -------
+    bytes
+        One to five bytes, as few as possible.
+
+    Raises
+    ------
+    ValueError
+        If the value is out of range.
+    """
+    if not 0 <= value <= MAX_VARINT:
+        raise ValueError(f"`value` must be in [0, 2**35), got {value.bit_length()} bits, sign {value < 0:d}")
+    encoded = bytearray()
+    while value > 0x7F:
+        encoded.append(value & 0x7F | 0x80)
+        value >>= 7
+    encoded.append(value)
+    return bytes(encoded)
+
+
+def decode_varint(data: bytes | bytearray | memoryview, position: int) -> tuple[int, int]:
+    """Read an integer that `encode_varint` wrote.
+
+    Parameters
+    ----------
+    data : bytes-like
+        Where to read.
+    position : int
+        Of the first byte, not negative.
+
+    Returns
+    -------
+    value : int
+        From 0 to `MAX_VARINT`.
+    position : int
+        Of the byte after it.
+
+    Raises
+    ------
+    BitstreamError
+        If the data end too early, or the integer is longer than it need be or than five bytes.
+    """
+    value = 0
+    for count in range(MAX_VARINT_BYTES):
+        if position + count >= len(data):
+            raise BitstreamError("data end within an integer")
+        byte = data[position + count]
+        value |= (byte & 0x7F) << (7 * count)
+        if byte <= 0x7F:
+            if byte == 0 and count > 0:
+                raise BitstreamError("integer is longer than it need be")
+            return value, position + count + 1
+    raise BitstreamError(f"integer is longer than {MAX_VARINT_BYTES} bytes")
+
+
+def decode_bytes(data: bytes, position: int, max_bytes: int) -> tuple[bytes, int]:
+    """Read bytes that follow their number as a varint.
+
+    Parameters
+    ----------
+    data : bytes
+        Where to read.
+    position : int
+        Of the first byte of the number.
+    max_bytes : int
+        Largest number that is accepted.
+
+    Returns
+    -------
+    content : bytes
+        The bytes.
+    position : int
+        Of the byte after them.
+
+    Raises
+    ------
+    BitstreamError
+        If the number is too large or the data end too early.
+    """
+    size, position = decode_varint(data, position)
+    if size > max_bytes:
+        raise BitstreamError(f"{size} bytes where at most {max_bytes} are allowed")
+    if size > len(data) - position:
+        raise BitstreamError(f"{size} bytes promised, {len(data) - position} left")
+    return data[position : position + size], position + size
+
+
+class BitWriter:
+    """Collects bits, first bit in the top bit of the first byte; the counterpart of `BitReader`."""
+
+    def __init__(self) -> None:
+        self._parts: list[NDArray[np.uint8]] = []
+        self._num_bits = 0
+
+    @property
+    def num_bits(self) -> int:
+        """Number of bits written so far."""
+        return self._num_bits
+
+    def write(self, bits: NDArray[np.uint8]) -> None:
+        """Append bits.
+
+        Parameters
+        ----------
+        bits : ndarray of shape (n,), uint8
+            Each element 0 or 1; copied.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is not an array of bits.
+        """
+        if not isinstance(bits, np.ndarray) or bits.dtype != np.uint8:
+            raise TypeError(f"`bits` must be an array of uint8, got {getattr(bits, 'dtype', type(bits))}")
+        if bits.ndim != 1 or (bits.size and bits.max() > 1):
+            raise ValueError("`bits` must have one dimension and hold 0 and 1 only")
+        self._parts.append(bits.copy())
+        self._num_bits += bits.size
+
+    def write_uint(self, value: int, num_bits: int) -> None:
+        """Append an integer, most significant bit first.
+
+        Parameters
+        ----------
+        value : int
+            From 0 to ``2**num_bits - 1``.
+        num_bits : int
+            Number of bits, 0 or more.
+
+        Raises
+        ------
+        ValueError
+            If the value does not fit.
+        """
+        if num_bits < 0 or value < 0 or value.bit_length() > num_bits:
+            raise ValueError(
+                f"`value` must fit {num_bits} bits, got {value.bit_length()} bits, sign {value < 0:d}"
+            )
+        num_bytes = -(-num_bits // 8)
+        octets = np.frombuffer(value.to_bytes(num_bytes, "big"), np.uint8)
+        self._parts.append(np.unpackbits(octets)[8 * num_bytes - num_bits :])
+        self._num_bits += num_bits
+
+    def to_bytes(self) -> bytes:
+        """Return all bits, the last byte filled up with zeros.
+
+        Returns
+        -------
+        bytes
+            ``ceil(num_bits / 8)`` bytes.
+        """
+        if not self._parts:
+            return b""
+        self._parts = [np.concatenate(self._parts)]
+        return np.packbits(self._parts[0]).tobytes()
+
+
+class BitReader:
+    """Reads bits from bytes, from the top bit of the first byte on.
+
+    Parameters
+    ----------
+    data : bytes
+        What to read.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self._octets = np.frombuffer(data, np.uint8)
+        self._position = 0
+
+    @property
+    def num_left(self) -> int:
+        """Number of bits not read yet, padding included."""
+        return 8 * self._octets.size - self._position
+
+    def read(self, count: int) -> NDArray[np.uint8]:
+        """Read the next bits.
+
+        Parameters
+        ----------
+        count : int
+            Number of bits.
+
+        Returns
+        -------
+        ndarray of shape (count,), uint8
+            Each element 0 or 1.
+
+        Raises
+        ------
+        ValueError
+            If `count` is negative.
+        BitstreamError
+            If fewer bits are left.
+        """
+        if count < 0:
+            raise ValueError(f"`count` must not be negative, got {count}")
+        if count > self.num_left:
+            raise BitstreamError(f"{count} bits wanted, {self.num_left} left")
+        first, skip = divmod(self._position, 8)
+        self._position += count
+        octets = self._octets[first : -(-self._position // 8)]
+        return np.unpackbits(octets)[skip : skip + count]
+
+    def read_uint(self, num_bits: int) -> int:
+        """Read an integer, most significant bit first.
+
+        Parameters
+        ----------
+        num_bits : int
+            Number of bits.
+
+        Returns
+        -------
+        int
+            From 0 to ``2**num_bits - 1``.
+
+        Raises
+        ------
+        BitstreamError
+            If fewer bits are left.
+        """
+        bits = self.read(num_bits)
+        padding = -num_bits % 8
+        return int.from_bytes(np.packbits(bits).tobytes(), "big") >> padding
+
+    def expect_end(self) -> None:
+        """Check that nothing is left but the zeros that fill up the last byte.
+
+        Raises
+        ------
+        BitstreamError
+            If anything else is left.
+        """
+        left = self.num_left
+        if left >= 8:
+            raise BitstreamError(f"{left} bits are left over")
+        if self.read(left).any():
+            raise BitstreamError("the last byte is not filled up with zeros")
