@@ -21,6 +21,7 @@ from dvc.errors import BitstreamError, ConfigError
 
 CODECS = ("2d",)
 TURBO_FAMILIES = ("adaptive", "classical")
+NOISE_MODELS = ("frame", "band", "coefficient", "local")
 NUM_BANDS = 16
 MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
@@ -156,13 +157,11 @@ class WynerZivConfig(_Section):
     levels: tuple[int, ...] = tuple(
         PRESET_LEVELS[3][position] for position in ZIGZAG
     )  # per band, zigzag order
-    refine_after: tuple[int, ...] = (
-        0,
-        2,
-        5,
-        8,
-    )  # numbers of decoded bands after which side information is refined
+    refine_after: tuple[int, ...] = (0, 1, 2, 4, 6, 8)  # positions in coding order of the bands after which
+    # the side information is refined; after the last band it always is
     max_llr: float = 9.0  # bound on the magnitude of the prior LLR of a bit
+    noise_model: str = "local"  # how the scale of the correlation noise follows from the references
+    initial_gain: float = 1.3  # factor on that scale before anything of a frame is decoded
 
     def _check_values(self) -> None:
         if len(self.levels) != NUM_BANDS:
@@ -178,6 +177,8 @@ class WynerZivConfig(_Section):
             raise ConfigError(f"`refine_after` must increase, got {_shown(self.refine_after)}")
         if not 0 < self.max_llr <= 100:
             raise ConfigError(f"`max_llr` must be above 0 and at most 100, got {self.max_llr}")
+        _check_choice("noise_model", self.noise_model, NOISE_MODELS)
+        _check_range("initial_gain", self.initial_gain, 0.01, 100.0)
 
     @classmethod
     def preset(cls, q: int) -> Self:
@@ -220,7 +221,7 @@ class TurboConfig(_Section):
         _check_choice("family", self.family, TURBO_FAMILIES)
         _check_range("interleaver_seed", self.interleaver_seed, 0, 2**31 - 1)
         _check_range("crc_bits", self.crc_bits, 4, 32)
-        _check_range("max_iterations", self.max_iterations, 1, 1000)
+        _check_range("max_iterations", self.max_iterations, 1, 100)
 
 
 @dataclass(frozen=True)
@@ -228,18 +229,19 @@ class SideInformationConfig(_Section):
     """Prediction of the Wyner-Ziv frames at the decoder."""
 
     method: str = "mci"  # name of the method; the decoder knows which there are
-    block_size: int = 8  # side of a block in pixels
-    search_radius: int = 16  # of the motion search, in pixels
-    smoothness: float = 1.0  # weight of smooth motion against matching blocks
+    block_size: int = 8  # side of a block in pixels: 4, 8 or 16
+    search_radius: int = 16  # of the motion search, in pixels of the coarsest level
+    smoothness: int = 6  # weight of smooth motion against matching blocks
 
     def _check_values(self) -> None:
         if not _NAME.fullmatch(self.method):
             raise ConfigError(
                 f"`method` must be 1 to 32 of the characters a-z 0-9 _ -, got {_shown(self.method)}"
             )
-        _check_range("block_size", self.block_size, 1, 256)
-        _check_range("search_radius", self.search_radius, 0, 1024)
-        _check_range("smoothness", self.smoothness, 0, 1e6)
+        if self.block_size not in (4, 8, 16):
+            raise ConfigError(f"`block_size` must be 4, 8 or 16, got {_shown(self.block_size)}")
+        _check_range("search_radius", self.search_radius, 0, 64)
+        _check_range("smoothness", self.smoothness, 0, 1000)
 
 
 @dataclass(frozen=True)
@@ -380,6 +382,8 @@ FIELD_NUMBERS = {
     "wyner_ziv.levels": 24,
     "wyner_ziv.refine_after": 25,
     "wyner_ziv.max_llr": 26,
+    "wyner_ziv.noise_model": 27,
+    "wyner_ziv.initial_gain": 28,
     "turbo.family": 40,
     "turbo.interleaver_seed": 41,
     "turbo.crc_bits": 42,

@@ -1,1 +1,12 @@
-"""Prediction of Wyner-Ziv frames at the decoder."""
+"""Prediction of Wyner-Ziv frames at the decoder: one file a method, found by name."""
+
+from collections.abc import Callable
+
+from decoder.side_information.block_motion import BlockMotionInterpolation
+from decoder.side_information.protocol import SideInformationMethod
+from dvc.config import SideInformationConfig
+
+METHODS: dict[str, Callable[[SideInformationConfig], SideInformationMethod]] = {
+    BlockMotionInterpolation.name: BlockMotionInterpolation,
+}
+"""How to build each method from the configuration, by the name that the configuration uses."""

@@ -1,0 +1,191 @@
+"""Compiled loops of the block-motion methods; validated and described by their callers.
+
+References are *half-sample planes*: ``planes[py, px, y + margin, x + margin]`` is the sample at
+(y + py / 2, x + px / 2). Vectors are in half samples, (vertical, horizontal).
+"""
+
+import numpy as np
+
+from dvc._jit import kernel
+
+
+@kernel
+def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size, limit):  # type: ignore[no-untyped-def]
+    """Sum of absolute differences of two blocks, positions in half samples of the padded planes."""
+    plane_a = planes_a[row_a & 1, column_a & 1]
+    plane_b = planes_b[row_b & 1, column_b & 1]
+    return plane_sad(plane_a, row_a >> 1, column_a >> 1, plane_b, row_b >> 1, column_b >> 1, size, limit)
+
+
+@kernel
+def plane_sad(plane_a, ya, xa, plane_b, yb, xb, size, limit):  # type: ignore[no-untyped-def]
+    """Sum of absolute differences of two blocks at whole samples; stops once it reaches `limit`."""
+    total = 0
+    for y in range(size):
+        line_a = plane_a[ya + y, xa : xa + size]
+        line_b = plane_b[yb + y, xb : xb + size]
+        line = np.int32(0)
+        for x in range(size):
+            line += abs(np.int32(line_a[x]) - np.int32(line_b[x]))
+        total += line
+        if total >= limit:
+            break
+    return total
+
+
+@kernel
+def clamp_position(position, size, length):  # type: ignore[no-untyped-def]
+    """Keep a block of `size` samples inside `length` samples; half-sample units, one spare at the end."""
+    return min(max(position, 0), 2 * (length - size - 1))
+
+
+@kernel
+def forward_search(planes_a, planes_b, margin, block, window, radius, step, smoothness, starts, vectors):  # type: ignore[no-untyped-def]
+    """Full search of every block of frame b in frame a around `starts`, favouring short corrections.
+
+    `vectors` receives the displacement from a to b (half samples) of the block.
+    """
+    height, width = planes_a.shape[2], planes_a.shape[3]
+    border = (window - block) // 2
+    for i in range(vectors.shape[0]):
+        for j in range(vectors.shape[1]):
+            row = clamp_position(2 * (margin + i * block - border), window, height)
+            column = clamp_position(2 * (margin + j * block - border), window, width)
+            best = np.float64(1e18)
+            best_v, best_h = 0, 0
+            for v in range(-radius, radius + 1):
+                for h in range(-radius, radius + 1):
+                    dv, dh = starts[i, j, 0] + v * step, starts[i, j, 1] + h * step
+                    row_a = clamp_position(row - dv, window, height)
+                    column_a = clamp_position(column - dh, window, width)
+                    weight = 1.0 + smoothness * np.sqrt(np.float64(v * v + h * h))
+                    limit = np.int64(best / weight) + 1
+                    sad = block_sad(planes_b, row, column, planes_a, row_a, column_a, window, limit)
+                    if (sad + window) * weight < best:
+                        best = (sad + window) * weight
+                        best_v, best_h = dv, dh
+            vectors[i, j, 0] = best_v
+            vectors[i, j, 1] = best_h
+
+
+@kernel
+def split_vector(displacement, numerator, denominator):  # type: ignore[no-untyped-def]
+    """Offset towards reference a of a displacement from a to b, at instant numerator / denominator."""
+    scaled = 2 * displacement * numerator + denominator
+    return -(scaled // (2 * denominator))
+
+
+@kernel
+def bilateral_sad(planes_a, planes_b, row, column, dv, dh, window, numerator, denominator, limit):  # type: ignore[no-untyped-def]
+    """Difference of the two references along one linear trajectory through a block of the missing frame."""
+    height, width = planes_a.shape[2], planes_a.shape[3]
+    av, ah = split_vector(dv, numerator, denominator), split_vector(dh, numerator, denominator)
+    row_a, column_a = row + av, column + ah
+    row_b, column_b = row_a + dv, column_a + dh
+    outside = 0
+    for position, length in ((row_a, height), (row_b, height), (column_a, width), (column_b, width)):
+        outside += position < 0 or position > 2 * (length - window - 1)
+    if outside:
+        return np.int64(1) << 40
+    return block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, window, limit)
+
+
+@kernel
+def refine_bilateral(  # type: ignore[no-untyped-def]
+    planes_a, planes_b, margin, block, window, radius, step, smoothness, numerator, denominator, candidates, vectors
+):
+    """Choose each block's displacement among `candidates` and their surroundings by the bilateral difference.
+
+    The cost adds `smoothness` times the distance to the mean candidate-field neighbours, which keeps
+    the field regular where texture says nothing. Candidates: (rows, columns, count, 2).
+    """
+    height, width = planes_a.shape[2], planes_a.shape[3]
+    border = (window - block) // 2
+    for i in range(vectors.shape[0]):
+        for j in range(vectors.shape[1]):
+            row = clamp_position(2 * (margin + i * block - border), window, height)
+            column = clamp_position(2 * (margin + j * block - border), window, width)
+            best = np.int64(1) << 41
+            best_v, best_h = candidates[i, j, 0, 0], candidates[i, j, 0, 1]
+            for k in range(candidates.shape[2]):
+                dv, dh = candidates[i, j, k, 0], candidates[i, j, k, 1]
+                cost = smoothness_cost(candidates[i, j], dv, dh, smoothness)
+                cost += bilateral_sad(
+                    planes_a, planes_b, row, column, dv, dh, window, numerator, denominator, best
+                )
+                if cost < best:
+                    best, best_v, best_h = cost, dv, dh
+            centre_v, centre_h = best_v, best_h
+            for v in range(-radius, radius + 1):
+                for h in range(-radius, radius + 1):
+                    dv, dh = centre_v + v * step, centre_h + h * step
+                    cost = smoothness_cost(candidates[i, j], dv, dh, smoothness)
+                    cost += bilateral_sad(
+                        planes_a, planes_b, row, column, dv, dh, window, numerator, denominator, best
+                    )
+                    if cost < best:
+                        best, best_v, best_h = cost, dv, dh
+            vectors[i, j, 0] = best_v
+            vectors[i, j, 1] = best_h
+
+
+@kernel
+def smoothness_cost(candidates, dv, dh, smoothness):  # type: ignore[no-untyped-def]
+    """Cost of a displacement against the neighbours' (candidates 1..8), robust: the mean of clipped distances."""
+    total = 0
+    for k in range(1, 9):
+        distance = abs(candidates[k, 0] - dv) + abs(candidates[k, 1] - dh)
+        total += min(distance, 16)
+    return (total * smoothness) >> 4
+
+
+@kernel
+def search_target(target, planes, margin, block, window, radius, step, smoothness, offsets, costs):  # type: ignore[no-untyped-def]
+    """Move every block's offset to where the reference matches `target` best, within `radius` steps.
+
+    `target` is padded by the margin like the planes. Offsets are improved in place; `costs` receives the sum of absolute
+    differences plus `smoothness` per half sample of correction.
+    """
+    height, width = planes.shape[2], planes.shape[3]
+    border = (window - block) // 2
+    for i in range(offsets.shape[0]):
+        for j in range(offsets.shape[1]):
+            row = min(margin + i * block - border, height - window - 1)
+            column = min(margin + j * block - border, width - window - 1)
+            start_v, start_h = offsets[i, j, 0], offsets[i, j, 1]
+            best = np.int64(1) << 40
+            for v in range(-radius, radius + 1):
+                for h in range(-radius, radius + 1):
+                    cost = smoothness * step * (abs(v) + abs(h))
+                    if cost >= best:
+                        continue
+                    dv, dh = start_v + v * step, start_h + h * step
+                    row_r = clamp_position(2 * row + dv, window, height)
+                    column_r = clamp_position(2 * column + dh, window, width)
+                    plane = planes[row_r & 1, column_r & 1]
+                    cost += plane_sad(target, row, column, plane, row_r >> 1, column_r >> 1, window, best - cost)
+                    if cost < best:
+                        best = cost
+                        offsets[i, j, 0], offsets[i, j, 1] = dv, dh
+            costs[i, j] = best
+
+
+@kernel
+def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, total_weight):  # type: ignore[no-untyped-def]
+    """Add every block's displaced reference into `total`, tapered by an overlapping window twice the block.
+
+    `total` and `total_weight` are padded by half a block on each side and must be zero at the start.
+    """
+    height, width = planes.shape[2], planes.shape[3]
+    size = 2 * block
+    for i in range(offsets.shape[0]):
+        for j in range(offsets.shape[1]):
+            row = clamp_position(2 * (margin + i * block - block // 2) + offsets[i, j, 0], size, height)
+            column = clamp_position(2 * (margin + j * block - block // 2) + offsets[i, j, 1], size, width)
+            plane = planes[row & 1, column & 1]
+            y0, x0 = row >> 1, column >> 1
+            for y in range(size):
+                for x in range(size):
+                    weight = taper[y, x] * weights[i, j]
+                    total[i * block + y, j * block + x] += weight * plane[y0 + y, x0 + x]
+                    total_weight[i * block + y, j * block + x] += weight

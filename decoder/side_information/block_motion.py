@@ -1,0 +1,208 @@
+"""Motion-compensated interpolation with block motion (MCI): the 2D method that every other one has to beat.
+
+Block motion between two low-pass filtered references is searched from coarse to fine over a pyramid: full forward
+search at the top, then at each level a choice among the neighbours' vectors and a small search by the difference of the
+two references along the linear trajectory through the block (bilateral), 16x16 blocks first, 8x8 last, each
+field regularised by its neighbours and by a vector median. Overlapped compensation of both references, weighted by
+their distance in time, gives the prediction.
+
+References
+----------
+[Ascenso2005] J. Ascenso, C. Brites, F. Pereira, "Improving frame interpolation with spatial motion smoothing for pixel
+domain distributed video coding", EURASIP Conf. on Speech, Image Processing and Multimedia, 2005.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from decoder.side_information import _kernels
+from decoder.side_information.planes import (
+    MARGIN,
+    Luma,
+    Offsets,
+    compensate,
+    half_sample_planes,
+    halve,
+    low_pass,
+    resize_field,
+)
+from decoder.side_information.protocol import Prediction, ReferenceFrame
+from decoder.side_information.refinement import BLOCK, BlockRefiner, compensate_chroma
+from dvc.config import SideInformationConfig
+
+NUM_COARSE_LEVELS = 2
+
+
+class BlockMotionInterpolation:
+    """Block-motion interpolation between the two references around each instant.
+
+    Parameters
+    ----------
+    settings : SideInformationConfig
+        Block size, search radius and smoothness.
+    """
+
+    name = "mci"
+
+    def __init__(self, settings: SideInformationConfig) -> None:
+        self._settings = settings
+
+    def predict(
+        self, references: Sequence[ReferenceFrame], points: object, instants: Sequence[int]
+    ) -> list[Prediction]:
+        """Predict the frames at some instants; see `SideInformationMethod.predict`.
+
+        Parameters
+        ----------
+        references : sequence of ReferenceFrame
+            Decoded frames, by increasing index.
+        points : object
+            Ignored.
+        instants : sequence of int
+            Display positions wanted.
+
+        Returns
+        -------
+        list of Prediction
+            One for each instant.
+        """
+        del points
+        return [self._predict_one(*_around(references, instant), instant) for instant in instants]
+
+    def _predict_one(self, before: ReferenceFrame, after: ReferenceFrame, instant: int) -> Prediction:
+        numerator, denominator = instant - before.index, after.index - before.index
+        block = self._settings.block_size
+        field = estimate_motion(before.frame.luma, after.frame.luma, numerator, denominator, self._settings)
+        offsets = list(split_field(field, numerator, denominator))
+        shape = before.frame.luma.shape
+        late = numerator / denominator
+        weights = [np.full(field.shape[:2], 1.0 - late), np.full(field.shape[:2], late)]
+        frames = [before.frame, after.frame]
+        planes = [half_sample_planes(frame.luma) for frame in frames]
+        luma, compensated = compensate(planes, offsets, weights, block, shape)
+        chroma = compensate_chroma(frames, offsets, weights, block)
+        rows, columns = -(-shape[0] // BLOCK), -(-shape[1] // BLOCK)
+        fine = [resize_field(offset, rows, columns, block // BLOCK) for offset in offsets]
+        return Prediction(luma, chroma, tuple(compensated), self.name, refiner=BlockRefiner(frames, fine, self.name))
+
+
+def _around(references: Sequence[ReferenceFrame], instant: int) -> tuple[ReferenceFrame, ReferenceFrame]:
+    before = max((r for r in references if r.index < instant), key=lambda r: r.index)
+    after = min((r for r in references if r.index > instant), key=lambda r: r.index)
+    return before, after
+
+
+def estimate_motion(
+    before: Luma, after: Luma, numerator: int, denominator: int, settings: SideInformationConfig
+) -> Offsets:
+    """Estimate the block motion between two frames, on the grid of a frame between them.
+
+    Parameters
+    ----------
+    before, after : ndarray of shape (H, W), uint8
+        Decoded luma of the two references.
+    numerator, denominator : int
+        The missing frame lies at numerator / denominator of the way, strictly between 0 and 1.
+    settings : SideInformationConfig
+        Block size, search radius at the coarsest level, and smoothness.
+
+    Returns
+    -------
+    ndarray of shape (rows, columns, 2), int64
+        Displacement of each block from `before` to `after`, (vertical, horizontal) in half samples.
+    """
+    pyramid = [(low_pass(before), low_pass(after))]
+    for _ in range(NUM_COARSE_LEVELS):
+        pyramid.append((halve(pyramid[-1][0]), halve(pyramid[-1][1])))
+    search = _LevelSearch(numerator, denominator)
+    field = _forward_field(*pyramid[-1], settings.search_radius)
+    for level in range(NUM_COARSE_LEVELS, 0, -1):
+        field = search.run(*pyramid[level], field, block=8, window=16, step=2, smoothness=4 * settings.smoothness)
+        finer = pyramid[level - 1][0].shape
+        side = 8 if level > 1 else 16
+        field = resize_field(2 * field, -(-finer[0] // side), -(-finer[1] // side), 2 if level > 1 else 1)
+    field = search.run(*pyramid[0], field, block=16, window=24, step=1, smoothness=4 * settings.smoothness)
+    block = settings.block_size
+    rows, columns = -(-before.shape[0] // block), -(-before.shape[1] // block)
+    field = resize_field(field, rows, columns, 16 // block)
+    field = search.run(*pyramid[0], field, block, window=block + 4, step=1, smoothness=settings.smoothness)
+    return vector_median(field)
+
+
+def split_field(field: Offsets, numerator: int, denominator: int) -> tuple[Offsets, Offsets]:
+    """Split displacements at the missing frame into offsets towards both references.
+
+    Parameters
+    ----------
+    field : ndarray of shape (rows, columns, 2), int64
+        Displacements from the earlier to the later reference, in half samples.
+    numerator, denominator : int
+        The missing frame lies at numerator / denominator of the way.
+
+    Returns
+    -------
+    to_before, to_after : ndarray of shape (rows, columns, 2), int64
+        Offsets in half samples; their difference is the displacement.
+    """
+    to_before = -((2 * field * numerator + denominator) // (2 * denominator))
+    return to_before, to_before + field
+
+
+def vector_median(field: Offsets) -> Offsets:
+    """Replace each vector by that of the 3x3 neighbourhood with the least sum of distances to the others.
+
+    Parameters
+    ----------
+    field : ndarray of shape (rows, columns, 2), int64
+        Vectors.
+
+    Returns
+    -------
+    ndarray of shape (rows, columns, 2), int64
+        Smoothed vectors; the vector itself wins ties.
+    """
+    candidates = _neighbourhood(field)
+    distances = np.abs(candidates[:, :, :, None] - candidates[:, :, None]).sum(axis=(-2, -1))
+    best = distances.argmin(axis=-1)
+    return np.take_along_axis(candidates, best[..., None, None], axis=2)[:, :, 0]
+
+
+def _neighbourhood(field: Offsets) -> Offsets:
+    """Each vector (first) and its eight neighbours: (rows, columns, 9, 2)."""
+    padded = np.pad(field, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    rows, columns = field.shape[:2]
+    shifts = [(1, 1), *((y, x) for y in range(3) for x in range(3) if (y, x) != (1, 1))]
+    return np.stack([padded[y : y + rows, x : x + columns] for y, x in shifts], axis=2)
+
+
+def _forward_field(before: Luma, after: Luma, radius: int) -> Offsets:
+    """Full search at the coarsest level of the pyramid."""
+    rows, columns = -(-before.shape[0] // 8), -(-before.shape[1] // 8)
+    field = np.zeros((rows, columns, 2), dtype=np.int64)
+    starts = np.zeros_like(field)
+    radius = min(radius, max(before.shape) // 4)
+    planes = half_sample_planes(before), half_sample_planes(after)
+    _kernels.forward_search(*planes, MARGIN, 8, 16, radius, 2, 0.02, starts, field)
+    return field
+
+
+class _LevelSearch:
+    """Bilateral search of one pyramid level around the vectors of a field."""
+
+    def __init__(self, numerator: int, denominator: int) -> None:
+        self._instant = (numerator, denominator)
+
+    def run(
+        self, before: Luma, after: Luma, field: Offsets, block: int, window: int, step: int, smoothness: int
+    ) -> Offsets:
+        planes = half_sample_planes(before), half_sample_planes(after)
+        zero = np.zeros((*field.shape[:2], 1, 2), dtype=np.int64)
+        for _ in range(2):
+            candidates = np.concatenate([_neighbourhood(vector_median(field)), field[:, :, None], zero], axis=2)
+            found = np.empty_like(field)
+            _kernels.refine_bilateral(
+                *planes, MARGIN, block, window, 2, step, smoothness, *self._instant, candidates, found
+            )
+            field = found
+        return field

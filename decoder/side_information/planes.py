@@ -1,0 +1,148 @@
+"""Half-sample planes of a reference frame, and overlapped block compensation from them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.side_information import _kernels
+
+MARGIN = 40
+"""Samples by which planes are padded on each side, by replication."""
+
+Offsets = NDArray[np.int64]
+Luma = NDArray[np.uint8]
+
+
+def half_sample_planes(plane: Luma, margin: int = MARGIN) -> NDArray[np.uint8]:
+    """Interpolate a plane at half samples with the six-tap filter of H.264.
+
+    Parameters
+    ----------
+    plane : ndarray of shape (H, W), uint8
+        Samples.
+    margin : int, optional
+        Padding on each side.
+
+    Returns
+    -------
+    ndarray of shape (2, 2, H + 2 margin, W + 2 margin), uint8
+        ``planes[py, px, y + margin, x + margin]`` is the sample at (y + py / 2, x + px / 2).
+    """
+    padded = np.pad(plane.astype(np.int32), margin + 3, mode="edge")
+    horizontal = _six_taps(padded, axis=1)
+    planes = np.empty((2, 2, plane.shape[0] + 2 * margin, plane.shape[1] + 2 * margin), np.uint8)
+    planes[0, 0] = padded[3:-3, 3:-3]
+    planes[0, 1] = np.clip((horizontal[3:-3] + 16) >> 5, 0, 255)
+    planes[1, 0] = np.clip((_six_taps(padded, axis=0)[:, 3:-3] + 16) >> 5, 0, 255)
+    planes[1, 1] = np.clip((_six_taps(horizontal, axis=0) + 512) >> 10, 0, 255)
+    return planes
+
+
+def _six_taps(samples: NDArray[np.int32], axis: int) -> NDArray[np.int32]:
+    samples = np.moveaxis(samples, axis, 0)
+    count = samples.shape[0] - 6
+    taps = [samples[k : k + count] for k in range(1, 7)]
+    filtered = taps[0] - 5 * taps[1] + 20 * taps[2] + 20 * taps[3] - 5 * taps[4] + taps[5]
+    return np.moveaxis(filtered, 0, axis)
+
+
+def low_pass(plane: Luma) -> Luma:
+    """Average over 3x3 samples, as motion search does before it compares noisy or quantised frames.
+
+    Parameters
+    ----------
+    plane : ndarray of shape (H, W), uint8
+        Samples.
+
+    Returns
+    -------
+    ndarray of shape (H, W), uint8
+        Smoothed samples.
+    """
+    padded = np.pad(plane.astype(np.int32), 1, mode="edge")
+    columns = padded[:-2] + padded[1:-1] + padded[2:]
+    total = columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:]
+    return ((total + 4) // 9).astype(np.uint8)
+
+
+def halve(plane: Luma) -> Luma:
+    """Average 2x2 samples into one; odd sides are padded by replication.
+
+    Parameters
+    ----------
+    plane : ndarray of shape (H, W), uint8
+        Samples.
+
+    Returns
+    -------
+    ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8
+        The next level of the pyramid.
+    """
+    padded = np.pad(plane.astype(np.int32), ((0, plane.shape[0] & 1), (0, plane.shape[1] & 1)), mode="edge")
+    total = padded[::2, ::2] + padded[1::2, ::2] + padded[::2, 1::2] + padded[1::2, 1::2]
+    return ((total + 2) >> 2).astype(np.uint8)
+
+
+def compensate(
+    references: list[NDArray[np.uint8]],
+    offsets: list[Offsets],
+    weights: list[NDArray[np.float64]],
+    block: int,
+    shape: tuple[int, int],
+) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
+    """Predict a plane from displaced overlapping blocks of several references.
+
+    Parameters
+    ----------
+    references : list of ndarray of shape (2, 2, H', W'), uint8
+        Half-sample planes with the standard margin.
+    offsets : list of ndarray of shape (rows, columns, 2), int64
+        Per reference, where each block lies in it: (vertical, horizontal) in half samples.
+    weights : list of ndarray of shape (rows, columns), float64
+        Per reference, positive weight of each block.
+    block : int
+        Side of a block in samples; windows are twice as large and taper linearly.
+    shape : tuple of int
+        Height and width of the plane.
+
+    Returns
+    -------
+    prediction : ndarray of shape (H, W), float64
+        Weighted mean of the references.
+    compensated : list of ndarray of shape (H, W), float64
+        Each reference's own prediction.
+    """
+    rows, columns = offsets[0].shape[:2]
+    ramp = (np.minimum(np.arange(2 * block) + 0.5, 2 * block - 0.5 - np.arange(2 * block))) / block
+    taper = np.outer(ramp, ramp)
+    inside = (slice(block // 2, block // 2 + shape[0]), slice(block // 2, block // 2 + shape[1]))
+    totals, masses = [], []
+    for planes, offset, weight in zip(references, offsets, weights, strict=True):
+        total = np.zeros(((rows + 1) * block, (columns + 1) * block))
+        mass = np.zeros_like(total)
+        _kernels.accumulate_blocks(planes, MARGIN, block, taper, offset, weight, total, mass)
+        totals.append(total[inside])
+        masses.append(mass[inside])
+    compensated = [total / mass for total, mass in zip(totals, masses, strict=True)]
+    return sum(totals[1:], totals[0]) / sum(masses[1:], masses[0]), compensated
+
+
+def resize_field(field: Offsets, rows: int, columns: int, factor: int) -> Offsets:
+    """Repeat each vector of a field on a finer grid.
+
+    Parameters
+    ----------
+    field : ndarray of shape (r, c, 2), int64
+        Vectors of a coarse grid.
+    rows, columns : int
+        Size of the fine grid.
+    factor : int
+        Fine blocks per coarse block and direction.
+
+    Returns
+    -------
+    ndarray of shape (rows, columns, 2), int64
+        Vectors of the fine grid; the values are not scaled.
+    """
+    row = np.minimum(np.arange(rows) // factor, field.shape[0] - 1)
+    column = np.minimum(np.arange(columns) // factor, field.shape[1] - 1)
+    return np.ascontiguousarray(field[row][:, column])

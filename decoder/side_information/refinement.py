@@ -1,0 +1,116 @@
+"""Motion refinement during decoding: once some bands are known, each block looks again for where it came from.
+
+The partly decoded frame is a low-resolution picture of the truth. Matching it against every reference
+separately corrects wrong vectors, gives up the assumption of linear motion, and tells which reference sees the block:
+each reference is weighted by how well it matches.
+
+References
+----------
+[Ascenso2005] J. Ascenso, C. Brites, F. Pereira, "Motion compensated refinement for low complexity pixel based
+distributed video coding", AVSS 2005.
+[Martins2009] R. Martins et al., "Refining side information for improved transform domain Wyner-Ziv video
+coding", IEEE Trans. Circuits Syst. Video Technol. 19(9), 2009.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.side_information import _kernels
+from decoder.side_information.planes import MARGIN, Offsets, compensate, half_sample_planes
+from decoder.side_information.protocol import Prediction
+from dvc.video import Frame
+
+BLOCK = 4
+"""Side of the refined blocks: that of the transform, whose coefficients become known block by block."""
+SEARCHES = ((12, 2, 12), (4, 1, 12), (2, 1, 8))
+"""Radius in steps, step in half samples and window side of the first, second and all later searches."""
+SMOOTHNESS = 4
+
+
+class BlockRefiner:
+    """Refines block offsets into several references.
+
+    Parameters
+    ----------
+    references : sequence of Frame
+        Decoded frames.
+    offsets : sequence of ndarray of shape (rows, columns, 2), int64
+        Per reference, offsets of 4x4 blocks in half samples, where the search starts.
+    method : str
+        Name that refined predictions carry.
+    """
+
+    def __init__(self, references: Sequence[Frame], offsets: Sequence[Offsets], method: str) -> None:
+        self._references = references
+        self._planes = [half_sample_planes(frame.luma) for frame in references]
+        self._offsets = [offset.copy() for offset in offsets]
+        self._method = method
+        self._num_calls = 0
+
+    def refine(self, partial: NDArray[np.uint8]) -> Prediction:
+        """Search every block anew around its present offsets; see `Refiner.refine`.
+
+        Parameters
+        ----------
+        partial : ndarray of shape (H, W), uint8
+            Partly decoded luma.
+
+        Returns
+        -------
+        Prediction
+            Prediction from the refined offsets.
+        """
+        target = np.pad(partial, MARGIN, mode="edge")
+        radius, step, window = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
+        self._num_calls += 1
+        weights = []
+        for planes, offsets in zip(self._planes, self._offsets, strict=True):
+            costs = np.empty(offsets.shape[:2], dtype=np.int64)
+            _kernels.search_target(target, planes, MARGIN, BLOCK, window, radius, step, SMOOTHNESS, offsets, costs)
+            if step > 1:
+                _kernels.search_target(target, planes, MARGIN, BLOCK, window, 1, 1, SMOOTHNESS, offsets, costs)
+            difference = costs / float(window * window) + 1.0
+            weights.append(1.0 / (difference * np.sqrt(difference)))
+        luma, compensated = compensate(self._planes, self._offsets, weights, BLOCK, partial.shape)
+        chroma = compensate_chroma(self._references, self._offsets, weights, BLOCK)
+        return Prediction(luma, chroma, tuple(compensated), self._method, refiner=self)
+
+
+def compensate_chroma(
+    references: Sequence[Frame],
+    offsets: Sequence[Offsets],
+    weights: Sequence[NDArray[np.float64]],
+    block: int,
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+    """Predict the chroma planes with the offsets of the luma blocks.
+
+    Parameters
+    ----------
+    references : sequence of Frame
+        Decoded frames.
+    offsets : sequence of ndarray of shape (rows, columns, 2), int64
+        Per reference, offsets of the luma blocks in luma half samples.
+    weights : sequence of ndarray of shape (rows, columns), float64
+        Per reference, weight of each block.
+    block : int
+        Side of the luma blocks, even.
+
+    Returns
+    -------
+    tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
+        Predicted Cb and Cr; None if a reference has no chroma.
+    """
+    chroma = [frame.chroma for frame in references]
+    halved = [offset >> 1 for offset in offsets]
+    predicted = []
+    for component in (0, 1):
+        planes = [pair[component] for pair in chroma if pair is not None]
+        if len(planes) < len(chroma):
+            return None
+        samples, _ = compensate(
+            [half_sample_planes(plane) for plane in planes], halved, list(weights), block // 2, planes[0].shape
+        )
+        predicted.append(np.floor(samples + 0.5).astype(np.uint8))
+    return predicted[0], predicted[1]

@@ -1,0 +1,243 @@
+"""Decoding of one Wyner-Ziv frame as a coroutine without I/O: it yields requests and is sent bits.
+
+Bands are decoded in zigzag order, each plane by plane: the noise model turns side information and what is known so far into
+log-likelihood ratios, the Slepian-Wolf decoder asks for parity until the plane is right, and the conditional mean
+reconstructs the coefficients. What has been decoded teaches the rest: scales are fitted to the decoded intervals, blocks that
+turned out worse than expected are expected to be bad in later bands, and the side information is refined.
+"""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from decoder.side_information.protocol import Prediction
+from dvc import turbo
+from dvc.config import CodecConfig
+from dvc.feedback import ParityRequest
+from dvc.video import Frame
+from dvc.wynerziv import bitplanes, noise, quantizer, reconstruction, transform
+from dvc.wynerziv.frame import FrameLayout
+
+Array = NDArray[np.float64]
+Bits = NDArray[np.uint8]
+
+NUM_FITTED_PLANES = 3
+"""Planes of a band after which the scale is fitted again; later planes tell little."""
+GAIN_AFTER_REFINEMENT = 0.8
+"""Factor by which better side information is expected to shrink the scales."""
+ERROR_FLOOR = 0.15
+"""Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
+
+
+@dataclass(frozen=True)
+class DecodedFrame:
+    """One decoded Wyner-Ziv frame.
+
+    Attributes
+    ----------
+    frame : Frame
+        Decoded samples.
+    side_information : ndarray of shape (H, W), uint8
+        The prediction before anything was decoded.
+    refined_side_information : ndarray of shape (H, W), uint8
+        The last prediction.
+    num_requests : int
+        Requests on the feedback channel.
+    crc_bits, parity_bits : int
+        Bits received.
+    num_failed_planes : int
+        Planes that could not be verified.
+    """
+
+    frame: Frame
+    side_information: NDArray[np.uint8]
+    refined_side_information: NDArray[np.uint8]
+    num_requests: int
+    crc_bits: int
+    parity_bits: int
+    num_failed_planes: int
+
+
+FrameCoroutine = Generator[ParityRequest, Bits, DecodedFrame]
+
+
+@dataclass
+class _KnownBand:
+    """What is known of a decoded band."""
+
+    lower: Array
+    upper: Array
+    scale: Array
+
+    def reconstruct(self, side_information: Array) -> Array:
+        return reconstruction.conditional_mean(self.lower, self.upper, side_information, self.scale)
+
+    def error(self, side_information: Array) -> Array:
+        """Expected magnitude of truth minus prediction, relative to its mean over the frame."""
+        floor = ERROR_FLOOR * np.minimum(self.upper - self.lower, 4.0 * self.scale)
+        error = np.abs(self.reconstruct(side_information) - side_information) + floor
+        return error / error.mean()
+
+
+class _FrameState:
+    """The frame as far as it is decoded: prediction, noise model, known bands."""
+
+    def __init__(self, layout: FrameLayout, prediction: Prediction, model: str, initial_gain: float) -> None:
+        self._layout = layout
+        self._model = model
+        self.known: dict[int, _KnownBand] = {}
+        self.gain = initial_gain
+        self.use(prediction)
+
+    def use(self, prediction: Prediction) -> None:
+        """Take new side information, and reconstruct the known bands again with it."""
+        self.prediction = prediction
+        self.predicted = transform.forward(prediction.luma)
+        self.base_scale = noise.MODELS[self._model](transform.forward(_disagreement(prediction)))
+        self.bands = self.predicted.copy()
+        for band, known in self.known.items():
+            self.bands[band] = known.reconstruct(self.predicted[band])
+
+    def scale(self, band: int) -> Array:
+        """Scale of each coefficient of a band before any of it is decoded."""
+        base = self.base_scale[band]
+        if not self.known:
+            return base
+        activity = sum(_smoothed(known.error(self.predicted[other])) for other, known in self.known.items())
+        activity = activity / len(self.known)
+        return np.maximum(np.sqrt(base * base.mean() * activity), noise.MIN_SCALE)
+
+    def set_known(self, band: int, known: _KnownBand) -> None:
+        self.known[band] = known
+        self.bands[band] = known.reconstruct(self.predicted[band])
+
+    def luma(self) -> NDArray[np.uint8]:
+        return transform.to_uint8(transform.inverse(self.bands, self._layout.height, self._layout.width))
+
+
+def _smoothed(error: Array) -> Array:
+    return 0.5 * error + 0.5 * uniform_filter(error, 3, mode="nearest")
+
+
+def _disagreement(prediction: Prediction) -> Array:
+    """Half the difference of the compensated references; of the two that differ most where there are more."""
+    stack = np.stack(prediction.compensated)
+    if len(stack) == 2:
+        return 0.5 * (stack[0] - stack[1])
+    return 0.5 * (stack.max(axis=0) - stack.min(axis=0))
+
+
+class WynerZivDecoder:
+    """Decodes Wyner-Ziv frames of one configuration; keeps turbo decoders between frames.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        Configuration of the stream.
+    """
+
+    def __init__(self, config: CodecConfig) -> None:
+        self.layout = FrameLayout.of(config)
+        self._config = config
+        self._codes = turbo.family(config.turbo.family)
+        self._decoders: dict[int, turbo.TurboDecoder] = {}
+        self._settings = turbo.SlepianWolfSettings(
+            family=self._codes,
+            crc_bits=config.turbo.crc_bits,
+            max_llr=config.wyner_ziv.max_llr,
+            max_iterations=config.turbo.max_iterations,
+        )
+
+    @property
+    def num_codes(self) -> int:
+        """Codes in the family."""
+        return len(self._codes)
+
+    def decode(self, index: int, step_indices: dict[int, int], prediction: Prediction) -> FrameCoroutine:
+        """Decode one frame.
+
+        Parameters
+        ----------
+        index : int
+            Display position, which requests carry.
+        step_indices : dict of int to int
+            From the frame's header.
+        prediction : Prediction
+            Side information.
+
+        Yields
+        ------
+        ParityRequest
+            Bits wanted; send them as ndarray of shape (count,), uint8.
+
+        Returns
+        -------
+        DecodedFrame
+            The frame and what it cost.
+        """
+        settings = self._config.wyner_ziv
+        state = _FrameState(self.layout, prediction, settings.noise_model, settings.initial_gain)
+        results: list[turbo.PlaneResult] = []
+        last = len(self.layout.bands) - 1
+        for position, band in enumerate(self.layout.bands):
+            results += yield from self._decode_band(index, band, step_indices, state)
+            refiner = state.prediction.refiner
+            if refiner is not None and (position in settings.refine_after or position == last):
+                state.use(refiner.refine(state.luma()))
+                state.gain *= GAIN_AFTER_REFINEMENT
+        return DecodedFrame(
+            frame=Frame(state.luma(), state.prediction.chroma),
+            side_information=transform.to_uint8(prediction.luma),
+            refined_side_information=transform.to_uint8(state.prediction.luma),
+            num_requests=sum(result.num_requests for result in results),
+            crc_bits=sum(result.crc_bits for result in results),
+            parity_bits=sum(result.parity_bits for result in results),
+            num_failed_planes=sum(not result.success for result in results),
+        )
+
+    def _decode_band(
+        self, index: int, band: int, step_indices: dict[int, int], state: _FrameState
+    ) -> Generator[ParityRequest, Bits, list[turbo.PlaneResult]]:
+        edges = self.layout.edges(band, step_indices)
+        planes = quantizer.num_planes(self.layout.levels[band])
+        predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
+        prefix = np.zeros(self.layout.num_bits, dtype=np.int64)
+        lower, upper = bitplanes.prefix_borders(prefix, planes, edges)
+        gain, results = state.gain, []
+        for plane in range(planes):
+            missing = planes - plane - 1
+            middle, _ = bitplanes.prefix_borders(2 * prefix + 1, missing, edges)
+            llr = noise.bit_llr(lower, middle, upper, predicted, scale * gain)
+            result = yield from self._decode_plane(index, self.layout.first_plane[band] + plane, llr)
+            results.append(result)
+            prefix = 2 * prefix + result.bits
+            lower, upper = bitplanes.prefix_borders(prefix, missing, edges)
+            if plane < NUM_FITTED_PLANES or missing == 0:
+                gain = noise.fit_gain(lower, upper, predicted, scale, gain if missing else state.gain)
+        state.gain = float(np.sqrt(state.gain * gain))
+        shape = self.layout.band_shape
+        known = _KnownBand(lower.reshape(shape), upper.reshape(shape), (scale * gain).reshape(shape))
+        state.set_known(band, known)
+        return results
+
+    def _decode_plane(
+        self, index: int, plane: int, llr: Array
+    ) -> Generator[ParityRequest, Bits, turbo.PlaneResult]:
+        coroutine = turbo.decode_plane(llr, self._turbo_decoder, self._settings)
+        try:
+            wanted = next(coroutine)
+            while True:
+                bits = yield ParityRequest(index, plane, wanted.kind, wanted.code, wanted.start, wanted.count)
+                wanted = coroutine.send(bits)
+        except StopIteration as stop:
+            result: turbo.PlaneResult = stop.value
+            return result
+
+    def _turbo_decoder(self, code: int) -> turbo.TurboDecoder:
+        if code not in self._decoders:
+            seed = self._config.turbo.interleaver_seed
+            self._decoders[code] = turbo.TurboDecoder(self._codes[code], self.layout.num_bits, seed)
+        return self._decoders[code]

@@ -1,0 +1,142 @@
+"""The 4x4 integer transform of H.264, scaled to be orthonormal, over whole frames.
+
+A frame becomes 16 *bands* in zigzag order; band ``b`` holds one coefficient of every 4x4 block, blocks in
+raster order. The core is exact integer arithmetic, so that both sides get the same numbers on any processor.
+The DC coefficient of 8-bit samples lies in [0, 1020].
+
+References
+----------
+[Malvar2003] H. Malvar et al., "Low-complexity transform and quantization in H.264/AVC", 2003.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+BLOCK = 4
+NUM_BANDS = BLOCK * BLOCK
+ZIGZAG = np.array(
+    [(0, 0), (0, 1), (1, 0), (2, 0), (1, 1), (0, 2), (0, 3), (1, 2), (2, 1), (3, 0), (3, 1), (2, 2), (1, 3), (2, 3),
+     (3, 2), (3, 3)]
+)  # fmt: skip
+"""Row and column in the block of each band, in coding order."""
+
+_CORE = np.array([[1, 1, 1, 1], [2, 1, -1, -2], [1, -1, -1, 1], [1, -2, 2, -1]], dtype=np.int64)
+_NORM = 1.0 / np.sqrt((_CORE**2).sum(axis=1))
+_SCALE = np.outer(_NORM, _NORM)
+
+
+def band_shape(height: int, width: int) -> tuple[int, int]:
+    """Return how many rows and columns of 4x4 blocks cover a frame.
+
+    Parameters
+    ----------
+    height, width : int
+        Frame sides in pixels, positive.
+
+    Returns
+    -------
+    tuple of int
+        Rows and columns of blocks; incomplete blocks count.
+    """
+    return -(-height // BLOCK), -(-width // BLOCK)
+
+
+def pad_to_blocks(luma: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Replicate the last row and column until both sides are multiples of 4.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W)
+        Samples.
+
+    Returns
+    -------
+    ndarray of shape (4 * ceil(H / 4), 4 * ceil(W / 4))
+        The input itself where nothing is missing.
+    """
+    rows, columns = band_shape(*luma.shape)
+    missing = (rows * BLOCK - luma.shape[0], columns * BLOCK - luma.shape[1])
+    if missing == (0, 0):
+        return luma
+    return np.pad(luma, ((0, missing[0]), (0, missing[1])), mode="edge")
+
+
+def forward(luma: NDArray[np.generic]) -> NDArray[np.float64]:
+    """Transform a frame into bands; inverse of `inverse`.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), integer or float
+        Samples; sides that are not multiples of 4 are padded by replication.
+
+    Returns
+    -------
+    ndarray of shape (16, rows, columns), float64
+        Orthonormal coefficients, bands in zigzag order.
+    """
+    padded = pad_to_blocks(luma)
+    samples = padded.astype(np.int64 if np.issubdtype(padded.dtype, np.integer) else np.float64)
+    rows, columns = samples.shape[0] // BLOCK, samples.shape[1] // BLOCK
+    blocks = samples.reshape(rows, BLOCK, columns, BLOCK)
+    vertical = _butterfly(blocks[:, 0], blocks[:, 1], blocks[:, 2], blocks[:, 3])
+    bands = np.empty((NUM_BANDS, rows, columns))
+    coefficients = [_butterfly(*(line[..., x] for x in range(BLOCK))) for line in vertical]
+    for band, (y, x) in enumerate(ZIGZAG):
+        bands[band] = coefficients[y][x] * _SCALE[y, x]
+    return bands
+
+
+def _butterfly(a: NDArray[np.generic], b: NDArray[np.generic], c: NDArray[np.generic], d: NDArray[np.generic]):  # type: ignore[no-untyped-def]
+    outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c  # type: ignore[operator]
+    return outer + inner, 2 * outer_odd + inner_odd, outer - inner, outer_odd - 2 * inner_odd
+
+
+def inverse(bands: NDArray[np.float64], height: int, width: int) -> NDArray[np.float64]:
+    """Transform bands back into a frame; inverse of `forward`.
+
+    Parameters
+    ----------
+    bands : ndarray of shape (16, rows, columns), float64
+        Orthonormal coefficients, bands in zigzag order.
+    height, width : int
+        Sides of the frame; the padding beyond them is cut off.
+
+    Returns
+    -------
+    ndarray of shape (height, width), float64
+        Samples, neither rounded nor clipped.
+    """
+    if bands.shape != (NUM_BANDS, *band_shape(height, width)):
+        raise ValueError(f"`bands` has shape {bands.shape}, which does not fit a frame of {width}x{height}")
+    scaled: list[list[NDArray[np.float64]]] = [[np.empty(0)] * BLOCK for _ in range(BLOCK)]
+    for band, (y, x) in enumerate(ZIGZAG):
+        scaled[y][x] = bands[band] * _SCALE[y, x]
+    vertical = [_inverse_butterfly(*(scaled[y][x] for y in range(BLOCK))) for x in range(BLOCK)]
+    samples = np.empty((bands.shape[1], BLOCK, bands.shape[2], BLOCK))
+    for y in range(BLOCK):
+        line = _inverse_butterfly(*(vertical[x][y] for x in range(BLOCK)))
+        for x in range(BLOCK):
+            samples[:, y, :, x] = line[x]
+    return samples.reshape(bands.shape[1] * BLOCK, bands.shape[2] * BLOCK)[:height, :width]
+
+
+def _inverse_butterfly(
+    a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64], d: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    return a + 2 * b + c + d, a + b - c - 2 * d, a - b - c + 2 * d, a - 2 * b + c - d
+
+
+def to_uint8(samples: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Round to the nearest of [0, 255].
+
+    Parameters
+    ----------
+    samples : ndarray, float64
+        Samples; halves round up.
+
+    Returns
+    -------
+    ndarray of the same shape, uint8
+        Displayable samples.
+    """
+    return np.clip(np.floor(samples + 0.5), 0, 255).astype(np.uint8)
