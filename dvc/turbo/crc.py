@@ -1,0 +1,48 @@
+"""Cyclic redundancy checks over bit planes, all planes of a frame together."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.turbo.encoder import check_planes
+
+POLYNOMIALS = {8: 0x07, 12: 0x80F, 16: 0x1021, 24: 0x864CFB, 32: 0x04C11DB7}
+"""Generator without its leading term, by number of check bits; registers start at zero."""
+
+
+def crc(bits: NDArray[np.uint8], num_bits: int) -> NDArray[np.uint8]:
+    """Compute the check bits of every plane.
+
+    Parameters
+    ----------
+    bits : ndarray of shape (..., N), uint8
+        Planes, each element 0 or 1; the first element is the highest power.
+    num_bits : int
+        Number of check bits: 8, 12, 16, 24 or 32.
+
+    Returns
+    -------
+    ndarray of shape (..., num_bits), uint8
+        Remainder of the plane times ``x**num_bits``, highest power first.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `bits` are not bits or no polynomial has `num_bits` bits.
+    """
+    from dvc.turbo import _kernels
+
+    if num_bits not in POLYNOMIALS:
+        raise ValueError(f"`num_bits` must be one of {sorted(POLYNOMIALS)}, got {num_bits}")
+    planes = np.atleast_2d(bits)
+    planes = planes.reshape(-1, planes.shape[-1])
+    check_planes(planes)
+    checks = np.empty((planes.shape[0], num_bits), np.uint8)
+    words = np.empty(planes.shape[1], np.uint64)
+    register = np.empty(num_bits, np.uint64)
+    positions = np.arange(num_bits, dtype=np.int32)
+    for first in range(0, planes.shape[0], 64):
+        group = slice(first, min(first + 64, planes.shape[0]))
+        _kernels.pack_words(planes[group], words)
+        _kernels.crc_words(words, POLYNOMIALS[num_bits], num_bits, register)
+        _kernels.gather_bits(register, positions, checks[group])
+    return checks.reshape(*np.shape(bits)[:-1], num_bits)

@@ -1,0 +1,139 @@
+"""Where the copies of every bit enter the trellis."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.turbo.codes import TurboCode
+
+_MASK64 = np.uint64(0xFFFFFFFFFFFFFFFF)
+
+
+@dataclass(frozen=True)
+class CopyLayout:
+    """The input sequence of the recursive code.
+
+    Attributes
+    ----------
+    bit_at_step : ndarray of shape (T,), int32
+        Index of the plane's bit that enters at each trellis step.
+    section_starts : tuple of int
+        Steps at which the register is reset to zero; the first is 0.
+    """
+
+    bit_at_step: NDArray[np.int32]
+    section_starts: tuple[int, ...]
+
+    @property
+    def num_steps(self) -> int:
+        """Length T of all trellis sections together."""
+        return self.bit_at_step.size
+
+
+def random_keys(seed: int, count: int) -> NDArray[np.uint64]:
+    """Return pseudo-random words that are the same on every platform and library version.
+
+    Parameters
+    ----------
+    seed : int
+        Non-negative.
+    count : int
+        How many words.
+
+    Returns
+    -------
+    ndarray of shape (count,), uint64
+        SplitMix64 of the counter, offset by the seed.
+    """
+    offset = np.uint64((seed * 0xD1B54A32D192ED03 + 0x9E3779B97F4A7C15) & 0xFFFFFFFFFFFFFFFF)
+    z = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + offset
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return z ^ (z >> np.uint64(31))
+
+
+def random_permutation(seed: int, count: int) -> NDArray[np.int32]:
+    """Return a pseudo-random permutation that is the same on every platform and library version.
+
+    Parameters
+    ----------
+    seed : int
+        Non-negative.
+    count : int
+        Number of elements.
+
+    Returns
+    -------
+    ndarray of shape (count,), int32
+        The permutation.
+    """
+    return np.argsort(random_keys(seed, count), kind="stable").astype(np.int32)
+
+
+def copy_counts(code: TurboCode, num_bits: int, seed: int) -> NDArray[np.int32]:
+    """Say how often each bit of a plane enters the trellis.
+
+    Parameters
+    ----------
+    code : TurboCode
+        The code.
+    num_bits : int
+        Length of the plane, at least 1.
+    seed : int
+        Interleaver seed.
+
+    Returns
+    -------
+    ndarray of shape (num_bits,), int32
+        Counts, spread over the plane at random.
+    """
+    counts = np.zeros(num_bits, np.int32)
+    done, filled = 0.0, 0
+    for fraction, times in code.copies:
+        done += fraction
+        end = min(num_bits, round(done * num_bits))
+        counts[filled:end] = times
+        filled = end
+    counts[filled:] = code.copies[-1][1]
+    return counts[random_permutation(2 * seed + 1, num_bits)]
+
+
+@lru_cache(maxsize=64)
+def copy_layout(code: TurboCode, num_bits: int, seed: int) -> CopyLayout:
+    """Lay out the copies of a plane's bits along the trellis.
+
+    Parameters
+    ----------
+    code : TurboCode
+        The code.
+    num_bits : int
+        Length of the plane, at least 1.
+    seed : int
+        Interleaver seed.
+
+    Returns
+    -------
+    CopyLayout
+        Read-only.
+
+    Raises
+    ------
+    ValueError
+        If `num_bits` or `seed` is out of range.
+    """
+    if num_bits < 1 or seed < 0:
+        raise ValueError(f"`num_bits` must be >= 1 and `seed` >= 0, got {num_bits} and {seed}")
+    if code.layout == "parallel":
+        times = code.copies[0][1]
+        parts = [np.arange(num_bits, dtype=np.int32)]
+        parts += [random_permutation(2 * (seed + k), num_bits) for k in range(1, times)]
+        bits = np.concatenate(parts)
+        starts = tuple(k * num_bits for k in range(times))
+    else:
+        repeated = np.repeat(np.arange(num_bits, dtype=np.int32), copy_counts(code, num_bits, seed))
+        bits = repeated[random_permutation(2 * seed, repeated.size)]
+        starts = (0,)
+    bits.flags.writeable = False
+    return CopyLayout(bits, starts)

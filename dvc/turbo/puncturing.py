@@ -1,0 +1,141 @@
+"""The order in which parity bits are released; a prefix of it is a good punctured code at every rate."""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.turbo.codes import TurboCode
+from dvc.turbo.interleaver import copy_layout
+
+
+def spread_order(count: int) -> NDArray[np.int64]:
+    """Order the integers below `count` so that every prefix is spread out (bit-reversed counting).
+
+    Parameters
+    ----------
+    count : int
+        At least 1.
+
+    Returns
+    -------
+    ndarray of shape (count,), int64
+        A permutation.
+    """
+    width = max(1, (count - 1).bit_length())
+    numbers = np.arange(1 << width, dtype=np.int64)
+    reverse = np.zeros_like(numbers)
+    for bit in range(width):
+        reverse |= ((numbers >> bit) & 1) << (width - 1 - bit)
+    return reverse[reverse < count]
+
+
+def _joined_order(num_steps: int, num_bits: int, grid_rate: float) -> NDArray[np.int64]:
+    """Release `grid_rate * num_bits` evenly spaced steps first, then the middles of the gaps, and so on."""
+    grid = max(1, round(grid_rate * num_bits))
+    coarse = spread_order(grid)
+    levels = [coarse / grid]
+    count, parts = grid, 1
+    while count < 2 * num_bits:
+        for k in spread_order(parts):
+            levels.append((coarse + (2 * k + 1) / (2 * parts)) / grid)
+        count, parts = 2 * count, 2 * parts
+    steps = num_steps - 1 - np.floor(np.concatenate(levels) * num_steps).astype(np.int64)
+    _, first = np.unique(steps, return_index=True)
+    order = steps[np.sort(first)]
+    if order.size < num_bits:
+        order = np.concatenate([order, np.setdiff1d(np.arange(num_steps), order)])
+    return order
+
+
+def _parallel_order(num_bits: int, num_sections: int, period: int) -> NDArray[np.int64]:
+    """Release per request the next position of every period, of all parity streams."""
+    parts = []
+    for offset in spread_order(period):
+        for section in range(num_sections):
+            parts.append(section * num_bits + np.arange(offset, num_bits, period))
+    return np.concatenate(parts)
+
+
+@lru_cache(maxsize=64)
+def release_order(code: TurboCode, num_bits: int) -> NDArray[np.int32]:
+    """Return the trellis steps whose parity is released, in order of release.
+
+    Parameters
+    ----------
+    code : TurboCode
+        The code.
+    num_bits : int
+        Length N of the plane, at least 1.
+
+    Returns
+    -------
+    ndarray of shape (N,), int32
+        Distinct trellis steps; more parity than plane bits is of no use.
+    """
+    layout = copy_layout(code, num_bits, 0)
+    if code.layout == "parallel":
+        order = _parallel_order(num_bits, len(layout.section_starts), code.period)
+    else:
+        order = _joined_order(layout.num_steps, num_bits, code.grid_rate)
+    order = order[:num_bits].astype(np.int32)
+    order.flags.writeable = False
+    return order
+
+
+def puncture(
+    parity: NDArray[np.uint8], order: NDArray[np.int32], start: int, count: int
+) -> NDArray[np.uint8]:
+    """Select parity bits `start` to ``start + count`` in release order; inverse of `depuncture`.
+
+    Parameters
+    ----------
+    parity : ndarray of shape (T,), uint8
+        Parity of every trellis step.
+    order : ndarray of shape (N,), int32
+        From `release_order`.
+    start, count : int
+        First bit and number of bits wanted.
+
+    Returns
+    -------
+    ndarray of shape (count,), uint8
+        The bits to send.
+
+    Raises
+    ------
+    ValueError
+        If the range is not within the order.
+    """
+    if start < 0 or count < 0 or start + count > order.size:
+        raise ValueError(f"range {start}+{count} is outside the {order.size} bits that can be released")
+    return parity[order[start : start + count]]
+
+
+def depuncture(received: NDArray[np.uint8], order: NDArray[np.int32], num_steps: int) -> NDArray[np.int8]:
+    """Put received parity bits back at their trellis steps; inverse of `puncture` from the first bit on.
+
+    Parameters
+    ----------
+    received : ndarray of shape (n,), uint8
+        The first n bits in release order.
+    order : ndarray of shape (N,), int32
+        From `release_order`, n <= N.
+    num_steps : int
+        Length T of the trellis.
+
+    Returns
+    -------
+    ndarray of shape (T,), int8
+        Parity per step, -1 where none was received.
+
+    Raises
+    ------
+    ValueError
+        If more bits came than can be released.
+    """
+    if received.size > order.size:
+        raise ValueError(f"`received` has {received.size} bits, but only {order.size} can be released")
+    parity = np.full(num_steps, -1, np.int8)
+    parity[order[: received.size]] = received
+    return parity

@@ -1,0 +1,122 @@
+"""Recursive systematic convolutional (RSC) codes of rate 1/2 as transition tables."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_MEMORY = 4
+"""Longest shift register that the kernels accept (16 states)."""
+
+
+@dataclass(frozen=True)
+class Trellis:
+    """Transitions of one RSC code; `state` holds the register with its newest bit in bit 0.
+
+    Attributes
+    ----------
+    next_state : ndarray of shape (S, 2), int64
+        State after input bit 0 or 1.
+    output : ndarray of shape (S, 2), int64
+        Parity bit that the transition emits.
+    previous : ndarray of shape (S, 4), int64
+        For each state the two transitions that end in it: origin and branch label ``2 * input + parity``, twice.
+    """
+
+    next_state: NDArray[np.int64]
+    output: NDArray[np.int64]
+    previous: NDArray[np.int64]
+
+    @property
+    def num_states(self) -> int:
+        """Number of states S, a power of two."""
+        return self.next_state.shape[0]
+
+
+def memory(feedback: int, feedforward: int) -> int:
+    """Return the register length of an RSC code and refuse polynomials that make none.
+
+    Parameters
+    ----------
+    feedback, feedforward : int
+        Polynomials in D; bit i is the coefficient of D to the i-th.
+
+    Returns
+    -------
+    int
+        Register length, 1 to `MAX_MEMORY`.
+
+    Raises
+    ------
+    ValueError
+        If a constant term is missing, nothing is fed back, or the register is too long.
+    """
+    if not (feedback & 1 and feedforward & 1):
+        raise ValueError(f"polynomials must have constant term 1, got {feedback:#b} and {feedforward:#b}")
+    length = max(feedback.bit_length(), feedforward.bit_length()) - 1
+    if feedback < 2 or not 1 <= length <= MAX_MEMORY:
+        raise ValueError(
+            f"register length must be 1..{MAX_MEMORY} with feedback, got {feedback:#b}, {feedforward:#b}"
+        )
+    if feedback.bit_length() <= length and feedforward.bit_length() <= length:
+        raise ValueError("neither polynomial uses the oldest register bit")
+    return length
+
+
+def step(state: int, bit: int, feedback: int, feedforward: int) -> tuple[int, int]:
+    """Push one bit through the encoder register.
+
+    Parameters
+    ----------
+    state : int
+        Register content, newest bit in bit 0.
+    bit : int
+        Input bit.
+    feedback, feedforward : int
+        Polynomials in D; bit i is the coefficient of D to the i-th.
+
+    Returns
+    -------
+    next_state, parity : int
+        Register content afterwards, and the bit emitted.
+    """
+    length = memory(feedback, feedforward)
+    fed = bit ^ ((state & (feedback >> 1)).bit_count() & 1)
+    parity = fed ^ ((state & (feedforward >> 1)).bit_count() & 1)
+    return ((state << 1) | fed) & ((1 << length) - 1), parity
+
+
+@lru_cache(maxsize=64)
+def trellis(feedback: int, feedforward: int) -> Trellis:
+    """Tabulate the transitions of an RSC code.
+
+    Parameters
+    ----------
+    feedback, feedforward : int
+        Polynomials in D; bit i is the coefficient of D to the i-th.
+
+    Returns
+    -------
+    Trellis
+        Read-only tables.
+
+    Raises
+    ------
+    ValueError
+        If the polynomials make no RSC code of at most 16 states.
+    """
+    num_states = 1 << memory(feedback, feedforward)
+    next_state = np.zeros((num_states, 2), np.int64)
+    output = np.zeros((num_states, 2), np.int64)
+    incoming: list[list[int]] = [[] for _ in range(num_states)]
+    for state in range(num_states):
+        for bit in range(2):
+            target, parity = step(state, bit, feedback, feedforward)
+            next_state[state, bit] = target
+            output[state, bit] = parity
+            incoming[target] += [state, 2 * bit + parity]
+    previous = np.array(incoming, np.int64)
+    for table in (next_state, output, previous):
+        table.flags.writeable = False
+    return Trellis(next_state, output, previous)
