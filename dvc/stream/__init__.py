@@ -1,0 +1,25 @@
+"""The container: header with the codec configuration, groups of pictures, end; see `docs/bitstream.md`."""
+
+from dvc.stream.gop import GopBits, GopRecord, decode_gop, encode_gop, gop_bits
+from dvc.stream.index import IndexEntry, StreamIndex
+from dvc.stream.reader import StreamReader, read_index
+from dvc.stream.records import FORMAT_VERSION, MAGIC, MAX_RECORD_BYTES, Form, RecordType
+from dvc.stream.writer import StreamWriter
+
+__all__ = [
+    "FORMAT_VERSION",
+    "MAGIC",
+    "MAX_RECORD_BYTES",
+    "Form",
+    "GopBits",
+    "GopRecord",
+    "IndexEntry",
+    "RecordType",
+    "StreamIndex",
+    "StreamReader",
+    "StreamWriter",
+    "decode_gop",
+    "encode_gop",
+    "gop_bits",
+    "read_index",
+]

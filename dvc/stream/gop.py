@@ -1,0 +1,150 @@
+"""Syntax of a group of pictures (GOP): one key frame and the Wyner-Ziv frames before it."""
+
+from dataclasses import dataclass
+
+from dvc.bits import decode_bytes, decode_varint, encode_varint
+from dvc.config import MAX_GOP_LENGTH
+from dvc.errors import BitstreamError
+from dvc.stream.records import framed_size
+
+
+@dataclass(frozen=True)
+class GopRecord:
+    """What one group of pictures adds to a stream."""
+
+    num_frames: int  # its Wyner-Ziv frames and the key frame that closes it; 1 for the first key frame
+    key: bytes  # the key frame
+    tracks: bytes = b""  # point tracks; empty in codecs without geometry
+    wyner_ziv: tuple[bytes, ...] = ()  # one payload for each Wyner-Ziv frame, in order of display
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.num_frames <= MAX_GOP_LENGTH:
+            raise ValueError(f"`num_frames` must be from 1 to {MAX_GOP_LENGTH}, got {self.num_frames}")
+        if len(self.wyner_ziv) != self.num_frames - 1:
+            raise ValueError(
+                f"`wyner_ziv` must have {self.num_frames - 1} payloads, got {len(self.wyner_ziv)}"
+            )
+
+
+@dataclass(frozen=True)
+class GopBits:
+    """Where the bits of a GOP record go; all of them are somewhere."""
+
+    header: int  # type, lengths and CRC-32 of the record, number of frames, length of the tracks
+    key: int  # payload of the key frame
+    tracks: int  # payload of the tracks
+    wyner_ziv: tuple[int, ...]  # payload of each Wyner-Ziv frame
+    wyner_ziv_header: tuple[int, ...]  # length of each of these payloads
+
+    @property
+    def total(self) -> int:
+        """Size of the record in bits."""
+        return self.header + self.key + self.tracks + sum(self.wyner_ziv) + sum(self.wyner_ziv_header)
+
+
+def encode_gop(record: GopRecord) -> bytes:
+    """Write the payload of a GOP record; inverse of `decode_gop`.
+
+    The first integer is twice the number of frames, plus one if there are tracks; it says how many Wyner-Ziv
+    payloads there are. The key frame is what is left, so that it needs no length.
+
+    Parameters
+    ----------
+    record : GopRecord
+        The group of pictures.
+
+    Returns
+    -------
+    bytes
+        The payload.
+    """
+    parts = [encode_varint(record.num_frames << 1 | bool(record.tracks))]
+    if record.tracks:
+        parts += [encode_varint(len(record.tracks)), record.tracks]
+    for payload in record.wyner_ziv:
+        parts += [encode_varint(len(payload)), payload]
+    parts.append(record.key)
+    return b"".join(parts)
+
+
+def decode_num_frames(payload: bytes, position: int = 0) -> tuple[int, bool, int]:
+    """Read the first field of a GOP payload.
+
+    Parameters
+    ----------
+    payload : bytes
+        The payload, or its beginning.
+    position : int
+        Where it starts.
+
+    Returns
+    -------
+    num_frames : int
+        Frames that the GOP adds.
+    has_tracks : bool
+        Whether tracks follow.
+    position : int
+        Of the byte after the field.
+
+    Raises
+    ------
+    BitstreamError
+        If the number is out of range or the data end too early.
+    """
+    value, position = decode_varint(payload, position)
+    num_frames = value >> 1
+    if not 1 <= num_frames <= MAX_GOP_LENGTH:
+        raise BitstreamError(f"{num_frames} frames, from 1 to {MAX_GOP_LENGTH} are allowed")
+    return num_frames, bool(value & 1), position
+
+
+def decode_gop(payload: bytes) -> GopRecord:
+    """Read the payload of a GOP record; inverse of `encode_gop`.
+
+    Parameters
+    ----------
+    payload : bytes
+        The payload.
+
+    Returns
+    -------
+    GopRecord
+        The group of pictures.
+
+    Raises
+    ------
+    BitstreamError
+        If a length does not fit.
+    """
+    num_frames, has_tracks, position = decode_num_frames(payload)
+    tracks = b""
+    if has_tracks:
+        tracks, position = decode_bytes(payload, position, len(payload))
+        if not tracks:
+            raise BitstreamError("tracks are announced, but empty")
+    wyner_ziv = []
+    for _ in range(num_frames - 1):
+        frame, position = decode_bytes(payload, position, len(payload))
+        wyner_ziv.append(frame)
+    return GopRecord(num_frames, payload[position:], tracks, tuple(wyner_ziv))
+
+
+def gop_bits(record: GopRecord) -> GopBits:
+    """Account for the bits of a GOP record in a stream.
+
+    Parameters
+    ----------
+    record : GopRecord
+        The group of pictures.
+
+    Returns
+    -------
+    GopBits
+        Bits per part.
+    """
+    prefixes = tuple(8 * len(encode_varint(len(payload))) for payload in record.wyner_ziv)
+    payloads = tuple(8 * len(payload) for payload in record.wyner_ziv)
+    key, tracks = 8 * len(record.key), 8 * len(record.tracks)
+    total = 8 * framed_size(len(encode_gop(record)))
+    header = total - key - tracks - sum(payloads) - sum(prefixes)
+    return GopBits(header, key, tracks, payloads, prefixes)

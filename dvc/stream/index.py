@@ -1,0 +1,121 @@
+"""Syntax of the end of a stream: the number of frames and, in the buffered form, where every GOP lies."""
+
+from dataclasses import dataclass
+
+from dvc.bits import decode_varint, encode_varint
+from dvc.errors import BitstreamError
+from dvc.stream.records import CRC_BYTES, Form, framed_size
+
+SIZE_BYTES = 4
+TRAILER_BYTES = SIZE_BYTES + CRC_BYTES
+"""Last bytes of a buffered stream: size of the end record, then its checksum."""
+
+
+@dataclass(frozen=True)
+class IndexEntry:
+    """One GOP record."""
+
+    offset: int  # of the record in the stream, in bytes
+    size: int  # of the record, in bytes
+    num_frames: int  # that it adds
+
+
+@dataclass(frozen=True)
+class StreamIndex:
+    """All GOP records of a stream."""
+
+    num_frames: int
+    entries: tuple[IndexEntry, ...]
+
+    def first_frame(self, gop: int) -> int:
+        """Return the number of the first frame that a GOP adds.
+
+        Parameters
+        ----------
+        gop : int
+            Number of the GOP, from 0.
+
+        Returns
+        -------
+        int
+            Number of the frame, from 0 in order of display.
+        """
+        return sum(entry.num_frames for entry in self.entries[:gop])
+
+
+def encode_end(index: StreamIndex, form: Form) -> bytes:
+    """Write the payload of the end record; inverse of `decode_end`.
+
+    Parameters
+    ----------
+    index : StreamIndex
+        All GOP records.
+    form : Form
+        The punctured form has no index: it would count in the rate.
+
+    Returns
+    -------
+    bytes
+        The payload.
+    """
+    payload = encode_varint(index.num_frames)
+    if form is Form.PUNCTURED:
+        return payload
+    parts = [payload, encode_varint(len(index.entries))]
+    for entry in index.entries:
+        parts += [encode_varint(entry.size), encode_varint(entry.num_frames)]
+    payload = b"".join(parts)
+    return payload + framed_size(len(payload) + SIZE_BYTES).to_bytes(SIZE_BYTES, "little")
+
+
+def decode_end(payload: bytes, form: Form, first_offset: int) -> tuple[int, tuple[IndexEntry, ...] | None]:
+    """Read the payload of the end record; inverse of `encode_end`.
+
+    Parameters
+    ----------
+    payload : bytes
+        The payload.
+    form : Form
+        Form of the stream.
+    first_offset : int
+        Of the first GOP record.
+
+    Returns
+    -------
+    num_frames : int
+        Of the stream.
+    entries : tuple of IndexEntry or None
+        The index, None in the punctured form.
+
+    Raises
+    ------
+    BitstreamError
+        If it makes no sense.
+    """
+    num_frames, position = decode_varint(payload, 0)
+    entries = None
+    if form is Form.BUFFERED:
+        entries, position = _decode_entries(payload, position, first_offset)
+        if sum(entry.num_frames for entry in entries) != num_frames:
+            raise BitstreamError("the index does not add up to the number of frames")
+        if payload[position : position + SIZE_BYTES] != framed_size(len(payload)).to_bytes(
+            SIZE_BYTES, "little"
+        ):
+            raise BitstreamError("the size of the record is not restated")
+        position += SIZE_BYTES
+    if position != len(payload):
+        raise BitstreamError(f"{len(payload) - position} bytes are left over")
+    return num_frames, entries
+
+
+def _decode_entries(payload: bytes, position: int, offset: int) -> tuple[tuple[IndexEntry, ...], int]:
+    count, position = decode_varint(payload, position)
+    if count > (len(payload) - position) // 2:
+        raise BitstreamError(f"{count} index entries promised, {len(payload) - position} bytes left")
+    entries = []
+    for _ in range(count):
+        size, position = decode_varint(payload, position)
+        num_frames, position = decode_varint(payload, position)
+        entries.append(IndexEntry(offset, size, num_frames))
+        offset += size
+    return tuple(entries), position

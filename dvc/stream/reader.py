@@ -1,0 +1,303 @@
+"""Reading of streams, one group of pictures at a time; nothing in a stream is trusted."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+from dvc.bits import MAX_VARINT_BYTES, decode_varint
+from dvc.config import CodecConfig
+from dvc.errors import BitstreamError
+from dvc.stream.gop import GopRecord, decode_gop, decode_num_frames
+from dvc.stream.index import SIZE_BYTES, TRAILER_BYTES, IndexEntry, StreamIndex, decode_end
+from dvc.stream.records import (
+    CRC_BYTES,
+    FORMAT_VERSION,
+    MAGIC,
+    Form,
+    Place,
+    RecordType,
+    check_payload_size,
+    decode_configuration,
+    framed_size,
+    record_crc,
+)
+
+_CHUNK_BYTES = 2**20  # read at most so much before memory is spent on more of a record
+
+
+class _RecordSource:
+    """Reads records from a file that is only as seekable as it says."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.file = file
+        self.position = 0
+        self.size: int | None = None  # of the whole stream, None for a pipe
+        if file.seekable():
+            self.size = file.seek(0, os.SEEK_END)
+            file.seek(0)
+
+    def seek(self, position: int) -> None:
+        self.file.seek(position)
+        self.position = position
+
+    def read(self, count: int) -> bytes:
+        """Read `count` bytes, fewer only where the stream ends; memory grows with what really comes."""
+        parts = []
+        while count > 0:
+            part = self.file.read(min(count, _CHUNK_BYTES))
+            if not part:
+                break
+            parts.append(part)
+            count -= len(part)
+            self.position += len(part)
+        return b"".join(parts)
+
+    def read_head(self, number: int | None) -> tuple[Place, int, bytes]:
+        """Read type and length of a record; return its place, the size of its payload, and the bytes read."""
+        place = Place(number, self.position)
+        head = self.read(1)
+        if not head:
+            raise place.error("the stream ends without its end record")
+        try:
+            place = Place(number, place.offset, RecordType(head[0]))
+        except ValueError as err:
+            raise place.error(f"unknown type {head[0]}") from err
+        assert place.type is not None
+        while len(head) <= MAX_VARINT_BYTES:
+            byte = self.read(1)
+            head += byte
+            if not byte or byte[0] < 0x80:
+                break
+        try:
+            size, _ = decode_varint(head, 1)
+        except BitstreamError as err:
+            raise place.error(f"length: {err}") from err
+        check_payload_size(place.type, size, place)
+        if self.size is not None and size + CRC_BYTES > self.size - self.position:
+            raise place.error(f"{size + CRC_BYTES} bytes promised, {self.size - self.position} left")
+        return place, size, head
+
+    def read_record(self, number: int | None) -> tuple[Place, bytes]:
+        """Read the next record and check its CRC-32."""
+        place, size, head = self.read_head(number)
+        payload, crc = self.read(size), self.read(CRC_BYTES)
+        if len(payload) < size or len(crc) < CRC_BYTES:
+            raise place.error("the stream ends within the record")
+        if crc != record_crc(head, payload):
+            raise place.error("checksum mismatch")
+        return place, payload
+
+
+class StreamReader:
+    """Reads a stream; the counterpart of `StreamWriter`.
+
+    Iteration yields every `GopRecord` in order of display and then checks the end of the stream. All GOPs
+    before a damage are yielded, then `BitstreamError` says where it is.
+
+    Parameters
+    ----------
+    source : binary file or path
+        A stream from its first byte on; a pipe will do for iteration. A file that was passed in stays open.
+
+    Raises
+    ------
+    BitstreamError
+        If the header is not that of a stream that this program reads.
+    """
+
+    config: CodecConfig
+    form: Form
+
+    def __init__(self, source: BinaryIO | str | os.PathLike[str]) -> None:
+        self._owned = isinstance(source, (str, os.PathLike))
+        self._source = _RecordSource(_open(source))
+        self._index: StreamIndex | None = None
+        self._done = False
+        self._num_frames = 0
+        self._seen: list[tuple[int, int]] = []  # size and number of frames of the GOPs before this point
+        try:
+            self._read_header()
+        except BaseException:
+            self.close()
+            raise
+        self._first_offset = self._source.position
+
+    def _read_header(self) -> None:
+        if self._source.read(len(MAGIC)) != MAGIC:
+            raise BitstreamError("not a dvc3d stream")
+        version = self._source.read(1)
+        if version != bytes([FORMAT_VERSION]):
+            found = version[0] if version else "missing"
+            raise BitstreamError(f"format version {found}; this program reads version {FORMAT_VERSION}")
+        place, payload = self._source.read_record(0)
+        if place.type is not RecordType.CONFIGURATION:
+            raise place.error("the first record must be the configuration")
+        try:
+            self.config, self.form = decode_configuration(payload)
+        except BitstreamError as err:
+            raise place.error(str(err)) from err
+
+    def __iter__(self) -> Iterator[GopRecord]:
+        return self
+
+    def __next__(self) -> GopRecord:
+        if self._done:
+            raise StopIteration
+        self._done = True  # unless this record is a GOP
+        offset = self._source.position
+        place, payload = self._source.read_record(len(self._seen) + 1)
+        try:
+            if place.type is RecordType.END:
+                self._check_end(payload)
+                raise StopIteration
+            record = self._accept_gop(place, payload)
+        except BitstreamError as err:
+            raise place.error(str(err)) from err
+        self._seen.append((self._source.position - offset, record.num_frames))
+        self._num_frames += record.num_frames
+        self._done = False
+        return record
+
+    def _accept_gop(self, place: Place, payload: bytes) -> GopRecord:
+        if place.type is not RecordType.GOP:
+            raise BitstreamError("the configuration must come first and once")
+        record = decode_gop(payload)
+        limit = self.config.gop.length if self._seen else 1
+        if record.num_frames > limit:
+            raise BitstreamError(f"{record.num_frames} frames where at most {limit} are allowed")
+        return record
+
+    def _check_end(self, payload: bytes) -> None:
+        num_frames, entries = decode_end(payload, self.form, self._first_offset)
+        if num_frames != self._num_frames:
+            raise BitstreamError(f"{num_frames} frames promised, {self._num_frames} found")
+        if entries is not None and [(entry.size, entry.num_frames) for entry in entries] != self._seen:
+            raise BitstreamError("the index does not agree with the records")
+        if self._source.read(1):
+            raise BitstreamError("bytes follow the end record")
+
+    @property
+    def index(self) -> StreamIndex:
+        """Where every GOP lies: read from the end of a buffered stream, by hopping over a punctured one.
+
+        Raises
+        ------
+        BitstreamError
+            If the stream is a pipe, or its end is damaged.
+        """
+        if self._index is None:
+            if self._source.size is None:
+                raise BitstreamError("a stream from a pipe has no index; it can only be read in order")
+            position = self._source.position
+            self._index = self._read_index() if self.form is Form.BUFFERED else self._hop()
+            self._source.seek(position)
+        return self._index
+
+    def _read_index(self) -> StreamIndex:
+        source = self._source
+        assert source.size is not None
+        if source.size < self._first_offset + TRAILER_BYTES:
+            raise BitstreamError("the stream ends without its end record")
+        source.seek(source.size - TRAILER_BYTES)
+        end_offset = source.size - int.from_bytes(source.read(SIZE_BYTES), "little")
+        if not self._first_offset <= end_offset <= source.size - TRAILER_BYTES:
+            raise BitstreamError("the stream ends without its end record")
+        source.seek(end_offset)
+        place, payload = source.read_record(None)
+        try:
+            num_frames, entries = decode_end(payload, self.form, self._first_offset)
+        except BitstreamError as err:
+            raise place.error(str(err)) from err
+        assert entries is not None
+        if self._first_offset + sum(entry.size for entry in entries) != end_offset:
+            raise place.error("the index does not agree with the records")
+        return StreamIndex(num_frames, entries)
+
+    def _hop(self) -> StreamIndex:
+        """Build the index from the lengths of the records, without their payloads."""
+        source = self._source
+        source.seek(self._first_offset)
+        entries: list[IndexEntry] = []
+        while True:
+            place, size, head = source.read_head(len(entries) + 1)
+            if place.type is not RecordType.GOP:
+                break
+            beginning = source.read(min(size, MAX_VARINT_BYTES))
+            try:
+                num_frames, _, _ = decode_num_frames(beginning)
+            except BitstreamError as err:
+                raise place.error(str(err)) from err
+            entries.append(IndexEntry(place.offset, framed_size(size), num_frames))
+            source.seek(place.offset + len(head) + size + CRC_BYTES)
+        if place.type is not RecordType.END:
+            raise place.error("the configuration must come first and once")
+        return StreamIndex(sum(entry.num_frames for entry in entries), tuple(entries))
+
+    def seek_gop(self, number: int) -> None:
+        """Go on reading with a certain GOP.
+
+        Parameters
+        ----------
+        number : int
+            Number of the GOP, from 0 to the number of GOPs, where the stream ends.
+
+        Raises
+        ------
+        ValueError
+            If there is no such GOP.
+        BitstreamError
+            If the stream is a pipe, or its end is damaged.
+        """
+        entries = self.index.entries
+        if not 0 <= number <= len(entries):
+            raise ValueError(f"`number` must be from 0 to {len(entries)}, got {number}")
+        self._seen = [(entry.size, entry.num_frames) for entry in entries[:number]]
+        self._num_frames = sum(frames for _, frames in self._seen)
+        self._source.seek(self._first_offset + sum(size for size, _ in self._seen))
+        self._done = False
+
+    def close(self) -> None:
+        """Close the file if it was opened here."""
+        if self._owned:
+            self._source.file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _open(source: BinaryIO | str | os.PathLike[str]) -> BinaryIO:
+    if not isinstance(source, (str, os.PathLike)):
+        return source
+    try:
+        return Path(source).open("rb")
+    except OSError as err:
+        raise BitstreamError(f"cannot read {source}: {err.strerror}") from err
+
+
+def read_index(path: str | os.PathLike[str]) -> StreamIndex:
+    """Read where the GOPs of a stream lie.
+
+    Parameters
+    ----------
+    path : path
+        A stream of either form.
+
+    Returns
+    -------
+    StreamIndex
+        Offsets, sizes and numbers of frames.
+
+    Raises
+    ------
+    BitstreamError
+        If it is not a stream, or its end is damaged.
+    """
+    with StreamReader(path) as reader:
+        return reader.index

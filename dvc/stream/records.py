@@ -1,0 +1,187 @@
+"""Framing: how records lie in a stream, their checksums, and the first record, the configuration."""
+
+import zlib
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+from dvc.bits import encode_varint
+from dvc.config import CodecConfig, decode_config, encode_config
+from dvc.errors import BitstreamError
+
+MAGIC = b"DV3D"
+FORMAT_VERSION = 1
+MAX_RECORD_BYTES = 64 * 2**20
+CRC_BYTES = 4
+
+
+class RecordType(IntEnum):
+    """The first byte of a record."""
+
+    CONFIGURATION = 1
+    GOP = 2
+    END = 3
+
+
+class Form(StrEnum):
+    """How much parity a stream holds."""
+
+    BUFFERED = "buffered"  # all parity, as an encoder without feedback makes it
+    PUNCTURED = "punctured"  # only what the decoder asked for: the stream whose size is the rate
+
+
+_NAMES = {
+    RecordType.CONFIGURATION: "configuration",
+    RecordType.GOP: "group of pictures",
+    RecordType.END: "end",
+}
+_MAX_PAYLOAD_BYTES = {
+    RecordType.CONFIGURATION: 4096,
+    RecordType.GOP: MAX_RECORD_BYTES,
+    RecordType.END: MAX_RECORD_BYTES,
+}
+_FORM_BYTES = {Form.BUFFERED: 0, Form.PUNCTURED: 1}
+_FORMS = {byte: form for form, byte in _FORM_BYTES.items()}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a record stands, for messages."""
+
+    number: int | None  # from 0, which is the configuration; None for the last, found from the end
+    offset: int  # of its first byte in the stream
+    type: RecordType | None = None  # as far as it is known
+
+    def error(self, text: str) -> BitstreamError:
+        """Return the error that says what is wrong with this record.
+
+        Parameters
+        ----------
+        text : str
+            What is wrong.
+
+        Returns
+        -------
+        BitstreamError
+            To be raised.
+        """
+        name = f" ({_NAMES[self.type]})" if self.type is not None else ""
+        record = "last record" if self.number is None else f"record {self.number}"
+        return BitstreamError(f"{record}{name} at byte {self.offset}: {text}")
+
+
+def check_payload_size(record_type: RecordType, size: int, place: Place) -> None:
+    """Refuse a payload that is larger than its type of record allows.
+
+    Parameters
+    ----------
+    record_type : RecordType
+        Type of the record.
+    size : int
+        Bytes of payload.
+    place : Place
+        For the message.
+
+    Raises
+    ------
+    BitstreamError
+        If it is too large.
+    """
+    limit = _MAX_PAYLOAD_BYTES[record_type]
+    if size > limit:
+        raise place.error(f"{size} bytes of payload, at most {limit} are allowed")
+
+
+def record_crc(head: bytes, payload: bytes) -> bytes:
+    """Return the checksum that ends a record.
+
+    Parameters
+    ----------
+    head : bytes
+        Type and length.
+    payload : bytes
+        The payload.
+
+    Returns
+    -------
+    bytes
+        CRC-32 of both, little endian.
+    """
+    return zlib.crc32(payload, zlib.crc32(head)).to_bytes(CRC_BYTES, "little")
+
+
+def frame_record(record_type: RecordType, payload: bytes) -> bytes:
+    """Put type and length before a payload and its checksum behind it.
+
+    Parameters
+    ----------
+    record_type : RecordType
+        Type of the record.
+    payload : bytes
+        Its payload.
+
+    Returns
+    -------
+    bytes
+        The record.
+    """
+    head = bytes([record_type]) + encode_varint(len(payload))
+    return head + payload + record_crc(head, payload)
+
+
+def framed_size(payload_size: int) -> int:
+    """Return the size of a record.
+
+    Parameters
+    ----------
+    payload_size : int
+        Bytes of payload.
+
+    Returns
+    -------
+    int
+        Bytes of the record.
+    """
+    return 1 + len(encode_varint(payload_size)) + payload_size + CRC_BYTES
+
+
+def encode_configuration(config: CodecConfig, form: Form) -> bytes:
+    """Write the payload of the configuration record; inverse of `decode_configuration`.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        The codec configuration.
+    form : Form
+        Form of the stream.
+
+    Returns
+    -------
+    bytes
+        The payload.
+    """
+    return bytes([_FORM_BYTES[form]]) + encode_config(config)
+
+
+def decode_configuration(payload: bytes) -> tuple[CodecConfig, Form]:
+    """Read the payload of the configuration record; inverse of `encode_configuration`.
+
+    Parameters
+    ----------
+    payload : bytes
+        The payload.
+
+    Returns
+    -------
+    config : CodecConfig
+        The codec configuration.
+    form : Form
+        Form of the stream.
+
+    Raises
+    ------
+    BitstreamError
+        If it makes no sense.
+    """
+    if not payload or payload[0] not in _FORMS:
+        raise BitstreamError("the form is neither buffered nor punctured")
+    return decode_config(payload[1:]), _FORMS[payload[0]]
