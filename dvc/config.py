@@ -26,6 +26,7 @@ NUM_BANDS = 16
 MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
 MAX_GOP_LENGTH = 256
+MAX_CRC_BITS = 32
 MAX_PARAMETER_SETS_BYTES = 1024
 
 ZIGZAG = (0, 1, 4, 8, 5, 2, 3, 6, 9, 12, 13, 10, 7, 11, 14, 15)
@@ -220,7 +221,7 @@ class TurboConfig(_Section):
     def _check_values(self) -> None:
         _check_choice("family", self.family, TURBO_FAMILIES)
         _check_range("interleaver_seed", self.interleaver_seed, 0, 2**31 - 1)
-        _check_range("crc_bits", self.crc_bits, 4, 32)
+        _check_range("crc_bits", self.crc_bits, 4, MAX_CRC_BITS)
         _check_range("max_iterations", self.max_iterations, 1, 100)
 
 

@@ -1,0 +1,335 @@
+"""The two ends of the feedback channel as state machines: bytes in, events out; no I/O, no clocks."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.bits import MAX_VARINT_BYTES, decode_varint
+from dvc.config import CodecConfig, decode_config, encode_config
+from dvc.errors import BitstreamError, FeedbackError
+from dvc.feedback.ledger import Ledger
+from dvc.feedback.messages import (
+    PROTOCOL_VERSION,
+    TYPES,
+    End,
+    Event,
+    Failure,
+    Gop,
+    GopDone,
+    Hello,
+    KeepAlive,
+    Message,
+    NextGop,
+    ParityAnswer,
+    ParityRequest,
+    decode_payload,
+    encode_message,
+    max_payload_bytes,
+)
+from dvc.stream import GopRecord
+
+
+class _Endpoint:
+    """Cuts the bytes of the peer into messages, and collects those for the peer."""
+
+    _accepted: tuple[type[Message], ...]
+    _config: CodecConfig | None = None
+
+    def __init__(self) -> None:
+        self._received = bytearray()
+        self._outgoing: list[bytes] = []
+        self._failed = False
+
+    def receive(self, data: bytes) -> list[Event]:
+        """Take in bytes from the peer.
+
+        Parameters
+        ----------
+        data : bytes
+            Any number of bytes; half a message waits for the rest.
+
+        Returns
+        -------
+        list of Event
+            The messages that are complete now, in order.
+
+        Raises
+        ------
+        FeedbackError
+            If the peer breaks the protocol or gives up; nothing more can be received then.
+        """
+        if self._failed:
+            raise FeedbackError("the feedback channel has failed before")
+        self._received += data
+        events: list[Event] = []
+        try:
+            while (message := self._next_message()) is not None:
+                if isinstance(message, Failure):
+                    raise FeedbackError(f"the other side gave up: {message.text}")
+                if not isinstance(message, KeepAlive):
+                    self._accept(message)
+                    events.append(message)
+        except (BitstreamError, ValueError) as err:
+            self._fail()
+            raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
+        except FeedbackError:
+            self._fail()
+            raise
+        return events
+
+    def _fail(self) -> None:
+        self._failed = True
+        self._received.clear()
+
+    def _next_message(self) -> Message | None:
+        """Take the next message off the bytes received, None if it is not complete."""
+        received = self._received
+        if not received:
+            return None
+        if not 1 <= received[0] <= len(TYPES) or TYPES[received[0] - 1] not in self._accepted:
+            raise BitstreamError(f"unexpected message of type {received[0]}")
+        message_type = TYPES[received[0] - 1]
+        length = received[1 : 1 + MAX_VARINT_BYTES]
+        if len(length) < MAX_VARINT_BYTES and all(byte >= 0x80 for byte in length):
+            return None
+        size, start = decode_varint(received, 1)
+        limit = max_payload_bytes(message_type, self._config)
+        if size > limit:
+            raise BitstreamError(f"{message_type.__name__} of {size} bytes, at most {limit} are allowed")
+        if len(received) < start + size:
+            return None
+        payload = bytes(received[start : start + size])
+        del received[: start + size]
+        try:
+            return decode_payload(message_type, payload)
+        except BitstreamError as err:
+            raise BitstreamError(f"{message_type.__name__}: {err}") from err
+
+    def _accept(self, message: Event) -> None:
+        """Check a message of the peer against the state and bring the state up to date."""
+        raise NotImplementedError
+
+    def _send(self, message: Message) -> None:
+        self._outgoing.append(encode_message(message))
+
+    def bytes_to_send(self) -> bytes:
+        """Return what is to be sent to the peer, once.
+
+        Returns
+        -------
+        bytes
+            All messages since the last call.
+        """
+        data = b"".join(self._outgoing)
+        self._outgoing.clear()
+        return data
+
+    def send_failure(self, text: str) -> None:
+        """Tell the peer that this side gives up.
+
+        Parameters
+        ----------
+        text : str
+            Why, in one line; the end of a long one is lost.
+        """
+        self._send(Failure(text))
+
+    def send_keep_alive(self) -> None:
+        """Tell the peer that this side is at work, before its patience ends."""
+        self._send(KeepAlive())
+
+
+class EncoderEndpoint(_Endpoint):
+    """The encoder's end: sends groups of pictures and answers requests.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        The codec configuration; it is the first thing that the decoder gets.
+    """
+
+    _accepted = (NextGop, ParityRequest, GopDone, Failure, KeepAlive)
+
+    def __init__(self, config: CodecConfig) -> None:
+        super().__init__()
+        self._config = config
+        self._ledger = Ledger(config)
+        self._send(Hello(PROTOCOL_VERSION, encode_config(config)))
+
+    @property
+    def num_credits(self) -> int:
+        """Number of groups of pictures that the decoder waits for."""
+        return self._ledger.num_credits
+
+    @property
+    def finished(self) -> bool:
+        """Whether the end was sent and the decoder is done with all groups of pictures."""
+        return self._ledger.finished
+
+    def _accept(self, message: Event) -> None:
+        match message:
+            case NextGop():
+                self._ledger.add_credit()
+            case ParityRequest():
+                self._ledger.request(message)
+            case GopDone(number):
+                self._ledger.close_gop(number)
+
+    def send_gop(self, record: GopRecord) -> int:
+        """Send the next group of pictures.
+
+        Parameters
+        ----------
+        record : GopRecord
+            Its Wyner-Ziv payloads hold what the decoder needs before its first request, not the parity.
+
+        Returns
+        -------
+        int
+            Number of the group of pictures.
+
+        Raises
+        ------
+        ValueError
+            If the decoder has not asked for one, the number of frames does not fit the configuration, or the
+            record is too large for a message.
+        """
+        number = self._ledger.num_gops
+        message = encode_message(Gop(number, record))
+        if len(message) > max_payload_bytes(Gop, self._config):
+            raise ValueError(f"`record` takes {len(message)} bytes, more than a message may have")
+        self._ledger.open_gop(number, record.num_frames)
+        self._outgoing.append(message)
+        return number
+
+    def send_answer(self, frame: int, plane: int, bits: NDArray[np.uint8]) -> None:
+        """Answer a request.
+
+        Parameters
+        ----------
+        frame, plane : int
+            As in the request.
+        bits : ndarray of shape (count,), uint8
+            Each element 0 or 1.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is not an array of bits, nothing was asked for, or not so many bits.
+        """
+        message = encode_message(ParityAnswer(frame, plane, bits))
+        self._ledger.answer(frame, plane, bits.size)
+        self._outgoing.append(message)
+
+    def send_end(self) -> None:
+        """Say that there are no more groups of pictures; requests may still come.
+
+        Raises
+        ------
+        ValueError
+            If it was said before.
+        """
+        self._ledger.end(self._ledger.num_frames)
+        self._send(End(self._ledger.num_frames))
+
+
+class DecoderEndpoint(_Endpoint):
+    """The decoder's end: asks for groups of pictures and for parity."""
+
+    _accepted = (Hello, Gop, ParityAnswer, End, Failure, KeepAlive)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._opened: Ledger | None = None
+
+    @property
+    def config(self) -> CodecConfig:
+        """The codec configuration.
+
+        Raises
+        ------
+        ValueError
+            If `Hello` has not come yet.
+        """
+        if self._config is None:
+            raise ValueError("the configuration has not come yet")
+        return self._config
+
+    @property
+    def num_credits(self) -> int:
+        """Number of groups of pictures that were asked for and have not come."""
+        return self._ledger.num_credits
+
+    @property
+    def finished(self) -> bool:
+        """Whether the end has come and all groups of pictures are done."""
+        return self._opened is not None and self._opened.finished
+
+    @property
+    def _ledger(self) -> Ledger:
+        if self._opened is None:
+            raise ValueError("a message before Hello")
+        return self._opened
+
+    def _accept(self, message: Event) -> None:
+        match message:
+            case Hello(version, config):
+                self._accept_hello(version, config)
+            case Gop(number, record):
+                self._ledger.open_gop(number, record.num_frames)
+            case ParityAnswer(frame, plane, bits):
+                self._ledger.answer(frame, plane, bits.size)
+            case End(num_frames):
+                self._ledger.end(num_frames)
+
+    def _accept_hello(self, version: int, config: bytes) -> None:
+        if self._opened is not None:
+            raise ValueError("a second Hello")
+        if version != PROTOCOL_VERSION:
+            raise ValueError(f"protocol version {version}; this program speaks version {PROTOCOL_VERSION}")
+        self._config = decode_config(config)
+        self._opened = Ledger(self._config)
+
+    def send_next_gop(self) -> None:
+        """Allow the encoder to send one more group of pictures.
+
+        Raises
+        ------
+        ValueError
+            If `Hello` has not come yet, the end has, or `MAX_OPEN_GOPS` are open or asked for.
+        """
+        if self._ledger.ended:
+            raise ValueError("there are no more groups of pictures")
+        self._ledger.add_credit()
+        self._send(NextGop())
+
+    def send_request(self, request: ParityRequest) -> None:
+        """Ask for bits of a plane.
+
+        Parameters
+        ----------
+        request : ParityRequest
+            For a plane without a request that waits for its answer; bits are asked for in order, each once.
+
+        Raises
+        ------
+        ValueError
+            If no such bits can be asked for now.
+        """
+        self._ledger.request(request)
+        self._send(request)
+
+    def send_gop_done(self, number: int) -> None:
+        """Let the encoder forget a group of pictures.
+
+        Parameters
+        ----------
+        number : int
+            Its number.
+
+        Raises
+        ------
+        ValueError
+            If it is not open, or answers are missing.
+        """
+        self._ledger.close_gop(number)
+        self._send(GopDone(number))

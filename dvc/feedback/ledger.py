@@ -1,0 +1,210 @@
+"""What is open on the feedback channel (groups of pictures, credits, requests), as both ends see it.
+
+All methods raise `ValueError` for a step that the protocol does not allow: a mistake of the caller if the
+step is its own, a breach of the protocol if it is the peer's.
+"""
+
+from dataclasses import dataclass, field
+
+from dvc.config import MAX_CRC_BITS, CodecConfig
+from dvc.feedback.messages import KINDS, ParityRequest
+
+MAX_OPEN_GOPS = 16
+"""Most groups of pictures that are sent or promised and not done, so that both ends need bounded memory."""
+
+
+@dataclass
+class _Plane:
+    """Requests for one bit plane so far."""
+
+    code: int | None = None  # known from the first request for check bits or parity
+    num_requested: dict[str, int] = field(default_factory=lambda: dict.fromkeys(KINDS, 0))
+    num_awaited: int = 0  # bits of the request that is not answered yet
+
+
+@dataclass
+class _OpenGop:
+    first_frame: int
+    num_frames: int
+    planes: dict[tuple[int, int], _Plane] = field(default_factory=dict)
+
+
+class Ledger:
+    """Accounts for groups of pictures and requests, and says what may not be.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        Bounds the numbers of frames, planes, codes and bits.
+    """
+
+    def __init__(self, config: CodecConfig) -> None:
+        from dvc.turbo.codes import family
+
+        self.num_credits = 0  # groups of pictures that may be sent
+        self.num_frames = 0  # of all groups of pictures sent
+        self.ended = False
+        self._gop_length = config.gop.length
+        self._num_planes = config.wyner_ziv.num_planes
+        self._num_codes = len(family(config.turbo.family))
+        self._limits = {
+            "crc": MAX_CRC_BITS,
+            "parity": config.video.num_blocks,
+            "plain": config.video.num_blocks,
+        }
+        self._num_gops = 0
+        self._open: dict[int, _OpenGop] = {}
+
+    @property
+    def num_gops(self) -> int:
+        """Number of groups of pictures sent so far."""
+        return self._num_gops
+
+    @property
+    def finished(self) -> bool:
+        """Whether the end was announced and all groups of pictures are done."""
+        return self.ended and not self._open
+
+    def add_credit(self) -> None:
+        """Allow one more group of pictures.
+
+        Raises
+        ------
+        ValueError
+            If too many are open or promised.
+        """
+        if len(self._open) + self.num_credits >= MAX_OPEN_GOPS:
+            raise ValueError(f"more than {MAX_OPEN_GOPS} groups of pictures open")
+        self.num_credits += 1
+
+    def open_gop(self, number: int, num_frames: int) -> None:
+        """Enter a group of pictures.
+
+        Parameters
+        ----------
+        number : int
+            Its number, from 0, in order.
+        num_frames : int
+            Frames that it adds.
+
+        Raises
+        ------
+        ValueError
+            If it was not asked for, is not the next, or has too many frames.
+        """
+        if self.ended:
+            raise ValueError("a group of pictures after the end")
+        if self.num_credits == 0:
+            raise ValueError("a group of pictures that was not asked for")
+        if number != self._num_gops:
+            raise ValueError(f"group of pictures {number} where {self._num_gops} is the next")
+        limit = self._gop_length if number else 1
+        if num_frames > limit:
+            raise ValueError(
+                f"{num_frames} frames in group of pictures {number}, at most {limit} are allowed"
+            )
+        self._open[number] = _OpenGop(self.num_frames, num_frames)
+        self.num_credits -= 1
+        self._num_gops += 1
+        self.num_frames += num_frames
+
+    def request(self, request: ParityRequest) -> None:
+        """Enter a request.
+
+        Parameters
+        ----------
+        request : ParityRequest
+            For a plane without a request that waits for its answer.
+
+        Raises
+        ------
+        ValueError
+            If no such bits can be asked for now.
+        """
+        gop = self._find(request.frame, request.plane)
+        plane = gop.planes.get((request.frame, request.plane), _Plane())
+        where = f"plane {request.plane} of frame {request.frame}"
+        if plane.num_awaited:
+            raise ValueError(f"a second request for {where} before the answer to the first")
+        if request.start != plane.num_requested[request.kind]:
+            raise ValueError(
+                f"{request.kind} bits of {where} from number {request.start} on, "
+                f"where {plane.num_requested[request.kind]} is the next"
+            )
+        if not 1 <= request.count <= self._limits[request.kind] - request.start:
+            raise ValueError(f"{request.count} {request.kind} bits of {where} from number {request.start} on")
+        if request.kind != "plain":
+            if not 0 <= request.code < self._num_codes or plane.code not in (None, request.code):
+                raise ValueError(f"code {request.code} for {where}")
+            plane.code = request.code
+        plane.num_requested[request.kind] += request.count
+        plane.num_awaited = request.count
+        gop.planes[request.frame, request.plane] = plane
+
+    def answer(self, frame: int, plane: int, count: int) -> None:
+        """Enter the answer to a request.
+
+        Parameters
+        ----------
+        frame, plane : int
+            As in the request.
+        count : int
+            Number of bits.
+
+        Raises
+        ------
+        ValueError
+            If nothing was asked for, or not so many bits.
+        """
+        state = self._find(frame, plane).planes.get((frame, plane))
+        if state is None or not state.num_awaited:
+            raise ValueError(f"bits of plane {plane} of frame {frame} that were not asked for")
+        if count != state.num_awaited:
+            raise ValueError(f"{count} bits of plane {plane} of frame {frame}, asked for {state.num_awaited}")
+        state.num_awaited = 0
+
+    def close_gop(self, number: int) -> None:
+        """Strike out a group of pictures.
+
+        Parameters
+        ----------
+        number : int
+            Its number.
+
+        Raises
+        ------
+        ValueError
+            If it is not open, or answers are missing.
+        """
+        if number not in self._open:
+            raise ValueError(f"group of pictures {number} is not open")
+        if any(plane.num_awaited for plane in self._open[number].planes.values()):
+            raise ValueError(f"group of pictures {number} is done before all its requests are answered")
+        del self._open[number]
+
+    def end(self, num_frames: int) -> None:
+        """Enter the end of the sequence.
+
+        Parameters
+        ----------
+        num_frames : int
+            Frames of all groups of pictures.
+
+        Raises
+        ------
+        ValueError
+            If it ended before, or another number of frames was sent.
+        """
+        if self.ended:
+            raise ValueError("a second end")
+        if num_frames != self.num_frames:
+            raise ValueError(f"end after {num_frames} frames, but {self.num_frames} were sent")
+        self.ended = True
+
+    def _find(self, frame: int, plane: int) -> _OpenGop:
+        if not 0 <= plane < self._num_planes:
+            raise ValueError(f"plane {plane}, there are {self._num_planes}")
+        for gop in self._open.values():
+            if gop.first_frame <= frame < gop.first_frame + gop.num_frames - 1:
+                return gop
+        raise ValueError(f"frame {frame} is no Wyner-Ziv frame of an open group of pictures")

@@ -1,0 +1,294 @@
+"""Moves the bytes of the feedback channel over TCP: one peer, timeouts, nothing else."""
+
+import select
+import socket
+import time
+from types import TracebackType
+from typing import Self
+
+from dvc.errors import ConfigError, FeedbackError
+
+DEFAULT_TIMEOUT_S = 30.0
+_CHUNK_BYTES = 2**18
+_RETRY_S = 0.1
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Split an address.
+
+    Parameters
+    ----------
+    text : str
+        ``HOST:PORT``; an IPv6 host in brackets, as ``[::1]:5000``; ``:PORT`` means this machine.
+
+    Returns
+    -------
+    host : str
+        Name or number of the host.
+    port : int
+        From 0 to 65535.
+
+    Raises
+    ------
+    ConfigError
+        If it is no such address.
+    """
+    host, colon, port = text.rpartition(":")
+    if host.startswith("[") and host.endswith("]"):
+        host = host[1:-1]
+    elif ":" in host:
+        colon = ""
+    if not colon or not port.isascii() or not port.isdigit() or len(port) > 5 or int(port) > 65535:
+        raise ConfigError(f"an address must be HOST:PORT with a port up to 65535, got {text[:80]!r}")
+    return host or "localhost", int(port)
+
+
+def _shown(address: tuple[object, ...]) -> str:
+    host, port = address[0], address[1]
+    return f"[{host}]:{port}" if ":" in str(host) else f"{host}:{port}"
+
+
+class Connection:
+    """A TCP connection to the peer.
+
+    Parameters
+    ----------
+    peer : socket
+        A connected socket; closed with the connection.
+    timeout_s : float
+        Patience with a silent peer, in seconds, in each direction.
+    """
+
+    def __init__(self, peer: socket.socket, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
+        self._socket = peer
+        self._timeout_s = timeout_s
+        try:
+            peer.settimeout(timeout_s)
+            peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self.name = _shown(peer.getpeername())
+        except OSError as err:
+            peer.close()
+            raise FeedbackError(f"the other side went away: {err.strerror or err}") from err
+
+    def send(self, data: bytes) -> None:
+        """Send bytes.
+
+        Parameters
+        ----------
+        data : bytes
+            Any number.
+
+        Raises
+        ------
+        FeedbackError
+            If the peer went away, or takes nothing for the timeout.
+        """
+        rest = memoryview(data)
+        while rest:
+            try:
+                rest = rest[self._socket.send(rest[:_CHUNK_BYTES]) :]
+            except OSError as err:
+                raise self._error("takes nothing", err) from err
+
+    def receive(self) -> bytes:
+        """Wait for bytes of the peer.
+
+        Returns
+        -------
+        bytes
+            At least one, at most 256 KiB.
+
+        Raises
+        ------
+        FeedbackError
+            If the peer went away, or sends nothing for the timeout.
+        """
+        try:
+            data = self._socket.recv(_CHUNK_BYTES)
+        except OSError as err:
+            raise self._error("is silent", err) from err
+        if not data:
+            raise FeedbackError(f"the other side ({self.name}) closed the connection")
+        return data
+
+    def readable(self, timeout_s: float = 0.0) -> bool:
+        """Say whether `receive` would return at once.
+
+        Parameters
+        ----------
+        timeout_s : float
+            Wait so long for that, in seconds.
+
+        Returns
+        -------
+        bool
+            Whether bytes, or the end of the connection, are there.
+        """
+        poll = select.poll()
+        poll.register(self._socket, select.POLLIN)
+        return bool(poll.poll(1000 * timeout_s))
+
+    def _error(self, silence: str, err: OSError) -> FeedbackError:
+        if isinstance(err, TimeoutError):
+            return FeedbackError(f"the other side ({self.name}) {silence} for {self._timeout_s:g} s")
+        return FeedbackError(f"the other side ({self.name}) went away: {err.strerror or err}")
+
+    def close(self) -> None:
+        """Close the connection; what was sent still arrives."""
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class Listener:
+    """A port that waits for the one peer.
+
+    Parameters
+    ----------
+    listening : socket
+        A bound and listening socket.
+    """
+
+    def __init__(self, listening: socket.socket) -> None:
+        self._socket = listening
+        host, port = listening.getsockname()[:2]
+        self.host: str = host
+        self.port: int = port
+        self.name = _shown((host, port))
+
+    def accept(
+        self, timeout_s: float | None = None, silence_timeout_s: float = DEFAULT_TIMEOUT_S
+    ) -> Connection:
+        """Wait for the peer; nobody else can connect after it.
+
+        Parameters
+        ----------
+        timeout_s : float or None
+            How long to wait for a peer, in seconds; None for ever.
+        silence_timeout_s : float
+            Patience with the peer thereafter, in seconds.
+
+        Returns
+        -------
+        Connection
+            The connection.
+
+        Raises
+        ------
+        FeedbackError
+            If nobody connects.
+        """
+        self._socket.settimeout(timeout_s)
+        try:
+            peer, _ = self._socket.accept()
+        except TimeoutError as err:
+            raise FeedbackError(f"nobody connected to {self.name} within {timeout_s:g} s") from err
+        except OSError as err:
+            raise FeedbackError(f"cannot accept a connection on {self.name}: {err.strerror or err}") from err
+        finally:
+            self.close()
+        return Connection(peer, silence_timeout_s)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def listen(host: str = "localhost", port: int = 0) -> Listener:
+    """Open a port for one peer.
+
+    Parameters
+    ----------
+    host : str
+        Address of this machine on which to listen; the loopback unless told otherwise.
+    port : int
+        0 for any free one, see `Listener.port`.
+
+    Returns
+    -------
+    Listener
+        Waiting.
+
+    Raises
+    ------
+    FeedbackError
+        If the address is not to be had.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listening = socket.socket(family, kind, protocol)
+    except OSError as err:
+        raise FeedbackError(f"cannot listen on {_shown((host, port))}: {err.strerror or err}") from err
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(address)
+        listening.listen(1)
+    except OSError as err:
+        listening.close()
+        raise FeedbackError(f"cannot listen on {_shown((host, port))}: {err.strerror or err}") from err
+    return Listener(listening)
+
+
+def connect(host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> Connection:
+    """Connect to a peer that listens, or will within the timeout.
+
+    Parameters
+    ----------
+    host : str
+        Name or number of its host.
+    port : int
+        Its port.
+    timeout_s : float
+        How long to try, and patience with a silent peer thereafter, in seconds.
+
+    Returns
+    -------
+    Connection
+        The connection.
+
+    Raises
+    ------
+    FeedbackError
+        If nobody listens there.
+    """
+    deadline_s = time.monotonic() + timeout_s
+    while True:
+        left_s = max(_RETRY_S, deadline_s - time.monotonic())
+        try:
+            return Connection(_connect_once(host, port, left_s), timeout_s)
+        except (ConnectionRefusedError, TimeoutError) as err:
+            if time.monotonic() + _RETRY_S >= deadline_s:
+                raise FeedbackError(f"nobody listens on {_shown((host, port))}") from err
+            time.sleep(_RETRY_S)
+        except OSError as err:
+            raise FeedbackError(f"cannot connect to {_shown((host, port))}: {err.strerror or err}") from err
+
+
+def _connect_once(host: str, port: int, timeout_s: float) -> socket.socket:
+    """Try every address that a host name stands for; raise the error of the last."""
+    failure: OSError = ConnectionRefusedError()
+    for family, kind, protocol, _, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+        peer = socket.socket(family, kind, protocol)
+        try:
+            peer.settimeout(timeout_s)
+            peer.connect(address)
+        except OSError as err:
+            peer.close()
+            failure = err
+        else:
+            return peer
+    raise failure
