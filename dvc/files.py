@@ -1,0 +1,111 @@
+"""Files that appear complete or not at all."""
+
+import errno
+import os
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from dvc.errors import DvcError
+
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+
+def temporary_sibling(path: Path, error: type[DvcError] = DvcError) -> Path:
+    """Create an empty file of a fresh name in the folder of `path`, from which it can be renamed into place.
+
+    Parameters
+    ----------
+    path : Path
+        The name that the finished file will have.
+    error : type of DvcError, optional
+        What to raise.
+
+    Returns
+    -------
+    Path
+        The new file, with the permissions that any new file gets.
+
+    Raises
+    ------
+    DvcError
+        If the folder does not exist or cannot be written to, or if `path` is a folder.
+    """
+    if path.is_dir():
+        raise error(f"cannot write {path}: it is a folder")
+    if not path.parent.is_dir():
+        raise error(f"cannot write {path}: the folder {path.parent} does not exist")
+    temporary = path.with_name(f".{path.name[:100]}.{secrets.token_hex(4)}.tmp")
+    try:
+        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    except OSError as err:
+        raise error(f"cannot write {path}: {err.strerror}") from err
+    return temporary
+
+
+@contextmanager
+def atomic_output(path: str | Path) -> Iterator[Path]:
+    """Give a temporary name to write to; rename it to `path` on success, remove it on any exception.
+
+    A symbolic link is followed. A device or pipe (``/dev/stdout``) is written to directly.
+
+    Parameters
+    ----------
+    path : str or Path
+        The name of the finished file; a file that has it already stays as it is until then.
+
+    Yields
+    ------
+    Path
+        An empty file in the same folder.
+
+    Raises
+    ------
+    DvcError
+        If the file cannot be made there, or the disk is full.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> target = Path(tempfile.mkdtemp()) / "results.json"
+    >>> with atomic_output(target) as temporary:
+    ...     _ = temporary.write_text("{}")
+    >>> target.read_text()
+    '{}'
+    """
+    path = Path(path)
+    if path.exists() and not path.is_file() and not path.is_dir():
+        yield path
+        return
+    target = Path(os.path.realpath(path))
+    temporary = temporary_sibling(target)
+    try:
+        yield temporary
+        os.replace(temporary, target)
+    except OSError as err:
+        if err.errno in _NO_ROOM or str(temporary) in (err.filename, err.filename2):
+            raise DvcError(f"cannot write {path}: {err.strerror}") from err
+        raise
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def same_file(a: str | Path, b: str | Path) -> bool:
+    """Tell whether two names lead to one file, through links as well.
+
+    Parameters
+    ----------
+    a, b : str or Path
+        Names of files that need not exist.
+
+    Returns
+    -------
+    bool
+        True if writing the one would overwrite the other.
+    """
+    try:
+        return os.path.samefile(a, b)
+    except OSError:
+        return os.path.realpath(a) == os.path.realpath(b)

@@ -1,0 +1,18 @@
+"""Frames, and reading and writing them as video files."""
+
+from dvc.video.frames import Frame, VideoInfo, VideoReader, VideoWriter, chroma_shape, same_frame
+from dvc.video.readers import exact_frame_rate, open_video
+from dvc.video.writers import create_video, pad_frame
+
+__all__ = [
+    "Frame",
+    "VideoInfo",
+    "VideoReader",
+    "VideoWriter",
+    "chroma_shape",
+    "create_video",
+    "exact_frame_rate",
+    "open_video",
+    "pad_frame",
+    "same_frame",
+]

@@ -1,0 +1,238 @@
+"""Frames, what is known of a video, and the two protocols that every reader and writer keeps."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from types import TracebackType
+from typing import Protocol, Self, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import VideoError
+
+Plane = NDArray[np.uint8]
+
+NEUTRAL_CHROMA = 128
+MAX_SIDE_PX = 16384
+MAX_PIXELS = 2**26
+
+
+def chroma_shape(height: int, width: int) -> tuple[int, int]:
+    """Return the shape of a 4:2:0 chroma plane; odd luma sides round up.
+
+    Parameters
+    ----------
+    height, width : int
+        Sides of the luma plane in pixels.
+
+    Returns
+    -------
+    tuple of int
+        Rows and columns of each chroma plane.
+    """
+    return (height + 1) // 2, (width + 1) // 2
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Frame:
+    """One 8-bit picture: luma, and chroma at half the resolution in both directions unless it is grey.
+
+    Samples are those of the file. YCbCr sources keep their range, which is the ITU limited range (16 to 235)
+    in nearly every file; RGB sources are converted to BT.601 limited range when they are read.
+
+    Attributes
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        Y samples.
+    chroma : tuple of two ndarrays of shape ((H + 1) // 2, (W + 1) // 2), uint8, or None
+        Cb and Cr samples; None for a grey picture.
+
+    Raises
+    ------
+    ValueError
+        If a plane has another type or shape.
+    """
+
+    luma: Plane
+    chroma: tuple[Plane, Plane] | None = None
+
+    def __post_init__(self) -> None:
+        """Check types and shapes of all planes."""
+        if self.luma.dtype != np.uint8 or self.luma.ndim != 2 or self.luma.size == 0:
+            raise ValueError(
+                f"`luma` must be a non-empty 2-D uint8 array, got {self.luma.dtype} {self.luma.shape}"
+            )
+        shape = chroma_shape(*self.luma.shape)
+        for plane in self.chroma or ():
+            if plane.dtype != np.uint8 or plane.shape != shape:
+                raise ValueError(
+                    f"`chroma` must be two uint8 planes of {shape}, got {plane.dtype} {plane.shape}"
+                )
+
+    @property
+    def height(self) -> int:
+        """Rows of the luma plane."""
+        return int(self.luma.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Columns of the luma plane."""
+        return int(self.luma.shape[1])
+
+    def without_chroma(self) -> "Frame":
+        """Return the grey picture that has the same luma.
+
+        Returns
+        -------
+        Frame
+            Shares the luma plane; `chroma` is None.
+        """
+        return Frame(self.luma)
+
+    def with_chroma(self) -> "Frame":
+        """Return the picture itself if it has chroma, otherwise the same luma with neutral chroma.
+
+        Returns
+        -------
+        Frame
+            Shares the luma plane; new chroma planes hold 128 everywhere.
+        """
+        if self.chroma is not None:
+            return self
+        shape = chroma_shape(self.height, self.width)
+        return Frame(self.luma, (neutral_plane(shape), neutral_plane(shape)))
+
+
+def neutral_plane(shape: tuple[int, int]) -> Plane:
+    """Return a chroma plane without colour.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns.
+
+    Returns
+    -------
+    ndarray of shape `shape`, uint8
+        128 everywhere.
+    """
+    return np.full(shape, NEUTRAL_CHROMA, np.uint8)
+
+
+def same_frame(a: Frame, b: Frame) -> bool:
+    """Tell whether two pictures are equal sample for sample; grey never equals colour.
+
+    Parameters
+    ----------
+    a, b : Frame
+        Pictures of any size.
+
+    Returns
+    -------
+    bool
+        True if all planes agree.
+    """
+    if (a.chroma is None) != (b.chroma is None):
+        return False
+    pairs = zip((a.luma, *(a.chroma or ())), (b.luma, *(b.chroma or ())), strict=True)
+    return all(np.array_equal(x, y) for x, y in pairs)
+
+
+def check_size(width: int, height: int, what: str) -> None:
+    """Refuse picture sizes that no array should be made for.
+
+    Parameters
+    ----------
+    width, height : int
+        Sides in pixels.
+    what : str
+        Name of the source, for the message.
+
+    Raises
+    ------
+    VideoError
+        If a side is below 1 or above 16384, or the picture has more than 2**26 pixels.
+    """
+    if min(width, height) < 1 or max(width, height) > MAX_SIDE_PX or width * height > MAX_PIXELS:
+        raise VideoError(
+            f"{what}: {width}x{height} pictures are not supported "
+            f"(sides 1 to {MAX_SIDE_PX}, at most {MAX_PIXELS} pixels)"
+        )
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """What is known of a video before its frames are read.
+
+    Attributes
+    ----------
+    width, height : int
+        Sides in pixels.
+    frame_rate : Fraction
+        Frames per second.
+    num_frames : int or None
+        Number of frames that will come, as far as the file declares it; the count of frames that are read
+        is what holds.
+    notices : tuple of str
+        What was converted, assumed or ignored on the way to 8-bit 4:2:0 frames.
+    full_range : bool
+        True if the samples use 0 to 255 and not the ITU limited range; they are kept as they are.
+    """
+
+    width: int
+    height: int
+    frame_rate: Fraction
+    num_frames: int | None = None
+    notices: tuple[str, ...] = ()
+    full_range: bool = False
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels, the order in which commands take them."""
+        return self.width, self.height
+
+
+@runtime_checkable
+class VideoReader(Protocol):
+    """A source of frames in display order, one in memory at a time, read once from front to back."""
+
+    @property
+    def info(self) -> VideoInfo:
+        """What is known of the video."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames that have not been read yet; `VideoError` where the video is damaged."""
+
+    def close(self) -> None:
+        """Release the source; harmless when repeated."""
+
+    def __enter__(self) -> Self:
+        """Return the reader."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the reader."""
+
+
+@runtime_checkable
+class VideoWriter(Protocol):
+    """A video file in the making: it appears under its name when `close` succeeds, or not at all."""
+
+    def write(self, frame: Frame) -> None:
+        """Append a frame; `VideoError` if it cannot be stored, `ValueError` if its size differs."""
+
+    def close(self) -> None:
+        """Finish the file and rename it into place; harmless when repeated."""
+
+    def abort(self) -> None:
+        """Drop what was written; harmless when repeated."""
+
+    def __enter__(self) -> Self:
+        """Return the writer."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the writer, or abort it if the block was left by an exception."""

@@ -1,0 +1,222 @@
+"""From any pixel format that FFmpeg decodes to 8-bit 4:2:0, and back into FFmpeg's frames."""
+
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.video.frames import Frame, Plane, chroma_shape, neutral_plane
+
+if TYPE_CHECKING:
+    import av
+
+RGB_NOTICE = "RGB converted to YCbCr BT.601 limited range"
+
+_FULL_RANGE = 2  # AVCOL_RANGE_JPEG
+_PLANAR_BITS = (8, 9, 10, 12, 14, 16)
+
+
+def is_full_range(picture: "av.VideoFrame") -> bool:
+    """Tell whether the YCbCr samples of a decoded picture use 0 to 255; RGB never counts.
+
+    Parameters
+    ----------
+    picture : av.VideoFrame
+        As the decoder gave it.
+
+    Returns
+    -------
+    bool
+        True if the file says so.
+    """
+    if _is_rgb(picture):
+        return False
+    return picture.format.name.startswith("yuvj") or picture.color_range == _FULL_RANGE
+
+
+def conversion_notices(picture: "av.VideoFrame") -> tuple[str, ...]:
+    """Say in words what `frame_from_picture` will change.
+
+    Parameters
+    ----------
+    picture : av.VideoFrame
+        As the decoder gave it.
+
+    Returns
+    -------
+    tuple of str
+        One sentence per conversion; empty if the samples are taken as they are.
+    """
+    notices = []
+    components = [c for c in picture.format.components if not c.is_alpha]
+    if _is_rgb(picture):
+        notices.append(RGB_NOTICE)
+    elif is_full_range(picture):
+        notices.append("full-range samples are kept as they are")
+    if len(components) < len(picture.format.components):
+        notices.append("alpha channel dropped")
+    bits = max((c.bits for c in components), default=8)
+    if bits > 8:
+        notices.append(f"{bits}-bit source reduced to 8 bits")
+    if _is_rgb(picture):
+        notices.append("4:4:4 chroma subsampled to 4:2:0")
+    elif len(components) > 1 and (ratio := _subsampling(picture)) != "420":
+        verb = "interpolated" if ratio == "410" else "subsampled"
+        notices.append(f"{':'.join(ratio)} chroma {verb} to 4:2:0")
+    if picture.interlaced_frame:
+        notices.append("interlaced source: both fields of a picture are kept woven into one frame")
+    if picture.rotation:
+        notices.append(f"the file asks for a rotation of {picture.rotation} degrees, which is not applied")
+    return tuple(notices)
+
+
+def frame_from_picture(picture: "av.VideoFrame") -> Frame:
+    """Convert a decoded picture of any pixel format to 8-bit 4:2:0, or to luma alone if it is grey.
+
+    8-bit 4:2:0 and 8-bit grey samples are copied. Deeper samples are rounded to nearest. Chroma that is finer
+    than 4:2:0 is filtered with (1, 2, 1) / 4 across, co-sited with the even luma columns, and averaged in
+    pairs of rows; coarser chroma is repeated.
+
+    Parameters
+    ----------
+    picture : av.VideoFrame
+        As the decoder gave it.
+
+    Returns
+    -------
+    Frame
+        New arrays; chroma is None for grey formats.
+    """
+    planar = _as_planar(picture)
+    bits = planar.format.components[0].bits
+    luma = _to_8_bits(_samples(planar, 0, bits), bits)
+    if len([c for c in planar.format.components if not c.is_alpha]) == 1:
+        return Frame(luma)
+    shape = chroma_shape(*luma.shape)
+    cb, cr = (_chroma_420(_samples(planar, index, bits), bits, luma.shape, shape) for index in (1, 2))
+    return Frame(luma, (cb, cr))
+
+
+def picture_from_frame(frame: Frame, pixel_format: str) -> "av.VideoFrame":
+    """Put a frame into an FFmpeg picture; the inverse of `frame_from_picture` for these two formats.
+
+    Parameters
+    ----------
+    frame : Frame
+        Missing chroma becomes neutral, superfluous chroma is left out.
+    pixel_format : {"gray", "yuv420p"}
+        Name of the pixel format.
+
+    Returns
+    -------
+    av.VideoFrame
+        A copy of the samples.
+    """
+    import av
+
+    picture = av.VideoFrame(frame.width, frame.height, pixel_format)
+    planes: tuple[Plane, ...] = (frame.luma,)
+    if pixel_format != "gray":
+        shape = chroma_shape(frame.height, frame.width)
+        planes += frame.chroma or (neutral_plane(shape), neutral_plane(shape))
+    for target, plane in zip(picture.planes, planes, strict=True):
+        rows = np.zeros((plane.shape[0], target.line_size), np.uint8)
+        rows[:, : plane.shape[1]] = plane
+        target.update(rows.tobytes())
+    return picture
+
+
+def _is_rgb(picture: "av.VideoFrame") -> bool:
+    """Tell whether the samples are red, green and blue, direct or through a palette."""
+    return picture.format.is_rgb or picture.format.has_palette or picture.format.name.startswith("xyz")
+
+
+def _subsampling(picture: "av.VideoFrame") -> str:
+    """Name the chroma resolution of a format, such as ``"422"``."""
+    import av
+
+    # The picture itself may be too small to tell: one pixel has one chroma sample in every format.
+    chroma = av.VideoFormat(picture.format.name, 16, 16).components[1]
+    names = {(16, 16): "444", (8, 16): "422", (16, 8): "440", (8, 8): "420", (4, 16): "411", (4, 4): "410"}
+    return names.get((chroma.width, chroma.height), "420")
+
+
+def _is_plain_planar(picture: "av.VideoFrame") -> bool:
+    """Tell whether every component is a plane of its own, of unsigned integers in the low bits."""
+    kind = picture.format
+    if (
+        _is_rgb(picture)
+        or kind.is_bit_stream
+        or "f16" in kind.name
+        or "f32" in kind.name
+        or "msb" in kind.name
+    ):
+        return False
+    own_planes = [c.plane for c in kind.components] == list(range(len(picture.planes)))
+    return own_planes and all(c.bits in _PLANAR_BITS for c in kind.components)
+
+
+def _as_planar(picture: "av.VideoFrame") -> "av.VideoFrame":
+    """Return the picture in a format whose planes can be read directly, range kept, depth kept."""
+    from av.video.reformatter import ColorRange, Colorspace
+
+    if _is_plain_planar(picture):
+        return picture
+    if _is_rgb(picture):
+        return picture.reformat(
+            format="yuv444p16le", dst_colorspace=Colorspace.ITU601, dst_color_range=ColorRange.MPEG
+        )
+    components = [c for c in picture.format.components if not c.is_alpha]
+    deep = components[0].bits > 8
+    if len(components) == 1:
+        return picture.reformat(format="gray16le" if deep else "gray")
+    suffix = {True: "16le", False: ""}[deep]
+    if deep and components[0].bits in (10, 12):
+        suffix = f"{components[0].bits}le"
+    kept = ColorRange.JPEG if is_full_range(picture) else ColorRange.MPEG
+    return picture.reformat(
+        format=f"yuv{_subsampling(picture)}p{suffix}", src_color_range=kept, dst_color_range=kept
+    )
+
+
+def _samples(picture: "av.VideoFrame", index: int, bits: int) -> NDArray[Any]:
+    """Return a view of the samples of one plane, without the padding at the ends of its rows."""
+    plane = picture.planes[index]
+    rows = np.frombuffer(memoryview(cast(Any, plane)), np.uint8).reshape(-1, abs(plane.line_size))[
+        : plane.height
+    ]
+    if bits == 8:
+        return rows[:, : plane.width]
+    order = ">u2" if picture.format.is_big_endian else "<u2"
+    return rows[:, : 2 * plane.width].view(order)
+
+
+def _to_8_bits(samples: NDArray[Any], bits: int) -> Plane:
+    """Round to 8 bits; always a new array."""
+    if bits == 8:
+        return samples.astype(np.uint8)
+    rounded = (samples.astype(np.uint32) + (1 << (bits - 9))) >> (bits - 8)
+    return cast(Plane, np.minimum(rounded, 255).astype(np.uint8))
+
+
+def _chroma_420(
+    samples: NDArray[Any], bits: int, luma_shape: tuple[int, ...], shape: tuple[int, int]
+) -> Plane:
+    """Resample a chroma plane to 4:2:0 and 8 bits with one rounding at the end."""
+    if samples.shape == shape:
+        return _to_8_bits(samples, bits)
+    total = samples.astype(np.uint32)
+    if total.shape[0] == luma_shape[0] != shape[0]:
+        below = np.minimum(np.arange(shape[0]) * 2 + 1, luma_shape[0] - 1)
+        total = total[::2] + total[below]
+        bits += 1
+    else:
+        total = np.repeat(total, -(-shape[0] // total.shape[0]), axis=0)[: shape[0]]
+    if total.shape[1] == luma_shape[1] != shape[1]:
+        centre = np.arange(shape[1]) * 2
+        right = np.minimum(centre + 1, luma_shape[1] - 1)
+        total = total[:, np.maximum(centre - 1, 0)] + 2 * total[:, centre] + total[:, right]
+        bits += 2
+    else:
+        total = np.repeat(total, -(-shape[1] // total.shape[1]), axis=1)[:, : shape[1]]
+    return _to_8_bits(total, bits)

@@ -1,0 +1,289 @@
+"""Write videos: y4m and FFV1 without loss, H.264 for looking at."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol, Self, cast
+
+import numpy as np
+
+from dvc.errors import VideoError
+from dvc.files import temporary_sibling
+from dvc.video.frames import Frame, Plane, VideoWriter, check_size
+from dvc.video.pixels import picture_from_frame
+
+if TYPE_CHECKING:
+    from av.video.stream import VideoStream
+
+SUFFIXES = (".y4m", ".mkv", ".mp4")
+
+
+class _Sink(Protocol):
+    """What stores frames in one format; knows nothing of names and renaming."""
+
+    def write(self, frame: Frame) -> None:
+        """Append a frame."""
+
+    def finish(self) -> None:
+        """Write what is pending and close the file."""
+
+    def discard(self) -> None:
+        """Close the file, whatever it holds."""
+
+
+class _AtomicWriter:
+    """The one `VideoWriter`: checks frames, hands them to a sink, renames the file or removes it."""
+
+    def __init__(self, path: Path, temporary: Path, sink: _Sink, size: tuple[int, int]) -> None:
+        self._path = path
+        self._temporary = temporary
+        self._sink = sink
+        self._size = size
+        self._open = True
+
+    def write(self, frame: Frame) -> None:
+        """Append a frame of the size that was announced."""
+        if not self._open:
+            raise ValueError("`frame` cannot be written: the video is closed")
+        if (frame.width, frame.height) != self._size:
+            raise ValueError(f"`frame` must be {self._size} pixels, got {(frame.width, frame.height)}")
+        with self._cleaning_up():
+            self._sink.write(frame)
+
+    def close(self) -> None:
+        """Finish the file and rename it into place."""
+        if not self._open:
+            return
+        with self._cleaning_up():
+            self._sink.finish()
+            os.replace(self._temporary, self._path)
+        self._open = False
+
+    def abort(self) -> None:
+        """Drop what was written."""
+        if not self._open:
+            return
+        self._open = False
+        with suppress(OSError, ValueError):
+            self._sink.discard()
+        with suppress(OSError):
+            self._temporary.unlink()
+
+    @contextmanager
+    def _cleaning_up(self) -> Iterator[None]:
+        """Abort on any exception, and name the file in those of the system."""
+        try:
+            yield
+        except (OSError, ValueError) as err:
+            self.abort()
+            raise VideoError(f"cannot write {self._path}: {getattr(err, 'strerror', None) or err}") from err
+        except BaseException:
+            self.abort()
+            raise
+
+    def __enter__(self) -> Self:
+        """Return the writer."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the writer, or abort it if the block was left by an exception."""
+        if kind is None:
+            self.close()
+        else:
+            self.abort()
+
+
+def create_video(
+    path: str | Path,
+    size: tuple[int, int],
+    frame_rate: Fraction | float,
+    *,
+    luma_only: bool = False,
+    full_range: bool = False,
+) -> VideoWriter:
+    """Start a video file; its suffix chooses the format.
+
+    ``.y4m`` is uncompressed and ``.mkv`` is FFV1 level 3 with slice checksums: both give back the very same
+    samples and frame rate, for odd sides as well. ``.mp4`` is H.264 (4:2:0, CRF 12), for players: not
+    lossless, and odd sides are padded to even ones by repeating the last column or row.
+
+    Parameters
+    ----------
+    path : str or Path
+        Name of the finished file; until `close` it is written under another name in the same folder.
+    size : tuple of int
+        Width and height in pixels.
+    frame_rate : Fraction or float
+        Frames per second, stored exactly.
+    luma_only : bool, optional
+        Store grey pictures (in ``.mp4``, neutral chroma); chroma of the frames is left out. Otherwise frames
+        without chroma get neutral chroma.
+    full_range : bool, optional
+        Mark the samples as using 0 to 255 (see `VideoInfo.full_range`).
+
+    Returns
+    -------
+    VideoWriter
+        Also a context manager, which aborts when its block is left by an exception.
+
+    Raises
+    ------
+    VideoError
+        If the suffix is unknown, the size too large, or the file cannot be made there.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise VideoError(
+            f"cannot write {path}: the name must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+        )
+    check_size(*size, str(path))
+    rate = Fraction(frame_rate).limit_denominator(10**6)
+    if rate <= 0:
+        raise ValueError(f"`frame_rate` must be positive, got {frame_rate}")
+    target = Path(os.path.realpath(path))
+    temporary = temporary_sibling(target, VideoError)
+    try:
+        sink: _Sink
+        if suffix == ".y4m":
+            sink = _Y4mSink(temporary, size, rate, luma_only=luma_only, full_range=full_range)
+        else:
+            sink = _FfmpegSink(
+                temporary, size, rate, luma_only=luma_only, full_range=full_range, lossless=suffix == ".mkv"
+            )
+    except BaseException as err:
+        temporary.unlink()
+        if isinstance(err, OSError | ValueError):
+            raise VideoError(f"cannot write {path}: {getattr(err, 'strerror', None) or err}") from err
+        raise
+    return _AtomicWriter(target, temporary, sink, size)
+
+
+class _Y4mSink:
+    """YUV4MPEG2: a text header, then plain planes."""
+
+    def __init__(
+        self, path: Path, size: tuple[int, int], rate: Fraction, *, luma_only: bool, full_range: bool
+    ) -> None:
+        self._luma_only = luma_only
+        self._file = path.open("wb")
+        colour = "mono" if luma_only else "420mpeg2"
+        range_tag = "FULL" if full_range else "LIMITED"
+        self._file.write(
+            f"YUV4MPEG2 W{size[0]} H{size[1]} F{rate.numerator}:{rate.denominator} Ip A1:1 C{colour} "
+            f"XCOLORRANGE={range_tag}\n".encode("ascii")
+        )
+
+    def write(self, frame: Frame) -> None:
+        """Append the planes of a frame."""
+        chroma = () if self._luma_only else frame.with_chroma().chroma or ()
+        self._file.write(b"FRAME\n")
+        for plane in (frame.luma, *chroma):
+            self._file.write(np.ascontiguousarray(plane).data)
+
+    def finish(self) -> None:
+        """Flush and close."""
+        self._file.close()
+
+    def discard(self) -> None:
+        """Close."""
+        self._file.close()
+
+
+class _FfmpegSink:
+    """FFV1 in Matroska, or H.264 in MP4."""
+
+    def __init__(
+        self,
+        path: Path,
+        size: tuple[int, int],
+        rate: Fraction,
+        *,
+        luma_only: bool,
+        full_range: bool,
+        lossless: bool,
+    ) -> None:
+        import av
+
+        self._lossless = lossless
+        self._format = "gray" if luma_only and lossless else "yuv420p"
+        self._luma_only = luma_only
+        width, height = size if lossless else (size[0] + size[0] % 2, size[1] + size[1] % 2)
+        # Without "bitexact" the muxers write random identifiers, and two runs would differ.
+        options = {"fflags": "+bitexact"} if lossless else {"fflags": "+bitexact", "movflags": "+faststart"}
+        self._container = av.open(
+            f"file:{path}", "w", format="matroska" if lossless else "mp4", container_options=options
+        )
+        codec, codec_options = ("ffv1", _ffv1_options(size)) if lossless else ("libx264", _H264_OPTIONS)
+        stream = cast("VideoStream", self._container.add_stream(codec, rate=rate, options=codec_options))
+        stream.width, stream.height, stream.pix_fmt = width, height, self._format
+        stream.codec_context.color_range = 2 if full_range else 1
+        stream.codec_context.thread_count = 1
+        stream.time_base = stream.codec_context.time_base = 1 / rate
+        self._stream = stream
+        self._count = 0
+
+    def write(self, frame: Frame) -> None:
+        """Encode a frame and store what comes out."""
+        if self._luma_only:
+            frame = frame.without_chroma()
+        if not self._lossless:
+            frame = pad_frame(frame, 2)
+        picture = picture_from_frame(frame, self._format)
+        picture.pts = self._count
+        picture.time_base = self._stream.codec_context.time_base
+        self._container.mux(self._stream.encode(picture))
+        self._count += 1
+
+    def finish(self) -> None:
+        """Flush the encoder and write the index."""
+        self._container.mux(self._stream.encode(None))
+        self._container.close()
+
+    def discard(self) -> None:
+        """Close the container."""
+        self._container.close()
+
+
+_H264_OPTIONS = {"crf": "12", "preset": "medium"}
+
+
+def _ffv1_options(size: tuple[int, int]) -> dict[str, str]:
+    """Return FFV1 settings; pictures too small to be cut have one slice."""
+    slices = "4" if min(size) >= 16 else "1"
+    return {"level": "3", "slicecrc": "1", "g": "1", "slices": slices}
+
+
+def pad_frame(frame: Frame, multiple: int) -> Frame:
+    """Extend a picture to sides that are multiples of a number, repeating its last column and row.
+
+    Parameters
+    ----------
+    frame : Frame
+        The picture.
+    multiple : int
+        An even number of pixels.
+
+    Returns
+    -------
+    Frame
+        The picture itself if nothing is missing.
+    """
+    height, width = (-(-side // multiple) * multiple for side in (frame.height, frame.width))
+    if (height, width) == (frame.height, frame.width):
+        return frame
+    chroma = None
+    if frame.chroma is not None:
+        cb, cr = (_pad_plane(plane, height // 2, width // 2) for plane in frame.chroma)
+        chroma = (cb, cr)
+    return Frame(_pad_plane(frame.luma, height, width), chroma)
+
+
+def _pad_plane(plane: Plane, height: int, width: int) -> Plane:
+    """Repeat the last row and column."""
+    return np.pad(plane, ((0, height - plane.shape[0]), (0, width - plane.shape[1])), mode="edge")
