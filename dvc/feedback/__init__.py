@@ -1,6 +1,6 @@
-"""The feedback channel between encoder and decoder: state machines without I/O; see `docs/feedback.md`.
+"""The feedback channel between encoder and decoder: see `docs/feedback.md`.
 
-`dvc.feedback.transport` is the one module that moves bytes; it is not imported here.
+Messages and the two endpoints do no I/O; `dvc.feedback.transport` is the one module that moves bytes.
 """
 
 from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint
@@ -18,10 +18,13 @@ from dvc.feedback.messages import (
     ParityAnswer,
     ParityRequest,
 )
+from dvc.feedback.transport import DEFAULT_TIMEOUT_S, Connection, Listener, connect, listen, parse_address
 
 __all__ = [
+    "DEFAULT_TIMEOUT_S",
     "MAX_OPEN_GOPS",
     "PROTOCOL_VERSION",
+    "Connection",
     "DecoderEndpoint",
     "EncoderEndpoint",
     "End",
@@ -31,7 +34,11 @@ __all__ = [
     "GopDone",
     "Hello",
     "KeepAlive",
+    "Listener",
     "NextGop",
     "ParityAnswer",
     "ParityRequest",
+    "connect",
+    "listen",
+    "parse_address",
 ]

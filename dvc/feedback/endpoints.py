@@ -85,9 +85,11 @@ class _Endpoint:
         received = self._received
         if not received:
             return None
-        if not 1 <= received[0] <= len(TYPES) or TYPES[received[0] - 1] not in self._accepted:
-            raise BitstreamError(f"unexpected message of type {received[0]}")
+        if not 1 <= received[0] <= len(TYPES):
+            raise BitstreamError(f"unknown message of type {received[0]}")
         message_type = TYPES[received[0] - 1]
+        if message_type not in self._accepted:
+            raise BitstreamError(f"unexpected {message_type.__name__}")
         length = received[1 : 1 + MAX_VARINT_BYTES]
         if len(length) < MAX_VARINT_BYTES and all(byte >= 0x80 for byte in length):
             return None
@@ -235,11 +237,11 @@ class EncoderEndpoint(_Endpoint):
 class DecoderEndpoint(_Endpoint):
     """The decoder's end: asks for groups of pictures and for parity."""
 
-    _accepted = (Hello, Gop, ParityAnswer, End, Failure, KeepAlive)
+    _accepted: tuple[type[Message], ...] = (Hello, Failure, KeepAlive)
 
     def __init__(self) -> None:
         super().__init__()
-        self._opened: Ledger | None = None
+        self._opened: Ledger | None = None  # with Hello
 
     @property
     def config(self) -> CodecConfig:
@@ -251,7 +253,7 @@ class DecoderEndpoint(_Endpoint):
             If `Hello` has not come yet.
         """
         if self._config is None:
-            raise ValueError("the configuration has not come yet")
+            raise ValueError("Hello has not come yet")
         return self._config
 
     @property
@@ -267,7 +269,7 @@ class DecoderEndpoint(_Endpoint):
     @property
     def _ledger(self) -> Ledger:
         if self._opened is None:
-            raise ValueError("a message before Hello")
+            raise ValueError("Hello has not come yet")
         return self._opened
 
     def _accept(self, message: Event) -> None:
@@ -282,12 +284,11 @@ class DecoderEndpoint(_Endpoint):
                 self._ledger.end(num_frames)
 
     def _accept_hello(self, version: int, config: bytes) -> None:
-        if self._opened is not None:
-            raise ValueError("a second Hello")
         if version != PROTOCOL_VERSION:
             raise ValueError(f"protocol version {version}; this program speaks version {PROTOCOL_VERSION}")
         self._config = decode_config(config)
         self._opened = Ledger(self._config)
+        self._accepted = (Gop, ParityAnswer, End, Failure, KeepAlive)
 
     def send_next_gop(self) -> None:
         """Allow the encoder to send one more group of pictures.

@@ -126,17 +126,22 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
     message_type : type
         One of the message classes.
     config : CodecConfig or None
-        The configuration, once it is known; a `Gop` is bounded by the size of its frames.
+        The configuration; only a `Gop` needs it, which is bounded by the size of its frames.
 
     Returns
     -------
     int
         Bytes.
+
+    Raises
+    ------
+    ValueError
+        If the configuration is needed, but not known.
     """
     if message_type is not Gop:
         return _MAX_PAYLOAD_BYTES[message_type]
     if config is None:
-        return 0
+        raise ValueError("`config` bounds a Gop, got None")
     area_px = (config.video.width + 15) * (config.video.height + 15)
     return 4 * area_px + 2**20 + MAX_HEADER_BYTES * config.gop.length
 

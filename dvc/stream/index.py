@@ -4,14 +4,14 @@ from dataclasses import dataclass
 
 from dvc.bits import decode_varint, encode_varint
 from dvc.errors import BitstreamError
-from dvc.stream.records import CRC_BYTES, Form, framed_size
+from dvc.stream.records import CRC_BYTES, MAX_GOPS, Form, framed_size
 
 SIZE_BYTES = 4
 TRAILER_BYTES = SIZE_BYTES + CRC_BYTES
 """Last bytes of a buffered stream: size of the end record, then its checksum."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class IndexEntry:
     """One GOP record."""
 
@@ -68,7 +68,9 @@ def encode_end(index: StreamIndex, form: Form) -> bytes:
     return payload + framed_size(len(payload) + SIZE_BYTES).to_bytes(SIZE_BYTES, "little")
 
 
-def decode_end(payload: bytes, form: Form, first_offset: int) -> tuple[int, tuple[IndexEntry, ...] | None]:
+def decode_end(
+    payload: bytes, form: Form, first_offset: int, max_gops: int = MAX_GOPS
+) -> tuple[int, tuple[IndexEntry, ...] | None]:
     """Read the payload of the end record; inverse of `encode_end`.
 
     Parameters
@@ -79,6 +81,8 @@ def decode_end(payload: bytes, form: Form, first_offset: int) -> tuple[int, tupl
         Form of the stream.
     first_offset : int
         Of the first GOP record.
+    max_gops : int
+        Most GOPs that the index may have.
 
     Returns
     -------
@@ -95,7 +99,7 @@ def decode_end(payload: bytes, form: Form, first_offset: int) -> tuple[int, tupl
     num_frames, position = decode_varint(payload, 0)
     entries = None
     if form is Form.BUFFERED:
-        entries, position = _decode_entries(payload, position, first_offset)
+        entries, position = _decode_entries(payload, position, first_offset, max_gops)
         if sum(entry.num_frames for entry in entries) != num_frames:
             raise BitstreamError("the index does not add up to the number of frames")
         if payload[position : position + SIZE_BYTES] != framed_size(len(payload)).to_bytes(
@@ -108,10 +112,12 @@ def decode_end(payload: bytes, form: Form, first_offset: int) -> tuple[int, tupl
     return num_frames, entries
 
 
-def _decode_entries(payload: bytes, position: int, offset: int) -> tuple[tuple[IndexEntry, ...], int]:
+def _decode_entries(
+    payload: bytes, position: int, offset: int, max_gops: int
+) -> tuple[tuple[IndexEntry, ...], int]:
     count, position = decode_varint(payload, position)
-    if count > (len(payload) - position) // 2:
-        raise BitstreamError(f"{count} index entries promised, {len(payload) - position} bytes left")
+    if count > max_gops:
+        raise BitstreamError(f"an index of {count} groups of pictures, at most {max_gops} are possible")
     entries = []
     for _ in range(count):
         size, position = decode_varint(payload, position)

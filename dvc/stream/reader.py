@@ -15,6 +15,7 @@ from dvc.stream.records import (
     CRC_BYTES,
     FORMAT_VERSION,
     MAGIC,
+    MAX_GOPS,
     Form,
     Place,
     RecordType,
@@ -46,7 +47,10 @@ class _RecordSource:
         """Read `count` bytes, fewer only where the stream ends; memory grows with what really comes."""
         parts = []
         while count > 0:
-            part = self.file.read(min(count, _CHUNK_BYTES))
+            try:
+                part = self.file.read(min(count, _CHUNK_BYTES))
+            except OSError as err:
+                raise BitstreamError(f"cannot read byte {self.position}: {err.strerror or err}") from err
             if not part:
                 break
             parts.append(part)
@@ -163,6 +167,8 @@ class StreamReader:
     def _accept_gop(self, place: Place, payload: bytes) -> GopRecord:
         if place.type is not RecordType.GOP:
             raise BitstreamError("the configuration must come first and once")
+        if len(self._seen) == MAX_GOPS:
+            raise BitstreamError(f"more than {MAX_GOPS} groups of pictures")
         record = decode_gop(payload)
         limit = self.config.gop.length if self._seen else 1
         if record.num_frames > limit:
@@ -170,7 +176,7 @@ class StreamReader:
         return record
 
     def _check_end(self, payload: bytes) -> None:
-        num_frames, entries = decode_end(payload, self.form, self._first_offset)
+        num_frames, entries = decode_end(payload, self.form, self._first_offset, len(self._seen))
         if num_frames != self._num_frames:
             raise BitstreamError(f"{num_frames} frames promised, {self._num_frames} found")
         if entries is not None and [(entry.size, entry.num_frames) for entry in entries] != self._seen:
@@ -207,7 +213,8 @@ class StreamReader:
         source.seek(end_offset)
         place, payload = source.read_record(None)
         try:
-            num_frames, entries = decode_end(payload, self.form, self._first_offset)
+            max_gops = (end_offset - self._first_offset) // framed_size(1)
+            num_frames, entries = decode_end(payload, self.form, self._first_offset, max_gops)
         except BitstreamError as err:
             raise place.error(str(err)) from err
         assert entries is not None
@@ -222,7 +229,7 @@ class StreamReader:
         entries: list[IndexEntry] = []
         while True:
             place, size, head = source.read_head(len(entries) + 1)
-            if place.type is not RecordType.GOP:
+            if place.type is not RecordType.GOP or len(entries) == MAX_GOPS:
                 break
             beginning = source.read(min(size, MAX_VARINT_BYTES))
             try:
@@ -232,7 +239,7 @@ class StreamReader:
             entries.append(IndexEntry(place.offset, framed_size(size), num_frames))
             source.seek(place.offset + len(head) + size + CRC_BYTES)
         if place.type is not RecordType.END:
-            raise place.error("the configuration must come first and once")
+            raise place.error(f"unexpected after {len(entries)} groups of pictures")
         return StreamIndex(sum(entry.num_frames for entry in entries), tuple(entries))
 
     def seek_gop(self, number: int) -> None:

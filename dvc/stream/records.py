@@ -11,6 +11,7 @@ from dvc.errors import BitstreamError
 MAGIC = b"DV3D"
 FORMAT_VERSION = 1
 MAX_RECORD_BYTES = 64 * 2**20
+MAX_GOPS = 2**20
 CRC_BYTES = 4
 
 
@@ -37,7 +38,7 @@ _NAMES = {
 _MAX_PAYLOAD_BYTES = {
     RecordType.CONFIGURATION: 4096,
     RecordType.GOP: MAX_RECORD_BYTES,
-    RecordType.END: MAX_RECORD_BYTES,
+    RecordType.END: 8 * MAX_GOPS,
 }
 _FORM_BYTES = {Form.BUFFERED: 0, Form.PUNCTURED: 1}
 _FORMS = {byte: form for form, byte in _FORM_BYTES.items()}

@@ -10,6 +10,7 @@ from dvc.stream.index import IndexEntry, StreamIndex, encode_end
 from dvc.stream.records import (
     FORMAT_VERSION,
     MAGIC,
+    MAX_GOPS,
     MAX_RECORD_BYTES,
     Form,
     RecordType,
@@ -61,13 +62,15 @@ class StreamWriter:
         ValueError
             If the stream is closed, or the number of frames does not fit the configuration.
         BitstreamError
-            If the record would be too large.
+            If the record would be too large, or the stream too long.
         """
         if self._closed:
             raise ValueError("the stream is closed")
         limit = self.config.gop.length if self._entries else 1
         if record.num_frames > limit:
             raise ValueError(f"`record` must add {limit} frames or fewer, got {record.num_frames}")
+        if len(self._entries) == MAX_GOPS:
+            raise BitstreamError(f"a stream has at most {MAX_GOPS} groups of pictures")
         payload = encode_gop(record)
         if len(payload) > MAX_RECORD_BYTES:
             raise BitstreamError(
