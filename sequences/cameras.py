@@ -1,0 +1,196 @@
+"""Pinhole cameras: projection, back-projection, fundamental matrices, aiming, and the tremor of a hand.
+
+World axes are x right, y forward, z up, in metres. Camera axes are x right, y down, z forward. The centre of the first
+pixel is at (0, 0), as in OpenCV; image points are (x, y) = (column, row).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera without distortion.
+
+    Parameters
+    ----------
+    K : ndarray of shape (3, 3), float64
+        Intrinsic matrix in pixels.
+    cam_from_world : ndarray of shape (3, 4), float64
+        Rotation and translation ``[R | t]``, metres.
+    width_px, height_px : int
+        Image size.
+    """
+
+    K: Floats
+    cam_from_world: Floats
+    width_px: int
+    height_px: int
+
+    @property
+    def centre(self) -> Floats:
+        """Camera centre in the world, shape (3,), metres."""
+        return -self.cam_from_world[:, :3].T @ self.cam_from_world[:, 3]
+
+    @property
+    def projection(self) -> Floats:
+        """Projection matrix ``K [R | t]``, shape (3, 4)."""
+        return self.K @ self.cam_from_world
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the camera as plain numbers for JSON."""
+        return {
+            "K": self.K.tolist(),
+            "cam_from_world": self.cam_from_world.tolist(),
+            "width_px": self.width_px,
+            "height_px": self.height_px,
+        }
+
+
+def project(camera: Camera, points_in_world: Floats) -> tuple[Floats, Floats]:
+    """Project world points into the image.
+
+    Parameters
+    ----------
+    camera : Camera
+        The view.
+    points_in_world : ndarray of shape (N, 3), float64
+        Points in metres.
+
+    Returns
+    -------
+    xy : ndarray of shape (N, 2), float64
+        Image points in pixels.
+    depth_m : ndarray of shape (N,), float64
+        Depth along the optical axis; negative behind the camera.
+    """
+    homogeneous = points_in_world @ camera.projection[:, :3].T + camera.projection[:, 3]
+    depth = homogeneous[:, 2]
+    return homogeneous[:, :2] / depth[:, None], depth
+
+
+def ray_directions(camera: Camera, xy: Floats) -> Floats:
+    """Return the world directions (N, 3) of image points (N, 2), scaled to advance one metre in depth each."""
+    rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.K).T
+    directions: Floats = rays @ camera.cam_from_world[:, :3]
+    return directions
+
+
+def back_project(camera: Camera, xy: Floats, depth_m: Floats) -> Floats:
+    """Return the world points (N, 3) seen at image points (N, 2) with given depth; inverse of `project`."""
+    return camera.centre + ray_directions(camera, xy) * depth_m[:, None]
+
+
+def fundamental_matrix(a: Camera, b: Camera) -> Floats:
+    """Return `F` (3, 3) with ``x_b.T @ F @ x_a = 0`` for images of one point, scaled to unit norm.
+
+    Parameters
+    ----------
+    a, b : Camera
+        Two views with different centres.
+
+    Returns
+    -------
+    ndarray of shape (3, 3), float64
+        Fundamental matrix.
+    """
+    b_from_a = b.cam_from_world[:, :3] @ a.cam_from_world[:, :3].T
+    t = b.cam_from_world[:, 3] - b_from_a @ a.cam_from_world[:, 3]
+    cross = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
+    matrix: Floats = np.linalg.inv(b.K).T @ cross @ b_from_a @ np.linalg.inv(a.K)
+    return matrix / np.linalg.norm(matrix)
+
+
+def intrinsics(width_px: int, height_px: int, field_of_view_deg: float) -> Floats:
+    """Return `K` (3, 3) of square pixels and a centred principal point for a horizontal field of view."""
+    focal = 0.5 * width_px / math.tan(math.radians(field_of_view_deg) / 2)
+    return np.array(
+        [[focal, 0.0, (width_px - 1) / 2], [0.0, focal, (height_px - 1) / 2], [0.0, 0.0, 1.0]], dtype=np.float64
+    )
+
+
+def look_at(centre: ArrayLike, target: ArrayLike, turn_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
+    """Return ``cam_from_world`` (3, 4) of a camera that stands level and looks at a point.
+
+    Parameters
+    ----------
+    centre, target : array_like of shape (3,)
+        Where it stands and what it looks at, metres.
+    turn_deg : array_like of shape (3,)
+        Small turns applied afterwards about the camera's x, y and z axes (tilt, pan, roll), degrees.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        World to camera.
+    """
+    eye = np.asarray(centre, dtype=np.float64)
+    forward = np.asarray(target, dtype=np.float64) - eye
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])
+    turn = np.radians(np.asarray(turn_deg, dtype=np.float64))
+    for axis, (sine, cosine) in enumerate(zip(np.sin(turn), np.cos(turn), strict=True)):
+        step = np.eye(3)
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        step[i, i], step[i, j], step[j, i], step[j, j] = cosine, -sine, sine, cosine
+        rotation = step @ rotation
+    return np.column_stack([rotation, -rotation @ eye])
+
+
+def tremor(time_s: float, seed: int, lowest_hz: float, highest_hz: float, count: int = 6) -> float:
+    """Return a smooth pseudo-random function of time with unit variance: a sum of sinusoids.
+
+    Parameters
+    ----------
+    time_s : float
+        Any instant.
+    seed : int
+        Chooses frequencies and phases.
+    lowest_hz, highest_hz : float
+        Band of the movement.
+    count : int
+        Number of sinusoids.
+
+    Returns
+    -------
+    float
+        Value at that instant.
+    """
+    rng = np.random.default_rng([seed, 77])
+    frequency = rng.uniform(lowest_hz, highest_hz, count)
+    phase = rng.uniform(0.0, 2 * math.pi, count)
+    return float(math.sqrt(2 / count) * np.sum(np.sin(2 * math.pi * frequency * time_s + phase)))
+
+
+def there_and_back(time: float, period: float, ease: float) -> float:
+    """Fold time into ``[0, period]``, so that a path of finite length serves a sequence of any length.
+
+    Parameters
+    ----------
+    time : float
+        Frame number, not negative; at 0 the camera is already moving.
+    period : float
+        Frames from one end of the path to the other.
+    ease : float
+        Frames before and after a turn in which the speed changes evenly.
+
+    Returns
+    -------
+    float
+        Position on the path, in frames of full speed.
+    """
+    phase = (time + ease) % (2 * period)
+    to_turn = abs(phase - period)
+    rounded = min(to_turn, period - to_turn)
+    if rounded >= ease:
+        return period - to_turn
+    bulge = (rounded - ease) ** 2 / (2 * ease)
+    return period - to_turn + (bulge if to_turn > period / 2 else -bulge)

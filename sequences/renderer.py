@@ -1,0 +1,182 @@
+"""From a built scene and a frame number to a picture with its depth and camera."""
+
+
+from dataclasses import dataclass
+
+
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.video.frames import Frame, check_size
+from sequences import _kernels
+from sequences.cameras import Camera
+from sequences.scenes import Scene
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+VIGNETTING = 0.10
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedFrame:
+    """A picture and the truth about it.
+
+    Parameters
+    ----------
+    frame : Frame
+        Luma and chroma, BT.601 limited range, 4:2:0.
+    depth : ndarray of shape (H, W), float32
+        Depth along the optical axis at the pixel centres, metres; inf for the sky.
+    camera : Camera
+        Intrinsics and pose.
+    """
+
+    frame: Frame
+    depth: Singles
+    camera: Camera
+
+
+def render_frame(
+    scene: Scene,
+    index: int,
+    width: int = 352,
+    height: int = 288,
+    *,
+    samples: int = 3,
+    noise_sigma: float = 0.0,
+) -> RenderedFrame:
+    """Render one frame; the same arguments always give the same bytes.
+
+    Parameters
+    ----------
+    scene : Scene
+        What `sequences.scenes.scene` returned.
+    index : int
+        Frame number, from 0.
+    width, height : int
+        Size in pixels.
+    samples : int
+        Samples per pixel along each axis, odd; they reach over a tent of two pixels.
+    noise_sigma : float
+        Standard deviation of sensor noise in luma levels (half of it in chroma), drawn from the scene's seed
+        and `index`; 0 for none.
+
+    Returns
+    -------
+    RenderedFrame
+        Picture, depth and camera.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range.
+    VideoError
+        If the size is not one that frames may have.
+    """
+    if index < 0:
+        raise ValueError(f"`index` must not be negative, got {index}")
+    if samples < 1 or samples % 2 == 0:
+        raise ValueError(f"`samples` must be odd and positive, got {samples}")
+    if not 0.0 <= noise_sigma < 128.0:
+        raise ValueError(f"`noise_sigma` must be in [0, 128), got {noise_sigma}")
+    check_size(width, height, scene.description.name)
+    camera = scene.camera(index, width, height)
+    linear, depth = _radiance(scene, camera, samples)
+    planes = ycbcr(tone(linear * scene.description.exposure * vignette(width, height)))
+    rng = np.random.default_rng([scene.seed, index, 3]) if noise_sigma > 0 else None
+    return RenderedFrame(to_frame(planes, noise_sigma, rng), depth, camera)
+
+
+def _radiance(scene: Scene, camera: Camera, samples: int) -> tuple[Singles, Singles]:
+    """Return linear colour (H, W, 3) and depth (H, W) of a view."""
+    height, width = camera.height_px, camera.width_px
+    shape = (samples * (height + 1) - 1, samples * (width + 1) - 1)
+    if samples == 1:
+        shape = (height, width)
+    first = -(samples - 1) / samples
+    k = camera.K.copy()
+    k[:2] *= samples
+    k[:2, 2] -= samples * first
+    projected = np.empty_like(scene.surface.points)
+    _kernels.transform(k @ camera.cam_from_world, scene.surface.points, projected)
+    inverse = np.zeros(shape, dtype=np.float32)
+    ids = np.full(shape, -1, dtype=np.int32)
+    _kernels.rasterize(projected, scene.surface.triangles, inverse, ids)
+    colour = np.empty((*shape, 3), dtype=np.float32)
+    world_from_sample = camera.cam_from_world[:, :3].T @ np.linalg.inv(k)
+    _kernels.shade(scene.surface, scene.textures, scene.light, projected, world_from_sample, ids, inverse, colour)
+    pixels = np.empty((height, width, 3), dtype=np.float32)
+    taps = np.convolve(np.ones(samples), np.ones(samples)) / samples**2
+    _kernels.resolve(colour, taps, samples, pixels)
+    with np.errstate(divide="ignore"):
+        depth = np.float32(1.0) / inverse[samples - 1 :: samples, samples - 1 :: samples][:height, :width]
+    return pixels, depth
+
+
+def vignette(width: int, height: int) -> Singles:
+    """Return the fall-off of a lens towards the corners, shape (H, W, 1), at most 1."""
+    x = np.linspace(-1, 1, width) if width > 1 else np.zeros(1)
+    y = np.linspace(-1, 1, height) if height > 1 else np.zeros(1)
+    radius2 = (x[None, :] ** 2 + y[:, None] ** 2) / 2
+    return np.asarray(1.0 - VIGNETTING * radius2, dtype=np.float32)[..., None]
+
+
+def tone(linear: Singles) -> Singles:
+    """Map linear light to display values in [0, 1]: a filmic shoulder and toe, then the sRGB curve.
+
+    Parameters
+    ----------
+    linear : ndarray of shape (..., 3), float32
+        Exposed light, not negative.
+
+    Returns
+    -------
+    ndarray of the same shape, float32
+        Gamma-coded RGB.
+    """
+    x = np.maximum(linear, 0.0)
+    film = np.clip(x * (2.51 * x + 0.13) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
+    mixed = 0.6 * film + 0.4 * (1.0 - np.exp(-1.6 * x))
+    coded = np.where(mixed <= 0.0031308, 12.92 * mixed, 1.055 * np.maximum(mixed, 1e-6) ** (1 / 2.4) - 0.055)
+    return np.asarray(coded, dtype=np.float32)
+
+
+def ycbcr(rgb: Singles) -> tuple[Floats, Floats, Floats]:
+    """Convert gamma-coded RGB in [0, 1] to BT.601 limited range, chroma averaged over 2x2 pixels.
+
+    Parameters
+    ----------
+    rgb : ndarray of shape (H, W, 3), float32
+        Picture.
+
+    Returns
+    -------
+    luma : ndarray of shape (H, W), float64
+        16 to 235.
+    cb, cr : ndarray of shape ((H + 1) // 2, (W + 1) // 2), float64
+        16 to 240; an odd last row or column is repeated.
+    """
+    r, g, b = (rgb[..., i].astype(np.float64) for i in range(3))
+    luma = 16.0 + 65.481 * r + 128.553 * g + 24.966 * b
+    blue = 128.0 - 37.797 * r - 74.203 * g + 112.0 * b
+    red = 128.0 + 112.0 * r - 93.786 * g - 18.214 * b
+    return luma, _halve(blue), _halve(red)
+
+
+def _halve(plane: Floats) -> Floats:
+    height, width = plane.shape
+    even = np.pad(plane, ((0, height % 2), (0, width % 2)), mode="edge")
+    return np.asarray(0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]))
+
+
+def to_frame(planes: tuple[Floats, Floats, Floats], noise_sigma: float, rng: np.random.Generator | None) -> Frame:
+    """Add sensor noise and round to 8 bits."""
+    luma, cb, cr = planes
+    if rng is not None:
+        luma = luma + noise_sigma * rng.standard_normal(luma.shape)
+        cb = cb + 0.5 * noise_sigma * rng.standard_normal(cb.shape)
+        cr = cr + 0.5 * noise_sigma * rng.standard_normal(cr.shape)
+    y, b, r = (np.clip(np.floor(plane + 0.5), 0, 255).astype(np.uint8) for plane in (luma, cb, cr))
+    return Frame(y, (b, r))

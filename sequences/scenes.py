@@ -1,0 +1,158 @@
+"""The rendered scenes: what each is, how its camera moves, and how it is built."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import ConfigError
+from sequences._kernels import Light, Surface, Textures
+from sequences.cameras import Camera, intrinsics
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Description:
+    """What is known of a scene without building it.
+
+    Parameters
+    ----------
+    name : str
+        Name by which it is asked for.
+    frame_rate : Fraction
+        Frames per second.
+    num_frames : int
+        Usual length of a sequence; any other works too.
+    field_of_view_deg : float
+        Horizontal.
+    exposure : float
+        Factor from radiance to the input of the tone curve.
+    shows, motion, purpose : str
+        One sentence each, for the catalogue.
+    motion_px : tuple of float
+        Mean, smallest and largest frame mean of tracked motion at 352x288, in pixels per frame.
+    pose : callable
+        Function of frame number (a float) and seed to ``cam_from_world`` (3, 4).
+    """
+
+    name: str
+    frame_rate: Fraction
+    num_frames: int
+    field_of_view_deg: float
+    exposure: float
+    shows: str
+    motion: str
+    purpose: str
+    motion_px: tuple[float, float, float]
+    pose: Callable[[float, int], Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene that is built and lit, ready to be rendered from any camera.
+
+    Parameters
+    ----------
+    description : Description
+        Name, frame rate, motion.
+    seed : int
+        What textures, plants and tremor were drawn from.
+    surface : Surface
+        Triangles with baked light.
+    textures : Textures
+        Texture atlas and material table.
+    light : Light
+        Sun, sky, haze.
+    """
+
+    description: Description
+    seed: int
+    surface: Surface
+    textures: Textures
+    light: Light
+
+    def camera(self, index: float, width: int = 352, height: int = 288) -> Camera:
+        """Return the camera of a frame.
+
+        Parameters
+        ----------
+        index : float
+            Frame number, from 0; fractions lie between frames.
+        width, height : int
+            Image size in pixels.
+
+        Returns
+        -------
+        Camera
+            Intrinsics and pose.
+        """
+        k = intrinsics(width, height, self.description.field_of_view_deg)
+        return Camera(k, self.description.pose(index, self.seed), width, height)
+
+
+def descriptions() -> dict[str, Description]:
+    """Return the scenes that exist by name, without building them.
+
+    Returns
+    -------
+    dict of str to Description
+        In the order of the catalogue.
+    """
+    from sequences import stairway, statue, street
+
+    return {module.DESCRIPTION.name: module.DESCRIPTION for module in (street, stairway, statue)}
+
+
+@lru_cache(maxsize=3)
+def scene(name: str, seed: int = 0, detail: float = 1.0) -> Scene:
+    """Build a scene; the last three are kept.
+
+    Parameters
+    ----------
+    name : str
+        ``"street"``, ``"stairway"`` or ``"statue"``.
+    seed : int
+        Draws textures, plants, window contents and the tremor of the hand.
+    detail : float
+        Share of the leaves and of the sky directions, in (0, 1]; small values build fast and look coarse.
+
+    Returns
+    -------
+    Scene
+        Geometry, textures and light.
+
+    Raises
+    ------
+    ConfigError
+        If there is no scene of that name.
+    ValueError
+        If `detail` is out of range or `seed` negative.
+    """
+    from sequences import stairway, statue, street
+    from sequences.lighting import illuminate
+    from sequences.textures import build
+
+    if not 0.0 < detail <= 1.0:
+        raise ValueError(f"`detail` must be in (0, 1], got {detail}")
+    if seed < 0:
+        raise ValueError(f"`seed` must not be negative, got {seed}")
+    modules = {"street": street, "stairway": stairway, "statue": statue}
+    if name not in modules:
+        raise ConfigError(f"no scene is called {name!r}; there are {', '.join(modules)}")
+    module = modules[name]
+    mesh = module.geometry(np.random.default_rng([seed, 1]), detail)
+    textures = build(used_materials(mesh.materials), seed)
+    surface, light = illuminate(mesh, textures, module.WEATHER, module.light_maps(detail))
+    return Scene(module.DESCRIPTION, seed, surface, textures, light)
+
+
+def used_materials(numbers: NDArray[np.int32]) -> list[str]:
+    """Return the names of the textures whose numbers occur."""
+    from sequences.textures import MATERIALS
+
+    names = list(MATERIALS)
+    return [names[i] for i in np.unique(numbers)]
