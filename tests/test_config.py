@@ -1,0 +1,257 @@
+"""Codec configuration: checks, dictionaries, header bytes."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc.config import (
+    FIELD_NUMBERS,
+    PRESET_LEVELS,
+    TURBO_FAMILIES,
+    ZIGZAG,
+    CodecConfig,
+    GopConfig,
+    KeyFrameConfig,
+    SideInformationConfig,
+    TurboConfig,
+    VideoConfig,
+    WynerZivConfig,
+    decode_config,
+    encode_config,
+    key_qp_for,
+)
+from dvc.errors import BitstreamError, ConfigError
+
+QCIF = VideoConfig(176, 144, 15, 1)
+VIDEO: dict[str, Any] = {"width": 176, "height": 144, "frame_rate_num": 15, "frame_rate_den": 1}
+DEFAULT = CodecConfig("2d", QCIF)
+
+GOLDEN = Path(__file__).parent / "golden" / "config_format_1.json"
+
+
+@st.composite
+def configs(draw: st.DrawFn) -> CodecConfig:
+    """Draw any valid configuration that differs from the defaults wherever the draw says so."""
+    side = st.integers(1, 4096)
+    rate = st.integers(1, 2**31 - 1)
+    level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
+    return CodecConfig(
+        "2d",
+        VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
+        GopConfig(draw(st.integers(1, 256)), draw(st.booleans())),
+        KeyFrameConfig(draw(st.integers(0, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
+        WynerZivConfig(
+            tuple(draw(st.lists(level, min_size=16, max_size=16))),
+            tuple(sorted(draw(st.sets(st.integers(0, 15))))),
+            draw(st.floats(0, 100, exclude_min=True)),
+        ),
+        TurboConfig(
+            draw(st.sampled_from(TURBO_FAMILIES)),
+            draw(st.integers(0, 2**31 - 1)),
+            draw(st.integers(4, 32)),
+            draw(st.integers(1, 100)),
+        ),
+        SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
+        draw(st.integers(0, 2**31 - 1)),
+    )
+
+
+@given(configs())
+def test_bytes_and_dictionary_give_back_any_configuration(config: CodecConfig) -> None:
+    """Both forms give the configuration back, the dictionary also through JSON text."""
+    assert decode_config(encode_config(config)) == config
+    assert CodecConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
+
+
+def test_defaults_of_format_version_1() -> None:
+    """The defaults are part of the stream format: a stream holds only what differs from them."""
+    found = {"defaults": DEFAULT.to_dict(), "numbers": FIELD_NUMBERS, "header": encode_config(DEFAULT).hex()}
+    if os.environ.get("DVC_REGENERATE") == "1":
+        GOLDEN.write_text(json.dumps(found, indent=1) + "\n")
+    assert json.loads(GOLDEN.read_text()) == found
+
+
+def test_header_of_a_qcif_stream_is_small() -> None:
+    """A header with other quantisers and a key QP stays well below 90 bytes beside the parameter sets."""
+    config = replace(
+        DEFAULT, key=KeyFrameConfig(25, parameter_sets=bytes(30)), wyner_ziv=WynerZivConfig.preset(8)
+    )
+    assert len(encode_config(config)) <= 45 + 30
+
+
+def test_field_numbers_cover_all_fields_once() -> None:
+    """Every field has its own number, and the table is in increasing order of the numbers."""
+
+    def paths(section: Any, prefix: str = "") -> list[str]:
+        found = []
+        for field in fields(section):
+            value = getattr(section, field.name)
+            found += paths(value, f"{field.name}.") if is_dataclass(value) else [prefix + field.name]
+        return found
+
+    assert sorted(paths(DEFAULT)) == sorted(FIELD_NUMBERS)
+    assert list(FIELD_NUMBERS.values()) == sorted(set(FIELD_NUMBERS.values()))
+
+
+def test_zigzag_and_presets_agree_with_the_transform() -> None:
+    """The scan restated here is that of the transform, and presets follow it."""
+    from dvc.wynerziv import transform
+
+    assert [4 * y + x for y, x in np.asarray(transform.ZIGZAG)] == list(ZIGZAG)
+    for q, raster in enumerate(PRESET_LEVELS, start=1):
+        levels = WynerZivConfig.preset(q).levels
+        assert [raster[4 * y + x] for y, x in np.asarray(transform.ZIGZAG)] == list(levels)
+    assert [WynerZivConfig.preset(q).num_planes for q in range(1, 9)] == [10, 11, 17, 30, 36, 45, 50, 63]
+
+
+def test_turbo_families_exist() -> None:
+    """Every family that a configuration accepts is one that the turbo codes have."""
+    from dvc.turbo.codes import family
+
+    assert all(family(name) for name in TURBO_FAMILIES)
+
+
+def test_key_qp_follows_the_quantiser() -> None:
+    """Eight quantisers have their key QP, others are refused."""
+    assert [key_qp_for(q) for q in range(1, 9)] == [40, 39, 38, 34, 34, 32, 29, 25]
+    for q in (0, 9, -1, True, 2.0, "4"):
+        with pytest.raises(ConfigError, match="from 1 to 8"):
+            key_qp_for(q)  # type: ignore[arg-type]
+
+
+def test_sizes_of_planes() -> None:
+    """Incomplete 4x4 blocks count."""
+    assert [VideoConfig(w, h, 25, 1).num_blocks for w, h in ((176, 144), (352, 288), (1, 1), (5, 9))] == [
+        1584,
+        6336,
+        1,
+        6,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("section", "name", "value", "message"),
+    [
+        ("video", "width", 0, "`width` must be from 1 to 16384, got 0"),
+        ("video", "width", 16385, "from 1 to 16384"),
+        ("video", "width", True, "`width` must be of type int, got True"),
+        ("video", "width", 176.0, "of type int"),
+        ("video", "width", "176", "of type int, got '176'"),
+        ("video", "width", None, "of type int"),
+        ("video", "width", 2**14000, "a number of 14001 bits"),
+        ("video", "frame_rate_den", 0, "`frame_rate_den`"),
+        ("video", "luma_only", 1, "of type bool"),
+        ("gop", "length", 257, "from 1 to 256"),
+        ("key", "qp", 52, "from 0 to 51"),
+        ("key", "parameter_sets", "no base64!", "base64"),
+        ("key", "parameter_sets", "A" * 2000, "limited to 1024 bytes"),
+        ("key", "parameter_sets", "\u20ac", "base64"),
+        ("wyner_ziv", "levels", [2] * 15, "16 entries"),
+        ("wyner_ziv", "levels", [3] + [2] * 15, "powers of two"),
+        ("wyner_ziv", "levels", [512] + [2] * 15, "powers of two"),
+        ("wyner_ziv", "levels", [-2] + [2] * 15, "powers of two"),
+        ("wyner_ziv", "levels", [2.0] * 16, "a sequence of integers"),
+        ("wyner_ziv", "levels", 2, "a sequence of integers"),
+        ("wyner_ziv", "refine_after", [0, 2, 2], "increase"),
+        ("wyner_ziv", "refine_after", [16], "below 16"),
+        ("wyner_ziv", "refine_after", [-1], "below 16"),
+        ("wyner_ziv", "max_llr", float("nan"), "finite"),
+        ("wyner_ziv", "max_llr", float("inf"), "finite"),
+        ("wyner_ziv", "max_llr", 2**1328, "finite number, got a number of 1329 bits"),
+        ("wyner_ziv", "max_llr", 0, "above 0"),
+        ("turbo", "family", "ldpc", "one of adaptive, classical, got 'ldpc'"),
+        ("turbo", "interleaver_seed", -1, "`interleaver_seed`"),
+        ("turbo", "crc_bits", 3, "from 4 to 32"),
+        ("turbo", "max_iterations", 0, "`max_iterations`"),
+        ("side_information", "method", "../x", "`method`"),
+        ("side_information", "method", "", "`method`"),
+        ("side_information", "method", "m" * 33, "`method`"),
+        ("side_information", "smoothness", -1, "`smoothness`"),
+        ("side_information", "unknown", 1, "has no field 'unknown'"),
+    ],
+)
+def test_wrong_values_are_refused(section: str, name: str, value: object, message: str) -> None:
+    """A value of the wrong type or out of range is named in one line."""
+    values = DEFAULT.to_dict()
+    values[section][name] = value
+    with pytest.raises(ConfigError, match=message) as caught:
+        CodecConfig.from_dict(values)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 250
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"codec": "4d", "video": VIDEO}, "`codec` must be one of 2d, got '4d'"),
+        ({"video": VIDEO}, "lacks the field `codec`"),
+        ({"codec": "2d"}, "lacks the field `video`"),
+        ({"codec": "2d", "video": {}}, "`video` lacks the field `width`"),
+        ({"codec": "2d", "video": 3}, "`video` must be a table"),
+        ({"codec": "2d", "video": VIDEO, "seed": 2**31}, "`seed`"),
+        ({3: 4}, "has no field 3"),
+        ([], "must be a table"),
+        (None, "must be a table"),
+        ({"codec": "2d", "video": dict(VIDEO, width=8192, height=8192)}, "8192x8192"),
+    ],
+)
+def test_wrong_tables_are_refused(values: object, message: str) -> None:
+    """Missing and unknown sections and fields are named."""
+    with pytest.raises(ConfigError, match=message):
+        CodecConfig.from_dict(values)  # type: ignore[arg-type]
+
+
+def test_constructor_checks_too() -> None:
+    """Sections built in code are checked like those from a dictionary; an integer will do for a float."""
+    with pytest.raises(ConfigError, match="`length`"):
+        GopConfig(0)
+    with pytest.raises(ConfigError, match="of type GopConfig"):
+        CodecConfig("2d", QCIF, gop=2)  # type: ignore[arg-type]
+    assert WynerZivConfig(max_llr=8) == WynerZivConfig(max_llr=8.0)
+
+
+@given(st.binary(max_size=60))
+def test_arbitrary_bytes_raise_only_bitstream_errors(data: bytes) -> None:
+    """Bytes are refused, or are the one form of a configuration."""
+    for tail in (data, encode_config(DEFAULT) + data):
+        try:
+            config = decode_config(tail)
+        except BitstreamError:
+            continue
+        assert encode_config(config) == tail
+
+
+def test_damaged_headers_raise_only_bitstream_errors() -> None:
+    """Every cut and every changed byte of a header is refused, or reads as another valid configuration."""
+    config = CodecConfig("2d", QCIF, key=KeyFrameConfig(25, True, b"\x01\x02"), seed=7)
+    config = replace(
+        config, wyner_ziv=WynerZivConfig.preset(8), side_information=SideInformationConfig("x", 4)
+    )
+    header = encode_config(config)
+    cuts = [header[:size] for size in range(len(header))]
+    changes = [
+        header[:position] + bytes([value]) + header[position + 1 :]
+        for position in range(len(header))
+        for value in range(256)
+    ]
+    for damaged in cuts + changes:
+        try:
+            other = decode_config(damaged)
+        except BitstreamError:
+            continue
+        assert encode_config(other) == damaged
+
+
+def test_importing_the_configuration_is_quick() -> None:
+    """Commands can print their help without numpy."""
+    check = "import dvc.config, sys; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", check], check=False, timeout=60).returncode == 0
