@@ -145,10 +145,7 @@ class WynerZivDecoder:
         self._codes = turbo.family(config.turbo.family)
         self._decoders: dict[int, turbo.TurboDecoder] = {}
         self._settings = turbo.SlepianWolfSettings(
-            family=self._codes,
-            crc_bits=config.turbo.crc_bits,
-            max_llr=config.wyner_ziv.max_llr,
-            max_iterations=config.turbo.max_iterations,
+            family=config.turbo.family, max_prior_llr=config.wyner_ziv.max_llr
         )
 
     @property

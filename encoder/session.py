@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import BinaryIO
 
 from dvc.config import CodecConfig
+from dvc.errors import VideoError
 from dvc.feedback import Connection, EncoderEndpoint, GopDone, ParityRequest
 from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
@@ -48,7 +49,17 @@ class EncoderStatistics:
 
 
 @dataclass
-class _EncodedGroup:
+class EncodedGroup:
+    """One encoded group of pictures.
+
+    Attributes
+    ----------
+    key : bytes
+        The H.264 picture that ends the group.
+    frames : list of EncodedFrame
+        The Wyner-Ziv frames before it.
+    """
+
     key: bytes
     frames: list[EncodedFrame] = field(default_factory=list)
 
@@ -84,8 +95,8 @@ class EncoderSession:
             Called with the number of frames just finished.
         """
         writer = StreamWriter(file, self.config, "buffered")
-        for group in self._groups(frames):
-            encoded = self._encode(group)
+        for group in self.groups(frames):
+            encoded = self.encode(group)
             started = time.process_time()
             payloads = tuple(frame.buffered_payload() for frame in encoded.frames)
             self.statistics.wyner_ziv_cpu_s += time.process_time() - started
@@ -111,14 +122,43 @@ class EncoderSession:
         FeedbackError
             If the peer breaks the protocol, falls silent or goes away.
         """
-        raise NotImplementedError
+        live = _LiveEncoder(self, frames, connection, progress)
+        try:
+            live.run()
+        except VideoError as err:
+            live.give_up(str(err))
+            raise
 
-    def _groups(self, frames: Iterable[Frame]) -> Iterator[Group]:
+    def groups(self, frames: Iterable[Frame]) -> Iterator[Group]:
+        """Cut the sequence into groups of pictures as the configuration says.
+
+        Parameters
+        ----------
+        frames : iterable of Frame
+            The sequence.
+
+        Returns
+        -------
+        iterator of Group
+            See `encoder.groups.groups`.
+        """
         return groups(frames, self.config.gop.length)
 
-    def _encode(self, group: Group) -> _EncodedGroup:
+    def encode(self, group: Group) -> EncodedGroup:
+        """Encode one group of pictures.
+
+        Parameters
+        ----------
+        group : Group
+            Original frames.
+
+        Returns
+        -------
+        EncodedGroup
+            Key frame and Wyner-Ziv frames; parity is computed when it is needed.
+        """
         started = time.process_time()
-        encoded = _EncodedGroup(self._key_encoder.encode(group.key))
+        encoded = EncodedGroup(self._key_encoder.encode(group.key))
         between = time.process_time()
         encoded.frames = [self._wyner_ziv_encoder.encode(frame) for frame in group.wyner_ziv]
         self.statistics.key_cpu_s += between - started
@@ -127,3 +167,52 @@ class EncoderSession:
         self.statistics.num_wyner_ziv_frames += len(encoded.frames)
         self.statistics.key_bits += 8 * len(encoded.key)
         return encoded
+
+
+class _LiveEncoder:
+    """The encoder's end of a live run: sends groups while the decoder has room, answers its requests."""
+
+    def __init__(
+        self, session: EncoderSession, frames: Iterable[Frame], connection: Connection, progress: Progress
+    ) -> None:
+        self._session = session
+        self._source = session.groups(frames)
+        self._connection = connection
+        self._progress = progress
+        self._endpoint = EncoderEndpoint(session.config)
+        self._num_frames = 0
+        self._ended = False
+        self._open: dict[int, dict[int, EncodedFrame]] = {}
+
+    def run(self) -> None:
+        while True:
+            while self._endpoint.num_credits and not self._ended:
+                self._send_group()
+            self._connection.send(self._endpoint.bytes_to_send())
+            if self._endpoint.finished:
+                return
+            for event in self._endpoint.receive(self._connection.receive()):
+                if isinstance(event, ParityRequest):
+                    self._answer(event)
+                elif isinstance(event, GopDone):
+                    self._progress(len(self._open.pop(event.number)) + 1)
+
+    def give_up(self, reason: str) -> None:
+        self._endpoint.send_failure(reason)
+        self._connection.send(self._endpoint.bytes_to_send())
+
+    def _send_group(self) -> None:
+        group = next(self._source, None)
+        if group is None:
+            self._endpoint.send_end()
+            self._ended = True
+            return
+        encoded = self._session.encode(group)
+        headers = tuple(frame.header for frame in encoded.frames)
+        number = self._endpoint.send_gop(GopRecord(len(headers) + 1, encoded.key, b"", headers))
+        self._open[number] = dict(enumerate(encoded.frames, self._num_frames))
+        self._num_frames += len(headers) + 1
+
+    def _answer(self, request: ParityRequest) -> None:
+        frame = next(frames[request.frame] for frames in self._open.values() if request.frame in frames)
+        self._endpoint.send_answer(request.frame, request.plane, frame.answer(request))

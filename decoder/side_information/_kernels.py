@@ -1,7 +1,7 @@
 """Compiled loops of the block-motion methods; validated and described by their callers.
 
-References are *half-sample planes*: ``planes[py, px, y + margin, x + margin]`` is the sample at
-(y + py / 2, x + px / 2). Vectors are in half samples, (vertical, horizontal).
+References are *phase planes*: ``planes[py, px, y + margin, x + margin]`` is the sample at
+(y + py / 4, x + px / 4). Positions and vectors are in quarter samples, (vertical, horizontal).
 """
 
 import numpy as np
@@ -11,10 +11,10 @@ from dvc._jit import kernel
 
 @kernel
 def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size, limit):  # type: ignore[no-untyped-def]
-    """Sum of absolute differences of two blocks, positions in half samples of the padded planes."""
-    plane_a = planes_a[row_a & 1, column_a & 1]
-    plane_b = planes_b[row_b & 1, column_b & 1]
-    return plane_sad(plane_a, row_a >> 1, column_a >> 1, plane_b, row_b >> 1, column_b >> 1, size, limit)
+    """Sum of absolute differences of two blocks, positions in quarter samples of the padded planes."""
+    plane_a = planes_a[row_a & 3, column_a & 3]
+    plane_b = planes_b[row_b & 3, column_b & 3]
+    return plane_sad(plane_a, row_a >> 2, column_a >> 2, plane_b, row_b >> 2, column_b >> 2, size, limit)
 
 
 @kernel
@@ -35,22 +35,22 @@ def plane_sad(plane_a, ya, xa, plane_b, yb, xb, size, limit):  # type: ignore[no
 
 @kernel
 def clamp_position(position, size, length):  # type: ignore[no-untyped-def]
-    """Keep a block of `size` samples inside `length` samples; half-sample units, one spare at the end."""
-    return min(max(position, 0), 2 * (length - size - 1))
+    """Keep a block of `size` samples inside `length` samples; quarter samples, one sample spare at the end."""
+    return min(max(position, 0), 4 * (length - size - 1))
 
 
 @kernel
 def forward_search(planes_a, planes_b, margin, block, window, radius, step, smoothness, starts, vectors):  # type: ignore[no-untyped-def]
     """Full search of every block of frame b in frame a around `starts`, favouring short corrections.
 
-    `vectors` receives the displacement from a to b (half samples) of the block.
+    `vectors` receives the displacement from a to b (quarter samples) of the block.
     """
     height, width = planes_a.shape[2], planes_a.shape[3]
     border = (window - block) // 2
     for i in range(vectors.shape[0]):
         for j in range(vectors.shape[1]):
-            row = clamp_position(2 * (margin + i * block - border), window, height)
-            column = clamp_position(2 * (margin + j * block - border), window, width)
+            row = clamp_position(4 * (margin + i * block - border), window, height)
+            column = clamp_position(4 * (margin + j * block - border), window, width)
             best = np.float64(1e18)
             best_v, best_h = 0, 0
             for v in range(-radius, radius + 1):
@@ -84,7 +84,7 @@ def bilateral_sad(planes_a, planes_b, row, column, dv, dh, window, numerator, de
     row_b, column_b = row_a + dv, column_a + dh
     outside = 0
     for position, length in ((row_a, height), (row_b, height), (column_a, width), (column_b, width)):
-        outside += position < 0 or position > 2 * (length - window - 1)
+        outside += position < 0 or position > 4 * (length - window - 1)
     if outside:
         return np.int64(1) << 40
     return block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, window, limit)
@@ -103,8 +103,8 @@ def refine_bilateral(  # type: ignore[no-untyped-def]
     border = (window - block) // 2
     for i in range(vectors.shape[0]):
         for j in range(vectors.shape[1]):
-            row = clamp_position(2 * (margin + i * block - border), window, height)
-            column = clamp_position(2 * (margin + j * block - border), window, width)
+            row = clamp_position(4 * (margin + i * block - border), window, height)
+            column = clamp_position(4 * (margin + j * block - border), window, width)
             best = np.int64(1) << 41
             best_v, best_h = candidates[i, j, 0, 0], candidates[i, j, 0, 1]
             for k in range(candidates.shape[2]):
@@ -135,8 +135,8 @@ def smoothness_cost(candidates, dv, dh, smoothness):  # type: ignore[no-untyped-
     total = 0
     for k in range(1, 9):
         distance = abs(candidates[k, 0] - dv) + abs(candidates[k, 1] - dh)
-        total += min(distance, 16)
-    return (total * smoothness) >> 4
+        total += min(distance, 32)
+    return (total * smoothness) >> 5
 
 
 @kernel
@@ -160,10 +160,10 @@ def search_target(target, planes, margin, block, window, radius, step, smoothnes
                     if cost >= best:
                         continue
                     dv, dh = start_v + v * step, start_h + h * step
-                    row_r = clamp_position(2 * row + dv, window, height)
-                    column_r = clamp_position(2 * column + dh, window, width)
-                    plane = planes[row_r & 1, column_r & 1]
-                    cost += plane_sad(target, row, column, plane, row_r >> 1, column_r >> 1, window, best - cost)
+                    row_r = clamp_position(4 * row + dv, window, height)
+                    column_r = clamp_position(4 * column + dh, window, width)
+                    plane = planes[row_r & 3, column_r & 3]
+                    cost += plane_sad(target, row, column, plane, row_r >> 2, column_r >> 2, window, best - cost)
                     if cost < best:
                         best = cost
                         offsets[i, j, 0], offsets[i, j, 1] = dv, dh
@@ -180,10 +180,10 @@ def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, tot
     size = 2 * block
     for i in range(offsets.shape[0]):
         for j in range(offsets.shape[1]):
-            row = clamp_position(2 * (margin + i * block - block // 2) + offsets[i, j, 0], size, height)
-            column = clamp_position(2 * (margin + j * block - block // 2) + offsets[i, j, 1], size, width)
-            plane = planes[row & 1, column & 1]
-            y0, x0 = row >> 1, column >> 1
+            row = clamp_position(4 * (margin + i * block - block // 2) + offsets[i, j, 0], size, height)
+            column = clamp_position(4 * (margin + j * block - block // 2) + offsets[i, j, 1], size, width)
+            plane = planes[row & 3, column & 3]
+            y0, x0 = row >> 2, column >> 2
             for y in range(size):
                 for x in range(size):
                     weight = taper[y, x] * weights[i, j]

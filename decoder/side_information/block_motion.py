@@ -22,7 +22,7 @@ from decoder.side_information.planes import (
     Luma,
     Offsets,
     compensate,
-    half_sample_planes,
+    phase_planes,
     halve,
     low_pass,
     resize_field,
@@ -79,7 +79,7 @@ class BlockMotionInterpolation:
         late = numerator / denominator
         weights = [np.full(field.shape[:2], 1.0 - late), np.full(field.shape[:2], late)]
         frames = [before.frame, after.frame]
-        planes = [half_sample_planes(frame.luma) for frame in frames]
+        planes = [phase_planes(frame.luma) for frame in frames]
         luma, compensated = compensate(planes, offsets, weights, block, shape)
         chroma = compensate_chroma(frames, offsets, weights, block)
         rows, columns = -(-shape[0] // BLOCK), -(-shape[1] // BLOCK)
@@ -110,7 +110,7 @@ def estimate_motion(
     Returns
     -------
     ndarray of shape (rows, columns, 2), int64
-        Displacement of each block from `before` to `after`, (vertical, horizontal) in half samples.
+        Displacement of each block from `before` to `after`, (vertical, horizontal) in quarter samples.
     """
     pyramid = [(low_pass(before), low_pass(after))]
     for _ in range(NUM_COARSE_LEVELS):
@@ -118,15 +118,16 @@ def estimate_motion(
     search = _LevelSearch(numerator, denominator)
     field = _forward_field(*pyramid[-1], settings.search_radius)
     for level in range(NUM_COARSE_LEVELS, 0, -1):
-        field = search.run(*pyramid[level], field, block=8, window=16, step=2, smoothness=4 * settings.smoothness)
+        field = search.run(*pyramid[level], field, block=8, window=16, step=4, smoothness=4 * settings.smoothness)
         finer = pyramid[level - 1][0].shape
         side = 8 if level > 1 else 16
         field = resize_field(2 * field, -(-finer[0] // side), -(-finer[1] // side), 2 if level > 1 else 1)
-    field = search.run(*pyramid[0], field, block=16, window=24, step=1, smoothness=4 * settings.smoothness)
+    field = search.run(*pyramid[0], field, block=16, window=24, step=2, smoothness=4 * settings.smoothness)
     block = settings.block_size
     rows, columns = -(-before.shape[0] // block), -(-before.shape[1] // block)
     field = resize_field(field, rows, columns, 16 // block)
-    field = search.run(*pyramid[0], field, block, window=block + 4, step=1, smoothness=settings.smoothness)
+    for step in (2, 1):
+        field = search.run(*pyramid[0], field, block, window=block + 4, step=step, smoothness=settings.smoothness)
     return vector_median(field)
 
 
@@ -136,14 +137,14 @@ def split_field(field: Offsets, numerator: int, denominator: int) -> tuple[Offse
     Parameters
     ----------
     field : ndarray of shape (rows, columns, 2), int64
-        Displacements from the earlier to the later reference, in half samples.
+        Displacements from the earlier to the later reference, in quarter samples.
     numerator, denominator : int
         The missing frame lies at numerator / denominator of the way.
 
     Returns
     -------
     to_before, to_after : ndarray of shape (rows, columns, 2), int64
-        Offsets in half samples; their difference is the displacement.
+        Offsets in quarter samples; their difference is the displacement.
     """
     to_before = -((2 * field * numerator + denominator) // (2 * denominator))
     return to_before, to_before + field
@@ -182,8 +183,8 @@ def _forward_field(before: Luma, after: Luma, radius: int) -> Offsets:
     field = np.zeros((rows, columns, 2), dtype=np.int64)
     starts = np.zeros_like(field)
     radius = min(radius, max(before.shape) // 4)
-    planes = half_sample_planes(before), half_sample_planes(after)
-    _kernels.forward_search(*planes, MARGIN, 8, 16, radius, 2, 0.02, starts, field)
+    planes = phase_planes(before), phase_planes(after)
+    _kernels.forward_search(*planes, MARGIN, 8, 16, radius, 4, 0.02, starts, field)
     return field
 
 
@@ -196,7 +197,7 @@ class _LevelSearch:
     def run(
         self, before: Luma, after: Luma, field: Offsets, block: int, window: int, step: int, smoothness: int
     ) -> Offsets:
-        planes = half_sample_planes(before), half_sample_planes(after)
+        planes = phase_planes(before), phase_planes(after)
         zero = np.zeros((*field.shape[:2], 1, 2), dtype=np.int64)
         for _ in range(2):
             candidates = np.concatenate([_neighbourhood(vector_median(field)), field[:, :, None], zero], axis=2)

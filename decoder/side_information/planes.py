@@ -1,4 +1,4 @@
-"""Half-sample planes of a reference frame, and overlapped block compensation from them."""
+"""Quarter-sample planes of a reference frame, and overlapped block compensation from them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,8 @@ Offsets = NDArray[np.int64]
 Luma = NDArray[np.uint8]
 
 
-def half_sample_planes(plane: Luma, margin: int = MARGIN) -> NDArray[np.uint8]:
-    """Interpolate a plane at half samples with the six-tap filter of H.264.
+def phase_planes(plane: Luma, margin: int = MARGIN) -> NDArray[np.uint8]:
+    """Interpolate a plane at quarter samples as H.264 does: six taps for half samples, then means of two.
 
     Parameters
     ----------
@@ -24,17 +24,32 @@ def half_sample_planes(plane: Luma, margin: int = MARGIN) -> NDArray[np.uint8]:
 
     Returns
     -------
-    ndarray of shape (2, 2, H + 2 margin, W + 2 margin), uint8
-        ``planes[py, px, y + margin, x + margin]`` is the sample at (y + py / 2, x + px / 2).
+    ndarray of shape (4, 4, H + 2 margin, W + 2 margin), uint8
+        ``planes[py, px, y + margin, x + margin]`` is the sample at (y + py / 4, x + px / 4).
     """
-    padded = np.pad(plane.astype(np.int32), margin + 3, mode="edge")
+    padded = np.pad(plane.astype(np.int32), margin + 4, mode="edge")
+    half = np.empty((2, padded.shape[0] - 6, 2, padded.shape[1] - 6), np.int32)
     horizontal = _six_taps(padded, axis=1)
-    planes = np.empty((2, 2, plane.shape[0] + 2 * margin, plane.shape[1] + 2 * margin), np.uint8)
-    planes[0, 0] = padded[3:-3, 3:-3]
-    planes[0, 1] = np.clip((horizontal[3:-3] + 16) >> 5, 0, 255)
-    planes[1, 0] = np.clip((_six_taps(padded, axis=0)[:, 3:-3] + 16) >> 5, 0, 255)
-    planes[1, 1] = np.clip((_six_taps(horizontal, axis=0) + 512) >> 10, 0, 255)
+    half[0, :, 0] = padded[3:-3, 3:-3]
+    half[0, :, 1] = (horizontal[3:-3] + 16) >> 5
+    half[1, :, 0] = (_six_taps(padded, axis=0)[:, 3:-3] + 16) >> 5
+    half[1, :, 1] = (_six_taps(horizontal, axis=0) + 512) >> 10
+    dense = np.clip(half, 0, 255).transpose(1, 0, 2, 3).astype(np.uint16)
+    planes = np.empty((4, 4, plane.shape[0] + 2 * margin, plane.shape[1] + 2 * margin), np.uint8)
+    for py in range(4):
+        rows = _mean_of_two(dense, py, axis=0)
+        for px in range(4):
+            planes[py, px] = _mean_of_two(rows, px, axis=1)
     return planes
+
+
+def _mean_of_two(dense: NDArray[np.uint16], phase: int, axis: int) -> NDArray[np.uint16]:
+    """Phase of a grid at half samples along one axis: (y, half y, half x, x) to (y, half x, x) to (y, x)."""
+    if axis == 0:
+        first, second = dense[1:-1, phase >> 1], dense[1:-1, 1] if phase == 1 else dense[2:, 0]
+    else:
+        first, second = dense[:, phase >> 1, 1:-1], dense[:, 1, 1:-1] if phase == 1 else dense[:, 0, 2:]
+    return (first + second + 1) >> 1 if phase & 1 else first
 
 
 def _six_taps(samples: NDArray[np.int32], axis: int) -> NDArray[np.int32]:
@@ -93,10 +108,10 @@ def compensate(
 
     Parameters
     ----------
-    references : list of ndarray of shape (2, 2, H', W'), uint8
-        Half-sample planes with the standard margin.
+    references : list of ndarray of shape (4, 4, H', W'), uint8
+        Phase planes with the standard margin.
     offsets : list of ndarray of shape (rows, columns, 2), int64
-        Per reference, where each block lies in it: (vertical, horizontal) in half samples.
+        Per reference, where each block lies in it: (vertical, horizontal) in quarter samples.
     weights : list of ndarray of shape (rows, columns), float64
         Per reference, positive weight of each block.
     block : int

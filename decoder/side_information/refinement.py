@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
-from decoder.side_information.planes import MARGIN, Offsets, compensate, half_sample_planes
+from decoder.side_information.planes import MARGIN, Offsets, compensate, phase_planes
 from decoder.side_information.protocol import Prediction
 from dvc.video import Frame
 
 BLOCK = 4
 """Side of the refined blocks: that of the transform, whose coefficients become known block by block."""
-SEARCHES = ((12, 2, 12), (4, 1, 12), (2, 1, 8))
-"""Radius in steps, step in half samples and window side of the first, second and all later searches."""
+SEARCHES = ((12, 4, 12), (4, 2, 12), (2, 1, 8))
+"""Radius in steps, step in quarter samples and window side of the first, second and all later searches."""
 SMOOTHNESS = 4
 
 
@@ -37,14 +37,14 @@ class BlockRefiner:
     references : sequence of Frame
         Decoded frames.
     offsets : sequence of ndarray of shape (rows, columns, 2), int64
-        Per reference, offsets of 4x4 blocks in half samples, where the search starts.
+        Per reference, offsets of 4x4 blocks in quarter samples, where the search starts.
     method : str
         Name that refined predictions carry.
     """
 
     def __init__(self, references: Sequence[Frame], offsets: Sequence[Offsets], method: str) -> None:
         self._references = references
-        self._planes = [half_sample_planes(frame.luma) for frame in references]
+        self._planes = [phase_planes(frame.luma) for frame in references]
         self._offsets = [offset.copy() for offset in offsets]
         self._method = method
         self._num_calls = 0
@@ -69,8 +69,8 @@ class BlockRefiner:
         for planes, offsets in zip(self._planes, self._offsets, strict=True):
             costs = np.empty(offsets.shape[:2], dtype=np.int64)
             _kernels.search_target(target, planes, MARGIN, BLOCK, window, radius, step, SMOOTHNESS, offsets, costs)
-            if step > 1:
-                _kernels.search_target(target, planes, MARGIN, BLOCK, window, 1, 1, SMOOTHNESS, offsets, costs)
+            for finer in (2, 1)[2 - step // 2 :]:
+                _kernels.search_target(target, planes, MARGIN, BLOCK, window, 1, finer, SMOOTHNESS, offsets, costs)
             difference = costs / float(window * window) + 1.0
             weights.append(1.0 / (difference * np.sqrt(difference)))
         luma, compensated = compensate(self._planes, self._offsets, weights, BLOCK, partial.shape)
@@ -91,7 +91,7 @@ def compensate_chroma(
     references : sequence of Frame
         Decoded frames.
     offsets : sequence of ndarray of shape (rows, columns, 2), int64
-        Per reference, offsets of the luma blocks in luma half samples.
+        Per reference, offsets of the luma blocks in luma quarter samples.
     weights : sequence of ndarray of shape (rows, columns), float64
         Per reference, weight of each block.
     block : int
@@ -110,7 +110,7 @@ def compensate_chroma(
         if len(planes) < len(chroma):
             return None
         samples, _ = compensate(
-            [half_sample_planes(plane) for plane in planes], halved, list(weights), block // 2, planes[0].shape
+            [phase_planes(plane) for plane in planes], halved, list(weights), block // 2, planes[0].shape
         )
         predicted.append(np.floor(samples + 0.5).astype(np.uint8))
     return predicted[0], predicted[1]
