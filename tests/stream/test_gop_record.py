@@ -1,0 +1,80 @@
+"""Syntax and bit accounting of a group of pictures."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc.config import MAX_GOP_LENGTH
+from dvc.errors import BitstreamError
+from dvc.stream import GopRecord, RecordType, decode_gop, encode_gop, gop_bits
+from dvc.stream.records import frame_record
+
+payloads = st.lists(st.binary(max_size=300), max_size=6)
+records = st.builds(
+    lambda key, tracks, frames: GopRecord(len(frames) + 1, key, tracks, tuple(frames)),
+    st.binary(max_size=300),
+    st.binary(max_size=200),
+    payloads,
+)
+
+
+@given(records)
+def test_decode_gives_back_what_was_encoded(record: GopRecord) -> None:
+    """Any group of pictures comes back."""
+    assert decode_gop(encode_gop(record)) == record
+
+
+@given(records)
+def test_every_bit_is_accounted_for(record: GopRecord) -> None:
+    """Header, key, tracks and Wyner-Ziv bits add up to the record in the file."""
+    bits = gop_bits(record)
+    assert bits.total == 8 * len(frame_record(RecordType.GOP, encode_gop(record)))
+    assert bits.key == 8 * len(record.key)
+    assert bits.tracks == 8 * len(record.tracks)
+    assert bits.wyner_ziv == tuple(8 * len(payload) for payload in record.wyner_ziv)
+
+
+def test_overhead_is_small() -> None:
+    """A record costs eight bytes, a Wyner-Ziv payload one or two, absent tracks nothing."""
+    bits = gop_bits(GopRecord(3, bytes(1500), b"", (bytes(127), bytes(128))))
+    assert (bits.header, bits.tracks, bits.wyner_ziv_header) == (8 * 8, 0, (8, 16))
+
+
+def test_limits_of_a_record() -> None:
+    """As many payloads as there are Wyner-Ziv frames, and no more frames than a GOP may have."""
+    longest = GopRecord(MAX_GOP_LENGTH, b"k", b"", (b"",) * (MAX_GOP_LENGTH - 1))
+    assert decode_gop(encode_gop(longest)) == longest
+    for num_frames, num_payloads in ((0, 0), (2, 0), (1, 1), (MAX_GOP_LENGTH + 1, MAX_GOP_LENGTH), (-1, 0)):
+        with pytest.raises(ValueError, match=r"`num_frames`|`wyner_ziv`"):
+            GopRecord(num_frames, b"", b"", (b"",) * num_payloads)
+
+
+@pytest.mark.parametrize(
+    ("payload", "message"),
+    [
+        (b"", "data end within an integer"),
+        (b"\x00", "0 frames"),
+        (b"\x01", "0 frames"),
+        (b"\x82\x04", "257 frames"),
+        (b"\xff\xff\xff\xff\x7f", "frames"),
+        (b"\x03\x00", "announced, but empty"),
+        (b"\x03\x05abcd", "5 bytes where at most|5 bytes promised, 4 left"),
+        (b"\x04", "data end within an integer"),
+        (b"\x04\xff\xff\xff\xff\x7f", "bytes where at most"),
+        (b"\x04\x03ab", "3 bytes promised, 2 left"),
+    ],
+)
+def test_malformed_payloads_are_refused(payload: bytes, message: str) -> None:
+    """Numbers that do not fit are named."""
+    with pytest.raises(BitstreamError, match=message):
+        decode_gop(payload)
+
+
+@given(st.binary(max_size=40))
+def test_arbitrary_payloads_raise_only_bitstream_errors(payload: bytes) -> None:
+    """Bytes are refused, or are the one form of a group of pictures."""
+    try:
+        record = decode_gop(payload)
+    except BitstreamError:
+        return
+    assert encode_gop(record) == payload

@@ -1,0 +1,411 @@
+"""Streams: written, read in order and at random, from files and pipes, whole and damaged."""
+
+import io
+import os
+import threading
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO, cast
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc.bits import encode_varint
+from dvc.config import CodecConfig, GopConfig, VideoConfig
+from dvc.errors import BitstreamError
+from dvc.stream import (
+    Form,
+    GopRecord,
+    RecordType,
+    StreamReader,
+    StreamWriter,
+    encode_gop,
+    gop_bits,
+    read_index,
+)
+from dvc.stream.records import frame_record
+
+CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4))
+RECORDS = [
+    GopRecord(1, b"first key"),
+    GopRecord(4, b"a key" * 40, b"", (b"wz 1" * 40, b"", b"wz 3")),
+    GopRecord(4, b"", b"tracks", (b"wz 5", b"wz 6", b"wz 7")),
+    GopRecord(2, b"last key", b"", (b"wz 9",)),
+]
+forms = pytest.mark.parametrize("form", list(Form))
+
+
+def write(form: Form | str, records: list[GopRecord], config: CodecConfig = CONFIG) -> bytes:
+    """Return a stream of these records."""
+    file = io.BytesIO()
+    with StreamWriter(file, config, form) as writer:
+        for record in records:
+            writer.write_gop(record)
+    assert writer.num_bytes == len(file.getvalue())
+    return file.getvalue()
+
+
+def read_before_error(source: bytes | BinaryIO) -> tuple[list[GopRecord], str]:
+    """Return the records that a reader yields before it raises, and the message."""
+    records: list[GopRecord] = []
+    try:
+        for record in StreamReader(io.BytesIO(source) if isinstance(source, bytes) else source):
+            records.append(record)
+    except BitstreamError as err:
+        return records, str(err)
+    return records, ""
+
+
+@forms
+@given(
+    lengths=st.lists(st.integers(1, 4), max_size=6),
+    rng=st.integers(0, 2**32).map(np.random.default_rng),
+)
+def test_streams_come_back(form: Form, lengths: list[int], rng: np.random.Generator) -> None:
+    """Any sequence of groups of pictures comes back, in order and by number, with its sizes."""
+    lengths = [1, *lengths] if lengths else []
+    records = [
+        GopRecord(
+            n,
+            rng.bytes(int(rng.integers(200))),
+            b"",
+            tuple(rng.bytes(int(rng.integers(200))) for _ in range(n - 1)),
+        )
+        for n in lengths
+    ]
+    data = write(form, records)
+    reader = StreamReader(io.BytesIO(data))
+    assert (reader.config, reader.form) == (CONFIG, form)
+    assert list(reader) == records
+    assert list(reader) == []
+    assert [8 * entry.size for entry in reader.index.entries] == [
+        gop_bits(record).total for record in records
+    ]
+    assert [entry.num_frames for entry in reader.index.entries] == lengths
+    assert reader.index.num_frames == sum(lengths)
+    for number in range(len(records) + 1):
+        reader.seek_gop(number)
+        assert list(reader) == records[number:]
+
+
+@forms
+def test_seeking_before_and_while_reading(form: Form, tmp_path: Path) -> None:
+    """Reading goes on from the GOP that was asked for; looking at the index moves nothing."""
+    path = tmp_path / "s.dvc"
+    path.write_bytes(write(form, RECORDS))
+    with StreamReader(path) as reader:
+        reader.seek_gop(2)
+        assert next(reader) == RECORDS[2]
+        assert reader.index.first_frame(2) == 5
+        assert next(reader) == RECORDS[3]
+        reader.seek_gop(0)
+        assert list(reader) == RECORDS
+        for number in (-1, 5):
+            with pytest.raises(ValueError, match="`number` must be from 0 to 4"):
+                reader.seek_gop(number)
+    assert read_index(path).num_frames == 11
+
+
+def test_punctured_form_pays_for_no_index() -> None:
+    """The end of a punctured stream takes seven bytes; a buffered one has more."""
+    head = len(write("punctured", [])) - 7
+    sizes = [gop_bits(record).total // 8 for record in RECORDS]
+    assert len(write("punctured", RECORDS)) == head + sum(sizes) + 7
+    assert len(write("buffered", RECORDS)) > head + sum(sizes) + 7
+
+
+def test_writer_refuses_what_readers_would() -> None:
+    """The first GOP is one key frame, others are no longer than configured, and nothing follows the end."""
+    writer = StreamWriter(io.BytesIO(), CONFIG, "buffered")
+    with pytest.raises(ValueError, match="must add 1 frames or fewer"):
+        writer.write_gop(RECORDS[1])
+    writer.write_gop(RECORDS[0])
+    with pytest.raises(ValueError, match="must add 4 frames or fewer, got 5"):
+        writer.write_gop(GopRecord(5, b"", b"", (b"",) * 4))
+    with pytest.raises(BitstreamError, match="takes 67108865 bytes"):
+        writer.write_gop(GopRecord(1, bytes(2**26)))
+    writer.close()
+    writer.close()
+    with pytest.raises(ValueError, match="closed"):
+        writer.write_gop(RECORDS[0])
+    with pytest.raises(ValueError, match="compressed"):
+        StreamWriter(io.BytesIO(), CONFIG, "compressed")
+
+
+def test_failed_writing_leaves_no_end() -> None:
+    """A stream whose writing failed is recognised as cut."""
+    file = io.BytesIO()
+
+    def fail() -> None:
+        with StreamWriter(file, CONFIG, "buffered") as writer:
+            writer.write_gop(RECORDS[0])
+            raise KeyError("stop")
+
+    with pytest.raises(KeyError):
+        fail()
+    records, message = read_before_error(file.getvalue())
+    assert records == RECORDS[:1]
+    assert "ends without its end record" in message
+
+
+@forms
+def test_pipes_are_read_in_order(form: Form) -> None:
+    """A stream that cannot be searched is read all the same, while it is being written."""
+    read_end, write_end = os.pipe()
+
+    def fill() -> None:
+        with open(write_end, "wb") as file, StreamWriter(file, CONFIG, form) as writer:
+            for record in RECORDS:
+                writer.write_gop(record)
+
+    thread = threading.Thread(target=fill)
+    thread.start()
+    with open(read_end, "rb") as file:
+        reader = StreamReader(file)
+        assert list(reader) == RECORDS
+        with pytest.raises(BitstreamError, match="pipe"):
+            reader.seek_gop(0)
+    thread.join()
+
+
+class Dribble(io.RawIOBase):
+    """A file that gives a few bytes at a time."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        part, self.data = self.data[: min(size, 3)], self.data[min(size, 3) :]
+        return part
+
+
+def test_short_reads_are_put_together() -> None:
+    """A file may give fewer bytes than asked for."""
+    assert list(StreamReader(cast(BinaryIO, Dribble(write("buffered", RECORDS))))) == RECORDS
+
+
+@forms
+def test_every_cut_is_noticed(form: Form) -> None:
+    """However much of a stream is there, its whole GOPs are read and then the error is raised."""
+    data = write(form, RECORDS)
+    entries = StreamReader(io.BytesIO(data)).index.entries
+    for size in range(len(data)):
+        records, message = read_before_error(data[:size]) if size >= entries[0].offset else ([], "")
+        if size < entries[0].offset:
+            with pytest.raises(BitstreamError):
+                StreamReader(io.BytesIO(data[:size]))
+            continue
+        num_whole = sum(entry.offset + entry.size <= size for entry in entries)
+        assert records == RECORDS[:num_whole]
+        assert message.startswith(f"record {num_whole + 1} ")
+        assert read_before_error(cast(BinaryIO, Dribble(data[:size])))[0] == records
+
+
+@forms
+def test_every_changed_byte_is_noticed(form: Form) -> None:
+    """Any byte changed anywhere raises, after all GOPs before it."""
+    data = write(form, RECORDS)
+    entries = StreamReader(io.BytesIO(data)).index.entries
+    for position in range(len(data)):
+        for change in (0x01, 0x80, 0xFF):
+            damaged = bytearray(data)
+            damaged[position] ^= change
+            records, message = read_before_error(bytes(damaged))
+            num_whole = sum(entry.offset + entry.size <= position for entry in entries)
+            assert message
+            assert "\n" not in message
+            assert records == RECORDS[:num_whole]
+
+
+def test_messages_name_record_type_and_offset() -> None:
+    """A message says what is wrong with which record, and where it starts."""
+    data = write("buffered", RECORDS)
+    offset = StreamReader(io.BytesIO(data)).index.entries[1].offset
+    damaged = bytearray(data)
+    damaged[offset + 20] ^= 4
+    assert read_before_error(bytes(damaged))[1] == (
+        f"record 2 (group of pictures) at byte {offset}: checksum mismatch"
+    )
+    assert "record 2 (group of pictures) at byte" in read_before_error(data[: offset + 40])[1]
+    damaged = bytearray(data)
+    damaged[offset] = 9
+    assert read_before_error(bytes(damaged))[1] == f"record 2 at byte {offset}: unknown type 9"
+    assert read_before_error(data + b"!")[1].endswith("bytes follow the end record")
+
+
+def head(form: Form) -> bytes:
+    """Return the beginning of a stream, up to its first GOP record."""
+    data = write(form, [])
+    return data[: len(data) - (7 if form is Form.PUNCTURED else 12)]
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda start, gop, end: b"", "not a dvc3d stream"),
+        (lambda start, gop, end: b"RIFF" + start[4:], "not a dvc3d stream"),
+        (lambda start, gop, end: start[:4], "format version missing"),
+        (
+            lambda start, gop, end: start[:4] + b"\x09" + start[5:],
+            "format version 9; this program reads version 1",
+        ),
+        (
+            lambda start, gop, end: start[:5] + gop + end,
+            r"record 0 \(group of pictures\) .*must be the configuration",
+        ),
+        (lambda start, gop, end: start + start[5:] + end, r"record 1 \(configuration\) .*first and once"),
+        (lambda start, gop, end: start + gop + gop, "ends without its end record"),
+        (lambda start, gop, end: start + gop + end[:-1], "bytes promised"),
+        (lambda start, gop, end: start + end, "1 frames promised, 0 found"),
+        (lambda start, gop, end: start + gop + gop + end, "1 frames promised, 2 found"),
+        (lambda start, gop, end: start + gop + end + end, "bytes follow"),
+        (
+            lambda start, gop, end: start + b"\x02" + b"\xff" * 4 + b"\x7f",
+            "bytes of payload, at most 67108864",
+        ),
+        (lambda start, gop, end: start + b"\x02" + b"\x80" * 5 + b"\x01", "length: integer"),
+        (lambda start, gop, end: start + b"\x02", "length: data end"),
+        (
+            lambda start, gop, end: start + frame_record(RecordType.GOP, encode_gop(RECORDS[1])) + end,
+            "4 frames where at most 1 are allowed",
+        ),
+        (
+            lambda start, gop, end: start + gop + frame_record(RecordType.GOP, b"\x0a" + bytes(9)) + end,
+            "5 frames where at most 4 are allowed",
+        ),
+        (
+            lambda start, gop, end: start + gop + frame_record(RecordType.END, b"\x01\x00"),
+            "1 bytes are left over",
+        ),
+        (
+            lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x02"),
+            "record 0 .*neither",
+        ),
+        (
+            lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b""),
+            "record 0 .*neither",
+        ),
+        (
+            lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x01\x7f"),
+            r"record 0 \(configuration\) at byte 5: configuration field 127 is unknown",
+        ),
+    ],
+)
+def test_wrong_order_and_sizes_are_refused(
+    build: Callable[[bytes, bytes, bytes], bytes], message: str
+) -> None:
+    """Records with a right checksum, but out of place or with wrong numbers, are refused by name."""
+    gop = frame_record(RecordType.GOP, encode_gop(RECORDS[0]))
+    data = build(head(Form.PUNCTURED), gop, frame_record(RecordType.END, b"\x01"))
+    with pytest.raises(BitstreamError, match=message):
+        list(StreamReader(io.BytesIO(data)))
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"\x01",
+        b"\x01\x01",
+        b"\x01\x01\x11\x01",
+        b"\x01\x01\x11\x01\x00\x00\x00\x00",
+        b"\x01\x01\x12\x01\x0e\x00\x00\x00",
+        b"\x01\x01\x11\x02\x0e\x00\x00\x00",
+        b"\x01\x02\x08\x01\x09\x00\x10\x00\x00\x00",
+        b"\x01\xff\xff\xff\xff\x7f" + bytes(30),
+    ],
+)
+def test_wrong_index_is_refused(payload: bytes) -> None:
+    """An index that is cut or does not agree with the records is refused, read in order or from the end."""
+    gop = frame_record(RecordType.GOP, encode_gop(RECORDS[0]))
+    data = head(Form.BUFFERED) + gop + frame_record(RecordType.END, payload)
+    assert read_before_error(data)[0] == RECORDS[:1]
+    assert "record 2 (end)" in read_before_error(data)[1]
+    with pytest.raises(BitstreamError):
+        _ = StreamReader(io.BytesIO(data)).index
+
+
+def test_index_of_damaged_streams_is_refused(tmp_path: Path) -> None:
+    """Random access to a stream with a damaged end or a damaged length fails with a message."""
+    for form in Form:
+        data = write(form, RECORDS)
+        for size in range(len(head(form)), len(data), 3):
+            (tmp_path / "cut.dvc").write_bytes(data[:size])
+            with pytest.raises(BitstreamError):
+                read_index(tmp_path / "cut.dvc")
+    extra = write("punctured", RECORDS)[:-7] + head(Form.PUNCTURED)[5:]
+    with pytest.raises(BitstreamError, match="unexpected after 4 groups"):
+        _ = StreamReader(io.BytesIO(extra)).index
+    with pytest.raises(BitstreamError, match=r"record 1 .* 0 frames"):
+        _ = StreamReader(io.BytesIO(head(Form.PUNCTURED) + frame_record(RecordType.GOP, b"\x00"))).index
+
+
+def test_unreadable_files_are_bitstream_errors(tmp_path: Path) -> None:
+    """A missing file and a folder end with one line."""
+    for path in (tmp_path, tmp_path / "missing.dvc"):
+        with pytest.raises(BitstreamError, match="cannot read"):
+            StreamReader(path)
+
+
+def test_random_mutations_raise_only_bitstream_errors() -> None:
+    """Ten thousand random changes, cuts and insertions never raise anything else."""
+    rng = np.random.default_rng(20)
+    streams = [write(form, RECORDS) for form in Form]
+    for trial in range(10000):
+        data = bytearray(streams[trial % 2])
+        for _ in range(rng.integers(1, 4)):
+            first, last = sorted(rng.integers(0, len(data) + 1, 2))
+            data[first : min(last, first + 4)] = rng.bytes(int(rng.integers(0, 5)))
+        read_outcome(bytes(data))
+
+
+@given(st.binary(max_size=60))
+def test_arbitrary_payloads_behind_right_checksums(payload: bytes) -> None:
+    """What a hostile writer frames correctly raises only `BitstreamError`."""
+    for form in Form:
+        for record_type in RecordType:
+            read_outcome(head(form) + frame_record(record_type, payload))
+    read_outcome(head(Form.PUNCTURED)[:5] + frame_record(RecordType.CONFIGURATION, b"\x01" + payload))
+
+
+def read_outcome(data: bytes) -> None:
+    """Read a stream in order and its index; let only errors other than `BitstreamError` escape."""
+    try:
+        reader = StreamReader(io.BytesIO(data))
+    except BitstreamError:
+        return
+    for action in (lambda: list(reader), lambda: reader.index, lambda: reader.seek_gop(0)):
+        try:
+            action()
+        except BitstreamError:
+            continue
+
+
+def test_promises_cost_no_memory() -> None:
+    """A length that the file does not hold is refused before memory is spent on it, also from a pipe."""
+    data = head(Form.BUFFERED) + b"\x02" + encode_varint(2**26 - 1) + b"short"
+    index = frame_record(RecordType.END, b"\x01" + encode_varint(2**20) + bytes(100))
+    tracemalloc.start()
+    for file in (io.BytesIO(data), Dribble(data), io.BytesIO(head(Form.BUFFERED) + index)):
+        with pytest.raises(BitstreamError):
+            list(StreamReader(cast(BinaryIO, file)))
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak_bytes < 2**20
+
+
+def test_memory_is_that_of_one_gop() -> None:
+    """Reading a long stream holds one record at a time."""
+    data = write("punctured", [GopRecord(1, bytes(2**18))] * 40)
+    tracemalloc.start()
+    for record in StreamReader(io.BytesIO(data)):
+        assert len(record.key) == 2**18
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak_bytes < 2**21
