@@ -8,7 +8,6 @@ NUM_LANES = 32
 """Trellis windows that one SISO call runs in lock step, one per SIMD lane."""
 
 _ONE = np.float32(1.0)
-_HALF = np.float32(0.5)
 _LOG2E = np.float32(1.4426950408889634)
 _LN2 = np.float32(0.6931471805599453)
 # Least squares at Chebyshev nodes: 2**f on [0, 1), relative error 3.5e-6; log(m) on [1, 2), error 1.7e-6.
@@ -36,157 +35,248 @@ _L0, _L1, _L2, _L3, _L4, _L5, _L6 = (
 )
 _METRIC_FLOOR = np.float32(1e-14)
 _SUM_FLOOR = np.float32(1e-30)
-_MAX_EXTRINSIC = np.float32(24.0)
+_ZERO = np.float32(0.0)
+MAX_EXTRINSIC = np.float32(24.0)
+
+# Rows of NUM_LANES values that make up the record of one trellis step; the metrics of all states follow.
+ROW_ALLOW0, ROW_ALLOW1, ROW_SUM0, ROW_SUM1, ROW_SCALE, ROW_METRIC = range(6)
+_ALLOW0, _ALLOW1, _SUM0, _SUM1, _SCALE, _METRIC = (row * NUM_LANES for row in range(6))
 
 
 @kernel
 def bit_probabilities(llr, prob0, prob1):
-    """Turn LLRs into p(0) and p(1): prob1 = 1 / (1 + exp(llr)), all arrays flat float32, |llr| < 80."""
-    scratch = np.empty(llr.size, np.float32)
-    bits = scratch.view(np.int32)
+    """Turn LLRs into p(0) and p(1): prob1 = 1 / (1 + exp(llr)); flat float32 arrays, |llr| < 80."""
+    power = np.empty(llr.size, np.float32)
+    power_bits = power.view(np.int32)
     for i in range(llr.size):
         x = llr[i] * _LOG2E
         whole = np.floor(x)
         f = x - whole
         prob0[i] = _E0 + f * (_E1 + f * (_E2 + f * (_E3 + f * _E4)))
-        bits[i] = (np.int32(whole) + np.int32(127)) << np.int32(23)
+        power_bits[i] = (np.int32(whole) + np.int32(127)) << np.int32(23)
     for i in range(llr.size):
-        z = prob0[i] * scratch[i]
-        q = _ONE / (_ONE + z)
+        odds = prob0[i] * power[i]
+        q = _ONE / (_ONE + odds)
         prob1[i] = q
-        prob0[i] = z * q
+        prob0[i] = odds * q
 
 
 @kernel
-def log_ratio(sum0, sum1, llr):
-    """Write log(sum0 / sum1) to `llr`, clipped to the largest extrinsic LLR; all arrays flat float32."""
-    bits = sum0.view(np.int32)
-    exponent = np.empty(llr.size, np.float32)
-    for i in range(llr.size):
-        sum0[i] = (sum0[i] + _SUM_FLOOR) / (sum1[i] + _SUM_FLOOR)
-    for i in range(llr.size):
-        b = bits[i]
-        exponent[i] = np.float32((b >> np.int32(23)) - np.int32(127))
-        bits[i] = (b & np.int32(0x7FFFFF)) | np.int32(0x3F800000)
-    for i in range(llr.size):
-        m = sum0[i]
-        y = _L0 + m * (_L1 + m * (_L2 + m * (_L3 + m * (_L4 + m * (_L5 + m * _L6)))))
-        y = y + exponent[i] * _LN2
-        llr[i] = min(max(y, -_MAX_EXTRINSIC), _MAX_EXTRINSIC)
+def _log_mantissa(m):
+    return _L0 + m * (_L1 + m * (_L2 + m * (_L3 + m * (_L4 + m * (_L5 + m * _L6)))))
 
 
 @kernel
-def siso_forward_backward(
-    next_state, output, previous, prob0, prob1, allow0, allow1, alpha, alpha_edge, beta_edge, sum0, sum1
-):
-    """Run one BCJR pass over all lanes in lock step.
+def log_clipped(ratio, llr, limit):
+    """Write log(ratio), clipped to +-limit, to `llr`; flat float32 arrays, ratio > 0 is overwritten."""
+    ratio_bits = ratio.view(np.int32)
+    for i in range(llr.size):
+        b = ratio_bits[i]
+        llr[i] = np.float32((b >> np.int32(23)) - np.int32(127)) * _LN2
+        ratio_bits[i] = (b & np.int32(0x7FFFFF)) | np.int32(0x3F800000)
+    for i in range(llr.size):
+        llr[i] = min(max(llr[i] + _log_mantissa(ratio[i]), -limit), limit)
 
-    prob0, prob1, allow0, allow1, sum0, sum1 : (L, W) float32; alpha : (L + 1, S, W) float32 scratch;
-    alpha_edge, beta_edge : (S, W) metrics at the two ends of every lane, replaced by what this pass finds
-    at the lane's *other* end (alpha after its last step, beta before its first).
+
+@kernel
+def _select(label, g00, g01, g10, g11):
+    if label == 0:
+        return g00
+    if label == 1:
+        return g01
+    if label == 2:
+        return g10
+    return g11
+
+
+def make_siso(num_states, input_mask, parity_mask):
+    """Build the BCJR pass over all lanes of one trellis, which must be constant to be vectorised.
+
+    Bit s of the masks is the input bit, and the parity bit, of the transition that leaves state s by shifting a 0 in; the
+    transition that shifts a 1 in has both inverted. States k and k + S/2 share the successors 2k and 2k + 1.
     """
-    num_steps = prob0.shape[0]
-    num_states = next_state.shape[0]
-    gamma = np.empty((4, NUM_LANES), np.float32)
-    total = np.empty(NUM_LANES, np.float32)
-    beta = np.empty((num_states, NUM_LANES), np.float32)
-    beta_new = np.empty((num_states, NUM_LANES), np.float32)
-    for s in range(num_states):
+    half = num_states // 2
+
+    @kernel
+    def siso(prob0, prob1, work, edges):
+        """Run forward and backward recursions; all lanes in lock step.
+
+        prob0, prob1 : (L * W,) a priori probabilities; work : (L + 1, R, W) flattened, R = ROW_METRIC + S, holds
+        in rows ROW_ALLOW0 and ROW_ALLOW1 of each step which parity is possible, receives in ROW_SUM0 and ROW_SUM1
+        the extrinsic sums of alpha * beta; edges : (2, S * W) metrics at the start and the end of
+        every lane, replaced by the metrics at its end and its start. Everything is float32.
+        """
+        record = (ROW_METRIC + num_states) * NUM_LANES
+        num_steps = prob0.size // NUM_LANES
+        head = work[:record]
+        for i in range(num_states * NUM_LANES):
+            head[_METRIC + i] = edges[0, i]
         for w in range(NUM_LANES):
-            alpha[0, s, w] = alpha_edge[s, w]
-            beta[s, w] = beta_edge[s, w]
-    for t in range(num_steps):
-        for w in range(NUM_LANES):
-            gamma[0, w] = prob0[t, w] * allow0[t, w]
-            gamma[1, w] = prob0[t, w] * allow1[t, w]
-            gamma[2, w] = prob1[t, w] * allow0[t, w]
-            gamma[3, w] = prob1[t, w] * allow1[t, w]
-            total[w] = _SUM_FLOOR
-        for s in range(num_states):
-            sa = previous[s, 0]
-            ga = previous[s, 1]
-            sb = previous[s, 2]
-            gb = previous[s, 3]
+            head[_SCALE + w] = _ONE
+        for t in range(num_steps):
+            now = work[t * record : (t + 2) * record]
+            p0_now = prob0[t * NUM_LANES : (t + 1) * NUM_LANES]
+            p1_now = prob1[t * NUM_LANES : (t + 1) * NUM_LANES]
             for w in range(NUM_LANES):
-                x = alpha[t, sa, w] * gamma[ga, w] + alpha[t, sb, w] * gamma[gb, w]
-                alpha[t + 1, s, w] = x
-                total[w] += x
+                c0 = now[_ALLOW0 + w] * now[_SCALE + w]
+                c1 = now[_ALLOW1 + w] * now[_SCALE + w]
+                g00 = p0_now[w] * c0
+                g01 = p0_now[w] * c1
+                g10 = p1_now[w] * c0
+                g11 = p1_now[w] * c1
+                total = _SUM_FLOOR
+                for k in range(half):
+                    low = now[_METRIC + k * NUM_LANES + w]
+                    high = now[_METRIC + (k + half) * NUM_LANES + w]
+                    i = ((input_mask >> k) & 1) * 2 + ((parity_mask >> k) & 1)
+                    j = ((input_mask >> (k + half)) & 1) * 2 + ((parity_mask >> (k + half)) & 1)
+                    x0 = low * _select(i, g00, g01, g10, g11) + high * _select(j, g00, g01, g10, g11)
+                    x1 = low * _select(3 - i, g00, g01, g10, g11) + high * _select(3 - j, g00, g01, g10, g11)
+                    x0 = max(x0, _METRIC_FLOOR)
+                    x1 = max(x1, _METRIC_FLOOR)
+                    total += x0 + x1
+                    now[record + _METRIC + 2 * k * NUM_LANES + w] = x0
+                    now[record + _METRIC + (2 * k + 1) * NUM_LANES + w] = x1
+                now[record + _SCALE + w] = _ONE / total
+        tail = work[num_steps * record : (num_steps + 1) * record]
+        for i in range(num_states * NUM_LANES):
+            metric = tail[_METRIC + i]
+            tail[_METRIC + i] = edges[1, i]
+            edges[0, i] = metric
         for w in range(NUM_LANES):
-            total[w] = _ONE / total[w]
-        for s in range(num_states):
+            tail[_SCALE + w] = _ONE
+        for back in range(num_steps):
+            t = num_steps - 1 - back
+            now = work[t * record : (t + 2) * record]
+            p0_now = prob0[t * NUM_LANES : (t + 1) * NUM_LANES]
+            p1_now = prob1[t * NUM_LANES : (t + 1) * NUM_LANES]
             for w in range(NUM_LANES):
-                alpha[t + 1, s, w] = max(alpha[t + 1, s, w] * total[w], _METRIC_FLOOR)
-    for s in range(num_states):
-        for w in range(NUM_LANES):
-            alpha_edge[s, w] = alpha[num_steps, s, w]
-    for t in range(num_steps - 1, -1, -1):
-        for w in range(NUM_LANES):
-            sum0[t, w] = np.float32(0.0)
-            sum1[t, w] = np.float32(0.0)
-            total[w] = _SUM_FLOOR
-            gamma[0, w] = allow0[t, w]
-            gamma[1, w] = allow1[t, w]
-        for s in range(num_states):
-            n0 = next_state[s, 0]
-            n1 = next_state[s, 1]
-            v0 = output[s, 0]
-            v1 = output[s, 1]
-            for w in range(NUM_LANES):
-                x0 = gamma[v0, w] * beta[n0, w]
-                x1 = gamma[v1, w] * beta[n1, w]
-                sum0[t, w] += alpha[t, s, w] * x0
-                sum1[t, w] += alpha[t, s, w] * x1
-                y = x0 * prob0[t, w] + x1 * prob1[t, w]
-                beta_new[s, w] = y
-                total[w] += y
-        for w in range(NUM_LANES):
-            total[w] = _ONE / total[w]
-        for s in range(num_states):
-            for w in range(NUM_LANES):
-                beta[s, w] = max(beta_new[s, w] * total[w], _METRIC_FLOOR)
-    for s in range(num_states):
-        for w in range(NUM_LANES):
-            beta_edge[s, w] = beta[s, w]
+                c0 = now[_ALLOW0 + w] * now[record + _SCALE + w]
+                c1 = now[_ALLOW1 + w] * now[record + _SCALE + w]
+                p0 = p0_now[w]
+                p1 = p1_now[w]
+                sum0 = _ZERO
+                sum1 = _ZERO
+                total = _SUM_FLOOR
+                for k in range(half):
+                    even = now[record + _METRIC + 2 * k * NUM_LANES + w]
+                    odd = now[record + _METRIC + (2 * k + 1) * NUM_LANES + w]
+                    e0 = even * c0
+                    e1 = even * c1
+                    o0 = odd * c0
+                    o1 = odd * c1
+                    i = ((input_mask >> k) & 1) * 2 + ((parity_mask >> k) & 1)
+                    j = ((input_mask >> (k + half)) & 1) * 2 + ((parity_mask >> (k + half)) & 1)
+                    low = now[_METRIC + k * NUM_LANES + w]
+                    y0 = _select(i, e0, e1, o1, o0)
+                    y1 = _select(i, o1, o0, e0, e1)
+                    sum0 += low * y0
+                    sum1 += low * y1
+                    beta_low = max(y0 * p0 + y1 * p1, _METRIC_FLOOR)
+                    high = now[_METRIC + (k + half) * NUM_LANES + w]
+                    y0 = _select(j, e0, e1, o1, o0)
+                    y1 = _select(j, o1, o0, e0, e1)
+                    sum0 += high * y0
+                    sum1 += high * y1
+                    beta_high = max(y0 * p0 + y1 * p1, _METRIC_FLOOR)
+                    total += beta_low + beta_high
+                    now[_METRIC + k * NUM_LANES + w] = beta_low
+                    now[_METRIC + (k + half) * NUM_LANES + w] = beta_high
+                now[_SUM0 + w] = sum0
+                now[_SUM1 + w] = sum1
+                now[_SCALE + w] = _ONE / total
+        for i in range(num_states * NUM_LANES):
+            edges[1, i] = head[_METRIC + i]
+
+    return siso
 
 
 @kernel
-def combine(llr_ch, first_copy, step_of_copy, llr_e, llr_a, llr):
-    """Pass messages at the bits: totals to `llr`, and to each copy the total without its own extrinsic."""
-    for n in range(llr_ch.size):
-        total = llr_ch[n]
-        for j in range(first_copy[n], first_copy[n + 1]):
-            total += llr_e[step_of_copy[j]]
-        llr[n] = total
-        for j in range(first_copy[n], first_copy[n + 1]):
-            k = step_of_copy[j]
-            llr_a[k] = min(max(total - llr_e[k], -_MAX_EXTRINSIC), _MAX_EXTRINSIC)
+def combine(llr_ch, bit_of_cell, llr_e, llr_a, llr):
+    """Pass messages at the bits: totals to `llr`, and to each copy the total without its own extrinsic.
+
+    The last element of `llr_ch` and `llr` belongs to the cells that pad the lanes.
+    """
+    for n in range(llr.size):
+        llr[n] = llr_ch[n]
+    for i in range(llr_e.size):
+        llr[bit_of_cell[i]] += llr_e[i]
+    for i in range(llr_e.size):
+        llr_a[i] = min(max(llr[bit_of_cell[i]] - llr_e[i], -MAX_EXTRINSIC), MAX_EXTRINSIC)
 
 
 @kernel
 def decide(llr, decisions):
-    """Write hard decisions and return how many of them changed."""
-    changed = 0
-    for n in range(llr.size):
-        bit = np.uint8(llr[n] < np.float32(0.0))
-        changed += bit != decisions[n]
-        decisions[n] = bit
-    return changed
+    """Write hard decisions."""
+    for n in range(decisions.size):
+        decisions[n] = np.uint8(llr[n] < _ZERO)
 
 
 @kernel
-def count_violations(decisions, bit_at_step, section_starts, next_state, output, parity):
-    """Count the received parity bits (0 or 1 in `parity`, -1 for none) that re-encoded decisions break."""
+def satisfies(decisions, bit_at_step, section_starts, next_state, output, parity):
+    """Say whether re-encoded decisions agree with the received parity bits (-1 in `parity`: none received)."""
     state = 0
     section = 0
-    violations = 0
     for k in range(bit_at_step.size):
         if section < section_starts.size and k == section_starts[section]:
             state = 0
             section += 1
         bit = decisions[bit_at_step[k]]
-        violations += (parity[k] >= 0) & (output[state, bit] != parity[k])
+        if parity[k] >= 0 and output[state, bit] != parity[k]:
+            return False
         state = next_state[state, bit]
-    return violations
+    return True
+
+
+@kernel
+def exchange_edges(edges, opens, closes):
+    """Hand the metrics at the ends of every lane to its neighbours; sections start in state 0 and end anywhere."""
+    num_states = edges.shape[1] // NUM_LANES
+    for s in range(num_states):
+        row = s * NUM_LANES
+        for w in range(NUM_LANES - 1, 0, -1):
+            edges[0, row + w] = edges[0, row + w - 1]
+        for w in range(NUM_LANES - 1):
+            edges[1, row + w] = edges[1, row + w + 1]
+        for w in range(NUM_LANES):
+            if opens[w]:
+                edges[0, row + w] = _ONE if s == 0 else _ZERO
+            if closes[w]:
+                edges[1, row + w] = _ONE
+
+
+@kernel
+def take_sums(work, edges, prob0, llr_e):
+    """Turn the sums that a BCJR pass left in `work` into clipped extrinsic LLRs; `prob0` is scratch."""
+    num_steps = llr_e.size // NUM_LANES
+    record = ROW_METRIC * NUM_LANES + edges.shape[1]
+    for t in range(num_steps):
+        sums = work[t * record + _SUM0 : t * record + _SUM0 + 2 * NUM_LANES]
+        target = prob0[t * NUM_LANES : (t + 1) * NUM_LANES]
+        for w in range(NUM_LANES):
+            target[w] = (sums[w] + _SUM_FLOOR) / (sums[NUM_LANES + w] + _SUM_FLOOR)
+    log_clipped(prob0, llr_e, MAX_EXTRINSIC)
+
+
+@kernel
+def prepare_pass(llr_ch, bit_of_cell, messages, llr):
+    """Turn extrinsic LLRs (row 1 of `messages`) into a priori LLRs (row 0) and probabilities (rows 2 and 3)."""
+    combine(llr_ch, bit_of_cell, messages[1], messages[0], llr)
+    bit_probabilities(messages[0], messages[2], messages[3])
+
+
+@kernel
+def finish_pass(lanes, code_bits, tables, llr_ch, work, edges, messages, llr, decisions):
+    """Pass messages after a BCJR pass, decide, and say whether the decisions satisfy all received parity.
+
+    lanes : (bit_of_cell, opens, closes); code_bits : (bit_at_step, section_starts, parity); tables : (next_state, output).
+    """
+    bit_of_cell, opens, closes = lanes
+    exchange_edges(edges, opens, closes)
+    take_sums(work, edges, messages[2], messages[1])
+    prepare_pass(llr_ch, bit_of_cell, messages, llr)
+    decide(llr, decisions)
+    return satisfies(decisions, code_bits[0], code_bits[1], tables[0], tables[1], code_bits[2])
 
 
 @kernel

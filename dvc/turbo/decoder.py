@@ -1,5 +1,6 @@
 """Iterative decoding of one bit plane from its side information and the parity received so far."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,16 +32,15 @@ class LaneLayout:
         Whether the lane starts a section, in state zero.
     closes : ndarray of shape (W,), bool
         Whether the lane ends a section, in an unknown state.
-    first_copy, step_of_copy : ndarray, int32
-        The cells of bit n are ``step_of_copy[first_copy[n]:first_copy[n + 1]]``.
+    bit_of_cell : ndarray of shape (L * W,), int32
+        Bit of the plane that enters there; N where a lane is padded.
     """
 
     num_steps: int
     cell_of_step: NDArray[np.int32]
     opens: NDArray[np.bool_]
     closes: NDArray[np.bool_]
-    first_copy: NDArray[np.int32]
-    step_of_copy: NDArray[np.int32]
+    bit_of_cell: NDArray[np.int32]
 
 
 @lru_cache(maxsize=64)
@@ -75,11 +75,30 @@ def lane_layout(code: TurboCode, num_bits: int, seed: int) -> LaneLayout:
         cell_of_step[start:end] = (k % num_steps) * NUM_LANES + lane + k // num_steps
         opens[lane + 1 : lane + lanes_each] = False
         closes[lane : lane + lanes_each - 1] = False
-    by_bit = np.argsort(layout.bit_at_step, kind="stable")
-    first_copy = np.concatenate([[0], np.cumsum(np.bincount(layout.bit_at_step, minlength=num_bits))])
-    return LaneLayout(
-        num_steps, cell_of_step, opens, closes, first_copy.astype(np.int32), cell_of_step[by_bit]
-    )
+    bit_of_cell = np.full(num_steps * NUM_LANES, num_bits, np.int32)
+    bit_of_cell[cell_of_step] = layout.bit_at_step
+    return LaneLayout(num_steps, cell_of_step, opens, closes, bit_of_cell)
+
+
+@lru_cache(maxsize=64)
+def siso_kernel(feedback: int, feedforward: int) -> Callable[..., None]:
+    """Return the compiled BCJR pass of an RSC code.
+
+    Parameters
+    ----------
+    feedback, feedforward : int
+        Polynomials in D; bit i is the coefficient of D to the i-th.
+
+    Returns
+    -------
+    callable
+        See `dvc.turbo._kernels.make_siso`.
+    """
+    from dvc.turbo import _kernels
+
+    table = trellis(feedback, feedforward)
+    kernel: Callable[..., None] = _kernels.make_siso(table.num_states, table.input_mask, table.parity_mask)
+    return kernel
 
 
 class TurboDecoder:
@@ -96,7 +115,7 @@ class TurboDecoder:
     """
 
     def __init__(self, code: TurboCode, num_bits: int, interleaver_seed: int) -> None:
-        from dvc.turbo._kernels import NUM_LANES
+        from dvc.turbo import _kernels
 
         self.code = code
         self.num_bits = num_bits
@@ -106,21 +125,22 @@ class TurboDecoder:
         self._order = release_order(code, num_bits)
         self._lanes = lane_layout(code, num_bits, interleaver_seed)
         self._trellis: Trellis = trellis(code.feedback, code.feedforward)
-        num_states = self._trellis.num_states
-        shape = (self._lanes.num_steps, NUM_LANES)
-        self._llr_a, self._llr_e, self._prob0, self._prob1, self._sum0, self._sum1 = (
-            np.zeros(shape, np.float32) for _ in range(6)
-        )
-        self._allow0, self._allow1 = np.ones(shape, np.float32), np.ones(shape, np.float32)
-        self._alpha = np.empty((shape[0] + 1, num_states, NUM_LANES), np.float32)
-        self._alpha_edge = np.empty((num_states, NUM_LANES), np.float32)
-        self._beta_edge = np.empty((num_states, NUM_LANES), np.float32)
+        self._record = _kernels.ROW_METRIC + self._trellis.num_states
+        self._work = np.zeros((self._lanes.num_steps + 1, self._record, _kernels.NUM_LANES), np.float32)
+        self._messages = np.zeros((4, self._lanes.num_steps * _kernels.NUM_LANES), np.float32)
+        self._edges = np.empty((2, self._trellis.num_states * _kernels.NUM_LANES), np.float32)
+        self._siso = siso_kernel(code.feedback, code.feedforward)
         self._parity = np.full(self._layout.num_steps, -1, np.int8)
-        self._llr_ch = np.zeros(num_bits, np.float32)
-        self.llr: NDArray[np.float32] = np.zeros(num_bits, np.float32)
+        self._llr_ch = np.zeros(num_bits + 1, np.float32)
+        self._llr = np.zeros(num_bits + 1, np.float32)
         self.decisions: NDArray[np.uint8] = np.zeros(num_bits, np.uint8)
         self.num_parity = 0
         self.parity_satisfied = True
+
+    @property
+    def llr(self) -> NDArray[np.float32]:
+        """A posteriori LLRs of the bits, shape (N,), float32; a view of the decoder's state."""
+        return self._llr[:-1]
 
     def start(self, llr_ch: ArrayLike) -> None:
         """Begin a new plane.
@@ -138,17 +158,14 @@ class TurboDecoder:
         llr = np.asarray(llr_ch, np.float32)
         if llr.shape != (self.num_bits,) or np.isnan(llr).any():
             raise ValueError(f"`llr_ch` must be {self.num_bits} numbers, got shape {llr.shape}")
-        self._llr_ch = np.clip(llr, -MAX_CHANNEL_LLR, MAX_CHANNEL_LLR)
-        self._llr_e.fill(0)
-        self._llr_a.fill(0)
-        self._allow0.fill(1)
-        self._allow1.fill(1)
+        self._llr_ch[:-1] = np.clip(llr, -MAX_CHANNEL_LLR, MAX_CHANNEL_LLR)
+        self._messages.fill(0)
+        self._work[:, :2] = 1
         self._parity.fill(-1)
-        self._alpha_edge.fill(1 / self._trellis.num_states)
-        self._alpha_edge[:, self._lanes.opens] = 0
-        self._alpha_edge[0, self._lanes.opens] = 1
-        self._beta_edge.fill(1 / self._trellis.num_states)
-        self.llr = self._llr_ch.copy()
+        lanes, edges = self._lanes, self._edges.reshape(2, self._trellis.num_states, -1)
+        edges.fill(1)
+        edges[0, 1:, lanes.opens] = 0
+        self._llr[:] = self._llr_ch
         self.decisions = (self.llr < 0).astype(np.uint8)
         self.num_parity = 0
         self.parity_satisfied = True
@@ -174,9 +191,9 @@ class TurboDecoder:
             )
         steps = self._order[self.num_parity : end]
         self._parity[steps] = bits
-        cells = self._lanes.cell_of_step[steps]
-        self._allow0.reshape(-1)[cells] = 1 - bits.astype(np.float32)
-        self._allow1.reshape(-1)[cells] = bits
+        t, lane = np.divmod(self._lanes.cell_of_step[steps], self._work.shape[2])
+        self._work[t, 0, lane] = 1 - bits.astype(np.float32)
+        self._work[t, 1, lane] = bits
         self.num_parity = end
         self._check_parity()
 
@@ -195,59 +212,38 @@ class TurboDecoder:
         """
         from dvc.turbo import _kernels
 
-        lanes = self._lanes
-        flat = [
-            a.reshape(-1)
-            for a in (self._llr_a, self._llr_e, self._prob0, self._prob1, self._sum0, self._sum1)
-        ]
-        llr_a, llr_e, prob0, prob1, sum0, sum1 = flat
+        lanes, table = self._lanes, self._trellis
+        lane_arrays = (lanes.bit_of_cell, lanes.opens, lanes.closes)
+        code_bits = (self._layout.bit_at_step, self._starts, self._parity)
+        tables = (table.next_state, table.output)
+        work = self._work.reshape(-1)
+        prob0, prob1 = self._messages[2], self._messages[3]
+        _kernels.prepare_pass(self._llr_ch, lanes.bit_of_cell, self._messages, self._llr)
         for done in range(1, max_iterations + 1):
-            _kernels.combine(self._llr_ch, lanes.first_copy, lanes.step_of_copy, llr_e, llr_a, self.llr)
-            _kernels.bit_probabilities(llr_a, prob0, prob1)
-            _kernels.siso_forward_backward(
-                self._trellis.next_state,
-                self._trellis.output,
-                self._trellis.previous,
-                self._prob0,
-                self._prob1,
-                self._allow0,
-                self._allow1,
-                self._alpha,
-                self._alpha_edge,
-                self._beta_edge,
-                self._sum0,
-                self._sum1,
+            self._siso(prob0, prob1, work, self._edges)
+            self.parity_satisfied = _kernels.finish_pass(
+                lane_arrays,
+                code_bits,
+                tables,
+                self._llr_ch,
+                work,
+                self._edges,
+                self._messages,
+                self._llr,
+                self.decisions,
             )
-            self._exchange_edges()
-            _kernels.log_ratio(sum0, sum1, llr_e)
-            _kernels.combine(self._llr_ch, lanes.first_copy, lanes.step_of_copy, llr_e, llr_a, self.llr)
-            if _kernels.decide(self.llr, self.decisions):
-                self._check_parity()
             if self.parity_satisfied:
                 return done
         return max_iterations
 
-    def _exchange_edges(self) -> None:
-        """Hand the metrics at the end of every lane to its neighbour for the next pass."""
-        lanes = self._lanes
-        alpha = np.roll(self._alpha_edge, 1, axis=1)
-        alpha[:, lanes.opens] = 0
-        alpha[0, lanes.opens] = 1
-        beta = np.roll(self._beta_edge, -1, axis=1)
-        beta[:, lanes.closes] = 1 / self._trellis.num_states
-        self._alpha_edge, self._beta_edge = alpha, beta
-
     def _check_parity(self) -> None:
         from dvc.turbo import _kernels
 
-        self.parity_satisfied = (
-            _kernels.count_violations(
-                self.decisions,
-                self._layout.bit_at_step,
-                self._starts,
-                self._trellis.next_state,
-                self._trellis.output,
-                self._parity,
-            )
-            == 0
+        self.parity_satisfied = _kernels.satisfies(
+            self.decisions,
+            self._layout.bit_at_step,
+            self._starts,
+            self._trellis.next_state,
+            self._trellis.output,
+            self._parity,
         )

@@ -20,13 +20,15 @@ class Trellis:
         State after input bit 0 or 1.
     output : ndarray of shape (S, 2), int64
         Parity bit that the transition emits.
-    previous : ndarray of shape (S, 4), int64
-        For each state the two transitions that end in it: origin and branch label ``2 * input + parity``, twice.
+    input_mask, parity_mask : int
+        Bit s is the input, and the parity, of the transition that leaves state s by shifting a 0 in; the
+        other one has both inverted.
     """
 
     next_state: NDArray[np.int64]
     output: NDArray[np.int64]
-    previous: NDArray[np.int64]
+    input_mask: int
+    parity_mask: int
 
     @property
     def num_states(self) -> int:
@@ -109,14 +111,12 @@ def trellis(feedback: int, feedforward: int) -> Trellis:
     num_states = 1 << memory(feedback, feedforward)
     next_state = np.zeros((num_states, 2), np.int64)
     output = np.zeros((num_states, 2), np.int64)
-    incoming: list[list[int]] = [[] for _ in range(num_states)]
+    input_mask = parity_mask = 0
     for state in range(num_states):
         for bit in range(2):
-            target, parity = step(state, bit, feedback, feedforward)
-            next_state[state, bit] = target
-            output[state, bit] = parity
-            incoming[target] += [state, 2 * bit + parity]
-    previous = np.array(incoming, np.int64)
-    for table in (next_state, output, previous):
-        table.flags.writeable = False
-    return Trellis(next_state, output, previous)
+            next_state[state, bit], output[state, bit] = step(state, bit, feedback, feedforward)
+            if next_state[state, bit] & 1 == 0:
+                input_mask |= bit << state
+                parity_mask |= int(output[state, bit]) << state
+    next_state.flags.writeable = output.flags.writeable = False
+    return Trellis(next_state, output, input_mask, parity_mask)
