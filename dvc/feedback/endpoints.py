@@ -291,15 +291,15 @@ class DecoderEndpoint(_Endpoint):
         self._accepted = (Gop, ParityAnswer, End, Failure, KeepAlive)
 
     def send_next_gop(self) -> None:
-        """Allow the encoder to send one more group of pictures.
+        """Allow the encoder to send one more group of pictures; does nothing once the end has come.
 
         Raises
         ------
         ValueError
-            If `Hello` has not come yet, the end has, or `MAX_OPEN_GOPS` are open or asked for.
+            If `Hello` has not come yet, or `MAX_OPEN_GOPS` are open or asked for.
         """
         if self._ledger.ended:
-            raise ValueError("there are no more groups of pictures")
+            return
         self._ledger.add_credit()
         self._send(NextGop())
 

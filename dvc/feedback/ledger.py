@@ -6,7 +6,7 @@ step is its own, a breach of the protocol if it is the peer's.
 
 from dataclasses import dataclass, field
 
-from dvc.config import MAX_CRC_BITS, CodecConfig
+from dvc.config import CodecConfig
 from dvc.feedback.messages import KINDS, ParityRequest
 
 MAX_OPEN_GOPS = 16
@@ -48,7 +48,7 @@ class Ledger:
         self._num_planes = config.wyner_ziv.num_planes
         self._num_codes = len(family(config.turbo.family))
         self._limits = {
-            "crc": MAX_CRC_BITS,
+            "crc": config.turbo.crc_bits,
             "parity": config.video.num_blocks,
             "plain": config.video.num_blocks,
         }

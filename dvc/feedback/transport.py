@@ -1,16 +1,21 @@
 """Moves the bytes of the feedback channel over TCP: one peer, timeouts, nothing else."""
 
+import contextlib
 import select
 import socket
 import time
+from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from dvc.errors import ConfigError, FeedbackError
 
 DEFAULT_TIMEOUT_S = 30.0
 _CHUNK_BYTES = 2**18
 _RETRY_S = 0.1
+_LINGER_S = 1.0
+_LINGER_BYTES = 2**24
+_Address = Any  # what `socket` takes for an address depends on the family
 
 
 def parse_address(text: str) -> tuple[str, int]:
@@ -44,8 +49,8 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 def _shown(address: tuple[object, ...]) -> str:
-    host, port = address[0], address[1]
-    return f"[{host}]:{port}" if ":" in str(host) else f"{host}:{port}"
+    host, port = ascii(address[0])[1:81].removesuffix("'"), address[1]
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 class Connection:
@@ -134,8 +139,16 @@ class Connection:
         return FeedbackError(f"the other side ({self.name}) went away: {err.strerror or err}")
 
     def close(self) -> None:
-        """Close the connection; what was sent still arrives."""
-        self._socket.close()
+        """Close the connection; what was sent still arrives, if the peer reads it within a second."""
+        deadline_s, num_bytes = time.monotonic() + _LINGER_S, 0
+        with self._socket, contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_WR)
+            while num_bytes < _LINGER_BYTES and (left_s := deadline_s - time.monotonic()) > 0:
+                self._socket.settimeout(left_s)
+                data = self._socket.recv(_CHUNK_BYTES)  # closing on unread bytes would cut off the peer
+                if not data:
+                    break
+                num_bytes += len(data)
 
     def __enter__(self) -> Self:
         return self
@@ -184,8 +197,8 @@ class Listener:
         FeedbackError
             If nobody connects.
         """
-        self._socket.settimeout(timeout_s)
         try:
+            self._socket.settimeout(timeout_s)
             peer, _ = self._socket.accept()
         except TimeoutError as err:
             raise FeedbackError(f"nobody connected to {self.name} within {timeout_s:g} s") from err
@@ -228,19 +241,16 @@ def listen(host: str = "localhost", port: int = 0) -> Listener:
     FeedbackError
         If the address is not to be had.
     """
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listening = socket.socket(family, kind, protocol)
-    except OSError as err:
-        raise FeedbackError(f"cannot listen on {_shown((host, port))}: {err.strerror or err}") from err
-    try:
+
+    def bind(listening: socket.socket, address: _Address) -> None:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind(address)
         listening.listen(1)
+
+    try:
+        return Listener(_open_socket(host, port, bind))
     except OSError as err:
-        listening.close()
         raise FeedbackError(f"cannot listen on {_shown((host, port))}: {err.strerror or err}") from err
-    return Listener(listening)
 
 
 def connect(host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> Connection:
@@ -266,10 +276,14 @@ def connect(host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> Conne
         If nobody listens there.
     """
     deadline_s = time.monotonic() + timeout_s
+
+    def dial(peer: socket.socket, address: _Address) -> None:
+        peer.settimeout(max(_RETRY_S, deadline_s - time.monotonic()))
+        peer.connect(address)
+
     while True:
-        left_s = max(_RETRY_S, deadline_s - time.monotonic())
         try:
-            return Connection(_connect_once(host, port, left_s), timeout_s)
+            return Connection(_open_socket(host, port, dial), timeout_s)
         except (ConnectionRefusedError, TimeoutError) as err:
             if time.monotonic() + _RETRY_S >= deadline_s:
                 raise FeedbackError(f"nobody listens on {_shown((host, port))}") from err
@@ -278,17 +292,20 @@ def connect(host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> Conne
             raise FeedbackError(f"cannot connect to {_shown((host, port))}: {err.strerror or err}") from err
 
 
-def _connect_once(host: str, port: int, timeout_s: float) -> socket.socket:
-    """Try every address that a host name stands for; raise the error of the last."""
+def _open_socket(host: str, port: int, use: Callable[[socket.socket, _Address], None]) -> socket.socket:
+    """Use a new socket with every address that a host name stands for, until one works."""
     failure: OSError = ConnectionRefusedError()
-    for family, kind, protocol, _, address in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM):
-        peer = socket.socket(family, kind, protocol)
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    except ValueError as err:
+        raise OSError(0, "not the name of a host") from err
+    for family, kind, protocol, _, address in found:
+        opened = socket.socket(family, kind, protocol)
         try:
-            peer.settimeout(timeout_s)
-            peer.connect(address)
+            use(opened, address)
         except OSError as err:
-            peer.close()
+            opened.close()
             failure = err
         else:
-            return peer
+            return opened
     raise failure

@@ -1,0 +1,506 @@
+"""The two ends of the feedback channel, connected in memory."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from dvc.config import CodecConfig, GopConfig, VideoConfig, encode_config
+from dvc.errors import FeedbackError
+from dvc.feedback import (
+    MAX_OPEN_GOPS,
+    DecoderEndpoint,
+    EncoderEndpoint,
+    End,
+    Event,
+    Failure,
+    Gop,
+    GopDone,
+    Hello,
+    KeepAlive,
+    NextGop,
+    ParityAnswer,
+    ParityRequest,
+)
+from dvc.feedback.messages import Message, encode_message
+from dvc.stream import GopRecord
+
+CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4))
+NUM_BITS = 1584
+RECORDS = [
+    GopRecord(1, b"first key"),
+    GopRecord(4, b"key" * 100, b"", (b"header 1", b"", b"header 3")),
+    GopRecord(2, b"another key", b"tracks", (b"header 5",)),
+    GopRecord(3, b"last key", b"", (b"header 7", b"header 8")),
+]
+
+
+ALL_BITS = np.random.default_rng(1).integers(0, 2, (12, 30, NUM_BITS), np.uint8)
+
+
+def plane_bits(frame: int, plane: int, start: int, count: int) -> NDArray[np.uint8]:
+    """Return bits of a plane that both ends know."""
+    return ALL_BITS[frame, plane, start : start + count]
+
+
+@dataclass
+class Encoder:
+    """An encoder that sends `RECORDS` as it is asked to, and answers at once."""
+
+    endpoint: EncoderEndpoint = field(default_factory=lambda: EncoderEndpoint(CONFIG))
+    records: deque[GopRecord] = field(default_factory=lambda: deque(RECORDS))
+
+    def react(self, data: bytes) -> None:
+        for event in self.endpoint.receive(data):
+            match event:
+                case ParityRequest(frame, plane, _, _, start, count):
+                    self.endpoint.send_answer(frame, plane, plane_bits(frame, plane, start, count))
+                case NextGop() if self.records:
+                    self.endpoint.send_gop(self.records.popleft())
+                    if not self.records:
+                        self.endpoint.send_end()
+
+
+@dataclass
+class Decoder:
+    """A decoder that keeps two GOPs open and decodes two planes of all their frames at once."""
+
+    endpoint: DecoderEndpoint = field(default_factory=DecoderEndpoint)
+    planes: dict[tuple[int, int], Iterator[ParityRequest]] = field(default_factory=dict)
+    gops: dict[int, set[tuple[int, int]]] = field(default_factory=dict)
+    records: list[GopRecord] = field(default_factory=list)
+    bits: dict[tuple[int, int], list[NDArray[np.uint8]]] = field(default_factory=dict)
+    num_frames: int | None = None
+
+    @staticmethod
+    def requests(frame: int, plane: int) -> Iterator[ParityRequest]:
+        if plane == 0:
+            yield ParityRequest(frame, plane, "crc", 1, 0, 8)
+            yield ParityRequest(frame, plane, "parity", 1, 0, 300)
+            yield ParityRequest(frame, plane, "parity", 1, 300, NUM_BITS - 300)
+            yield ParityRequest(frame, plane, "crc", 1, 8, 3)
+        else:
+            yield ParityRequest(frame, plane, "plain", 0, 0, NUM_BITS)
+
+    def react(self, data: bytes) -> None:
+        for event in self.endpoint.receive(data):
+            match event:
+                case Hello():
+                    self.endpoint.send_next_gop()
+                    self.endpoint.send_next_gop()
+                case Gop(number, record):
+                    first = sum(record.num_frames for record in self.records)
+                    self.records.append(record)
+                    self.gops[number] = {
+                        (first + n, k) for n in range(record.num_frames - 1) for k in (0, 29)
+                    }
+                    for key in sorted(self.gops[number]):
+                        self.planes[key] = self.requests(*key)
+                        self.endpoint.send_request(next(self.planes[key]))
+                case ParityAnswer(frame, plane, bits):
+                    self.bits.setdefault((frame, plane), []).append(bits)
+                    following = next(self.planes[frame, plane], None)
+                    if following is not None:
+                        self.endpoint.send_request(following)
+                    else:
+                        del self.planes[frame, plane]
+                case End(num_frames):
+                    self.num_frames = num_frames
+            self.close_gops()
+
+    def close_gops(self) -> None:
+        for number, planes in list(self.gops.items()):
+            if not planes & self.planes.keys():
+                del self.gops[number]
+                self.endpoint.send_gop_done(number)
+                self.endpoint.send_next_gop()
+
+
+def cut(data: bytes, size: int) -> Iterator[bytes]:
+    """Yield bytes in pieces."""
+    for start in range(0, len(data), size):
+        yield data[start : start + size]
+
+
+def run(encoder: Encoder, decoder: Decoder, to_decoder: int = 10**6, to_encoder: int = 10**6) -> None:
+    """Let two ends talk in pieces of so many bytes until both are silent."""
+    while (down := encoder.endpoint.bytes_to_send()) + (up := decoder.endpoint.bytes_to_send()):
+        for piece in cut(down, to_decoder):
+            decoder.react(piece)
+        for piece in cut(up, to_encoder):
+            encoder.react(piece)
+
+
+def opened(num_gops: int = 2) -> tuple[EncoderEndpoint, DecoderEndpoint]:
+    """Return two ends with some GOPs open, and a credit left."""
+    encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
+    decoder.receive(encoder.bytes_to_send())
+    for record in RECORDS[:num_gops]:
+        decoder.send_next_gop()
+        encoder.receive(decoder.bytes_to_send())
+        encoder.send_gop(record)
+        decoder.receive(encoder.bytes_to_send())
+    decoder.send_next_gop()
+    encoder.receive(decoder.bytes_to_send())
+    return encoder, decoder
+
+
+@settings(max_examples=25)
+@given(st.integers(1, 400), st.integers(1, 50))
+def test_a_sequence_goes_through_in_pieces_of_any_size(to_decoder: int, to_encoder: int) -> None:
+    """All groups of pictures and all bits arrive, byte by byte as well as in bulk, and both ends finish."""
+    encoder, decoder = Encoder(), Decoder()
+    run(encoder, decoder, to_decoder, to_encoder)
+    assert encoder.endpoint.finished
+    assert decoder.endpoint.finished
+    assert decoder.endpoint.config == CONFIG
+    assert decoder.records == RECORDS
+    assert decoder.num_frames == 10
+    assert set(decoder.bits) == {(frame, plane) for frame in (1, 2, 3, 5, 7, 8) for plane in (0, 29)}
+    for key, parts in decoder.bits.items():
+        expected = [plane_bits(*key, request.start, request.count) for request in Decoder.requests(*key)]
+        assert all(np.array_equal(part, bits) for part, bits in zip(parts, expected, strict=True))
+
+
+def test_byte_by_byte() -> None:
+    """The smallest pieces give the same as the largest."""
+    whole, single = Decoder(), Decoder()
+    run(Encoder(), whole)
+    run(Encoder(), single, 1, 1)
+    assert single.records == whole.records
+    assert all(
+        np.array_equal(np.concatenate(single.bits[k]), np.concatenate(v)) for k, v in whole.bits.items()
+    )
+
+
+def test_empty_sequence() -> None:
+    """An encoder without frames says so at once."""
+    encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
+    encoder.send_end()
+    assert decoder.receive(encoder.bytes_to_send()) == [Hello(1, encode_config(CONFIG)), End(0)]
+    assert encoder.finished
+    assert decoder.finished
+    assert encoder.bytes_to_send() == b""
+
+
+def test_keep_alive_is_no_event() -> None:
+    """A sign of life changes nothing."""
+    encoder, decoder = opened()
+    encoder.send_keep_alive()
+    decoder.send_keep_alive()
+    assert encoder.receive(decoder.bytes_to_send()) == decoder.receive(encoder.bytes_to_send()) == []
+
+
+def test_failure_is_told_in_one_line() -> None:
+    """The peer's reason comes as an error, cleaned and cut; nothing is received thereafter."""
+    encoder, decoder = opened()
+    decoder.send_failure("disk\nfull\x1b[31m" + "x" * 10000)
+    with pytest.raises(FeedbackError, match="the other side gave up: disk full") as caught:
+        encoder.receive(decoder.bytes_to_send())
+    assert len(str(caught.value)) < 600
+    assert str(caught.value).isprintable()
+    with pytest.raises(FeedbackError, match="failed before"):
+        encoder.receive(b"")
+
+
+REQUEST = ParityRequest(1, 0, "parity", 0, 0, 100)
+TO_ENCODER: list[tuple[list[Message], str]] = [
+    ([ParityRequest(0, 0, "parity", 0, 0, 9)], "frame 0 is no Wyner-Ziv frame"),
+    ([ParityRequest(4, 0, "parity", 0, 0, 9)], "frame 4 is no Wyner-Ziv frame"),
+    ([ParityRequest(5, 0, "parity", 0, 0, 9)], "frame 5 is no Wyner-Ziv frame"),
+    ([ParityRequest(1, 30, "parity", 0, 0, 9)], "plane 30, there are 30"),
+    ([ParityRequest(1, 0, "parity", 99, 0, 9)], "code 99"),
+    ([ParityRequest(1, 0, "parity", 0, 0, 0)], "0 parity bits"),
+    ([ParityRequest(1, 0, "parity", 0, 0, NUM_BITS + 1)], "1585 parity bits"),
+    ([ParityRequest(1, 0, "plain", 0, 0, NUM_BITS + 1)], "1585 plain bits"),
+    ([ParityRequest(1, 0, "crc", 0, 0, 33)], "33 crc bits"),
+    ([ParityRequest(1, 0, "parity", 0, 5, 9)], "number 5 on, where 0 is the next"),
+    ([REQUEST, ParityRequest(1, 0, "crc", 0, 0, 8)], "second request for plane 0 of frame 1"),
+    ([REQUEST, GopDone(1)], "done before all its requests"),
+    ([GopDone(0), GopDone(0)], "group of pictures 0 is not open"),
+    ([GopDone(2)], "group of pictures 2 is not open"),
+    ([GopDone(1), REQUEST], "frame 1 is no Wyner-Ziv frame"),
+    ([NextGop()] * MAX_OPEN_GOPS, "more than 16 groups of pictures"),
+    ([Hello(1, b"")], "unexpected Hello"),
+    ([End(3)], "unexpected End"),
+    ([ParityAnswer(1, 0, np.zeros(3, np.uint8))], "unexpected ParityAnswer"),
+    ([Gop(2, RECORDS[2])], "unexpected Gop"),
+]
+TO_DECODER: list[tuple[list[Message], str]] = [
+    ([Hello(1, encode_config(CONFIG))], "unexpected Hello"),
+    ([NextGop()], "unexpected NextGop"),
+    ([REQUEST], "unexpected ParityRequest"),
+    ([ParityAnswer(1, 0, np.zeros(8, np.uint8))], "that were not asked for"),
+    ([ParityAnswer(2, 1, np.zeros(9, np.uint8))], "9 bits of plane 1 of frame 2, asked for 8"),
+    ([ParityAnswer(2, 1, np.zeros(8, np.uint8))] * 2, "that were not asked for"),
+    ([ParityAnswer(2, 31, np.zeros(8, np.uint8))], "plane 31, there are 30"),
+    ([ParityAnswer(9, 1, np.zeros(8, np.uint8))], "frame 9 is no"),
+    ([Gop(3, RECORDS[2])], "group of pictures 3 where 2 is the next"),
+    ([Gop(2, RECORDS[2]), Gop(3, RECORDS[3])], "that was not asked for"),
+    ([Gop(2, GopRecord(5, b"", b"", (b"",) * 4))], "5 frames in group of pictures 2, at most 4"),
+    ([End(7)], "end after 7 frames, but 5 were sent"),
+    ([End(5), End(5)], "a second end"),
+    ([End(5), Gop(2, RECORDS[2])], "a group of pictures after the end"),
+]
+
+
+@pytest.mark.parametrize(("messages", "text"), TO_ENCODER)
+def test_encoder_refuses_a_breach_of_the_protocol(messages: list[Message], text: str) -> None:
+    """A decoder that asks for what is not open, not there or not its turn is told off in one line."""
+    encoder, _ = opened()
+    with pytest.raises(FeedbackError, match=text) as caught:
+        encoder.receive(b"".join(encode_message(message) for message in messages))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("messages", "text"), TO_DECODER)
+def test_decoder_refuses_a_breach_of_the_protocol(messages: list[Message], text: str) -> None:
+    """An encoder that sends what was not asked for is told off in one line."""
+    _, decoder = opened()
+    decoder.send_request(ParityRequest(2, 1, "crc", 0, 0, 8))
+    with pytest.raises(FeedbackError, match=text) as caught:
+        decoder.receive(b"".join(encode_message(message) for message in messages))
+    assert "\n" not in str(caught.value)
+
+
+def test_code_of_a_plane_stays() -> None:
+    """A plane is decoded with one code, but its bits may be asked for plainly in the end."""
+    encoder, decoder = opened()
+    for request in (ParityRequest(1, 0, "crc", 1, 0, 8), ParityRequest(1, 0, "plain", 0, 0, 9)):
+        decoder.send_request(request)
+        assert encoder.receive(decoder.bytes_to_send()) == [request]
+        encoder.send_answer(1, 0, np.zeros(request.count, np.uint8))
+        decoder.receive(encoder.bytes_to_send())
+    with pytest.raises(ValueError, match="code 0 for plane 0 of frame 1"):
+        decoder.send_request(ParityRequest(1, 0, "parity", 0, 0, 9))
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (b"\x03\x00", "unexpected Gop"),
+        (b"\x00", "unknown message of type 0"),
+        (b"\x0a", "unknown message of type 10"),
+        (b"GET / HTTP/1.1\r\n", "unknown message of type 71"),
+        (b"\x01\x81\x20", "Hello of 4097 bytes, at most 4096 are allowed"),
+        (b"\x01\xff\xff\xff\xff\xff", "integer is longer"),
+        (b"\x01\x80\x00", "integer is longer"),
+        (b"\x01\x00", "Hello: data end"),
+        (b"\x01\x01\x02", "protocol version 2; this program speaks version 1"),
+        (b"\x01\x02\x01\x7f", "configuration field 127 is unknown"),
+        (b"\x01\x01\x01", "configuration.*lacks the field `codec`"),
+    ],
+)
+def test_decoder_refuses_strangers(data: bytes, text: str) -> None:
+    """What is no greeting of an encoder is refused as soon as that can be told."""
+    with pytest.raises(FeedbackError, match=text):
+        DecoderEndpoint().receive(data)
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (b"\x02\x01", "NextGop of 1 bytes, at most 0"),
+        (b"\x04\x1b", "ParityRequest of 27 bytes, at most 26"),
+        (b"\x04\x00", "ParityRequest: unknown kind"),
+        (b"\x04\x01\x03", "ParityRequest: unknown kind"),
+        (b"\x04\x05\x01\x01\x00\x00\x00", "ParityRequest: data end"),
+        (b"\x04\x07\x01\x01\x00\x00\x00\x01\x00", "ParityRequest: 1 bytes are left over"),
+        (b"\x06\x00", "GopDone: data end"),
+        (b"\x08\xf5\x03", "Failure of 501 bytes"),
+        (b"\x09\x01", "KeepAlive of 1 bytes"),
+    ],
+)
+def test_encoder_refuses_malformed_messages(data: bytes, text: str) -> None:
+    """Lengths are judged before the bytes come, and payloads when they are complete."""
+    encoder, _ = opened()
+    with pytest.raises(FeedbackError, match=text):
+        encoder.receive(data)
+
+
+def test_malformed_answers_are_refused() -> None:
+    """Padding of an answer is zero, and its bits are as many as it says."""
+    for payload, text in (
+        (b"\x02\x01\x08", "8 bits wanted"),
+        (b"\x02\x01\x07\xff", "not filled up with zeros"),
+    ):
+        _, decoder = opened()
+        decoder.send_request(ParityRequest(2, 1, "crc", 0, 0, payload[2]))
+        with pytest.raises(FeedbackError, match=text):
+            decoder.receive(bytes([5, len(payload)]) + payload)
+
+
+def test_size_of_a_gop_is_bounded_by_its_frames() -> None:
+    """A GOP message larger than its pictures could ever need is refused at its length."""
+    _, decoder = opened()
+    with pytest.raises(FeedbackError, match="Gop of 2097152 bytes"):
+        decoder.receive(b"\x03\x80\x80\x80\x01")
+    encoder, _ = opened()
+    with pytest.raises(ValueError, match="more than a message may have"):
+        encoder.send_gop(GopRecord(1, bytes(2**21)))
+
+
+@pytest.mark.parametrize(
+    ("step", "text"),
+    [
+        (lambda encoder, decoder: encoder.send_answer(1, 0, np.zeros(8, np.uint8)), "not asked for"),
+        (lambda encoder, decoder: encoder.send_gop(GopRecord(5, b"", b"", (b"",) * 4)), "5 frames"),
+        (lambda encoder, decoder: [encoder.send_gop(RECORDS[2]) for _ in range(2)], "not asked for"),
+        (lambda encoder, decoder: [encoder.send_end() for _ in range(2)], "second end"),
+        (lambda encoder, decoder: decoder.send_gop_done(2), "not open"),
+        (lambda encoder, decoder: decoder.send_request(ParityRequest(-1, 0, "crc", 0, 0, 8)), "frame -1"),
+        (lambda encoder, decoder: decoder.send_request(ParityRequest(1, -1, "crc", 0, 0, 8)), "plane -1"),
+        (lambda encoder, decoder: decoder.send_request(ParityRequest(1, 0, "crc", -1, 0, 8)), "code -1"),
+        (lambda encoder, decoder: decoder.send_request(ParityRequest(1, 0, "crc", 0, -1, 8)), "number -1"),
+        (lambda encoder, decoder: decoder.send_request(ParityRequest(1, 0, "crc", 0, 0, -1)), "-1 crc bits"),
+        (lambda encoder, decoder: [decoder.send_next_gop() for _ in range(16)], "more than 16"),
+        (lambda encoder, decoder: DecoderEndpoint().send_next_gop(), "Hello has not come"),
+        (lambda encoder, decoder: DecoderEndpoint().config, "Hello has not come"),
+    ],
+)
+def test_mistakes_of_the_caller_are_value_errors(
+    step: Callable[[EncoderEndpoint, DecoderEndpoint], object], text: str
+) -> None:
+    """A step of one's own that the protocol does not allow is refused before a byte is sent."""
+    with pytest.raises(ValueError, match=text):
+        step(*opened())
+
+
+def test_refused_answers_leave_the_request_open() -> None:
+    """An answer of the wrong kind can be given again."""
+    encoder, decoder = opened()
+    decoder.send_request(REQUEST)
+    encoder.receive(decoder.bytes_to_send())
+    with pytest.raises(TypeError, match="`bits`"):
+        encoder.send_answer(1, 0, np.zeros(100, np.int64))
+    with pytest.raises(ValueError, match="99 bits"):
+        encoder.send_answer(1, 0, np.zeros(99, np.uint8))
+    encoder.send_answer(1, 0, np.zeros(100, np.uint8))
+    assert decoder.receive(encoder.bytes_to_send()) == [ParityAnswer(1, 0, np.zeros(100, np.uint8))]
+
+
+def test_no_credit_is_asked_for_after_the_end() -> None:
+    """A credit that crosses the end on the wire is no breach, one after it is not even sent."""
+    encoder, decoder = opened()
+    encoder.send_end()
+    decoder.send_next_gop()
+    assert encoder.receive(decoder.bytes_to_send()) == [NextGop()]
+    decoder.receive(encoder.bytes_to_send())
+    decoder.send_next_gop()
+    assert decoder.bytes_to_send() == b""
+    for number in (0, 1):
+        assert not encoder.finished
+        decoder.send_gop_done(number)
+        encoder.receive(decoder.bytes_to_send())
+    assert encoder.finished
+    assert decoder.finished
+
+
+def transcript() -> tuple[list[bytes], list[bytes]]:
+    """Return what a decoder and an encoder received from each other, turn by turn."""
+    encoder, decoder = Encoder(), Decoder()
+    down, up = [], []
+    while data := encoder.endpoint.bytes_to_send():
+        down.append(data)
+        decoder.react(data)
+        up.append(decoder.endpoint.bytes_to_send())
+        encoder.react(up[-1])
+    return down, up
+
+
+def mutate(turns: list[bytes], rng: np.random.Generator) -> list[bytes]:
+    """Change, cut or insert a few bytes in one or two turns."""
+    turns = list(turns)
+    for _ in range(rng.integers(1, 3)):
+        turn = int(rng.integers(len(turns)))
+        data = bytearray(turns[turn])
+        first = int(rng.integers(0, len(data) + 1))
+        data[first : first + int(rng.integers(0, 4))] = rng.bytes(int(rng.integers(0, 4)))
+        turns[turn] = bytes(data)
+    return turns
+
+
+def test_ten_thousand_mutations_raise_only_feedback_errors() -> None:
+    """Whatever a peer sends, an endpoint raises nothing but `FeedbackError`."""
+    rng = np.random.default_rng(5)
+    down, up = transcript()
+    ends: list[tuple[Callable[[], Encoder | Decoder], list[bytes]]] = [(Encoder, up), (Decoder, down)]
+    num_refused = 0
+    for trial in range(10000):
+        make, turns = ends[trial % 2]
+        end = make()
+        try:
+            for data in mutate(turns, rng):
+                end.react(data)
+                end.endpoint.bytes_to_send()
+        except FeedbackError:
+            num_refused += 1
+    assert num_refused > 3000
+
+
+@given(st.lists(st.binary(max_size=30), max_size=8))
+def test_arbitrary_bytes_raise_only_feedback_errors(pieces: list[bytes]) -> None:
+    """Random bytes at any point are refused or wait for more."""
+    for endpoint in (*opened(), DecoderEndpoint()):
+        try:
+            for data in pieces:
+                endpoint.receive(data)
+        except FeedbackError:
+            continue
+
+
+messages: st.SearchStrategy[Message] = st.one_of(
+    st.just(NextGop()),
+    st.just(KeepAlive()),
+    st.builds(GopDone, st.integers(0, 4)),
+    st.builds(
+        ParityRequest,
+        st.integers(0, 9),
+        st.integers(0, 31),
+        st.sampled_from(["crc", "parity", "plain"]),
+        st.integers(0, 5),
+        st.sampled_from([0, 8, 100]),
+        st.sampled_from([0, 8, 100, 1584]),
+    ),
+    st.builds(Failure, st.text(max_size=20)),
+)
+
+
+@given(st.lists(messages, max_size=12))
+def test_both_ends_agree_on_what_is_allowed(steps: list[Message]) -> None:
+    """What the decoder's end refuses to send the encoder's end refuses to take, and the other way round."""
+    encoder, decoder = opened()
+    for step in steps:
+        try:
+            match step:
+                case NextGop():
+                    decoder.send_next_gop()
+                case GopDone(number):
+                    decoder.send_gop_done(number)
+                case ParityRequest():
+                    decoder.send_request(step)
+                case Failure(text):
+                    decoder.send_failure(text)
+                case _:
+                    decoder.send_keep_alive()
+        except ValueError:
+            with pytest.raises(FeedbackError):
+                encoder.receive(encode_message(step))
+            return
+        if isinstance(step, Failure):
+            with pytest.raises(FeedbackError, match="gave up"):
+                encoder.receive(decoder.bytes_to_send())
+            return
+        assert encoder.receive(decoder.bytes_to_send()) == ([] if isinstance(step, KeepAlive) else [step])
+
+
+def test_events_compare() -> None:
+    """Answers are equal if their bits are."""
+    first = ParityAnswer(1, 2, np.zeros(3, np.uint8))
+    events: list[Event] = [first, ParityAnswer(1, 2, np.ones(3, np.uint8)), GopDone(1)]
+    assert [event == ParityAnswer(1, 2, np.zeros(3, np.uint8)) for event in events] == [True, False, False]
