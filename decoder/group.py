@@ -93,7 +93,9 @@ class GroupDecoder:
     def __init__(self, config: CodecConfig) -> None:
         method = config.side_information.method
         if method not in METHODS:
-            raise BitstreamError(f"unknown side-information method {method!r}; there are {', '.join(METHODS)}")
+            raise BitstreamError(
+                f"unknown side-information method {method!r}; there are {', '.join(METHODS)}"
+            )
         self._config = config
         self._method = METHODS[method](config.side_information)
         self._decoder = WynerZivDecoder(config)

@@ -94,11 +94,13 @@ def decode_stream(config: CodecConfig, reader: StreamReader, jobs: int = 1) -> I
             raise failure
 
 
-def decode_live(source: LiveSource) -> Iterator[DecodedGroup]:
+def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGroup]:
     """Decode what an encoder at the other end of a connection sends, asking for parity as it is needed.
 
     Parameters
     ----------
+    config : CodecConfig
+        The sequence's configuration, or that with the decoder's own choice of side information.
     source : LiveSource
         The encoder.
 
@@ -112,7 +114,6 @@ def decode_live(source: LiveSource) -> Iterator[DecodedGroup]:
     BitstreamError, FeedbackError
         If the encoder sends what cannot be decoded.
     """
-    config = source.config
     keys = _KeyFrames(config)
     decoder = GroupDecoder(config)
     for gop in source.groups():
@@ -128,7 +129,9 @@ class _KeyFrames:
 
     def __init__(self, config: CodecConfig) -> None:
         video = config.video
-        self._decoder = KeyFrameDecoder(video.width, video.height, video.luma_only, config.key.parameter_sets)
+        self._decoder = KeyFrameDecoder(
+            video.width, video.height, luma_only=video.luma_only, parameter_sets=config.key.parameter_sets
+        )
         self._previous: ReferenceFrame | None = None
 
     def add(

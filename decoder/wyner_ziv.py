@@ -26,7 +26,7 @@ Bits = NDArray[np.uint8]
 
 NUM_FITTED_PLANES = 3
 """Planes of a band after which the scale is fitted again; later planes tell little."""
-GAIN_AFTER_REFINEMENT = 0.8
+GAIN_AFTER_REFINEMENT = 1.0
 """Factor by which better side information is expected to shrink the scales."""
 ERROR_FLOOR = 0.15
 """Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
@@ -145,7 +145,10 @@ class WynerZivDecoder:
         self._codes = turbo.family(config.turbo.family)
         self._decoders: dict[int, turbo.TurboDecoder] = {}
         self._settings = turbo.SlepianWolfSettings(
-            family=config.turbo.family, max_prior_llr=config.wyner_ziv.max_llr
+            family=config.turbo.family,
+            crc_bits=config.turbo.crc_bits,
+            first_crc_bits=config.turbo.first_crc_bits,
+            max_prior_llr=config.wyner_ziv.max_llr,
         )
 
     @property

@@ -26,7 +26,7 @@ NUM_BANDS = 16
 MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
 MAX_GOP_LENGTH = 256
-MAX_CRC_BITS = 32
+CRC_BITS = (8, 12, 16, 24, 32)
 MAX_PARAMETER_SETS_BYTES = 1024
 
 ZIGZAG = (0, 1, 4, 8, 5, 2, 3, 6, 9, 12, 13, 10, 7, 11, 14, 15)
@@ -215,14 +215,15 @@ class TurboConfig(_Section):
 
     family: str = "adaptive"  # set of turbo codes that the decoder chooses from
     interleaver_seed: int = 1
-    crc_bits: int = 8  # length of the checksum of a bit plane
-    max_iterations: int = 18  # decoder iterations per request
+    crc_bits: int = 16  # length of the checksum that the encoder computes for each bit plane
+    first_crc_bits: int = 8  # of these, how many the decoder asks for at once; more only where it is in doubt
 
     def _check_values(self) -> None:
         _check_choice("family", self.family, TURBO_FAMILIES)
         _check_range("interleaver_seed", self.interleaver_seed, 0, 2**31 - 1)
-        _check_range("crc_bits", self.crc_bits, 4, MAX_CRC_BITS)
-        _check_range("max_iterations", self.max_iterations, 1, 100)
+        if self.crc_bits not in CRC_BITS:
+            raise ConfigError(f"`crc_bits` must be one of {CRC_BITS}, got {_shown(self.crc_bits)}")
+        _check_range("first_crc_bits", self.first_crc_bits, 1, self.crc_bits)
 
 
 @dataclass(frozen=True)
@@ -388,7 +389,7 @@ FIELD_NUMBERS = {
     "turbo.family": 40,
     "turbo.interleaver_seed": 41,
     "turbo.crc_bits": 42,
-    "turbo.max_iterations": 43,
+    "turbo.first_crc_bits": 43,
     "side_information.method": 56,
     "side_information.block_size": 57,
     "side_information.search_radius": 58,

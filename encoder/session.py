@@ -1,4 +1,4 @@
-"""The encoder of figure 5.1: frames in; key frames and parity out, into a file or to a decoder that asks for it."""
+"""The encoder of figure 5.1: frames in; key frames and parity out, to a file or a live decoder."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -76,7 +76,7 @@ class EncoderSession:
     def __init__(self, config: CodecConfig) -> None:
         video, key = config.video, config.key
         self._key_encoder = KeyFrameEncoder(
-            video.width, video.height, "lossless" if key.lossless else key.qp, video.luma_only
+            video.width, video.height, "lossless" if key.lossless else key.qp, luma_only=video.luma_only
         )
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)

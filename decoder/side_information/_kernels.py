@@ -92,7 +92,18 @@ def bilateral_sad(planes_a, planes_b, row, column, dv, dh, window, numerator, de
 
 @kernel
 def refine_bilateral(  # type: ignore[no-untyped-def]
-    planes_a, planes_b, margin, block, window, radius, step, smoothness, numerator, denominator, candidates, vectors
+    planes_a,
+    planes_b,
+    margin,
+    block,
+    window,
+    radius,
+    step,
+    smoothness,
+    numerator,
+    denominator,
+    candidates,
+    vectors,
 ):
     """Choose each block's displacement among `candidates` and their surroundings by the bilateral difference.
 
@@ -163,7 +174,9 @@ def search_target(target, planes, margin, block, window, radius, step, smoothnes
                     row_r = clamp_position(4 * row + dv, window, height)
                     column_r = clamp_position(4 * column + dh, window, width)
                     plane = planes[row_r & 3, column_r & 3]
-                    cost += plane_sad(target, row, column, plane, row_r >> 2, column_r >> 2, window, best - cost)
+                    cost += plane_sad(
+                        target, row, column, plane, row_r >> 2, column_r >> 2, window, best - cost
+                    )
                     if cost < best:
                         best = cost
                         offsets[i, j, 0], offsets[i, j, 1] = dv, dh

@@ -84,7 +84,9 @@ class BlockMotionInterpolation:
         chroma = compensate_chroma(frames, offsets, weights, block)
         rows, columns = -(-shape[0] // BLOCK), -(-shape[1] // BLOCK)
         fine = [resize_field(offset, rows, columns, block // BLOCK) for offset in offsets]
-        return Prediction(luma, chroma, tuple(compensated), self.name, refiner=BlockRefiner(frames, fine, self.name))
+        return Prediction(
+            luma, chroma, tuple(compensated), self.name, refiner=BlockRefiner(frames, fine, self.name)
+        )
 
 
 def _around(references: Sequence[ReferenceFrame], instant: int) -> tuple[ReferenceFrame, ReferenceFrame]:
@@ -118,7 +120,9 @@ def estimate_motion(
     search = _LevelSearch(numerator, denominator)
     field = _forward_field(*pyramid[-1], settings.search_radius)
     for level in range(NUM_COARSE_LEVELS, 0, -1):
-        field = search.run(*pyramid[level], field, block=8, window=16, step=4, smoothness=4 * settings.smoothness)
+        field = search.run(
+            *pyramid[level], field, block=8, window=16, step=4, smoothness=4 * settings.smoothness
+        )
         finer = pyramid[level - 1][0].shape
         side = 8 if level > 1 else 16
         field = resize_field(2 * field, -(-finer[0] // side), -(-finer[1] // side), 2 if level > 1 else 1)
@@ -127,7 +131,9 @@ def estimate_motion(
     rows, columns = -(-before.shape[0] // block), -(-before.shape[1] // block)
     field = resize_field(field, rows, columns, 16 // block)
     for step in (2, 1):
-        field = search.run(*pyramid[0], field, block, window=block + 4, step=step, smoothness=settings.smoothness)
+        field = search.run(
+            *pyramid[0], field, block, window=block + 4, step=step, smoothness=settings.smoothness
+        )
     return vector_median(field)
 
 
@@ -200,7 +206,9 @@ class _LevelSearch:
         planes = phase_planes(before), phase_planes(after)
         zero = np.zeros((*field.shape[:2], 1, 2), dtype=np.int64)
         for _ in range(2):
-            candidates = np.concatenate([_neighbourhood(vector_median(field)), field[:, :, None], zero], axis=2)
+            candidates = np.concatenate(
+                [_neighbourhood(vector_median(field)), field[:, :, None], zero], axis=2
+            )
             found = np.empty_like(field)
             _kernels.refine_bilateral(
                 *planes, MARGIN, block, window, 2, step, smoothness, *self._instant, candidates, found

@@ -68,9 +68,13 @@ class BlockRefiner:
         weights = []
         for planes, offsets in zip(self._planes, self._offsets, strict=True):
             costs = np.empty(offsets.shape[:2], dtype=np.int64)
-            _kernels.search_target(target, planes, MARGIN, BLOCK, window, radius, step, SMOOTHNESS, offsets, costs)
+            _kernels.search_target(
+                target, planes, MARGIN, BLOCK, window, radius, step, SMOOTHNESS, offsets, costs
+            )
             for finer in (2, 1)[2 - step // 2 :]:
-                _kernels.search_target(target, planes, MARGIN, BLOCK, window, 1, finer, SMOOTHNESS, offsets, costs)
+                _kernels.search_target(
+                    target, planes, MARGIN, BLOCK, window, 1, finer, SMOOTHNESS, offsets, costs
+                )
             difference = costs / float(window * window) + 1.0
             weights.append(1.0 / (difference * np.sqrt(difference)))
         luma, compensated = compensate(self._planes, self._offsets, weights, BLOCK, partial.shape)

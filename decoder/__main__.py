@@ -1,0 +1,242 @@
+"""Command `dvc-decode`: decode a stream, or what an encoder serves."""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dvc import cli
+from dvc.errors import ConfigError, DvcError
+
+if TYPE_CHECKING:
+    from decoder.report import DecodeReport
+    from decoder.session import DecodedGroup
+    from dvc.config import CodecConfig
+    from dvc.stream import StreamWriter
+    from dvc.video import VideoWriter
+
+PROG = "dvc-decode"
+EXAMPLES = """\
+  dvc-decode street.dvc street.mkv --jobs 2                     lossless video of the decoded frames
+  dvc-decode street.dvc out.y4m --reference street.mkv --json -  PSNR and bits of every frame
+  dvc-decode street.dvc out.mkv --punctured small.dvc           also write the stream that was really needed
+  dvc-decode --connect 127.0.0.1:5000 out.mkv                   decode live from `dvc-encode --serve`
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = cli.ArgumentParser(PROG, "Decode a stream of dvc-encode.", EXAMPLES)
+    parser.add_argument(
+        "files",
+        metavar="INPUT OUTPUT",
+        nargs="+",
+        help="stream (.dvc) and video to write (.y4m, .mkv, .mp4); with --connect the video alone",
+    )
+    parser.add_argument(
+        "--connect", metavar="HOST:PORT", help="decode live from `dvc-encode --serve HOST:PORT`"
+    )
+    parser.add_argument(
+        "--timeout",
+        type=cli.integer(1, 86400),
+        default=30,
+        metavar="S",
+        help="patience with a silent encoder, in seconds; default: %(default)s",
+    )
+    parser.add_argument(
+        "--side-information",
+        metavar="METHOD",
+        help="predict with METHOD (mci) instead of what the stream names",
+    )
+    parser.add_argument(
+        "--punctured",
+        metavar="FILE",
+        help="write the stream that was really needed (.dvc); its size is the rate",
+    )
+    parser.add_argument(
+        "--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR"
+    )
+    parser.add_argument(
+        "--reference-start",
+        type=cli.integer(0, 10**9),
+        default=0,
+        metavar="K",
+        help="frame of ORIGINAL that was coded first; default: %(default)s",
+    )
+    parser.add_argument("--size", type=cli.parse_size, metavar="WxH", help="picture size of a raw ORIGINAL")
+    parser.add_argument(
+        "--json",
+        metavar="FILE",
+        help="write bits, PSNR and times of every frame and totals (-: standard output)",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=cli.integer(1, 256),
+        default=1,
+        metavar="N",
+        help="processes that decode at the same time (files only); default: %(default)s",
+    )
+    parser.add_argument(
+        "--salvage",
+        action="store_true",
+        help="keep the frames before the damage of a damaged stream (exit status 2 all the same)",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status: 0, or 2 for bad input.
+    """
+    arguments = _parser().parse_args(argv)
+    return cli.run(PROG, lambda: _decode(arguments))
+
+
+def _decode(arguments: argparse.Namespace) -> int:
+    wanted = 1 if arguments.connect else 2
+    if len(arguments.files) != wanted:
+        names = "OUTPUT" if arguments.connect else "INPUT and OUTPUT"
+        raise ConfigError(f"expected {names}, got {len(arguments.files)} file names")
+    outputs = [arguments.files[-1], arguments.punctured, arguments.json]
+    inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
+    cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
+    return _decode_live(arguments) if arguments.connect else _decode_file(arguments)
+
+
+def _decode_file(arguments: argparse.Namespace) -> int:
+    from decoder.session import decode_stream
+    from dvc.stream import Form, StreamReader
+
+    with StreamReader(arguments.files[0]) as reader:
+        config = _with_method(reader.config, arguments.side_information)
+        if config != reader.config and reader.form == Form.PUNCTURED:
+            method = reader.config.side_information.method
+            raise ConfigError(f"a punctured stream can only be decoded as it was made, with {method}")
+        with ExitStack() as stack:
+            failure = _Output(config, arguments, stack).consume(
+                decode_stream(config, reader, arguments.jobs)
+            )
+    if failure is not None:
+        raise failure
+    return 0
+
+
+def _decode_live(arguments: argparse.Namespace) -> int:
+    from decoder.live import LiveSource
+    from decoder.session import decode_live
+    from dvc.errors import FeedbackError
+    from dvc.feedback import connect, parse_address
+
+    with connect(*parse_address(arguments.connect), timeout_s=arguments.timeout) as connection:
+        source = LiveSource(connection)
+        config = _with_method(source.config, arguments.side_information)
+        try:
+            with ExitStack() as stack:
+                failure = _Output(config, arguments, stack).consume(decode_live(config, source))
+        except FeedbackError:
+            raise
+        except DvcError as err:
+            source.give_up(cli.one_line(err))
+            raise
+    if failure is not None:
+        raise failure
+    return 0
+
+
+def _with_method(config: "CodecConfig", method: str | None) -> "CodecConfig":
+    from decoder.side_information import METHODS
+
+    if method is None:
+        return config
+    if method not in METHODS:
+        raise ConfigError(f"--side-information must be one of {', '.join(METHODS)}, got {method!r}")
+    return replace(config, side_information=replace(config.side_information, method=method))
+
+
+class _Output:
+    """Everything a run writes: video, punctured stream, report; all of it or nothing."""
+
+    def __init__(self, config: "CodecConfig", arguments: argparse.Namespace, stack: ExitStack) -> None:
+        from decoder.report import DecodeReport
+        from dvc.video import create_video, open_video
+
+        video = config.video
+        rate = Fraction(video.frame_rate_num, video.frame_rate_den)
+        reference = None
+        if arguments.reference:
+            reference = stack.enter_context(
+                open_video(
+                    arguments.reference, size=arguments.size, frame_rate=rate, start=arguments.reference_start
+                )
+            )
+        self._arguments = arguments
+        self._report: DecodeReport = DecodeReport(config, reference)
+        self._stream: StreamWriter = _punctured_writer(config, arguments.punctured, stack)
+        self._video: VideoWriter = stack.enter_context(
+            create_video(arguments.files[-1], (video.width, video.height), rate, luma_only=video.luma_only)
+        )
+
+    def consume(self, groups: Iterable["DecodedGroup"]) -> DvcError | None:
+        """Write all groups; with --salvage, return the damage that ended them instead of raising it."""
+        failure: DvcError | None = None
+        num_frames = 0
+        with cli.progress_bar("decoding", None, self._arguments.quiet) as progress:
+            try:
+                for group in groups:
+                    self._add(group, progress)
+                    num_frames += group.record.num_frames
+            except DvcError as err:
+                if not self._arguments.salvage or num_frames == 0:
+                    raise
+                failure = DvcError(f"{err} (kept the {num_frames} frames before)")
+        self._finish()
+        return failure
+
+    def _add(self, group: "DecodedGroup", progress: Callable[[int], None]) -> None:
+        for frame in group.wyner_ziv:
+            self._video.write(frame.decoded.frame)
+        self._video.write(group.key)
+        self._stream.write_gop(group.record)
+        self._report.add(group)
+        progress(group.record.num_frames)
+
+    def _finish(self) -> None:
+        self._stream.close()
+        self._video.close()
+        if self._arguments.json is not None:
+            cli.write_json(self._arguments.json, self._report.to_dict(self._stream.num_bytes))
+
+
+class _NullFile:
+    """Counts for nothing and keeps nothing; `StreamWriter` knows how much it wrote."""
+
+    def write(self, data: bytes) -> int:
+        return len(data)
+
+
+def _punctured_writer(config: "CodecConfig", path: str | None, stack: ExitStack) -> "StreamWriter":
+    from dvc.files import atomic_output
+    from dvc.stream import Form, StreamWriter
+
+    if path is None:
+        return StreamWriter(_NullFile(), config, Form.PUNCTURED)  # type: ignore[arg-type]
+    temporary: Path = stack.enter_context(atomic_output(path))
+    file = stack.enter_context(temporary.open("wb"))
+    return StreamWriter(file, config, Form.PUNCTURED)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,147 @@
+"""What a decoding run reports: bits, quality and time of every frame, and totals; see `docs/results.md`."""
+
+from collections.abc import Iterator
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import dvc
+from decoder.session import DecodedGroup
+from dvc.config import CodecConfig
+from dvc.errors import ConfigError, VideoError
+from dvc.metrics import psnr_db
+from dvc.stream import gop_bits
+from dvc.video import Frame, VideoReader
+
+PSNR_CAP_DB = 100.0
+"""PSNR that identical frames are given, so that means and JSON stay finite."""
+BIT_CLASSES = ("key", "tracks", "parity", "crc", "header")
+
+
+class DecodeReport:
+    """Collects what the ``--json`` option writes.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        Configuration that the run decodes with.
+    reference : VideoReader or None
+        The original, for PSNR only.
+    """
+
+    def __init__(self, config: CodecConfig, reference: VideoReader | None) -> None:
+        video = config.video
+        if reference is not None and (reference.info.width, reference.info.height) != (
+            video.width,
+            video.height,
+        ):
+            size = f"{reference.info.width}x{reference.info.height}"
+            raise ConfigError(
+                f"the reference has frames of {size}, the stream of {video.width}x{video.height}"
+            )
+        self._config = config
+        self._reference: Iterator[Frame] | None = None if reference is None else iter(reference)
+        self._frames: list[dict[str, Any]] = []
+
+    def add(self, group: DecodedGroup) -> None:
+        """Enter a decoded group of pictures.
+
+        Parameters
+        ----------
+        group : DecodedGroup
+            The next one, in display order.
+
+        Raises
+        ------
+        VideoError
+            If the reference ends before the stream does.
+        """
+        costs = gop_bits(group.record)
+        for position, frame in enumerate(group.wyner_ziv):
+            decoded = frame.decoded
+            row: dict[str, Any] = {"index": frame.index, "type": "wz"}
+            row["bits"] = _bits(
+                parity=decoded.parity_bits,
+                crc=decoded.crc_bits,
+                header=frame.header_bits + costs.wyner_ziv_header[position],
+            )
+            original = self._original(frame.index)
+            row["psnr_y_db"] = _psnr(original, decoded.frame.luma)
+            row["si_psnr_y_db"] = _psnr(original, decoded.side_information)
+            row["refined_si_psnr_y_db"] = _psnr(original, decoded.refined_side_information)
+            row["num_requests"] = decoded.num_requests
+            row["num_failed_planes"] = decoded.num_failed_planes
+            row["side_information"] = frame.method
+            row["side_information_reason"] = frame.reason
+            row["decode_s"] = round(frame.decode_s, 6)
+            self._frames.append(row)
+        index = group.first_index + len(group.wyner_ziv)
+        self._frames.append(
+            {
+                "index": index,
+                "type": "key",
+                "bits": _bits(key=costs.key, tracks=costs.tracks, header=costs.header),
+                "psnr_y_db": _psnr(self._original(index), group.key.luma),
+            }
+        )
+
+    def _original(self, index: int) -> NDArray[np.uint8] | None:
+        if self._reference is None:
+            return None
+        original = next(self._reference, None)
+        if original is None:
+            raise VideoError(f"the reference ends before frame {index} of the stream")
+        return original.luma
+
+    def to_dict(self, stream_bytes: int) -> dict[str, Any]:
+        """Return the report as JSON-safe values.
+
+        Parameters
+        ----------
+        stream_bytes : int
+            Size of the punctured stream.
+
+        Returns
+        -------
+        dict
+            Totals, configuration and one entry per frame; the bits of all frames add up to the size of the stream.
+        """
+        frames = self._frames
+        counted = sum(sum(frame["bits"].values()) for frame in frames)
+        frames[0]["bits"]["header"] += 8 * stream_bytes - counted  # configuration and end of the stream
+        video = self._config.video
+        duration_s = len(frames) * video.frame_rate_den / video.frame_rate_num
+        wyner_ziv = [frame for frame in frames if frame["type"] == "wz"]
+        return {
+            "frames": len(frames),
+            "duration_s": duration_s,
+            "stream_bytes": stream_bytes,
+            "rate_kbps": 8 * stream_bytes / duration_s / 1000,
+            "bits": {name: sum(frame["bits"][name] for frame in frames) for name in BIT_CLASSES},
+            "psnr_y_db": _mean(frames, "psnr_y_db"),
+            "key_psnr_y_db": _mean([frame for frame in frames if frame["type"] == "key"], "psnr_y_db"),
+            "wz_psnr_y_db": _mean(wyner_ziv, "psnr_y_db"),
+            "si_psnr_y_db": _mean(wyner_ziv, "si_psnr_y_db"),
+            "refined_si_psnr_y_db": _mean(wyner_ziv, "refined_si_psnr_y_db"),
+            "num_requests": sum(frame["num_requests"] for frame in wyner_ziv),
+            "num_failed_planes": sum(frame["num_failed_planes"] for frame in wyner_ziv),
+            "decode_s": round(sum(frame["decode_s"] for frame in wyner_ziv), 6),
+            "version": dvc.__version__,
+            "config": self._config.to_dict(),
+            "per_frame": frames,
+        }
+
+
+def _bits(**given: int) -> dict[str, int]:
+    return {name: given.get(name, 0) for name in BIT_CLASSES}
+
+
+def _psnr(original: NDArray[np.uint8] | None, decoded: NDArray[np.uint8]) -> float | None:
+    return None if original is None else min(psnr_db(original, decoded), PSNR_CAP_DB)
+
+
+def _mean(frames: list[dict[str, Any]], name: str) -> float | None:
+    values = [frame[name] for frame in frames if frame[name] is not None]
+    return fmean(values) if values else None

@@ -1,0 +1,219 @@
+"""Command `dvc-encode`: code a video into a stream, or serve it to a decoder that asks for parity."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from dvc import cli
+from dvc.config import (
+    CODECS,
+    NOISE_MODELS,
+    TURBO_FAMILIES,
+    CodecConfig,
+    GopConfig,
+    KeyFrameConfig,
+    TurboConfig,
+    VideoConfig,
+    WynerZivConfig,
+    key_qp_for,
+)
+from dvc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from dvc.video import VideoInfo
+    from encoder.session import EncoderStatistics
+
+PROG = "dvc-encode"
+EXAMPLES = """\
+  dvc-encode street.mkv street.dvc --wz-q 4           every second frame Wyner-Ziv coded, quantiser preset 4
+  dvc-encode video.mp4 out.dvc --gop 4 --hierarchical --luma-only --frames 101
+  dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
+  dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = cli.ArgumentParser(PROG, "Encode a video for distributed decoding.", EXAMPLES)
+    parser.add_argument(
+        "input", metavar="INPUT", help="any video that FFmpeg reads, raw 4:2:0, or a folder of images"
+    )
+    parser.add_argument("output", metavar="OUTPUT", nargs="?", help="stream to write (.dvc)")
+    coding = parser.add_argument_group("coding")
+    coding.add_argument("--codec", choices=CODECS, default="2d", help="default: %(default)s")
+    coding.add_argument(
+        "--gop",
+        type=cli.integer(1, 256),
+        default=2,
+        metavar="N",
+        help="frames from one key frame to the next; default: %(default)s",
+    )
+    coding.add_argument(
+        "--hierarchical",
+        action="store_true",
+        help="predict the middle frame of a GOP first, the others from it",
+    )
+    coding.add_argument(
+        "--wz-q",
+        type=cli.integer(1, 8),
+        default=4,
+        metavar="Q",
+        help="quantiser preset of the Wyner-Ziv frames, 1 (coarse) to 8 (fine); default: %(default)s",
+    )
+    coding.add_argument(
+        "--key-qp",
+        default="auto",
+        metavar="QP",
+        help="0 to 51, lossless, or auto: whatever suits preset Q; default: %(default)s",
+    )
+    coding.add_argument("--luma-only", action="store_true", help="code no chroma")
+    coding.add_argument(
+        "--turbo",
+        choices=TURBO_FAMILIES,
+        default="adaptive",
+        help="family of turbo codes; default: %(default)s",
+    )
+    coding.add_argument(
+        "--noise-model",
+        choices=NOISE_MODELS,
+        default="local",
+        help="correlation noise model of the decoder; default: %(default)s",
+    )
+    coding.add_argument(
+        "--seed",
+        type=cli.integer(0, 2**31 - 1),
+        default=0,
+        metavar="S",
+        help="seed of everything random; default: %(default)s",
+    )
+    source = parser.add_argument_group("input")
+    source.add_argument(
+        "--start",
+        type=cli.integer(0, 10**9),
+        default=0,
+        metavar="K",
+        help="first frame to code; default: %(default)s",
+    )
+    source.add_argument(
+        "--frames", type=cli.integer(1, 10**9), metavar="N", help="number of frames to code; default: all"
+    )
+    source.add_argument("--size", type=cli.parse_size, metavar="WxH", help="picture size of raw files")
+    source.add_argument(
+        "--frame-rate", metavar="R", help="frames per second, such as 30 or 30000/1001; needed for raw files"
+    )
+    live = parser.add_argument_group("live")
+    live.add_argument(
+        "--serve",
+        metavar="HOST:PORT",
+        help="answer one decoder over TCP instead of writing a file (port 0: any free one)",
+    )
+    live.add_argument(
+        "--timeout",
+        type=cli.integer(1, 86400),
+        default=30,
+        metavar="S",
+        help="patience with a silent decoder, in seconds; default: %(default)s",
+    )
+    parser.add_argument(
+        "--json", metavar="FILE", help="write counts, bits and processor times (-: standard output)"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status: 0, or 2 for bad input.
+    """
+    arguments = _parser().parse_args(argv)
+    return cli.run(PROG, lambda: _encode(arguments))
+
+
+def _encode(arguments: argparse.Namespace) -> int:
+    from dvc.video import exact_frame_rate, open_video
+    from encoder.session import EncoderSession
+
+    if (arguments.output is None) == (arguments.serve is None):
+        raise ConfigError("give either OUTPUT or --serve HOST:PORT")
+    outputs = [name for name in (arguments.output, arguments.json) if name not in (None, "-")]
+    cli.check_outputs([arguments.input], outputs)
+    rate = None if arguments.frame_rate is None else exact_frame_rate(arguments.frame_rate)
+    with open_video(
+        arguments.input,
+        size=arguments.size,
+        frame_rate=rate,
+        start=arguments.start,
+        num_frames=arguments.frames,
+    ) as reader:
+        for notice in reader.info.notices:
+            sys.stderr.write(f"{PROG}: {cli.one_line(notice)}\n")
+        session = EncoderSession(_configure(arguments, reader.info))
+        total = arguments.frames if reader.info.num_frames is None else reader.info.num_frames
+        with cli.progress_bar("encoding", total, arguments.quiet) as progress:
+            if arguments.serve is None:
+                _write(session, reader, arguments, progress)  # type: ignore[arg-type]
+            else:
+                _serve(session, reader, arguments, progress)  # type: ignore[arg-type]
+    if arguments.json is not None:
+        cli.write_json(arguments.json, _report(session.statistics, session.config))
+    return 0
+
+
+def _write(session, reader, arguments, progress) -> None:  # type: ignore[no-untyped-def]
+    from dvc.files import atomic_output
+
+    with atomic_output(arguments.output) as temporary, temporary.open("wb") as file:
+        session.write(reader, file, progress)
+
+
+def _serve(session, reader, arguments, progress) -> None:  # type: ignore[no-untyped-def]
+    from dvc.feedback import listen, parse_address
+
+    with listen(*parse_address(arguments.serve)) as listener:
+        sys.stderr.write(f"{PROG}: waiting for a decoder on {listener.name}\n")
+        sys.stderr.flush()
+        connection = listener.accept(silence_timeout_s=arguments.timeout)
+    with connection:
+        session.serve(reader, connection, progress)
+
+
+def _configure(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
+    from dataclasses import replace
+
+    if arguments.key_qp == "lossless":
+        key = KeyFrameConfig(lossless=True)
+    elif arguments.key_qp == "auto":
+        key = KeyFrameConfig(key_qp_for(arguments.wz_q))
+    elif arguments.key_qp.isdecimal():
+        key = KeyFrameConfig(int(arguments.key_qp))
+    else:
+        raise ConfigError(f"--key-qp must be 0 to 51, lossless or auto, got {arguments.key_qp!r}")
+    rate = info.frame_rate
+    return CodecConfig(
+        codec=arguments.codec,
+        video=VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
+        gop=GopConfig(arguments.gop, arguments.hierarchical),
+        key=key,
+        wyner_ziv=replace(WynerZivConfig.preset(arguments.wz_q), noise_model=arguments.noise_model),
+        turbo=TurboConfig(family=arguments.turbo, interleaver_seed=arguments.seed),
+        seed=arguments.seed,
+    )
+
+
+def _report(statistics: "EncoderStatistics", config: CodecConfig) -> dict[str, object]:
+    from dataclasses import asdict
+
+    return {"frames": statistics.num_frames, **asdict(statistics), "config": config.to_dict()}
+
+
+if __name__ == "__main__":
+    sys.exit(main())
