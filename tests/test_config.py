@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.config import (
+    CRC_BITS,
     FIELD_NUMBERS,
     PRESET_LEVELS,
     TURBO_FAMILIES,
@@ -54,12 +55,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
             tuple(sorted(draw(st.sets(st.integers(0, 15))))),
             draw(st.floats(0, 100, exclude_min=True)),
         ),
-        TurboConfig(
-            draw(st.sampled_from(TURBO_FAMILIES)),
-            draw(st.integers(0, 2**31 - 1)),
-            draw(st.integers(4, 32)),
-            draw(st.integers(1, 100)),
-        ),
+        TurboConfig(draw(st.sampled_from(TURBO_FAMILIES)), draw(st.integers(0, 2**31 - 1))),
         SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
         draw(st.integers(0, 2**31 - 1)),
     )
