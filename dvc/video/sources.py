@@ -1,0 +1,143 @@
+"""What all sources of frames share: the request, the reader, and the refusals."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from dvc.errors import VideoError
+from dvc.video.frames import Frame, VideoInfo
+
+DEFAULT_FRAME_RATE = Fraction(25)
+
+
+@dataclass(frozen=True)
+class Request:
+    """What part of a video the caller asked for, and what he knows of it.
+
+    Attributes
+    ----------
+    path : Path
+        A file or folder that exists.
+    size : tuple of int or None
+        Width and height in pixels.
+    frame_rate : Fraction or None
+        Frames per second.
+    start : int
+        Number of frames to skip.
+    num_frames : int or None
+        Most frames to read.
+    """
+
+    path: Path
+    size: tuple[int, int] | None = None
+    frame_rate: Fraction | None = None
+    start: int = 0
+    num_frames: int | None = None
+
+    def count_of(self, total: int, unit: str = "frames") -> int:
+        """Return how many frames there are to read.
+
+        Parameters
+        ----------
+        total : int
+            Frames in the source.
+        unit : str, optional
+            What to call them.
+
+        Returns
+        -------
+        int
+            At least 1.
+
+        Raises
+        ------
+        VideoError
+            If the source is empty, or ends before `start`.
+        """
+        if total <= self.start:
+            raise self.too_short(unit, total)
+        rest = total - self.start
+        return rest if self.num_frames is None else min(rest, self.num_frames)
+
+    def too_short(self, unit: str = "frames", total: int | None = None) -> VideoError:
+        """Return the error that says that there is nothing to read.
+
+        Parameters
+        ----------
+        unit : str, optional
+            What to call the frames.
+        total : int or None, optional
+            How many there are, if that is known.
+
+        Returns
+        -------
+        VideoError
+            Names the file.
+        """
+        if self.start == 0 or total == 0:
+            return VideoError(f"{self.path}: has no {unit}")
+        number = f"no more than {self.start}" if total is None else f"only {total}"
+        return VideoError(f"{self.path}: has {number} {unit}, cannot start at frame {self.start}")
+
+    def check_size(self, info: VideoInfo) -> None:
+        """Refuse pictures that are not of the size that was asked for.
+
+        Parameters
+        ----------
+        info : VideoInfo
+            What was found.
+
+        Raises
+        ------
+        VideoError
+            If the sizes differ.
+        """
+        if self.size is not None and self.size != info.size:
+            width, height = self.size
+            raise VideoError(f"{self.path}: pictures are {info.width}x{info.height}, not {width}x{height}")
+
+
+class FrameStream:
+    """The one `VideoReader` behind all files: information, an iterator of frames, something to close.
+
+    Parameters
+    ----------
+    info : VideoInfo
+        What is known.
+    frames : iterator of Frame
+        Read on demand.
+    close : callable
+        Called by `close`; must allow repetition.
+    """
+
+    def __init__(self, info: VideoInfo, frames: Iterator[Frame], close: Callable[[], None]) -> None:
+        self._info = info
+        self._frames = frames
+        self._close = close
+
+    @property
+    def info(self) -> VideoInfo:
+        """What is known of the video."""
+        return self._info
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames that have not been read yet."""
+        return self._frames
+
+    def close(self) -> None:
+        """Release the source; no frame comes after that."""
+        self._frames = iter(())
+        self._close()
+
+    def __enter__(self) -> Self:
+        """Return the reader."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Close the reader."""
+        self.close()
