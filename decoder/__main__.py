@@ -126,9 +126,7 @@ def _decode_file(arguments: argparse.Namespace) -> int:
             method = reader.config.side_information.method
             raise ConfigError(f"a punctured stream can only be decoded as it was made, with {method}")
         with ExitStack() as stack:
-            failure = _Output(config, arguments, stack).consume(
-                decode_stream(config, reader, arguments.jobs)
-            )
+            failure = _Output(config, arguments, stack).consume(decode_stream(config, reader, arguments.jobs))
     if failure is not None:
         raise failure
     return 0

@@ -153,7 +153,9 @@ class FrameLayout:
             If the payload is shorter than the header.
         """
         if len(data) < self.header_bytes:
-            raise BitstreamError(f"Wyner-Ziv frame of {len(data)} bytes lacks its {self.header_bytes}-byte header")
+            raise BitstreamError(
+                f"Wyner-Ziv frame of {len(data)} bytes lacks its {self.header_bytes}-byte header"
+            )
         bits = np.unpackbits(np.frombuffer(data[: self.header_bytes], np.uint8))
         used = bits[: len(self._stepped_bands) * quantizer.STEP_INDEX_BITS]
         values = bitplanes.from_planes(used.reshape(-1, quantizer.STEP_INDEX_BITS).T)
@@ -277,7 +279,11 @@ class EncodedFrame:
         """
         if not 0 <= question.plane < len(self.planes):
             raise ValueError(f"plane {question.plane} of {len(self.planes)}")
-        sources = {"crc": lambda: self._crc, "plain": lambda: self.planes, "parity": lambda: self.parity(question.code)}
+        sources = {
+            "crc": lambda: self._crc,
+            "plain": lambda: self.planes,
+            "parity": lambda: self.parity(question.code),
+        }
         if question.kind not in sources or not 0 <= question.code < len(self._codes):
             raise ValueError(f"no {question.kind!r} bits of code {question.code}")
         bits = sources[question.kind]()[question.plane]
@@ -379,7 +385,9 @@ class PuncturedFrame:
         """
         stop = self._position + question.count
         if stop > self._bits.size:
-            raise BitstreamError(f"punctured Wyner-Ziv frame ends after {self._bits.size} bits, {stop} are needed")
+            raise BitstreamError(
+                f"punctured Wyner-Ziv frame ends after {self._bits.size} bits, {stop} are needed"
+            )
         bits = self._bits[self._position : stop]
         self._position = stop
         return bits
@@ -393,7 +401,9 @@ class PuncturedFrame:
             If bits are left over, which no encoder writes.
         """
         if self._bits.size - self._position >= 8:
-            raise BitstreamError(f"punctured Wyner-Ziv frame has {self._bits.size - self._position} bits left over")
+            raise BitstreamError(
+                f"punctured Wyner-Ziv frame has {self._bits.size - self._position} bits left over"
+            )
 
 
 class PunctureRecorder:

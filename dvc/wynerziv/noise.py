@@ -181,7 +181,9 @@ def bit_llr(lower: Array, middle: Array, upper: Array, side_information: Array, 
     one = interval_probability(middle, upper, side_information, scale)
     width = np.maximum(upper - lower, 1e-9)
     share = OUTLIER_PROBABILITY * (zero + one) + 1e-12
-    return np.log((zero + share * (middle - lower) / width + 1e-15) / (one + share * (upper - middle) / width + 1e-15))
+    return np.log(
+        (zero + share * (middle - lower) / width + 1e-15) / (one + share * (upper - middle) / width + 1e-15)
+    )
 
 
 def fit_gain(

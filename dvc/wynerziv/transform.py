@@ -86,7 +86,9 @@ def forward(luma: NDArray[np.generic]) -> NDArray[np.float64]:
     return bands
 
 
-def _butterfly(a: NDArray[np.generic], b: NDArray[np.generic], c: NDArray[np.generic], d: NDArray[np.generic]):  # type: ignore[no-untyped-def]
+def _butterfly(
+    a: NDArray[np.generic], b: NDArray[np.generic], c: NDArray[np.generic], d: NDArray[np.generic]
+):  # type: ignore[no-untyped-def]
     outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c  # type: ignore[operator]
     return outer + inner, 2 * outer_odd + inner_odd, outer - inner, outer_odd - 2 * inner_odd
 
