@@ -113,7 +113,8 @@ def consistent_frames(pictures: Iterable[tuple[Path, "av.VideoFrame"]], info: Vi
                 f"{path}: the picture size changes from {info.width}x{info.height} to "
                 f"{picture.width}x{picture.height}"
             )
-        frame = frame_from_picture(picture)
+        with _av_errors(path, f"the pixel format {picture.format.name} cannot be converted"):
+            frame = frame_from_picture(picture)
         if is_grey not in (None, frame.chroma is None):
             raise VideoError(f"{path}: grey and colour pictures are mixed")
         is_grey = frame.chroma is None
