@@ -14,7 +14,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.config import (
-    CRC_BITS,
     FIELD_NUMBERS,
     PRESET_LEVELS,
     TURBO_FAMILIES,

@@ -1,8 +1,10 @@
 """The two ends of the feedback channel, connected in memory."""
 
+import re
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +29,7 @@ from dvc.feedback import (
     ParityAnswer,
     ParityRequest,
 )
-from dvc.feedback.messages import Message, encode_message
+from dvc.feedback.messages import TYPES, Message, encode_message, max_payload_bytes
 from dvc.stream import GopRecord
 
 CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4), turbo=TurboConfig(crc_bits=16))
@@ -510,3 +512,14 @@ def test_events_compare() -> None:
     first = ParityAnswer(1, 2, np.zeros(3, np.uint8))
     events: list[Event] = [first, ParityAnswer(1, 2, np.ones(3, np.uint8)), GopDone(1)]
     assert [event == ParityAnswer(1, 2, np.zeros(3, np.uint8)) for event in events] == [True, False, False]
+
+
+def test_all_messages_are_described() -> None:
+    """The document names every message with its type byte and its largest payload."""
+    text = (Path(__file__).parents[2] / "docs" / "feedback.md").read_text()
+    rows = re.findall(r"^\| (\d+) \| `(\w+)` \|.*\| ([^|]+) \|$", text, re.MULTILINE)
+    limits = {name: limit.replace("2^18", str(2**18)) for _, name, limit in rows}
+    assert [name for _, name, _ in rows] == [kind.__name__ for kind in TYPES]
+    assert [int(number) for number, _, _ in rows] == list(range(1, len(TYPES) + 1))
+    assert limits.pop("Gop") == "by frame size"
+    assert limits == {kind.__name__: str(max_payload_bytes(kind, None)) for kind in TYPES if kind is not Gop}
