@@ -67,7 +67,7 @@ def transform(matrix: Floats, points: Floats, out: Floats) -> None:
 def edge_functions(p: Floats, q: Floats, r: Floats, e: Floats) -> float:
     """Fill `e` (3, 3) with the edge functions of a homogeneous triangle and return its determinant.
 
-    Row i of `e` dotted with ``(column, row, 1)`` is barycentric coordinate i over depth, times the determinant.
+    Row i of `e` times ``(column, row, 1)`` is barycentric coordinate i over depth, times the determinant.
     Shared edges of neighbours give exactly opposite numbers, so that no sample falls between them.
     """
     e[0, 0] = q[1] * r[2] - q[2] * r[1]
@@ -108,7 +108,7 @@ def bounds(p: Floats, q: Floats, r: Floats, width: int, height: int) -> tuple[in
 
 @kernel
 def narrow(slope: float, offset: float, low: int, high: int) -> tuple[int, int]:
-    """Shrink a range of columns to where ``slope * column + offset >= 0``, with a column to spare at either end."""
+    """Shrink a range of columns to where ``slope * column + offset >= 0``, one to spare at either end."""
     if slope > 0.0:
         root = -offset / slope - 1.0
         if root > low:
@@ -161,11 +161,17 @@ def rasterize(projected: Floats, triangles: Ids, inverse_depth: Singles, ids: Id
 
 @kernel
 def cast_points(
-    projected: Floats, triangles: Ids, xy: Floats, cell_start: Array, cell_points: Array, depth: Floats, ids: Ids
+    projected: Floats,
+    triangles: Ids,
+    xy: Floats,
+    cell_start: Array,
+    cell_points: Array,
+    depth: Floats,
+    ids: Ids,
 ) -> None:
     """Find the nearest triangle behind every image point (P, 2), wherever it lies between samples.
 
-    Cell (row, column) of a grid of pixels lists its points as ``cell_points[cell_start[row, column]:...[+1]]``;
+    Row r, column c of a grid of pixels holds ``cell_points[cell_start[r, c]:cell_start[r, c + 1]]``;
     `depth` (P,) starts at inf and `ids` (P,) at -1.
     """
     height, width = cell_start.shape[0], cell_start.shape[1] - 1
@@ -212,7 +218,7 @@ def _cells(p: Floats, q: Floats, r: Floats, axis: int, shift: float, size: int) 
 def add_visibility(
     projected: Floats, inverse_depth: Singles, weight: Floats, bias_m: float, seen: Floats, total: Floats
 ) -> None:
-    """Add to each vertex the light of one direction if nothing stands between (depth map of that direction)."""
+    """Add to each vertex the light of one direction, unless its depth map shows something nearer."""
     height, width = inverse_depth.shape
     for i in range(projected.shape[0]):
         if weight[i] <= 0.0:
@@ -220,9 +226,8 @@ def add_visibility(
         total[i] += weight[i]
         z = projected[i, 2]
         column, row = int(np.floor(projected[i, 0] / z + 0.5)), int(np.floor(projected[i, 1] / z + 0.5))
-        if column < 0 or row < 0 or column >= width or row >= height:
-            seen[i] += weight[i]
-        elif inverse_depth[row, column] * (z - bias_m) <= 1.0:
+        outside = column < 0 or row < 0 or column >= width or row >= height
+        if outside or inverse_depth[row, column] * (z - bias_m) <= 1.0:
             seen[i] += weight[i]
 
 
@@ -250,7 +255,7 @@ def bilinear(textures: Textures, texture: int, level: int, u: float, v: float, o
 def filtered(
     textures: Textures, texture: int, u: float, v: float, footprint: Floats, out: Floats, work: Floats
 ) -> None:
-    """Fill `out` with the texture averaged over a sample's footprint: up to 6 trilinear taps on the long axis.
+    """Fill `out` with the texture averaged over a sample's footprint: up to 6 trilinear taps along it.
 
     `footprint` holds du/dx, dv/dx, du/dy, dv/dy in tiles per sample.
     """
@@ -262,7 +267,7 @@ def filtered(
     long, short = np.sqrt(long2) * textures.size, np.sqrt(short2) * textures.size
     taps = int(min(6.0, np.ceil(long / max(short, 1.0))))
     taps = max(taps, 1)
-    lod = np.log2(max(max(short, long / taps), 1.0))
+    lod = np.log2(max(short, long / taps, 1.0))
     last = textures.offsets.shape[1] - 1
     level = int(lod)
     mix = lod - level
@@ -314,9 +319,56 @@ def sky_colour(light: Light, textures: Textures, direction: Floats, out: Floats,
         scale = 0.16 / (direction[2] + 0.12)
         level = min(5, int(max(0.0, np.log2(0.06 / (direction[2] + 0.02)) + 1.0)))
         bilinear(textures, 1, level, direction[0] * scale + 0.37, direction[1] * scale + 0.11, work)
-        cover = work[0] * min(1.0, up * 6.0)
+        cover = work[0] * min(1.0, up * 9.0)
         for k in range(3):
-            out[k] += (light.cloud[k] * (0.75 + 0.25 * work[1]) - out[k]) * cover
+            out[k] += (light.cloud[k] * (0.45 + 0.55 * work[1]) - out[k]) * cover
+
+
+@kernel
+def sample_texture(
+    surface: Surface,
+    textures: Textures,
+    t: int,
+    e: Floats,
+    b: Floats,
+    total: float,
+    rgb: Floats,
+    work: Floats,
+) -> None:
+    """Fill `rgb` with the filtered texture of triangle `t` at barycentric coordinates `b`, stains included.
+
+    `total` is the sum of the edge functions `e` at the sample, before `b` was divided by it.
+    """
+    footprint = np.empty(4)
+    i0, i1, i2 = surface.triangles[t, 0], surface.triangles[t, 1], surface.triangles[t, 2]
+    material = surface.materials[t]
+    per_metre = textures.per_metre[material]
+    u = b[0] * surface.uv[i0, 0] + b[1] * surface.uv[i1, 0] + b[2] * surface.uv[i2, 0]
+    v = b[0] * surface.uv[i0, 1] + b[1] * surface.uv[i1, 1] + b[2] * surface.uv[i2, 1]
+    for axis in range(2):
+        s = e[0, axis] + e[1, axis] + e[2, axis]
+        du = e[0, axis] * surface.uv[i0, 0] + e[1, axis] * surface.uv[i1, 0] + e[2, axis] * surface.uv[i2, 0]
+        dv = e[0, axis] * surface.uv[i0, 1] + e[1, axis] * surface.uv[i1, 1] + e[2, axis] * surface.uv[i2, 1]
+        footprint[2 * axis] = (du - u * s) / total * per_metre
+        footprint[2 * axis + 1] = (dv - v * s) / total * per_metre
+    filtered(textures, material, u * per_metre, v * per_metre, footprint, rgb, work)
+    if textures.macro[material] > 0.0:
+        bilinear(textures, 0, 0, u * 0.137, v * 0.137, work)
+        stain = 1.0 + textures.macro[material] * (2.0 * work[0] - 1.0)
+        for k in range(3):
+            rgb[k] *= stain
+
+
+@kernel
+def sunlight(light: Light, kind: int, point: Floats, n: Floats) -> float:
+    """Return the share of the sun's light that a surface of normal `n` takes at a world point."""
+    facing = n[0] * light.to_sun[0] + n[1] * light.to_sun[1] + n[2] * light.to_sun[2]
+    if kind == LEAF:
+        facing = 0.22 + 0.55 * abs(facing)
+    if facing <= 0.0:
+        return 0.0
+    x, y, z = point[0] + 0.03 * n[0], point[1] + 0.03 * n[1], point[2] + 0.03 * n[2]
+    return float(facing * sunlit(light, x, y, z))
 
 
 @kernel
@@ -332,17 +384,16 @@ def shade(
 ) -> None:
     """Write the linear radiance of every sample into `colour` (H, W, 3): Lambertian, sun, sky, haze."""
     height, width = ids.shape
-    e, b, footprint = np.empty((3, 3)), np.empty(3), np.empty(4)
+    e, b = np.empty((3, 3)), np.empty(3)
     rgb, work, n, point = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    last, det = -1, 0.0
+    last = -1
     for row in range(height):
         for column in range(width):
             t = ids[row, column]
             if t < 0:
                 for k in range(3):
-                    n[k] = (
-                        world_from_sample[k, 0] * column + world_from_sample[k, 1] * row + world_from_sample[k, 2]
-                    )
+                    ray = world_from_sample[k]
+                    n[k] = ray[0] * column + ray[1] * row + ray[2]
                 n /= np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
                 sky_colour(light, textures, n, rgb, work)
                 for k in range(3):
@@ -350,56 +401,36 @@ def shade(
                 continue
             i0, i1, i2 = surface.triangles[t, 0], surface.triangles[t, 1], surface.triangles[t, 2]
             if t != last:
-                det = edge_functions(projected[i0], projected[i1], projected[i2], e)
+                edge_functions(projected[i0], projected[i1], projected[i2], e)
                 last = t
             for i in range(3):
                 b[i] = e[i, 0] * column + e[i, 1] * row + e[i, 2]
             total = b[0] + b[1] + b[2]
             b /= total
-            material = surface.materials[t]
-            per_metre = textures.per_metre[material]
-            u = b[0] * surface.uv[i0, 0] + b[1] * surface.uv[i1, 0] + b[2] * surface.uv[i2, 0]
-            v = b[0] * surface.uv[i0, 1] + b[1] * surface.uv[i1, 1] + b[2] * surface.uv[i2, 1]
-            for axis in range(2):
-                s = e[0, axis] + e[1, axis] + e[2, axis]
-                du = e[0, axis] * surface.uv[i0, 0] + e[1, axis] * surface.uv[i1, 0] + e[2, axis] * surface.uv[i2, 0]
-                dv = e[0, axis] * surface.uv[i0, 1] + e[1, axis] * surface.uv[i1, 1] + e[2, axis] * surface.uv[i2, 1]
-                footprint[2 * axis] = (du - u * s) / total * per_metre
-                footprint[2 * axis + 1] = (dv - v * s) / total * per_metre
-            filtered(textures, material, u * per_metre, v * per_metre, footprint, rgb, work)
-            if textures.macro[material] > 0.0:
-                bilinear(textures, 0, 0, u * 0.137, v * 0.137, work)
-                stain = 1.0 + textures.macro[material] * (2.0 * work[0] - 1.0)
-                for k in range(3):
-                    rgb[k] *= stain
+            sample_texture(surface, textures, t, e, b, total, rgb, work)
             for k in range(3):
                 rgb[k] *= b[0] * surface.tint[i0, k] + b[1] * surface.tint[i1, k] + b[2] * surface.tint[i2, k]
-                n[k] = b[0] * surface.normals[i0, k] + b[1] * surface.normals[i1, k] + b[2] * surface.normals[i2, k]
-                point[k] = b[0] * surface.points[i0, k] + b[1] * surface.points[i1, k] + b[2] * surface.points[i2, k]
+                n[k] = (
+                    b[0] * surface.normals[i0, k]
+                    + b[1] * surface.normals[i1, k]
+                    + b[2] * surface.normals[i2, k]
+                )
+                point[k] = (
+                    b[0] * surface.points[i0, k] + b[1] * surface.points[i1, k] + b[2] * surface.points[i2, k]
+                )
             n /= max(np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]), 1e-9)
             open_sky = b[0] * surface.ambient[i0] + b[1] * surface.ambient[i1] + b[2] * surface.ambient[i2]
-            facing = n[0] * light.to_sun[0] + n[1] * light.to_sun[1] + n[2] * light.to_sun[2]
-            if textures.kind[material] == LEAF:
-                facing = 0.22 + 0.55 * abs(facing)
-            sun = 0.0
-            if facing > 0.0:
-                offset = 0.03
-                sun = facing * sunlit(
-                    light, point[0] + offset * n[0], point[1] + offset * n[1], point[2] + offset * n[2]
-                )
-            hemisphere = 0.5 + 0.5 * n[2]
-            distance = 1.0 / inverse_depth[row, column]
-            clear = np.exp(-distance * light.haze_per_m)
+            sun = sunlight(light, textures.kind[surface.materials[t]], point, n)
+            clear = np.exp(-light.haze_per_m / inverse_depth[row, column])
             for k in range(3):
-                sky = light.ground[k] + (light.sky[k] - light.ground[k]) * hemisphere
-                bounce = 0.22 * light.ground[k]
-                value = rgb[k] * (light.sun[k] * sun + sky * open_sky + bounce)
+                sky = light.ground[k] + (light.sky[k] - light.ground[k]) * (0.5 + 0.5 * n[2])
+                value = rgb[k] * (light.sun[k] * sun + sky * open_sky + 0.13 * light.ground[k])
                 colour[row, column, k] = value * clear + light.haze[k] * (1.0 - clear)
 
 
 @kernel
 def resolve(samples: Singles, taps: Floats, step: int, out: Singles) -> None:
-    """Average samples (step*H + taps - step, ..., 3) into pixels (H, W, 3) with a separable kernel of `taps`."""
+    """Average samples into pixels (H, W, 3), `step` samples apart, with a separable kernel of `taps`."""
     height, width, _ = out.shape
     count = taps.shape[0]
     for row in range(height):

@@ -4,6 +4,7 @@ A facade is built in its own frame: x along the wall, y into the building, z up;
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -62,12 +63,16 @@ def on_sheet(mesh: Mesh, column: int, row: int, across: int) -> Mesh:
     return replace(mesh, uv=(np.array([column, row]) + 0.03 + 0.94 * unit) / across)
 
 
-def wall(width: float, bottom: float, top: float, openings: list[Opening], material: str, tint: ArrayLike) -> Mesh:
+def wall(
+    width: float, bottom: float, top: float, openings: list[Opening], material: str, tint: ArrayLike
+) -> Mesh:
     """Make a flat wall with rectangular holes; texture coordinates run on through the whole wall."""
     levels = sorted({bottom, top, *(o.z for o in openings), *(o.z + o.height for o in openings)})
     parts = []
-    for low, high in zip(levels, levels[1:], strict=False):
-        holes = sorted((o.x, o.x + o.width) for o in openings if o.z < high - 1e-9 and o.z + o.height > low + 1e-9)
+    for low, high in pairwise(levels):
+        holes = sorted(
+            (o.x, o.x + o.width) for o in openings if o.z < high - 1e-9 and o.z + o.height > low + 1e-9
+        )
         edges = [0.0, *(edge for hole in holes for edge in hole), width]
         for left, right in zip(edges[0::2], edges[1::2], strict=True):
             if right - left > 1e-6:
@@ -136,8 +141,12 @@ def door(rng: np.random.Generator, o: Opening, style: Style) -> Mesh:
         parts.append(box((o.x, y + 0.02, z), (o.x + o.width, RECESS_M, z + 0.12), number, tint * 0.85, 0.6))
     for x in (o.x - 0.22, o.x + o.width):
         parts.append(box((x, -0.08, o.z), (x + 0.22, 0.0, z1), NUMBER["stone"], style.trim, 0.5))
-    parts.append(box((o.x - 0.3, -0.14, z1), (o.x + o.width + 0.3, 0.0, z1 + 0.3), NUMBER["stone"], style.trim, 0.5))
-    parts.append(box((o.x - 0.1, -0.3, 0.0), (o.x + o.width + 0.1, RECESS_M, o.z), NUMBER["stone"], (1, 1, 1), 0.5))
+    parts.append(
+        box((o.x - 0.3, -0.14, z1), (o.x + o.width + 0.3, 0.0, z1 + 0.3), NUMBER["stone"], style.trim, 0.5)
+    )
+    parts.append(
+        box((o.x - 0.1, -0.3, 0.0), (o.x + o.width + 0.1, RECESS_M, o.z), NUMBER["stone"], (1, 1, 1), 0.5)
+    )
     return merge(parts)
 
 
@@ -168,15 +177,25 @@ def shop(rng: np.random.Generator, width: float, height: float, style: Style) ->
         o = Opening(0.3 + k * pitch + 0.15, 0.5, pitch - 0.3, height - 1.35, "pane")
         openings.append(o)
         picture = rng.choice(["glass", "coffee", "rocket", "glass"])
-        pane = patch((o.x, RECESS_M, o.z), (o.width, 0, 0), (0, 0, o.height), NUMBER[str(picture)], (1, 1, 1), 0.7)
+        pane = patch(
+            (o.x, RECESS_M, o.z), (o.width, 0, 0), (0, 0, o.height), NUMBER[str(picture)], (1, 1, 1), 0.7
+        )
         sheet = (int(rng.integers(4)), int(rng.integers(4)), 4) if picture == "glass" else (0, 0, 1)
-        parts += [on_sheet(pane, *sheet).tinted((0.75, 0.8, 0.8)), reveal(o, "paint", tint), frame(o, (2, 1), tint)]
-    parts.append(box((0.2, -0.12, height - 0.75), (width - 0.2, 0.0, height - 0.15), NUMBER["paint"], tint * 1.2))
+        parts += [
+            on_sheet(pane, *sheet).tinted((0.75, 0.8, 0.8)),
+            reveal(o, "paint", tint),
+            frame(o, (2, 1), tint),
+        ]
+    parts.append(
+        box((0.2, -0.12, height - 0.75), (width - 0.2, 0.0, height - 0.15), NUMBER["paint"], tint * 1.2)
+    )
     for x in np.arange(0.9, width - 1.2, 0.36):
         letter = rng.uniform(0.1, 0.24), rng.uniform(0.22, 0.32)
         low = (x, -0.14, height - 0.6)
         if rng.random() < 0.85:
-            parts.append(box(low, (x + letter[0], -0.12, low[2] + letter[1]), NUMBER["paint"], (1.4, 1.3, 1.0), 0.5))
+            parts.append(
+                box(low, (x + letter[0], -0.12, low[2] + letter[1]), NUMBER["paint"], (1.4, 1.3, 1.0), 0.5)
+            )
     if rng.random() < 0.7:
         stripes = max(6, int(width / 0.45))
         for k in range(stripes):
@@ -237,7 +256,16 @@ def facade(rng: np.random.Generator, width: float, floors: int, style: Style, de
 
 def _trimmings(width: float, ground: float, top: float, style: Style) -> Mesh:
     number = NUMBER["stone"]
-    cornice = [(0.05, 0.1), (0.45, 0.08), (0.45, -0.05), (0.3, -0.12), (0.2, -0.28), (0.06, -0.34), (0.06, -0.45), (0, -0.45)]
+    cornice = [
+        (0.05, 0.1),
+        (0.45, 0.08),
+        (0.45, -0.05),
+        (0.3, -0.12),
+        (0.2, -0.28),
+        (0.06, -0.34),
+        (0.06, -0.45),
+        (0, -0.45),
+    ]
     course = [(0.0, 0.12), (0.1, 0.1), (0.1, 0.0), (0.05, -0.1), (0.0, -0.1)]
     plinth = [(0.0, 0.62), (0.06, 0.58), (0.06, 0.0)]
     parts = [extrude(cornice, (0, 0, top), (width, 0, top), number, style.trim)]
@@ -245,7 +273,11 @@ def _trimmings(width: float, ground: float, top: float, style: Style) -> Mesh:
     if style.ground != "shop":
         for left, right in ((0.0, width / 2 - 1.0), (width / 2 + 1.0, width)):
             parts.append(extrude(plinth, (left, 0, 0), (right, 0, 0), number, np.array(style.trim) * 0.75))
-    parts.append(box((width - 0.16, -0.1, 0.2), (width - 0.06, 0.0, top - 0.4), NUMBER["paint"], (0.3, 0.32, 0.33), 0.6))
+    parts.append(
+        box(
+            (width - 0.16, -0.1, 0.2), (width - 0.06, 0.0, top - 0.4), NUMBER["paint"], (0.3, 0.32, 0.33), 0.6
+        )
+    )
     return merge(parts)
 
 

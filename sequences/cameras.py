@@ -1,7 +1,7 @@
 """Pinhole cameras: projection, back-projection, fundamental matrices, aiming, and the tremor of a hand.
 
-World axes are x right, y forward, z up, in metres. Camera axes are x right, y down, z forward. The centre of the first
-pixel is at (0, 0), as in OpenCV; image points are (x, y) = (column, row).
+World axes are x right, y forward, z up, in metres. Camera axes are x right, y down, z forward. The centre of
+the first pixel is at (0, 0), as in OpenCV; image points are (x, y) = (column, row).
 """
 
 import math
@@ -76,7 +76,7 @@ def project(camera: Camera, points_in_world: Floats) -> tuple[Floats, Floats]:
 
 
 def ray_directions(camera: Camera, xy: Floats) -> Floats:
-    """Return the world directions (N, 3) of image points (N, 2), scaled to advance one metre in depth each."""
+    """Return the world directions (N, 3) of image points (N, 2), each one metre of depth long."""
     rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.K).T
     directions: Floats = rays @ camera.cam_from_world[:, :3]
     return directions
@@ -111,7 +111,8 @@ def intrinsics(width_px: int, height_px: int, field_of_view_deg: float) -> Float
     """Return `K` (3, 3) of square pixels and a centred principal point for a horizontal field of view."""
     focal = 0.5 * width_px / math.tan(math.radians(field_of_view_deg) / 2)
     return np.array(
-        [[focal, 0.0, (width_px - 1) / 2], [0.0, focal, (height_px - 1) / 2], [0.0, 0.0, 1.0]], dtype=np.float64
+        [[focal, 0.0, (width_px - 1) / 2], [0.0, focal, (height_px - 1) / 2], [0.0, 0.0, 1.0]],
+        dtype=np.float64,
     )
 
 

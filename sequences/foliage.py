@@ -5,12 +5,13 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sequences.meshes import Mesh, merge, tube
+from sequences.meshes import QUAD, Mesh, merge, tube
 from sequences.textures import NUMBER
 
 Floats = NDArray[np.float64]
 
 GREEN = (0.20, 0.40, 0.10)
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def leaves(
@@ -48,7 +49,7 @@ def leaves(
     hue = np.asarray(colour) * shade * (1 + rng.uniform(-0.14, 0.22, (count, 1)) * np.array([1.0, 0.25, 0.0]))
     uv = rng.uniform(0, 0.8, (count, 1, 2)) + 0.2 * size[:, None] * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     first = 4 * np.arange(count)[:, None]
-    triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]]).astype(np.int32)
+    triangles = (first + QUAD).reshape(-1, 3).astype(np.int32)
     return Mesh(
         points,
         np.repeat(_unit(0.5 * normal + 0.5 * outwards), 4, axis=0),
@@ -60,7 +61,12 @@ def leaves(
 
 
 def clump(
-    rng: np.random.Generator, centre: ArrayLike, radii: ArrayLike, count: int, length_m: float, colour: ArrayLike = GREEN
+    rng: np.random.Generator,
+    centre: ArrayLike,
+    radii: ArrayLike,
+    count: int,
+    length_m: float,
+    colour: ArrayLike = GREEN,
 ) -> Mesh:
     """Fill an ellipsoid with leaves, more of them near its surface, darker within.
 
@@ -124,14 +130,15 @@ def tree(
     fork = 0.36 * height_m
     girth = 0.028 * height_m
     bend = rng.uniform(-0.12, 0.12, 2)
-    path = [base + [bend[0] * t, bend[1] * t, t * fork * 1.25] for t in np.linspace(0, 1, 6)]
+    path = list(base + np.linspace(0, 1, 6)[:, None] * np.array([bend[0], bend[1], 1.25 * fork]))
     parts = [tube(path, list(girth * np.array([1.5, 1.05, 0.95, 0.88, 0.8, 0.65])), NUMBER["bark"])]
     clumps = 13
     for k in range(clumps):
         angle, level = 2.4 * k + rng.uniform(-0.4, 0.4), (k + 0.5) / clumps
         reach = crown_m * math.sin(math.pi * (0.22 + 0.66 * level)) * rng.uniform(0.45, 0.8)
-        tip = base + [reach * math.cos(angle), reach * math.sin(angle), fork + (height_m - fork) * (0.1 + 0.8 * level)]
-        start = base + [bend[0], bend[1], fork * rng.uniform(0.8, 1.2)]
+        tip = base + np.array([reach * math.cos(angle), reach * math.sin(angle), 0.0])
+        tip[2] += fork + (height_m - fork) * (0.1 + 0.8 * level)
+        start = base + np.array([bend[0], bend[1], fork * rng.uniform(0.8, 1.2)])
         middle = 0.5 * (start + tip) + [0.0, 0.0, -0.12 * crown_m]
         radii = [0.42 * girth, 0.26 * girth, 0.08 * girth]
         parts.append(tube([start, middle, tip], radii, NUMBER["bark"]))
@@ -142,7 +149,12 @@ def tree(
 
 
 def ivy(
-    rng: np.random.Generator, origin: ArrayLike, across: ArrayLike, up: ArrayLike, count: int, length_m: float = 0.09
+    rng: np.random.Generator,
+    origin: ArrayLike,
+    across: ArrayLike,
+    up: ArrayLike,
+    count: int,
+    length_m: float = 0.09,
 ) -> Mesh:
     """Cover part of a wall with ivy that hangs in tongues.
 
@@ -166,7 +178,12 @@ def ivy(
     normal = _unit(np.cross(a, b)[None])[0]
     s, t = rng.random(count), rng.random(count)
     phases = rng.uniform(0, 2 * math.pi, 3)
-    edge = 0.45 + 0.2 * np.sin(7 * s + phases[0]) + 0.16 * np.sin(17 * s + phases[1]) + 0.1 * np.sin(41 * s + phases[2])
+    edge = (
+        0.45
+        + 0.2 * np.sin(7 * s + phases[0])
+        + 0.16 * np.sin(17 * s + phases[1])
+        + 0.1 * np.sin(41 * s + phases[2])
+    )
     keep = 1 - t < edge
     thick = 0.16 * rng.random((count, 1)) ** 1.5 + 0.01
     centres = (o + s[:, None] * a + t[:, None] * b + thick * normal)[keep]
@@ -181,14 +198,14 @@ def tufts(rng: np.random.Generator, feet: Floats, height_m: float, blades: int =
     lean = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=-1)
     height = height_m * rng.uniform(0.5, 1.2, (count, 1))
     side = 0.006 * np.stack([-lean[:, 1], lean[:, 0], lean[:, 2]], axis=-1)
-    middle = foot + 0.25 * height * lean + [0, 0, 1] * height * 0.7
-    tip = foot + 0.6 * height * lean + [0, 0, 1] * height
+    middle = foot + 0.25 * height * lean + 0.7 * height * UP
+    tip = foot + 0.6 * height * lean + height * UP
     points = np.stack([foot - side, foot + side, middle + side, tip], axis=1).reshape(-1, 3)
     first = 4 * np.arange(count)[:, None]
-    triangles = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]]).astype(np.int32)
+    triangles = (first + QUAD).reshape(-1, 3).astype(np.int32)
     hue = np.array([0.32, 0.46, 0.14]) * np.exp(0.25 * rng.standard_normal((count, 1)))
     shade = np.tile([0.5, 0.5, 0.9, 1.1], count)[:, None]
-    normals = np.repeat(_unit(lean + [0, 0, 1.0]), 4, axis=0)
+    normals = np.repeat(_unit(lean + UP), 4, axis=0)
     uv = rng.uniform(0, 0.8, (4 * count, 2))
     materials = np.full(len(triangles), NUMBER["leaf"], dtype=np.int32)
     return Mesh(points, normals, uv, np.repeat(hue, 4, axis=0) * shade, triangles, materials)

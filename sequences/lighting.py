@@ -38,10 +38,10 @@ class Weather:
     sun: tuple[float, float, float] = (2.9, 2.62, 2.2)
     sky: tuple[float, float, float] = (0.72, 0.86, 1.06)
     ground: tuple[float, float, float] = (0.34, 0.31, 0.27)
-    haze: tuple[float, float, float] = (0.92, 0.96, 1.0)
-    zenith: tuple[float, float, float] = (0.24, 0.42, 0.80)
-    cloud: tuple[float, float, float] = (1.25, 1.22, 1.18)
-    haze_per_m: float = 0.0016
+    haze: tuple[float, float, float] = (0.66, 0.76, 0.90)
+    zenith: tuple[float, float, float] = (0.15, 0.29, 0.62)
+    cloud: tuple[float, float, float] = (1.55, 1.52, 1.50)
+    haze_per_m: float = 0.0014
 
     @property
     def to_sun(self) -> Floats:
@@ -149,7 +149,7 @@ def sky_visibility(mesh: Mesh, thin: NDArray[np.bool_], maps: LightMaps) -> Floa
         cosine = mesh.normals[:, 0] * direction[0] + mesh.normals[:, 1] * direction[1]
         weight = np.where(thin, 0.5, np.maximum(cosine + mesh.normals[:, 2] * direction[2], 0.0))
         _kernels.add_visibility(projected, inverse, weight, 1.2 * texel_m, seen, total)
-    return seen / total
+    return np.asarray(seen / total)
 
 
 def illuminate(mesh: Mesh, textures: Textures, weather: Weather, maps: LightMaps) -> tuple[Surface, Light]:
@@ -185,6 +185,15 @@ def illuminate(mesh: Mesh, textures: Textures, weather: Weather, maps: LightMaps
     sun, sky, ground, haze = (np.array(colour, dtype=np.float64) for colour in colours)
     zenith, cloud = np.array(weather.zenith, dtype=np.float64), np.array(weather.cloud, dtype=np.float64)
     light = Light(
-        weather.to_sun, sun, sky, ground, haze, weather.haze_per_m, shadow_from_world, shadow_depth, zenith, cloud
+        weather.to_sun,
+        sun,
+        sky,
+        ground,
+        haze,
+        weather.haze_per_m,
+        shadow_from_world,
+        shadow_depth,
+        zenith,
+        cloud,
     )
     return surface, light

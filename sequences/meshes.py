@@ -1,4 +1,4 @@
-"""Triangle meshes and the shapes that scenes are made of; lengths in metres, texture coordinates in metres too."""
+"""Triangle meshes and the shapes that scenes are made of; lengths and texture coordinates in metres."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -13,6 +13,8 @@ Ids = NDArray[np.int32]
 Colour = tuple[float, float, float]
 
 WHITE: Colour = (1.0, 1.0, 1.0)
+# The two triangles of a quad, to be added to the number of its first vertex.
+QUAD = np.array([0, 1, 2, 0, 2, 3])
 
 
 @dataclass(frozen=True)
@@ -70,12 +72,16 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
         np.concatenate([part.normals for part in parts]),
         np.concatenate([part.uv for part in parts]),
         np.concatenate([part.tint for part in parts]),
-        np.concatenate([part.triangles + start for part, start in zip(parts, starts, strict=True)]).astype(np.int32),
+        np.concatenate([part.triangles + start for part, start in zip(parts, starts, strict=True)]).astype(
+            np.int32
+        ),
         np.concatenate([part.materials for part in parts]),
     )
 
 
-def from_grid(points: Floats, uv: Floats, material: int, tint: ArrayLike = WHITE, smooth: bool = True) -> Mesh:
+def from_grid(
+    points: Floats, uv: Floats, material: int, tint: ArrayLike = WHITE, smooth: bool = True
+) -> Mesh:
     """Make a surface of a grid of points (rows, columns, 3); normals are ``d/dcolumn x d/drow``.
 
     Parameters
@@ -100,7 +106,9 @@ def from_grid(points: Floats, uv: Floats, material: int, tint: ArrayLike = WHITE
     if not smooth:
         corners = [(slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))]
         corners += [(slice(1, None), slice(1, None)), (slice(1, None), slice(None, -1))]
-        p, t, c = (np.stack([a[i] for i in corners], axis=2).reshape(-1, a.shape[2]) for a in (points, uv, colour))
+        p, t, c = (
+            np.stack([a[i] for i in corners], axis=2).reshape(-1, a.shape[2]) for a in (points, uv, colour)
+        )
         normals = np.repeat(_unit(np.cross(p[1::4] - p[0::4], p[3::4] - p[0::4])), 4, axis=0)
         first = np.arange(0, len(p), 4)
     else:
@@ -109,7 +117,9 @@ def from_grid(points: Floats, uv: Floats, material: int, tint: ArrayLike = WHITE
         p, t, c = points.reshape(-1, 3), uv.reshape(-1, 2), colour.reshape(-1, 3)
         rows, columns = points.shape[:2]
         index = np.arange(rows * columns).reshape(rows, columns)
-        quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
+        quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(
+            -1, 4
+        )
         return _mesh(p, normals, t, c, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), material)
     quads = first[:, None] + np.arange(4)
     return _mesh(p, normals, t, c, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), material)
@@ -124,7 +134,7 @@ def patch(
     cell_m: float = 0.35,
     uv_at: ArrayLike = (0.0, 0.0),
 ) -> Mesh:
-    """Make a flat parallelogram with the normal ``across x up``, cut into cells so that light can be baked on it.
+    """Make a flat parallelogram with the normal ``across x up``, cut into cells on which light is baked.
 
     Parameters
     ----------
@@ -172,7 +182,12 @@ def _normal(a: Floats, b: Floats) -> Floats:
 
 
 def box(
-    low: ArrayLike, high: ArrayLike, material: int, tint: ArrayLike = WHITE, cell_m: float = 0.6, uv_at: float = 0.0
+    low: ArrayLike,
+    high: ArrayLike,
+    material: int,
+    tint: ArrayLike = WHITE,
+    cell_m: float = 0.6,
+    uv_at: float = 0.0,
 ) -> Mesh:
     """Make a box with sides along the axes from its lowest to its highest corner, without its bottom."""
     a, b = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
@@ -185,11 +200,13 @@ def box(
         return Mesh(points, _BOX_NORMALS, uv, colour, _BOX_TRIANGLES, np.full(10, material, dtype=np.int32))
     x, y, z = np.diag(size)
     sides = [(a, x, z), (a + x, y, z), (a + x + y, -x, z), (a + y, -y, z), (a + z, x, y)]
-    return merge(patch(o, s, t, material, tint, cell_m, (uv_at + 1.7 * i, uv_at)) for i, (o, s, t) in enumerate(sides))
+    return merge(
+        patch(o, s, t, material, tint, cell_m, (uv_at + 1.7 * i, uv_at)) for i, (o, s, t) in enumerate(sides)
+    )
 
 
 def _unit_box() -> tuple[Floats, Floats, Ids]:
-    """Return for the 20 vertices of an open box their place and the axes of u and v (20, 3, 3), normals, triangles."""
+    """Return place and axes of u and v (20, 3, 3), normals and triangles of the vertices of an open box."""
     x, y, z = np.eye(3)
     vertices, normals = [], []
     for o, s, t in [(0 * x, x, z), (x, y, z), (x + y, -x, z), (y, -y, z), (z, x, y)]:
@@ -197,14 +214,24 @@ def _unit_box() -> tuple[Floats, Floats, Ids]:
             vertices.append([o + i * s + j * t, i * np.abs(s), j * t])
             normals.append(np.cross(s, t))
     first = 4 * np.arange(5)[:, None]
-    return np.array(vertices), np.array(normals), np.concatenate([first + [0, 1, 2], first + [0, 2, 3]]).astype(np.int32)
+    return (
+        np.array(vertices),
+        np.array(normals),
+        (first + QUAD).reshape(-1, 3).astype(np.int32),
+    )
 
 
 _BOX, _BOX_NORMALS, _BOX_TRIANGLES = _unit_box()
 
 
 def slab(
-    origin: ArrayLike, x: ArrayLike, y: ArrayLike, z: ArrayLike, material: int, tint: ArrayLike = WHITE, cell_m: float = 0.5
+    origin: ArrayLike,
+    x: ArrayLike,
+    y: ArrayLike,
+    z: ArrayLike,
+    material: int,
+    tint: ArrayLike = WHITE,
+    cell_m: float = 0.5,
 ) -> Mesh:
     """Make a closed parallelepiped from a corner and three right-handed sides (3,): copings, ramps, beams."""
     o, a, b, c = (np.asarray(side, dtype=np.float64) for side in (origin, x, y, z))
@@ -213,7 +240,12 @@ def slab(
 
 
 def extrude(
-    profile: ArrayLike, start: ArrayLike, end: ArrayLike, material: int, tint: ArrayLike = WHITE, cell_m: float = 0.35
+    profile: ArrayLike,
+    start: ArrayLike,
+    end: ArrayLike,
+    material: int,
+    tint: ArrayLike = WHITE,
+    cell_m: float = 0.35,
 ) -> Mesh:
     """Sweep a profile along a straight horizontal line: kerbs, steps, cornices, rails.
 
@@ -251,7 +283,7 @@ def extrude(
 def lathe(
     profile: ArrayLike, centre: ArrayLike, material: int, tint: ArrayLike = WHITE, segments: int = 12
 ) -> Mesh:
-    """Turn a profile (radius, height), listed from the bottom up, about a vertical axis: posts, columns, vases."""
+    """Turn a profile (radius, height), listed from the bottom up, about a vertical axis: posts, vases."""
     shape = np.asarray(profile, dtype=np.float64)
     angle = np.linspace(0, 2 * math.pi, segments + 1)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -266,6 +298,18 @@ def lathe(
     seam = _unit(normals[:, 0] + normals[:, -1])
     normals[:, 0], normals[:, -1] = seam, seam
     return replace(mesh, normals=normals.reshape(-1, 3))
+
+
+def square_moulding(profile: ArrayLike, half_m: float, material: int, tint: ArrayLike = WHITE) -> Mesh:
+    """Run a profile (outwards, up), listed from the top, round a square of side ``2 half_m``."""
+    shape = np.asarray(profile, dtype=np.float64)
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], dtype=np.float64)
+    points = np.empty((len(shape), 5, 3))
+    points[..., :2] = (half_m + shape[:, None, :1]) * corners
+    points[..., 2] = shape[:, None, 1]
+    around = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))])
+    uv = np.stack(np.broadcast_arrays(2 * half_m * np.arange(5.0)[None, :], around[:, None]), axis=-1)
+    return from_grid(points[:, ::-1], uv[:, ::-1], material, tint, smooth=False)
 
 
 def tube(path: Sequence[ArrayLike], radii: Sequence[float], material: int, tint: ArrayLike = WHITE) -> Mesh:
@@ -285,7 +329,9 @@ def tube(path: Sequence[ArrayLike], radii: Sequence[float], material: int, tint:
     return replace(mesh, normals=ring.reshape(-1, 3))
 
 
-def _mesh(points: Floats, normals: Floats, uv: Floats, tint: Floats, triangles: NDArray[np.int64], material: int) -> Mesh:
+def _mesh(
+    points: Floats, normals: Floats, uv: Floats, tint: Floats, triangles: NDArray[np.int64], material: int
+) -> Mesh:
     ids = triangles.astype(np.int32)
     materials = np.full(len(ids), material, dtype=np.int32)
     return Mesh(points, normals, uv, np.array(tint, dtype=np.float64), ids, materials)

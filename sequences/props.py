@@ -51,23 +51,39 @@ def car(colour: Colour) -> Mesh:
         parts.append(_flank(length, np.full_like(length, 0.24), np.minimum(roof, _BELT_M), side, paint))
         cabin = (length > 1.15) & (length < 3.95)
         parts.append(_flank(length[cabin], np.full(cabin.sum(), _BELT_M), roof[cabin], side, paint))
-        panes = (length > 1.42) & (length < 3.66)
-        top = np.maximum(roof[panes] - 0.07, _BELT_M + 0.05)
-        parts.append(_flank(length[panes], np.full(panes.sum(), _BELT_M + 0.04), top, side, glass, 0.008))
-        parts.append(box((side * 0.72 - 0.025, 2.45, _BELT_M), (side * 0.8 + 0.025, 2.52, 1.36), NUMBER["paint"], paint))
+        for front, back in ((1.42, 2.45), (2.52, 3.66)):
+            panes = (length > front) & (length < back)
+            top = np.maximum(roof[panes] - 0.07, _BELT_M + 0.05)
+            parts.append(_flank(length[panes], np.full(panes.sum(), _BELT_M + 0.04), top, side, glass, 0.008))
         for y in (0.78, 3.38):
             parts.append(_wheel(side * 0.80, y, 0.31))
-        parts.append(box((side * 0.68 - 0.12, 4.12, 0.68), (side * 0.68 + 0.12, 4.2, 0.86), NUMBER["paint"], (0.9, 0.05, 0.04)))
-        parts.append(box((side * 0.62 - 0.16, -0.01, 0.56), (side * 0.62 + 0.16, 0.08, 0.7), NUMBER["paint"], (1.5, 1.5, 1.4)))
+        parts.append(
+            box(
+                (side * 0.68 - 0.12, 4.12, 0.68),
+                (side * 0.68 + 0.12, 4.2, 0.86),
+                NUMBER["paint"],
+                (0.5, 0.03, 0.025),
+            )
+        )
+        parts.append(
+            box(
+                (side * 0.62 - 0.16, -0.01, 0.47),
+                (side * 0.62 + 0.16, 0.08, 0.6),
+                NUMBER["paint"],
+                (1.5, 1.5, 1.4),
+            )
+        )
     for y in (-0.03, 4.17):
         parts.append(box((-0.26, y, 0.5), (0.26, y + 0.03, 0.61), NUMBER["paint"], (1.5, 1.5, 1.3)))
-        parts.append(box((-0.84, y - 0.02, 0.26), (0.84, y + 0.05, 0.44), NUMBER["paint"], (0.12, 0.12, 0.13)))
+        parts.append(
+            box((-0.84, y - 0.02, 0.26), (0.84, y + 0.05, 0.44), NUMBER["paint"], (0.12, 0.12, 0.13))
+        )
     parts.append(box((-0.78, 0.3, 0.16), (0.78, 3.9, 0.3), NUMBER["paint"], (0.05, 0.05, 0.05)))
     return merge(parts).moved((0, -2.1, 0))
 
 
 def _half_width(z: float) -> float:
-    return 0.84 - 0.24 * max(0.0, (z - _BELT_M) / 0.55) ** 1.2
+    return 0.84 - 0.24 * float(max(0.0, (z - _BELT_M) / 0.55) ** 1.2)
 
 
 def _flank(y: Floats, low: Floats, high: Floats, side: float, tint: Floats, proud: float = 0.0) -> Mesh:
@@ -80,15 +96,34 @@ def _flank(y: Floats, low: Floats, high: Floats, side: float, tint: Floats, prou
 
 
 def _wheel(x: float, y: float, radius: float) -> Mesh:
-    profile = [(radius * 0.98, -0.11), (radius, -0.08), (radius, 0.08), (radius * 0.98, 0.11), (radius * 0.66, 0.12)]
+    profile = [
+        (radius * 0.98, -0.11),
+        (radius, -0.08),
+        (radius, 0.08),
+        (radius * 0.98, 0.11),
+        (radius * 0.66, 0.12),
+    ]
     tyre = lathe(profile, (0, 0, 0), NUMBER["paint"], (0.05, 0.05, 0.05), 20)
-    rim = lathe([(radius * 0.66, 0.10), (radius * 0.2, 0.09), (0.001, 0.12)], (0, 0, 0), NUMBER["paint"], (0.7, 0.7, 0.72), 20)
+    rim = lathe(
+        [(radius * 0.66, 0.10), (radius * 0.2, 0.09), (0.001, 0.12)],
+        (0, 0, 0),
+        NUMBER["paint"],
+        (0.7, 0.7, 0.72),
+        20,
+    )
     both = []
     for mesh in (tyre, rim):
         sign = 1.0 if x > 0 else -1.0
         turn = np.array([[0.0, 0.0, sign], [0.0, sign, 0.0], [-1.0, 0.0, 0.0]])
         both.append(
-            Mesh(mesh.points @ turn.T, mesh.normals @ turn.T, mesh.uv, mesh.tint, mesh.triangles, mesh.materials)
+            Mesh(
+                mesh.points @ turn.T,
+                mesh.normals @ turn.T,
+                mesh.uv,
+                mesh.tint,
+                mesh.triangles,
+                mesh.materials,
+            )
         )
     return merge(both).moved((x, y, radius))
 
@@ -98,17 +133,35 @@ def lamp(foot: ArrayLike, towards: float, height_m: float = 5.2) -> Mesh:
     base = np.asarray(foot, dtype=np.float64)
     iron = (0.14, 0.17, 0.15)
     profile = [(0.14, 0), (0.14, 0.5), (0.09, 0.62), (0.07, 1.0), (0.055, height_m)]
-    arm = [base + [0, 0, height_m], base + [0.35 * towards, 0, height_m + 0.32], base + [towards, 0, height_m + 0.34]]
-    head = base + [towards, 0, height_m + 0.2]
-    parts = [lathe(profile, base, NUMBER["paint"], iron, 10), tube(arm, [0.045, 0.04, 0.04], NUMBER["paint"], iron)]
-    parts.append(box(head - [0.2, 0.1, 0.0], head + [0.2, 0.1, 0.16], NUMBER["paint"], iron))
+    arm = [
+        base + np.array([0, 0, height_m]),
+        base + np.array([0.35 * towards, 0, height_m + 0.32]),
+        base + np.array([towards, 0, height_m + 0.34]),
+    ]
+    head = base + np.array([towards, 0, height_m + 0.2])
+    parts = [
+        lathe(profile, base, NUMBER["paint"], iron, 10),
+        tube(arm, [0.045, 0.04, 0.04], NUMBER["paint"], iron),
+    ]
+    parts.append(
+        box(head - np.array([0.2, 0.1, 0.0]), head + np.array([0.2, 0.1, 0.16]), NUMBER["paint"], iron)
+    )
     return merge(parts)
 
 
 def bollard(foot: ArrayLike) -> Mesh:
     """Make a cast-iron bollard."""
-    profile = [(0.1, 0), (0.1, 0.08), (0.06, 0.14), (0.055, 0.7), (0.08, 0.74), (0.08, 0.8), (0.05, 0.9), (0.001, 0.94)]
-    return lathe(profile, foot, NUMBER["paint"], (0.13, 0.14, 0.15), 10)
+    profile = [
+        (0.1, 0),
+        (0.1, 0.08),
+        (0.06, 0.14),
+        (0.055, 0.7),
+        (0.08, 0.74),
+        (0.08, 0.8),
+        (0.05, 0.9),
+        (0.001, 0.94),
+    ]
+    return lathe(profile, foot, NUMBER["paint"], (0.11, 0.12, 0.13), 16)
 
 
 def sign(foot: ArrayLike, colour: Colour, height_m: float = 2.3) -> Mesh:
@@ -120,8 +173,12 @@ def sign(foot: ArrayLike, colour: Colour, height_m: float = 2.3) -> Mesh:
         angle = np.linspace(0, 2 * math.pi, 25)
         rim = np.stack([radius * np.cos(angle), np.full(25, -proud), radius * np.sin(angle)], axis=-1)
         disc = np.stack([np.broadcast_to([0.0, -proud, 0.0], rim.shape), rim])
-        mesh = from_grid(disc + base + [0, 0, height_m], disc[..., [0, 2]], NUMBER["paint"], tint, smooth=False)
-        parts.append(Mesh(mesh.points, np.broadcast_to([0.0, -1.0, 0.0], mesh.points.shape).copy(), *_rest(mesh)))
+        mesh = from_grid(
+            disc + base + np.array([0, 0, height_m]), disc[..., [0, 2]], NUMBER["paint"], tint, smooth=False
+        )
+        parts.append(
+            Mesh(mesh.points, np.broadcast_to([0.0, -1.0, 0.0], mesh.points.shape).copy(), *_rest(mesh))
+        )
     return merge(parts)
 
 
@@ -141,7 +198,15 @@ def column(foot: ArrayLike, height_m: float, radius_m: float, tint: ArrayLike = 
 
 def baluster(foot: ArrayLike, height_m: float, tint: ArrayLike = (1, 1, 1)) -> Mesh:
     """Make a turned stone baluster."""
-    outline = [(0.065, 0), (0.065, 0.08), (0.04, 0.13), (0.062, 0.3), (0.075, 0.4), (0.055, 0.58), (0.034, 0.76)]
+    outline = [
+        (0.065, 0),
+        (0.065, 0.08),
+        (0.04, 0.13),
+        (0.062, 0.3),
+        (0.075, 0.4),
+        (0.055, 0.58),
+        (0.034, 0.76),
+    ]
     outline += [(0.05, 0.84), (0.035, 0.88), (0.065, 0.93), (0.065, 1.0)]
     return lathe([(r, height_m * z) for r, z in outline], foot, NUMBER["marble"], tint, 10)
 
@@ -149,8 +214,13 @@ def baluster(foot: ArrayLike, height_m: float, tint: ArrayLike = (1, 1, 1)) -> M
 def bench(foot: ArrayLike) -> Mesh:
     """Make a wooden bench, 1.8 m along x, facing -y."""
     wood, iron = NUMBER["wood"], NUMBER["paint"]
-    parts = [box((-0.9, 0.12 * k, 0.43), (0.9, 0.12 * k + 0.1, 0.47), wood, (0.9, 0.9, 0.9)) for k in range(4)]
-    parts += [box((-0.9, 0.46, 0.58 + 0.15 * k), (0.9, 0.49, 0.69 + 0.15 * k), wood, (0.9, 0.9, 0.9)) for k in range(2)]
+    parts = [
+        box((-0.9, 0.12 * k, 0.43), (0.9, 0.12 * k + 0.1, 0.47), wood, (0.9, 0.9, 0.9)) for k in range(4)
+    ]
+    parts += [
+        box((-0.9, 0.46, 0.58 + 0.15 * k), (0.9, 0.49, 0.69 + 0.15 * k), wood, (0.9, 0.9, 0.9))
+        for k in range(2)
+    ]
     for x in (-0.75, 0.7):
         parts.append(box((x, 0.0, 0.0), (x + 0.05, 0.48, 0.43), iron, (0.12, 0.12, 0.12)))
         parts.append(box((x, 0.48, 0.0), (x + 0.05, 0.53, 0.86), iron, (0.12, 0.12, 0.12)))

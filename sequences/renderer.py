@@ -1,9 +1,6 @@
 """From a built scene and a frame number to a picture with its depth and camera."""
 
-
 from dataclasses import dataclass
-
-
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +103,9 @@ def _radiance(scene: Scene, camera: Camera, samples: int) -> tuple[Singles, Sing
     _kernels.rasterize(projected, scene.surface.triangles, inverse, ids)
     colour = np.empty((*shape, 3), dtype=np.float32)
     world_from_sample = camera.cam_from_world[:, :3].T @ np.linalg.inv(k)
-    _kernels.shade(scene.surface, scene.textures, scene.light, projected, world_from_sample, ids, inverse, colour)
+    _kernels.shade(
+        scene.surface, scene.textures, scene.light, projected, world_from_sample, ids, inverse, colour
+    )
     pixels = np.empty((height, width, 3), dtype=np.float32)
     taps = np.convolve(np.ones(samples), np.ones(samples)) / samples**2
     _kernels.resolve(colour, taps, samples, pixels)
@@ -138,7 +137,7 @@ def tone(linear: Singles) -> Singles:
     """
     x = np.maximum(linear, 0.0)
     film = np.clip(x * (2.51 * x + 0.13) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
-    mixed = 0.6 * film + 0.4 * (1.0 - np.exp(-1.6 * x))
+    mixed = 0.75 * film + 0.25 * (1.0 - np.exp(-1.6 * x))
     coded = np.where(mixed <= 0.0031308, 12.92 * mixed, 1.055 * np.maximum(mixed, 1e-6) ** (1 / 2.4) - 0.055)
     return np.asarray(coded, dtype=np.float32)
 
@@ -171,7 +170,9 @@ def _halve(plane: Floats) -> Floats:
     return np.asarray(0.25 * (even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]))
 
 
-def to_frame(planes: tuple[Floats, Floats, Floats], noise_sigma: float, rng: np.random.Generator | None) -> Frame:
+def to_frame(
+    planes: tuple[Floats, Floats, Floats], noise_sigma: float, rng: np.random.Generator | None
+) -> Frame:
     """Add sensor noise and round to 8 bits."""
     luma, cb, cr = planes
     if rng is not None:

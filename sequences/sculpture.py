@@ -1,5 +1,8 @@
 """A robed figure as the level set of a signed distance field, cut into triangles by marching cubes."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -48,7 +51,7 @@ def robe(points: Floats) -> Floats:
     fall = np.clip(1.0 - z / 1.15, 0.0, 1.0)
     radius = 0.185 + 0.13 * fall**1.4
     folds = np.sin(11 * angle + 2.2 * np.sin(2.3 * z) + 1.2 * z) + 0.5 * np.sin(19 * angle - 3.0 * z)
-    radius = radius * (1.0 + (0.03 + 0.085 * fall) * 0.62 * folds)
+    radius = radius * (1.0 + (0.035 + 0.10 * fall) * 0.7 * folds)
     side = np.hypot(x - lean, y / 0.85) - radius
     return np.asarray(np.maximum(0.62 * side, np.maximum(z - 1.12, -z)))
 
@@ -66,7 +69,9 @@ def distance_field(points: Floats) -> Floats:
     head = blend(head, capsule(points, (0.01, -0.108, 1.74), (0.01, -0.128, 1.705), (0.012, 0.019)), 0.018)
     head = blend(head, ellipsoid(points, (0.01, -0.075, 1.615), (0.058, 0.055, 0.075)), 0.04)
     for side in (-1.0, 1.0):
-        head = np.maximum(head, -ellipsoid(points, (0.01 + 0.036 * side, -0.122, 1.742), (0.024, 0.026, 0.015)))
+        head = np.maximum(
+            head, -ellipsoid(points, (0.01 + 0.036 * side, -0.122, 1.742), (0.024, 0.026, 0.015))
+        )
     locks = 0.006 * np.sin(70 * points[..., 0]) * np.sin(60 * points[..., 2] + 40 * points[..., 1])
     head = head + locks * (points[..., 1] > -0.03)
     body = blend(body, head, 0.03)
@@ -82,13 +87,16 @@ def distance_field(points: Floats) -> Floats:
         0.05,
     )
     body = blend(blend(body, arms, 0.07), left, 0.06)
-    cloak = capsule(points, (-0.23, 0.05, 1.44), (0.19, -0.10, 0.98), (0.07, 0.10))
-    cloak = blend(cloak, capsule(points, (-0.24, 0.12, 1.40), (-0.22, 0.16, 0.25), (0.07, 0.13)), 0.08)
-    creases = 0.014 * np.sin(38 * (points[..., 2] + 0.9 * points[..., 0]) + 3 * np.sin(9 * points[..., 0]))
-    body = blend(body, cloak + creases, 0.04)
+    creases = 0.012 * np.sin(34 * (points[..., 2] + 0.9 * points[..., 0]) + 3 * np.sin(9 * points[..., 0]))
+    sash = capsule(points, (-0.23, 0.05, 1.44), (0.19, -0.10, 0.98), (0.07, 0.10)) + creases
+    hang = capsule(points, (-0.24, 0.12, 1.40), (-0.20, 0.14, 0.2), (0.07, 0.15))
+    hang = hang + 0.016 * np.sin(46 * (points[..., 0] - 0.8 * points[..., 1]) + 2.0 * points[..., 2])
+    body = blend(body, blend(sash, hang, 0.06), 0.04)
     body = np.minimum(body, block(points, (-0.10, -0.25, 1.17), (0.095, 0.03, 0.125)))
     staff = capsule(points, (0.475, -0.255, 0.0), (0.475, -0.255, 2.18), (0.021, 0.021))
-    return blend(blend(body, staff, 0.015), ellipsoid(points, (0.475, -0.255, 2.20), (0.05, 0.05, 0.06)), 0.02)
+    return blend(
+        blend(body, staff, 0.015), ellipsoid(points, (0.475, -0.255, 2.20), (0.05, 0.05, 0.06)), 0.02
+    )
 
 
 def figure(step_m: float) -> Mesh:
@@ -108,7 +116,8 @@ def figure(step_m: float) -> Mesh:
 
     axes = [np.arange(low, high, step_m) for low, high in zip(LOW, HIGH, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    vertices, triangles, _, _ = marching_cubes(distance_field(grid), 0.0)
+    level_set: Callable[..., Any] = marching_cubes
+    vertices, triangles, _, _ = level_set(distance_field(grid), 0.0)
     points = vertices.astype(np.float64) * step_m + LOW
     normals = _gradient(points)
     uv = np.stack([points[:, 0] + 0.62 * points[:, 1], points[:, 2] + 0.35 * points[:, 1]], axis=-1)
@@ -120,5 +129,7 @@ def figure(step_m: float) -> Mesh:
 
 def _gradient(points: Floats, step_m: float = 0.006) -> Floats:
     steps = step_m * np.eye(3)
-    slope = np.stack([distance_field(points + step) - distance_field(points - step) for step in steps], axis=-1)
+    slope = np.stack(
+        [distance_field(points + step) - distance_field(points - step) for step in steps], axis=-1
+    )
     return np.asarray(slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-12))

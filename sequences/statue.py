@@ -10,7 +10,7 @@ from sequences.architecture import PAINTS, Style, facade
 from sequences.cameras import look_at, there_and_back, tremor
 from sequences.foliage import clump, tree
 from sequences.lighting import LightMaps, Weather
-from sequences.meshes import Mesh, box, extrude, lathe, merge, patch
+from sequences.meshes import Mesh, box, extrude, lathe, merge, patch, square_moulding
 from sequences.props import bench, bollard, column, lamp, planter
 from sequences.scenes import Description
 from sequences.sculpture import figure
@@ -18,7 +18,7 @@ from sequences.textures import NUMBER
 
 Floats = NDArray[np.float64]
 
-RADIUS_M, TURN_DEG = 5.6, 0.46
+RADIUS_M, TURN_DEG = 5.6, 0.6
 PEDESTAL_M = 1.55
 WEATHER = Weather(azimuth_deg=-118.0, elevation_deg=44.0)
 
@@ -26,7 +26,7 @@ WEATHER = Weather(azimuth_deg=-118.0, elevation_deg=44.0)
 def pose(index: float, seed: int) -> Floats:
     """Return ``cam_from_world`` (3, 4) at a frame number: an arc round the statue and a light tremor."""
     time_s = index / 25
-    angle = math.radians(-20.0 + TURN_DEG * there_and_back(index, 92.0, 6.0))
+    angle = math.radians(-22.0 + TURN_DEG * there_and_back(index, 74.0, 5.0))
     radius = RADIUS_M + 0.05 * tremor(time_s, seed, 0.2, 0.7)
     z = 1.68 + 0.012 * tremor(time_s, seed + 1, 0.8, 2.0)
     turn = [0.10 * tremor(time_s, seed + 2 + k, 0.8, 3.5) for k in range(2)]
@@ -43,26 +43,35 @@ def light_maps(detail: float) -> LightMaps:
 def geometry(rng: np.random.Generator, detail: float) -> Mesh:
     """Build the square; `detail` in (0, 1] is the share of the leaves and the fineness of the statue."""
     stone = figure(0.016 if detail > 0.3 else 0.03).moved((0, 0, PEDESTAL_M))
-    return merge([stone, _pedestal(), _ground(), _houses(rng), _portico(), _furniture(), _greenery(rng, detail)])
+    return merge(
+        [stone, _pedestal(), _ground(), _houses(rng), _portico(), _furniture(), _greenery(rng, detail)]
+    )
 
 
 def _pedestal() -> Mesh:
     tint, parts = (1.0, 0.97, 0.91), []
-    for size, low, high in ((1.5, 0.0, 0.16), (1.3, 0.16, 0.3), (0.98, 0.42, 1.34), (0.9, 1.46, PEDESTAL_M)):
+    for size, bottom, top in (
+        (1.5, 0.0, 0.16),
+        (1.3, 0.16, 0.3),
+        (0.98, 0.42, 1.34),
+        (0.9, 1.46, PEDESTAL_M),
+    ):
         half = size / 2
-        material = NUMBER["marble"] if low > 0.2 else NUMBER["stone"]
-        parts.append(box((-half, -half, low), (half, half, high), material, tint, 0.12, uv_at=3 * low))
+        material = NUMBER["marble"] if bottom > 0.2 else NUMBER["stone"]
+        parts.append(box((-half, -half, bottom), (half, half, top), material, tint, 0.12, uv_at=3 * bottom))
     base = [(0.0, 0.12), (0.06, 0.09), (0.05, 0.06), (0.13, 0.03), (0.13, 0.0)]
-    crown = [(0.04, 0.13), (0.14, 0.12), (0.14, 0.08), (0.06, 0.05), (0.05, 0.02), (0.0, 0.0)]
-    for profile, z in ((base, 0.3), (crown, 1.34)):
-        for k in range(4):
-            moulding = extrude(profile, (-0.63, -0.49, z), (0.63, -0.49, z), NUMBER["marble"], tint, 0.1)
-            parts.append(moulding.turned(90.0 * k))
+    crown = [(-0.1, 0.13), (0.13, 0.13), (0.14, 0.12), (0.14, 0.08), (0.06, 0.05), (0.05, 0.02), (0.0, 0.0)]
+    parts += [
+        square_moulding(profile, 0.49, NUMBER["marble"], tint).moved((0, 0, z))
+        for profile, z in ((base, 0.3), (crown, 1.34))
+    ]
     parts.append(box((-0.32, -0.515, 0.62), (0.32, -0.48, 1.12), NUMBER["stone"], (0.42, 0.40, 0.34), 0.2))
     for row in range(4):
         for k in range(7 - row % 2):
             low = (-0.25 + 0.07 * k + 0.03 * (row % 2), -0.522, 1.0 - 0.1 * row)
-            parts.append(box(low, (low[0] + 0.045, -0.51, low[2] + 0.05), NUMBER["paint"], (1.1, 0.95, 0.6), 0.2))
+            parts.append(
+                box(low, (low[0] + 0.045, -0.51, low[2] + 0.05), NUMBER["paint"], (1.1, 0.95, 0.6), 0.2)
+            )
     return merge(parts)
 
 
@@ -72,14 +81,22 @@ def _ground() -> Mesh:
     disc = lathe(steps, (0, 0, -0.10), NUMBER["stone"], (0.95, 0.93, 0.9), 64)
     parts.append(disc)
     for y in (6.2, 6.9):
-        parts.append(patch((-30, y, 0.006), (60, 0, 0), (0, 0.35, 0), NUMBER["paving"], (1.15, 1.1, 1.02), 0.6))
+        parts.append(
+            patch((-30, y, 0.006), (60, 0, 0), (0, 0.35, 0), NUMBER["paving"], (1.15, 1.1, 1.02), 0.6)
+        )
     parts.append(patch((-30, 9.0, 0.012), (60, 0, 0), (0, 2.3, 0), NUMBER["paving"], (1.0, 0.98, 0.95), 0.6))
     return merge(parts)
 
 
 def _houses(rng: np.random.Generator) -> Mesh:
     parts = []
-    tints = [(0.97, 0.82, 0.60), (0.95, 0.90, 0.82), (0.86, 0.60, 0.48), (0.98, 0.88, 0.70), (0.74, 0.79, 0.80)]
+    tints = [
+        (0.97, 0.82, 0.60),
+        (0.95, 0.90, 0.82),
+        (0.86, 0.60, 0.48),
+        (0.98, 0.88, 0.70),
+        (0.74, 0.79, 0.80),
+    ]
     x = -31.0
     for k in range(7):
         width = float(rng.uniform(7.5, 10.0))
@@ -94,7 +111,9 @@ def _houses(rng: np.random.Generator) -> Mesh:
         x += width
     for side, turn in ((-1, 90.0), (1, -90.0)):
         for k in range(3):
-            style = Style(("ashlar", "plaster", "brick")[k], (1.0, 0.93, 0.84), paint=PAINTS[k], ground="door")
+            style = Style(
+                ("ashlar", "plaster", "brick")[k], (1.0, 0.93, 0.84), paint=PAINTS[k], ground="door"
+            )
             house = facade(rng, 9.0, 3 + k % 2, style)
             parts.append(house.turned(turn).moved((side * 24.0, -8.0 + 9.0 * (k + (side > 0)), 0)))
     return merge(parts)
@@ -126,7 +145,13 @@ def _furniture() -> Mesh:
 
 def _greenery(rng: np.random.Generator, detail: float) -> Mesh:
     parts = []
-    for x, y, high in ((-10.5, 9.6, 6.6), (-14.0, 6.5, 7.2), (9.4, 9.8, 6.4), (13.0, 7.0, 7.4), (18.0, 9.0, 7.0)):
+    for x, y, high in (
+        (-10.5, 9.6, 6.6),
+        (-14.0, 6.5, 7.2),
+        (9.4, 9.8, 6.4),
+        (13.0, 7.0, 7.4),
+        (18.0, 9.0, 7.0),
+    ):
         colour = (0.20, 0.38, 0.09) if x < 0 else (0.25, 0.39, 0.10)
         parts.append(tree(rng, (x, y, 0), high, 1.9, int(6500 * detail), 0.16, colour))
     for x in (-8.0, 1.0, 8.0):
@@ -142,7 +167,7 @@ DESCRIPTION = Description(
     frame_rate=Fraction(25),
     num_frames=50,
     field_of_view_deg=50.0,
-    exposure=0.62,
+    exposure=0.56,
     shows="a robed figure on a pedestal in a square with a portico, houses and trees",
     motion="sideways on an arc round the statue, with a light tremor",
     purpose="large occlusions, a smooth curved surface, background that moves faster than the subject",

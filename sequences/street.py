@@ -40,18 +40,24 @@ def light_maps(detail: float) -> LightMaps:
 
 def geometry(rng: np.random.Generator, detail: float) -> Mesh:
     """Build the street; `detail` in (0, 1] is the share of the leaves."""
-    return merge([_ground(rng), _houses(rng), _furniture(rng), _greenery(rng, detail), _background(rng, detail)])
+    return merge(
+        [_ground(rng), _houses(rng), _furniture(rng), _greenery(rng, detail), _background(rng, detail)]
+    )
 
 
 def _ground(rng: np.random.Generator) -> Mesh:
     length = FAR_Y - NEAR_Y
     road = patch((-KERB_M, NEAR_Y, 0), (2 * KERB_M, 0, 0), (0, length, 0), NUMBER["asphalt"], (1, 1, 1), 0.5)
     x = road.points[:, 0]
-    tracks = sum(np.exp(-(((x - lane) / 0.35) ** 2)) for lane in (-2.2, -0.8, 0.8, 2.2))
+    tracks = np.exp(-(((x[:, None] - [-2.2, -0.8, 0.8, 2.2]) / 0.35) ** 2)).sum(axis=1)
     parts = [road.tinted((1.08 - 0.2 * tracks - 0.25 * np.exp((np.abs(x) - KERB_M) / 0.25))[:, None])]
     kerb = [(-0.16, 0.13), (0.0, 0.13), (0.03, 0.10), (0.04, 0.0)]
-    parts.append(extrude(kerb, (KERB_M, FAR_Y, 0), (KERB_M, NEAR_Y, 0), NUMBER["stone"], (1.05, 1.03, 1.0), 0.9))
-    parts.append(extrude(kerb, (-KERB_M, NEAR_Y, 0), (-KERB_M, FAR_Y, 0), NUMBER["stone"], (1.05, 1.03, 1.0), 0.9))
+    parts.append(
+        extrude(kerb, (KERB_M, FAR_Y, 0), (KERB_M, NEAR_Y, 0), NUMBER["stone"], (1.05, 1.03, 1.0), 0.9)
+    )
+    parts.append(
+        extrude(kerb, (-KERB_M, NEAR_Y, 0), (-KERB_M, FAR_Y, 0), NUMBER["stone"], (1.05, 1.03, 1.0), 0.9)
+    )
     side = FRONT_M - KERB_M
     for left in (KERB_M + 0.14, -FRONT_M - 0.1):
         origin, across, up = (left, NEAR_Y, 0.13), (side - 0.04, 0, 0), (0, length, 0)
@@ -59,21 +65,28 @@ def _ground(rng: np.random.Generator) -> Mesh:
     for y in np.arange(NEAR_Y, FAR_Y - 3, 5.0):
         dash = patch((-0.06, y, 0.004), (0.12, 0, 0), (0, 2.4, 0), NUMBER["paint"], (1.25, 1.25, 1.2), 0.5)
         parts.append(dash.tinted(rng.uniform(0.65, 1.0, (len(dash.points), 1))))
-    for x in np.arange(-KERB_M + 0.4, KERB_M - 0.5, 1.0):
-        bar = patch((x, 26.0, 0.004), (0.5, 0, 0), (0, 3.0, 0), NUMBER["paint"], (1.25, 1.25, 1.2), 0.4)
+    for left in np.arange(-KERB_M + 0.4, KERB_M - 0.5, 1.0):
+        bar = patch((left, 26.0, 0.004), (0.5, 0, 0), (0, 3.0, 0), NUMBER["paint"], (1.25, 1.25, 1.2), 0.4)
         parts.append(bar.tinted(rng.uniform(0.6, 1.0, (len(bar.points), 1))))
-    for x, y in ((0.9, 7.0), (-1.3, 15.0), (1.4, 23.0), (-0.7, 38.0)):
+    for place in ((0.9, 7.0), (-1.3, 15.0), (1.4, 23.0), (-0.7, 38.0)):
         disc = [(0.34, 0.0), (0.34, 0.006), (0.3, 0.007), (0.27, 0.004), (0.001, 0.005)]
-        parts.append(lathe(disc, (x, y, 0), NUMBER["paint"], (0.14, 0.13, 0.12), 20))
+        parts.append(lathe(disc, (*place, 0), NUMBER["paint"], (0.14, 0.13, 0.12), 20))
     for _ in range(9):
-        x, y, size = rng.uniform(-2.6, 1.6), rng.uniform(2, 50), rng.uniform(0.7, 2.0, 2)
-        repair = patch((x, y, 0.002), (size[0], 0, 0), (0, 2 * size[1], 0), NUMBER["asphalt"], (1, 1, 1), 0.5, (x, y))
+        at, size = rng.uniform((-2.6, 2.0), (1.6, 50.0)), rng.uniform(0.7, 2.0, 2)
+        sides = (size[0], 0, 0), (0, 2 * size[1], 0)
+        repair = patch((*at, 0.002), *sides, NUMBER["asphalt"], (1, 1, 1), 0.5, at)
         parts.append(repair.tinted(rng.choice([0.6, 0.72, 1.3])))
     return merge(parts)
 
 
 def _houses(rng: np.random.Generator) -> Mesh:
-    tints = [(0.98, 0.86, 0.66), (0.95, 0.92, 0.86), (0.84, 0.62, 0.50), (0.72, 0.78, 0.80), (0.97, 0.80, 0.60)]
+    tints = [
+        (0.98, 0.86, 0.66),
+        (0.95, 0.92, 0.86),
+        (0.84, 0.62, 0.50),
+        (0.72, 0.78, 0.80),
+        (0.97, 0.80, 0.60),
+    ]
     walls = ["plaster", "brick", "plaster", "ashlar", "plaster", "brick"]
     parts = []
     for side in (-1, 1):
@@ -95,10 +108,18 @@ def _houses(rng: np.random.Generator) -> Mesh:
 
 def _furniture(rng: np.random.Generator) -> Mesh:
     parts = []
-    colours = [(0.30, 0.03, 0.03), (0.62, 0.63, 0.64), (0.04, 0.08, 0.22), (0.75, 0.74, 0.7), (0.05, 0.055, 0.06)]
+    colours = [
+        (0.30, 0.03, 0.03),
+        (0.62, 0.63, 0.64),
+        (0.04, 0.08, 0.22),
+        (0.75, 0.74, 0.7),
+        (0.05, 0.055, 0.06),
+    ]
     colours += [(0.10, 0.20, 0.13), (0.42, 0.36, 0.25)]
     for k, y in enumerate((11.0, 16.6, 22.0, 35.5, 41.0, 52.0, 58.0, 70.0)):
-        parts.append(car(colours[k % 7]).turned(180.0).turned(rng.uniform(-1.5, 1.5)).moved((2.45, y, 0)).turned(0))
+        parts.append(
+            car(colours[k % 7]).turned(180.0).turned(rng.uniform(-1.5, 1.5)).moved((2.45, y, 0)).turned(0)
+        )
     for k, y in enumerate((8.0, 13.4, 19.5, 33.0, 44.0, 49.5, 62.0)):
         parts.append(car(colours[(k + 3) % 7]).turned(rng.uniform(-1.5, 1.5)).moved((-2.45, y, 0)))
     for y in (9.5, 25.0, 40.5, 56.0, 72.0):
@@ -116,7 +137,9 @@ def _furniture(rng: np.random.Generator) -> Mesh:
 
 def _greenery(rng: np.random.Generator, detail: float) -> Mesh:
     parts = []
-    for k, (side, y) in enumerate([(-1, 24.0), (1, 29.5), (-1, 36.5), (1, 46.0), (-1, 52.0), (1, 63.0), (-1, 70.0)]):
+    for k, (side, y) in enumerate(
+        [(-1, 24.0), (1, 29.5), (-1, 36.5), (1, 46.0), (-1, 52.0), (1, 63.0), (-1, 70.0)]
+    ):
         count = int(detail * (7000 if y < 40 else 4000))
         colour = ((0.20, 0.38, 0.09), (0.26, 0.40, 0.10))[k % 2]
         foot = (side * (KERB_M + 0.75), y, 0.13)
@@ -134,7 +157,9 @@ def _background(rng: np.random.Generator, detail: float) -> Mesh:
     parts = [patch((-90, FAR_Y, -0.02), (180, 0, 0), (0, 60, 0), NUMBER["paving"], (1, 1, 1), 6.0)]
     for k in range(6):
         style = Style("plaster" if k % 2 else "ashlar", (0.95, 0.88 - 0.05 * (k % 3), 0.74), ground="plain")
-        parts.append(facade(rng, 11.0, int(rng.integers(3, 6)), style).moved((-33.0 + 11.0 * k, FAR_Y + 12.0, 0)))
+        parts.append(
+            facade(rng, 11.0, int(rng.integers(3, 6)), style).moved((-33.0 + 11.0 * k, FAR_Y + 12.0, 0))
+        )
     parts.append(box((4.0, FAR_Y + 22, 0), (9.0, FAR_Y + 27, 24.0), NUMBER["ashlar"], (0.9, 0.88, 0.85), 4.0))
     spire = [(3.6, 24.0), (3.3, 25.0), (0.1, 36.0)]
     parts.append(lathe(spire, (6.5, FAR_Y + 24.5, 0), NUMBER["tiles"], (0.7, 0.8, 0.8), 8))

@@ -1,7 +1,7 @@
 """Tileable textures: photographs that scikit-image carries, and materials synthesised from noise.
 
-A texture is a square of linear reflectance that repeats without a seam. Relief is drawn into it as if lit from its
-upper left, so that the surface stays Lambertian and looks the same from everywhere.
+A texture is a square of linear reflectance that repeats without a seam. Relief is drawn into it as if lit
+from its upper left, so that the surface stays Lambertian and looks the same from everywhere.
 """
 
 from collections.abc import Callable, Iterable
@@ -40,7 +40,11 @@ class Material:
 
 
 def spectral_noise(
-    rng: np.random.Generator, slope: float, lowest: float = 1.0, highest: float = SIZE / 2, stretch: float = 1.0
+    rng: np.random.Generator,
+    slope: float,
+    lowest: float = 1.0,
+    highest: float = SIZE / 2,
+    stretch: float = 1.0,
 ) -> Floats:
     """Draw periodic Gaussian noise whose amplitude falls as ``1 / frequency**slope``, mean 0, deviation 1.
 
@@ -95,7 +99,9 @@ def cells(rng: np.random.Generator, across: int, disorder: float) -> tuple[Float
     from scipy.spatial import cKDTree
 
     i, j = np.meshgrid(np.arange(across), np.arange(across), indexing="ij")
-    seeds = np.stack([i + 0.5, j + 0.5 + 0.5 * (i % 2)], axis=-1) + rng.uniform(-disorder, disorder, (across, across, 2))
+    seeds = np.stack([i + 0.5, j + 0.5 + 0.5 * (i % 2)], axis=-1) + rng.uniform(
+        -disorder, disorder, (across, across, 2)
+    )
     tree = cKDTree(np.mod(seeds.reshape(-1, 2), across), boxsize=across)
     axis = (np.arange(SIZE) + 0.5) * across / SIZE
     grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1)
@@ -171,8 +177,8 @@ def _macro(rng: np.random.Generator) -> Floats:
 
 
 def _clouds(rng: np.random.Generator) -> Floats:
-    density = spectral_noise(rng, 1.9, 1, 200)
-    cover = np.clip(0.42 + 0.62 * density, 0.0, 1.0)
+    density = spectral_noise(rng, 1.8, 3, 200)
+    cover = np.clip(0.30 + 0.75 * density, 0.0, 1.0)
     light = np.clip(0.75 - 0.25 * density + 0.12 * spectral_noise(rng, 1.3), 0.0, 1.0)
     return np.stack([cover, light, light], axis=-1)
 
@@ -187,7 +193,9 @@ def _plaster(rng: np.random.Generator) -> Floats:
 def _brick(rng: np.random.Generator) -> Floats:
     body, owner = courses(rng, 16, 5, 5.0, 0.9)
     surface = _per_stone(rng, owner, 0.24) * _grain("gravel", 0.18) * relief(spectral_noise(rng, 0.7), 0.05)
-    warm = np.stack([0.30 + 0 * body, 0.135 * _per_stone(rng, owner, 0.1), 0.09 * _per_stone(rng, owner, 0.12)], -1)
+    warm = np.stack(
+        [0.30 + 0 * body, 0.135 * _per_stone(rng, owner, 0.1), 0.09 * _per_stone(rng, owner, 0.12)], -1
+    )
     mortar = coloured(0.36 * _grain("gravel", 0.25), (1.0, 0.95, 0.86))
     mixed = body[..., None] * warm * surface[..., None] + (1 - body[..., None]) * mortar
     return np.asarray(np.clip(mixed * relief(body, 0.16)[..., None], 0, 1))
@@ -195,28 +203,40 @@ def _brick(rng: np.random.Generator) -> Floats:
 
 def _ashlar(rng: np.random.Generator) -> Floats:
     body, owner = courses(rng, 5, 3, 4.0, 0.6)
-    surface = 0.42 * _per_stone(rng, owner, 0.10) * (1 + 0.06 * spectral_noise(rng, 1.0)) * _grain("gravel", 0.10)
+    surface = (
+        0.42 * _per_stone(rng, owner, 0.10) * (1 + 0.06 * spectral_noise(rng, 1.0)) * _grain("gravel", 0.10)
+    )
     surface *= relief(body + 0.15 * spectral_noise(rng, 1.0), 0.18) * (0.55 + 0.45 * body)
     return coloured(surface, (1.0, 0.93, 0.80))
 
 
 def _stone(rng: np.random.Generator) -> Floats:
-    base = 0.38 * (1 + 0.13 * spectral_noise(rng, 1.3) + 0.07 * spectral_noise(rng, 0.3, 30)) * _grain("gravel", 0.14)
+    base = (
+        0.38
+        * (1 + 0.13 * spectral_noise(rng, 1.3) + 0.07 * spectral_noise(rng, 0.3, 30))
+        * _grain("gravel", 0.14)
+    )
     lichen = np.clip(spectral_noise(rng, 1.5, 3, 120) - 1.25, 0, 1)[..., None]
     stained = base * (1 - 0.45 * np.clip(spectral_noise(rng, 1.7, 1, 60) - 0.6, 0, 1)) * relief(base, 1.2)
-    return np.asarray(coloured(stained, (1.0, 0.95, 0.86)) * (1 - lichen) + lichen * np.array([0.42, 0.42, 0.26]))
+    return np.asarray(
+        coloured(stained, (1.0, 0.95, 0.86)) * (1 - lichen) + lichen * np.array([0.42, 0.42, 0.26])
+    )
 
 
 def _asphalt(rng: np.random.Generator) -> Floats:
     small = np.tile(photograph("gravel")[::2, ::2], (2, 2)) / 0.25
     base = 0.105 * small**0.42 * (1 + 0.10 * spectral_noise(rng, 1.5, 1, 60))
-    cracks = np.where((np.abs(spectral_noise(rng, 1.4, 2, 80)) < 0.03) & (spectral_noise(rng, 2, 1, 4) > 0.4), 0.55, 1)
+    cracks = np.where(
+        (np.abs(spectral_noise(rng, 1.4, 2, 80)) < 0.03) & (spectral_noise(rng, 2, 1, 4) > 0.4), 0.55, 1
+    )
     return coloured(base * cracks, (1.0, 0.98, 0.95))
 
 
 def _paving(rng: np.random.Generator) -> Floats:
     body, owner = courses(rng, 4, 4, 5.0, 0.8)
-    surface = 0.33 * _per_stone(rng, owner, 0.11) * _grain("gravel", 0.12) * (1 + 0.09 * spectral_noise(rng, 1.4))
+    surface = (
+        0.33 * _per_stone(rng, owner, 0.11) * _grain("gravel", 0.12) * (1 + 0.09 * spectral_noise(rng, 1.4))
+    )
     spots = np.where(spectral_noise(rng, 0.6, 8, 60) > 2.6, 0.55, 1.0)
     return coloured(surface * spots * (0.38 + 0.62 * body) * relief(body, 0.2), (1.0, 0.96, 0.90))
 
@@ -234,7 +254,9 @@ def _wood(rng: np.random.Generator) -> Floats:
     grain = spectral_noise(rng, 0.9, 2, 250, stretch=0.03)
     plank = np.arange(SIZE) % (SIZE // 6)
     gap = np.where((plank < 4)[None, :], 0.35, 1.0)
-    return coloured(0.30 * np.exp(0.26 * grain) * gap * (1 + 0.1 * spectral_noise(rng, 1.5)), (1.0, 0.66, 0.40))
+    return coloured(
+        0.30 * np.exp(0.26 * grain) * gap * (1 + 0.1 * spectral_noise(rng, 1.5)), (1.0, 0.66, 0.40)
+    )
 
 
 def _paint(rng: np.random.Generator) -> Floats:
@@ -247,14 +269,20 @@ def _glass(rng: np.random.Generator) -> Floats:
     side = SIZE // 4
     y, x = np.meshgrid(np.linspace(0, 1, side), np.linspace(0, 1, side), indexing="ij")
     for k in range(16):
-        room = 0.020 + 0.03 * rng.random() + 0.03 * np.exp(-(((x - rng.random()) / 0.2) ** 2) - ((y - 0.5) / 0.4) ** 2)
+        room = (
+            0.020
+            + 0.03 * rng.random()
+            + 0.03 * np.exp(-(((x - rng.random()) / 0.2) ** 2) - ((y - 0.5) / 0.4) ** 2)
+        )
         pane = coloured(room, (1.0, 0.95, 0.9))
         width = rng.uniform(0.08, 0.34, 2)
         folds = 0.26 + 0.09 * np.sin(2 * np.pi * (rng.uniform(9, 15) * x + 0.6 * np.sin(3 * y)))
         curtain = (x < width[0]) | (x > 1 - width[1]) if rng.random() < 0.7 else y < rng.uniform(0.0, 0.6)
         tint = 1.0 - rng.uniform(0, 0.35, 3) * (rng.random() < 0.6)
         pane[curtain] = coloured(folds, tint)[curtain]
-        reflection = np.clip(1.1 - np.abs(y - rng.uniform(-0.1, 0.4) + 0.35 * x) * 1.8, 0, 1) * rng.uniform(0.03, 0.2)
+        reflection = np.clip(1.1 - np.abs(y - rng.uniform(-0.1, 0.4) + 0.35 * x) * 1.8, 0, 1) * rng.uniform(
+            0.03, 0.2
+        )
         pane += reflection[..., None] * np.array([0.8, 0.95, 1.1])
         sheet[side * (k // 4) : side * (k // 4 + 1), side * (k % 4) : side * (k % 4 + 1)] = pane
     return np.asarray(np.clip(sheet * (1 + 0.05 * spectral_noise(rng, 1.2))[..., None], 0, 1))
@@ -295,10 +323,10 @@ def _marble(rng: np.random.Generator) -> Floats:
 
 def _poster(name: str) -> Callable[[np.random.Generator], Floats]:
     def make(_rng: np.random.Generator) -> Floats:
+        import cv2
         from skimage import data
-        from skimage.transform import resize
 
-        image = resize(getattr(data, name)(), (SIZE, SIZE), anti_aliasing=True)
+        image = cv2.resize(getattr(data, name)(), (SIZE, SIZE), interpolation=cv2.INTER_AREA) / 255.0
         return np.asarray(0.05 + 0.75 * image**2.2, dtype=np.float64)
 
     return make

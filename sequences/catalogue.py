@@ -1,0 +1,326 @@
+"""The catalogue: every sequence that can be named, where it comes from and what it is good for."""
+
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+from dvc.errors import ConfigError, DvcError
+from dvc.video import VideoReader, open_video
+from sequences.scenes import Description, descriptions
+from sequences.sequence import RenderedSequence
+
+SUFFIXES = frozenset({".mkv", ".y4m", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg"})
+DATA_VARIABLE = "DVC_DATA"
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known of a video file beyond what it declares.
+
+    Parameters
+    ----------
+    static : str
+        Whether only the camera moves: ``"yes"``, ``"no"``, ``"uncertain"`` or ``"unknown"``.
+    shows, motion, purpose : str
+        One sentence each.
+    motion_px : tuple of float, optional
+        Mean, smallest and largest frame mean of tracked motion in pixels per frame.
+    """
+
+    static: str
+    shows: str
+    motion: str
+    purpose: str
+    motion_px: tuple[float, float, float] | None = None
+
+
+KNOWN: dict[str, Knowledge] = {
+    "stone": Knowledge(
+        "yes",
+        "a stone pillar with a sign",
+        "fast, a full circle on foot round the pillar",
+        "hard case: motion far above the usual range, large occlusions",
+        (13.03, 4.14, 20.54),
+    ),
+    "tree": Knowledge(
+        "yes",
+        "a tree trunk in snow",
+        "fast, on foot round the trunk",
+        "hard case: large motion, bright surfaces with little texture",
+        (7.37, 3.22, 14.18),
+    ),
+    "desk": Knowledge(
+        "yes",
+        "a desk with a cube, a figurine and a board",
+        "hand-held, uneven, in places almost none",
+        "ordinary indoor case; exposure and white balance drift half way, some motion blur",
+        (2.70, 0.02, 8.41),
+    ),
+    "box": Knowledge(
+        "yes",
+        "a printed box on a desk, close",
+        "hand-held, slow",
+        "easy case: much texture, few depths, small motion",
+        (1.15, 0.34, 3.02),
+    ),
+    "river": Knowledge(
+        "yes",
+        "a wooded gorge with a river, from far above; only the water moves",
+        "a slow sweep, almost a pure rotation",
+        "degenerate geometry: hardly any parallax to reconstruct from",
+        (1.50, 0.63, 2.76),
+    ),
+    "cube": Knowledge(
+        "uncertain",
+        "a patterned cube on a round table before a blank background, grey",
+        "cube and table turn against the background, or the camera round them",
+        "two rigid motions or one; no evidence for the static case",
+        (1.62, 0.02, 4.19),
+    ),
+    "foreman_qcif15": Knowledge(
+        "no",
+        "a man who talks to a hand-held camera, QCIF, from an H.264 copy",
+        "the subject moves and speaks, a pan near the end",
+        "the fall-back to 2D motion; figures are not comparable with those on the original",
+    ),
+}
+USER_MATERIAL = Knowledge("unknown", "user material", "not described", "user material")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One line of the catalogue.
+
+    Parameters
+    ----------
+    name : str
+        By which it is asked for.
+    kind : str
+        ``"rendered"`` or ``"file"``.
+    width, height : int
+        Size in pixels; the default one of a rendered scene, 0 for a file that cannot be read.
+    frame_rate : Fraction
+        Frames per second.
+    num_frames : int or None
+        Length, as far as it is declared.
+    path : str or None
+        The file.
+    about : Knowledge
+        What it shows and what it is for.
+    """
+
+    name: str
+    kind: str
+    width: int
+    height: int
+    frame_rate: Fraction
+    num_frames: int | None
+    path: str | None
+    about: Knowledge
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the entry as plain values for JSON."""
+        flat = asdict(self)
+        about = flat.pop("about")
+        return {**flat, "frame_rate": str(self.frame_rate), "fps": float(self.frame_rate), **about}
+
+
+def data_folder() -> Path | None:
+    """Return the folder of video files: ``$DVC_DATA``, else ``../shared/sequences`` beside the project.
+
+    Returns
+    -------
+    Path or None
+        None if there is no such folder.
+
+    Raises
+    ------
+    ConfigError
+        If ``$DVC_DATA`` is set to something that is not a folder.
+    """
+    named = os.environ.get(DATA_VARIABLE)
+    if named:
+        if not Path(named).is_dir():
+            raise ConfigError(f"${DATA_VARIABLE} is {named!r}, which is not a folder")
+        return Path(named)
+    folder = Path(__file__).resolve().parents[2] / "shared" / "sequences"
+    return folder if folder.is_dir() else None
+
+
+def files() -> dict[str, Path]:
+    """Return the video files of the data folder by name (the file name without its suffix), sorted.
+
+    Returns
+    -------
+    dict of str to Path
+        Of two files with one stem, both are listed with their suffix.
+    """
+    folder = data_folder()
+    if folder is None:
+        return {}
+    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.is_file())
+    stems = [path.stem for path in paths]
+    return {path.stem if stems.count(path.stem) == 1 else path.name: path for path in paths}
+
+
+def entries() -> list[Entry]:
+    """List the rendered scenes, then the files of the data folder.
+
+    Returns
+    -------
+    list of Entry
+        A file whose name is that of a scene is listed with its suffix.
+    """
+    found = [rendered_entry(description) for description in descriptions().values()]
+    taken = {entry.name for entry in found}
+    return found + [file_entry(path.name if name in taken else name, path) for name, path in files().items()]
+
+
+def rendered_entry(description: Description) -> Entry:
+    """Return the entry of a rendered scene."""
+    about = Knowledge(
+        "yes", description.shows, description.motion, description.purpose, description.motion_px
+    )
+    return Entry(
+        description.name, "rendered", 352, 288, description.frame_rate, description.num_frames, None, about
+    )
+
+
+def file_entry(name: str, path: Path) -> Entry:
+    """Probe a video file; one that cannot be read is listed with the reason."""
+    about = KNOWN.get(path.stem, USER_MATERIAL)
+    try:
+        with open_video(path) as reader:
+            info = reader.info
+        num_frames = info.num_frames or count_packets(path)
+    except DvcError as err:
+        about = Knowledge("unknown", "unreadable", "not described", str(err))
+        return Entry(name, "file", 0, 0, Fraction(0), None, str(path), about)
+    return Entry(name, "file", info.width, info.height, info.frame_rate, num_frames, str(path), about)
+
+
+def count_packets(path: Path) -> int | None:
+    """Count the coded pictures of a container without decoding them; None if it cannot be walked through."""
+    import av
+
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            return sum(1 for packet in container.demux(stream) if packet.size)
+    except (av.error.FFmpegError, IndexError, OSError):
+        return None
+
+
+def resolve(name_or_path: str | Path) -> Path | Description:
+    """Find what a name or path stands for: a rendered scene, a file of the data folder, or any file.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        Name in the catalogue, or a file or folder of images.
+
+    Returns
+    -------
+    Path or Description
+        A file or folder, or the description of a rendered scene.
+
+    Raises
+    ------
+    ConfigError
+        If it is none of these; the message lists the names.
+    """
+    name = str(name_or_path)
+    if not isinstance(name_or_path, Path) and name in descriptions():
+        return descriptions()[name]
+    known = files()
+    if not isinstance(name_or_path, Path):
+        for name_known, path in known.items():
+            if name in (name_known, path.name):
+                return path
+    if Path(name).exists():
+        return Path(name)
+    names = ", ".join([*descriptions(), *known])
+    raise ConfigError(f"{name!r} is neither a file nor a known sequence; known: {names}")
+
+
+def entry(name_or_path: str | Path) -> Entry:
+    """Return the entry of a name or path.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        As for `resolve`.
+
+    Returns
+    -------
+    Entry
+        Size, rate, length, purpose.
+
+    Raises
+    ------
+    DvcError
+        If there is no such sequence, or the file cannot be read.
+    """
+    found = resolve(name_or_path)
+    if isinstance(found, Description):
+        return rendered_entry(found)
+    open_video(found).close()
+    return file_entry(found.stem, found)
+
+
+def open_sequence(
+    name_or_path: str | Path,
+    *,
+    start: int = 0,
+    num_frames: int | None = None,
+    seed: int = 0,
+) -> VideoReader:
+    """Open a sequence for reading, rendered or not.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        As for `resolve`.
+    start : int
+        Number of frames to skip.
+    num_frames : int, optional
+        Read at most so many; all (of a scene: its usual length) if None.
+    seed : int
+        Seed of a rendered scene.
+
+    Returns
+    -------
+    VideoReader
+        Also a context manager.
+
+    Raises
+    ------
+    DvcError
+        If there is no such sequence, or it cannot be read.
+    """
+    found = resolve(name_or_path)
+    if isinstance(found, Description):
+        return RenderedSequence(found.name, start=start, num_frames=num_frames, seed=seed)
+    return open_video(found, start=start, num_frames=num_frames)
+
+
+def motion_text(motion_px: tuple[float, float, float] | None) -> str:
+    """Write mean, smallest and largest motion, or a question mark."""
+    return "?" if motion_px is None else "{:.1f} ({:.1f}..{:.1f})".format(*motion_px)
+
+
+FIELDS: tuple[tuple[str, Callable[[Entry], str]], ...] = (
+    ("name", lambda e: e.name),
+    ("kind", lambda e: e.kind),
+    ("size", lambda e: f"{e.width}x{e.height}"),
+    ("fps", lambda e: f"{float(e.frame_rate):.5g}"),
+    ("frames", lambda e: "?" if e.num_frames is None else str(e.num_frames)),
+    ("static scene", lambda e: e.about.static),
+    ("shows", lambda e: e.about.shows),
+    ("motion", lambda e: e.about.motion),
+    ("px/frame", lambda e: motion_text(e.about.motion_px)),
+    ("purpose", lambda e: e.about.purpose),
+)
