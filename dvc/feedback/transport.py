@@ -242,13 +242,13 @@ def listen(host: str = "localhost", port: int = 0) -> Listener:
         If the address is not to be had.
     """
 
-    def bind(listening: socket.socket, address: _Address) -> None:
+    def _bind(listening: socket.socket, address: _Address) -> None:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind(address)
         listening.listen(1)
 
     try:
-        return Listener(_open_socket(host, port, bind))
+        return Listener(_open_socket(host, port, _bind))
     except OSError as err:
         raise FeedbackError(f"cannot listen on {_shown((host, port))}: {err.strerror or err}") from err
 
@@ -277,13 +277,13 @@ def connect(host: str, port: int, timeout_s: float = DEFAULT_TIMEOUT_S) -> Conne
     """
     deadline_s = time.monotonic() + timeout_s
 
-    def dial(peer: socket.socket, address: _Address) -> None:
+    def _dial(peer: socket.socket, address: _Address) -> None:
         peer.settimeout(max(_RETRY_S, deadline_s - time.monotonic()))
         peer.connect(address)
 
     while True:
         try:
-            return Connection(_open_socket(host, port, dial), timeout_s)
+            return Connection(_open_socket(host, port, _dial), timeout_s)
         except (ConnectionRefusedError, TimeoutError) as err:
             if time.monotonic() + _RETRY_S >= deadline_s:
                 raise FeedbackError(f"nobody listens on {_shown((host, port))}") from err
