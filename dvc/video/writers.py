@@ -43,6 +43,7 @@ class _AtomicWriter:
         self._sink = sink
         self._size = size
         self._open = True
+        self._num_frames = 0
 
     def write(self, frame: Frame) -> None:
         """Append a frame of the size that was announced."""
@@ -52,12 +53,15 @@ class _AtomicWriter:
             raise ValueError(f"`frame` must be {self._size} pixels, got {(frame.width, frame.height)}")
         with self._cleaning_up():
             self._sink.write(frame)
+        self._num_frames += 1
 
     def close(self) -> None:
         """Finish the file and rename it into place."""
         if not self._open:
             return
         with self._cleaning_up():
+            if self._num_frames == 0:
+                raise VideoError(f"cannot write {self._path}: there are no frames")
             self._sink.finish()
             os.replace(self._temporary, self._path)
         self._open = False
@@ -67,7 +71,7 @@ class _AtomicWriter:
         if not self._open:
             return
         self._open = False
-        with suppress(OSError, ValueError):
+        with suppress(OSError):
             self._sink.discard()
         with suppress(OSError):
             self._temporary.unlink()
@@ -77,9 +81,9 @@ class _AtomicWriter:
         """Abort on any exception, and name the file in those of the system."""
         try:
             yield
-        except (OSError, ValueError) as err:
+        except OSError as err:
             self.abort()
-            raise VideoError(f"cannot write {self._path}: {getattr(err, 'strerror', None) or err}") from err
+            raise VideoError(f"cannot write {self._path}: {err.strerror}") from err
         except BaseException:
             self.abort()
             raise
@@ -158,8 +162,8 @@ def create_video(
             )
     except BaseException as err:
         temporary.unlink()
-        if isinstance(err, OSError | ValueError):
-            raise VideoError(f"cannot write {path}: {getattr(err, 'strerror', None) or err}") from err
+        if isinstance(err, OSError):
+            raise VideoError(f"cannot write {path}: {err.strerror}") from err
         raise
     return _AtomicWriter(target, temporary, sink, size)
 
@@ -211,22 +215,27 @@ class _FfmpegSink:
         import av
 
         self._lossless = lossless
-        self._format = "gray" if luma_only and lossless else "yuv420p"
+        self._pixel_format = "gray" if luma_only and lossless else "yuv420p"
         self._luma_only = luma_only
-        width, height = size if lossless else (size[0] + size[0] % 2, size[1] + size[1] % 2)
         # Without "bitexact" the muxers write random identifiers, and two runs would differ.
         options = {"fflags": "+bitexact"} if lossless else {"fflags": "+bitexact", "movflags": "+faststart"}
-        self._container = av.open(
-            f"file:{path}", "w", format="matroska" if lossless else "mp4", container_options=options
-        )
-        codec, codec_options = ("ffv1", _ffv1_options(size)) if lossless else ("libx264", _H264_OPTIONS)
-        stream = cast("VideoStream", self._container.add_stream(codec, rate=rate, options=codec_options))
-        stream.width, stream.height, stream.pix_fmt = width, height, self._format
+        with _ffmpeg_errors():
+            self._container = av.open(
+                f"file:{path}", "w", format="matroska" if lossless else "mp4", container_options=options
+            )
+            self._stream = self._add_stream(size, rate, full_range=full_range)
+        self._num_frames = 0
+
+    def _add_stream(self, size: tuple[int, int], rate: Fraction, *, full_range: bool) -> "VideoStream":
+        """Set up the encoder."""
+        codec, options = ("ffv1", _ffv1_options(size)) if self._lossless else ("libx264", _H264_OPTIONS)
+        stream = cast("VideoStream", self._container.add_stream(codec, rate=rate, options=options))
+        stream.width, stream.height = size if self._lossless else (side + side % 2 for side in size)
+        stream.pix_fmt = self._pixel_format
         stream.codec_context.color_range = 2 if full_range else 1
         stream.codec_context.thread_count = 1
         stream.time_base = stream.codec_context.time_base = 1 / rate
-        self._stream = stream
-        self._count = 0
+        return stream
 
     def write(self, frame: Frame) -> None:
         """Encode a frame and store what comes out."""
@@ -234,20 +243,34 @@ class _FfmpegSink:
             frame = frame.without_chroma()
         if not self._lossless:
             frame = pad_frame(frame, 2)
-        picture = picture_from_frame(frame, self._format)
-        picture.pts = self._count
+        picture = picture_from_frame(frame, self._pixel_format)
+        picture.pts = self._num_frames
         picture.time_base = self._stream.codec_context.time_base
-        self._container.mux(self._stream.encode(picture))
-        self._count += 1
+        with _ffmpeg_errors():
+            self._container.mux(self._stream.encode(picture))
+        self._num_frames += 1
 
     def finish(self) -> None:
         """Flush the encoder and write the index."""
-        self._container.mux(self._stream.encode(None))
-        self._container.close()
+        with _ffmpeg_errors():
+            self._container.mux(self._stream.encode(None))
+            self._container.close()
 
     def discard(self) -> None:
         """Close the container."""
-        self._container.close()
+        with _ffmpeg_errors():
+            self._container.close()
+
+
+@contextmanager
+def _ffmpeg_errors() -> Iterator[None]:
+    """Turn all that FFmpeg raises into OSError; only some of it is one by itself."""
+    import av
+
+    try:
+        yield
+    except av.FFmpegError as err:
+        raise OSError(err.errno, err.strerror) from err
 
 
 _H264_OPTIONS = {"crf": "12", "preset": "medium"}
