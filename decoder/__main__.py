@@ -13,7 +13,6 @@ from dvc import cli
 from dvc.errors import ConfigError, DvcError
 
 if TYPE_CHECKING:
-    from decoder.report import DecodeReport
     from decoder.session import DecodedGroup
     from dvc.config import CodecConfig
     from dvc.stream import StreamWriter

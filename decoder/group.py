@@ -13,7 +13,6 @@ from decoder.wyner_ziv import DecodedFrame, FrameCoroutine, WynerZivDecoder
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.feedback import ParityRequest
-from dvc.video import Frame
 from dvc.wynerziv.frame import BufferedFrame, PuncturedFrame, PunctureRecorder
 
 Bits = NDArray[np.uint8]
@@ -127,7 +126,7 @@ class GroupDecoder:
         layout = self._decoder.layout
         first = keys[0].index + 1
 
-        def decode(index: int, frame: FrameCoroutine) -> DecodedFrame:
+        def _serve(index: int, frame: FrameCoroutine) -> DecodedFrame:
             payload = payloads[index - first]
             if form == "buffered":
                 return run(frame, BufferedFrame(layout, payload, self._decoder.num_codes).answer)
@@ -136,7 +135,7 @@ class GroupDecoder:
             source.finish()
             return decoded
 
-        return self._decode(keys, [payload[: layout.header_bytes] for payload in payloads], decode)
+        return self._decode(keys, [payload[: layout.header_bytes] for payload in payloads], _serve)
 
     def decode_live(
         self, keys: tuple[ReferenceFrame, ReferenceFrame], headers: Sequence[bytes], answer: Answer

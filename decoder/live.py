@@ -1,4 +1,4 @@
-"""The decoder's end of a live run: groups of pictures and parity from an encoder at the other end of a connection."""
+"""The decoder's end of a live run: groups of pictures and parity from an encoder behind a connection."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -46,7 +46,7 @@ class LiveSource:
         Yields
         ------
         Gop
-            Its Wyner-Ziv payloads are the headers of the frames; it is done with when the next one is asked for.
+            Its Wyner-Ziv payloads are the headers of the frames; asking for the next one closes it.
         """
         for _ in range(NUM_GROUPS_AHEAD):
             self._endpoint.send_next_gop()

@@ -106,7 +106,7 @@ class DecodeReport:
         Returns
         -------
         dict
-            Totals, configuration and one entry per frame; the bits of all frames add up to the size of the stream.
+            Totals, configuration and one entry per frame, whose bits add up to the size of the stream.
         """
         frames = self._frames
         counted = sum(sum(frame["bits"].values()) for frame in frames)

@@ -137,7 +137,7 @@ class _KeyFrames:
     def add(
         self, number: int, record: GopRecord
     ) -> tuple[int, tuple[ReferenceFrame, ReferenceFrame] | None, Frame]:
-        """Decode the next group's key frame; return its first index, its references if it needs them, and the frame."""
+        """Decode the next group's key frame; return first index, references (None: not needed), key frame."""
         try:
             key = self._decoder.decode(record.key)
         except BitstreamError as err:

@@ -1,9 +1,10 @@
 """Decoding of one Wyner-Ziv frame as a coroutine without I/O: it yields requests and is sent bits.
 
-Bands are decoded in zigzag order, each plane by plane: the noise model turns side information and what is known so far into
-log-likelihood ratios, the Slepian-Wolf decoder asks for parity until the plane is right, and the conditional mean
-reconstructs the coefficients. What has been decoded teaches the rest: scales are fitted to the decoded intervals, blocks that
-turned out worse than expected are expected to be bad in later bands, and the side information is refined.
+Bands are decoded in zigzag order, each plane by plane: the noise model turns side information and what is
+known so far into log-likelihood ratios, the Slepian-Wolf decoder asks for parity until the plane is right,
+and the conditional mean reconstructs the coefficients. What has been decoded teaches the rest: scales are
+fitted to the decoded intervals, blocks that turned out worse than expected are expected to be bad in later
+bands, and the side information is refined.
 """
 
 from collections.abc import Generator
@@ -78,8 +79,8 @@ class _KnownBand:
     def error(self, side_information: Array) -> Array:
         """Expected magnitude of truth minus prediction, relative to its mean over the frame."""
         floor = ERROR_FLOOR * np.minimum(self.upper - self.lower, 4.0 * self.scale)
-        error = np.abs(self.reconstruct(side_information) - side_information) + floor
-        return error / error.mean()
+        error: Array = np.abs(self.reconstruct(side_information) - side_information) + floor
+        return error / float(error.mean())
 
 
 class _FrameState:
@@ -103,12 +104,15 @@ class _FrameState:
 
     def scale(self, band: int) -> Array:
         """Scale of each coefficient of a band before any of it is decoded."""
-        base = self.base_scale[band]
+        base: Array = self.base_scale[band]
         if not self.known:
             return base
-        activity = sum(_smoothed(known.error(self.predicted[other])) for other, known in self.known.items())
-        activity = activity / len(self.known)
-        return np.maximum(np.sqrt(base * base.mean() * activity), noise.MIN_SCALE)
+        activity = np.zeros_like(base)
+        for other, known in self.known.items():
+            activity += _smoothed(known.error(self.predicted[other]))
+        scale = np.sqrt(base * base.mean() * (activity / len(self.known)))
+        bounded: Array = np.maximum(scale, noise.MIN_SCALE)
+        return bounded
 
     def set_known(self, band: int, known: _KnownBand) -> None:
         self.known[band] = known
@@ -119,15 +123,15 @@ class _FrameState:
 
 
 def _smoothed(error: Array) -> Array:
-    return 0.5 * error + 0.5 * uniform_filter(error, 3, mode="nearest")
+    neighbourhood: Array = uniform_filter(error, 3, mode="nearest")
+    return 0.5 * error + 0.5 * neighbourhood
 
 
 def _disagreement(prediction: Prediction) -> Array:
     """Half the difference of the compensated references; of the two that differ most where there are more."""
     stack = np.stack(prediction.compensated)
-    if len(stack) == 2:
-        return 0.5 * (stack[0] - stack[1])
-    return 0.5 * (stack.max(axis=0) - stack.min(axis=0))
+    difference: Array = stack[0] - stack[1] if len(stack) == 2 else stack.max(axis=0) - stack.min(axis=0)
+    return 0.5 * difference
 
 
 class WynerZivDecoder:
@@ -188,8 +192,10 @@ class WynerZivDecoder:
             if refiner is not None and (position in settings.refine_after or position == last):
                 state.use(refiner.refine(state.luma()))
                 state.gain *= GAIN_AFTER_REFINEMENT
+        refiner = state.prediction.refiner
+        chroma = prediction.chroma if refiner is None else refiner.chroma()
         return DecodedFrame(
-            frame=Frame(state.luma(), state.prediction.chroma),
+            frame=Frame(state.luma(), chroma),
             side_information=transform.to_uint8(prediction.luma),
             refined_side_information=transform.to_uint8(state.prediction.luma),
             num_requests=sum(result.num_requests for result in results),

@@ -24,6 +24,8 @@ class ArgumentParser(argparse.ArgumentParser):
         As in `argparse.ArgumentParser`.
     examples : str, optional
         Shown as they stand at the end of the help.
+    **options
+        Passed on.
     """
 
     def __init__(self, prog: str, description: str, examples: str = "", **options: Any) -> None:
@@ -174,7 +176,7 @@ def integer(low: int, high: int) -> Callable[[str], int]:
         Text to int; raises `argparse.ArgumentTypeError` outside the range.
     """
 
-    def read(text: str) -> int:
+    def _read(text: str) -> int:
         try:
             value = int(text)
         except ValueError:
@@ -183,7 +185,7 @@ def integer(low: int, high: int) -> Callable[[str], int]:
             raise argparse.ArgumentTypeError(f"expected a whole number from {low} to {high}, got {text!r}")
         return value
 
-    return read
+    return _read
 
 
 def write_json(path: str | Path, values: object) -> None:

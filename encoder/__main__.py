@@ -160,9 +160,9 @@ def _encode(arguments: argparse.Namespace) -> int:
         total = arguments.frames if reader.info.num_frames is None else reader.info.num_frames
         with cli.progress_bar("encoding", total, arguments.quiet) as progress:
             if arguments.serve is None:
-                _write(session, reader, arguments, progress)  # type: ignore[arg-type]
+                _write(session, reader, arguments, progress)
             else:
-                _serve(session, reader, arguments, progress)  # type: ignore[arg-type]
+                _serve(session, reader, arguments, progress)
     if arguments.json is not None:
         cli.write_json(arguments.json, _report(session.statistics, session.config))
     return 0

@@ -164,7 +164,10 @@ def search_target(target, planes, margin, block, window, radius, step, smoothnes
             row = min(margin + i * block - border, height - window - 1)
             column = min(margin + j * block - border, width - window - 1)
             start_v, start_h = offsets[i, j, 0], offsets[i, j, 1]
-            best = np.int64(1) << 40
+            row_r = clamp_position(4 * row + start_v, window, height)
+            column_r = clamp_position(4 * column + start_h, window, width)
+            plane = planes[row_r & 3, column_r & 3]
+            best = plane_sad(target, row, column, plane, row_r >> 2, column_r >> 2, window, np.int64(1) << 40)
             for v in range(-radius, radius + 1):
                 for h in range(-radius, radius + 1):
                     cost = smoothness * step * (abs(v) + abs(h))

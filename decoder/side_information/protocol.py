@@ -40,7 +40,16 @@ class Refiner(Protocol):
         Returns
         -------
         Prediction
-            Better prediction, chroma included.
+            Better prediction of luma; its chroma is None, ask `chroma` for it.
+        """
+
+    def chroma(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+        """Predict chroma with all that has been learnt.
+
+        Returns
+        -------
+        tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
+            Predicted Cb and Cr; None where the sequence has none.
         """
 
 

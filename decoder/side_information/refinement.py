@@ -13,20 +13,37 @@ coding", IEEE Trans. Circuits Syst. Video Technol. 19(9), 2009.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
-from decoder.side_information.planes import MARGIN, Offsets, compensate, phase_planes
+from decoder.side_information.planes import MARGIN, Offsets, compensate, phase_planes, resize_field
 from decoder.side_information.protocol import Prediction
 from dvc.video import Frame
 
 BLOCK = 4
 """Side of the refined blocks: that of the transform, whose coefficients become known block by block."""
-SEARCHES = ((12, 4, 12), (4, 2, 12), (2, 1, 8))
-"""Radius in steps, step in quarter samples and window side of the first, second and all later searches."""
-SMOOTHNESS = 4
+SMOOTHNESS = 2
+"""Cost of a correction, per quarter sample, in units of absolute difference."""
+
+
+class Search(NamedTuple):
+    """One full search around the present offsets."""
+
+    block: int  # side of the blocks that move together, in samples
+    window: int  # side of the window that is compared, in samples
+    radius: int  # largest correction, in steps
+    step: int  # in quarter samples
+
+
+SEARCHES = (
+    (Search(8, 20, 12, 4), Search(4, 12, 2, 2), Search(4, 12, 1, 1)),
+    (Search(4, 12, 4, 2), Search(4, 12, 1, 1)),
+    (Search(4, 8, 2, 1),),
+)
+"""Searches of the first, second and all later calls: the more is known, the smaller the window may be."""
 
 
 class BlockRefiner:
@@ -47,6 +64,7 @@ class BlockRefiner:
         self._planes = [phase_planes(frame.luma) for frame in references]
         self._offsets = [offset.copy() for offset in offsets]
         self._method = method
+        self._weights = [np.ones(offset.shape[:2]) for offset in offsets]
         self._num_calls = 0
 
     def refine(self, partial: NDArray[np.uint8]) -> Prediction:
@@ -63,23 +81,38 @@ class BlockRefiner:
             Prediction from the refined offsets.
         """
         target = np.pad(partial, MARGIN, mode="edge")
-        radius, step, window = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
+        searches = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
         self._num_calls += 1
-        weights = []
-        for planes, offsets in zip(self._planes, self._offsets, strict=True):
-            costs = np.empty(offsets.shape[:2], dtype=np.int64)
-            _kernels.search_target(
-                target, planes, MARGIN, BLOCK, window, radius, step, SMOOTHNESS, offsets, costs
-            )
-            for finer in (2, 1)[2 - step // 2 :]:
-                _kernels.search_target(
-                    target, planes, MARGIN, BLOCK, window, 1, finer, SMOOTHNESS, offsets, costs
-                )
-            difference = costs / float(window * window) + 1.0
-            weights.append(1.0 / (difference * np.sqrt(difference)))
-        luma, compensated = compensate(self._planes, self._offsets, weights, BLOCK, partial.shape)
-        chroma = compensate_chroma(self._references, self._offsets, weights, BLOCK)
-        return Prediction(luma, chroma, tuple(compensated), self._method, refiner=self)
+        for number, planes in enumerate(self._planes):
+            for search in searches:
+                self._offsets[number], costs = _search(target, planes, self._offsets[number], search)
+            difference = costs / float(searches[-1].window ** 2) + 1.0
+            self._weights[number] = 1.0 / (difference * np.sqrt(difference))
+        luma, compensated = compensate(self._planes, self._offsets, self._weights, BLOCK, partial.shape)
+        return Prediction(luma, None, tuple(compensated), self._method, refiner=self)
+
+    def chroma(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+        """Predict chroma with the offsets found so far; see `Refiner.chroma`.
+
+        Returns
+        -------
+        tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
+            Predicted Cb and Cr; None if a reference has no chroma.
+        """
+        return compensate_chroma(self._references, self._offsets, self._weights, BLOCK)
+
+
+def _search(
+    target: NDArray[np.uint8], planes: NDArray[np.uint8], offsets: Offsets, search: Search
+) -> tuple[Offsets, NDArray[np.int64]]:
+    """Return improved offsets of the 4x4 blocks, and the cost of each block that was searched."""
+    factor = search.block // BLOCK
+    moved = offsets[::factor, ::factor].copy()
+    costs = np.empty(moved.shape[:2], dtype=np.int64)
+    _kernels.search_target(
+        target, planes, MARGIN, search.block, search.window, search.radius, search.step, SMOOTHNESS, moved, costs
+    )
+    return resize_field(moved, *offsets.shape[:2], factor), costs
 
 
 def compensate_chroma(

@@ -1,8 +1,9 @@
 """What one Wyner-Ziv frame is on the wire: bands, bit planes, steps, CRC bits, parity and plain bits.
 
-Planes are numbered over the whole frame in decoding order: bands in zigzag order, each from its most significant plane
-down. A frame's payload starts with the step indices of its AC bands. In the buffered form all CRC, plain and parity
-bits follow, plane by plane; in the punctured form only the bits that the decoder asked for, in the order in which it did.
+Planes are numbered over the whole frame in decoding order: bands in zigzag order, each from its most
+significant plane down. A frame's payload starts with the step indices of its AC bands. In the buffered form
+all CRC, plain and parity bits follow, plane by plane; in the punctured form only the bits that the decoder
+asked for, in the order in which it did.
 """
 
 from collections.abc import Generator, Sequence
@@ -279,17 +280,19 @@ class EncodedFrame:
         """
         if not 0 <= question.plane < len(self.planes):
             raise ValueError(f"plane {question.plane} of {len(self.planes)}")
-        sources = {
-            "crc": lambda: self._crc,
-            "plain": lambda: self.planes,
-            "parity": lambda: self.parity(question.code),
-        }
-        if question.kind not in sources or not 0 <= question.code < len(self._codes):
-            raise ValueError(f"no {question.kind!r} bits of code {question.code}")
-        bits = sources[question.kind]()[question.plane]
+        bits: Bits = self._all_bits(question.kind, question.code)[question.plane]
         if not 0 <= question.start <= question.start + question.count <= bits.size:
             raise ValueError(f"bits {question.start}+{question.count} of {bits.size}")
         return bits[question.start : question.start + question.count]
+
+    def _all_bits(self, kind: str, code: int) -> Bits:
+        if kind == "crc":
+            return self._crc
+        if kind == "plain":
+            return self.planes
+        if kind != "parity" or not 0 <= code < len(self._codes):
+            raise ValueError(f"no {kind!r} bits of code {code}")
+        return self.parity(code)
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`.

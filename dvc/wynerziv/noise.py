@@ -1,9 +1,9 @@
 """Correlation noise between a Wyner-Ziv frame and its side information: a Laplacian per coefficient.
 
-The scale ``b`` of a Laplacian with density exp(-|x - y| / b) / (2 b) is the mean absolute error. It is estimated
-at the decoder alone: first from the difference of the two motion-compensated references (the published *online*
-models at frame, band and coefficient level, or the local model that is the default here), then from the bands
-and bit planes decoded so far, whose true interval is known.
+The scale ``b`` of a Laplacian with density exp(-|x - y| / b) / (2 b) is the mean absolute error. It is
+estimated at the decoder alone: first from the difference of the two motion-compensated references (the
+published *online* models at frame, band and coefficient level, or the local model that is the default here),
+then from the bands and bit planes decoded so far, whose true interval is known.
 
 References
 ----------
@@ -86,7 +86,9 @@ def coefficient_scale(residual: Array) -> Array:
     magnitude = np.abs(residual)
     variance = np.mean(residual**2, axis=(1, 2), keepdims=True)
     distance = (magnitude - magnitude.mean(axis=(1, 2), keepdims=True)) ** 2
-    return np.maximum(np.sqrt(np.maximum(distance, variance) / 2.0), MIN_SCALE)
+    scale = np.sqrt(np.maximum(distance, variance) / 2.0)
+    bounded: Array = np.maximum(scale, MIN_SCALE)
+    return bounded
 
 
 def local_scale(residual: Array) -> Array:
@@ -102,9 +104,9 @@ def local_scale(residual: Array) -> Array:
     ndarray of the same shape, float64
         Scale of each coefficient.
     """
-    magnitude = np.abs(residual)
-    neighbourhood = uniform_filter(magnitude, size=(1, 3, 3), mode="nearest")
-    band = magnitude.mean(axis=(1, 2), keepdims=True)
+    magnitude: Array = np.abs(residual)
+    neighbourhood: Array = uniform_filter(magnitude, size=(1, 3, 3), mode="nearest")
+    band: Array = magnitude.mean(axis=(1, 2), keepdims=True)
     return MIN_SCALE + 0.3 * band + 0.5 * neighbourhood + 0.3 * magnitude
 
 

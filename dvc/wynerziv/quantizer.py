@@ -1,9 +1,9 @@
 """Scalar quantisers of the bands: uniform for DC, uniform with a doubled zero bin for AC.
 
 A band with ``levels`` = 2^m levels makes m bit planes. DC has ``levels`` bins on [0, 1024). AC has
-``levels - 1`` bins, symmetric about zero: the zero bin is (-step, step), the others are one step wide and
-the outermost ends at ``levels / 2`` steps. The step follows from the band's largest magnitude in the frame and
-is sent as an index on a logarithmic scale.
+``levels - 1`` bins, symmetric about zero: the zero bin is (-step, step), the others are one step wide and the
+outermost ends at ``levels / 2`` steps. The step follows from the band's largest magnitude in the frame and is
+sent as an index on a logarithmic scale.
 """
 
 import math
@@ -86,9 +86,10 @@ def bin_edges(levels: int, step: float | None) -> NDArray[np.float64]:
         ``num_bins`` is ``levels`` for DC, ``levels - 1`` for AC.
     """
     if step is None:
-        return np.arange(levels + 1) * (DC_RANGE / levels)
+        return np.arange(levels + 1, dtype=np.float64) * (DC_RANGE / levels)
     positive = np.arange(1, levels // 2 + 1) * step
-    return np.concatenate([-positive[::-1], positive])
+    edges: NDArray[np.float64] = np.concatenate([-positive[::-1], positive])
+    return edges
 
 
 def quantize(coefficients: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.int64]:

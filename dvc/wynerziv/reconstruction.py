@@ -2,8 +2,8 @@
 
 References
 ----------
-[Kubasov2007] D. Kubasov, J. Nayak, C. Guillemot, "Optimal reconstruction in Wyner-Ziv video coding with multiple
-side information", MMSP 2007, Eq. (6).
+[Kubasov2007] D. Kubasov, J. Nayak, C. Guillemot, "Optimal reconstruction in Wyner-Ziv video coding with
+multiple side information", MMSP 2007, Eq. (6).
 """
 
 import numpy as np
@@ -15,8 +15,9 @@ Array = NDArray[np.float64]
 def conditional_mean(lower: Array, upper: Array, side_information: Array, scale: Array) -> Array:
     """Return E[x | lower <= x < upper, y] under a Laplacian about y.
 
-    Side information inside the bin is pulled towards the bin's middle, side information outside ends up near the closer
-    border; both follow from splitting the bin at y and taking each side's mean, weighted by its probability.
+    Side information inside the bin is pulled towards the bin's middle, side information outside ends up near
+    the closer border; both follow from splitting the bin at y and taking each side's mean, weighted by its
+    probability.
 
     Parameters
     ----------

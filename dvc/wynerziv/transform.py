@@ -9,14 +9,19 @@ References
 [Malvar2003] H. Malvar et al., "Low-complexity transform and quantization in H.264/AVC", 2003.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+
+Samples = NDArray[Any]
+"""Integers, which stay integers, or floats."""
 
 BLOCK = 4
 NUM_BANDS = BLOCK * BLOCK
 ZIGZAG = np.array(
-    [(0, 0), (0, 1), (1, 0), (2, 0), (1, 1), (0, 2), (0, 3), (1, 2), (2, 1), (3, 0), (3, 1), (2, 2), (1, 3), (2, 3),
-     (3, 2), (3, 3)]
+    [(0, 0), (0, 1), (1, 0), (2, 0), (1, 1), (0, 2), (0, 3), (1, 2),
+     (2, 1), (3, 0), (3, 1), (2, 2), (1, 3), (2, 3), (3, 2), (3, 3)]
 )  # fmt: skip
 """Row and column in the block of each band, in coding order."""
 
@@ -41,7 +46,7 @@ def band_shape(height: int, width: int) -> tuple[int, int]:
     return -(-height // BLOCK), -(-width // BLOCK)
 
 
-def pad_to_blocks(luma: NDArray[np.generic]) -> NDArray[np.generic]:
+def pad_to_blocks(luma: Samples) -> Samples:
     """Replicate the last row and column until both sides are multiples of 4.
 
     Parameters
@@ -61,7 +66,7 @@ def pad_to_blocks(luma: NDArray[np.generic]) -> NDArray[np.generic]:
     return np.pad(luma, ((0, missing[0]), (0, missing[1])), mode="edge")
 
 
-def forward(luma: NDArray[np.generic]) -> NDArray[np.float64]:
+def forward(luma: Samples) -> NDArray[np.float64]:
     """Transform a frame into bands; inverse of `inverse`.
 
     Parameters
@@ -86,10 +91,8 @@ def forward(luma: NDArray[np.generic]) -> NDArray[np.float64]:
     return bands
 
 
-def _butterfly(
-    a: NDArray[np.generic], b: NDArray[np.generic], c: NDArray[np.generic], d: NDArray[np.generic]
-):  # type: ignore[no-untyped-def]
-    outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c  # type: ignore[operator]
+def _butterfly(a: Samples, b: Samples, c: Samples, d: Samples) -> tuple[Samples, Samples, Samples, Samples]:
+    outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c
     return outer + inner, 2 * outer_odd + inner_odd, outer - inner, outer_odd - 2 * inner_odd
 
 
