@@ -1,9 +1,13 @@
-"""What all tests share: the hypothesis profile, and the real sequences where they are present."""
+"""What all tests share: the hypothesis profile, small videos, and the real sequences where present."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
+
+from dvc.video import Frame, chroma_shape
 
 # The first call of a compiled kernel can take seconds.
 settings.register_profile("dvc", deadline=None, derandomize=True)
@@ -17,3 +21,26 @@ def shared_sequences() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real sequences in {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def moving_frames() -> Callable[..., list[Frame]]:
+    """Return a function that makes a moving pattern with a little noise, in colour or grey."""
+
+    def make(count: int, width: int, height: int, *, grey: bool = False) -> list[Frame]:
+        rng = np.random.default_rng(count * 7919 + width * 31 + height)
+        rows, columns = np.mgrid[:height, :width]
+
+        def plane(k: int, step: int) -> np.ndarray:
+            wave = 128 + 60 * np.sin((columns * step + 3 * k) / 9) + 40 * np.cos((rows * step - k) / 7)
+            return np.clip(wave + rng.normal(0, 3, wave.shape), 0, 255).astype(np.uint8)
+
+        chroma_rows, chroma_columns = chroma_shape(height, width)
+        frames = []
+        for k in range(count):
+            luma = plane(k, 1)
+            cb, cr = (plane(k + i, 2)[:chroma_rows, :chroma_columns].copy() for i in (5, 11))
+            frames.append(Frame(luma, None if grey else (cb, cr)))
+        return frames
+
+    return make

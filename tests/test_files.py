@@ -1,0 +1,97 @@
+"""Tests of files that appear complete or not at all."""
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+
+from dvc.errors import DvcError
+from dvc.files import atomic_output, same_file
+
+
+def test_file_appears_only_after_success(tmp_path: Path) -> None:
+    """Until the block ends, the old content stays under the name."""
+    target = tmp_path / "out.bin"
+    target.write_bytes(b"old")
+    with atomic_output(target) as temporary:
+        temporary.write_bytes(b"new")
+        assert target.read_bytes() == b"old"
+        assert temporary.parent == tmp_path
+    assert target.read_bytes() == b"new"
+    assert os.listdir(tmp_path) == ["out.bin"]
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, SystemExit])
+def test_failure_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> None:
+    """An exception of any kind removes the temporary file and passes through."""
+
+    def write_half() -> None:
+        with atomic_output(tmp_path / "out.bin") as temporary:
+            temporary.write_bytes(b"half")
+            raise error
+
+    with pytest.raises(error):
+        write_half()
+    assert os.listdir(tmp_path) == []
+
+
+def test_full_disk_is_one_clear_error(tmp_path: Path) -> None:
+    """A full disk names the target, not the temporary file."""
+    message = r"^cannot write .*out\.bin: No space left on device$"
+    with pytest.raises(DvcError, match=message), atomic_output(tmp_path / "out.bin"):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert os.listdir(tmp_path) == []
+
+
+def test_foreign_system_errors_pass_through(tmp_path: Path) -> None:
+    """An error about another file keeps its type."""
+    with pytest.raises(FileNotFoundError), atomic_output(tmp_path / "out.bin"):
+        (tmp_path / "absent").read_bytes()
+    assert os.listdir(tmp_path) == []
+
+
+def test_missing_folder_and_folder_as_target_are_refused(tmp_path: Path) -> None:
+    """Neither a folder nor a name in a folder that does not exist can be written."""
+    with pytest.raises(DvcError, match="does not exist"), atomic_output(tmp_path / "absent" / "x"):
+        pass
+    with pytest.raises(DvcError, match="is a folder"), atomic_output(tmp_path):
+        pass
+
+
+def test_permissions_are_those_of_any_new_file(tmp_path: Path) -> None:
+    """The finished file follows the umask."""
+    with atomic_output(tmp_path / "a"):
+        pass
+    (tmp_path / "b").touch()
+    assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
+
+
+def test_symbolic_link_is_followed(tmp_path: Path) -> None:
+    """Writing to a link replaces the file that it points to."""
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    with atomic_output(tmp_path / "link") as temporary:
+        temporary.write_text("new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
+
+
+def test_device_is_written_to_directly() -> None:
+    """A device is neither replaced nor removed."""
+    with atomic_output("/dev/null") as path:
+        path.write_bytes(b"gone")
+    assert Path("/dev/null").is_char_device()
+
+
+def test_same_file_sees_through_names(tmp_path: Path) -> None:
+    """Links and detours lead to the same file, also where it does not exist yet."""
+    real = tmp_path / "real"
+    real.touch()
+    (tmp_path / "link").symlink_to(real)
+    os.link(real, tmp_path / "hard")
+    assert same_file(real, tmp_path / "link")
+    assert same_file(real, tmp_path / "hard")
+    assert same_file(tmp_path / "new", tmp_path / "." / "new")
+    assert not same_file(real, tmp_path / "new")
+    assert not same_file(tmp_path / "new", tmp_path / "newer")
