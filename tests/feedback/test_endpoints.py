@@ -94,6 +94,8 @@ class Decoder:
         for event in self.endpoint.receive(data):
             match event:
                 case Hello():
+                    if self.endpoint.config != CONFIG:
+                        raise FeedbackError("these requests fit one configuration only")
                     self.endpoint.send_next_gop()
                     self.endpoint.send_next_gop()
                 case Gop(number, record):
