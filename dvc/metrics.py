@@ -1,7 +1,7 @@
 """Measures of quality, and of the distance between two rate-distortion curves."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -92,15 +92,14 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
     ----------
     [SSIM] Wang, Bovik, Sheikh, Simoncelli, IEEE Trans. Image Processing 13 (2004), Eq. (13).
     """
-    from skimage.metrics import structural_similarity
+    from skimage import metrics
 
     _check_planes(a, b)
     if min(a.shape) < SSIM_WINDOW_PX:
         raise ValueError(f"`a` must have sides of at least {SSIM_WINDOW_PX} pixels, got {a.shape}")
-    value = structural_similarity(  # type: ignore[no-untyped-call]
-        a, b, data_range=PEAK, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
-    )
-    return float(value)
+    similarity: Callable[..., float] = metrics.structural_similarity
+    authors_choice = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False}
+    return float(similarity(a, b, data_range=PEAK, **authors_choice))
 
 
 def _check_planes(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> None:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import settings
 
 from dvc.video import Frame, chroma_shape
+from dvc.video.frames import Plane
 
 # The first call of a compiled kernel can take seconds.
 settings.register_profile("dvc", deadline=None, derandomize=True)
@@ -31,9 +32,10 @@ def moving_frames() -> Callable[..., list[Frame]]:
         rng = np.random.default_rng(count * 7919 + width * 31 + height)
         rows, columns = np.mgrid[:height, :width]
 
-        def plane(k: int, step: int) -> np.ndarray:
+        def plane(k: int, step: int) -> Plane:
             wave = 128 + 60 * np.sin((columns * step + 3 * k) / 9) + 40 * np.cos((rows * step - k) / 7)
-            return np.clip(wave + rng.normal(0, 3, wave.shape), 0, 255).astype(np.uint8)
+            samples: Plane = np.clip(wave + rng.normal(0, 3, wave.shape), 0, 255).astype(np.uint8)
+            return samples
 
         chroma_rows, chroma_columns = chroma_shape(height, width)
         frames = []
