@@ -1,0 +1,56 @@
+# Everything runs in .venv, which is made on first use; `make PYTHON=/path/to/python3.11 venv` chooses another Python.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+JOBS ?= 2
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+PACKAGES := dvc encoder decoder sequences
+SOURCES = $(shell git ls-files 'dvc/*.py' 'encoder/*.py' 'decoder/*.py' 'sequences/*.py' 'benchmarks/*.py')
+
+.DEFAULT_GOAL := help
+.PHONY: help venv demo test test-slow test-nojit check bench figures format clean
+
+help:  ## list the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
+
+venv: $(INSTALLED)  ## make the virtual environment in .venv
+
+$(INSTALLED): pyproject.toml
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed: make PYTHON=...")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,check]'
+	@touch $@
+
+demo: $(INSTALLED)  ## render a moving camera, code it between two processes, show rates and quality
+	$(BIN)/python -m benchmarks.demo --out out/demo
+
+test: $(INSTALLED)  ## run the tests
+	$(BIN)/python -m pytest -m "not slow" -n $(JOBS)
+
+test-slow: $(INSTALLED)  ## run the long studies too
+	$(BIN)/python -m pytest
+
+test-nojit: $(INSTALLED)  ## run the tests of the kernels as plain Python
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m nojit
+
+check: $(INSTALLED)  ## check format, lint, types, layers, docstrings and spelling
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/numpydoc lint $(SOURCES)
+	$(BIN)/codespell
+
+bench: $(INSTALLED)  ## measure the kernels and the speed of the codec, quickly
+	$(BIN)/python -m benchmarks.figures --quick
+
+figures: $(INSTALLED)  ## measure the figures of docs/figures.md again (AREA=codec for a part)
+	$(BIN)/python -m benchmarks.figures $(if $(AREA),--area $(AREA))
+
+format: $(INSTALLED)  ## format the code
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:  ## remove what was built, but not .venv
+	rm -rf out build dist .mypy_cache .ruff_cache .pytest_cache .import_linter_cache .hypothesis
+	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -print | xargs rm -rf
