@@ -1,0 +1,198 @@
+"""Tests of video files that are written and read back."""
+
+import os
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dvc.errors import VideoError
+from dvc.metrics import psnr_db
+from dvc.video import Frame, VideoReader, VideoWriter, create_video, open_video, same_frame
+
+MakeFrames = Callable[..., list[Frame]]
+
+SIZES = [(48, 32), (33, 25), (1, 1), (2, 3), (17, 1), (1, 40)]
+RATES = [Fraction(25), Fraction(30000, 1001), Fraction(7, 3), Fraction(15)]
+
+
+def write_video(path: Path, frames: list[Frame], rate: Fraction = Fraction(25), **options: bool) -> None:
+    """Write all frames to a file."""
+    with create_video(path, (frames[0].width, frames[0].height), rate, **options) as writer:
+        for frame in frames:
+            writer.write(frame)
+
+
+@pytest.mark.parametrize("suffix", [".y4m", ".mkv"])
+@pytest.mark.parametrize("grey", [False, True])
+@pytest.mark.parametrize("size", SIZES)
+def test_lossless_formats_give_back_every_sample(
+    tmp_path: Path, moving_frames: MakeFrames, suffix: str, grey: bool, size: tuple[int, int]
+) -> None:
+    """Frames, count, size and rate survive, also for odd sides, without a conversion."""
+    frames = moving_frames(5, *size, grey=grey)
+    for index, rate in enumerate(RATES):
+        path = tmp_path / f"{index}{suffix}"
+        write_video(path, frames, rate, luma_only=grey)
+        with open_video(path) as reader:
+            got = list(reader)
+            assert reader.info.size == size
+            assert reader.info.frame_rate == rate
+            assert reader.info.notices == ()
+            assert not reader.info.full_range
+        assert len(got) == len(frames)
+        assert all(same_frame(a, b) for a, b in zip(got, frames, strict=True))
+
+
+@pytest.mark.parametrize("size", [(48, 32), (33, 25), (1, 1)])
+def test_mp4_is_near_to_the_source(tmp_path: Path, moving_frames: MakeFrames, size: tuple[int, int]) -> None:
+    """H.264 keeps count, rate and the picture to within 38 dB; odd sides are padded by repetition."""
+    frames = moving_frames(7, *size)
+    write_video(tmp_path / "a.mp4", frames, Fraction(30000, 1001))
+    with open_video(tmp_path / "a.mp4") as reader:
+        got = list(reader)
+        assert reader.info.frame_rate == Fraction(30000, 1001)
+        assert reader.info.num_frames == 7
+    assert len(got) == 7
+    height, width = frames[0].luma.shape
+    assert (got[0].height, got[0].width) == (height + height % 2, width + width % 2)
+    assert min(psnr_db(a.luma[:height, :width].copy(), b.luma) for a, b in zip(got, frames, strict=True)) > 38
+
+
+def test_luma_only_drops_chroma(tmp_path: Path, moving_frames: MakeFrames) -> None:
+    """Grey files read back as grey; in MP4 chroma is neutral."""
+    frames = moving_frames(3, 32, 16)
+    for suffix in (".y4m", ".mkv", ".mp4"):
+        write_video(tmp_path / f"a{suffix}", frames, luma_only=True)
+        got = list(open_video(tmp_path / f"a{suffix}"))
+        if suffix == ".mp4":
+            assert all(np.all(plane == 128) for plane in got[1].chroma or (np.zeros(1),))
+        else:
+            assert all(same_frame(a, b.without_chroma()) for a, b in zip(got, frames, strict=True))
+
+
+def test_grey_frames_in_a_colour_file_get_neutral_chroma(tmp_path: Path, moving_frames: MakeFrames) -> None:
+    """A frame without chroma is written with 128."""
+    frames = moving_frames(2, 9, 7, grey=True)
+    for suffix in (".y4m", ".mkv"):
+        write_video(tmp_path / f"a{suffix}", frames)
+        got = list(open_video(tmp_path / f"a{suffix}"))
+        assert all(same_frame(a, b.with_chroma()) for a, b in zip(got, frames, strict=True))
+
+
+@pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
+def test_full_range_mark_survives(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
+    """The reader learns that samples use 0 to 255, and keeps them."""
+    frames = moving_frames(2, 16, 16)
+    write_video(tmp_path / f"a{suffix}", frames, full_range=True)
+    with open_video(tmp_path / f"a{suffix}") as reader:
+        assert reader.info.full_range
+        assert reader.info.notices == ("full-range samples are kept as they are",)
+        assert suffix == ".mp4" or same_frame(next(iter(reader)), frames[0])
+
+
+@pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
+def test_two_runs_write_the_same_bytes(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
+    """No time, random number or name gets into a file."""
+    frames = moving_frames(3, 32, 16)
+    for name in ("a", "b"):
+        write_video(tmp_path / f"{name}{suffix}", frames)
+    assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
+def test_file_appears_only_when_it_is_complete(
+    tmp_path: Path, moving_frames: MakeFrames, suffix: str
+) -> None:
+    """Before `close` the name does not exist, after `abort` nothing is left."""
+    path = tmp_path / f"a{suffix}"
+    frame = moving_frames(1, 32, 16)[0]
+    writer = create_video(path, (32, 16), 25)
+    assert isinstance(writer, VideoWriter)
+    writer.write(frame)
+    assert not path.exists()
+    writer.abort()
+    writer.abort()
+    writer.close()
+    assert os.listdir(tmp_path) == []
+    with pytest.raises(ValueError, match="closed"):
+        writer.write(frame)
+
+
+@pytest.mark.parametrize("suffix", [".y4m", ".mkv", ".mp4"])
+def test_exception_in_the_block_aborts(tmp_path: Path, moving_frames: MakeFrames, suffix: str) -> None:
+    """An exception of the caller passes through, and no file stays."""
+    frame = moving_frames(1, 32, 16)[0]
+
+    def fail() -> None:
+        with create_video(tmp_path / f"a{suffix}", (32, 16), 25) as writer:
+            writer.write(frame)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
+    assert os.listdir(tmp_path) == []
+
+
+def test_wrong_arguments_are_refused(tmp_path: Path, moving_frames: MakeFrames) -> None:
+    """Unknown suffixes, absent folders, giant pictures, no frames and frames of another size are named."""
+    with pytest.raises(VideoError, match=r"must end in \.y4m, \.mkv or \.mp4"):
+        create_video(tmp_path / "a.avi", (32, 16), 25)
+    with pytest.raises(VideoError, match="does not exist"):
+        create_video(tmp_path / "absent" / "a.mkv", (32, 16), 25)
+    with pytest.raises(VideoError, match="not supported"):
+        create_video(tmp_path / "a.mkv", (20000, 16), 25)
+    with pytest.raises(ValueError, match="frame_rate"):
+        create_video(tmp_path / "a.mkv", (32, 16), 0)
+    for suffix in (".y4m", ".mkv", ".mp4"):
+        with pytest.raises(VideoError, match="no frames"):
+            create_video(tmp_path / f"a{suffix}", (32, 16), 25).close()
+    with create_video(tmp_path / "b.mkv", (32, 16), 25) as writer:
+        writer.write(moving_frames(1, 32, 16)[0])
+        with pytest.raises(ValueError, match=r"\(32, 16\) pixels, got \(16, 32\)"):
+            writer.write(moving_frames(1, 16, 32)[0])
+    assert os.listdir(tmp_path) == ["b.mkv"]
+
+
+def test_full_disk_is_one_clear_error(tmp_path: Path) -> None:
+    """When no byte more fits, each format says so in a line and leaves nothing behind."""
+    script = """
+        import resource, signal, sys
+        import numpy as np
+        from dvc.errors import VideoError
+        from dvc.video import Frame, create_video
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (40000, 40000))
+        rng = np.random.default_rng(0)
+        for suffix in (".y4m", ".mkv", ".mp4"):
+            try:
+                with create_video(sys.argv[1] + "/a" + suffix, (96, 64), 25) as writer:
+                    for _ in range(70):
+                        writer.write(Frame(rng.integers(0, 256, (64, 96), dtype=np.uint8)))
+            except VideoError as err:
+                print(err)
+    """
+    command = [sys.executable, "-c", textwrap.dedent(script), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    expected = [f"cannot write {tmp_path}/a{suffix}: File too large" for suffix in (".y4m", ".mkv", ".mp4")]
+    assert done.stdout.splitlines() == expected
+    assert done.stderr == ""
+    assert os.listdir(tmp_path) == []
+
+
+def test_reader_keeps_its_protocol(tmp_path: Path, moving_frames: MakeFrames) -> None:
+    """A reader goes on where it stopped, and gives nothing once it is closed."""
+    frames = moving_frames(4, 16, 16)
+    write_video(tmp_path / "a.mkv", frames)
+    reader = open_video(tmp_path / "a.mkv")
+    assert isinstance(reader, VideoReader)
+    assert same_frame(next(iter(reader)), frames[0])
+    assert same_frame(next(iter(reader)), frames[1])
+    reader.close()
+    reader.close()
+    assert list(reader) == []
