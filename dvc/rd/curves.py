@@ -1,0 +1,187 @@
+"""Rate-distortion curves: results put together by experiment and codec, and the distances between them."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dvc.errors import RdCurveError
+from dvc.rd.points import INTRA
+from dvc.rd.results import PointResult
+
+if TYPE_CHECKING:
+    from dvc.metrics import BdResult
+
+ANCHOR_LABEL = "H.264 intra"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The points of one codec on one experiment.
+
+    Attributes
+    ----------
+    label : str
+        Codec and what of its options is not usual.
+    is_anchor : bool
+        Whether it is there to compare with.
+    points : tuple of PointResult
+        By increasing rate.
+    """
+
+    label: str
+    is_anchor: bool
+    points: tuple[PointResult, ...]
+
+    @property
+    def rates_kbps(self) -> list[float]:
+        """Rates of the points in kbit/s."""
+        return [point.rate_kbps for point in self.points]
+
+    @property
+    def psnrs_y_db(self) -> list[float]:
+        """PSNRs of the points in dB."""
+        return [point.psnr_y_db for point in self.points]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """All curves that were measured on the same frames.
+
+    Attributes
+    ----------
+    name : str
+        Of the sequence.
+    title : str
+        Name, size, frames and frame rate.
+    slug : str
+        For file names; unique in a report.
+    key : tuple
+        What the curves have in common: digest of the sequence, first frame, number of frames, luma only.
+    curves : tuple of Curve
+        Anchors last.
+    """
+
+    name: str
+    title: str
+    slug: str
+    key: tuple[str, int, int, bool]
+    curves: tuple[Curve, ...]
+
+    def anchor(self, label: str = ANCHOR_LABEL) -> Curve | None:
+        """Return the curve to compare with.
+
+        Parameters
+        ----------
+        label : str, optional
+            Its label.
+
+        Returns
+        -------
+        Curve or None
+            None if it was not measured.
+        """
+        return next((curve for curve in self.curves if curve.label == label), None)
+
+
+def experiments(results: Sequence[PointResult]) -> list[Experiment]:
+    """Sort results into experiments and curves.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        In any order.
+
+    Returns
+    -------
+    list of Experiment
+        By name of the sequence.
+    """
+    groups: dict[tuple[str, int, int, bool], dict[str, list[PointResult]]] = {}
+    for result in results:
+        groups.setdefault(_key(result), {}).setdefault(_label(result), []).append(result)
+    found: list[Experiment] = []
+    for key, curves in sorted(
+        groups.items(), key=lambda item: (_first(item[1]).data["sequence"]["name"], item[0])
+    ):
+        name = _first(curves).data["sequence"]["name"]
+        slug = re.sub(r"[^A-Za-z0-9_.-]+", "_", name)
+        if any(other.slug == slug for other in found):
+            slug = f"{slug}-{len(found) + 1}"
+        built = [_curve(label, points) for label, points in curves.items()]
+        built.sort(key=lambda curve: (curve.is_anchor, curve.label))
+        found.append(Experiment(name, _title(_first(curves)), slug, key, tuple(built)))
+    return found
+
+
+def compare_curves(reference: Curve, other: Curve) -> "BdResult | str":
+    """Return the mean difference in rate of a curve against another.
+
+    Parameters
+    ----------
+    reference, other : Curve
+        Of the same experiment.
+
+    Returns
+    -------
+    BdResult or str
+        Negative if `other` needs less; a line that says why the curves cannot be compared.
+    """
+    from dvc.metrics import bd_rate
+
+    try:
+        return bd_rate(reference.rates_kbps, reference.psnrs_y_db, other.rates_kbps, other.psnrs_y_db)
+    except RdCurveError as err:
+        return str(err)
+
+
+def bd_text(difference: "BdResult | str") -> str:
+    """Write a difference in rate with its overlap.
+
+    Parameters
+    ----------
+    difference : BdResult or str
+        As `compare_curves` returns it.
+
+    Returns
+    -------
+    str
+        Such as ``-12.3 % (28.9 to 37.5 dB, 8 and 14 points)``.
+    """
+    if isinstance(difference, str):
+        return f"not comparable: {difference}"
+    low, high = difference.overlap
+    reference, other = difference.num_points
+    return f"{difference.value:+.1f} % ({low:.1f} to {high:.1f} dB, {other} and {reference} points)"
+
+
+def _key(result: PointResult) -> tuple[str, int, int, bool]:
+    options, sequence = result.data["options"], result.data["sequence"]
+    return sequence["digest"], options["start"], result.data["totals"]["frames"], options["luma_only"]
+
+
+def _label(result: PointResult) -> str:
+    if result.data["codec"] == INTRA:
+        return ANCHOR_LABEL
+    options = result.data["options"]
+    extra = [
+        name if value == "true" else f"{name} {value}" for name, value in sorted(options["options"].items())
+    ]
+    return ", ".join([f"{result.data['codec'].upper()}-DVC, GOP {options['gop']}", *extra])
+
+
+def _curve(label: str, points: list[PointResult]) -> Curve:
+    ordered = sorted(points, key=lambda point: (point.rate_kbps, point.psnr_y_db))
+    return Curve(label, points[0].data["codec"] == INTRA, tuple(ordered))
+
+
+def _title(result: PointResult) -> str:
+    sequence, options = result.data["sequence"], result.data["options"]
+    size = f"{sequence['width']}\N{MULTIPLICATION SIGN}{sequence['height']}"
+    count, first = result.data["totals"]["frames"], options["start"]
+    frames = f"frames {first} to {first + count - 1} at {sequence['frames_per_s']:.4g} Hz"
+    return f"{sequence['name']}: {size}, {frames}, {'luma only' if options['luma_only'] else 'colour'}"
+
+
+def _first(curves: dict[str, list[PointResult]]) -> PointResult:
+    return next(iter(curves.values()))[0]

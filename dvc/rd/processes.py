@@ -1,0 +1,111 @@
+"""Child processes of an experiment: started fresh, timed, and stopped together."""
+
+import os
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import IO
+
+from dvc.errors import DvcError
+
+_ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_MAX_MESSAGE_BYTES = 4096
+
+
+class Stopped(Exception):
+    """A process ended because `ProcessGroup.stop` was called."""
+
+
+@dataclass(frozen=True)
+class ProcessTimes:
+    """What a finished process took.
+
+    Attributes
+    ----------
+    cpu_s : float
+        Processor time of the process and of the children that it waited for, in seconds.
+    wall_s : float
+        Time from start to end, in seconds.
+    """
+
+    cpu_s: float
+    wall_s: float
+
+
+class ProcessGroup:
+    """Runs commands, from any number of threads, and can stop all that are running.
+
+    Every command is limited to one thread: times are those of one core, however many run side by side.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._running: set[int] = set()
+        self._stopped = False
+
+    def run(self, command: Sequence[str]) -> ProcessTimes:
+        """Run a command to its end.
+
+        Parameters
+        ----------
+        command : sequence of str
+            Program and arguments; standard output is thrown away.
+
+        Returns
+        -------
+        ProcessTimes
+            What it took.
+
+        Raises
+        ------
+        DvcError
+            If its exit status is not 0; the message is the last line that it wrote on standard error.
+        Stopped
+            If `stop` was called before it ended.
+        """
+        with tempfile.TemporaryFile() as errors:
+            started = time.perf_counter()
+            process = self._start(command, errors)
+            _, status, usage = os.wait4(process.pid, 0)
+            with self._lock:
+                self._running.discard(process.pid)
+                process.returncode = os.waitstatus_to_exitcode(status)
+                if self._stopped:
+                    raise Stopped
+            if process.returncode != 0:
+                raise DvcError(_failure(process.returncode, errors))
+            return ProcessTimes(usage.ru_utime + usage.ru_stime, time.perf_counter() - started)
+
+    def stop(self) -> None:
+        """End all running commands with their children; no other can be started."""
+        with self._lock:
+            self._stopped = True
+            for group in self._running:
+                os.killpg(group, signal.SIGTERM)
+
+    def _start(self, command: Sequence[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
+        with self._lock:
+            if self._stopped:
+                raise Stopped
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                env={**os.environ, **_ONE_THREAD},
+                start_new_session=True,
+            )
+            self._running.add(process.pid)
+            return process
+
+
+def _failure(status: int, errors: IO[bytes]) -> str:
+    size = errors.seek(0, os.SEEK_END)
+    errors.seek(max(0, size - _MAX_MESSAGE_BYTES))
+    lines = errors.read().decode("utf-8", "replace").split("\n")
+    said = [line.strip() for line in lines if line.strip()]
+    return said[-1] if said else f"the process ended with status {status}"

@@ -1,0 +1,174 @@
+"""Where a result comes from: version of the code, libraries, contents of the input."""
+
+import hashlib
+import json
+import subprocess
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib import metadata, util
+from pathlib import Path
+
+import dvc
+
+_CODEC_PACKAGES = ("dvc", "encoder", "decoder", "sfm")
+_LIBRARIES = ("av", "numba", "numpy", "opencv-python-headless", "scipy")
+_CHUNK_BYTES = 2**20
+
+
+@dataclass(frozen=True)
+class CodeVersion:
+    """Version of the codec.
+
+    Attributes
+    ----------
+    version : str
+        Of the distribution.
+    commit : str or None
+        Of the repository that the code lies in, with ``-dirty`` if it was changed; None outside one.
+    digest : str
+        Of the source files of the codec. It tells more than the commit: it changes with every edit of the
+        codec and with nothing else, so that results stay valid when only documents or tests change.
+    """
+
+    version: str
+    commit: str | None
+    digest: str
+
+
+@cache
+def code_version() -> CodeVersion:
+    """Find out which code would run.
+
+    Returns
+    -------
+    CodeVersion
+        Of the installed packages of the codec; found once per process.
+    """
+    files = []
+    for name in _CODEC_PACKAGES:
+        spec = util.find_spec(name)
+        if spec is not None and spec.origin is not None:
+            files += package_sources(Path(spec.origin).parent)
+    experiments = Path(__file__).parent
+    return CodeVersion(
+        version=dvc.__version__,
+        commit=_commit(Path(dvc.__file__)),
+        digest=files_digest(path for path in files if experiments not in path.parents),
+    )
+
+
+def library_versions() -> dict[str, str]:
+    """List the libraries that take part in coding.
+
+    Returns
+    -------
+    dict of str to str
+        Distribution to version, of those that are installed.
+    """
+    versions = {}
+    for name in _LIBRARIES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+def package_sources(folder: Path) -> list[Path]:
+    """List the source files of a package.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the package.
+
+    Returns
+    -------
+    list of Path
+        Sorted.
+    """
+    return sorted(folder.rglob("*.py"))
+
+
+def files_digest(paths: Iterable[Path]) -> str:
+    """Digest the names and contents of files.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        Files, in a fixed order.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+    """
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(f"{path.parent.name}/{path.name}\0{path.stat().st_size}\0".encode())
+        _update(digest, path)
+    return digest.hexdigest()[:32]
+
+
+def input_digest(path: Path) -> str:
+    """Digest the contents of a video file or of a folder of images; the name of a file plays no part.
+
+    Parameters
+    ----------
+    path : Path
+        File or folder.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+    """
+    if path.is_dir():
+        return files_digest(sorted(entry for entry in path.iterdir() if entry.is_file()))
+    digest = hashlib.sha256()
+    _update(digest, path)
+    return digest.hexdigest()[:32]
+
+
+def values_digest(values: object) -> str:
+    """Digest JSON-safe values.
+
+    Parameters
+    ----------
+    values : object
+        Anything that `json.dumps` takes; the order of keys plays no part.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+    """
+    text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _update(digest: "hashlib._Hash", path: Path) -> None:
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK_BYTES):
+            digest.update(chunk)
+
+
+def _commit(source: Path) -> str | None:
+    """Return the commit of the repository that tracks a source file, if there is one and git is at hand."""
+    git = ("git", "-C", str(source.parent))
+    try:
+        tracked = subprocess.run(
+            [*git, "ls-files", "--error-unmatch", source.name], capture_output=True, check=False
+        )
+        if tracked.returncode != 0:
+            return None
+        described = subprocess.run(
+            [*git, "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
+            capture_output=True,
+            check=False,
+            text=True,
+        )
+    except OSError:
+        return None
+    return described.stdout.strip() or None

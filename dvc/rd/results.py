@@ -1,0 +1,236 @@
+"""Results of points: one JSON file each, written whole or not at all; see `docs/results.md`."""
+
+import json
+import logging
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dvc import cli
+from dvc.errors import DvcError
+from dvc.rd.points import Point
+from dvc.rd.provenance import CodeVersion, values_digest
+from dvc.rd.sources import Source
+
+SCHEMA = "dvc3d-rd-point/1"
+POINTS_FOLDER = "points"
+
+_NUMBER = (int, float)
+_REQUIRED: dict[str, dict[str, type | tuple[type, ...]]] = {
+    "sequence": {"name": str, "digest": str, "width": int, "height": int, "frames_per_s": _NUMBER},
+    "code": {"version": str, "digest": str},
+    "options": {"gop": int, "start": int, "luma_only": bool, "key_qp": str, "options": dict},
+    "totals": {"frames": int, "stream_bytes": int, "rate_kbps": _NUMBER, "psnr_y_db": _NUMBER, "bits": dict},
+    "key": {"qp": int},
+    "times": {"encode_cpu_s": _NUMBER, "decode_cpu_s": _NUMBER},
+}
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Task:
+    """A point with everything that identifies its result.
+
+    Attributes
+    ----------
+    point : Point
+        What to measure.
+    source : Source
+        On what.
+    code : CodeVersion
+        With which code.
+    """
+
+    point: Point
+    source: Source
+    code: CodeVersion
+
+    @property
+    def name(self) -> str:
+        """Name of the result file without suffix: what a reader looks for, then what makes it unique."""
+        point = self.point
+        preset = "" if point.wz_q is None else f"-q{point.wz_q}"
+        unique = values_digest([point.to_dict(), self.source.digest])[:8]
+        return f"{self.source.name}-{point.codec}{preset}-qp{_plain(point.key_qp)}-{unique}"
+
+    @property
+    def identity(self) -> str:
+        """Digest of configuration, input and code: equal if the result would be."""
+        code = (self.code.version, self.code.digest)
+        return values_digest([SCHEMA, self.point.to_dict(), self.source.digest, code])
+
+
+@dataclass(frozen=True)
+class PointResult:
+    """A measured point.
+
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    data : dict
+        Contents of the file, of which the required part has been checked.
+    """
+
+    name: str
+    data: dict[str, Any]
+
+    @property
+    def rate_kbps(self) -> float:
+        """Rate of the punctured stream in kbit/s."""
+        return float(self.data["totals"]["rate_kbps"])
+
+    @property
+    def psnr_y_db(self) -> float:
+        """Mean of the PSNRs of the frames in dB."""
+        return float(self.data["totals"]["psnr_y_db"])
+
+    def total(self, name: str) -> float | None:
+        """Return a number of the totals.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        float or None
+            None if there is none, as for Wyner-Ziv frames of an intra codec.
+        """
+        value = self.data["totals"].get(name)
+        return float(value) if _is_number(value) else None
+
+
+def read_result(path: Path) -> PointResult:
+    """Read a result and check that it has what reports need.
+
+    Parameters
+    ----------
+    path : Path
+        File.
+
+    Returns
+    -------
+    PointResult
+        The result.
+
+    Raises
+    ------
+    DvcError
+        If the file is damaged, or of another schema.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError, RecursionError) as err:
+        raise DvcError(f"{path.name}: damaged result: {err}") from err
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        raise DvcError(f"{path.name}: not a result of schema {SCHEMA}")
+    if not isinstance(data.get("identity"), str) or not isinstance(data.get("codec"), str):
+        raise DvcError(f"{path.name}: damaged result: no identity or codec")
+    for section, entries in _REQUIRED.items():
+        values = data.get(section)
+        for name, kind in entries.items():
+            value = values.get(name) if isinstance(values, dict) else None
+            if not isinstance(value, kind) or (isinstance(value, float) and not math.isfinite(value)):
+                raise DvcError(f"{path.name}: damaged result: {section}.{name} is missing or wrong")
+    if data["totals"]["rate_kbps"] <= 0:
+        raise DvcError(f"{path.name}: damaged result: no rate")
+    return PointResult(path.stem, data)
+
+
+def write_result(folder: Path, name: str, data: dict[str, Any]) -> PointResult:
+    """Write a result; the inverse of `read_result`.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the experiment.
+    name : str
+        Of the result.
+    data : dict
+        JSON-safe values.
+
+    Returns
+    -------
+    PointResult
+        As `read_result` gives it.
+
+    Raises
+    ------
+    DvcError
+        If the file cannot be written.
+    """
+    path = folder / POINTS_FOLDER / f"{name}.json"
+    cli.write_json(path, data)
+    return read_result(path)
+
+
+def finished(folder: Path, task: Task, any_version: bool = False) -> bool:
+    """Tell whether a point has been measured already; say why an existing file does not count.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the experiment.
+    task : Task
+        The point.
+    any_version : bool, optional
+        Accept what other versions of the code measured.
+
+    Returns
+    -------
+    bool
+        True if the result is there and is of this configuration, input and code.
+    """
+    path = folder / POINTS_FOLDER / f"{task.name}.json"
+    if not path.exists():
+        return False
+    try:
+        found = read_result(path).data
+    except DvcError as err:
+        _LOG.warning("%s; measuring again", err)
+        return False
+    if found["identity"] == task.identity or (any_version and found["options"] == task.point.to_dict()):
+        return True
+    _LOG.warning("%s: made by another version of the code; measuring again", path.name)
+    return False
+
+
+def read_results(folder: Path) -> list[PointResult]:
+    """Read all results of an experiment; damaged ones are left out with a notice.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the experiment.
+
+    Returns
+    -------
+    list of PointResult
+        Sorted by name.
+
+    Raises
+    ------
+    DvcError
+        If there is none.
+    """
+    results = []
+    for path in sorted((folder / POINTS_FOLDER).glob("*.json")):
+        try:
+            results.append(read_result(path))
+        except DvcError as err:
+            _LOG.warning("%s; left out", err)
+    if not results:
+        raise DvcError(f"{folder}: no results in its folder {POINTS_FOLDER}; make some with `dvc-rd run`")
+    return results
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "_", text)[:20]
