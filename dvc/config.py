@@ -172,6 +172,8 @@ class WynerZivConfig(_Section):
                 raise ConfigError(
                     f"`levels` must hold 0 or powers of two from 2 to 256, got {_shown(number)}"
                 )
+        if not any(self.levels):
+            raise ConfigError("`levels` must send at least one band")
         if len(self.refine_after) > NUM_BANDS or any(not 0 <= n < NUM_BANDS for n in self.refine_after):
             raise ConfigError(f"`refine_after` must hold numbers of bands below {NUM_BANDS}")
         if any(b <= a for a, b in zip(self.refine_after, self.refine_after[1:], strict=False)):

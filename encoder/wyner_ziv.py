@@ -18,7 +18,7 @@ class WynerZivEncoder:
     def __init__(self, config: CodecConfig) -> None:
         self._layout = FrameLayout.of(config)
         self._codes = turbo.family(config.turbo.family)
-        self._turbo = config.turbo
+        self._seed = config.turbo.interleaver_seed
 
     def encode(self, frame: Frame) -> EncodedFrame:
         """Encode one frame; parity is computed when it is asked for.
@@ -33,6 +33,6 @@ class WynerZivEncoder:
         EncodedFrame
             All bits that a decoder may ask for.
         """
-        steps, planes = quantize_frame(self._layout, frame.luma)
+        steps, words = quantize_frame(self._layout, frame.luma)
         header = self._layout.write_header(steps)
-        return EncodedFrame(header, planes, self._codes, self._turbo.interleaver_seed, self._turbo.crc_bits)
+        return EncodedFrame(self._layout, header, words, self._codes, self._seed)

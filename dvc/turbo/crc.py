@@ -9,6 +9,35 @@ POLYNOMIALS = {8: 0x07, 12: 0x80F, 16: 0x1021, 24: 0x864CFB, 32: 0x04C11DB7}
 """Generator without its leading term, by number of check bits; registers start at zero."""
 
 
+def crc_words(words: NDArray[np.uint64], num_bits: int) -> NDArray[np.uint64]:
+    """Compute the check bits of up to 64 planes at once, one machine word per bit position.
+
+    Parameters
+    ----------
+    words : ndarray of shape (N,), uint64
+        Bit p of word n is bit n of plane p.
+    num_bits : int
+        Number of check bits: 8, 12, 16, 24 or 32.
+
+    Returns
+    -------
+    ndarray of shape (num_bits,), uint64
+        Bit p of word m is check bit m of plane p, see `crc`.
+
+    Raises
+    ------
+    ValueError
+        If no polynomial has `num_bits` bits.
+    """
+    from dvc.turbo import _kernels
+
+    if num_bits not in POLYNOMIALS:
+        raise ValueError(f"`num_bits` must be one of {sorted(POLYNOMIALS)}, got {num_bits}")
+    register = np.empty(num_bits, np.uint64)
+    _kernels.crc_words(words, POLYNOMIALS[num_bits], num_bits, register)
+    return register
+
+
 def crc(bits: NDArray[np.uint8], num_bits: int) -> NDArray[np.uint8]:
     """Compute the check bits of every plane.
 
@@ -38,11 +67,9 @@ def crc(bits: NDArray[np.uint8], num_bits: int) -> NDArray[np.uint8]:
     check_planes(planes)
     checks = np.empty((planes.shape[0], num_bits), np.uint8)
     words = np.empty(planes.shape[1], np.uint64)
-    register = np.empty(num_bits, np.uint64)
     positions = np.arange(num_bits, dtype=np.int32)
     for first in range(0, planes.shape[0], 64):
         group = slice(first, min(first + 64, planes.shape[0]))
         _kernels.pack_words(planes[group], words)
-        _kernels.crc_words(words, POLYNOMIALS[num_bits], num_bits, register)
-        _kernels.gather_bits(register, positions, checks[group])
+        _kernels.gather_bits(crc_words(words, num_bits), positions, checks[group])
     return checks.reshape(*np.shape(bits)[:-1], num_bits)

@@ -31,6 +31,32 @@ def check_planes(bits: NDArray[np.uint8]) -> None:
         raise ValueError(f"`bits` must hold 0 and 1 only, got {bits.max()}")
 
 
+def encode_words(words: NDArray[np.uint64], code: TurboCode, interleaver_seed: int) -> NDArray[np.uint64]:
+    """Return the parity of up to 64 bit planes at once, one machine word per bit position.
+
+    Parameters
+    ----------
+    words : ndarray of shape (N,), uint64
+        Bit p of word n is bit n of plane p.
+    code : TurboCode
+        The code.
+    interleaver_seed : int
+        Seed that encoder and decoder share.
+
+    Returns
+    -------
+    ndarray of shape (N,), uint64
+        Bit p of word m is the m-th parity bit that is released of plane p.
+    """
+    from dvc.turbo import _kernels
+
+    layout = copy_layout(code, words.size, interleaver_seed)
+    starts = np.array(layout.section_starts, np.int64)
+    parity = np.empty(layout.num_steps, np.uint64)
+    _kernels.encode_words(words, layout.bit_at_step, starts, code.feedback, code.feedforward, parity)
+    return parity[release_order(code, words.size)]
+
+
 def encode_planes(bits: NDArray[np.uint8], code: TurboCode, interleaver_seed: int) -> NDArray[np.uint8]:
     """Return the parity of bit planes in order of release.
 
@@ -57,17 +83,11 @@ def encode_planes(bits: NDArray[np.uint8], code: TurboCode, interleaver_seed: in
 
     check_planes(bits)
     num_planes, num_bits = bits.shape
-    layout = copy_layout(code, num_bits, interleaver_seed)
-    order = release_order(code, num_bits)
-    starts = np.array(layout.section_starts, np.int64)
-    parity = np.empty((num_planes, order.size), np.uint8)
+    parity = np.empty((num_planes, num_bits), np.uint8)
     words = np.empty(num_bits, np.uint64)
-    parity_words = np.empty(layout.num_steps, np.uint64)
+    positions = np.arange(num_bits, dtype=np.int32)
     for first in range(0, num_planes, 64):
         group = slice(first, min(first + 64, num_planes))
         _kernels.pack_words(bits[group], words)
-        _kernels.encode_words(
-            words, layout.bit_at_step, starts, code.feedback, code.feedforward, parity_words
-        )
-        _kernels.gather_bits(parity_words, order, parity[group])
+        _kernels.gather_bits(encode_words(words, code, interleaver_seed), positions, parity[group])
     return parity

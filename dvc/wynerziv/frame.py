@@ -6,7 +6,7 @@ all CRC, plain and parity bits follow, plane by plane; in the punctured form onl
 asked for, in the order in which it did.
 """
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, TypeVar
@@ -20,6 +20,7 @@ from dvc.errors import BitstreamError
 from dvc.wynerziv import bitplanes, quantizer, transform
 
 Bits = NDArray[np.uint8]
+Words = NDArray[np.uint64]
 Request = TypeVar("Request")
 Result = TypeVar("Result")
 
@@ -111,6 +112,11 @@ class FrameLayout:
         return sum(quantizer.num_planes(levels) for levels in self.levels)
 
     @property
+    def num_words(self) -> int:
+        """Words of 64 bits that hold one bit of each plane."""
+        return -(-self.num_planes // 64)
+
+    @property
     def header_bytes(self) -> int:
         """Size of the step indices."""
         return -(-len(self._stepped_bands) * quantizer.STEP_INDEX_BITS // 8)
@@ -181,8 +187,8 @@ class FrameLayout:
         return quantizer.bin_edges(self.levels[band], step)
 
 
-def quantize_frame(layout: FrameLayout, luma: NDArray[np.uint8]) -> tuple[dict[int, int], Bits]:
-    """Transform and quantise a frame into bit planes.
+def quantize_frame(layout: FrameLayout, luma: NDArray[np.uint8]) -> tuple[dict[int, int], Words]:
+    """Transform and quantise a frame into bit planes, all planes of a coefficient position in one word.
 
     Parameters
     ----------
@@ -195,20 +201,26 @@ def quantize_frame(layout: FrameLayout, luma: NDArray[np.uint8]) -> tuple[dict[i
     -------
     step_indices : dict of int to int
         Step index of each AC band that is sent.
-    planes : ndarray of shape (num_planes, num_bits), uint8
-        Bit planes in decoding order.
+    words : ndarray of shape (num_bits, ceil(num_planes / 64)), uint64
+        Plane p stands in bit p % 64 of column p // 64; planes in decoding order.
     """
-    coefficients = transform.forward(luma).reshape(transform.NUM_BANDS, -1)
+    from dvc.wynerziv import _kernels
+
+    raster = np.empty((transform.NUM_BANDS, layout.num_bits))
+    _kernels.transform_blocks(transform.pad_to_blocks(luma), transform.SCALE, raster)
     steps: dict[int, int] = {}
-    planes = np.empty((layout.num_planes, layout.num_bits), dtype=np.uint8)
+    words = np.zeros((layout.num_bits, layout.num_words), dtype=np.uint64)
     for band in layout.bands:
-        levels = layout.levels[band]
+        coefficients = raster[transform.BLOCK * transform.ZIGZAG[band, 0] + transform.ZIGZAG[band, 1]]
+        levels, first = layout.levels[band], layout.first_plane[band]
+        planes = quantizer.num_planes(levels)
         if band:
-            steps[band] = quantizer.step_index(coefficients[band], levels)
-        bins = quantizer.quantize(coefficients[band], layout.edges(band, steps))
-        first, count = layout.first_plane[band], quantizer.num_planes(levels)
-        planes[first : first + count] = bitplanes.to_planes(bins, count)
-    return steps, planes
+            steps[band] = quantizer.step_index(coefficients, levels)
+            step = quantizer.step_from_index(steps[band])
+            _kernels.pack_dead_zone(coefficients, step, planes, first, words)
+        else:
+            _kernels.pack_uniform(coefficients, quantizer.DC_RANGE / levels, planes, first, words)
+    return steps, words
 
 
 class EncodedFrame:
@@ -216,48 +228,43 @@ class EncodedFrame:
 
     Parameters
     ----------
+    layout : FrameLayout
+        Layout of the frame.
     header : bytes
         Step indices, as `FrameLayout.write_header` packs them.
-    planes : ndarray of shape (P, N), uint8
-        Bit planes in decoding order.
+    words : ndarray of shape (N, W), uint64
+        Bit planes, from `quantize_frame`.
     codes : sequence of TurboCode
         Code family of the configuration.
     interleaver_seed : int
         Seed of the interleavers.
-    crc_bits : int
-        Length of each plane's checksum.
     """
 
     def __init__(
         self,
+        layout: FrameLayout,
         header: bytes,
-        planes: Bits,
+        words: Words,
         codes: Sequence[turbo.TurboCode],
         interleaver_seed: int,
-        crc_bits: int,
     ) -> None:
         self.header = header
-        self.planes = planes
+        self._layout = layout
+        self._words = words
         self._codes = codes
         self._seed = interleaver_seed
-        self._parity: dict[int, Bits] = {}
-        self._crc = turbo.crc(planes, crc_bits)
+        self._parity: dict[int, Words] = {}
+        self._crc = self._per_column(lambda column: turbo.crc_words(column, layout.crc_bits))
 
-    def parity(self, code: int) -> Bits:
-        """Return the parity of all planes under one code, in release order.
+    def _per_column(self, encode: Callable[[Words], Words]) -> Words:
+        columns = np.ascontiguousarray(self._words.T)
+        return np.stack([encode(column) for column in columns], axis=1)
 
-        Parameters
-        ----------
-        code : int
-            Number of the code in the family.
-
-        Returns
-        -------
-        ndarray of shape (P, M), uint8
-            Parity bits.
-        """
+    def _parity_words(self, code: int) -> Words:
         if code not in self._parity:
-            self._parity[code] = turbo.encode_planes(self.planes, self._codes[code], self._seed)
+            self._parity[code] = self._per_column(
+                lambda column: turbo.encode_words(column, self._codes[code], self._seed)
+            )
         return self._parity[code]
 
     def answer(self, question: PlaneQuestion) -> Bits:
@@ -278,21 +285,19 @@ class EncodedFrame:
         ValueError
             If the request asks for what does not exist.
         """
-        if not 0 <= question.plane < len(self.planes):
-            raise ValueError(f"plane {question.plane} of {len(self.planes)}")
-        bits: Bits = self._all_bits(question.kind, question.code)[question.plane]
-        if not 0 <= question.start <= question.start + question.count <= bits.size:
-            raise ValueError(f"bits {question.start}+{question.count} of {bits.size}")
-        return bits[question.start : question.start + question.count]
-
-    def _all_bits(self, kind: str, code: int) -> Bits:
-        if kind == "crc":
-            return self._crc
-        if kind == "plain":
-            return self.planes
-        if kind != "parity" or not 0 <= code < len(self._codes):
-            raise ValueError(f"no {kind!r} bits of code {code}")
-        return self.parity(code)
+        if not 0 <= question.plane < self._layout.num_planes:
+            raise ValueError(f"plane {question.plane} of {self._layout.num_planes}")
+        if question.kind not in ("crc", "plain", "parity") or not 0 <= question.code < len(self._codes):
+            raise ValueError(f"no {question.kind!r} bits of code {question.code}")
+        if question.kind == "parity":
+            words = self._parity_words(question.code)
+        else:
+            words = self._crc if question.kind == "crc" else self._words
+        stop = question.start + question.count
+        if not 0 <= question.start <= stop <= len(words):
+            raise ValueError(f"bits {question.start}+{question.count} of {len(words)}")
+        column = words[question.start : stop, question.plane // 64]
+        return ((column >> np.uint64(question.plane % 64)) & np.uint64(1)).astype(np.uint8)
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`.
@@ -300,10 +305,13 @@ class EncodedFrame:
         Returns
         -------
         bytes
-            Payload of the buffered form.
+            Payload of the buffered form: after the header, CRC, plain bits and the parity of each code; in each of
+            them one little-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
         """
-        parts = [self._crc, self.planes, *(self.parity(code) for code in range(len(self._codes)))]
-        return self.header + np.packbits(np.concatenate(parts, axis=1).ravel()).tobytes()
+        sections = [self._crc, self._words, *(self._parity_words(code) for code in range(len(self._codes)))]
+        size = -(-self._layout.num_planes // 8)
+        words = np.concatenate(sections).astype("<u8", copy=False)
+        return self.header + words.view(np.uint8)[:, :size].tobytes()
 
 
 class BufferedFrame:
@@ -325,14 +333,14 @@ class BufferedFrame:
     """
 
     def __init__(self, layout: FrameLayout, payload: bytes, num_codes: int) -> None:
-        num_bits = layout.num_bits
-        self._offsets = {("crc", 0): 0, ("plain", 0): layout.crc_bits}
-        self._offsets |= {("parity", c): layout.crc_bits + (c + 1) * num_bits for c in range(num_codes)}
-        self._row = layout.crc_bits + (num_codes + 1) * num_bits
-        expected = layout.header_bytes + -(-layout.num_planes * self._row // 8)
+        plain = layout.crc_bits
+        self._first = {("crc", 0): 0, ("plain", 0): plain}
+        self._first |= {("parity", code): plain + (code + 1) * layout.num_bits for code in range(num_codes)}
+        size = -(-layout.num_planes // 8)
+        expected = layout.header_bytes + size * (plain + (num_codes + 1) * layout.num_bits)
         if len(payload) != expected:
             raise BitstreamError(f"buffered Wyner-Ziv frame of {len(payload)} bytes, expected {expected}")
-        self._data = np.frombuffer(payload, np.uint8)[layout.header_bytes :]
+        self._words = np.frombuffer(payload, np.uint8)[layout.header_bytes :].reshape(-1, max(size, 1))
 
     def answer(self, question: PlaneQuestion) -> Bits:
         """Return the bits that a request asks for.
@@ -348,9 +356,9 @@ class BufferedFrame:
             The bits.
         """
         code = question.code if question.kind == "parity" else 0
-        first = question.plane * self._row + self._offsets[question.kind, code] + question.start
-        chunk = self._data[first // 8 : (first + question.count + 7) // 8]
-        return np.unpackbits(chunk)[first % 8 : first % 8 + question.count]
+        first = self._first[question.kind, code] + question.start
+        column = self._words[first : first + question.count, question.plane // 8]
+        return (column >> np.uint8(question.plane % 8)) & np.uint8(1)
 
 
 class PuncturedFrame:

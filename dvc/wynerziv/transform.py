@@ -27,7 +27,8 @@ ZIGZAG = np.array(
 
 _CORE = np.array([[1, 1, 1, 1], [2, 1, -1, -2], [1, -1, -1, 1], [1, -2, 2, -1]], dtype=np.int64)
 _NORM = 1.0 / np.sqrt((_CORE**2).sum(axis=1))
-_SCALE = np.outer(_NORM, _NORM)
+SCALE = np.outer(_NORM, _NORM)
+"""What makes each coefficient of the integer core orthonormal, by row and column in the block."""
 
 
 def band_shape(height: int, width: int) -> tuple[int, int]:
@@ -87,7 +88,7 @@ def forward(luma: Samples) -> NDArray[np.float64]:
     bands = np.empty((NUM_BANDS, rows, columns))
     coefficients = [_butterfly(*(line[..., x] for x in range(BLOCK))) for line in vertical]
     for band, (y, x) in enumerate(ZIGZAG):
-        bands[band] = coefficients[y][x] * _SCALE[y, x]
+        bands[band] = coefficients[y][x] * SCALE[y, x]
     return bands
 
 
@@ -115,7 +116,7 @@ def inverse(bands: NDArray[np.float64], height: int, width: int) -> NDArray[np.f
         raise ValueError(f"`bands` has shape {bands.shape}, which does not fit a frame of {width}x{height}")
     scaled: list[list[NDArray[np.float64]]] = [[np.empty(0)] * BLOCK for _ in range(BLOCK)]
     for band, (y, x) in enumerate(ZIGZAG):
-        scaled[y][x] = bands[band] * _SCALE[y, x]
+        scaled[y][x] = bands[band] * SCALE[y, x]
     vertical = [_inverse_butterfly(*(scaled[y][x] for y in range(BLOCK))) for x in range(BLOCK)]
     samples = np.empty((bands.shape[1], BLOCK, bands.shape[2], BLOCK))
     for y in range(BLOCK):
