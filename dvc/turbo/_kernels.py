@@ -280,6 +280,66 @@ def finish_pass(lanes, code_bits, tables, llr_ch, work, edges, messages, llr, de
 
 
 @kernel
+def _is_crowded(step, bits, first_copy, steps_of_bit, spread, max_copies):
+    """Say whether a copy is near another one of its bit, or near a bit that is its neighbour elsewhere, too."""
+    bit = bits[step]
+    for i in range(first_copy[bit], first_copy[bit + 1]):
+        other = steps_of_bit[i]
+        if other != step and abs(other - step) <= spread:
+            return True
+    if first_copy[bit + 1] - first_copy[bit] > max_copies:
+        return False
+    for i in range(first_copy[bit], first_copy[bit + 1]):
+        other = steps_of_bit[i]
+        if other == step:
+            continue
+        for near in range(max(0, other - spread), min(bits.size, other + spread + 1)):
+            neighbour = bits[near]
+            if neighbour == bit or first_copy[neighbour + 1] - first_copy[neighbour] > max_copies:
+                continue
+            for j in range(first_copy[neighbour], first_copy[neighbour + 1]):
+                if steps_of_bit[j] != near and abs(steps_of_bit[j] - step) <= spread:
+                    return True
+    return False
+
+
+@kernel
+def _swap_steps(a, b, bits, first_copy, steps_of_bit):
+    bit_a = bits[a]
+    bit_b = bits[b]
+    slot_a = slot_b = 0
+    for i in range(first_copy[bit_a], first_copy[bit_a + 1]):
+        if steps_of_bit[i] == a:
+            slot_a = i
+    for i in range(first_copy[bit_b], first_copy[bit_b + 1]):
+        if steps_of_bit[i] == b:
+            slot_b = i
+    steps_of_bit[slot_a] = b
+    steps_of_bit[slot_b] = a
+    bits[a] = bit_b
+    bits[b] = bit_a
+
+
+@kernel
+def spread_copies(bits, first_copy, steps_of_bit, spread, max_copies, partners):
+    """Swap copies until none is crowded, where `partners` (num_tries per step, random steps) allow it."""
+    num_tries = partners.size // bits.size
+    for step in range(bits.size):
+        if not _is_crowded(step, bits, first_copy, steps_of_bit, spread, max_copies):
+            continue
+        for k in range(num_tries):
+            partner = partners[step * num_tries + k]
+            if bits[partner] == bits[step]:
+                continue
+            _swap_steps(step, partner, bits, first_copy, steps_of_bit)
+            if not _is_crowded(step, bits, first_copy, steps_of_bit, spread, max_copies) and not _is_crowded(
+                partner, bits, first_copy, steps_of_bit, spread, max_copies
+            ):
+                break
+            _swap_steps(step, partner, bits, first_copy, steps_of_bit)
+
+
+@kernel
 def encode_words(words, bit_at_step, section_starts, feedback, feedforward, parity):
     """Encode 64 planes at once: every uint64 word holds one bit position of all planes."""
     zero = np.uint64(0)

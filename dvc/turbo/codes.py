@@ -22,6 +22,7 @@ class TurboCode:
     layout: Layout = "joined"  # one long trellis over all copies, or one trellis per copy ("parallel")
     period: int = 0  # parallel: puncturing period of every parity stream; 0: no period
     grid_rate: float = 0.0  # joined: rate at which the released parity is evenly spaced; 0: no such rate
+    spread: int = 0  # joined: trellis steps within which no two bits with few copies meet twice
     max_entropy: float = 1.0  # largest mean prior entropy, in bits per bit, that the code is meant for
 
     def __post_init__(self) -> None:

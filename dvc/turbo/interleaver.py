@@ -1,5 +1,6 @@
 """Where the copies of every bit enter the trellis."""
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -8,7 +9,10 @@ from numpy.typing import NDArray
 
 from dvc.turbo.codes import TurboCode
 
-_MASK64 = np.uint64(0xFFFFFFFFFFFFFFFF)
+MAX_SPREAD_COPIES = 3
+"""Bits with more copies than this may be neighbours more than once."""
+NUM_TRIES = 8
+"""Swaps tried for a copy that is crowded."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,21 @@ def copy_counts(code: TurboCode, num_bits: int, seed: int) -> NDArray[np.int32]:
     return counts[random_permutation(2 * seed + 1, num_bits)]
 
 
+def _spread(bits: NDArray[np.int32], num_bits: int, spread: int, seed: int) -> NDArray[np.int32]:
+    """Keep copies of a bit apart, and bits with few copies from being neighbours twice."""
+    from dvc.turbo import _kernels
+
+    spread = min(spread, math.isqrt(bits.size) // 4)
+    if spread < 1:
+        return bits
+    bits = bits.copy()
+    first_copy = np.concatenate([[0], np.cumsum(np.bincount(bits, minlength=num_bits))])
+    steps_of_bit = np.argsort(bits, kind="stable")
+    partners = (random_keys(2 * seed + 2, NUM_TRIES * bits.size) % np.uint64(bits.size)).astype(np.int64)
+    _kernels.spread_copies(bits, first_copy, steps_of_bit, spread, MAX_SPREAD_COPIES, partners)
+    return bits
+
+
 @lru_cache(maxsize=64)
 def copy_layout(code: TurboCode, num_bits: int, seed: int) -> CopyLayout:
     """Lay out the copies of a plane's bits along the trellis.
@@ -133,7 +152,7 @@ def copy_layout(code: TurboCode, num_bits: int, seed: int) -> CopyLayout:
         starts = tuple(k * num_bits for k in range(times))
     else:
         repeated = np.repeat(np.arange(num_bits, dtype=np.int32), copy_counts(code, num_bits, seed))
-        bits = repeated[random_permutation(2 * seed, repeated.size)]
+        bits = _spread(repeated[random_permutation(2 * seed, repeated.size)], num_bits, code.spread, seed)
         starts = (0,)
     bits.flags.writeable = False
     return CopyLayout(bits, starts)
