@@ -49,7 +49,8 @@ def _mean_of_two(dense: NDArray[np.uint16], phase: int, axis: int) -> NDArray[np
         first, second = dense[1:-1, phase >> 1], dense[1:-1, 1] if phase == 1 else dense[2:, 0]
     else:
         first, second = dense[:, phase >> 1, 1:-1], dense[:, 1, 1:-1] if phase == 1 else dense[:, 0, 2:]
-    return (first + second + 1) >> 1 if phase & 1 else first
+    mean: NDArray[np.uint16] = (first + second + 1) >> 1 if phase & 1 else first
+    return mean
 
 
 def _six_taps(samples: NDArray[np.int32], axis: int) -> NDArray[np.int32]:

@@ -25,7 +25,7 @@ from dvc.video import Frame
 
 BLOCK = 4
 """Side of the refined blocks: that of the transform, whose coefficients become known block by block."""
-SMOOTHNESS = 2
+SMOOTHNESS = 1
 """Cost of a correction, per quarter sample, in units of absolute difference."""
 
 
@@ -38,12 +38,15 @@ class Search(NamedTuple):
     step: int  # in quarter samples
 
 
+_FINE = (Search(4, 12, 2, 2), Search(4, 12, 1, 1))
 SEARCHES = (
-    (Search(8, 20, 12, 4), Search(4, 12, 2, 2), Search(4, 12, 1, 1)),
+    (Search(8, 24, 20, 4), *_FINE),
+    (Search(8, 16, 12, 4), *_FINE),
+    (Search(8, 16, 6, 4), *_FINE),
     (Search(4, 12, 4, 2), Search(4, 12, 1, 1)),
     (Search(4, 8, 2, 1),),
 )
-"""Searches of the first, second and all later calls: the more is known, the smaller the window may be."""
+"""Searches of the first, second, ... and all later calls: the more is known, the less there is to search."""
 
 
 class BlockRefiner:
@@ -110,9 +113,18 @@ def _search(
     moved = offsets[::factor, ::factor].copy()
     costs = np.empty(moved.shape[:2], dtype=np.int64)
     _kernels.search_target(
-        target, planes, MARGIN, search.block, search.window, search.radius, search.step, SMOOTHNESS, moved, costs
+        target,
+        planes,
+        MARGIN,
+        search.block,
+        search.window,
+        search.radius,
+        search.step,
+        SMOOTHNESS,
+        moved,
+        costs,
     )
-    return resize_field(moved, *offsets.shape[:2], factor), costs
+    return resize_field(moved, offsets.shape[0], offsets.shape[1], factor), costs
 
 
 def compensate_chroma(
