@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from av.container import InputContainer
     from av.video.stream import VideoStream
 
-_DECODER_OPTIONS = {"err_detect": "crccheck+bitstream+buffer+explode"}
+_STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
+# FFmpeg counts every tag that its TIFF decoder does not know as an error.
+_STRICT_TIFF = {"err_detect": "crccheck+bitstream+buffer"}
 
 
 def open_container(request: Request) -> FrameStream:
@@ -142,8 +144,10 @@ def _video_stream(container: "InputContainer", path: Path) -> "VideoStream":
     for stream in container.streams.video:
         if not stream.disposition & Disposition.attached_pic:
             context = stream.codec_context
+            if context is None:
+                raise VideoError(f"{path}: is coded in a way that FFmpeg does not know")
             check_size(max(context.width, 1), max(context.height, 1), str(path))
-            context.options = dict(_DECODER_OPTIONS)
+            context.options = dict(_STRICT_TIFF if context.name == "tiff" else _STRICT)
             stream.thread_type = "AUTO"
             return stream
     raise VideoError(f"{path}: has no video stream")

@@ -159,19 +159,20 @@ def _open_raw(request: Request) -> FrameStream:
 
 
 def _raw_frames(file: BinaryIO, info: VideoInfo, path: Path) -> Iterator[Frame]:
-    """Read planes one after the other."""
+    """Read planes one after the other; close the file at the end."""
     rows, columns = chroma_shape(info.height, info.width)
     luma_bytes, chroma_bytes = info.width * info.height, rows * columns
-    for index in range(info.num_frames or 0):
-        try:
-            data = np.frombuffer(file.read(luma_bytes + 2 * chroma_bytes), np.uint8)
-        except OSError as err:
-            raise VideoError(f"{path}: damaged after {index} frames ({err.strerror})") from err
-        if data.size != luma_bytes + 2 * chroma_bytes:
-            raise VideoError(f"{path}: damaged after {index} frames (the file ends within a frame)")
-        luma, cb, cr = np.split(data, [luma_bytes, luma_bytes + chroma_bytes])
-        chroma = (cb.reshape(rows, columns), cr.reshape(rows, columns))
-        yield Frame(luma.reshape(info.height, info.width), chroma)
+    with file:
+        for index in range(info.num_frames or 0):
+            try:
+                data = np.frombuffer(file.read(luma_bytes + 2 * chroma_bytes), np.uint8)
+            except OSError as err:
+                raise VideoError(f"{path}: damaged after {index} frames ({err.strerror})") from err
+            if data.size != luma_bytes + 2 * chroma_bytes:
+                raise VideoError(f"{path}: damaged after {index} frames (the file ends within a frame)")
+            luma, cb, cr = np.split(data, [luma_bytes, luma_bytes + chroma_bytes])
+            chroma = (cb.reshape(rows, columns), cr.reshape(rows, columns))
+            yield Frame(luma.reshape(info.height, info.width), chroma)
 
 
 def _open_folder(request: Request) -> FrameStream:
