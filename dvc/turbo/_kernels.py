@@ -35,6 +35,7 @@ _L0, _L1, _L2, _L3, _L4, _L5, _L6 = (
 )
 _METRIC_FLOOR = np.float32(1e-14)
 _SUM_FLOOR = np.float32(1e-30)
+MAX_DESCENT = 64
 _ZERO = np.float32(0.0)
 MAX_EXTRINSIC = np.float32(24.0)
 
@@ -526,3 +527,36 @@ def eliminate(rows, rhs, column_order, pivot_row):
         if rhs[r]:
             return -1
     return rank
+
+
+@kernel
+def gather_columns(rows, row_of_pivot, free, columns):
+    """Unpack the weights of the free bits: ``columns[f, i]`` is that of bit ``free[f]`` in row ``row_of_pivot[i]``."""
+    for i in range(row_of_pivot.size):
+        row = rows[row_of_pivot[i]]
+        for f in range(free.size):
+            n = free[f]
+            columns[f, i] = np.uint8((row[n >> 6] >> np.uint64(n & 63)) & np.uint64(1))
+
+
+@kernel
+def descend(columns, price_free, price_pivots, flips):
+    """Invert free bits, the most rewarding first, while that lowers the cost; prices are int32 and change sign."""
+    for _ in range(MAX_DESCENT):
+        best = np.int32(0)
+        best_free = -1
+        for f in range(columns.shape[0]):
+            column = columns[f]
+            price = price_free[f]
+            for i in range(column.size):
+                price += price_pivots[i] * np.int32(column[i])
+            if price < best:
+                best = price
+                best_free = f
+        if best_free < 0:
+            return
+        flips[best_free] ^= np.uint8(1)
+        price_free[best_free] = -price_free[best_free]
+        for i in range(price_pivots.size):
+            if columns[best_free, i]:
+                price_pivots[i] = -price_pivots[i]

@@ -1,106 +1,169 @@
 """Solving the parity equations of a plane over GF(2), where iterations do not get there."""
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.turbo.codes import TurboCode
-from dvc.turbo.crc import POLYNOMIALS
-from dvc.turbo.interleaver import copy_layout
+from dvc.turbo.interleaver import copy_layout, num_segments
 from dvc.turbo.puncturing import release_order
 
+Bits = NDArray[np.uint8]
+Words = NDArray[np.uint64]
+COST_SCALE = 256
+"""Steps per unit of LLR in the integer costs of `ordered_statistics`."""
 
-def parity_equations(code: TurboCode, num_bits: int, seed: int, num_parity: int) -> NDArray[np.uint64]:
-    """Write the first parity bits in order of release as linear equations of the plane's bits.
+
+@dataclass(frozen=True)
+class Solution:
+    """All solutions of a set of parity equations: `bits` plus any combination of the rows of `free`.
+
+    Attributes
+    ----------
+    bits : ndarray of shape (N,), uint8
+        The solution whose free bits are the hard decisions.
+    free : ndarray of shape (r, N), uint8
+        What changes when one of the r free bits is inverted.
+    """
+
+    bits: Bits
+    free: Bits
+
+
+@lru_cache(maxsize=8)
+def parity_equations(code: TurboCode, num_bits: int, seed: int) -> Words:
+    """Write all parity bits of one codeword, in order of release, as linear equations of the plane's bits.
 
     Parameters
     ----------
     code : TurboCode
         The code.
     num_bits, seed : int
-        Length N of the plane and interleaver seed.
-    num_parity : int
-        Number of equations.
+        Length N of the codeword (one segment) and interleaver seed.
 
     Returns
     -------
-    ndarray of shape (num_parity, ceil(N / 64)), uint64
-        Bit ``n % 64`` of word ``n // 64`` is the weight of bit n.
+    ndarray of shape (N, ceil(N / 64)), uint64
+        Bit ``n % 64`` of word ``n // 64`` of row m is the weight of bit n in parity bit m; read-only.
+
+    Raises
+    ------
+    ValueError
+        If planes of this length are divided into several codewords.
     """
     from dvc.turbo import _kernels
 
+    if num_segments(num_bits) > 1:
+        raise ValueError(f"`num_bits` must be the length of one segment, got {num_bits}")
     layout = copy_layout(code, num_bits, seed)
     row_of_step = np.full(layout.num_steps, -1, np.int32)
-    row_of_step[release_order(code, num_bits)[:num_parity]] = np.arange(num_parity)
-    rows = np.zeros((num_parity, -(-num_bits // 64)), np.uint64)
+    row_of_step[release_order(code, num_bits)] = np.arange(num_bits)
+    rows = np.zeros((num_bits, -(-num_bits // 64)), np.uint64)
     starts = np.array(layout.section_starts, np.int64)
     _kernels.parity_rows(layout.bit_at_step, starts, code.feedback, code.feedforward, row_of_step, rows)
+    rows.flags.writeable = False
     return rows
 
 
-def crc_equations(num_bits: int, crc_bits: int) -> NDArray[np.uint64]:
-    """Write the check bits of a plane as linear equations of its bits.
+@dataclass(frozen=True)
+class _Reduced:
+    """Equations in reduced form: ``bits[pivots] = values ^ columns.T @ bits[free]`` (modulo 2)."""
+
+    pivots: NDArray[np.int64]
+    free: NDArray[np.int64]  # least reliable first
+    columns: Bits  # (free bits, pivots)
+    values: Bits
+
+
+def _reduce(equations: Words, parity: Bits, reliability: NDArray[np.float32]) -> _Reduced | None:
+    """Solve the equations for the least reliable bits; None where they contradict each other."""
+    from dvc.turbo import _kernels
+
+    rows, values = equations.copy(), parity.copy()
+    order = np.argsort(reliability, kind="stable")
+    row_of_pivot = np.empty(reliability.size, np.int64)
+    if _kernels.eliminate(rows, values, order, row_of_pivot) < 0:
+        return None
+    is_pivot = row_of_pivot[order] >= 0
+    pivots, free = order[is_pivot], order[~is_pivot]
+    columns = np.empty((free.size, pivots.size), np.uint8)
+    _kernels.gather_columns(rows, row_of_pivot[pivots], free, columns)
+    return _Reduced(pivots, free, columns, values[row_of_pivot[pivots]])
+
+
+def solve(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> Solution | None:
+    """Solve parity equations, leaving the most reliable bits free where they do not determine all.
 
     Parameters
     ----------
-    num_bits : int
-        Length N of the plane.
-    crc_bits : int
-        Number of check bits, as for `dvc.turbo.crc`.
-
-    Returns
-    -------
-    ndarray of shape (crc_bits, ceil(N / 64)), uint64
-        Bit ``n % 64`` of word ``n // 64`` is the weight of bit n.
-    """
-    polynomial, top = POLYNOMIALS[crc_bits], 1 << (crc_bits - 1)
-    mask = (1 << crc_bits) - 1
-    rows = np.zeros((crc_bits, -(-num_bits // 64)), np.uint64)
-    register = polynomial  # remainder of x**crc_bits: the weight of the plane's last bit
-    for n in range(num_bits - 1, -1, -1):
-        for row in range(crc_bits):
-            if register >> (crc_bits - 1 - row) & 1:
-                rows[row, n >> 6] |= np.uint64(1 << (n & 63))
-        register = ((register << 1) & mask) ^ (polynomial if register & top else 0)
-    return rows
-
-
-def solve(
-    rows: NDArray[np.uint64], values: NDArray[np.uint8], llr: NDArray[np.float32]
-) -> tuple[NDArray[np.uint8], int] | None:
-    """Solve linear equations over GF(2), taking free bits from their LLRs.
-
-    The least reliable bits are solved for; what stays free are the most reliable ones (ordered statistics
-    decoding of order 0).
-
-    Parameters
-    ----------
-    rows : ndarray of shape (M, ceil(N / 64)), uint64
-        Equations; overwritten.
-    values : ndarray of shape (M,), uint8
-        Right-hand sides.
+    equations : ndarray of shape (M, ceil(N / 64)), uint64
+        From `parity_equations`.
+    parity : ndarray of shape (M,), uint8
+        The parity bits.
     llr : ndarray of shape (N,), float32
         LLR log p(0) / p(1) of every bit.
 
     Returns
     -------
-    tuple of (ndarray of shape (N,) uint8, int), or None
-        The solution and the number of free bits; None where the equations contradict each other.
+    Solution or None
+        None where the equations contradict each other.
+    """
+    reduced = _reduce(equations, parity, np.abs(llr))
+    if reduced is None:
+        return None
+    bits = (llr < 0).astype(np.uint8)
+    hard = bits[reduced.free]
+    bits[reduced.pivots] = reduced.values ^ (reduced.columns[hard == 1].sum(axis=0) & 1).astype(np.uint8)
+    free = np.zeros((reduced.free.size, llr.size), np.uint8)
+    free[np.arange(reduced.free.size), reduced.free] = 1
+    free[:, reduced.pivots] = reduced.columns
+    return Solution(bits, free)
+
+
+def ordered_statistics(
+    equations: Words, parity: Bits, llr_ch: NDArray[np.float32], llr: NDArray[np.float32]
+) -> Bits | None:
+    """Search a likely plane that satisfies all parity, starting from soft decisions.
+
+    The equations are solved for the least reliable bits (ordered statistics decoding); then free bits are
+    inverted one at a time as long as that makes the plane likelier under the prior.
+
+    Parameters
+    ----------
+    equations : ndarray of shape (M, ceil(N / 64)), uint64
+        From `parity_equations`.
+    parity : ndarray of shape (M,), uint8
+        The parity bits.
+    llr_ch : ndarray of shape (N,), float32
+        Prior LLRs log p(0) / p(1).
+    llr : ndarray of shape (N,), float32
+        LLRs that say which bits are reliable, and their value.
+
+    Returns
+    -------
+    ndarray of shape (N,), uint8, or None
+        The plane found; None where the equations contradict each other.
+
+    References
+    ----------
+    M. Fossorier, S. Lin, "Soft-decision decoding of linear block codes based on ordered statistics", IEEE
+    Trans. Inf. Theory 41, 1995.
     """
     from dvc.turbo import _kernels
 
-    num_bits = llr.size
-    column_order = np.argsort(np.abs(llr), kind="stable")
-    pivot_row = np.empty(num_bits, np.int64)
-    rhs = values.astype(np.uint8).copy()
-    rank = _kernels.eliminate(rows, rhs, column_order, pivot_row)
-    if rank < 0:
+    reduced = _reduce(equations, parity, np.abs(llr))
+    if reduced is None:
         return None
-    free = pivot_row < 0
-    bits = np.where(free, llr < 0, 0).astype(np.uint8)
-    packed = np.zeros(rows.shape[1] * 64, np.uint8)
-    packed[:num_bits] = bits
-    words = np.packbits(packed, bitorder="little").view("<u8").astype(np.uint64)
-    pivots = np.flatnonzero(~free)
-    known = np.bitwise_count(rows[pivot_row[pivots]] & words).sum(axis=1) & 1
-    bits[pivots] = rhs[pivot_row[pivots]] ^ known.astype(np.uint8)
-    return bits, int(free.sum())
+    pivots, free = reduced.pivots, reduced.free
+    bits = (llr < 0).astype(np.uint8)
+    bits[pivots] = reduced.values ^ (reduced.columns[bits[free] == 1].sum(axis=0) & 1).astype(np.uint8)
+    price = np.rint(np.abs(llr_ch) * np.float32(COST_SCALE)).astype(np.int32)
+    price = np.where(bits == (llr_ch < 0), price, -price)  # of inverting a bit
+    price_free, price_pivots = price[free], price[pivots]
+    flips = np.zeros(free.size, np.uint8)
+    _kernels.descend(reduced.columns, price_free, price_pivots, flips)
+    bits[free] ^= flips
+    bits[pivots] ^= (reduced.columns[flips == 1].sum(axis=0) & 1).astype(np.uint8)
+    return bits

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from dvc.turbo.codes import TurboCode
 
+MAX_SEGMENT_BITS = 12288
+"""Longer planes are divided, so that their parity equations can still be solved."""
 MAX_SPREAD_COPIES = 3
 """Bits with more copies than this may be neighbours more than once."""
 NUM_TRIES = 8
@@ -25,10 +27,13 @@ class CopyLayout:
         Index of the plane's bit that enters at each trellis step.
     section_starts : tuple of int
         Steps at which the register is reset to zero; the first is 0.
+    segment_starts : tuple of int
+        Steps at which independent codewords start; see `num_segments`.
     """
 
     bit_at_step: NDArray[np.int32]
     section_starts: tuple[int, ...]
+    segment_starts: tuple[int, ...]
 
     @property
     def num_steps(self) -> int:
@@ -119,6 +124,33 @@ def _spread(bits: NDArray[np.int32], num_bits: int, spread: int, seed: int) -> N
     return bits
 
 
+def num_segments(num_bits: int) -> int:
+    """Say into how many independent codewords a plane is divided.
+
+    Parameters
+    ----------
+    num_bits : int
+        Length N of the plane.
+
+    Returns
+    -------
+    int
+        Number S; segment s holds the bits ``s, s + S, s + 2 * S, ...``, at most about `MAX_SEGMENT_BITS` of them.
+    """
+    return max(1, -(-num_bits // MAX_SEGMENT_BITS))
+
+
+def _segment_steps(code: TurboCode, num_bits: int, seed: int) -> tuple[NDArray[np.int32], list[int]]:
+    """Lay out one segment: the bit at every step, and the steps at which sections start."""
+    if code.layout == "parallel":
+        times = code.copies[0][1]
+        parts = [np.arange(num_bits, dtype=np.int32)]
+        parts += [random_permutation(2 * (seed + k), num_bits) for k in range(1, times)]
+        return np.concatenate(parts), [k * num_bits for k in range(times)]
+    repeated = np.repeat(np.arange(num_bits, dtype=np.int32), copy_counts(code, num_bits, seed))
+    return _spread(repeated[random_permutation(2 * seed, repeated.size)], num_bits, code.spread, seed), [0]
+
+
 @lru_cache(maxsize=64)
 def copy_layout(code: TurboCode, num_bits: int, seed: int) -> CopyLayout:
     """Lay out the copies of a plane's bits along the trellis.
@@ -144,15 +176,20 @@ def copy_layout(code: TurboCode, num_bits: int, seed: int) -> CopyLayout:
     """
     if num_bits < 1 or seed < 0:
         raise ValueError(f"`num_bits` must be >= 1 and `seed` >= 0, got {num_bits} and {seed}")
-    if code.layout == "parallel":
-        times = code.copies[0][1]
-        parts = [np.arange(num_bits, dtype=np.int32)]
-        parts += [random_permutation(2 * (seed + k), num_bits) for k in range(1, times)]
-        bits = np.concatenate(parts)
-        starts = tuple(k * num_bits for k in range(times))
-    else:
-        repeated = np.repeat(np.arange(num_bits, dtype=np.int32), copy_counts(code, num_bits, seed))
-        bits = _spread(repeated[random_permutation(2 * seed, repeated.size)], num_bits, code.spread, seed)
-        starts = (0,)
-    bits.flags.writeable = False
-    return CopyLayout(bits, starts)
+    segments = num_segments(num_bits)
+    parts: list[NDArray[np.int32]] = []
+    starts: list[int] = []
+    segment_starts: list[int] = []
+    end = size = 0
+    for segment in range(segments):
+        bits = np.arange(segment, num_bits, segments, dtype=np.int32)
+        if bits.size != size:  # the first segments may hold one bit more than the others
+            steps, sections = _segment_steps(code, bits.size, seed)
+            size = bits.size
+        segment_starts.append(end)
+        starts += [end + section for section in sections]
+        parts.append(bits[steps])
+        end += steps.size
+    layout = np.concatenate(parts)
+    layout.flags.writeable = False
+    return CopyLayout(layout, tuple(starts), tuple(segment_starts))

@@ -1,5 +1,6 @@
 """The order in which parity bits are released; a prefix of it is a good punctured code at every rate."""
 
+import itertools
 from functools import lru_cache
 
 import numpy as np
@@ -34,13 +35,12 @@ def _joined_order(num_steps: int, num_bits: int, grid_rate: float) -> NDArray[np
     """Release `grid_rate * num_bits` evenly spaced steps first, then the middles of the gaps, and so on."""
     grid = max(1, round(grid_rate * num_bits))
     coarse = spread_order(grid)
-    levels = [coarse / grid]
-    count, parts = grid, 1
-    while count < 2 * num_bits:
-        for k in spread_order(parts):
-            levels.append((coarse + (2 * k + 1) / (2 * parts)) / grid)
-        count, parts = 2 * count, 2 * parts
-    steps = num_steps - 1 - np.floor(np.concatenate(levels) * num_steps).astype(np.int64)
+    levels = [coarse]
+    parts = 1
+    while parts * grid < 2 * num_bits:
+        levels += [coarse + (2 * k + 1) / (2 * parts) for k in spread_order(parts)]
+        parts *= 2
+    steps = num_steps - 1 - np.floor(np.concatenate(levels) * (num_steps / grid)).astype(np.int64)
     _, first = np.unique(steps, return_index=True)
     order = steps[np.sort(first)]
     if order.size < num_bits:
@@ -71,14 +71,19 @@ def release_order(code: TurboCode, num_bits: int) -> NDArray[np.int32]:
     Returns
     -------
     ndarray of shape (N,), int32
-        Distinct trellis steps; more parity than plane bits is of no use.
+        Distinct trellis steps; more parity than plane bits is of no use. Segments take turns.
     """
     layout = copy_layout(code, num_bits, 0)
-    if code.layout == "parallel":
-        order = _parallel_order(num_bits, len(layout.section_starts), code.period)
-    else:
-        order = _joined_order(layout.num_steps, num_bits, code.grid_rate)
-    order = order[:num_bits].astype(np.int32)
+    starts = [*layout.segment_starts, layout.num_steps]
+    segments = len(layout.segment_starts)
+    order = np.empty(num_bits, np.int32)
+    for segment, (start, end) in enumerate(itertools.pairwise(starts)):
+        size = len(range(segment, num_bits, segments))
+        if code.layout == "parallel":
+            steps = _parallel_order(size, (end - start) // size, code.period)
+        else:
+            steps = _joined_order(end - start, size, code.grid_rate)
+        order[segment::segments] = start + steps[:size]
     order.flags.writeable = False
     return order
 

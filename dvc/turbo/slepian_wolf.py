@@ -1,5 +1,6 @@
 """Slepian-Wolf decoding of one bit plane: what to request, when to stop; no I/O."""
 
+import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Literal
@@ -10,9 +11,15 @@ from numpy.typing import NDArray
 from dvc.turbo.codes import choose_code, family
 from dvc.turbo.crc import POLYNOMIALS, crc
 from dvc.turbo.decoder import TurboDecoder
-from dvc.turbo.elimination import crc_equations, parity_equations, solve
+from dvc.turbo.elimination import Solution, ordered_statistics, parity_equations, solve
+from dvc.turbo.interleaver import num_segments
 
+Bits = NDArray[np.uint8]
 RequestKind = Literal["crc", "parity", "plain"]
+PLAIN_ALLOWANCE_BITS = 8
+"""Planes whose entropy and check come this close to their length, or closer, are sent plainly."""
+SEARCH_SPACING = 1.015
+"""Growth of the parity from one search by ordered statistics to the next."""
 
 
 @dataclass(frozen=True)
@@ -21,23 +28,25 @@ class SlepianWolfSettings:
 
     family: str = "adaptive"  # codes that encoder and decoder share
     crc_bits: int = 16  # check bits that the encoder computes per plane
-    first_crc_bits: int = 8  # of these, how many are requested for every plane
+    first_crc_bits: int = 8  # of these, how many are requested at once; more only where the plane is in doubt
     error_exponent: float = 14.0  # accept a plane when the odds against it are below 2 ** -error_exponent
     max_prior_llr: float = 9.0  # side information is never taken for surer than this
     plain_entropy: float = 0.93  # bits per bit of prior from which parity cannot pay
-    initial_rate: float = 0.9  # first parity request, as a share of the prior's entropy
-    step: float = 0.01  # further requests, as a share of what was received
-    first_iterations: int = 30
-    step_iterations: int = 6
+    initial_rate: float = 0.75  # first parity request, as a share of the prior's entropy
+    step: float = 0.01  # further requests, as a share of the prior's entropy or of what was received
+    early_step: float = 0.03  # the same, as long as less than `early_rate` of the entropy was received
+    early_rate: float = 0.95
+    iterations: int = 8  # most iterations after a request
+    search_work: float = 1.2e7  # word operations that one search by ordered statistics may cost
 
     def __post_init__(self) -> None:
         family(self.family)
         if self.crc_bits not in POLYNOMIALS or not 0 < self.first_crc_bits <= self.crc_bits:
             raise ValueError(f"`crc_bits` must be one of {sorted(POLYNOMIALS)} and hold `first_crc_bits`")
-        if self.max_prior_llr <= 0 or not 0 < self.step <= 1 or not 0 <= self.initial_rate <= 2:
-            raise ValueError("`max_prior_llr`, `step` or `initial_rate` out of range")
-        if min(self.first_iterations, self.step_iterations) < 1:
-            raise ValueError("iteration counts must be at least 1")
+        if self.max_prior_llr <= 0 or not 0 <= self.initial_rate <= 2:
+            raise ValueError("`max_prior_llr` must be positive and `initial_rate` within 0..2")
+        if not (0 < self.step <= 1 and 0 < self.early_step <= 1 and self.iterations >= 1):
+            raise ValueError("`step` and `early_step` must be within 0..1, `iterations` at least 1")
 
 
 @dataclass(frozen=True)
@@ -54,7 +63,7 @@ class PlaneRequest:
 class PlaneResult:
     """A decoded plane and what it cost; plain bits count as parity."""
 
-    bits: NDArray[np.uint8]
+    bits: Bits
     success: bool
     num_requests: int
     crc_bits: int
@@ -62,17 +71,17 @@ class PlaneResult:
     iterations: int
 
 
-PlaneCoroutine = Generator[PlaneRequest, NDArray[np.uint8], PlaneResult]
+PlaneCoroutine = Generator[PlaneRequest, Bits, PlaneResult]
 
 
 class _Plane:
     """State of one plane while it is decoded."""
 
     def __init__(
-        self, llr_ch: NDArray[np.float32], decoder: TurboDecoder, code: int, settings: SlepianWolfSettings
+        self, llr_ch: NDArray[np.float32], entropy_bits: float, code: int, settings: SlepianWolfSettings
     ) -> None:
         self.llr_ch = llr_ch
-        self.decoder = decoder
+        self.entropy_bits = entropy_bits
         self.code = code
         self.settings = settings
         self.num_bits = llr_ch.size
@@ -81,50 +90,63 @@ class _Plane:
         self.check = np.zeros(0, np.uint8)
         self.parity = np.zeros(0, np.uint8)
 
-    def request(
-        self, kind: RequestKind, start: int, count: int
-    ) -> Generator[PlaneRequest, NDArray[np.uint8], NDArray[np.uint8]]:
+    def request(self, kind: RequestKind, start: int, count: int) -> Generator[PlaneRequest, Bits, Bits]:
         self.num_requests += 1
-        bits = np.asarray((yield PlaneRequest(kind, self.code, start, count)), np.uint8)
-        if bits.shape != (count,):
-            raise ValueError(f"expected {count} {kind} bits, got shape {bits.shape}")
+        bits = np.asarray((yield PlaneRequest(kind, self.code, start, count)))
+        if bits.shape != (count,) or bits.dtype != np.uint8 or (count and bits.max() > 1):
+            raise ValueError(f"expected {count} {kind} bits as uint8, got {bits.dtype} of shape {bits.shape}")
         return bits
 
-    def request_check(self, count: int) -> Generator[PlaneRequest, NDArray[np.uint8], None]:
-        if count > self.check.size:
-            new = yield from self.request("crc", self.check.size, count - self.check.size)
-            self.check = np.concatenate([self.check, new])
+    def request_check(self, count: int) -> Generator[PlaneRequest, Bits, None]:
+        """Request check bits until there are `count` of them."""
+        new = yield from self.request("crc", self.check.size, count - self.check.size)
+        self.check = np.concatenate([self.check, new])
 
-    def request_parity(self, count: int) -> Generator[PlaneRequest, NDArray[np.uint8], None]:
+    def request_parity(self, count: int) -> Generator[PlaneRequest, Bits, Bits]:
         count = min(count, self.num_bits - self.parity.size)
-        if count > 0:
-            new = yield from self.request("parity", self.parity.size, count)
-            self.parity = np.concatenate([self.parity, new])
-            self.decoder.add_parity(new)
+        new = yield from self.request("parity", self.parity.size, count)
+        self.parity = np.concatenate([self.parity, new])
+        return new
 
-    def checks(self, bits: NDArray[np.uint8]) -> bool:
+    def next_count(self) -> int:
+        """Return how many parity bits to request next."""
+        settings, received = self.settings, self.parity.size
+        if received == 0:
+            wanted = settings.initial_rate * self.entropy_bits
+        elif received < settings.early_rate * self.entropy_bits:
+            wanted = settings.early_step * self.entropy_bits
+        else:
+            wanted = settings.step * max(received, self.entropy_bits)
+        return max(1, int(wanted))
+
+    def checks(self, bits: Bits) -> bool:
         return bool((crc(bits, self.settings.crc_bits)[: self.check.size] == self.check).all())
 
-    def missing_evidence(self, bits: NDArray[np.uint8]) -> float:
-        """Return how many more independent bits must agree before the decisions are accepted."""
+    def missing_evidence(self, bits: Bits) -> float:
+        """Return how many more bits must agree before a plane that satisfies all parity is accepted.
+
+        At most ``2**x`` planes have a prior probability of ``2**-x`` or more, and each bit received rules out
+        half of the wrong ones; this holds for any plane, however wrong the prior.
+        """
         from dvc.turbo import _kernels
 
-        cost = _kernels.prior_information(self.llr_ch, bits)
-        odds = cost if cost > 30 else float(np.log2(max(2.0**cost - 1, 1e-9)))
-        return self.settings.error_exponent + odds - self.parity.size - self.check.size
+        cost = float(_kernels.prior_information(self.llr_ch, bits))
+        rivals = cost if cost > 30 else float(np.log2(max(2.0**cost - 1, 1e-9)))
+        return self.settings.error_exponent + rivals - self.parity.size - self.check.size
 
-    def accept(self, bits: NDArray[np.uint8]) -> Generator[PlaneRequest, NDArray[np.uint8], bool]:
-        """Decide whether decisions that satisfy all parity are the plane, asking for check bits where in doubt."""
+    def accept(self, bits: Bits) -> Generator[PlaneRequest, Bits, bool]:
+        """Say whether a plane that satisfies all parity is the right one; ask for check bits where in doubt."""
         if not self.checks(bits):
             return False
-        missing = self.missing_evidence(bits)
-        if missing > 0:
-            if missing > self.settings.crc_bits - self.check.size:
-                return False
-            yield from self.request_check(self.check.size + int(np.ceil(missing)))
+        missing = math.ceil(self.missing_evidence(bits))
+        if missing <= 0:
+            return True
+        if self.check.size + missing > self.settings.crc_bits:
+            return False
+        yield from self.request_check(self.check.size + missing)
         return self.checks(bits)
 
-    def result(self, bits: NDArray[np.uint8], success: bool) -> PlaneResult:
+    def result(self, bits: Bits, success: bool) -> PlaneResult:
         return PlaneResult(
             bits.copy(), success, self.num_requests, self.check.size, self.parity.size, self.iterations
         )
@@ -167,44 +189,85 @@ def decode_plane(
     if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
         raise ValueError(f"`llr_ch` must be a vector of numbers, got shape {llr.shape}")
     llr = np.clip(llr, -settings.max_prior_llr, settings.max_prior_llr)
-    entropy_bits = _kernels.prior_entropy(llr)
-    if entropy_bits > settings.plain_entropy * llr.size:
-        bits = np.asarray((yield PlaneRequest("plain", 0, 0, llr.size)), np.uint8)
-        return PlaneResult(bits.copy(), True, 1, 0, llr.size, 0)
+    entropy_bits = float(_kernels.prior_entropy(llr))
     code = choose_code(family(settings.family), entropy_bits / llr.size)
-    plane = _Plane(llr, decoder_for_code(code), code, settings)
-    plane.decoder.start(llr)
-    return (yield from _decode_by_parity(plane, entropy_bits))
+    plane = _Plane(llr, entropy_bits, code, settings)
+    if entropy_bits + settings.crc_bits > settings.plain_entropy * llr.size + PLAIN_ALLOWANCE_BITS:
+        plane.code = 0
+        plane.parity = yield from plane.request("plain", 0, llr.size)
+        return plane.result(plane.parity, True)
+    yield from plane.request_check(settings.first_crc_bits)
+    decisions = (llr < 0).astype(np.uint8)
+    if (yield from plane.accept(decisions)):
+        return plane.result(decisions, True)
+    return (yield from _decode_by_parity(plane, decoder_for_code(code)))
 
 
-def _decode_by_parity(plane: _Plane, entropy_bits: float) -> PlaneCoroutine:
-    settings, decoder = plane.settings, plane.decoder
-    yield from plane.request_check(min(settings.first_crc_bits, plane.num_bits))
-    if (yield from plane.accept(decoder.decisions)):
-        return plane.result(decoder.decisions, True)
-    wanted, iterations = max(1, int(settings.initial_rate * entropy_bits)), settings.first_iterations
+def _decode_by_parity(plane: _Plane, decoder: TurboDecoder) -> PlaneCoroutine:
+    """Request parity until iterations, or a search, find a plane that can be accepted."""
+    decoder.start(plane.llr_ch)
+    last_search = 0
     while plane.parity.size < plane.num_bits:
-        yield from plane.request_parity(wanted)
-        plane.iterations += decoder.iterate(iterations)
-        if decoder.parity_satisfied and (yield from plane.accept(decoder.decisions)):
-            return plane.result(decoder.decisions, True)
-        wanted, iterations = max(1, round(settings.step * plane.parity.size)), settings.step_iterations
-    return (yield from _solve(plane))
+        decoder.add_parity((yield from plane.request_parity(plane.next_count())))
+        plane.iterations += decoder.iterate(plane.settings.iterations)
+        if decoder.parity_satisfied:
+            if (yield from plane.accept(decoder.decisions)):
+                return plane.result(decoder.decisions, True)
+        elif _is_worth_a_search(plane, last_search):
+            last_search = plane.parity.size
+            equations = parity_equations(decoder.code, plane.num_bits, decoder.interleaver_seed)
+            found = ordered_statistics(equations[:last_search], plane.parity, plane.llr_ch, decoder.llr)
+            if found is not None and (yield from plane.accept(found)):
+                return plane.result(found, True)
+    return (yield from _solve(plane, decoder))
 
 
-def _solve(plane: _Plane) -> PlaneCoroutine:
+def _is_worth_a_search(plane: _Plane, last_search: int) -> bool:
+    received = plane.parity.size
+    if num_segments(plane.num_bits) > 1 or received < max(plane.entropy_bits, SEARCH_SPACING * last_search):
+        return False
+    return received**2 * (plane.num_bits / 64) <= plane.settings.search_work
+
+
+def _solve(plane: _Plane, decoder: TurboDecoder) -> PlaneCoroutine:
     """Solve the equations of all N parity bits; check bits settle what they leave open."""
-    decoder, settings = plane.decoder, plane.settings
+    segments = num_segments(plane.num_bits)
+    bits = np.empty(plane.num_bits, np.uint8)
+    open_choices = [np.zeros((0, plane.num_bits), np.uint8)]
+    for segment in range(segments):
+        part = slice(segment, None, segments)
+        parity = plane.parity[part]
+        equations = parity_equations(decoder.code, parity.size, decoder.interleaver_seed)
+        solution = solve(equations, parity, decoder.llr[part])
+        if solution is None:
+            return plane.result(decoder.decisions, False)
+        bits[part] = solution.bits
+        choices = np.zeros((len(solution.free), plane.num_bits), np.uint8)
+        choices[:, part] = solution.free
+        open_choices.append(choices)
+    free = np.concatenate(open_choices)
     while True:
-        rows = np.concatenate(
-            [
-                parity_equations(decoder.code, plane.num_bits, decoder.interleaver_seed, plane.parity.size),
-                crc_equations(plane.num_bits, settings.crc_bits)[: plane.check.size],
-            ]
-        )
-        solved = solve(rows, np.concatenate([plane.parity, plane.check]), decoder.llr)
-        if solved is not None and solved[1] == 0:
-            return plane.result(solved[0], True)
-        if solved is None or plane.check.size == settings.crc_bits:
-            return plane.result(decoder.decisions if solved is None else solved[0], False)
-        yield from plane.request_check(min(settings.crc_bits, plane.check.size + solved[1]))
+        chosen = _choose(bits, free, plane)
+        if chosen is None or plane.check.size == plane.settings.crc_bits:
+            return plane.result(
+                bits if chosen is None else chosen.bits, chosen is not None and not len(chosen.free)
+            )
+        if not len(chosen.free):
+            return plane.result(chosen.bits, True)
+        yield from plane.request_check(min(plane.settings.crc_bits, plane.check.size + len(chosen.free)))
+
+
+def _choose(bits: Bits, free: Bits, plane: _Plane) -> Solution | None:
+    """Use the check bits received to settle free bits; the check is linear."""
+    size = plane.check.size
+    wanted = crc(bits, plane.settings.crc_bits)[:size] ^ plane.check
+    weights = crc(free, plane.settings.crc_bits)[:, :size]  # of the choices in each check bit
+    equations = np.zeros((size, -(-len(free) // 64) * 64), np.uint8)
+    equations[:, : len(free)] = weights.T
+    words = np.packbits(equations, axis=1, bitorder="little").view(np.dtype("<u8")).astype(np.uint64)
+    solution = solve(words, wanted, np.ones(len(free), np.float32))
+    if solution is None:
+        return None
+    settled = bits ^ (free[solution.bits == 1].sum(axis=0) & 1).astype(np.uint8)
+    combinations = (solution.free.astype(np.int64) @ free & 1).astype(np.uint8)
+    return Solution(settled, combinations)
