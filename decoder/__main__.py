@@ -2,15 +2,15 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
-from dvc.errors import ConfigError, DvcError
+from dvc.errors import BitstreamError, ConfigError, DvcError, FeedbackError
 
 if TYPE_CHECKING:
     from decoder.session import DecodedGroup
@@ -119,22 +119,30 @@ def _decode_file(arguments: argparse.Namespace) -> int:
     from decoder.session import decode_stream
     from dvc.stream import Form, StreamReader
 
-    with StreamReader(arguments.files[0]) as reader:
+    with _naming(arguments.files[0]), StreamReader(arguments.files[0]) as reader:
         config = _with_method(reader.config, arguments.side_information)
         if config != reader.config and reader.form == Form.PUNCTURED:
             method = reader.config.side_information.method
             raise ConfigError(f"a punctured stream can only be decoded as it was made, with {method}")
         with ExitStack() as stack:
             failure = _Output(config, arguments, stack).consume(decode_stream(config, reader, arguments.jobs))
-    if failure is not None:
-        raise failure
+        if failure is not None:
+            raise failure
     return 0
+
+
+@contextmanager
+def _naming(path: str) -> Iterator[None]:
+    """Put the name of the stream before what is wrong with it."""
+    try:
+        yield
+    except BitstreamError as err:
+        raise BitstreamError(f"{path}: {err}") from err
 
 
 def _decode_live(arguments: argparse.Namespace) -> int:
     from decoder.live import LiveSource
     from decoder.session import decode_live
-    from dvc.errors import FeedbackError
     from dvc.feedback import connect, parse_address
 
     with connect(*parse_address(arguments.connect), timeout_s=arguments.timeout) as connection:
@@ -195,10 +203,10 @@ class _Output:
                 for group in groups:
                     self._add(group, progress)
                     num_frames += group.record.num_frames
-            except DvcError as err:
+            except (BitstreamError, FeedbackError) as err:
                 if not self._arguments.salvage or num_frames == 0:
                     raise
-                failure = DvcError(f"{err} (kept the {num_frames} frames before)")
+                failure = type(err)(f"{err} (frames kept: {num_frames})")
         self._finish()
         return failure
 

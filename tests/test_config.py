@@ -50,7 +50,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
         GopConfig(draw(st.integers(1, 256)), draw(st.booleans())),
         KeyFrameConfig(draw(st.integers(0, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
         WynerZivConfig(
-            tuple(draw(st.lists(level, min_size=16, max_size=16))),
+            tuple(draw(st.lists(level, min_size=16, max_size=16).filter(any))),
             tuple(sorted(draw(st.sets(st.integers(0, 15))))),
             draw(st.floats(0, 100, exclude_min=True)),
         ),

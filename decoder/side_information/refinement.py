@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
-from decoder.side_information.planes import MARGIN, Offsets, compensate, phase_planes, resize_field
+from decoder.side_information.planes import MARGIN, Offsets, compensate, halve, phase_planes, resize_field
 from decoder.side_information.protocol import Prediction
 from dvc.video import Frame
 
@@ -36,13 +36,14 @@ class Search(NamedTuple):
     window: int  # side of the window that is compared, in samples
     radius: int  # largest correction, in steps
     step: int  # in quarter samples
+    halved: bool = False  # at half the resolution, where all of these count half samples
 
 
 _FINE = (Search(4, 12, 2, 2), Search(4, 12, 1, 1))
 SEARCHES = (
-    (Search(8, 24, 20, 4), *_FINE),
-    (Search(8, 16, 12, 4), *_FINE),
-    (Search(8, 16, 6, 4), *_FINE),
+    (Search(4, 12, 10, 4, halved=True), *_FINE),
+    (Search(4, 8, 6, 4, halved=True), *_FINE),
+    (Search(4, 8, 3, 4, halved=True), *_FINE),
     (Search(4, 12, 4, 2), Search(4, 12, 1, 1)),
     (Search(4, 8, 2, 1),),
 )
@@ -65,6 +66,7 @@ class BlockRefiner:
     def __init__(self, references: Sequence[Frame], offsets: Sequence[Offsets], method: str) -> None:
         self._references = references
         self._planes = [phase_planes(frame.luma) for frame in references]
+        self._halved_planes = [phase_planes(halve(frame.luma)) for frame in references]
         self._offsets = [offset.copy() for offset in offsets]
         self._method = method
         self._weights = [np.ones(offset.shape[:2]) for offset in offsets]
@@ -84,11 +86,13 @@ class BlockRefiner:
             Prediction from the refined offsets.
         """
         target = np.pad(partial, MARGIN, mode="edge")
+        halved_target = np.pad(halve(partial), MARGIN, mode="edge")
         searches = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
         self._num_calls += 1
         for number, planes in enumerate(self._planes):
             for search in searches:
-                self._offsets[number], costs = _search(target, planes, self._offsets[number], search)
+                images = (halved_target, self._halved_planes[number]) if search.halved else (target, planes)
+                self._offsets[number], costs = _search(*images, self._offsets[number], search)
             difference = costs / float(searches[-1].window ** 2) + 1.0
             self._weights[number] = 1.0 / (difference * np.sqrt(difference))
         luma, compensated = compensate(self._planes, self._offsets, self._weights, BLOCK, partial.shape)
@@ -109,8 +113,9 @@ def _search(
     target: NDArray[np.uint8], planes: NDArray[np.uint8], offsets: Offsets, search: Search
 ) -> tuple[Offsets, NDArray[np.int64]]:
     """Return improved offsets of the 4x4 blocks, and the cost of each block that was searched."""
-    factor = search.block // BLOCK
-    moved = offsets[::factor, ::factor].copy()
+    scale = 2 if search.halved else 1
+    factor = scale * search.block // BLOCK
+    moved = offsets[::factor, ::factor] // scale
     costs = np.empty(moved.shape[:2], dtype=np.int64)
     _kernels.search_target(
         target,
@@ -124,7 +129,7 @@ def _search(
         moved,
         costs,
     )
-    return resize_field(moved, offsets.shape[0], offsets.shape[1], factor), costs
+    return resize_field(moved * scale, offsets.shape[0], offsets.shape[1], factor), costs
 
 
 def compensate_chroma(
