@@ -6,6 +6,7 @@ import json
 import logging
 import sys
 from collections.abc import Callable, Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -160,6 +161,33 @@ def parse_size(text: str) -> tuple[int, int]:
     if not cross or not (width.isdecimal() and height.isdecimal()) or 0 in (int(width), int(height)):
         raise argparse.ArgumentTypeError(f"expected WIDTHxHEIGHT such as 352x288, got {text!r}")
     return int(width), int(height)
+
+
+def parse_frame_rate(text: str) -> Fraction:
+    """Read a frame rate.
+
+    Parameters
+    ----------
+    text : str
+        Frames per second, such as 30, 29.97 or 30000/1001.
+
+    Returns
+    -------
+    Fraction
+        Frames per second.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is no rate between 10**-6 and 10**6.
+    """
+    from dvc.video import exact_frame_rate
+
+    try:
+        return exact_frame_rate(Fraction(text) if "/" in text else float(text))
+    except (ValueError, ZeroDivisionError) as err:
+        message = f"expected a frame rate such as 30 or 30000/1001, got {text!r}"
+        raise argparse.ArgumentTypeError(message) from err
 
 
 def integer(low: int, high: int) -> Callable[[str], int]:

@@ -99,7 +99,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     source.add_argument("--size", type=cli.parse_size, metavar="WxH", help="picture size of raw files")
     source.add_argument(
-        "--frame-rate", metavar="R", help="frames per second, such as 30 or 30000/1001; needed for raw files"
+        "--frame-rate",
+        type=cli.parse_frame_rate,
+        metavar="R",
+        help="frames per second, such as 30 or 30000/1001; needed for raw files",
     )
     live = parser.add_argument_group("live")
     live.add_argument(
@@ -139,18 +142,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _encode(arguments: argparse.Namespace) -> int:
-    from dvc.video import exact_frame_rate, open_video
+    from dvc.video import open_video
     from encoder.session import EncoderSession
 
     if (arguments.output is None) == (arguments.serve is None):
         raise ConfigError("give either OUTPUT or --serve HOST:PORT")
     outputs = [name for name in (arguments.output, arguments.json) if name not in (None, "-")]
     cli.check_outputs([arguments.input], outputs)
-    rate = None if arguments.frame_rate is None else exact_frame_rate(arguments.frame_rate)
     with open_video(
         arguments.input,
         size=arguments.size,
-        frame_rate=rate,
+        frame_rate=arguments.frame_rate,
         start=arguments.start,
         num_frames=arguments.frames,
     ) as reader:

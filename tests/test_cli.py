@@ -1,0 +1,320 @@
+"""The commands on input that is small, odd or wrong: the right result, or one line, status 2 and no output."""
+
+import json
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import decoder.__main__
+import encoder.__main__
+from dvc import cli
+from dvc.errors import ConfigError, DvcError
+from dvc.stream import StreamReader
+from dvc.video import open_video
+from tests.clips import moving_texture, write_clip
+
+QUICK = ("--quiet", "--wz-q", "1", "--luma-only")
+
+
+def encode(*arguments: object) -> int:
+    return encoder.__main__.main([*map(str, arguments), *QUICK])
+
+
+def decode(*arguments: object) -> int:
+    return decoder.__main__.main([*map(str, arguments), "--quiet"])
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_clip(tmp_path_factory.mktemp("clip") / "clip.y4m", moving_texture(5, 16, 24))
+
+
+@pytest.fixture(scope="module")
+def stream(clip: Path) -> Path:
+    assert encode(clip, clip.with_suffix(".dvc")) == 0
+    return clip.with_suffix(".dvc")
+
+
+def one_line_of(capsys: pytest.CaptureFixture[str]) -> str:
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1, captured.err
+    return captured.err
+
+
+@pytest.mark.parametrize("num_frames", [1, 2, 3])
+def test_short_sequences_are_coded(tmp_path: Path, clip: Path, num_frames: int) -> None:
+    """One frame is a key frame, two are two key frames, three have a Wyner-Ziv frame in the middle."""
+    assert encode(clip, tmp_path / "s.dvc", "--frames", num_frames) == 0
+    assert decode(tmp_path / "s.dvc", tmp_path / "s.y4m", "--json", tmp_path / "s.json") == 0
+    with open_video(tmp_path / "s.y4m") as reader:
+        assert len(list(reader)) == num_frames
+    types = [frame["type"] for frame in json.loads((tmp_path / "s.json").read_text())["per_frame"]]
+    assert types == [["key"], ["key", "key"], ["key", "wz", "key"]][num_frames - 1]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 3), (3, 50), (17, 23)])
+def test_any_size_is_coded(tmp_path: Path, shape: tuple[int, int]) -> None:
+    """Sides below a block, odd sides and sides that are not multiples of 4 come back as they were."""
+    clip = write_clip(tmp_path / "clip.y4m", moving_texture(3, *shape))
+    assert encode(clip, tmp_path / "s.dvc") == 0
+    assert decode(tmp_path / "s.dvc", tmp_path / "s.y4m", "--reference", clip) == 0
+    with open_video(tmp_path / "s.y4m") as reader:
+        assert (reader.info.height, reader.info.width) == shape
+        assert len(list(reader)) == 3
+
+
+def test_start_and_frames_select_what_is_coded(tmp_path: Path, clip: Path) -> None:
+    """Lossless key frames from frame 1 on are frames 1, 2 and 3 of the original, at its frame rate."""
+    assert (
+        encode(clip, tmp_path / "s.dvc", "--gop", 1, "--key-qp", "lossless", "--start", 1, "--frames", 3) == 0
+    )
+    assert decode(tmp_path / "s.dvc", tmp_path / "s.y4m", "--reference", clip, "--reference-start", 1) == 0
+    with open_video(tmp_path / "s.y4m") as decoded, open_video(clip, start=1, num_frames=3) as original:
+        assert decoded.info.frame_rate == Fraction(25)
+        for a, b in zip(decoded, original, strict=True):
+            np.testing.assert_array_equal(a.luma, b.luma)
+
+
+def test_raw_video_and_hierarchical_gops(tmp_path: Path) -> None:
+    """Raw 4:2:0 samples are coded once their size and rate are told, in colour and with hierarchical GOPs."""
+    frames = moving_texture(5, 16, 24)
+    planes = [plane for frame in frames for plane in (frame.luma, *(frame.chroma or ()))]
+    (tmp_path / "raw.yuv").write_bytes(b"".join(plane.tobytes() for plane in planes))
+    options = ["--size", "24x16", "--frame-rate", "30000/1001", "--gop", "4", "--hierarchical", "--wz-q", "1"]
+    arguments = [str(tmp_path / "raw.yuv"), str(tmp_path / "s.dvc"), *options]
+    assert encoder.__main__.main(arguments) == 0
+    assert decode(tmp_path / "s.dvc", tmp_path / "s.y4m") == 0
+    with open_video(tmp_path / "s.y4m") as reader:
+        assert reader.info.frame_rate == Fraction(30000, 1001)
+        decoded = list(reader)
+    assert len(decoded) == 5
+    assert all(frame.chroma is not None for frame in decoded)
+
+
+BAD_ENCODER_INPUT = {
+    "missing file": (["nothing.mkv", "o.dvc"], "nothing.mkv"),
+    "unreadable file": (["garbage.mkv", "o.dvc"], "garbage.mkv"),
+    "video without frames": (["empty.y4m", "o.dvc"], "empty.y4m"),
+    "empty file": (["void.mkv", "o.dvc"], "void.mkv"),
+    "empty folder": (["folder", "o.dvc"], "folder"),
+    "start beyond the end": (["clip.y4m", "o.dvc", "--start", "5"], "start"),
+    "output equal to input": (["clip.y4m", "clip.y4m"], "input"),
+    "report equal to stream": (["clip.y4m", "o.dvc", "--json", "o.dvc"], "another output"),
+    "missing folder": (["clip.y4m", "none/o.dvc"], "folder does not exist"),
+    "output is a folder": (["clip.y4m", "folder"], "is a folder"),
+    "no output": (["clip.y4m"], "OUTPUT or --serve"),
+    "two outputs": (["clip.y4m", "o.dvc", "--serve", ":0"], "OUTPUT or --serve"),
+    "raw video of unknown size": (["raw.yuv", "o.dvc"], "size"),
+    "raw video of unknown rate": (["raw.yuv", "o.dvc", "--size", "4x4"], "frame rate"),
+    "raw video cut short": (["raw.yuv", "o.dvc", "--size", "9x9", "--frame-rate", "25"], "raw.yuv"),
+    "QP": (["clip.y4m", "o.dvc", "--key-qp", "52"], "51"),
+    "QP in words": (["clip.y4m", "o.dvc", "--key-qp", "good"], "lossless or auto"),
+    "address": (["clip.y4m", "--serve", "localhost"], "HOST:PORT"),
+    "address of another machine": (["clip.y4m", "--serve", "192.0.2.1:0"], "cannot listen"),
+}  # fmt: skip
+
+BAD_ARGUMENTS = {
+    "unknown option": ["clip.y4m", "o.dvc", "--wz"],
+    "unknown codec": ["clip.y4m", "o.dvc", "--codec", "4d"],
+    "no frames wanted": ["clip.y4m", "o.dvc", "--frames", "0"],
+    "quantiser": ["clip.y4m", "o.dvc", "--wz-q", "9"],
+    "size": ["clip.y4m", "o.dvc", "--size", "4by4"],
+    "frame rate of zero": ["clip.y4m", "o.dvc", "--frame-rate", "0"],
+    "frame rate without end": ["clip.y4m", "o.dvc", "--frame-rate", "1/0"],
+    "frame rate in words": ["clip.y4m", "o.dvc", "--frame-rate", "fast"],
+    "no arguments": [],
+}
+
+
+@pytest.fixture
+def desk(tmp_path: Path, clip: Path, stream: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a working folder with good and bad files in it."""
+    (tmp_path / "clip.y4m").write_bytes(clip.read_bytes())
+    (tmp_path / "s.dvc").write_bytes(stream.read_bytes())
+    (tmp_path / "garbage.mkv").write_bytes(bytes(range(256)) * 40)
+    (tmp_path / "void.mkv").touch()
+    (tmp_path / "empty.y4m").write_bytes(b"YUV4MPEG2 W24 H16 F25:1 C420jpeg\n")
+    (tmp_path / "raw.yuv").write_bytes(bytes(30))
+    (tmp_path / "folder").mkdir()
+    write_clip(tmp_path / "large.y4m", moving_texture(5, 18, 24))
+    write_clip(tmp_path / "short.y4m", moving_texture(4, 16, 24))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD_ENCODER_INPUT.values(), ids=BAD_ENCODER_INPUT)
+def test_encoder_refuses_bad_input(
+    desk: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    """Whatever is wrong is said in one line with status 2, and no file is made or changed."""
+    before = contents(desk)
+    assert encode(*arguments) == 2
+    assert words in one_line_of(capsys)
+    assert contents(desk) == before
+
+
+@pytest.mark.parametrize("arguments", BAD_ARGUMENTS.values(), ids=BAD_ARGUMENTS)
+def test_encoder_refuses_bad_arguments(
+    desk: Path, capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    """Arguments that cannot be read are refused in one line with status 2."""
+    with pytest.raises(SystemExit) as stop:
+        encoder.__main__.main(arguments)
+    assert stop.value.code == 2
+    assert one_line_of(capsys).startswith("dvc-encode: ")
+    assert not (desk / "o.dvc").exists()
+
+
+BAD_DECODER_INPUT = {
+    "missing stream": (["nothing.dvc", "o.y4m"], "nothing.dvc"),
+    "foreign file": (["clip.y4m", "o.y4m"], "not a dvc3d stream"),
+    "empty file": (["void.mkv", "o.y4m"], "void.mkv: not a dvc3d stream"),
+    "folder": (["folder", "o.y4m"], "folder"),
+    "one name": (["s.dvc"], "INPUT and OUTPUT"),
+    "three names": (["s.dvc", "o.y4m", "p.y4m"], "INPUT and OUTPUT"),
+    "two names with --connect": (["s.dvc", "o.y4m", "--connect", ":1"], "expected OUTPUT"),
+    "kind of video": (["s.dvc", "o.txt"], "o.txt"),
+    "output equal to input": (["s.dvc", "s.dvc"], "input"),
+    "punctured equal to input": (["s.dvc", "o.y4m", "--punctured", "s.dvc"], "input"),
+    "output equal to reference": (["s.dvc", "clip.y4m", "--reference", "clip.y4m"], "input"),
+    "missing folder": (["s.dvc", "none/o.y4m"], "folder does not exist"),
+    "method": (["s.dvc", "o.y4m", "--side-information", "magic"], "mci"),
+    "reference of another size": (["s.dvc", "o.y4m", "--reference", "large.y4m"], "24x18"),
+    "reference too short": (["s.dvc", "o.y4m", "--reference", "short.y4m"], "reference ends before frame 4"),
+    "missing reference": (["s.dvc", "o.y4m", "--reference", "none.y4m"], "none.y4m"),
+    "nobody there": (["o.y4m", "--connect", "127.0.0.1:1", "--timeout", "1"], "nobody listens"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD_DECODER_INPUT.values(), ids=BAD_DECODER_INPUT)
+def test_decoder_refuses_bad_input(
+    desk: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
+) -> None:
+    """Whatever is wrong is said in one line with status 2, and no file is made or changed."""
+    before = contents(desk)
+    assert decode(*arguments) == 2
+    assert words in one_line_of(capsys)
+    assert contents(desk) == before
+
+
+def damaged_copies(data: bytes) -> list[bytes]:
+    """Cut and flip a stream at places from its front to its end."""
+    places = np.linspace(0, len(data) - 1, 12).astype(int).tolist()
+    flipped = [data[:k] + bytes([data[k] ^ 0x10]) + data[k + 1 :] for k in places]
+    return [*(data[:k] for k in places), *flipped, data + b"\0"]
+
+
+def test_damaged_streams_are_refused(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every cut and every flipped bit gives one line and no video."""
+    for damaged in damaged_copies((desk / "s.dvc").read_bytes()):
+        (desk / "damaged.dvc").write_bytes(damaged)
+        assert decode("damaged.dvc", "o.y4m") == 2
+        assert one_line_of(capsys).startswith("dvc-decode: ")
+        assert not (desk / "o.y4m").exists()
+
+
+def test_salvage_keeps_what_came_before_the_damage(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The groups of pictures before a damaged one are written, and the status is 2 all the same."""
+    with StreamReader(desk / "s.dvc") as reader:
+        sizes = [len(record.key) + sum(map(len, record.wyner_ziv)) for record in reader]
+    data = (desk / "s.dvc").read_bytes()
+    (desk / "cut.dvc").write_bytes(data[: len(data) - sizes[-1] // 2])
+    assert decode("s.dvc", "whole.y4m") == 0
+    assert decode("cut.dvc", "kept.y4m", "--salvage") == 2
+    assert "(frames kept: 3)" in one_line_of(capsys)
+    kept, whole = (desk / "kept.y4m").read_bytes(), (desk / "whole.y4m").read_bytes()
+    assert whole.startswith(kept)
+    with open_video(desk / "kept.y4m") as video:
+        assert len(list(video)) == 3
+
+
+def test_salvage_of_nothing_writes_nothing(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Damage in the first group of pictures leaves no video even with --salvage."""
+    data = (desk / "s.dvc").read_bytes()
+    with StreamReader(desk / "s.dvc") as reader:
+        first_key = data.index(next(iter(reader)).key)
+    (desk / "cut.dvc").write_bytes(data[: first_key + 1])
+    assert decode("cut.dvc", "kept.y4m", "--salvage") == 2
+    assert one_line_of(capsys).startswith("dvc-decode: cut.dvc: record 1 ")
+    assert not (desk / "kept.y4m").exists()
+
+
+def test_punctured_stream_refuses_another_method(
+    desk: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A punctured stream holds what one method needed, so that no other can decode it."""
+    from decoder.side_information import METHODS
+
+    monkeypatch.setitem(METHODS, "other", METHODS["mci"])
+    assert decode("s.dvc", "o.y4m", "--punctured", "p.dvc") == 0
+    assert decode("p.dvc", "q.y4m", "--side-information", "other") == 2
+    assert "can only be decoded as it was made, with mci" in one_line_of(capsys)
+    assert decode("s.dvc", "q.y4m", "--side-information", "other") == 0
+
+
+def test_json_goes_to_standard_output(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`--json -` prints a report with totals, and nothing else."""
+    assert decode("s.dvc", "o.y4m", "--json", "-") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["frames"] == 5
+    assert report["psnr_y_db"] is None
+    assert encode("clip.y4m", "o.dvc", "--json", "-") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["frames"] == 5
+    assert report["config"]["gop"]["length"] == 2
+
+
+@pytest.mark.parametrize("module", ["encoder", "decoder"])
+def test_help_is_quick_and_has_examples(module: str) -> None:
+    """Help shows examples, and loads neither numpy nor any compiled library."""
+    code = (
+        f"import sys, {module}.__main__ as m\n"
+        "try: m.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print('LOADED', *({'numpy', 'scipy', 'numba', 'cv2', 'av'} & set(sys.modules)))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "examples:" in shown
+    assert shown.splitlines()[-1] == "LOADED"
+
+
+def test_expected_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """Errors of the project, the system and the keyboard end in one line and a status; bugs do not."""
+
+    def fail(error: BaseException) -> int:
+        raise error
+
+    assert cli.run("x", lambda: 0) == 0
+    for error in (DvcError("two\nlines"), OSError(28, "No space left", "f"), MemoryError()):
+        assert cli.run("x", lambda error=error: fail(error)) == 2
+    assert cli.run("x", lambda: fail(KeyboardInterrupt())) == 130
+    expected = "x: two lines\nx: f: No space left\nx: out of memory\nx: interrupted\n"
+    assert capsys.readouterr().err == expected
+    with pytest.raises(ZeroDivisionError):
+        cli.run("x", lambda: fail(ZeroDivisionError()))
+
+
+def test_check_outputs_accepts_what_can_be_written(tmp_path: Path) -> None:
+    """New names in existing folders pass; a link to an input does not."""
+    (tmp_path / "in").touch()
+    cli.check_outputs([tmp_path / "in"], [tmp_path / "a", tmp_path / "b"])
+    (tmp_path / "link").symlink_to(tmp_path / "in")
+    with pytest.raises(ConfigError, match="also an input"):
+        cli.check_outputs([tmp_path / "in"], [tmp_path / "link"])
+
+
+def test_progress_bar_is_silent_away_from_terminals(capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing is written to a stderr that is no terminal."""
+    with cli.progress_bar("work", 2) as progress:
+        progress(1)
+        progress(1)
+    assert capsys.readouterr().err == ""

@@ -1,0 +1,287 @@
+"""Encoder and decoder as real processes: files, pipes of one machine, failing disks and failing peers."""
+
+import json
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello, ParityRequest
+from dvc.stream import StreamReader
+from tests.clips import moving_texture, write_clip
+
+PATIENCE_S = 120
+
+
+def start(module: str, *arguments: object, **options: Any) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", module, *map(str, arguments)]
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, text=True, **pipes, **options)
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    try:
+        _, stderr = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+    return process.returncode, stderr
+
+
+def run(module: str, *arguments: object, **options: Any) -> str:
+    status, stderr = finish(start(module, *arguments, **options))
+    assert status == 0, stderr
+    return stderr
+
+
+def assert_refused(outcome: tuple[int, str], *words: str) -> None:
+    status, stderr = outcome
+    lines = stderr.splitlines()
+    assert status == 2, stderr
+    assert "Traceback" not in stderr
+    assert all(word in lines[-1] for word in words), stderr
+
+
+def listening_port(encoder: subprocess.Popen[str]) -> int:
+    assert encoder.stderr is not None
+    return int(encoder.stderr.readline().rsplit(":", 1)[1])
+
+
+@dataclass(frozen=True)
+class Run:
+    """Files that one way of decoding made."""
+
+    video: Path
+    punctured: Path
+    report: dict[str, Any]
+
+    @property
+    def bits(self) -> list[dict[str, int]]:
+        return [frame["bits"] for frame in self.report["per_frame"]]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("processes")
+
+
+@pytest.fixture(scope="module")
+def clip(folder: Path) -> Path:
+    return write_clip(folder / "clip.y4m", moving_texture(5, 32, 48))
+
+
+@pytest.fixture(scope="module")
+def stream(folder: Path, clip: Path) -> Path:
+    run("encoder", clip, folder / "clip.dvc", "--wz-q", 3, "--json", folder / "encoder.json")
+    return folder / "clip.dvc"
+
+
+def decode(folder: Path, name: str, clip: Path, *source: object) -> Run:
+    video, punctured, report = (folder / f"{name}.{ending}" for ending in ("y4m", "dvc", "json"))
+    outputs = [video, "--punctured", punctured, "--json", report, "--reference", clip]
+    run("decoder", *source, *outputs)
+    return Run(video, punctured, json.loads(report.read_text()))
+
+
+@pytest.fixture(scope="module")
+def buffered(folder: Path, clip: Path, stream: Path) -> Run:
+    return decode(folder, "buffered", clip, stream)
+
+
+@pytest.fixture(scope="module")
+def live(folder: Path, clip: Path) -> Run:
+    encoder = start("encoder", clip, "--wz-q", 3, "--serve", "127.0.0.1:0", "--timeout", PATIENCE_S)
+    with encoder:
+        decoded = decode(
+            folder, "live", clip, "--connect", f"127.0.0.1:{listening_port(encoder)}", "--timeout", PATIENCE_S
+        )
+        status, stderr = finish(encoder)
+    assert status == 0, stderr
+    return decoded
+
+
+def test_punctured_stream_decodes_without_feedback_to_the_same_frames(
+    folder: Path, clip: Path, buffered: Run
+) -> None:
+    """A fresh process gets the same video, bits and stream from what the first decoder really needed."""
+    again = decode(folder, "again", clip, buffered.punctured)
+    assert again.video.read_bytes() == buffered.video.read_bytes()
+    assert again.punctured.read_bytes() == buffered.punctured.read_bytes()
+    assert again.bits == buffered.bits
+
+
+def test_live_run_gives_the_same_frames_and_bits(buffered: Run, live: Run) -> None:
+    """Two processes that talk over TCP end with the very files that the buffered stream gives."""
+    assert live.video.read_bytes() == buffered.video.read_bytes()
+    assert live.punctured.read_bytes() == buffered.punctured.read_bytes()
+    assert live.bits == buffered.bits
+    requests = [[frame.get("num_requests") for frame in run.report["per_frame"]] for run in (live, buffered)]
+    assert requests[0] == requests[1]
+
+
+def test_any_number_of_jobs_gives_the_same_bytes(folder: Path, stream: Path, buffered: Run) -> None:
+    """Decoding in two processes changes neither the video nor the punctured stream."""
+    run("decoder", stream, folder / "jobs.y4m", "--punctured", folder / "jobs.dvc", "--jobs", 2)
+    assert (folder / "jobs.y4m").read_bytes() == buffered.video.read_bytes()
+    assert (folder / "jobs.dvc").read_bytes() == buffered.punctured.read_bytes()
+
+
+def test_encoding_twice_gives_the_same_bytes(folder: Path, clip: Path, stream: Path) -> None:
+    """A second encoder process writes the same stream, and its report knows the size."""
+    run("encoder", clip, folder / "twice.dvc", "--wz-q", 3)
+    assert (folder / "twice.dvc").read_bytes() == stream.read_bytes()
+    report = json.loads((folder / "encoder.json").read_text())
+    assert report["stream_bytes"] == stream.stat().st_size
+    assert (report["num_key_frames"], report["num_wyner_ziv_frames"]) == (3, 2)
+
+
+def test_reported_bits_are_the_size_of_the_punctured_file(buffered: Run) -> None:
+    """All bits of all frames add up to the file, and the rate follows from its size."""
+    size = buffered.punctured.stat().st_size
+    report = buffered.report
+    assert sum(sum(bits.values()) for bits in buffered.bits) == 8 * size
+    assert sum(report["bits"].values()) == 8 * size
+    assert report["stream_bytes"] == size
+    assert report["rate_kbps"] == pytest.approx(8 * size * 25 / 5 / 1000)
+    assert report["num_failed_planes"] == 0
+
+
+def test_wyner_ziv_frames_are_better_than_their_side_information(buffered: Run) -> None:
+    """Parity improves the prediction, and the decoded frames resemble the original."""
+    assert buffered.report["wz_psnr_y_db"] > buffered.report["si_psnr_y_db"]
+    assert buffered.report["psnr_y_db"] > 28
+    assert [frame["type"] for frame in buffered.report["per_frame"]] == ["key", "wz", "key", "wz", "key"]
+
+
+def limit_file_size(size: int) -> Callable[[], None]:
+    """Stand-in for a full disk that needs no rights: the system refuses to let any file grow beyond a size."""
+    return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+@pytest.mark.parametrize("output", ["full.y4m", "full.mkv"])
+def test_decoder_leaves_nothing_on_a_full_disk(tmp_path: Path, stream: Path, output: str) -> None:
+    """A video that finds no room ends in one line and status 2, and no file is left."""
+    decoder = start("decoder", stream, tmp_path / output, preexec_fn=limit_file_size(1000))
+    assert_refused(finish(decoder), "dvc-decode:", output)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_encoder_leaves_nothing_on_a_full_disk(tmp_path: Path, clip: Path) -> None:
+    """A stream that finds no room ends in one line and status 2, and no file is left."""
+    encoder = start("encoder", clip, tmp_path / "full.dvc", preexec_fn=limit_file_size(1000))
+    assert_refused(finish(encoder), "dvc-encode:", "full.dvc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_interrupt_leaves_nothing(tmp_path: Path, clip: Path) -> None:
+    """An encoder that is interrupted while it waits for a decoder says so and ends with status 130."""
+    with start("encoder", clip, "--serve", "127.0.0.1:0", "--json", tmp_path / "report.json") as encoder:
+        listening_port(encoder)
+        encoder.send_signal(signal.SIGINT)
+        status, stderr = finish(encoder)
+    assert (status, stderr) == (130, "dvc-encode: interrupted\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def served(clip: Path) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
+    """An encoder that waits with a patience of one second, and a connection to it."""
+    with start("encoder", clip, "--serve", "127.0.0.1:0", "--timeout", 1, "--wz-q", 1) as encoder:
+        with socket.create_connection(("127.0.0.1", listening_port(encoder)), PATIENCE_S) as peer:
+            yield encoder, peer
+        encoder.kill()
+
+
+def test_encoder_gives_up_on_a_silent_decoder(served: tuple[subprocess.Popen[str], socket.socket]) -> None:
+    """A decoder that connects and says nothing costs the encoder its timeout, not its life."""
+    encoder, _ = served
+    assert_refused(finish(encoder), "is silent for 1 s")
+
+
+def test_encoder_gives_up_on_a_babbling_decoder(served: tuple[subprocess.Popen[str], socket.socket]) -> None:
+    """A peer that sends what is no message ends the run with one line."""
+    encoder, peer = served
+    peer.sendall(b"GET / HTTP/1.1\r\n\r\n" * 1000)
+    assert_refused(finish(encoder), "broke the feedback protocol")
+
+
+def test_encoder_gives_up_on_a_decoder_that_goes_away(
+    served: tuple[subprocess.Popen[str], socket.socket],
+) -> None:
+    """A decoder that leaves after the first group of pictures ends the run with one line."""
+    encoder, peer = served
+    endpoint = DecoderEndpoint()
+    assert isinstance(receive(endpoint, peer), Hello)
+    endpoint.send_next_gop()
+    peer.sendall(endpoint.bytes_to_send())
+    assert isinstance(receive(endpoint, peer), Gop)
+    peer.close()
+    assert_refused(finish(encoder), "the other side")
+
+
+def receive(endpoint: DecoderEndpoint | EncoderEndpoint, peer: socket.socket) -> object:
+    """Return the next event at an endpoint; one at a time is all that these peers provoke."""
+    while True:
+        events = endpoint.receive(peer.recv(2**16))
+        if events:
+            return events[0]
+
+
+Behaviour = Callable[[socket.socket, Path], None]
+
+
+def say_nothing(peer: socket.socket, stream: Path) -> None:
+    del stream
+    peer.recv(1)
+
+
+def say_too_much(peer: socket.socket, stream: Path) -> None:
+    del stream
+    peer.sendall(bytes([1]) + b"\xff\xff\xff\xff\x7f" + bytes(1000))
+    peer.recv(1)
+
+
+def go_away_at_the_first_request(peer: socket.socket, stream: Path) -> None:
+    with StreamReader(stream) as reader:
+        endpoint, records = EncoderEndpoint(reader.config), list(reader)
+    for record in records:
+        while not endpoint.num_credits:
+            peer.sendall(endpoint.bytes_to_send())
+            if isinstance(receive(endpoint, peer), ParityRequest):
+                return
+        endpoint.send_gop(record)
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "words"),
+    [
+        (say_nothing, "is silent for 1 s"),
+        (say_too_much, "broke the feedback protocol"),
+        (go_away_at_the_first_request, "closed the connection"),
+    ],
+)
+def test_decoder_gives_up_on_a_bad_encoder(
+    tmp_path: Path, stream: Path, behaviour: Behaviour, words: str
+) -> None:
+    """An encoder that is silent, babbles or leaves ends the decoder with one line, and no video is left."""
+
+    def serve() -> None:
+        peer, _ = listener.accept()
+        with peer:
+            behaviour(peer, stream)
+
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        thread = threading.Thread(target=serve)
+        thread.start()
+        address = f"127.0.0.1:{listener.getsockname()[1]}"
+        decoder = start("decoder", "--connect", address, tmp_path / "out.y4m", "--timeout", 1)
+        assert_refused(finish(decoder), "dvc-decode:", words)
+        thread.join(PATIENCE_S)
+    assert list(tmp_path.iterdir()) == []
