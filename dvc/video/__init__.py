@@ -1,7 +1,15 @@
 """Frames, and reading and writing them as video files."""
 
-from dvc.video.frames import Frame, VideoInfo, VideoReader, VideoWriter, chroma_shape, same_frame
-from dvc.video.readers import exact_frame_rate, open_video
+from dvc.video.frames import (
+    Frame,
+    VideoInfo,
+    VideoReader,
+    VideoWriter,
+    chroma_shape,
+    exact_frame_rate,
+    same_frame,
+)
+from dvc.video.readers import open_video
 from dvc.video.writers import create_video, pad_frame
 
 __all__ = [

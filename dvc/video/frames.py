@@ -161,6 +161,39 @@ def check_size(width: int, height: int, what: str) -> None:
         )
 
 
+def exact_frame_rate(frame_rate: Fraction | float) -> Fraction:
+    """Return the rate as a fraction; 29.97 and its kin become the NTSC rates that they stand for.
+
+    Parameters
+    ----------
+    frame_rate : Fraction or float
+        Frames per second.
+
+    Returns
+    -------
+    Fraction
+        Numerator and denominator below 2**31.
+
+    Raises
+    ------
+    ValueError
+        If the rate is not between 10**-6 and 10**6.
+
+    Examples
+    --------
+    >>> exact_frame_rate(29.97), exact_frame_rate(12.5)
+    (Fraction(30000, 1001), Fraction(25, 2))
+    """
+    if not 1e-6 <= frame_rate <= 1e6:
+        raise ValueError(f"`frame_rate` must be positive and at most 10**6, got {frame_rate}")
+    if isinstance(frame_rate, float):
+        ntsc = Fraction(round(frame_rate) * 1000, 1001)
+        if frame_rate != round(frame_rate) and abs(frame_rate - ntsc) < 0.005:
+            return ntsc
+    limit = 10**6 if frame_rate < 2000 else 1000
+    return Fraction(frame_rate).limit_denominator(limit)
+
+
 @dataclass(frozen=True)
 class VideoInfo:
     """What is known of a video before its frames are read.

@@ -11,7 +11,7 @@ import numpy as np
 
 from dvc.errors import VideoError
 from dvc.video.containers import consistent_frames, open_container, read_image
-from dvc.video.frames import Frame, VideoInfo, VideoReader, check_size, chroma_shape
+from dvc.video.frames import Frame, VideoInfo, VideoReader, check_size, chroma_shape, exact_frame_rate
 from dvc.video.pixels import conversion_notices, is_full_range
 from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Request
 
@@ -96,39 +96,6 @@ def open_video(
     return open_container(request)
 
 
-def exact_frame_rate(frame_rate: Fraction | float) -> Fraction:
-    """Return the rate as a fraction; 29.97 and its kin become the NTSC rates that they stand for.
-
-    Parameters
-    ----------
-    frame_rate : Fraction or float
-        Frames per second.
-
-    Returns
-    -------
-    Fraction
-        Numerator and denominator below 2**31.
-
-    Raises
-    ------
-    ValueError
-        If the rate is not between 10**-6 and 10**6.
-
-    Examples
-    --------
-    >>> exact_frame_rate(29.97), exact_frame_rate(12.5)
-    (Fraction(30000, 1001), Fraction(25, 2))
-    """
-    if not 1e-6 <= frame_rate <= 1e6:
-        raise ValueError(f"`frame_rate` must be positive and at most 10**6, got {frame_rate}")
-    if isinstance(frame_rate, float):
-        ntsc = Fraction(round(frame_rate) * 1000, 1001)
-        if frame_rate != round(frame_rate) and abs(frame_rate - ntsc) < 0.005:
-            return ntsc
-    limit = 10**6 if frame_rate < 2000 else 1000
-    return Fraction(frame_rate).limit_denominator(limit)
-
-
 def _open_raw(request: Request) -> FrameStream:
     """Open a headerless file of planar 4:2:0 frames."""
     path = request.path
@@ -165,7 +132,7 @@ def _raw_frames(file: BinaryIO, info: VideoInfo, path: Path) -> Iterator[Frame]:
     with file:
         for index in range(info.num_frames or 0):
             try:
-                data = np.frombuffer(file.read(luma_bytes + 2 * chroma_bytes), np.uint8)
+                data = np.fromfile(file, np.uint8, luma_bytes + 2 * chroma_bytes)
             except OSError as err:
                 raise VideoError(f"{path}: damaged after {index} frames ({err.strerror})") from err
             if data.size != luma_bytes + 2 * chroma_bytes:

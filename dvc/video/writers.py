@@ -12,7 +12,7 @@ import numpy as np
 
 from dvc.errors import VideoError
 from dvc.files import temporary_sibling
-from dvc.video.frames import Frame, Plane, VideoWriter, check_size
+from dvc.video.frames import Frame, Plane, VideoWriter, check_size, exact_frame_rate
 from dvc.video.pixels import picture_from_frame
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def create_video(
     size : tuple of int
         Width and height in pixels.
     frame_rate : Fraction or float
-        Frames per second, stored exactly.
+        Frames per second, stored exactly (29.97 and its kin as the NTSC rates, see `exact_frame_rate`).
     luma_only : bool, optional
         Store grey pictures (in ``.mp4``, neutral chroma); chroma of the frames is left out. Otherwise frames
         without chroma get neutral chroma.
@@ -139,6 +139,8 @@ def create_video(
     ------
     VideoError
         If the suffix is unknown, the size too large, or the file cannot be made there.
+    ValueError
+        If the frame rate is not positive.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -147,9 +149,7 @@ def create_video(
             f"cannot write {path}: the name must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
         )
     check_size(*size, str(path))
-    rate = Fraction(frame_rate).limit_denominator(10**6)
-    if rate <= 0:
-        raise ValueError(f"`frame_rate` must be positive, got {frame_rate}")
+    rate = exact_frame_rate(frame_rate)
     target = Path(os.path.realpath(path))
     temporary = temporary_sibling(target, VideoError)
     try:

@@ -38,12 +38,15 @@ def write_container(
     times: list[int] | None = None,
     pixel_format: str = "yuv420p",
     aspect: Fraction | None = None,
+    rotation: int = 0,
 ) -> None:
     """Write frames with FFmpeg, at given times in 1/25 s."""
     with av.open(str(path), "w") as container:
         stream = cast(VideoStream, container.add_stream(codec, rate=25))
         stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, pixel_format
         stream.time_base = stream.codec_context.time_base = Fraction(1, 25)
+        if rotation:
+            stream.set_display_rotation(rotation)
         if aspect is not None:
             stream.codec_context.sample_aspect_ratio = aspect
         for time, frame in zip(times or range(len(frames)), frames, strict=True):
@@ -225,6 +228,22 @@ def test_variable_rate_and_odd_pixels_are_noted(tmp_path: Path, moving_frames: M
             "variable frame rate: frames are taken as they come at the mean rate",
             "pixels are not square (4:3): taken as they are",
         )
+
+
+def test_fields_and_rotation_are_noted(tmp_path: Path, moving_frames: MakeFrames) -> None:
+    """Interlaced pictures and those to be shown turned come as they are stored, and the reader says so."""
+    frame = moving_frames(1, 16, 12)[0]
+    with create_video(tmp_path / "a.y4m", (16, 12), 25) as writer:
+        writer.write(frame)
+    data = (tmp_path / "a.y4m").read_bytes()
+    (tmp_path / "a.y4m").write_bytes(data.replace(b" Ip ", b" It ", 1))
+    with open_video(tmp_path / "a.y4m") as reader:
+        assert reader.info.notices[0].startswith("interlaced source")
+        assert same_frame(next(iter(reader)), frame)
+    write_container(tmp_path / "a.mp4", [frame], "libx264", rotation=90)
+    with open_video(tmp_path / "a.mp4") as reader:
+        assert reader.info.size == (16, 12)
+        assert "rotation" in reader.info.notices[0]
 
 
 def test_first_video_stream_is_taken(tmp_path: Path, moving_frames: MakeFrames) -> None:
