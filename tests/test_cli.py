@@ -1,4 +1,4 @@
-"""The commands on input that is small, odd or wrong: the right result, or one line, status 2 and no output."""
+"""The commands on small, odd and wrong input: the right result, or one line, status 2 and no output."""
 
 import json
 import subprocess

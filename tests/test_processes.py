@@ -161,7 +161,7 @@ def test_wyner_ziv_frames_are_better_than_their_side_information(buffered: Run) 
 
 
 def limit_file_size(size: int) -> Callable[[], None]:
-    """Stand-in for a full disk that needs no rights: the system refuses to let any file grow beyond a size."""
+    """Stand-in for a full disk that needs no rights: no file may grow beyond a size."""
     return lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
 
 

@@ -35,7 +35,7 @@ def plane_sad(plane_a, ya, xa, plane_b, yb, xb, size, limit):  # type: ignore[no
 
 @kernel
 def clamp_position(position, size, length):  # type: ignore[no-untyped-def]
-    """Keep a block of `size` samples inside `length` samples; quarter samples, one sample spare at the end."""
+    """Keep a block of `size` samples inside `length` samples; quarter samples, one sample spare."""
     return min(max(position, 0), 4 * (length - size - 1))
 
 
@@ -142,7 +142,7 @@ def refine_bilateral(  # type: ignore[no-untyped-def]
 
 @kernel
 def smoothness_cost(candidates, dv, dh, smoothness):  # type: ignore[no-untyped-def]
-    """Cost of a displacement against the neighbours' (candidates 1..8), robust: the mean of clipped distances."""
+    """Cost of a displacement against the neighbours' (candidates 1..8): mean of the clipped distances."""
     total = 0
     for k in range(1, 9):
         distance = abs(candidates[k, 0] - dv) + abs(candidates[k, 1] - dh)
@@ -154,8 +154,8 @@ def smoothness_cost(candidates, dv, dh, smoothness):  # type: ignore[no-untyped-
 def search_target(target, planes, margin, block, window, radius, step, smoothness, offsets, costs):  # type: ignore[no-untyped-def]
     """Move every block's offset to where the reference matches `target` best, within `radius` steps.
 
-    `target` is padded by the margin like the planes. Offsets are improved in place; `costs` receives the sum of absolute
-    differences plus `smoothness` per half sample of correction.
+    `target` is padded by the margin like the planes. Offsets are improved in place; `costs` receives the sum
+    of absolute differences plus `smoothness` per half sample of correction.
     """
     height, width = planes.shape[2], planes.shape[3]
     border = (window - block) // 2

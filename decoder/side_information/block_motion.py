@@ -1,15 +1,15 @@
 """Motion-compensated interpolation with block motion (MCI): the 2D method that every other one has to beat.
 
-Block motion between two low-pass filtered references is searched from coarse to fine over a pyramid: full forward
-search at the top, then at each level a choice among the neighbours' vectors and a small search by the difference of the
-two references along the linear trajectory through the block (bilateral), 16x16 blocks first, 8x8 last, each
-field regularised by its neighbours and by a vector median. Overlapped compensation of both references, weighted by
-their distance in time, gives the prediction.
+Block motion between two low-pass filtered references is searched from coarse to fine over a pyramid: full
+forward search at the top, then at each level a choice among the neighbours' vectors and a small search by the
+difference of the two references along the linear trajectory through the block (bilateral), 16x16 blocks
+first, 8x8 last, each field regularised by its neighbours and by a vector median. Overlapped compensation of
+both references, weighted by their distance in time, gives the prediction.
 
 References
 ----------
-[Ascenso2005] J. Ascenso, C. Brites, F. Pereira, "Improving frame interpolation with spatial motion smoothing for pixel
-domain distributed video coding", EURASIP Conf. on Speech, Image Processing and Multimedia, 2005.
+[Ascenso2005] J. Ascenso, C. Brites, F. Pereira, "Improving frame interpolation with spatial motion smoothing
+for pixel domain distributed video coding", EURASIP Conf. on Speech, Image Processing and Multimedia, 2005.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ from decoder.side_information.planes import (
     Luma,
     Offsets,
     compensate,
-    phase_planes,
     halve,
     low_pass,
+    phase_planes,
     resize_field,
 )
 from decoder.side_information.protocol import Prediction, ReferenceFrame

@@ -49,8 +49,8 @@ def _mean_of_two(dense: NDArray[np.uint16], phase: int, axis: int) -> NDArray[np
         first, second = dense[1:-1, phase >> 1], dense[1:-1, 1] if phase == 1 else dense[2:, 0]
     else:
         first, second = dense[:, phase >> 1, 1:-1], dense[:, 1, 1:-1] if phase == 1 else dense[:, 0, 2:]
-    mean: NDArray[np.uint16] = (first + second + 1) >> 1 if phase & 1 else first
-    return mean
+    mean = (first + second + 1) >> 1 if phase & 1 else first
+    return mean.astype(np.uint16, copy=False)
 
 
 def _six_taps(samples: NDArray[np.int32], axis: int) -> NDArray[np.int32]:
@@ -77,7 +77,8 @@ def low_pass(plane: Luma) -> Luma:
     padded = np.pad(plane.astype(np.int32), 1, mode="edge")
     columns = padded[:-2] + padded[1:-1] + padded[2:]
     total = columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:]
-    return ((total + 4) // 9).astype(np.uint8)
+    smooth: Luma = ((total + 4) // 9).astype(np.uint8)
+    return smooth
 
 
 def halve(plane: Luma) -> Luma:

@@ -1,4 +1,4 @@
-"""What a side-information method is given and what it returns; implement `SideInformationMethod` to add one."""
+"""What a side-information method is given and returns; implement `SideInformationMethod` to add one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

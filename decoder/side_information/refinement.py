@@ -1,8 +1,8 @@
-"""Motion refinement during decoding: once some bands are known, each block looks again for where it came from.
+"""Motion refinement during decoding: once some bands are known, each block looks again for its origin.
 
 The partly decoded frame is a low-resolution picture of the truth. Matching it against every reference
-separately corrects wrong vectors, gives up the assumption of linear motion, and tells which reference sees the block:
-each reference is weighted by how well it matches.
+separately corrects wrong vectors, gives up the assumption of linear motion, and tells which reference sees
+the block: each reference is weighted by how well it matches.
 
 References
 ----------

@@ -7,7 +7,7 @@ from dvc._jit import kernel
 
 @kernel
 def transform_blocks(samples, scale, coefficients):  # type: ignore[no-untyped-def]
-    """4x4 integer transform; `scale` and `coefficients` are in raster order of the block: (4, 4) and (16, N)."""
+    """4x4 integer transform; `scale` (4, 4) and `coefficients` (16, N) in raster order of the block."""
     columns = samples.shape[1] // 4
     half = np.empty((4, 4), np.int64)
     for block in range(coefficients.shape[1]):

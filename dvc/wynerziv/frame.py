@@ -305,8 +305,8 @@ class EncodedFrame:
         Returns
         -------
         bytes
-            Payload of the buffered form: after the header, CRC, plain bits and the parity of each code; in each of
-            them one little-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
+            Payload of the buffered form: after the header, CRC, plain bits and the parity of each code; in
+            each of them one little-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
         """
         sections = [self._crc, self._words, *(self._parity_words(code) for code in range(len(self._codes)))]
         size = -(-self._layout.num_planes // 8)
