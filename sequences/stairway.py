@@ -200,6 +200,6 @@ DESCRIPTION = Description(
     shows="a flight of stone steps between a brick wall with ivy and a balustrade, a house above",
     motion="sideways, with the tremor of a hand, up to 7 px between frames",
     purpose="edges along epipolar lines (the aperture problem), motion that is not smooth in time",
-    motion_px=(0.0, 0.0, 0.0),
+    motion_px=(2.17, 0.83, 3.51),
     pose=pose,
 )

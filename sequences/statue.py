@@ -171,6 +171,6 @@ DESCRIPTION = Description(
     shows="a robed figure on a pedestal in a square with a portico, houses and trees",
     motion="sideways on an arc round the statue, with a light tremor",
     purpose="large occlusions, a smooth curved surface, background that moves faster than the subject",
-    motion_px=(0.0, 0.0, 0.0),
+    motion_px=(2.29, 1.66, 2.92),
     pose=pose,
 )

@@ -178,6 +178,6 @@ DESCRIPTION = Description(
     shows="a street of town houses with parked cars, lamps and trees",
     motion="smooth, forward along the street; the epipole stays inside the image",
     purpose="triangulation near the epipole, large range of depths, growing scale",
-    motion_px=(0.0, 0.0, 0.0),
+    motion_px=(1.48, 1.35, 1.58),
     pose=pose,
 )

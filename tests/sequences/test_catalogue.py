@@ -1,0 +1,193 @@
+"""The catalogue and its command: names, files, user material, errors in one line."""
+
+import json
+import subprocess
+import sys
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dvc.errors import ConfigError, VideoError
+from dvc.video import Frame, create_video, open_video
+from sequences import catalogue
+from sequences.__main__ import main
+from sequences.scenes import Description
+from sequences.sequence import RenderedSequence
+
+
+@pytest.fixture
+def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make a data folder with a known file, user material, one like a scene, one damaged, one foreign."""
+    folder = tmp_path / "data"
+    folder.mkdir()
+    frame = Frame(np.full((18, 22), 90, dtype=np.uint8))
+    for name in ("box.mkv", "holiday.y4m", "street.mkv"):
+        with create_video(folder / name, (22, 18), Fraction(25)) as writer:
+            for _ in range(3):
+                writer.write(frame)
+    (folder / "broken.mkv").write_bytes(b"not a video")
+    (folder / "notes.txt").write_text("x")
+    monkeypatch.setenv("DVC_DATA", str(folder))
+    return folder
+
+
+def test_entries_are_scenes_then_files(data: Path) -> None:
+    """Scenes come first; a file with the name of a scene keeps its suffix; other files are left out."""
+    names = [entry.name for entry in catalogue.entries()]
+    assert names == ["street", "stairway", "statue", "box", "broken", "holiday", "street.mkv"]
+
+
+def test_known_files_are_described_and_others_are_user_material(data: Path) -> None:
+    """A known name brings its description; an unknown file is probed; a damaged one says so."""
+    by_name = {entry.name: entry for entry in catalogue.entries()}
+    assert by_name["box"].about.static == "yes"
+    assert (by_name["box"].width, by_name["box"].height, by_name["box"].num_frames) == (22, 18, 3)
+    assert by_name["holiday"].about.purpose == "user material"
+    assert by_name["holiday"].frame_rate == 25
+    assert by_name["broken"].about.shows == "unreadable"
+
+
+def test_resolve_finds_scenes_names_and_paths(data: Path, tmp_path: Path) -> None:
+    """A scene's name wins; a stem or file name means the data folder; anything that exists is itself."""
+    assert isinstance(catalogue.resolve("street"), Description)
+    assert catalogue.resolve("box") == catalogue.resolve("box.mkv") == data / "box.mkv"
+    assert catalogue.resolve("street.mkv") == data / "street.mkv"
+    assert catalogue.resolve(data / "box.mkv") == data / "box.mkv"
+    assert catalogue.resolve(str(tmp_path)) == tmp_path
+    with pytest.raises(ConfigError, match=r"'beach'.*street, .*holiday"):
+        catalogue.resolve("beach")
+
+
+def test_sequences_open_whatever_they_are(data: Path) -> None:
+    """A scene opens as a rendered sequence, a name as its file; start and length are passed on."""
+    with catalogue.open_sequence("statue", start=5, num_frames=2) as scene:
+        assert isinstance(scene, RenderedSequence)
+        assert (scene.start, scene.info.num_frames) == (5, 2)
+    with catalogue.open_sequence("box", start=1) as reader:
+        assert len(list(reader)) == 2
+    with pytest.raises(VideoError):
+        catalogue.open_sequence("broken")
+
+
+def test_missing_data_folder_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A variable that points nowhere is an error, not an empty catalogue."""
+    monkeypatch.setenv("DVC_DATA", str(tmp_path / "nowhere"))
+    with pytest.raises(ConfigError, match="DVC_DATA"):
+        catalogue.entries()
+
+
+def test_known_table_fits_the_real_files(shared_sequences: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every described file that is present can be read and declares its length."""
+    monkeypatch.setenv("DVC_DATA", str(shared_sequences))
+    found = {entry.name: entry for entry in catalogue.entries() if entry.name in catalogue.KNOWN}
+    assert set(found) == set(catalogue.KNOWN)
+    assert all(entry.num_frames and entry.width in (176, 352) for entry in found.values())
+
+
+def test_list_writes_table_and_json(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Both forms name every sequence; JSON holds plain values."""
+    assert main(["list"]) == 0
+    table = capsys.readouterr().out
+    assert all(name in table for name in ("street", "stairway", "statue", "box", "holiday"))
+    assert main(["list", "--json"]) == 0
+    entries = json.loads(capsys.readouterr().out)
+    assert entries[0]["name"] == "street"
+    assert entries[0]["fps"] == 30.0
+    assert {"purpose", "motion", "static", "num_frames", "path"} <= set(entries[0])
+
+
+def test_info_tells_size_rate_and_purpose(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One sequence, as text and as JSON, by name or path."""
+    assert main(["info", "statue"]) == 0
+    text = capsys.readouterr().out
+    assert "352x288" in text
+    assert "occlusion" in text
+    assert main(["info", str(data / "holiday.y4m"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["width"] == 22
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["info", "beach"], "beach"),
+        (["info", "broken"], "broken"),
+        (["render", "beach", "--out", "x.mkv"], "street"),
+        (["render", "statue", "--out", "x.gif"], ".mkv"),
+        (["render", "statue", "--out", "no/such/folder/x.mkv"], "folder"),
+        (["render", "statue", "--out", "x.mkv", "--noise", "nan"], "noise"),
+        (["render", "statue", "--out", "x.mkv", "--noise", "-1"], "noise"),
+        (["render", "statue", "--out", "x.mkv", "--size", "99999x2"], "99999x2"),
+    ],
+)
+def test_wrong_input_is_one_line_and_status_two(
+    data: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    message: str,
+) -> None:
+    """Whatever is wrong with the input, there is one line on standard error and no file."""
+    monkeypatch.chdir(data.parent)
+    assert main(arguments) == 2
+    streams = capsys.readouterr()
+    assert streams.out == ""
+    assert streams.err.count("\n") == 1
+    assert message in streams.err
+    assert [path.name for path in data.parent.iterdir()] == ["data"]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["dance"],
+        ["render", "statue"],
+        ["render", "statue", "--out", "x.mkv", "--size", "12"],
+        ["render", "statue", "--out", "x.mkv", "--size", "0x8"],
+        ["render", "statue", "--out", "x.mkv", "--frames", "0"],
+        ["render", "statue", "--out", "x.mkv", "--jobs", "-2"],
+    ],
+)
+def test_wrong_usage_is_one_line_and_status_two(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A malformed command line ends the same way."""
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_render_writes_a_video(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command renders with the options it was given."""
+    monkeypatch.setattr("sequences.sequence.scene", lambda name, seed, _: _small(name, seed))
+    out = tmp_path / "s.y4m"
+    arguments = ["render", "stairway", "--out", str(out), "--size", "24x17", "--frames", "2", "--start", "4"]
+    files = ["--depth", str(tmp_path / "d"), "--cameras", str(tmp_path / "c.json")]
+    assert main([*arguments, *files, "--noise", "1.5", "--jobs", "2"]) == 0
+    with open_video(out) as reader:
+        assert reader.info.size == (24, 17)
+        assert len(list(reader)) == 2
+    assert sorted(path.name for path in (tmp_path / "d").iterdir()) == ["0004.pfm", "0005.pfm"]
+
+
+def _small(name: str, seed: int) -> object:
+    from sequences.scenes import scene
+
+    return scene(name, seed, 0.05)
+
+
+def test_help_is_quick_and_shows_examples() -> None:
+    """Help needs neither the renderer nor a video library."""
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "sequences", "--help"], capture_output=True, text=True, check=True
+    )
+    assert time.perf_counter() - begin < 2.0
+    assert "examples:" in done.stdout
+    heavy = "numba", "av", "cv2", "numpy"
+    probe = f"import sys, sequences.__main__; sys.exit(any(name in sys.modules for name in {heavy}))"
+    assert subprocess.run([sys.executable, "-c", probe], check=False).returncode == 0
