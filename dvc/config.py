@@ -145,7 +145,7 @@ class KeyFrameConfig(_Section):
     parameter_sets: bytes = b""  # what the H.264 decoder needs once, before the first key frame
 
     def _check_values(self) -> None:
-        _check_range("qp", self.qp, 0, 51)
+        _check_range("qp", self.qp, 1, 51)
         size = len(self.parameter_sets)
         if size > MAX_PARAMETER_SETS_BYTES:
             raise ConfigError(f"`parameter_sets` is limited to {MAX_PARAMETER_SETS_BYTES} bytes, got {size}")

@@ -64,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
         "--key-qp",
         default="auto",
         metavar="QP",
-        help="0 to 51, lossless, or auto: whatever suits preset Q; default: %(default)s",
+        help="1 to 51, lossless, or auto: whatever suits preset Q; default: %(default)s",
     )
     coding.add_argument("--luma-only", action="store_true", help="code no chroma")
     coding.add_argument(
@@ -191,14 +191,14 @@ def _serve(session, reader, arguments, progress) -> None:  # type: ignore[no-unt
 def _configure(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
     from dataclasses import replace
 
-    if arguments.key_qp == "lossless":
+    if arguments.key_qp in ("lossless", "0"):
         key = KeyFrameConfig(lossless=True)
     elif arguments.key_qp == "auto":
         key = KeyFrameConfig(key_qp_for(arguments.wz_q))
     elif arguments.key_qp.isdecimal():
         key = KeyFrameConfig(int(arguments.key_qp))
     else:
-        raise ConfigError(f"--key-qp must be 0 to 51, lossless or auto, got {arguments.key_qp!r}")
+        raise ConfigError(f"--key-qp must be 1 to 51, lossless or auto, got {arguments.key_qp!r}")
     rate = info.frame_rate
     return CodecConfig(
         codec=arguments.codec,

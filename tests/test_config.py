@@ -48,7 +48,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
         "2d",
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
         GopConfig(draw(st.integers(1, 256)), draw(st.booleans())),
-        KeyFrameConfig(draw(st.integers(0, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
+        KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
         WynerZivConfig(
             tuple(draw(st.lists(level, min_size=16, max_size=16).filter(any))),
             tuple(sorted(draw(st.sets(st.integers(0, 15))))),
