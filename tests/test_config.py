@@ -146,7 +146,7 @@ def test_sizes_of_planes() -> None:
         ("video", "frame_rate_den", 0, "`frame_rate_den`"),
         ("video", "luma_only", 1, "of type bool"),
         ("gop", "length", 257, "from 1 to 256"),
-        ("key", "qp", 52, "from 0 to 51"),
+        ("key", "qp", 52, "from 1 to 51"),
         ("key", "parameter_sets", "no base64!", "base64"),
         ("key", "parameter_sets", "A" * 2000, "limited to 1024 bytes"),
         ("key", "parameter_sets", "\u20ac", "base64"),
