@@ -1,0 +1,257 @@
+"""Layout and payloads of a Wyner-Ziv frame: what is written is what can be asked for."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dvc import turbo
+from dvc._jit import python_twin
+from dvc.config import CodecConfig, VideoConfig, WynerZivConfig
+from dvc.errors import BitstreamError
+from dvc.wynerziv import _kernels, bitplanes, quantizer, transform
+from dvc.wynerziv.frame import (
+    BufferedFrame,
+    EncodedFrame,
+    FrameLayout,
+    PuncturedFrame,
+    PunctureRecorder,
+    quantize_frame,
+)
+from tests.reference import wynerziv_planes as reference
+
+CODES = turbo.family("adaptive")
+
+
+@dataclass(frozen=True)
+class Question:
+    """A parity request, as far as a frame looks at it."""
+
+    plane: int
+    kind: str
+    code: int
+    start: int
+    count: int
+
+
+def layout_of(height: int, width: int, levels: tuple[int, ...]) -> FrameLayout:
+    config = CodecConfig(
+        codec="2d", video=VideoConfig(width, height, 25, 1), wyner_ziv=WynerZivConfig(levels=levels)
+    )
+    return FrameLayout.of(config)
+
+
+PRESETS = [WynerZivConfig.preset(q).levels for q in range(1, 9)]
+layouts = st.builds(
+    layout_of,
+    st.integers(1, 17),
+    st.integers(1, 17),
+    st.one_of(
+        st.sampled_from(PRESETS),
+        st.tuples(*[st.sampled_from([0, 2, 4, 16, 64, 256])] * 16).filter(any),
+    ),
+)
+
+
+def random_luma(layout: FrameLayout, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    shape = layout.height, layout.width
+    return np.clip(rng.normal(rng.uniform(0, 255), rng.uniform(1, 90), shape), 0, 255).astype(np.uint8)
+
+
+def encoded_frame(layout: FrameLayout, seed: int) -> EncodedFrame:
+    steps, words = quantize_frame(layout, random_luma(layout, seed))
+    return EncodedFrame(layout, layout.write_header(steps), words, CODES, interleaver_seed=1)
+
+
+def plain_planes(frame: EncodedFrame, layout: FrameLayout) -> np.ndarray:
+    questions = [Question(plane, "plain", 0, 0, layout.num_bits) for plane in range(layout.num_planes)]
+    return np.stack([frame.answer(question) for question in questions])
+
+
+@given(layouts, st.data())
+def test_header_round_trip(layout: FrameLayout, data: st.DataObject) -> None:
+    """Step indices of all AC bands that are sent survive, whatever follows the header."""
+    bands = [band for band in layout.bands if band]
+    steps = {band: data.draw(st.integers(0, 63)) for band in bands}
+    header = layout.write_header(steps)
+    assert len(header) == layout.header_bytes
+    assert layout.read_header(header + b"parity") == steps
+    if header:
+        with pytest.raises(BitstreamError, match="lacks its"):
+            layout.read_header(header[:-1])
+
+
+@given(layouts)
+def test_planes_are_numbered_band_by_band(layout: FrameLayout) -> None:
+    """Each band's planes follow those of the band before, and all are counted."""
+    expected = 0
+    for band in layout.bands:
+        assert layout.first_plane[band] == expected
+        expected += quantizer.num_planes(layout.levels[band])
+    assert layout.num_planes == expected
+    assert layout.num_bits == np.prod(layout.band_shape)
+
+
+@given(layouts, st.integers(0, 2**32 - 1))
+def test_quantized_words_hold_the_digits_of_the_bins(layout: FrameLayout, seed: int) -> None:
+    """The compiled encoder path puts the same bits into words as transform, quantiser and planes do."""
+    luma = random_luma(layout, seed)
+    steps, _ = quantize_frame(layout, luma)
+    planes = plain_planes(encoded_frame(layout, seed), layout)
+    bands = transform.forward(luma).reshape(16, -1)
+    for band in layout.bands:
+        edges = layout.edges(band, steps)
+        first, count = layout.first_plane[band], quantizer.num_planes(layout.levels[band])
+        bins = quantizer.quantize(bands[band], edges)
+        np.testing.assert_array_equal(planes[first : first + count], bitplanes.to_planes(bins, count))
+
+
+@settings(max_examples=40)
+@given(layouts, st.integers(0, 2**32 - 1), st.data())
+def test_buffered_payload_answers_every_question(layout: FrameLayout, seed: int, data: st.DataObject) -> None:
+    """What the encoder would answer can be read from the buffered payload, any range of any kind of bits."""
+    frame = encoded_frame(layout, seed)
+    buffered = BufferedFrame(layout, frame.buffered_payload(), len(CODES))
+    for _ in range(8):
+        kind = data.draw(st.sampled_from(["crc", "plain", "parity"]))
+        size = layout.crc_bits if kind == "crc" else layout.num_bits
+        start = data.draw(st.integers(0, size))
+        question = Question(
+            data.draw(st.integers(0, layout.num_planes - 1)),
+            kind,
+            data.draw(st.integers(0, len(CODES) - 1)),
+            start,
+            data.draw(st.integers(0, size - start)),
+        )
+        np.testing.assert_array_equal(buffered.answer(question), frame.answer(question))
+
+
+def test_answers_are_the_codes_of_the_planes() -> None:
+    """Check and parity bits are those of `dvc.turbo` for the plane alone."""
+    layout = layout_of(16, 20, PRESETS[7])
+    frame = encoded_frame(layout, 5)
+    planes = plain_planes(frame, layout)
+    parity = turbo.encode_planes(planes, CODES[1], 1)
+    check = turbo.crc(planes, layout.crc_bits)
+    for plane in (0, 6, layout.num_planes - 1):
+        whole = Question(plane, "parity", 1, 0, layout.num_bits)
+        np.testing.assert_array_equal(frame.answer(whole), parity[plane])
+        whole = Question(plane, "crc", 0, 0, layout.crc_bits)
+        np.testing.assert_array_equal(frame.answer(whole), check[plane])
+
+
+@pytest.mark.parametrize(
+    "question",
+    [
+        Question(-1, "plain", 0, 0, 1),
+        Question(99, "plain", 0, 0, 1),
+        Question(0, "magic", 0, 0, 1),
+        Question(0, "parity", len(CODES), 0, 1),
+        Question(0, "parity", -1, 0, 1),
+        Question(0, "plain", 0, -1, 1),
+        Question(0, "plain", 0, 3, -1),
+        Question(0, "plain", 0, 0, 17),
+    ],
+)
+def test_questions_for_what_does_not_exist_are_refused(question: Question) -> None:
+    """Planes, kinds, codes and ranges that a frame does not have raise `ValueError`."""
+    frame = encoded_frame(layout_of(16, 16, PRESETS[0]), 0)
+    with pytest.raises(ValueError, match=r"plane|bits"):
+        frame.answer(question)
+
+
+@pytest.mark.parametrize("change", [-1, 1])
+def test_buffered_payload_of_another_size_is_refused(change: int) -> None:
+    """A payload that is a byte short or long cannot be a frame of the layout."""
+    layout = layout_of(16, 16, PRESETS[0])
+    payload = encoded_frame(layout, 0).buffered_payload()
+    wrong = payload[:-1] if change < 0 else payload + b"\0"
+    with pytest.raises(BitstreamError, match="expected"):
+        BufferedFrame(layout, wrong, len(CODES))
+
+
+def ask(counts: list[int]) -> Generator[Question, np.ndarray, list[np.ndarray]]:
+    answers = []
+    for count in counts:
+        answers.append((yield Question(0, "plain", 0, 0, count)))
+    return answers
+
+
+@given(st.lists(st.integers(0, 30), max_size=8), st.integers(0, 2**32 - 1))
+def test_punctured_payload_replays_what_was_recorded(counts: list[int], seed: int) -> None:
+    """The bits that a decoder was given come back from the payload, in order, and use it up."""
+    layout = layout_of(8, 8, PRESETS[0])
+    header = layout.write_header(dict.fromkeys([band for band in layout.bands if band], 9))
+    rng = np.random.default_rng(seed)
+    recorder = PunctureRecorder()
+    watched = recorder.watch(ask(counts))
+    given_bits = [rng.integers(0, 2, count, dtype=np.uint8) for count in counts]
+    returned = None
+    try:
+        next(watched)
+        for bits in given_bits:
+            watched.send(bits)
+    except StopIteration as stop:
+        returned = stop.value
+    assert returned is not None
+    assert all(a is b for a, b in zip(returned, given_bits, strict=True))
+    payload = recorder.payload(header)
+    assert len(payload) == len(header) + -(-sum(counts) // 8)
+    source = PuncturedFrame(layout, payload)
+    for count, bits in zip(counts, given_bits, strict=True):
+        np.testing.assert_array_equal(source.answer(Question(3, "parity", 2, 7, count)), bits)
+    source.finish()
+    with pytest.raises(BitstreamError, match="are needed"):
+        source.answer(Question(0, "plain", 0, 0, 9))
+
+
+def test_punctured_payload_with_bytes_left_over_is_refused() -> None:
+    """No encoder writes more than the bits that were asked for."""
+    layout = layout_of(8, 8, PRESETS[0])
+    source = PuncturedFrame(layout, bytes(layout.header_bytes) + b"\xff\xff")
+    source.answer(Question(0, "plain", 0, 0, 8))
+    with pytest.raises(BitstreamError, match="8 bits left over"):
+        source.finish()
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("twin", [False, True])
+@pytest.mark.parametrize("levels", [2, 16, 256])
+def test_quantising_kernels_equal_their_twins(levels: int, twin: bool) -> None:
+    """Compiled and as Python, the kernels set the digits of the bins, on borders as well."""
+    rng = np.random.default_rng(levels)
+    step = 4.0  # a power of two, so that the borders themselves are exact
+    edges = quantizer.bin_edges(levels, step)
+    inner = edges[1:-1]
+    coefficients = np.concatenate(
+        [rng.normal(0.0, levels, 40), edges, inner, np.nextafter(inner, -np.inf), [0.0]]
+    )
+    dc = rng.uniform(0.0, 1020.0, coefficients.size)
+    planes = quantizer.num_planes(levels)
+    words = np.zeros((coefficients.size, 2), np.uint64)
+    choose = python_twin if twin else (lambda kernel: kernel)
+    choose(_kernels.pack_dead_zone)(coefficients, step, planes, 60, words)
+    choose(_kernels.pack_uniform)(dc, 1024.0 / levels, planes, 60 + planes, words)
+    for n in range(coefficients.size):
+        number = reference.find_bin(coefficients[n], edges)
+        digits = reference.binary_digits(number, planes)
+        number = reference.find_bin(dc[n], quantizer.bin_edges(levels, None))
+        digits += reference.binary_digits(number, planes)
+        got = [int(words[n, p // 64] >> np.uint64(p % 64)) & 1 for p in range(60, 60 + 2 * planes)]
+        assert got == digits
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("twin", [False, True])
+def test_transform_kernel_equals_the_transform(twin: bool) -> None:
+    """The compiled transform of the encoder gives the very numbers of the one of the decoder."""
+    luma = np.random.default_rng(2).integers(0, 256, (12, 20), dtype=np.uint8)
+    raster = np.empty((16, 15))
+    run = python_twin(_kernels.transform_blocks) if twin else _kernels.transform_blocks
+    run(luma, transform.SCALE, raster)
+    order = 4 * transform.ZIGZAG[:, 0] + transform.ZIGZAG[:, 1]
+    np.testing.assert_array_equal(raster[order], transform.forward(luma).reshape(16, -1))

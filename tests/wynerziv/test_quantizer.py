@@ -1,0 +1,91 @@
+"""Scalar quantisers and bit planes: borders, bins, digits."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc.wynerziv import bitplanes, quantizer
+from tests.reference import wynerziv_planes as reference
+
+levels_strategy = st.sampled_from([2, 4, 8, 16, 32, 64, 128, 256])
+
+
+def test_dc_bins_are_uniform() -> None:
+    """DC has as many bins as levels, equally wide, from 0 to 1024."""
+    edges = quantizer.bin_edges(8, None)
+    np.testing.assert_array_equal(edges, np.arange(9) * 128.0)
+
+
+def test_ac_bins_have_a_doubled_zero_bin() -> None:
+    """AC has one bin fewer than levels; the middle one is twice as wide, and all are symmetric about zero."""
+    np.testing.assert_array_equal(quantizer.bin_edges(8, 3.0), [-12, -9, -6, -3, 3, 6, 9, 12])
+    np.testing.assert_array_equal(quantizer.bin_edges(2, 5.0), [-5, 5])
+
+
+@given(levels_strategy, st.one_of(st.none(), st.floats(1.0, 1448.0)), st.floats(-2e3, 2e3))
+def test_quantize_finds_the_half_open_bin(levels: int, step: float | None, coefficient: float) -> None:
+    """A coefficient falls into the bin that holds it, or into the nearest at the ends."""
+    edges = quantizer.bin_edges(levels, step)
+    assert quantizer.quantize(np.array([coefficient]), edges)[0] == reference.find_bin(coefficient, edges)
+
+
+def test_borders_belong_to_the_bin_above() -> None:
+    """A coefficient on a border falls into the bin that starts there."""
+    edges = quantizer.bin_edges(8, 3.0)
+    np.testing.assert_array_equal(quantizer.quantize(edges[1:-1], edges), np.arange(1, edges.size - 1))
+
+
+@given(levels_strategy, st.lists(st.floats(-1020.0, 1020.0), max_size=20))
+def test_step_holds_every_coefficient(levels: int, values: list[float]) -> None:
+    """The step that is sent makes the outermost bins hold the largest magnitude, with little to spare."""
+    coefficients = np.array(values, dtype=np.float64)
+    index = quantizer.step_index(coefficients, levels)
+    assert 0 <= index < 2**quantizer.STEP_INDEX_BITS
+    reach = quantizer.step_from_index(index) * levels / 2
+    largest = np.abs(coefficients).max(initial=0.0)
+    assert largest <= reach * (1 + 1e-9)
+    assert index == 0 or largest > quantizer.step_from_index(index - 1) * levels / 2 * (1 - 1e-6)
+
+
+@pytest.mark.parametrize(("levels", "planes"), [(0, 0), (2, 1), (4, 2), (128, 7), (256, 8)])
+def test_number_of_planes(levels: int, planes: int) -> None:
+    """A band of 2^m levels has m planes; one that is not sent has none."""
+    assert quantizer.num_planes(levels) == planes
+
+
+@given(st.integers(1, 8), st.lists(st.integers(0, 255), min_size=1, max_size=50))
+def test_planes_are_binary_digits(count: int, values: list[int]) -> None:
+    """Planes hold the digits of the bins, most significant first, and spell them again."""
+    bins = np.array(values, dtype=np.int64) % 2**count
+    planes = bitplanes.to_planes(bins, count)
+    assert planes.dtype == np.uint8
+    assert planes.T.tolist() == [reference.binary_digits(number, count) for number in bins.tolist()]
+    np.testing.assert_array_equal(bitplanes.from_planes(planes), bins)
+    np.testing.assert_array_equal(bitplanes.from_planes(planes[:1]), bins >> (count - 1))
+
+
+@given(levels_strategy, st.integers(0, 2**32 - 1))
+def test_prefix_borders_close_in_on_the_bin(levels: int, seed: int) -> None:
+    """Every further plane narrows the interval, which holds the coefficient to the last."""
+    coefficients = np.random.default_rng(seed).uniform(-60.0, 60.0, 30)
+    edges = quantizer.bin_edges(levels, 60.0 * 2 / levels)
+    bins = quantizer.quantize(coefficients, edges)
+    count = quantizer.num_planes(levels)
+    planes = bitplanes.to_planes(bins, count)
+    widths = [np.full(30, np.inf)]
+    for known in range(count + 1):
+        prefix = bitplanes.from_planes(planes[:known])
+        lower, upper = bitplanes.prefix_borders(prefix, count - known, edges)
+        assert (lower <= coefficients).all()
+        assert (coefficients <= upper).all()
+        assert (upper - lower <= widths[-1]).all()
+        widths.append(upper - lower)
+    np.testing.assert_array_equal(lower, edges[bins])
+    np.testing.assert_array_equal(upper, edges[bins + 1])
+
+
+def test_bins_that_do_not_exist_have_no_width() -> None:
+    """The planes of an AC band can spell one bin too many; its interval is empty."""
+    lower, upper = bitplanes.prefix_borders(np.array([7]), 0, quantizer.bin_edges(8, 3.0))
+    assert lower[0] == upper[0] == 12.0

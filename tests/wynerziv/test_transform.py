@@ -1,0 +1,74 @@
+"""The 4x4 transform against one matrix product per block."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc import config
+from dvc.wynerziv import transform
+from tests.reference import wynerziv_transform as reference
+
+
+def random_luma(height: int, width: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (height, width), dtype=np.uint8)
+
+
+def test_forward_equals_matrix_products() -> None:
+    """Bands are the products of every block with the orthonormal basis, in zigzag order."""
+    luma = random_luma(24, 36)
+    np.testing.assert_allclose(transform.forward(luma), reference.forward(luma), atol=1e-9)
+    np.testing.assert_allclose(transform.forward(luma / 7.0), reference.forward(luma) / 7.0, atol=1e-9)
+
+
+def test_inverse_equals_matrix_products() -> None:
+    """Arbitrary bands give the sum of weighted basis pictures."""
+    bands = np.random.default_rng(1).normal(0.0, 50.0, (16, 5, 7))
+    np.testing.assert_allclose(transform.inverse(bands, 20, 28), reference.inverse(bands), atol=1e-9)
+
+
+@given(st.integers(1, 21), st.integers(1, 21), st.integers(0, 2**32 - 1))
+def test_round_trip_restores_every_sample(height: int, width: int, seed: int) -> None:
+    """Frames of any size come back, padding cut off."""
+    luma = random_luma(height, width, seed)
+    bands = transform.forward(luma)
+    assert bands.shape == (16, *transform.band_shape(height, width))
+    np.testing.assert_array_equal(transform.to_uint8(transform.inverse(bands, height, width)), luma)
+
+
+def test_transform_is_orthonormal() -> None:
+    """Energy is the same in samples and coefficients."""
+    luma = random_luma(16, 16).astype(np.float64)
+    assert np.sum(transform.forward(luma) ** 2) == pytest.approx(np.sum(luma**2))
+
+
+def test_constant_frames_have_only_dc() -> None:
+    """White has a DC coefficient of 1020 and nothing else, exactly."""
+    bands = transform.forward(np.full((8, 8), 255, np.uint8))
+    np.testing.assert_array_equal(bands[0], np.full((2, 2), 1020.0))
+    np.testing.assert_array_equal(bands[1:], 0.0)
+
+
+def test_padding_replicates_the_border() -> None:
+    """A frame and the same frame padded by its last row and column have the same bands."""
+    luma = random_luma(6, 9)
+    padded = np.pad(luma, ((0, 2), (0, 3)), mode="edge")
+    np.testing.assert_array_equal(transform.forward(luma), transform.forward(padded))
+    assert transform.pad_to_blocks(padded) is padded
+
+
+def test_zigzag_is_that_of_the_configuration() -> None:
+    """The configuration states the scan again, free of numpy; both agree."""
+    assert tuple((4 * transform.ZIGZAG[:, 0] + transform.ZIGZAG[:, 1]).tolist()) == config.ZIGZAG
+
+
+def test_inverse_refuses_bands_of_another_frame() -> None:
+    """Bands that do not fit the frame are refused."""
+    with pytest.raises(ValueError, match="does not fit a frame of 8x8"):
+        transform.inverse(np.zeros((16, 1, 2)), 8, 8)
+
+
+def test_to_uint8_rounds_halves_up_and_clips() -> None:
+    """Rounding is to the nearest, halves up, within the range of a sample."""
+    samples = np.array([-3.0, -0.5, 0.49, 0.5, 1.5, 254.5, 300.0])
+    assert transform.to_uint8(samples).tolist() == [0, 0, 0, 1, 2, 255, 255]
