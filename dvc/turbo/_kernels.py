@@ -10,6 +10,7 @@ NUM_LANES = 32
 _ONE = np.float32(1.0)
 _LOG2E = np.float32(1.4426950408889634)
 _LN2 = np.float32(0.6931471805599453)
+_BITS_PER_NAT = 1.4426950408889634
 # Least squares at Chebyshev nodes: 2**f on [0, 1), relative error 3.5e-6; log(m) on [1, 2), error 1.7e-6.
 _E0, _E1, _E2, _E3, _E4 = (
     np.float32(c)
@@ -36,6 +37,7 @@ _L0, _L1, _L2, _L3, _L4, _L5, _L6 = (
 _METRIC_FLOOR = np.float32(1e-14)
 _SUM_FLOOR = np.float32(1e-30)
 MAX_DESCENT = 64
+PIVOT_BLOCK = 6
 _ZERO = np.float32(0.0)
 MAX_EXTRINSIC = np.float32(24.0)
 
@@ -90,24 +92,28 @@ def _select(label, g00, g01, g10, g11):
     return g11
 
 
-def make_siso(num_states, input_mask, parity_mask):
-    """Build the BCJR pass over all lanes of one trellis, which must be constant to be vectorised.
+# The BCJR recursions need the trellis as constants to be vectorised over the lanes, so each trellis has its own.
+# Bit s of a mask is the input bit, or the parity bit, of the transition that leaves state s by shifting a 0 in; the
+# transition that shifts a 1 in has both inverted. States k and k + S/2 share the successors 2k and 2k + 1.
+#
+# prob0, prob1 : (L * W,) a priori probabilities of the input bits. work : (L + 1, R, W) flattened, see ROW_METRIC;
+# rows ROW_ALLOW0 and ROW_ALLOW1 of each step say which parity is possible. edges : (2, S * W), metrics at the start
+# and at the end of every lane. All float32.
 
-    Bit s of the masks is the input bit, and the parity bit, of the transition that leaves state s by shifting a 0 in; the
-    transition that shifts a 1 in has both inverted. States k and k + S/2 share the successors 2k and 2k + 1.
-    """
+
+@kernel
+def _label(k, input_mask, parity_mask):
+    return ((input_mask >> k) & 1) * 2 + ((parity_mask >> k) & 1)
+
+
+def make_forward(num_states, input_mask, parity_mask):
+    """Build the forward recursion of one trellis."""
     half = num_states // 2
+    record = (ROW_METRIC + num_states) * NUM_LANES
 
     @kernel
-    def siso(prob0, prob1, work, edges):
-        """Run forward and backward recursions; all lanes in lock step.
-
-        prob0, prob1 : (L * W,) a priori probabilities; work : (L + 1, R, W) flattened, R = ROW_METRIC + S, holds
-        in rows ROW_ALLOW0 and ROW_ALLOW1 of each step which parity is possible, receives in ROW_SUM0 and ROW_SUM1
-        the extrinsic sums of alpha * beta; edges : (2, S * W) metrics at the start and the end of
-        every lane, replaced by the metrics at its end and its start. Everything is float32.
-        """
-        record = (ROW_METRIC + num_states) * NUM_LANES
+    def forward(prob0, prob1, work, edges):
+        """Write alpha of every step to `work`, from ``edges[0]`` on; then put there alpha at the lane's end."""
         num_steps = prob0.size // NUM_LANES
         head = work[:record]
         for i in range(num_states * NUM_LANES):
@@ -129,8 +135,8 @@ def make_siso(num_states, input_mask, parity_mask):
                 for k in range(half):
                     low = now[_METRIC + k * NUM_LANES + w]
                     high = now[_METRIC + (k + half) * NUM_LANES + w]
-                    i = ((input_mask >> k) & 1) * 2 + ((parity_mask >> k) & 1)
-                    j = ((input_mask >> (k + half)) & 1) * 2 + ((parity_mask >> (k + half)) & 1)
+                    i = _label(k, input_mask, parity_mask)
+                    j = _label(k + half, input_mask, parity_mask)
                     x0 = low * _select(i, g00, g01, g10, g11) + high * _select(j, g00, g01, g10, g11)
                     x1 = low * _select(3 - i, g00, g01, g10, g11) + high * _select(3 - j, g00, g01, g10, g11)
                     x0 = max(x0, _METRIC_FLOOR)
@@ -141,9 +147,27 @@ def make_siso(num_states, input_mask, parity_mask):
                 now[record + _SCALE + w] = _ONE / total
         tail = work[num_steps * record : (num_steps + 1) * record]
         for i in range(num_states * NUM_LANES):
-            metric = tail[_METRIC + i]
+            edges[0, i] = tail[_METRIC + i]
+
+    return forward
+
+
+def make_backward(num_states, input_mask, parity_mask):
+    """Build the backward recursion of one trellis, which also sums up the extrinsic probabilities."""
+    half = num_states // 2
+    record = (ROW_METRIC + num_states) * NUM_LANES
+
+    @kernel
+    def backward(prob0, prob1, work, edges):
+        """Run beta over `work`, from ``edges[1]`` on, and put there beta at the lane's start.
+
+        Every alpha is replaced by beta once it is used; ROW_SUM0 and ROW_SUM1 receive the sums of alpha * beta
+        over the transitions with input 0 and 1.
+        """
+        num_steps = prob0.size // NUM_LANES
+        tail = work[num_steps * record : (num_steps + 1) * record]
+        for i in range(num_states * NUM_LANES):
             tail[_METRIC + i] = edges[1, i]
-            edges[0, i] = metric
         for w in range(NUM_LANES):
             tail[_SCALE + w] = _ONE
         for back in range(num_steps):
@@ -160,23 +184,21 @@ def make_siso(num_states, input_mask, parity_mask):
                 sum1 = _ZERO
                 total = _SUM_FLOOR
                 for k in range(half):
-                    even = now[record + _METRIC + 2 * k * NUM_LANES + w]
-                    odd = now[record + _METRIC + (2 * k + 1) * NUM_LANES + w]
-                    e0 = even * c0
-                    e1 = even * c1
-                    o0 = odd * c0
-                    o1 = odd * c1
-                    i = ((input_mask >> k) & 1) * 2 + ((parity_mask >> k) & 1)
-                    j = ((input_mask >> (k + half)) & 1) * 2 + ((parity_mask >> (k + half)) & 1)
+                    even0 = now[record + _METRIC + 2 * k * NUM_LANES + w] * c0
+                    even1 = now[record + _METRIC + 2 * k * NUM_LANES + w] * c1
+                    odd0 = now[record + _METRIC + (2 * k + 1) * NUM_LANES + w] * c0
+                    odd1 = now[record + _METRIC + (2 * k + 1) * NUM_LANES + w] * c1
+                    i = _label(k, input_mask, parity_mask)
                     low = now[_METRIC + k * NUM_LANES + w]
-                    y0 = _select(i, e0, e1, o1, o0)
-                    y1 = _select(i, o1, o0, e0, e1)
+                    y0 = _select(i, even0, even1, odd1, odd0)
+                    y1 = _select(i, odd1, odd0, even0, even1)
                     sum0 += low * y0
                     sum1 += low * y1
                     beta_low = max(y0 * p0 + y1 * p1, _METRIC_FLOOR)
+                    j = _label(k + half, input_mask, parity_mask)
                     high = now[_METRIC + (k + half) * NUM_LANES + w]
-                    y0 = _select(j, e0, e1, o1, o0)
-                    y1 = _select(j, o1, o0, e0, e1)
+                    y0 = _select(j, even0, even1, odd1, odd0)
+                    y1 = _select(j, odd1, odd0, even0, even1)
                     sum0 += high * y0
                     sum1 += high * y1
                     beta_high = max(y0 * p0 + y1 * p1, _METRIC_FLOOR)
@@ -186,10 +208,11 @@ def make_siso(num_states, input_mask, parity_mask):
                 now[_SUM0 + w] = sum0
                 now[_SUM1 + w] = sum1
                 now[_SCALE + w] = _ONE / total
+        head = work[:record]
         for i in range(num_states * NUM_LANES):
             edges[1, i] = head[_METRIC + i]
 
-    return siso
+    return backward
 
 
 @kernel
@@ -247,37 +270,23 @@ def exchange_edges(edges, opens, closes):
 
 
 @kernel
-def take_sums(work, edges, prob0, llr_e):
-    """Turn the sums that a BCJR pass left in `work` into clipped extrinsic LLRs; `prob0` is scratch."""
-    num_steps = llr_e.size // NUM_LANES
-    record = ROW_METRIC * NUM_LANES + edges.shape[1]
-    for t in range(num_steps):
-        sums = work[t * record + _SUM0 : t * record + _SUM0 + 2 * NUM_LANES]
-        target = prob0[t * NUM_LANES : (t + 1) * NUM_LANES]
-        for w in range(NUM_LANES):
-            target[w] = (sums[w] + _SUM_FLOOR) / (sums[NUM_LANES + w] + _SUM_FLOOR)
-    log_clipped(prob0, llr_e, MAX_EXTRINSIC)
-
-
-@kernel
-def prepare_pass(llr_ch, bit_of_cell, messages, llr):
-    """Turn extrinsic LLRs (row 1 of `messages`) into a priori LLRs (row 0) and probabilities (rows 2 and 3)."""
-    combine(llr_ch, bit_of_cell, messages[1], messages[0], llr)
-    bit_probabilities(messages[0], messages[2], messages[3])
-
-
-@kernel
-def finish_pass(lanes, code_bits, tables, llr_ch, work, edges, messages, llr, decisions):
-    """Pass messages after a BCJR pass, decide, and say whether the decisions satisfy all received parity.
-
-    lanes : (bit_of_cell, opens, closes); code_bits : (bit_at_step, section_starts, parity); tables : (next_state, output).
-    """
-    bit_of_cell, opens, closes = lanes
+def finish_pass(work, edges, opens, closes, scratch, llr_e):
+    """Turn the sums that a BCJR pass left in `work` into clipped extrinsic LLRs, and hand on the edge metrics."""
     exchange_edges(edges, opens, closes)
-    take_sums(work, edges, messages[2], messages[1])
-    prepare_pass(llr_ch, bit_of_cell, messages, llr)
-    decide(llr, decisions)
-    return satisfies(decisions, code_bits[0], code_bits[1], tables[0], tables[1], code_bits[2])
+    record = ROW_METRIC * NUM_LANES + edges.shape[1]
+    for t in range(llr_e.size // NUM_LANES):
+        sums = work[t * record + _SUM0 : t * record + _SUM0 + 2 * NUM_LANES]
+        ratio = scratch[t * NUM_LANES : (t + 1) * NUM_LANES]
+        for w in range(NUM_LANES):
+            ratio[w] = (sums[w] + _SUM_FLOOR) / (sums[NUM_LANES + w] + _SUM_FLOOR)
+    log_clipped(scratch, llr_e, MAX_EXTRINSIC)
+
+
+@kernel
+def exchange_messages(llr_ch, bit_of_cell, llr_a, llr_e, prob0, prob1, llr):
+    """Pass messages at the bits, and turn what comes out into probabilities for the next BCJR pass."""
+    combine(llr_ch, bit_of_cell, llr_e, llr_a, llr)
+    bit_probabilities(llr_a, prob0, prob1)
 
 
 @kernel
@@ -412,45 +421,44 @@ def crc_words(words, polynomial, width, register):
 
 
 @kernel
+def _surprise(magnitude, prob_wrong, info):
+    """Write -log(1 - p) of every bit, p the probability that its sign is wrong, and p itself."""
+    bit_probabilities(magnitude, info, prob_wrong)
+    for i in range(magnitude.size):
+        info[i] = max(_log_mantissa(_ONE / info[i]), _ZERO)
+
+
+@kernel
 def prior_entropy(llr):
-    """Return the sum over the bits of the binary entropy of the prior, in bits; strict order, float32 terms."""
-    prob0 = np.empty(llr.size, np.float32)
-    prob1 = np.empty(llr.size, np.float32)
-    info = np.empty(llr.size, np.float32)
+    """Return the entropy of the prior in bits; float32 terms, summed in order."""
     magnitude = np.abs(llr)
-    bit_probabilities(magnitude, prob0, prob1)
-    for i in range(llr.size):
-        m = _ONE / prob0[i]
-        y = _L0 + m * (_L1 + m * (_L2 + m * (_L3 + m * (_L4 + m * (_L5 + m * _L6)))))
-        info[i] = max(y, np.float32(0.0)) + magnitude[i] * prob1[i]
+    prob_wrong = np.empty(llr.size, np.float32)
+    info = np.empty(llr.size, np.float32)
+    _surprise(magnitude, prob_wrong, info)
     total = 0.0
     for i in range(llr.size):
-        total += info[i]
-    return total * 1.4426950408889634
+        total += info[i] + magnitude[i] * prob_wrong[i]
+    return total * _BITS_PER_NAT
 
 
 @kernel
 def prior_information(llr, decisions):
-    """Return -log2 of the prior probability of the decisions, in bits; strict order, float32 terms."""
-    prob0 = np.empty(llr.size, np.float32)
-    prob1 = np.empty(llr.size, np.float32)
-    info = np.empty(llr.size, np.float32)
+    """Return -log2 of the prior probability of the decisions; float32 terms, summed in order."""
     magnitude = np.abs(llr)
-    bit_probabilities(magnitude, prob0, prob1)
-    for i in range(llr.size):
-        m = _ONE / prob0[i]
-        y = _L0 + m * (_L1 + m * (_L2 + m * (_L3 + m * (_L4 + m * (_L5 + m * _L6)))))
-        wrong = (llr[i] < np.float32(0.0)) != (decisions[i] == 1)
-        info[i] = max(y, np.float32(0.0)) + (magnitude[i] if wrong else np.float32(0.0))
+    prob_wrong = np.empty(llr.size, np.float32)
+    info = np.empty(llr.size, np.float32)
+    _surprise(magnitude, prob_wrong, info)
     total = 0.0
     for i in range(llr.size):
         total += info[i]
-    return total * 1.4426950408889634
+        if (llr[i] < _ZERO) != (decisions[i] == 1):
+            total += magnitude[i]
+    return total * _BITS_PER_NAT
 
 
 @kernel
 def parity_rows(bit_at_step, section_starts, feedback, feedforward, row_of_step, rows):
-    """Write the parity of the wanted steps as equations: bit n of ``rows[row_of_step[k]]`` is the weight of bit n."""
+    """Write parity as equations: bit n of ``rows[row_of_step[k]]`` is the weight of bit n in the parity of step k."""
     num_words = rows.shape[1]
     register = np.zeros((5, num_words), np.uint64)
     section = 0
@@ -461,71 +469,98 @@ def parity_rows(bit_at_step, section_starts, feedback, feedforward, row_of_step,
             section += 1
         head = (head + 4) % 5
         fed = register[head]
-        for j in range(num_words):
-            fed[j] = np.uint64(0)
-        for i in range(1, 5):
-            if (feedback >> i) & 1:
-                old = register[(head + i) % 5]
-                for j in range(num_words):
-                    fed[j] ^= old[j]
+        fed[:] = np.uint64(0)
+        _add_taps(register, head, feedback, fed)
         n = bit_at_step[k]
         fed[n >> 6] ^= np.uint64(1) << np.uint64(n & 63)
         r = row_of_step[k]
         if r >= 0:
-            row = rows[r]
-            for j in range(num_words):
-                row[j] = fed[j]
-            for i in range(1, 5):
-                if (feedforward >> i) & 1:
-                    old = register[(head + i) % 5]
-                    for j in range(num_words):
-                        row[j] ^= old[j]
+            rows[r] = fed
+            _add_taps(register, head, feedforward, rows[r])
 
 
 @kernel
-def eliminate(rows, rhs, column_order, pivot_row):
-    """Bring GF(2) equations to reduced form, choosing pivots in the given column order.
+def _add_taps(register, head, polynomial, target):
+    for i in range(1, 5):
+        if (polynomial >> i) & 1:
+            _add_row(register[(head + i) % 5], target)
 
-    pivot_row[n] becomes the row solved for column n, or -1 for a free column; returns the rank, or -1 where
-    the equations contradict each other.
-    """
-    num_rows, num_words = rows.shape
-    rank = 0
-    one = np.uint64(1)
-    for i in range(pivot_row.size):
-        pivot_row[i] = -1
-    for c in column_order:
-        if rank == num_rows:
-            break
-        word = c >> 6
-        shift = np.uint64(c & 63)
-        found = -1
-        for r in range(rank, num_rows):
-            if (rows[r, word] >> shift) & one:
-                found = r
-                break
+
+@kernel
+def _add_row(source, target):
+    for j in range(target.size):
+        target[j] ^= source[j]
+
+
+@kernel
+def _bit(row, column):
+    return np.int64((row[column >> 6] >> np.uint64(column & 63)) & np.uint64(1))
+
+
+@kernel
+def _find_pivot(rows, start, size, columns, column):
+    """Find a row with `column` set, among those after the `size` pivots from `start` on, which it reduces by them."""
+    for r in range(start + size, rows.shape[0]):
+        bit = _bit(rows[r], column)
+        for i in range(size):
+            bit ^= _bit(rows[r], columns[i]) & _bit(rows[start + i], column)
+        if bit:
+            for i in range(size):
+                if _bit(rows[r], columns[i]):
+                    _add_row(rows[start + i], rows[r])
+            return r
+    return -1
+
+
+@kernel
+def _collect_pivots(rows, start, column_order, position, columns, row_of_pivot):
+    """Reduce the next rows to a block of pivots among each other; return their number and the next column's position."""
+    size = 0
+    while size < columns.size and start + size < rows.shape[0] and position < column_order.size:
+        column = column_order[position]
+        position += 1
+        found = _find_pivot(rows, start, size, columns, column)
         if found < 0:
             continue
-        if found != rank:
-            for j in range(num_words):
-                swap = rows[found, j]
-                rows[found, j] = rows[rank, j]
-                rows[rank, j] = swap
-            bit = rhs[found]
-            rhs[found] = rhs[rank]
-            rhs[rank] = bit
-        source = rows[rank]
-        for r in range(num_rows):
-            if r != rank and (rows[r, word] >> shift) & one:
-                target = rows[r]
-                for j in range(num_words):
-                    target[j] ^= source[j]
-                rhs[r] ^= rhs[rank]
-        pivot_row[c] = rank
-        rank += 1
-    for r in range(rank, num_rows):
-        if rhs[r]:
-            return -1
+        pivot = start + size
+        for j in range(rows.shape[1]):
+            word = rows[found, j]
+            rows[found, j] = rows[pivot, j]
+            rows[pivot, j] = word
+        for i in range(size):
+            if _bit(rows[start + i], column):
+                _add_row(rows[pivot], rows[start + i])
+        columns[size] = column
+        row_of_pivot[column] = pivot
+        size += 1
+    return size, position
+
+
+@kernel
+def eliminate(rows, column_order, row_of_pivot):
+    """Bring GF(2) equations to reduced form, choosing pivots in the given column order; return the rank.
+
+    ``row_of_pivot[n]`` becomes the row solved for column n, or -1 for a free column. Pivots are collected in blocks,
+    and every other row is reduced by a whole block at once, with a table of all sums of its rows (the method of the
+    four Russians).
+    """
+    table = np.zeros((1 << PIVOT_BLOCK, rows.shape[1]), np.uint64)
+    columns = np.empty(PIVOT_BLOCK, np.int64)
+    row_of_pivot[:] = -1
+    rank = position = 0
+    while rank < rows.shape[0] and position < column_order.size:
+        size, position = _collect_pivots(rows, rank, column_order, position, columns, row_of_pivot)
+        for i in range(size):
+            for index in range(1 << i):
+                table[index + (1 << i)] = table[index]
+                _add_row(rows[rank + i], table[index + (1 << i)])
+        for r in range(rows.shape[0]):
+            index = 0
+            for i in range(size):
+                index |= _bit(rows[r], columns[i]) << i
+            if index and not rank <= r < rank + size:
+                _add_row(table[index], rows[r])
+        rank += size
     return rank
 
 
@@ -533,10 +568,8 @@ def eliminate(rows, rhs, column_order, pivot_row):
 def gather_columns(rows, row_of_pivot, free, columns):
     """Unpack the weights of the free bits: ``columns[f, i]`` is that of bit ``free[f]`` in row ``row_of_pivot[i]``."""
     for i in range(row_of_pivot.size):
-        row = rows[row_of_pivot[i]]
         for f in range(free.size):
-            n = free[f]
-            columns[f, i] = np.uint8((row[n >> 6] >> np.uint64(n & 63)) & np.uint64(1))
+            columns[f, i] = _bit(rows[row_of_pivot[i]], free[f])
 
 
 @kernel

@@ -73,11 +73,38 @@ class TurboCode:
 
 CLASSICAL = TurboCode("classical", 0b11001, 0b11011, ((1.0, 2),), layout="parallel", period=48)
 
+# Degree profiles by linear programming over EXIT curves, then by simulation; see benchmarks/turbo_search.py.
+_FOUR_STATES = (0b111, 0b101)
+_FOUR_STATES_REVERSED = (0b101, 0b111)
+_EIGHT_STATES = (0b1011, 0b1101)
+_EIGHT_STATES_REVERSED = (0b1101, 0b1011)
+_SIXTEEN_STATES = (0b11001, 0b11011)
+
+
+def _joined(
+    name: str,
+    polynomials: tuple[int, int],
+    copies: tuple[tuple[float, int], ...],
+    grid_rate: float,
+    max_entropy: float,
+) -> TurboCode:
+    return TurboCode(name, *polynomials, copies, grid_rate=grid_rate, spread=20, max_entropy=max_entropy)
+
+
 ADAPTIVE = (
-    TurboCode("joined-16", 0b11001, 0b11011, ((1.0, 2),), max_entropy=0.25),
-    TurboCode("irregular-8", 0b1101, 0b1011, ((0.95, 2), (0.05, 8)), max_entropy=0.42),
-    TurboCode("irregular-4a", 0b111, 0b101, ((0.9, 2), (0.1, 6)), max_entropy=0.62),
-    TurboCode("irregular-4b", 0b111, 0b101, ((0.9, 2), (0.1, 10)), max_entropy=1.0),
+    _joined("H03", _EIGHT_STATES_REVERSED, ((1.0, 3),), 0.0, 0.038),
+    _joined("H05", _SIXTEEN_STATES, ((0.833, 2), (0.142, 8), (0.025, 12)), 0.065, 0.063),
+    _joined("H08", _SIXTEEN_STATES, ((0.862, 2), (0.011, 8), (0.098, 10), (0.029, 30)), 0.099, 0.098),
+    _joined("H12", _SIXTEEN_STATES, ((0.899, 2), (0.033, 4), (0.068, 12)), 0.147, 0.143),
+    _joined("H17", _EIGHT_STATES_REVERSED, ((0.827, 2), (0.026, 8), (0.138, 10), (0.009, 30)), 0.216, 0.198),
+    _joined("H23", _EIGHT_STATES, ((0.876, 2), (0.124, 12)), 0.269, 0.263),
+    _joined("H30", _EIGHT_STATES, ((0.899, 2), (0.064, 8), (0.037, 30)), 0.348, 0.338),
+    _joined("H38", _FOUR_STATES, ((0.855, 2), (0.113, 8), (0.032, 20)), 0.418, 0.423),
+    _joined("H47", _FOUR_STATES, ((0.901, 2), (0.064, 10), (0.035, 12)), 0.56, 0.52),
+    _joined("H57", _FOUR_STATES, ((0.934, 2), (0.039, 12), (0.011, 15), (0.016, 30)), 0.657, 0.622),
+    _joined("H68", _FOUR_STATES_REVERSED, ((0.943, 2), (0.057, 12)), 0.784, 0.69),
+    _joined("H74", _FOUR_STATES_REVERSED, ((0.786, 2), (0.065, 3), (0.091, 7), (0.058, 15)), 0.754, 0.765),
+    _joined("H80", _FOUR_STATES_REVERSED, ((0.953, 2), (0.014, 15), (0.019, 20), (0.014, 30)), 0.845, 1.0),
 )
 
 _FAMILIES = {"classical": (CLASSICAL,), "adaptive": ADAPTIVE}

@@ -45,8 +45,9 @@ def parity_equations(code: TurboCode, num_bits: int, seed: int) -> Words:
 
     Returns
     -------
-    ndarray of shape (N, ceil(N / 64)), uint64
-        Bit ``n % 64`` of word ``n // 64`` of row m is the weight of bit n in parity bit m; read-only.
+    ndarray of shape (N, N // 64 + 1), uint64
+        Bit ``n % 64`` of word ``n // 64`` of row m is the weight of bit n in parity bit m; bit N is left for
+        the parity bit itself. Read-only.
 
     Raises
     ------
@@ -60,7 +61,7 @@ def parity_equations(code: TurboCode, num_bits: int, seed: int) -> Words:
     layout = copy_layout(code, num_bits, seed)
     row_of_step = np.full(layout.num_steps, -1, np.int32)
     row_of_step[release_order(code, num_bits)] = np.arange(num_bits)
-    rows = np.zeros((num_bits, -(-num_bits // 64)), np.uint64)
+    rows = np.zeros((num_bits, num_bits // 64 + 1), np.uint64)
     starts = np.array(layout.section_starts, np.int64)
     _kernels.parity_rows(layout.bit_at_step, starts, code.feedback, code.feedforward, row_of_step, rows)
     rows.flags.writeable = False
@@ -81,10 +82,14 @@ def _reduce(equations: Words, parity: Bits, reliability: NDArray[np.float32]) ->
     """Solve the equations for the least reliable bits; None where they contradict each other."""
     from dvc.turbo import _kernels
 
-    rows, values = equations.copy(), parity.copy()
+    num_bits = reliability.size
+    rows = equations.copy()
+    rows[:, num_bits // 64] |= parity.astype(np.uint64) << np.uint64(num_bits % 64)
     order = np.argsort(reliability, kind="stable")
-    row_of_pivot = np.empty(reliability.size, np.int64)
-    if _kernels.eliminate(rows, values, order, row_of_pivot) < 0:
+    row_of_pivot = np.empty(num_bits, np.int64)
+    rank = int(_kernels.eliminate(rows, order, row_of_pivot))
+    values = (rows[:, num_bits // 64] >> np.uint64(num_bits % 64)).astype(np.uint8) & 1
+    if values[rank:].any():
         return None
     is_pivot = row_of_pivot[order] >= 0
     pivots, free = order[is_pivot], order[~is_pivot]
@@ -98,7 +103,7 @@ def solve(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> Solution 
 
     Parameters
     ----------
-    equations : ndarray of shape (M, ceil(N / 64)), uint64
+    equations : ndarray of shape (M, N // 64 + 1), uint64
         From `parity_equations`.
     parity : ndarray of shape (M,), uint8
         The parity bits.
@@ -132,7 +137,7 @@ def ordered_statistics(
 
     Parameters
     ----------
-    equations : ndarray of shape (M, ceil(N / 64)), uint64
+    equations : ndarray of shape (M, N // 64 + 1), uint64
         From `parity_equations`.
     parity : ndarray of shape (M,), uint8
         The parity bits.

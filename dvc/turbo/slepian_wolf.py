@@ -262,7 +262,7 @@ def _choose(bits: Bits, free: Bits, plane: _Plane) -> Solution | None:
     size = plane.check.size
     wanted = crc(bits, plane.settings.crc_bits)[:size] ^ plane.check
     weights = crc(free, plane.settings.crc_bits)[:, :size]  # of the choices in each check bit
-    equations = np.zeros((size, -(-len(free) // 64) * 64), np.uint8)
+    equations = np.zeros((size, (len(free) // 64 + 1) * 64), np.uint8)
     equations[:, : len(free)] = weights.T
     words = np.packbits(equations, axis=1, bitorder="little").view(np.dtype("<u8")).astype(np.uint64)
     solution = solve(words, wanted, np.ones(len(free), np.float32))

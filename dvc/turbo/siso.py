@@ -1,0 +1,216 @@
+"""Soft-in soft-out (SISO) decoding of RSC trellises by the BCJR algorithm, many windows in lock step."""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dvc.turbo.trellis import trellis
+
+Floats = NDArray[np.float32]
+Recursion = Callable[[Floats, Floats, Floats, Floats], None]
+MIN_WINDOW_STEPS = 24
+"""Fewest trellis steps that make another window worth its unknown ends."""
+
+
+@dataclass(frozen=True)
+class LaneLayout:
+    """How trellis sections are cut into windows that run in lock step, one per lane.
+
+    Attributes
+    ----------
+    num_steps : int
+        Steps L of every lane; short lanes are padded with free steps.
+    cell_of_step : ndarray of shape (T,), int32
+        Flat index into (L, W) arrays of each trellis step.
+    opens : ndarray of shape (W,), bool
+        Whether the lane starts a section, in state zero.
+    closes : ndarray of shape (W,), bool
+        Whether the lane ends a section, in an unknown state.
+    """
+
+    num_steps: int
+    cell_of_step: NDArray[np.int32]
+    opens: NDArray[np.bool_]
+    closes: NDArray[np.bool_]
+
+
+def lane_layout(section_edges: tuple[int, ...], num_windows: int | None = None) -> LaneLayout:
+    """Cut trellis sections into windows of equal length.
+
+    Parameters
+    ----------
+    section_edges : tuple of int
+        Start of every section, then the end of the last.
+    num_windows : int, optional
+        Windows per section; by default as many as the lanes hold and the length is worth.
+
+    Returns
+    -------
+    LaneLayout
+        The windows of one section lie in consecutive lanes.
+
+    Raises
+    ------
+    ValueError
+        If there are more windows than lanes.
+    """
+    from dvc.turbo._kernels import NUM_LANES
+
+    lengths = np.diff(section_edges)
+    longest = int(lengths.max())
+    if num_windows is None:
+        num_windows = max(1, min(NUM_LANES // lengths.size, longest // MIN_WINDOW_STEPS))
+    if num_windows < 1 or num_windows * lengths.size > NUM_LANES:
+        raise ValueError(f"{lengths.size} sections of {num_windows} windows do not fit {NUM_LANES} lanes")
+    num_steps = -(-longest // num_windows)
+    cell_of_step = np.empty(section_edges[-1], np.int32)
+    opens = np.ones(NUM_LANES, np.bool_)
+    closes = np.ones(NUM_LANES, np.bool_)
+    for section, (start, end) in enumerate(itertools.pairwise(section_edges)):
+        k = np.arange(end - start)
+        lane = section * num_windows
+        cell_of_step[start:end] = (k % num_steps) * NUM_LANES + lane + k // num_steps
+        opens[lane + 1 : lane + num_windows] = False
+        closes[lane : lane + num_windows - 1] = False
+    return LaneLayout(num_steps, cell_of_step, opens, closes)
+
+
+@lru_cache(maxsize=64)
+def bcjr_recursions(feedback: int, feedforward: int) -> tuple[Recursion, Recursion]:
+    """Return the compiled forward and backward recursion of an RSC code.
+
+    Parameters
+    ----------
+    feedback, feedforward : int
+        Polynomials in D; bit i is the coefficient of D to the i-th.
+
+    Returns
+    -------
+    forward, backward : callable
+        See `dvc.turbo._kernels`.
+    """
+    from dvc.turbo import _kernels
+
+    table = trellis(feedback, feedforward)
+    masks = (table.num_states, table.input_mask, table.parity_mask)
+    return _kernels.make_forward(*masks), _kernels.make_backward(*masks)
+
+
+class LaneDecoder:
+    """BCJR over all windows of a trellis, with the metrics that windows hand to each other between passes.
+
+    Parameters
+    ----------
+    feedback, feedforward : int
+        Polynomials in D; bit i is the coefficient of D to the i-th.
+    lanes : LaneLayout
+        The windows.
+
+    Attributes
+    ----------
+    llr_a, llr_e : ndarray of shape (L * W,), float32
+        A priori and extrinsic LLRs log p(0) / p(1) of all cells.
+    prob0, prob1 : ndarray of shape (L * W,), float32
+        A priori probabilities, scratch between passes.
+    work : ndarray of shape (L + 1, R, W), float32
+        Records of the trellis steps, see `dvc.turbo._kernels`.
+    edges : ndarray of shape (2, S * W), float32
+        Metrics at the starts and ends of all lanes.
+    """
+
+    def __init__(self, feedback: int, feedforward: int, lanes: LaneLayout) -> None:
+        from dvc.turbo import _kernels
+
+        self.lanes = lanes
+        self._forward, self._backward = bcjr_recursions(feedback, feedforward)
+        num_states = trellis(feedback, feedforward).num_states
+        num_cells = lanes.num_steps * _kernels.NUM_LANES
+        self.llr_a, self.llr_e, self.prob0, self.prob1 = (np.zeros(num_cells, np.float32) for _ in range(4))
+        shape = (lanes.num_steps + 1, _kernels.ROW_METRIC + num_states, _kernels.NUM_LANES)
+        self.work = np.zeros(shape, np.float32)
+        self._flat_work = self.work.reshape(-1)
+        self.edges = np.empty((2, num_states * _kernels.NUM_LANES), np.float32)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all messages and all parity."""
+        from dvc.turbo import _kernels
+
+        self.llr_a.fill(0)
+        self.llr_e.fill(0)
+        self.work[:, [_kernels.ROW_ALLOW0, _kernels.ROW_ALLOW1]] = 1
+        self.edges.fill(1)
+        self.edges.reshape(2, -1, _kernels.NUM_LANES)[0, 1:, self.lanes.opens] = 0
+
+    def set_parity(self, steps: NDArray[np.int32], bits: NDArray[np.uint8]) -> None:
+        """Restrict the trellis to the parity bits known at some steps.
+
+        Parameters
+        ----------
+        steps : ndarray of shape (n,), int32
+            Trellis steps.
+        bits : ndarray of shape (n,), uint8
+            Their parity.
+        """
+        from dvc.turbo import _kernels
+
+        t, lane = np.divmod(self.lanes.cell_of_step[steps], _kernels.NUM_LANES)
+        self.work[t, _kernels.ROW_ALLOW0, lane] = bits == 0
+        self.work[t, _kernels.ROW_ALLOW1, lane] = bits == 1
+
+    def run(self) -> None:
+        """Pass once over the trellis: probabilities in, extrinsic LLRs and new edge metrics out."""
+        from dvc.turbo import _kernels
+
+        self._forward(self.prob0, self.prob1, self._flat_work, self.edges)
+        self._backward(self.prob0, self.prob1, self._flat_work, self.edges)
+        _kernels.finish_pass(
+            self._flat_work, self.edges, self.lanes.opens, self.lanes.closes, self.prob0, self.llr_e
+        )
+
+
+def siso(
+    llr_a: ArrayLike, parity: NDArray[np.int8], feedback: int, feedforward: int, num_windows: int = 1
+) -> Floats:
+    """Compute the extrinsic LLRs of the input bits of one trellis that starts in state zero.
+
+    Parameters
+    ----------
+    llr_a : array_like of shape (T,), float
+        A priori LLRs log p(0) / p(1) of the input bits; clipped to the largest extrinsic LLR.
+    parity : ndarray of shape (T,), int8
+        Parity bit of every step, -1 where it is unknown.
+    feedback, feedforward : int
+        Polynomials in D; bit i is the coefficient of D to the i-th.
+    num_windows : int
+        With more than one, states at the borders of windows are taken as unknown.
+
+    Returns
+    -------
+    ndarray of shape (T,), float32
+        Extrinsic LLRs, clipped.
+
+    Raises
+    ------
+    ValueError
+        If a shape or value is wrong.
+    """
+    from dvc.turbo import _kernels
+
+    llr = np.asarray(llr_a, np.float32)
+    if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
+        raise ValueError(f"`llr_a` must be a vector of numbers, got shape {llr.shape}")
+    if parity.shape != llr.shape or not np.isin(parity, (-1, 0, 1)).all():
+        raise ValueError(f"`parity` must hold -1, 0 or 1 in shape {llr.shape}, got shape {parity.shape}")
+    lanes = lane_layout((0, llr.size), num_windows)
+    decoder = LaneDecoder(feedback, feedforward, lanes)
+    steps = np.flatnonzero(parity >= 0).astype(np.int32)
+    decoder.set_parity(steps, parity[steps].astype(np.uint8))
+    decoder.llr_a[lanes.cell_of_step] = np.clip(llr, -_kernels.MAX_EXTRINSIC, _kernels.MAX_EXTRINSIC)
+    _kernels.bit_probabilities(decoder.llr_a, decoder.prob0, decoder.prob1)
+    decoder.run()
+    return decoder.llr_e[lanes.cell_of_step]
