@@ -1,0 +1,89 @@
+"""The compiled block-motion loops against twins that try every candidate in full."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from decoder.side_information import _kernels
+from decoder.side_information.planes import MARGIN, phase_planes
+from dvc._jit import python_twin
+from tests.clips import moving_texture
+from tests.reference import block_motion as reference
+
+pytestmark = pytest.mark.nojit
+Choose = Callable[[Any], Any]
+
+
+@pytest.fixture(params=["compiled", "python"])
+def choose(request: pytest.FixtureRequest) -> Choose:
+    """Return what turns a kernel into the function under test."""
+    return python_twin if request.param == "python" else lambda kernel: kernel
+
+
+@pytest.fixture(scope="module")
+def planes() -> list[np.ndarray]:
+    """Return the phase planes of three frames; the middle of nowhere is worth a search as well."""
+    return [phase_planes(frame.luma) for frame in moving_texture(3, 14, 22, (0.75, -1.5))]
+
+
+def test_sums_of_absolute_differences(choose: Choose, planes: list[np.ndarray]) -> None:
+    """Blocks at quarter samples are compared in full below the limit, and only as far as it above."""
+    a, b = planes[:2]
+    expected = reference.difference(a, (163, 166), b, (169, 170), 6)
+    arguments = (a, 163, 166, b, 169, 170, 6)
+    assert choose(_kernels.block_sad)(*arguments, 2**40) == expected
+    assert choose(_kernels.block_sad)(*arguments, expected) == expected
+    assert expected // 2 <= choose(_kernels.block_sad)(*arguments, expected // 2) <= expected
+
+
+def test_forward_search(choose: Choose, planes: list[np.ndarray]) -> None:
+    """The best displacement is found with starts inside and far outside the frame."""
+    starts = np.array([[[0, 0], [4, -6], [0, 300]], [[-400, 2], [3, 3], [1, -1]]])
+    vectors = np.empty_like(starts)
+    settings = (MARGIN, 8, 10, 1, 2, 0.03)
+    choose(_kernels.forward_search)(planes[0], planes[2], *settings, starts, vectors)
+    np.testing.assert_array_equal(vectors, reference.forward_search(planes[0], planes[2], *settings, starts))
+
+
+@pytest.mark.parametrize("instant", [(1, 2), (1, 3), (3, 4)])
+def test_refine_bilateral(choose: Choose, planes: list[np.ndarray], instant: tuple[int, int]) -> None:
+    """Candidates and surroundings are judged alike; trajectories that leave the planes never win."""
+    rng = np.random.default_rng(1)
+    candidates = rng.integers(-12, 13, (2, 3, 11, 2))
+    candidates[0, 1, 4] = (-700, 0)
+    candidates[1, 2, 0] = (0, 900)
+    vectors = np.empty((2, 3, 2), np.int64)
+    settings = (MARGIN, 8, 10, 1, 1, 6, *instant)
+    choose(_kernels.refine_bilateral)(planes[0], planes[2], *settings, candidates, vectors)
+    expected = reference.refine_bilateral(planes[0], planes[2], *settings, candidates)
+    np.testing.assert_array_equal(vectors, expected)
+
+
+@pytest.mark.parametrize("smoothness", [0, 40])
+def test_search_target(choose: Choose, planes: list[np.ndarray], smoothness: int) -> None:
+    """Offsets move to the best match and costs say how good it is, also where blocks leave the frame."""
+    target = np.pad(moving_texture(3, 14, 22, (0.75, -1.5))[1].luma, MARGIN, mode="edge")
+    offsets = np.array([[[0, 0], [4, -6], [0, 300]], [[-400, 2], [3, 3], [1, -1]]])
+    expected, expected_costs = reference.search_target(
+        target, planes[0], MARGIN, 8, 10, 1, 2, smoothness, offsets
+    )
+    costs = np.empty(offsets.shape[:2], np.int64)
+    choose(_kernels.search_target)(target, planes[0], MARGIN, 8, 10, 1, 2, smoothness, offsets, costs)
+    np.testing.assert_array_equal(offsets, expected)
+    np.testing.assert_array_equal(costs, expected_costs)
+
+
+def test_accumulate_blocks(choose: Choose, planes: list[np.ndarray]) -> None:
+    """Overlapping windows add up with their weights."""
+    rng = np.random.default_rng(2)
+    offsets = rng.integers(-30, 31, (2, 3, 2))
+    offsets[1, 1] = (900, -900)
+    weights = rng.uniform(0.1, 1.0, (2, 3))
+    taper = rng.uniform(0.0, 1.0, (16, 16))
+    total, mass = np.zeros((24, 32)), np.zeros((24, 32))
+    choose(_kernels.accumulate_blocks)(planes[0], MARGIN, 8, taper, offsets, weights, total, mass)
+    expected = reference.accumulate_blocks(planes[0], MARGIN, 8, taper, offsets, weights)
+    np.testing.assert_allclose(total, expected[0], rtol=1e-12)
+    np.testing.assert_allclose(mass, expected[1], rtol=1e-12)
