@@ -267,10 +267,10 @@ def filtered(
     long, short = np.sqrt(long2) * textures.size, np.sqrt(short2) * textures.size
     taps = int(min(6.0, np.ceil(long / max(short, 1.0))))
     taps = max(taps, 1)
-    lod = np.log2(max(short, long / taps, 1.0))
+    fineness = np.log2(max(short, long / taps, 1.0))
     last = textures.offsets.shape[1] - 1
-    level = int(lod)
-    mix = lod - level
+    level = int(fineness)
+    mix = fineness - level
     if level >= last:
         level, mix = last, 0.0
     out[:] = 0.0

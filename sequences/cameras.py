@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 class Camera:
     """A pinhole camera without distortion.
 
-    Parameters
+    Attributes
     ----------
     K : ndarray of shape (3, 3), float64
         Intrinsic matrix in pixels.
@@ -76,14 +76,42 @@ def project(camera: Camera, points_in_world: Floats) -> tuple[Floats, Floats]:
 
 
 def ray_directions(camera: Camera, xy: Floats) -> Floats:
-    """Return the world directions (N, 3) of image points (N, 2), each one metre of depth long."""
+    """Return the world directions (N, 3) of image points (N, 2), each one metre of depth long.
+
+    Parameters
+    ----------
+    camera : Camera
+        The view.
+    xy : ndarray of shape (N, 2), float64
+        Image points in pixels.
+
+    Returns
+    -------
+    ndarray of shape (N, 3), float64
+        Directions in the world.
+    """
     rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.K).T
     directions: Floats = rays @ camera.cam_from_world[:, :3]
     return directions
 
 
 def back_project(camera: Camera, xy: Floats, depth_m: Floats) -> Floats:
-    """Return the world points (N, 3) seen at image points (N, 2) with given depth; inverse of `project`."""
+    """Return the world points (N, 3) seen at image points (N, 2) with given depth; inverse of `project`.
+
+    Parameters
+    ----------
+    camera : Camera
+        The view.
+    xy : ndarray of shape (N, 2), float64
+        Image points in pixels.
+    depth_m : ndarray of shape (N,), float64
+        Depth along the optical axis, metres.
+
+    Returns
+    -------
+    ndarray of shape (N, 3), float64
+        Points in the world, metres.
+    """
     return camera.centre + ray_directions(camera, xy) * depth_m[:, None]
 
 
@@ -108,7 +136,22 @@ def fundamental_matrix(a: Camera, b: Camera) -> Floats:
 
 
 def intrinsics(width_px: int, height_px: int, field_of_view_deg: float) -> Floats:
-    """Return `K` (3, 3) of square pixels and a centred principal point for a horizontal field of view."""
+    """Return `K` (3, 3) of square pixels and a centred principal point for a horizontal field of view.
+
+    Parameters
+    ----------
+    width_px : int
+        Columns.
+    height_px : int
+        Rows.
+    field_of_view_deg : float
+        Horizontal field of view, degrees.
+
+    Returns
+    -------
+    ndarray of shape (3, 3), float64
+        Intrinsic matrix in pixels.
+    """
     focal = 0.5 * width_px / math.tan(math.radians(field_of_view_deg) / 2)
     return np.array(
         [[focal, 0.0, (width_px - 1) / 2], [0.0, focal, (height_px - 1) / 2], [0.0, 0.0, 1.0]],

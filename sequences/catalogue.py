@@ -20,7 +20,7 @@ DATA_VARIABLE = "DVC_DATA"
 class Knowledge:
     """What is known of a video file beyond what it declares.
 
-    Parameters
+    Attributes
     ----------
     static : str
         Whether only the camera moves: ``"yes"``, ``"no"``, ``"uncertain"`` or ``"unknown"``.
@@ -94,7 +94,7 @@ USER_MATERIAL = Knowledge("unknown", "user material", "not described", "user mat
 class Entry:
     """One line of the catalogue.
 
-    Parameters
+    Attributes
     ----------
     name : str
         By which it is asked for.
@@ -180,7 +180,18 @@ def entries() -> list[Entry]:
 
 
 def rendered_entry(description: Description) -> Entry:
-    """Return the entry of a rendered scene."""
+    """Return the entry of a rendered scene.
+
+    Parameters
+    ----------
+    description : Description
+        The scene.
+
+    Returns
+    -------
+    Entry
+        Its line in the catalogue.
+    """
     about = Knowledge(
         "yes", description.shows, description.motion, description.purpose, description.motion_px
     )
@@ -190,7 +201,20 @@ def rendered_entry(description: Description) -> Entry:
 
 
 def file_entry(name: str, path: Path) -> Entry:
-    """Probe a video file; one that cannot be read is listed with the reason."""
+    """Probe a video file; one that cannot be read is listed with the reason.
+
+    Parameters
+    ----------
+    name : str
+        Name in the catalogue.
+    path : Path
+        Video file.
+
+    Returns
+    -------
+    Entry
+        Its line in the catalogue.
+    """
     about = KNOWN.get(path.stem, USER_MATERIAL)
     try:
         with open_video(path) as reader:
@@ -203,7 +227,18 @@ def file_entry(name: str, path: Path) -> Entry:
 
 
 def count_packets(path: Path) -> int | None:
-    """Count the coded pictures of a container without decoding them; None if it cannot be walked through."""
+    """Count the coded pictures of a container without decoding them; None if it cannot be walked through.
+
+    Parameters
+    ----------
+    path : Path
+        Video file.
+
+    Returns
+    -------
+    int or None
+        Number of coded pictures.
+    """
     import av
 
     try:
@@ -308,7 +343,18 @@ def open_sequence(
 
 
 def motion_text(motion_px: tuple[float, float, float] | None) -> str:
-    """Write mean, smallest and largest motion, or a question mark."""
+    """Write mean, smallest and largest motion, or a question mark.
+
+    Parameters
+    ----------
+    motion_px : tuple of float or None
+        Mean, smallest and largest, pixels per frame.
+
+    Returns
+    -------
+    str
+        Text for a table.
+    """
     return "?" if motion_px is None else "{:.1f} ({:.1f}..{:.1f})".format(*motion_px)
 
 

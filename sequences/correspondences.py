@@ -18,7 +18,7 @@ DEPTH_TOLERANCE = 1e-5
 class Correspondences:
     """Points of one frame and where they are in another.
 
-    Parameters
+    Attributes
     ----------
     points_a, points_b : ndarray of shape (P, 2), float64
         Image points (x, y) in pixels; nan in b for what lies behind its camera.
@@ -35,7 +35,22 @@ class Correspondences:
 
 
 def pixel_grid(width: int, height: int, step: int = 1) -> Floats:
-    """Return the pixel centres (P, 2) of every `step`-th column and row as (x, y), row by row."""
+    """Return the pixel centres (P, 2) of every `step`-th column and row as (x, y), row by row.
+
+    Parameters
+    ----------
+    width : int
+        Columns.
+    height : int
+        Rows.
+    step : int
+        Distance of the points in pixels.
+
+    Returns
+    -------
+    ndarray of shape (P, 2), float64
+        Image points.
+    """
     x, y = np.meshgrid(np.arange(0, width, step), np.arange(0, height, step))
     return np.stack([x.ravel(), y.ravel()], axis=-1).astype(np.float64)
 
@@ -79,7 +94,20 @@ def depth_at(scene: Scene, camera: Camera, points: Floats) -> tuple[Floats, NDAr
 
 
 def in_image(camera: Camera, points: Floats) -> NDArray[np.bool_]:
-    """Tell which image points (P, 2) lie on a pixel of the camera; nan does not."""
+    """Tell which image points (P, 2) lie on a pixel of the camera; nan does not.
+
+    Parameters
+    ----------
+    camera : Camera
+        The view.
+    points : ndarray of shape (P, 2), float64
+        Image points in pixels.
+
+    Returns
+    -------
+    ndarray of shape (P,), bool
+        True inside.
+    """
     size = np.array([camera.width_px, camera.height_px])
     return np.asarray(((points >= -0.5) & (points <= size - 0.5)).all(axis=1))
 

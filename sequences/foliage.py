@@ -5,7 +5,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sequences.meshes import QUAD, Mesh, merge, tube
+from sequences.meshes import QUAD, Mesh, merge, unit_vectors
+from sequences.shapes import tube
 from sequences.textures import NUMBER
 
 Floats = NDArray[np.float64]
@@ -38,8 +39,8 @@ def leaves(
         Two triangles per leaf.
     """
     count = len(centres)
-    normal = _unit(outwards + 0.75 * rng.standard_normal((count, 3)) + [0.0, 0.0, 0.35])
-    axis = _unit(np.cross(normal, rng.standard_normal((count, 3))))
+    normal = unit_vectors(outwards + 0.75 * rng.standard_normal((count, 3)) + [0.0, 0.0, 0.35])
+    axis = unit_vectors(np.cross(normal, rng.standard_normal((count, 3))))
     side = np.cross(normal, axis)
     size = length_m * rng.uniform(0.6, 1.35, (count, 1))
     fold = 0.18 * size * normal
@@ -52,7 +53,7 @@ def leaves(
     triangles = (first + QUAD).reshape(-1, 3).astype(np.int32)
     return Mesh(
         points,
-        np.repeat(_unit(0.5 * normal + 0.5 * outwards), 4, axis=0),
+        np.repeat(unit_vectors(0.5 * normal + 0.5 * outwards), 4, axis=0),
         uv.reshape(-1, 2),
         np.repeat(hue, 4, axis=0),
         triangles,
@@ -88,7 +89,7 @@ def clump(
     Mesh
         The leaves.
     """
-    direction = _unit(rng.standard_normal((count, 3)))
+    direction = unit_vectors(rng.standard_normal((count, 3)))
     depth = rng.random((count, 1)) ** 0.4
     offset = direction * depth * np.asarray(radii) * (1 + 0.12 * rng.standard_normal((count, 1)))
     mesh = leaves(rng, np.asarray(centre, dtype=np.float64) + offset, direction, length_m, colour)
@@ -175,7 +176,7 @@ def ivy(
         The leaves.
     """
     o, a, b = (np.asarray(x, dtype=np.float64) for x in (origin, across, up))
-    normal = _unit(np.cross(a, b)[None])[0]
+    normal = unit_vectors(np.cross(a, b)[None])[0]
     s, t = rng.random(count), rng.random(count)
     phases = rng.uniform(0, 2 * math.pi, 3)
     edge = (
@@ -191,7 +192,24 @@ def ivy(
 
 
 def tufts(rng: np.random.Generator, feet: Floats, height_m: float, blades: int = 14) -> Mesh:
-    """Grow a tuft of grass blades, bent outwards, at each foot (K, 3)."""
+    """Grow a tuft of grass blades, bent outwards, at each foot (K, 3).
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    feet : ndarray of shape (K, 3), float64
+        Where the tufts grow, metres.
+    height_m : float
+        Height, metres.
+    blades : int
+        Blades per tuft.
+
+    Returns
+    -------
+    Mesh
+        Two triangles per blade.
+    """
     count = len(feet) * blades
     foot = np.repeat(feet, blades, axis=0) + rng.normal(0, 0.02, (count, 3)) * [1, 1, 0]
     angle = rng.uniform(0, 2 * math.pi, count)
@@ -205,11 +223,7 @@ def tufts(rng: np.random.Generator, feet: Floats, height_m: float, blades: int =
     triangles = (first + QUAD).reshape(-1, 3).astype(np.int32)
     hue = np.array([0.32, 0.46, 0.14]) * np.exp(0.25 * rng.standard_normal((count, 1)))
     shade = np.tile([0.5, 0.5, 0.9, 1.1], count)[:, None]
-    normals = np.repeat(_unit(lean + UP), 4, axis=0)
+    normals = np.repeat(unit_vectors(lean + UP), 4, axis=0)
     uv = rng.uniform(0, 0.8, (4 * count, 2))
     materials = np.full(len(triangles), NUMBER["leaf"], dtype=np.int32)
     return Mesh(points, normals, uv, np.repeat(hue, 4, axis=0) * shade, triangles, materials)
-
-
-def _unit(vectors: Floats) -> Floats:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12))

@@ -21,7 +21,7 @@ DISTANCE_M = 2000.0
 class Weather:
     """Sun, sky and air of a scene; colours are linear RGB, relative to each other.
 
-    Parameters
+    Attributes
     ----------
     azimuth_deg, elevation_deg : float
         Where the sun stands: azimuth clockwise from forward (y), elevation above the horizon.
@@ -55,7 +55,7 @@ class Weather:
 class LightMaps:
     """Where and how finely light is computed.
 
-    Parameters
+    Attributes
     ----------
     centre : tuple of float
         Middle of the region that the camera sees from near, metres.
@@ -77,7 +77,18 @@ class LightMaps:
 
 
 def sky_directions(count: int) -> Floats:
-    """Return `count` unit vectors (count, 3) spread evenly over the upper hemisphere (a golden spiral)."""
+    """Return `count` unit vectors (count, 3) spread evenly over the upper hemisphere (a golden spiral).
+
+    Parameters
+    ----------
+    count : int
+        Number of directions.
+
+    Returns
+    -------
+    ndarray of shape (count, 3), float64
+        Unit vectors.
+    """
     k = np.arange(count) + 0.5
     up = k / count
     azimuth = k * math.pi * (3.0 - math.sqrt(5.0))
@@ -113,7 +124,22 @@ def distant_view(direction: ArrayLike, centre: ArrayLike, radius_m: float, size:
 
 
 def depth_map(mesh: Mesh, projection: Floats, size: int) -> Singles:
-    """Return the inverse depth (size, size) of a mesh in a distant view, 0 where there is nothing."""
+    """Return the inverse depth (size, size) of a mesh in a distant view, 0 where there is nothing.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        The scene.
+    projection : ndarray of shape (3, 4), float64
+        From `distant_view`.
+    size : int
+        Side of the map in texels.
+
+    Returns
+    -------
+    ndarray of shape (size, size), float32
+        Inverse depth, 1/m.
+    """
     projected = np.empty_like(mesh.points)
     _kernels.transform(projection, mesh.points, projected)
     inverse = np.zeros((size, size), dtype=np.float32)

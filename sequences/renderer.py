@@ -20,7 +20,7 @@ VIGNETTING = 0.10
 class RenderedFrame:
     """A picture and the truth about it.
 
-    Parameters
+    Attributes
     ----------
     frame : Frame
         Luma and chroma, BT.601 limited range, 4:2:0.
@@ -115,7 +115,20 @@ def _radiance(scene: Scene, camera: Camera, samples: int) -> tuple[Singles, Sing
 
 
 def vignette(width: int, height: int) -> Singles:
-    """Return the fall-off of a lens towards the corners, shape (H, W, 1), at most 1."""
+    """Return the fall-off of a lens towards the corners, shape (H, W, 1), at most 1.
+
+    Parameters
+    ----------
+    width : int
+        Columns.
+    height : int
+        Rows.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 1), float32
+        Factor for each pixel.
+    """
     x = np.linspace(-1, 1, width) if width > 1 else np.zeros(1)
     y = np.linspace(-1, 1, height) if height > 1 else np.zeros(1)
     radius2 = (x[None, :] ** 2 + y[:, None] ** 2) / 2
@@ -173,7 +186,22 @@ def _halve(plane: Floats) -> Floats:
 def to_frame(
     planes: tuple[Floats, Floats, Floats], noise_sigma: float, rng: np.random.Generator | None
 ) -> Frame:
-    """Add sensor noise and round to 8 bits."""
+    """Add sensor noise and round to 8 bits.
+
+    Parameters
+    ----------
+    planes : tuple of ndarray
+        Luma, Cb and Cr, not rounded.
+    noise_sigma : float
+        Standard deviation in luma levels.
+    rng : numpy.random.Generator or None
+        Source of the noise; None for none.
+
+    Returns
+    -------
+    Frame
+        The picture.
+    """
     luma, cb, cr = planes
     if rng is not None:
         luma = luma + noise_sigma * rng.standard_normal(luma.shape)

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 class Description:
     """What is known of a scene without building it.
 
-    Parameters
+    Attributes
     ----------
     name : str
         Name by which it is asked for.
@@ -55,7 +55,7 @@ class Description:
 class Scene:
     """A scene that is built and lit, ready to be rendered from any camera.
 
-    Parameters
+    Attributes
     ----------
     description : Description
         Name, frame rate, motion.
@@ -151,7 +151,18 @@ def scene(name: str, seed: int = 0, detail: float = 1.0) -> Scene:
 
 
 def used_materials(numbers: NDArray[np.int32]) -> list[str]:
-    """Return the names of the textures whose numbers occur."""
+    """Return the names of the textures whose numbers occur.
+
+    Parameters
+    ----------
+    numbers : ndarray of int32
+        Texture numbers.
+
+    Returns
+    -------
+    list of str
+        Keys of `sequences.textures.MATERIALS`.
+    """
     from sequences.textures import MATERIALS
 
     names = list(MATERIALS)

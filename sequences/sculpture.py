@@ -15,7 +15,22 @@ LOW, HIGH = np.array([-0.62, -0.48, -0.03]), np.array([0.62, 0.48, 2.32])
 
 
 def ellipsoid(points: Floats, centre: ArrayLike, radii: ArrayLike) -> Floats:
-    """Return the approximate signed distance (metres) of points (..., 3) to an ellipsoid."""
+    """Return the approximate signed distance (metres) of points (..., 3) to an ellipsoid.
+
+    Parameters
+    ----------
+    points : ndarray of shape (..., 3), float64
+        Where to evaluate, metres.
+    centre : array_like of shape (3,)
+        Its middle, metres.
+    radii : array_like of shape (3,)
+        Half axes, metres.
+
+    Returns
+    -------
+    ndarray of shape (...), float64
+        Distance, negative inside.
+    """
     scaled = (points - np.asarray(centre)) / np.asarray(radii)
     length = np.sqrt((scaled**2).sum(axis=-1))
     gradient = np.sqrt(((scaled / np.asarray(radii)) ** 2).sum(axis=-1))
@@ -23,7 +38,24 @@ def ellipsoid(points: Floats, centre: ArrayLike, radii: ArrayLike) -> Floats:
 
 
 def capsule(points: Floats, start: ArrayLike, end: ArrayLike, radii: tuple[float, float]) -> Floats:
-    """Return the signed distance (metres) of points (..., 3) to a round bar whose radius changes evenly."""
+    """Return the signed distance (metres) of points (..., 3) to a round bar whose radius changes evenly.
+
+    Parameters
+    ----------
+    points : ndarray of shape (..., 3), float64
+        Where to evaluate, metres.
+    start : array_like of shape (3,)
+        One end of the axis, metres.
+    end : array_like of shape (3,)
+        The other end, metres.
+    radii : tuple of float
+        Radius at either end, metres.
+
+    Returns
+    -------
+    ndarray of shape (...), float64
+        Distance, negative inside.
+    """
     a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     t = np.clip(((points - a) @ (b - a)) / float((b - a) @ (b - a)), 0.0, 1.0)
     distance = np.sqrt(((points - a - t[..., None] * (b - a)) ** 2).sum(axis=-1))
@@ -31,20 +63,61 @@ def capsule(points: Floats, start: ArrayLike, end: ArrayLike, radii: tuple[float
 
 
 def block(points: Floats, centre: ArrayLike, half: ArrayLike) -> Floats:
-    """Return the signed distance (metres) of points (..., 3) to a box along the axes."""
+    """Return the signed distance (metres) of points (..., 3) to a box along the axes.
+
+    Parameters
+    ----------
+    points : ndarray of shape (..., 3), float64
+        Where to evaluate, metres.
+    centre : array_like of shape (3,)
+        Its middle, metres.
+    half : array_like of shape (3,)
+        Half sides, metres.
+
+    Returns
+    -------
+    ndarray of shape (...), float64
+        Distance, negative inside.
+    """
     q = np.abs(points - np.asarray(centre)) - np.asarray(half)
     outside = np.sqrt((np.maximum(q, 0.0) ** 2).sum(axis=-1))
     return np.asarray(outside + np.minimum(q.max(axis=-1), 0.0) - 0.012)
 
 
 def blend(a: Floats, b: Floats, width: float) -> Floats:
-    """Return the union of two distance fields, rounded over `width` metres where they meet."""
+    """Return the union of two distance fields, rounded over `width` metres where they meet.
+
+    Parameters
+    ----------
+    a : ndarray, float64
+        One distance field.
+    b : ndarray, float64
+        The other.
+    width : float
+        Reach of the rounding, metres.
+
+    Returns
+    -------
+    ndarray of shape (...), float64
+        Distance, negative inside.
+    """
     h = np.maximum(width - np.abs(a - b), 0.0) / width
     return np.asarray(np.minimum(a, b) - 0.25 * width * h**2)
 
 
 def robe(points: Floats) -> Floats:
-    """Return the distance to a long garment with deep folds, from the hips to the ground."""
+    """Return the distance to a long garment with deep folds, from the hips to the ground.
+
+    Parameters
+    ----------
+    points : ndarray of shape (..., 3), float64
+        Where to evaluate, metres.
+
+    Returns
+    -------
+    ndarray of shape (...), float64
+        Distance, negative inside.
+    """
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     lean = 0.03 * np.sin(1.6 * z)
     angle = np.arctan2(y / 0.85, x - lean)
@@ -57,7 +130,18 @@ def robe(points: Floats) -> Floats:
 
 
 def distance_field(points: Floats) -> Floats:
-    """Return the signed distance (metres, approximate) of points (..., 3) to the figure, which faces -y."""
+    """Return the signed distance (metres, approximate) of points (..., 3) to the figure, which faces -y.
+
+    Parameters
+    ----------
+    points : ndarray of shape (..., 3), float64
+        Where to evaluate, metres.
+
+    Returns
+    -------
+    ndarray of shape (...), float64
+        Distance, negative inside.
+    """
     body = blend(robe(points), ellipsoid(points, (0.015, 0.0, 1.24), (0.205, 0.145, 0.30)), 0.10)
     body = blend(body, capsule(points, (-0.185, 0.0, 1.44), (0.20, 0.0, 1.43), (0.088, 0.088)), 0.10)
     body = blend(body, capsule(points, (0.01, 0.005, 1.46), (0.01, -0.01, 1.62), (0.066, 0.056)), 0.05)

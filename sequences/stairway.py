@@ -6,13 +6,15 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences.architecture import Opening, Style, door, facade, wall, weathered
+from sequences.architecture import facade, weathered
 from sequences.cameras import look_at, there_and_back, tremor
 from sequences.foliage import clump, ivy, leaves, tree, tufts
 from sequences.lighting import LightMaps, Weather
-from sequences.meshes import Mesh, box, extrude, lathe, merge, patch, slab, tube
+from sequences.meshes import Mesh, merge, patch
+from sequences.openings import Opening, Style, door, wall
 from sequences.props import baluster, lamp
 from sequences.scenes import Description
+from sequences.shapes import box, extrude, lathe, slab, tube
 from sequences.textures import NUMBER
 
 Floats = NDArray[np.float64]
@@ -25,7 +27,20 @@ WEATHER = Weather(azimuth_deg=-140.0, elevation_deg=46.0)
 
 
 def pose(index: float, seed: int) -> Floats:
-    """Return ``cam_from_world`` (3, 4) at a frame number: sideways steps and a trembling hand."""
+    """Return ``cam_from_world`` (3, 4) at a frame number: sideways steps and a trembling hand.
+
+    Parameters
+    ----------
+    index : float
+        Frame number.
+    seed : int
+        Seed of the tremor.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        World to camera, metres.
+    """
     time_s = index / 30
     x = -1.3 + SPEED_M * there_and_back(index, 62.0, 5.0) + 0.010 * tremor(time_s, seed, 1.0, 2.5)
     y = -4.9 + 0.02 * tremor(time_s, seed + 1, 0.3, 1.0)
@@ -37,13 +52,37 @@ def pose(index: float, seed: int) -> Floats:
 
 
 def light_maps(detail: float) -> LightMaps:
-    """Return where and how finely light is computed."""
+    """Return where and how finely light is computed.
+
+    Parameters
+    ----------
+    detail : float
+        Share of leaves and of light directions, in (0, 1].
+
+    Returns
+    -------
+    LightMaps
+        Region and resolution.
+    """
     sky, directions = (512, max(8, round(40 * detail))) if detail > 0.3 else (256, 8)
     return LightMaps((0.0, 2.5, 2.0), 12.0, 1536 if detail > 0.3 else 768, sky, directions)
 
 
 def geometry(rng: np.random.Generator, detail: float) -> Mesh:
-    """Build the stairway; `detail` in (0, 1] is the share of the leaves."""
+    """Build the stairway; `detail` in (0, 1] is the share of the leaves.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    detail : float
+        Share of the leaves, in (0, 1].
+
+    Returns
+    -------
+    Mesh
+        All of it.
+    """
     return merge(
         [_steps(rng), _left_wall(rng), _right_balustrade(rng), _top(rng), _front(rng), _plants(rng, detail)]
     )

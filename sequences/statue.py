@@ -6,14 +6,16 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences.architecture import PAINTS, Style, facade
+from sequences.architecture import facade
 from sequences.cameras import look_at, there_and_back, tremor
 from sequences.foliage import clump, tree
 from sequences.lighting import LightMaps, Weather
-from sequences.meshes import Mesh, box, extrude, lathe, merge, patch, square_moulding
+from sequences.meshes import Mesh, merge, patch
+from sequences.openings import PAINTS, Style
 from sequences.props import bench, bollard, column, lamp, planter
 from sequences.scenes import Description
 from sequences.sculpture import figure
+from sequences.shapes import box, extrude, lathe, square_moulding
 from sequences.textures import NUMBER
 
 Floats = NDArray[np.float64]
@@ -24,7 +26,20 @@ WEATHER = Weather(azimuth_deg=-118.0, elevation_deg=44.0)
 
 
 def pose(index: float, seed: int) -> Floats:
-    """Return ``cam_from_world`` (3, 4) at a frame number: an arc round the statue and a light tremor."""
+    """Return ``cam_from_world`` (3, 4) at a frame number: an arc round the statue and a light tremor.
+
+    Parameters
+    ----------
+    index : float
+        Frame number.
+    seed : int
+        Seed of the tremor.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        World to camera, metres.
+    """
     time_s = index / 25
     angle = math.radians(-22.0 + TURN_DEG * there_and_back(index, 74.0, 5.0))
     radius = RADIUS_M + 0.05 * tremor(time_s, seed, 0.2, 0.7)
@@ -35,13 +50,37 @@ def pose(index: float, seed: int) -> Floats:
 
 
 def light_maps(detail: float) -> LightMaps:
-    """Return where and how finely light is computed."""
+    """Return where and how finely light is computed.
+
+    Parameters
+    ----------
+    detail : float
+        Share of leaves and of light directions, in (0, 1].
+
+    Returns
+    -------
+    LightMaps
+        Region and resolution.
+    """
     sky, directions = (512, max(8, round(36 * detail))) if detail > 0.3 else (256, 8)
     return LightMaps((0.0, 7.0, 2.0), 21.0, 2048 if detail > 0.3 else 1024, sky, directions)
 
 
 def geometry(rng: np.random.Generator, detail: float) -> Mesh:
-    """Build the square; `detail` in (0, 1] is the share of the leaves and the fineness of the statue."""
+    """Build the square; `detail` in (0, 1] is the share of the leaves and the fineness of the statue.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    detail : float
+        Share of the leaves, in (0, 1].
+
+    Returns
+    -------
+    Mesh
+        All of it.
+    """
     stone = figure(0.016 if detail > 0.3 else 0.03).moved((0, 0, PEDESTAL_M))
     return merge(
         [stone, _pedestal(), _ground(), _houses(rng), _portico(), _furniture(), _greenery(rng, detail)]

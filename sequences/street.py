@@ -6,13 +6,15 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences.architecture import PAINTS, Style, facade
+from sequences.architecture import facade
 from sequences.cameras import look_at, there_and_back, tremor
 from sequences.foliage import clump, tree
 from sequences.lighting import LightMaps, Weather
-from sequences.meshes import Mesh, box, extrude, lathe, merge, patch
+from sequences.meshes import Mesh, merge, patch
+from sequences.openings import PAINTS, Style
 from sequences.props import bollard, car, lamp, planter, sign
 from sequences.scenes import Description
+from sequences.shapes import box, extrude, lathe
 from sequences.textures import NUMBER
 
 Floats = NDArray[np.float64]
@@ -23,7 +25,20 @@ WEATHER = Weather(azimuth_deg=-152.0, elevation_deg=52.0)
 
 
 def pose(index: float, seed: int) -> Floats:
-    """Return ``cam_from_world`` (3, 4) at a frame number: a smooth ride with a slow sway."""
+    """Return ``cam_from_world`` (3, 4) at a frame number: a smooth ride with a slow sway.
+
+    Parameters
+    ----------
+    index : float
+        Frame number.
+    seed : int
+        Seed of the tremor.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        World to camera, metres.
+    """
     time_s = index / 30
     y = SPEED_M * there_and_back(index, 240.0, 12.0)
     x = 0.55 + 0.10 * tremor(time_s, seed, 0.1, 0.4)
@@ -33,13 +48,37 @@ def pose(index: float, seed: int) -> Floats:
 
 
 def light_maps(detail: float) -> LightMaps:
-    """Return where and how finely light is computed."""
+    """Return where and how finely light is computed.
+
+    Parameters
+    ----------
+    detail : float
+        Share of leaves and of light directions, in (0, 1].
+
+    Returns
+    -------
+    LightMaps
+        Region and resolution.
+    """
     sky, directions = (512, max(8, round(36 * detail))) if detail > 0.3 else (256, 8)
     return LightMaps((0.0, 28.0, 2.0), 38.0, 2048 if detail > 0.3 else 1024, sky, directions)
 
 
 def geometry(rng: np.random.Generator, detail: float) -> Mesh:
-    """Build the street; `detail` in (0, 1] is the share of the leaves."""
+    """Build the street; `detail` in (0, 1] is the share of the leaves.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    detail : float
+        Share of the leaves, in (0, 1].
+
+    Returns
+    -------
+    Mesh
+        All of it.
+    """
     return merge(
         [_ground(rng), _houses(rng), _furniture(rng), _greenery(rng, detail), _background(rng, detail)]
     )

@@ -21,7 +21,7 @@ SIZE = 512
 class Material:
     """How a texture is made and laid on a surface.
 
-    Parameters
+    Attributes
     ----------
     make : callable
         Function of a random generator to an array of shape (SIZE, SIZE, 3), linear reflectance in [0, 1].
@@ -72,7 +72,20 @@ def spectral_noise(
 
 
 def relief(height: Floats, depth: float) -> Floats:
-    """Return the shading (about 1) of a height map that is lit from the upper left."""
+    """Return the shading (about 1) of a height map that is lit from the upper left.
+
+    Parameters
+    ----------
+    height : ndarray of shape (SIZE, SIZE), float64
+        Height map.
+    depth : float
+        Strength.
+
+    Returns
+    -------
+    ndarray of shape (SIZE, SIZE), float64
+        Factor for the reflectance.
+    """
     slope = np.roll(height, 1, 0) - np.roll(height, -1, 0) + np.roll(height, 1, 1) - np.roll(height, -1, 1)
     return np.asarray(np.clip(1.0 - depth * slope, 0.35, 1.6), dtype=np.float64)
 
@@ -147,7 +160,18 @@ def courses(
 
 
 def photograph(name: str) -> Floats:
-    """Return a grey photograph of scikit-image, 512x512, made seamless, as linear values with mean 0.25."""
+    """Return a grey photograph of scikit-image, 512x512, made seamless, as linear values with mean 0.25.
+
+    Parameters
+    ----------
+    name : str
+        Name in `skimage.data`.
+
+    Returns
+    -------
+    ndarray of shape (SIZE, SIZE), float64
+        Linear values.
+    """
     from skimage import data
 
     image = (getattr(data, name)().astype(np.float64) / 255.0) ** 2.2
@@ -160,7 +184,20 @@ def photograph(name: str) -> Floats:
 
 
 def coloured(grey: Floats, colour: ArrayLike) -> Floats:
-    """Multiply a grey map (SIZE, SIZE) with a linear colour (3,) or a map of colours."""
+    """Multiply a grey map (SIZE, SIZE) with a linear colour (3,) or a map of colours.
+
+    Parameters
+    ----------
+    grey : ndarray of shape (SIZE, SIZE), float64
+        Reflectance.
+    colour : array_like of shape (3,) or (SIZE, SIZE, 3)
+        Linear colour.
+
+    Returns
+    -------
+    ndarray of shape (SIZE, SIZE, 3), float64
+        Reflectance, clipped to [0, 1].
+    """
     return np.asarray(np.clip(grey[..., None] * np.asarray(colour, dtype=np.float64), 0.0, 1.0))
 
 

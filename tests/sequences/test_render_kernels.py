@@ -17,6 +17,7 @@ from sequences.textures import SIZE, build
 Floats = NDArray[np.float64]
 BOTH = pytest.mark.parametrize("form", [lambda k: k, python_twin], ids=["compiled", "python"])
 Form = Callable[[Any], Any]
+NOJIT = pytest.mark.nojit
 
 
 def random_triangles(seed: int, count: int = 40) -> tuple[Floats, NDArray[np.int32]]:
@@ -43,6 +44,7 @@ def hit(corners: Floats, x: float, y: float) -> float:
     return float(1.0 / b.sum())
 
 
+@NOJIT
 @BOTH
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_rasterizer_finds_what_ray_casting_finds(form: Form, seed: int) -> None:
@@ -61,6 +63,7 @@ def test_rasterizer_finds_what_ray_casting_finds(form: Form, seed: int) -> None:
                 assert depths[ids[row, column]] == pytest.approx(nearest, rel=1e-5)
 
 
+@NOJIT
 @BOTH
 def test_point_casting_finds_what_ray_casting_finds(form: Form) -> None:
     """Points between pixel centres get the depth of the nearest triangle."""
@@ -78,6 +81,7 @@ def test_point_casting_finds_what_ray_casting_finds(form: Form) -> None:
         assert depth[k] == pytest.approx(min(depths), rel=1e-9)
 
 
+@NOJIT
 def test_neighbouring_triangles_leave_no_gap() -> None:
     """A fan of triangles that share edges covers every sample inside it."""
     rng = np.random.default_rng(3)
@@ -92,6 +96,7 @@ def test_neighbouring_triangles_leave_no_gap() -> None:
     assert (ids[np.hypot(x - 20.3, y - 20.1) < 14.8] >= 0).all()
 
 
+@NOJIT
 @given(st.floats(-9, 9), st.floats(-200, 200), st.integers(0, 20), st.integers(0, 40))
 def test_narrowed_range_keeps_all_that_is_inside(slope: float, offset: float, low: int, length: int) -> None:
     """No column with ``slope * column + offset >= 0`` is lost."""
@@ -102,6 +107,7 @@ def test_narrowed_range_keeps_all_that_is_inside(slope: float, offset: float, lo
             assert first <= column <= last
 
 
+@NOJIT
 @BOTH
 def test_transform_is_a_matrix_product(form: Form) -> None:
     """Points go through the matrix, translation included."""
@@ -111,6 +117,7 @@ def test_transform_is_a_matrix_product(form: Form) -> None:
     np.testing.assert_allclose(out, points @ matrix[:, :3].T + matrix[:, 3], rtol=1e-12)
 
 
+@NOJIT
 @BOTH
 def test_bilinear_lookup_wraps_round(form: Form) -> None:
     """The texture is interpolated between linear values of its four texels, across the seam as well."""
@@ -132,6 +139,7 @@ def test_bilinear_lookup_wraps_round(form: Form) -> None:
         np.testing.assert_allclose(out, expected, rtol=1e-9)
 
 
+@NOJIT
 @BOTH
 def test_wide_footprints_see_the_mean_of_a_texture(form: Form) -> None:
     """A footprint of a whole tile gives the coarsest level; a point gives the finest."""
@@ -147,6 +155,7 @@ def test_wide_footprints_see_the_mean_of_a_texture(form: Form) -> None:
     assert abs(out[0] - mean) < 0.1
 
 
+@NOJIT
 @BOTH
 def test_resolve_is_a_separable_average(form: Form) -> None:
     """Each pixel is the weighted mean of its window of samples."""
@@ -160,6 +169,7 @@ def test_resolve_is_a_separable_average(form: Form) -> None:
             np.testing.assert_allclose(out[i, j], np.einsum("i,j,ijk", taps, taps, window), rtol=1e-5)
 
 
+@NOJIT
 @BOTH
 def test_visibility_counts_what_no_surface_hides(form: Form) -> None:
     """Light reaches a vertex before the surface or outside the map, not behind it; weight 0 is skipped."""

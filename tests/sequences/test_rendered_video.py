@@ -6,7 +6,6 @@ from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,10 +18,6 @@ from sequences.pfm import read_pfm, write_pfm
 from sequences.renderer import RenderedFrame, render_frame
 from sequences.scenes import scene
 from sequences.sequence import RenderedSequence, atomic_folder, render
-
-pytestmark = pytest.mark.skipif(
-    bool(numba.config.DISABLE_JIT), reason="rendering takes minutes without the JIT"
-)
 
 DETAIL = 0.05
 

@@ -1,6 +1,5 @@
 """Truth of the rendered scenes: depth, correspondences, occlusion and motion agree with the pictures."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -8,10 +7,6 @@ from sequences.cameras import back_project, fundamental_matrix, project
 from sequences.correspondences import correspondences, depth_at, in_image, pixel_grid
 from sequences.renderer import render_frame
 from sequences.scenes import Scene, scene
-
-pytestmark = pytest.mark.skipif(
-    bool(numba.config.DISABLE_JIT), reason="rendering takes minutes without the JIT"
-)
 
 NAMES = ("street", "stairway", "statue")
 SIZE = (88, 72)

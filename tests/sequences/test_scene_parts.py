@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sequences import foliage, meshes, props, sculpture
-from sequences.architecture import Opening, Style, facade, wall
+from sequences import foliage, meshes, props, sculpture, shapes
+from sequences.architecture import facade
 from sequences.lighting import LightMaps, Weather, illuminate, sky_directions, sky_visibility
 from sequences.meshes import Mesh
+from sequences.openings import Opening, Style, wall
 from sequences.textures import MATERIALS, NUMBER, SIZE, build, spectral_noise
 
 Floats = NDArray[np.float64]
@@ -19,12 +20,12 @@ def face_normals(mesh: Mesh) -> Floats:
 
 
 SOLIDS = {
-    "box": meshes.box((0, 0, 0), (1, 2, 3), 2),
-    "small box": meshes.box((0, 0, 0), (0.1, 0.2, 0.3), 2),
-    "slab": meshes.slab((0, 0, 0), (1, 0, 0), (0, 2, 0.5), (0, 0, 0.3), 2),
-    "lathe": meshes.lathe([(0.5, 0), (0.5, 1), (0.01, 1.2)], (0, 0, 0), 2),
-    "tube": meshes.tube([(0, 0, 0), (0, 0, 1), (0.2, 0, 2)], [0.1, 0.1, 0.05], 2),
-    "moulding": meshes.square_moulding([(0, 1), (0.2, 0.9), (0.2, 0)], 0.5, 2),
+    "box": shapes.box((0, 0, 0), (1, 2, 3), 2),
+    "small box": shapes.box((0, 0, 0), (0.1, 0.2, 0.3), 2),
+    "slab": shapes.slab((0, 0, 0), (1, 0, 0), (0, 2, 0.5), (0, 0, 0.3), 2),
+    "lathe": shapes.lathe([(0.5, 0), (0.5, 1), (0.01, 1.2)], (0, 0, 0), 2),
+    "tube": shapes.tube([(0, 0, 0), (0, 0, 1), (0.2, 0, 2)], [0.1, 0.1, 0.05], 2),
+    "moulding": shapes.square_moulding([(0, 1), (0.2, 0.9), (0.2, 0)], 0.5, 2),
     "figure": sculpture.figure(0.05),
 }
 
@@ -45,7 +46,7 @@ def test_solids_face_outwards(name: str) -> None:
 
 def test_extrusion_faces_the_right_of_its_line() -> None:
     """A profile listed from the top faces outwards, to the right of the direction of travel."""
-    strip = meshes.extrude([(0.1, 1.0), (0.1, 0.0)], (0, 0, 0), (2, 0, 0), 2)
+    strip = shapes.extrude([(0.1, 1.0), (0.1, 0.0)], (0, 0, 0), (2, 0, 0), 2)
     np.testing.assert_allclose(
         strip.normals, np.broadcast_to([0.0, -1.0, 0.0], strip.normals.shape), atol=1e-12
     )
@@ -136,7 +137,7 @@ def test_textures_do_not_depend_on_each_other() -> None:
 def test_open_ground_sees_the_whole_sky_and_a_corner_half_of_it() -> None:
     """The share of the sky is 1 in the open, and falls beside a high wall."""
     ground = meshes.patch((-6, -6, 0), (12, 0, 0), (0, 12, 0), NUMBER["stone"], cell_m=0.5)
-    barrier = meshes.box((-6, 0, 0), (6, 0.3, 6), NUMBER["stone"], cell_m=20.0)
+    barrier = shapes.box((-6, 0, 0), (6, 0.3, 6), NUMBER["stone"], cell_m=20.0)
     maps = LightMaps((0, 0, 1), 9.0, 64, 256, 64)
     thin = np.zeros(len(ground.points), dtype=bool)
     np.testing.assert_allclose(sky_visibility(ground, thin, maps), 1.0, atol=0.02)
@@ -153,7 +154,7 @@ def test_shadow_falls_away_from_the_sun() -> None:
     from sequences._kernels import sunlit
 
     ground = meshes.patch((-6, -6, 0), (12, 0, 0), (0, 12, 0), NUMBER["stone"])
-    block = meshes.box((-1, -1, 0), (1, 1, 2), NUMBER["stone"])
+    block = shapes.box((-1, -1, 0), (1, 1, 2), NUMBER["stone"])
     weather = Weather(azimuth_deg=90.0, elevation_deg=45.0)
     _, light = illuminate(
         meshes.merge([ground, block]), build(["stone"], 0), weather, LightMaps((0, 0, 1), 9, 512, 32, 4)

@@ -1,6 +1,5 @@
 """The renderer: determinism, sizes, noise, colour, and a scene's seed."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -8,10 +7,6 @@ from dvc.errors import ConfigError, VideoError
 from dvc.video import same_frame
 from sequences.renderer import render_frame, to_frame, tone, vignette, ycbcr
 from sequences.scenes import descriptions, scene
-
-pytestmark = pytest.mark.skipif(
-    bool(numba.config.DISABLE_JIT), reason="rendering takes minutes without the JIT"
-)
 
 DETAIL = 0.05
 
