@@ -1,0 +1,136 @@
+"""Decoding of one Wyner-Ziv frame, answers taken from the encoder's bits in memory."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decoder.group import run
+from decoder.side_information.protocol import Prediction
+from decoder.wyner_ziv import DecodedFrame, WynerZivDecoder
+from dvc.config import NOISE_MODELS, CodecConfig, TurboConfig, VideoConfig, WynerZivConfig
+from dvc.metrics import psnr_db
+from dvc.video import Frame
+from dvc.wynerziv import quantizer, transform
+from dvc.wynerziv.frame import FrameLayout, quantize_frame
+from encoder.wyner_ziv import WynerZivEncoder
+from tests.clips import moving_texture
+
+HEIGHT, WIDTH = 30, 44
+
+
+def config_of(q: int, **turbo: object) -> CodecConfig:
+    return CodecConfig(
+        codec="2d",
+        video=VideoConfig(WIDTH, HEIGHT, 25, 1),
+        wyner_ziv=WynerZivConfig.preset(q),
+        turbo=replace(TurboConfig(), **turbo),
+    )
+
+
+def decode(config: CodecConfig, original: Frame, prediction: Prediction) -> DecodedFrame:
+    encoded = WynerZivEncoder(config).encode(original)
+    decoder = WynerZivDecoder(config)
+    steps = decoder.layout.read_header(encoded.header)
+    return run(decoder.decode(5, steps, prediction), encoded.answer)
+
+
+def noisy_prediction(original: Frame, noise: float, seed: int = 0) -> Prediction:
+    """Return side information with Laplacian errors, and references that differ about as much."""
+    rng = np.random.default_rng(seed)
+    error, difference = (gain * rng.laplace(0.0, 1.0, original.luma.shape) for gain in (noise, noise))
+    luma = np.clip(original.luma + error, 0.0, 255.0)
+    return Prediction(luma, None, (luma + difference, luma - difference), "test")
+
+
+def bins_of(layout: FrameLayout, luma: np.ndarray, steps: dict[int, int]) -> list[np.ndarray]:
+    bands = transform.forward(luma).reshape(transform.NUM_BANDS, -1)
+    return [quantizer.quantize(bands[band], layout.edges(band, steps)) for band in layout.bands]
+
+
+@pytest.fixture(scope="module")
+def original() -> Frame:
+    """Return the frame that is decoded everywhere below."""
+    return moving_texture(1, HEIGHT, WIDTH)[0].without_chroma()
+
+
+@pytest.mark.parametrize("q", [1, 4, 8])
+@pytest.mark.parametrize("family", ["adaptive", "classical"])
+def test_every_bin_is_decoded(original: Frame, q: int, family: str) -> None:
+    """All bit planes arrive, and reconstruction keeps (nearly all) coefficients in their bins."""
+    config = config_of(q, family=family)
+    decoded = decode(config, original, noisy_prediction(original, 4.0))
+    assert decoded.num_failed_planes == 0
+    layout = FrameLayout.of(config)
+    steps, _ = quantize_frame(layout, original.luma)
+    wanted, got = (bins_of(layout, luma, steps) for luma in (original.luma, decoded.frame.luma))
+    same = np.mean([np.mean(a == b) for a, b in zip(wanted, got, strict=True)])
+    assert same > 0.9  # rounding to whole samples moves a few coefficients across a border
+
+
+@pytest.mark.parametrize("noise", [0.5, 3.0, 10.0])
+def test_decoding_improves_side_information(original: Frame, noise: float) -> None:
+    """The frame is never worse than its prediction, and worse predictions cost more."""
+    decoded = decode(config_of(8), original, noisy_prediction(original, noise))
+    before = psnr_db(decoded.side_information, original.luma)
+    assert psnr_db(decoded.frame.luma, original.luma) > before
+    np.testing.assert_array_equal(decoded.side_information, decoded.refined_side_information)
+
+
+def test_worse_side_information_costs_more(original: Frame) -> None:
+    """The parity needed grows with the noise."""
+    costs = [
+        decode(config_of(5), original, noisy_prediction(original, n)).parity_bits for n in (0.3, 2.0, 8.0)
+    ]
+    assert costs[0] < costs[1] < costs[2]
+
+
+def test_perfect_side_information_costs_little_but_checks(original: Frame) -> None:
+    """A prediction without error needs about its check bits, and far fewer than the bits themselves."""
+    perfect = Prediction(original.luma.astype(float), None, (original.luma.astype(float),), "test")
+    config = config_of(4)
+    decoded = decode(config, original, perfect)
+    layout = FrameLayout.of(config)
+    assert decoded.num_failed_planes == 0
+    assert decoded.crc_bits <= config.turbo.crc_bits * layout.num_planes
+    assert decoded.parity_bits < 0.1 * layout.num_planes * layout.num_bits
+
+
+def test_useless_side_information_costs_no_more_than_the_bits(original: Frame) -> None:
+    """A prediction that has nothing to do with the frame never costs more than sending it plainly."""
+    config = config_of(3)
+    layout = FrameLayout.of(config)
+    other = moving_texture(1, HEIGHT, WIDTH, seed=9)[0].luma.astype(float)
+    for confident in (other, 255.0 - other):
+        decoded = decode(config, original, Prediction(confident, None, (confident, other), "test"))
+        assert decoded.num_failed_planes == 0
+        assert decoded.parity_bits <= layout.num_planes * layout.num_bits
+        assert psnr_db(decoded.frame.luma, original.luma) > 20
+
+
+@pytest.mark.parametrize("model", NOISE_MODELS)
+def test_every_noise_model_decodes(original: Frame, model: str) -> None:
+    """Noise models change the rate, never the success."""
+    config = config_of(4)
+    config = replace(config, wyner_ziv=replace(config.wyner_ziv, noise_model=model))
+    assert decode(config, original, noisy_prediction(original, 3.0)).num_failed_planes == 0
+
+
+def test_requests_name_frame_plane_and_range(original: Frame) -> None:
+    """Requests of a plane carry the frame's index and go on where the one before ended."""
+    config = config_of(2)
+    encoded = WynerZivEncoder(config).encode(original)
+    decoder = WynerZivDecoder(config)
+    seen: dict[tuple[int, str], int] = {}
+
+    def answer(request):  # type: ignore[no-untyped-def]
+        assert request.frame == 5
+        assert request.start == seen.get((request.plane, request.kind), 0)
+        seen[request.plane, request.kind] = request.start + request.count
+        return encoded.answer(request)
+
+    steps = decoder.layout.read_header(encoded.header)
+    decoded = run(decoder.decode(5, steps, noisy_prediction(original, 3.0)), answer)
+    assert {plane for plane, _ in seen} == set(range(decoder.layout.num_planes))
+    assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
+    assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
