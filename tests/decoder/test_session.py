@@ -1,0 +1,184 @@
+"""Decoding of whole streams in memory, and the report of a run."""
+
+import io
+from collections.abc import Iterator
+from contextlib import suppress
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from decoder.report import BIT_CLASSES, PSNR_CAP_DB, DecodeReport
+from decoder.session import DecodedGroup, decode_stream
+from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, VideoConfig, WynerZivConfig
+from dvc.errors import BitstreamError, ConfigError, VideoError
+from dvc.metrics import psnr_db
+from dvc.stream import GopRecord, StreamReader, StreamWriter
+from dvc.video import Frame, VideoInfo, same_frame
+from encoder.session import EncoderSession
+from tests.clips import moving_texture
+
+CONFIG = CodecConfig(
+    codec="2d",
+    video=VideoConfig(24, 16, 25, 1),
+    gop=GopConfig(3),
+    key=KeyFrameConfig(30),
+    wyner_ziv=WynerZivConfig.preset(2),
+)
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[Frame]:
+    """Return an original of three groups: one frame, three frames, two frames."""
+    return moving_texture(6, 16, 24)
+
+
+@pytest.fixture(scope="module")
+def stream(frames: list[Frame]) -> bytes:
+    """Return its buffered stream."""
+    file = io.BytesIO()
+    EncoderSession(CONFIG).write(frames, file, lambda _: None)
+    return file.getvalue()
+
+
+def decoded_groups(stream: bytes) -> list[DecodedGroup]:
+    reader = StreamReader(io.BytesIO(stream))
+    return list(decode_stream(reader.config, reader))
+
+
+@pytest.fixture(scope="module")
+def groups(stream: bytes) -> list[DecodedGroup]:
+    """Return the decoded groups of the stream."""
+    return decoded_groups(stream)
+
+
+def punctured_stream(groups: list[DecodedGroup], config: CodecConfig) -> bytes:
+    file = io.BytesIO()
+    with StreamWriter(file, config, "punctured") as writer:
+        for group in groups:
+            writer.write_gop(group.record)
+    return file.getvalue()
+
+
+def frames_of(groups: list[DecodedGroup]) -> list[Frame]:
+    return [frame for group in groups for frame in (*(wz.decoded.frame for wz in group.wyner_ziv), group.key)]
+
+
+def test_groups_come_in_display_order(groups: list[DecodedGroup], frames: list[Frame]) -> None:
+    """Every frame of the original is decoded once, in place, and resembles it."""
+    assert [group.first_index for group in groups] == [0, 1, 4]
+    assert [wz.index for group in groups for wz in group.wyner_ziv] == [1, 2, 4]
+    decoded = frames_of(groups)
+    assert len(decoded) == len(frames)
+    assert all(psnr_db(a.luma, b.luma) > 27 for a, b in zip(decoded, frames, strict=True))
+
+
+def test_punctured_records_decode_to_the_same_frames(stream: bytes, groups: list[DecodedGroup]) -> None:
+    """The records of what was needed make a smaller stream with the same frames, and reproduce themselves."""
+    config = StreamReader(io.BytesIO(stream)).config
+    punctured = punctured_stream(groups, config)
+    assert len(punctured) < len(stream)
+    again = decoded_groups(punctured)
+    assert all(same_frame(a, b) for a, b in zip(frames_of(groups), frames_of(again), strict=True))
+    assert punctured_stream(again, config) == punctured
+
+
+def test_groups_before_damage_are_decoded(stream: bytes, groups: list[DecodedGroup]) -> None:
+    """Damage in the last group is reported after all groups before it were yielded."""
+    place = stream.rindex(groups[-1].record.key)
+    reader = StreamReader(io.BytesIO(stream[:place] + bytes([stream[place] ^ 1]) + stream[place + 1 :]))
+    found: list[int] = []
+
+    def decode_all() -> None:
+        for group in decode_stream(reader.config, reader):
+            found.append(group.first_index)
+
+    with pytest.raises(BitstreamError, match="record 3"):
+        decode_all()
+    assert found == [group.first_index for group in groups[:2]]
+
+
+@pytest.mark.parametrize("length", [0, 3, 200])
+def test_payloads_of_the_wrong_size_are_refused(stream: bytes, length: int) -> None:
+    """A Wyner-Ziv payload that is not what the layout says is a damaged group, named by its number."""
+    reader = StreamReader(io.BytesIO(stream))
+    config, records = reader.config, list(reader)
+    payloads = (bytes(length), records[1].wyner_ziv[1])
+    records[1] = GopRecord(3, records[1].key, b"", payloads)
+    file = io.BytesIO()
+    with StreamWriter(file, config, "buffered") as writer:
+        for record in records:
+            writer.write_gop(record)
+    with pytest.raises(BitstreamError, match="group of pictures 1: "):
+        decoded_groups(file.getvalue())
+
+
+def test_bits_of_a_punctured_payload_may_be_anything(stream: bytes, groups: list[DecodedGroup]) -> None:
+    """Random bits with a correct checksum around them decode to something or are refused, never crash."""
+    config = StreamReader(io.BytesIO(stream)).config
+    rng = np.random.default_rng(1)
+    for _ in range(6):
+        record = groups[1].record
+        payloads = tuple(rng.bytes(max(len(payload), 40)) for payload in record.wyner_ziv)
+        file = io.BytesIO()
+        with StreamWriter(file, config, "punctured") as writer:
+            writer.write_gop(groups[0].record)
+            writer.write_gop(GopRecord(3, record.key, b"", payloads))
+        reader = StreamReader(io.BytesIO(file.getvalue()))
+        with suppress(BitstreamError):
+            assert len(list(decode_stream(reader.config, reader))) == 2
+
+
+class Reference:
+    """The part of a video reader that a report looks at."""
+
+    def __init__(self, frames: list[Frame], width: int = 24) -> None:
+        self.info = VideoInfo(width, 16, Fraction(25))
+        self._frames = frames
+
+    def __iter__(self) -> Iterator[Frame]:
+        return iter(self._frames)
+
+
+def test_report_accounts_for_every_bit(groups: list[DecodedGroup], frames: list[Frame]) -> None:
+    """Bits of frames and classes add up to the stream; means are means of the rows."""
+    report = DecodeReport(CONFIG, Reference(frames))
+    for group in groups:
+        report.add(group)
+    totals = report.to_dict(stream_bytes=1000)
+    rows = totals["per_frame"]
+    assert [row["index"] for row in rows] == list(range(6))
+    assert [row["type"] for row in rows] == ["key", "wz", "wz", "key", "wz", "key"]
+    assert sum(sum(row["bits"].values()) for row in rows) == 8000
+    assert sum(totals["bits"].values()) == 8000
+    assert tuple(totals["bits"]) == BIT_CLASSES
+    assert totals["duration_s"] == pytest.approx(6 / 25)
+    assert totals["rate_kbps"] == pytest.approx(8 / totals["duration_s"])
+    assert totals["psnr_y_db"] == pytest.approx(np.mean([row["psnr_y_db"] for row in rows]))
+    wyner_ziv = [row for row in rows if row["type"] == "wz"]
+    assert totals["wz_psnr_y_db"] == pytest.approx(np.mean([row["psnr_y_db"] for row in wyner_ziv]))
+    assert totals["num_requests"] == sum(row["num_requests"] for row in wyner_ziv)
+
+
+def test_report_without_reference_has_no_quality(groups: list[DecodedGroup]) -> None:
+    """Nothing is made up where there is no original; identical frames get a finite PSNR where there is."""
+    report = DecodeReport(CONFIG, None)
+    report.add(groups[0])
+    totals = report.to_dict(100)
+    assert totals["psnr_y_db"] is None
+    assert totals["wz_psnr_y_db"] is None
+    same = DecodeReport(CONFIG, Reference([groups[0].key]))
+    same.add(groups[0])
+    assert same.to_dict(100)["psnr_y_db"] == PSNR_CAP_DB
+
+
+def test_report_refuses_a_reference_that_does_not_fit(
+    groups: list[DecodedGroup], frames: list[Frame]
+) -> None:
+    """Another picture size is refused at once, a missing frame when it is needed."""
+    with pytest.raises(ConfigError, match="the stream of 24x16"):
+        DecodeReport(CONFIG, Reference(frames, width=25))
+    report = DecodeReport(CONFIG, Reference(frames[:3]))
+    report.add(groups[0])
+    with pytest.raises(VideoError, match="ends before frame 3"):
+        report.add(groups[1])

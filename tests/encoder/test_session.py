@@ -1,0 +1,118 @@
+"""Groups of pictures, and what the encoder writes and counts."""
+
+import io
+from collections.abc import Iterator
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, VideoConfig, WynerZivConfig
+from dvc.keyframes import KeyFrameDecoder
+from dvc.stream import Form, StreamReader
+from dvc.video import Frame
+from encoder.groups import groups
+from encoder.session import EncoderSession
+from tests.clips import moving_texture
+
+FRAMES = moving_texture(8, 8, 12)
+
+
+@given(st.integers(0, 8), st.integers(1, 9))
+def test_groups_cover_the_sequence(num_frames: int, length: int) -> None:
+    """Frames stay in order, key frames stand at a fixed distance, and the last frame is one."""
+    sequence = FRAMES[:num_frames]
+    found = list(groups(sequence, length))
+    flat = [frame for group in found for frame in (*group.wyner_ziv, group.key)]
+    assert len(flat) == num_frames
+    assert all(a is b for a, b in zip(flat, sequence, strict=True))
+    sizes = [len(group.wyner_ziv) + 1 for group in found]
+    assert sizes[:1] == [1] * (num_frames > 0)
+    assert all(size == length for size in sizes[1:-1])
+    assert all(size <= length for size in sizes[1:])
+
+
+def test_groups_are_found_while_frames_come() -> None:
+    """A group is there as soon as its key frame is: a live encoder does not wait for the next one."""
+    taken = 0
+
+    def source() -> Iterator[Frame]:
+        nonlocal taken
+        for frame in FRAMES:
+            taken += 1
+            yield frame
+
+    found = groups(source(), 3)
+    next(found)
+    assert taken == 1
+    next(found)
+    assert taken == 4
+
+
+def session_of(**video: bool) -> EncoderSession:
+    return EncoderSession(
+        CodecConfig(
+            codec="2d",
+            video=VideoConfig(12, 8, 25, 1, **video),
+            gop=GopConfig(2),
+            key=KeyFrameConfig(lossless=True),
+            wyner_ziv=WynerZivConfig.preset(1),
+        )
+    )
+
+
+def test_stream_describes_itself() -> None:
+    """The stream holds the configuration, parameter sets included, and key frames decode from it."""
+    session, file = session_of(), io.BytesIO()
+    finished: list[int] = []
+    session.write(FRAMES[:4], file, finished.append)
+    assert finished == [1, 2, 1]
+    reader = StreamReader(io.BytesIO(file.getvalue()))
+    assert reader.form == Form.BUFFERED
+    assert reader.config == session.config
+    decoder = KeyFrameDecoder(12, 8, luma_only=False, parameter_sets=reader.config.key.parameter_sets)
+    keys = [decoder.decode(record.key) for record in reader]
+    for key, original in zip(keys, (FRAMES[0], FRAMES[2], FRAMES[3]), strict=True):
+        assert (key.luma == original.luma).all()
+
+
+def test_statistics_count_what_was_written() -> None:
+    """Numbers of frames, bits of key frames and size of the stream are those of the file."""
+    session, file = session_of(luma_only=True), io.BytesIO()
+    session.write(FRAMES[:5], file, lambda _: None)
+    counted = session.statistics
+    assert (counted.num_frames, counted.num_key_frames, counted.num_wyner_ziv_frames) == (5, 3, 2)
+    assert counted.stream_bytes == len(file.getvalue())
+    records = list(StreamReader(io.BytesIO(file.getvalue())))
+    assert counted.key_bits == 8 * sum(len(record.key) for record in records)
+    assert counted.key_cpu_s >= 0.0
+    assert counted.wyner_ziv_cpu_s >= 0.0
+
+
+@pytest.mark.parametrize("luma_only", [True, False])
+def test_encoding_is_deterministic(luma_only: bool) -> None:
+    """Two runs write the same bytes, and chroma costs bits only where it is wanted."""
+    files = [io.BytesIO(), io.BytesIO()]
+    for file in files:
+        session_of(luma_only=luma_only).write(FRAMES[:3], file, lambda _: None)
+    assert files[0].getvalue() == files[1].getvalue()
+
+
+def test_colour_costs_more_than_luma() -> None:
+    """Dropping chroma saves bits in key frames, and changes nothing in Wyner-Ziv frames."""
+    records: list[list[tuple[bytes, ...]]] = []
+    sizes = []
+    for luma_only in (True, False):
+        session, file = session_of(luma_only=luma_only), io.BytesIO()
+        session.write(FRAMES[:3], file, lambda _: None)
+        records.append([record.wyner_ziv for record in StreamReader(io.BytesIO(file.getvalue()))])
+        sizes.append(session.statistics.key_bits)
+    assert records[0] == records[1]
+    assert sizes[0] < sizes[1]
+
+
+def test_originals_are_left_alone() -> None:
+    """The encoder does not write into the frames that it is given."""
+    session_of().write(FRAMES, io.BytesIO(), lambda _: None)
+    for used, fresh in zip(FRAMES, moving_texture(8, 8, 12), strict=True):
+        assert (used.luma == fresh.luma).all()
