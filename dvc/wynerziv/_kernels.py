@@ -29,30 +29,42 @@ def transform_blocks(samples, scale, coefficients):  # type: ignore[no-untyped-d
 
 @kernel
 def pack_uniform(coefficients, step, num_planes, first_plane, words):  # type: ignore[no-untyped-def]
-    """Quantise a DC band and put its planes into `words` (N, W), plane p in bit p % 64 of column p // 64."""
+    """Quantise a DC band and put its planes into `words` (W, N): plane p is bit 63 - p % 64 of row p // 64."""
     last = (1 << num_planes) - 1
+    per_step = 1.0 / step
+    numbers = np.empty(coefficients.size, np.uint64)
     for n in range(coefficients.size):
-        number = min(max(np.int64(coefficients[n] / step), 0), last)
-        put_bits(number, num_planes, first_plane, words, n)
+        numbers[n] = min(max(np.int64(coefficients[n] * per_step), 0), last)
+    put_bits(numbers, num_planes, first_plane, words)
 
 
 @kernel
 def pack_dead_zone(coefficients, step, num_planes, first_plane, words):  # type: ignore[no-untyped-def]
     """Quantise an AC band (doubled zero bin) and put its planes into `words`."""
     largest = (1 << (num_planes - 1)) - 1
+    per_step = 1.0 / step
+    numbers = np.empty(coefficients.size, np.uint64)
     for n in range(coefficients.size):
-        value = coefficients[n]
-        if value >= 0.0:
-            number = largest + min(np.int64(value / step), largest)
-        else:
-            number = largest - min(max(np.int64(np.ceil(-value / step)) - 1, 0), largest)
-        put_bits(number, num_planes, first_plane, words, n)
+        value = coefficients[n] * per_step
+        above, below = np.int64(value), np.int64(-value)
+        below -= np.int64(below > 0) & np.int64(below == -value)  # a border belongs to the bin above it
+        numbers[n] = largest + min(max(above, 0), largest) - min(max(below, 0), largest)
+    put_bits(numbers, num_planes, first_plane, words)
 
 
 @kernel
-def put_bits(number, num_planes, first_plane, words, n):  # type: ignore[no-untyped-def]
-    """Set the planes of one coefficient, most significant first."""
+def put_bits(numbers, num_planes, first_plane, words):  # type: ignore[no-untyped-def]
+    """Set the planes of one band, most significant first; at once where they share a word."""
+    row = first_plane >> 6
+    spare = 64 * (row + 1) - first_plane - num_planes
+    if spare >= 0:
+        line = words[row]
+        for n in range(numbers.size):
+            line[n] |= numbers[n] << np.uint64(spare)
+        return
     for p in range(num_planes):
         plane = first_plane + p
-        bit = np.uint64((number >> (num_planes - 1 - p)) & 1)
-        words[n, plane >> 6] |= bit << np.uint64(plane & 63)
+        line = words[plane >> 6]
+        for n in range(numbers.size):
+            bit = (numbers[n] >> np.uint64(num_planes - 1 - p)) & np.uint64(1)
+            line[n] |= bit << np.uint64(63 - (plane & 63))

@@ -6,7 +6,7 @@ all CRC, plain and parity bits follow, plane by plane; in the punctured form onl
 asked for, in the order in which it did.
 """
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, TypeVar
@@ -201,15 +201,15 @@ def quantize_frame(layout: FrameLayout, luma: NDArray[np.uint8]) -> tuple[dict[i
     -------
     step_indices : dict of int to int
         Step index of each AC band that is sent.
-    words : ndarray of shape (num_bits, ceil(num_planes / 64)), uint64
-        Plane p stands in bit p % 64 of column p // 64; planes in decoding order.
+    words : ndarray of shape (ceil(num_planes / 64), num_bits), uint64
+        Plane p stands in bit 63 - p % 64 of row p // 64; planes in decoding order.
     """
     from dvc.wynerziv import _kernels
 
     raster = np.empty((transform.NUM_BANDS, layout.num_bits))
     _kernels.transform_blocks(transform.pad_to_blocks(luma), transform.SCALE, raster)
     steps: dict[int, int] = {}
-    words = np.zeros((layout.num_bits, layout.num_words), dtype=np.uint64)
+    words = np.zeros((layout.num_words, layout.num_bits), dtype=np.uint64)
     for band in layout.bands:
         coefficients = raster[transform.BLOCK * transform.ZIGZAG[band, 0] + transform.ZIGZAG[band, 1]]
         levels, first = layout.levels[band], layout.first_plane[band]
@@ -232,7 +232,7 @@ class EncodedFrame:
         Layout of the frame.
     header : bytes
         Step indices, as `FrameLayout.write_header` packs them.
-    words : ndarray of shape (N, W), uint64
+    words : ndarray of shape (W, N), uint64
         Bit planes, from `quantize_frame`.
     codes : sequence of TurboCode
         Code family of the configuration.
@@ -254,17 +254,12 @@ class EncodedFrame:
         self._codes = codes
         self._seed = interleaver_seed
         self._parity: dict[int, Words] = {}
-        self._crc = self._per_column(lambda column: turbo.crc_words(column, layout.crc_bits))
-
-    def _per_column(self, encode: Callable[[Words], Words]) -> Words:
-        columns = np.ascontiguousarray(self._words.T)
-        return np.stack([encode(column) for column in columns], axis=1)
+        self._crc = np.stack([turbo.crc_words(row, layout.crc_bits) for row in words])
 
     def _parity_words(self, code: int) -> Words:
         if code not in self._parity:
-            self._parity[code] = self._per_column(
-                lambda column: turbo.encode_words(column, self._codes[code], self._seed)
-            )
+            rows = [turbo.encode_words(row, self._codes[code], self._seed) for row in self._words]
+            self._parity[code] = np.stack(rows)
         return self._parity[code]
 
     def answer(self, question: PlaneQuestion) -> Bits:
@@ -294,10 +289,10 @@ class EncodedFrame:
         else:
             words = self._crc if question.kind == "crc" else self._words
         stop = question.start + question.count
-        if not 0 <= question.start <= stop <= len(words):
-            raise ValueError(f"bits {question.start}+{question.count} of {len(words)}")
-        column = words[question.start : stop, question.plane // 64]
-        return ((column >> np.uint64(question.plane % 64)) & np.uint64(1)).astype(np.uint8)
+        if not 0 <= question.start <= stop <= words.shape[1]:
+            raise ValueError(f"bits {question.start}+{question.count} of {words.shape[1]}")
+        row = words[question.plane // 64, question.start : stop]
+        return ((row >> np.uint64(63 - question.plane % 64)) & np.uint64(1)).astype(np.uint8)
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`.
@@ -306,11 +301,11 @@ class EncodedFrame:
         -------
         bytes
             Payload of the buffered form: after the header, CRC, plain bits and the parity of each code; in
-            each of them one little-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
+            each of them one big-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
         """
         sections = [self._crc, self._words, *(self._parity_words(code) for code in range(len(self._codes)))]
         size = -(-self._layout.num_planes // 8)
-        words = np.concatenate(sections).astype("<u8", copy=False)
+        words = np.concatenate(sections, axis=1).T.astype(">u8", order="C")
         return self.header + words.view(np.uint8)[:, :size].tobytes()
 
 
@@ -358,7 +353,7 @@ class BufferedFrame:
         code = question.code if question.kind == "parity" else 0
         first = self._first[question.kind, code] + question.start
         column = self._words[first : first + question.count, question.plane // 8]
-        return (column >> np.uint8(question.plane % 8)) & np.uint8(1)
+        return (column >> np.uint8(7 - question.plane % 8)) & np.uint8(1)
 
 
 class PuncturedFrame:

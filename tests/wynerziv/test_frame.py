@@ -232,7 +232,7 @@ def test_quantising_kernels_equal_their_twins(levels: int, twin: bool) -> None:
     )
     dc = rng.uniform(0.0, 1020.0, coefficients.size)
     planes = quantizer.num_planes(levels)
-    words = np.zeros((coefficients.size, 2), np.uint64)
+    words = np.zeros((2, coefficients.size), np.uint64)
     choose = python_twin if twin else (lambda kernel: kernel)
     choose(_kernels.pack_dead_zone)(coefficients, step, planes, 60, words)
     choose(_kernels.pack_uniform)(dc, 1024.0 / levels, planes, 60 + planes, words)
@@ -241,7 +241,7 @@ def test_quantising_kernels_equal_their_twins(levels: int, twin: bool) -> None:
         digits = reference.binary_digits(number, planes)
         number = reference.find_bin(dc[n], quantizer.bin_edges(levels, None))
         digits += reference.binary_digits(number, planes)
-        got = [int(words[n, p // 64] >> np.uint64(p % 64)) & 1 for p in range(60, 60 + 2 * planes)]
+        got = [int(words[p // 64, n] >> np.uint64(63 - p % 64)) & 1 for p in range(60, 60 + 2 * planes)]
         assert got == digits
 
 
