@@ -36,7 +36,8 @@ _L0, _L1, _L2, _L3, _L4, _L5, _L6 = (
 )
 _METRIC_FLOOR = np.float32(1e-14)
 _SUM_FLOOR = np.float32(1e-30)
-MAX_DESCENT = 64
+MAX_DESCENT = 16
+_MAX_EXPONENT = np.float32(80.0)
 PIVOT_BLOCK = 6
 _ZERO = np.float32(0.0)
 MAX_EXTRINSIC = np.float32(24.0)
@@ -457,6 +458,18 @@ def prior_information(llr, decisions):
 
 
 @kernel
+def sum_of_error_probabilities(magnitude):
+    """Add up 1 / (1 + exp(m)), in order; magnitudes are float32 and not negative."""
+    prob_right = np.empty(magnitude.size, np.float32)
+    prob_wrong = np.empty(magnitude.size, np.float32)
+    bit_probabilities(np.minimum(magnitude, _MAX_EXPONENT), prob_right, prob_wrong)
+    total = 0.0
+    for i in range(magnitude.size):
+        total += prob_wrong[i]
+    return total
+
+
+@kernel
 def parity_rows(bit_at_step, section_starts, feedback, feedforward, row_of_step, rows):
     """Write parity as equations: bit n of ``rows[row_of_step[k]]`` is the weight of bit n in the parity of step k."""
     num_words = rows.shape[1]
@@ -565,31 +578,49 @@ def eliminate(rows, column_order, row_of_pivot):
 
 
 @kernel
-def gather_columns(rows, row_of_pivot, free, columns):
-    """Unpack the weights of the free bits: ``columns[f, i]`` is that of bit ``free[f]`` in row ``row_of_pivot[i]``."""
+def gather_weights(rows, row_of_pivot, free, weights):
+    """Unpack the weights of the free bits: ``weights[i, f]`` is that of bit ``free[f]`` in ``rows[row_of_pivot[i]]``."""
     for i in range(row_of_pivot.size):
+        row = rows[row_of_pivot[i]]
         for f in range(free.size):
-            columns[f, i] = _bit(rows[row_of_pivot[i]], free[f])
+            weights[i, f] = _bit(row, free[f])
 
 
 @kernel
-def descend(columns, price_free, price_pivots, flips):
-    """Invert free bits, the most rewarding first, while that lowers the cost; prices are int32 and change sign."""
+def weigh(weights, bits, parity):
+    """Add up the weights of the bits that are 1, modulo 2: ``parity = weights @ bits``."""
+    for i in range(weights.shape[0]):
+        row = weights[i]
+        total = np.uint8(0)
+        for f in range(row.size):
+            total ^= row[f] & bits[f]
+        parity[i] = total
+
+
+@kernel
+def _add_multiple(factor, weights, prices):
+    for f in range(prices.size):
+        prices[f] += factor * np.int32(weights[f])
+
+
+@kernel
+def descend(weights, price_pivots, price_free, flips):
+    """Invert free bits, the most rewarding first, while that lowers the cost.
+
+    price_pivots, price_free : int32, what it costs to invert a bit; the latter ends as the price of a free bit
+    together with the pivots that depend on it.
+    """
+    own_price = price_free.copy()
+    for i in range(price_pivots.size):
+        _add_multiple(price_pivots[i], weights[i], price_free)
     for _ in range(MAX_DESCENT):
-        best = np.int32(0)
-        best_free = -1
-        for f in range(columns.shape[0]):
-            column = columns[f]
-            price = price_free[f]
-            for i in range(column.size):
-                price += price_pivots[i] * np.int32(column[i])
-            if price < best:
-                best = price
-                best_free = f
-        if best_free < 0:
+        best = np.argmin(price_free)
+        if price_free[best] >= 0:
             return
-        flips[best_free] ^= np.uint8(1)
-        price_free[best_free] = -price_free[best_free]
+        flips[best] ^= np.uint8(1)
+        price_free[best] -= np.int32(2) * own_price[best]
+        own_price[best] = -own_price[best]
         for i in range(price_pivots.size):
-            if columns[best_free, i]:
+            if weights[i, best]:
+                _add_multiple(np.int32(-2 * price_pivots[i]), weights[i], price_free)
                 price_pivots[i] = -price_pivots[i]

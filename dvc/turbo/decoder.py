@@ -59,6 +59,13 @@ class TurboDecoder:
         """A posteriori LLRs of the bits, shape (N,), float32; a view of the decoder's state."""
         return self._llr[:-1]
 
+    @property
+    def expected_errors(self) -> float:
+        """Number of wrong decisions to be expected by the a posteriori LLRs."""
+        from dvc.turbo import _kernels
+
+        return float(_kernels.sum_of_error_probabilities(np.abs(self.llr)))
+
     def start(self, llr_ch: ArrayLike) -> None:
         """Begin a new plane.
 
@@ -120,19 +127,47 @@ class TurboDecoder:
         int
             Iterations done.
         """
-        from dvc.turbo import _kernels
-
-        siso = self._siso
-        messages = (siso.llr_a, siso.llr_e, siso.prob0, siso.prob1)
-        _kernels.exchange_messages(self._llr_ch, self._bit_of_cell, *messages, self._llr)
+        self._exchange_messages()
         for done in range(1, max_iterations + 1):
-            siso.run()
-            _kernels.exchange_messages(self._llr_ch, self._bit_of_cell, *messages, self._llr)
-            _kernels.decide(self._llr, self.decisions)
-            self._check_parity()
+            self._pass()
             if self.parity_satisfied:
                 return done
         return max_iterations
+
+    def polish(self, num_iterations: int) -> int:
+        """Go on decoding, even where all parity is satisfied, to see how sure the decisions become.
+
+        Parameters
+        ----------
+        num_iterations : int
+            Iterations to do.
+
+        Returns
+        -------
+        int
+            Iterations done.
+        """
+        self._exchange_messages()
+        for _ in range(num_iterations):
+            self._pass()
+        return num_iterations
+
+    def _exchange_messages(self) -> None:
+        from dvc.turbo import _kernels
+
+        siso = self._siso
+        _kernels.exchange_messages(
+            self._llr_ch, self._bit_of_cell, siso.llr_a, siso.llr_e, siso.prob0, siso.prob1, self._llr
+        )
+
+    def _pass(self) -> None:
+        """Pass over the trellis, exchange messages at the bits, decide, and encode the decisions again."""
+        from dvc.turbo import _kernels
+
+        self._siso.run()
+        self._exchange_messages()
+        _kernels.decide(self._llr, self.decisions)
+        self._check_parity()
 
     def _check_parity(self) -> None:
         from dvc.turbo import _kernels

@@ -70,12 +70,20 @@ def parity_equations(code: TurboCode, num_bits: int, seed: int) -> Words:
 
 @dataclass(frozen=True)
 class _Reduced:
-    """Equations in reduced form: ``bits[pivots] = values ^ columns.T @ bits[free]`` (modulo 2)."""
+    """Equations in reduced form: ``bits[pivots] = values ^ weights @ bits[free]`` (modulo 2)."""
 
     pivots: NDArray[np.int64]
     free: NDArray[np.int64]  # least reliable first
-    columns: Bits  # (free bits, pivots)
+    weights: Bits  # (pivots, free bits)
     values: Bits
+
+    def fill_pivots(self, bits: Bits) -> None:
+        """Solve for the pivots in place, given the free bits."""
+        from dvc.turbo import _kernels
+
+        parity = np.empty(self.pivots.size, np.uint8)
+        _kernels.weigh(self.weights, bits[self.free], parity)
+        bits[self.pivots] = self.values ^ parity
 
 
 def _reduce(equations: Words, parity: Bits, reliability: NDArray[np.float32]) -> _Reduced | None:
@@ -88,14 +96,14 @@ def _reduce(equations: Words, parity: Bits, reliability: NDArray[np.float32]) ->
     order = np.argsort(reliability, kind="stable")
     row_of_pivot = np.empty(num_bits, np.int64)
     rank = int(_kernels.eliminate(rows, order, row_of_pivot))
-    values = (rows[:, num_bits // 64] >> np.uint64(num_bits % 64)).astype(np.uint8) & 1
+    values = ((rows[:, num_bits // 64] >> np.uint64(num_bits % 64)) & np.uint64(1)).astype(np.uint8)
     if values[rank:].any():
         return None
     is_pivot = row_of_pivot[order] >= 0
     pivots, free = order[is_pivot], order[~is_pivot]
-    columns = np.empty((free.size, pivots.size), np.uint8)
-    _kernels.gather_columns(rows, row_of_pivot[pivots], free, columns)
-    return _Reduced(pivots, free, columns, values[row_of_pivot[pivots]])
+    weights = np.empty((pivots.size, free.size), np.uint8)
+    _kernels.gather_weights(rows, row_of_pivot[pivots], free, weights)
+    return _Reduced(pivots, free, weights, values[row_of_pivot[pivots]])
 
 
 def solve(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> Solution | None:
@@ -119,17 +127,16 @@ def solve(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> Solution 
     if reduced is None:
         return None
     bits = (llr < 0).astype(np.uint8)
-    hard = bits[reduced.free]
-    bits[reduced.pivots] = reduced.values ^ (reduced.columns[hard == 1].sum(axis=0) & 1).astype(np.uint8)
+    reduced.fill_pivots(bits)
     free = np.zeros((reduced.free.size, llr.size), np.uint8)
     free[np.arange(reduced.free.size), reduced.free] = 1
-    free[:, reduced.pivots] = reduced.columns
+    free[:, reduced.pivots] = reduced.weights.T
     return Solution(bits, free)
 
 
 def ordered_statistics(
     equations: Words, parity: Bits, llr_ch: NDArray[np.float32], llr: NDArray[np.float32]
-) -> Bits | None:
+) -> tuple[Bits, float] | None:
     """Search a likely plane that satisfies all parity, starting from soft decisions.
 
     The equations are solved for the least reliable bits (ordered statistics decoding); then free bits are
@@ -148,8 +155,9 @@ def ordered_statistics(
 
     Returns
     -------
-    ndarray of shape (N,), uint8, or None
-        The plane found; None where the equations contradict each other.
+    tuple of (ndarray of shape (N,) uint8, float), or None
+        The plane found, and the expected number of those of its rivals that differ in one free bit, relative to
+        it: small where no rival is nearly as likely. None where the equations contradict each other.
 
     References
     ----------
@@ -161,14 +169,14 @@ def ordered_statistics(
     reduced = _reduce(equations, parity, np.abs(llr))
     if reduced is None:
         return None
-    pivots, free = reduced.pivots, reduced.free
     bits = (llr < 0).astype(np.uint8)
-    bits[pivots] = reduced.values ^ (reduced.columns[bits[free] == 1].sum(axis=0) & 1).astype(np.uint8)
+    reduced.fill_pivots(bits)
     price = np.rint(np.abs(llr_ch) * np.float32(COST_SCALE)).astype(np.int32)
     price = np.where(bits == (llr_ch < 0), price, -price)  # of inverting a bit
-    price_free, price_pivots = price[free], price[pivots]
-    flips = np.zeros(free.size, np.uint8)
-    _kernels.descend(reduced.columns, price_free, price_pivots, flips)
-    bits[free] ^= flips
-    bits[pivots] ^= (reduced.columns[flips == 1].sum(axis=0) & 1).astype(np.uint8)
-    return bits
+    flips = np.zeros(reduced.free.size, np.uint8)
+    gaps = price[reduced.free]
+    _kernels.descend(reduced.weights, price[reduced.pivots], gaps, flips)
+    bits[reduced.free] ^= flips
+    reduced.fill_pivots(bits)
+    gaps_nat = np.maximum(gaps, 0).astype(np.float32) / np.float32(COST_SCALE)
+    return bits, float(_kernels.sum_of_error_probabilities(gaps_nat))

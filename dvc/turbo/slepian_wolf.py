@@ -18,7 +18,9 @@ Bits = NDArray[np.uint8]
 RequestKind = Literal["crc", "parity", "plain"]
 PLAIN_ALLOWANCE_BITS = 8
 """Planes whose entropy and check come this close to their length, or closer, are sent plainly."""
-SEARCH_SPACING = 1.015
+SURE_ERRORS = 2.0**-6
+POLISH_ITERATIONS = 4
+SEARCH_SPACING = 1.02
 """Growth of the parity from one search by ordered statistics to the next."""
 
 
@@ -36,7 +38,9 @@ class SlepianWolfSettings:
     step: float = 0.01  # further requests, as a share of the prior's entropy or of what was received
     early_step: float = 0.03  # the same, as long as less than `early_rate` of the entropy was received
     early_rate: float = 0.95
-    iterations: int = 8  # most iterations after a request
+    iterations: int = 4  # after a request; as many again while they cut the expected errors to `progress`
+    progress: float = 0.9
+    max_iterations: int = 30
     search_work: float = 1.2e7  # word operations that one search by ordered statistics may cost
 
     def __post_init__(self) -> None:
@@ -45,8 +49,12 @@ class SlepianWolfSettings:
             raise ValueError(f"`crc_bits` must be one of {sorted(POLYNOMIALS)} and hold `first_crc_bits`")
         if self.max_prior_llr <= 0 or not 0 <= self.initial_rate <= 2:
             raise ValueError("`max_prior_llr` must be positive and `initial_rate` within 0..2")
-        if not (0 < self.step <= 1 and 0 < self.early_step <= 1 and self.iterations >= 1):
-            raise ValueError("`step` and `early_step` must be within 0..1, `iterations` at least 1")
+        if not (
+            0 < self.step <= 1 and 0 < self.early_step <= 1 and 1 <= self.iterations <= self.max_iterations
+        ):
+            raise ValueError(
+                "`step` and `early_step` must be within 0..1, `iterations` within 1..`max_iterations`"
+            )
 
 
 @dataclass(frozen=True)
@@ -122,23 +130,27 @@ class _Plane:
     def checks(self, bits: Bits) -> bool:
         return bool((crc(bits, self.settings.crc_bits)[: self.check.size] == self.check).all())
 
-    def missing_evidence(self, bits: Bits) -> float:
+    def missing_evidence(self, bits: Bits, rivals: float) -> float:
         """Return how many more bits must agree before a plane that satisfies all parity is accepted.
 
         At most ``2**x`` planes have a prior probability of ``2**-x`` or more, and each bit received rules out
-        half of the wrong ones; this holds for any plane, however wrong the prior.
+        half of the wrong ones, however wrong the prior; only the check bits do so for near rivals as well.
         """
         from dvc.turbo import _kernels
 
         cost = float(_kernels.prior_information(self.llr_ch, bits))
-        rivals = cost if cost > 30 else float(np.log2(max(2.0**cost - 1, 1e-9)))
-        return self.settings.error_exponent + rivals - self.parity.size - self.check.size
+        likelier = cost if cost > 30 else float(np.log2(max(2.0**cost - 1, 1e-9)))
+        near = float(np.log2(max(rivals, 1e-9)))
+        return self.settings.error_exponent + max(likelier - self.parity.size, near) - self.check.size
 
-    def accept(self, bits: Bits) -> Generator[PlaneRequest, Bits, bool]:
-        """Say whether a plane that satisfies all parity is the right one; ask for check bits where in doubt."""
+    def accept(self, bits: Bits, rivals: float) -> Generator[PlaneRequest, Bits, bool]:
+        """Say whether a plane that satisfies all parity is the right one; ask for check bits where in doubt.
+
+        `rivals` is the number of planes to be expected among its near neighbours, relative to it.
+        """
         if not self.checks(bits):
             return False
-        missing = math.ceil(self.missing_evidence(bits))
+        missing = math.ceil(self.missing_evidence(bits, rivals))
         if missing <= 0:
             return True
         if self.check.size + missing > self.settings.crc_bits:
@@ -198,7 +210,7 @@ def decode_plane(
         return plane.result(plane.parity, True)
     yield from plane.request_check(settings.first_crc_bits)
     decisions = (llr < 0).astype(np.uint8)
-    if (yield from plane.accept(decisions)):
+    if (yield from plane.accept(decisions, 0.0)):
         return plane.result(decisions, True)
     return (yield from _decode_by_parity(plane, decoder_for_code(code)))
 
@@ -209,17 +221,34 @@ def _decode_by_parity(plane: _Plane, decoder: TurboDecoder) -> PlaneCoroutine:
     last_search = 0
     while plane.parity.size < plane.num_bits:
         decoder.add_parity((yield from plane.request_parity(plane.next_count())))
-        plane.iterations += decoder.iterate(plane.settings.iterations)
+        plane.iterations += _iterate(decoder, plane.settings)
         if decoder.parity_satisfied:
-            if (yield from plane.accept(decoder.decisions)):
+            if decoder.expected_errors > SURE_ERRORS:
+                plane.iterations += decoder.polish(POLISH_ITERATIONS)
+            if (yield from plane.accept(decoder.decisions, decoder.expected_errors)):
                 return plane.result(decoder.decisions, True)
         elif _is_worth_a_search(plane, last_search):
             last_search = plane.parity.size
             equations = parity_equations(decoder.code, plane.num_bits, decoder.interleaver_seed)
             found = ordered_statistics(equations[:last_search], plane.parity, plane.llr_ch, decoder.llr)
-            if found is not None and (yield from plane.accept(found)):
-                return plane.result(found, True)
+            if found is not None and (yield from plane.accept(*found)):
+                return plane.result(found[0], True)
     return (yield from _solve(plane, decoder))
+
+
+def _iterate(decoder: TurboDecoder, settings: SlepianWolfSettings) -> int:
+    """Iterate in blocks as long as that makes the decisions surer; return the iterations done."""
+    done = 0
+    left = settings.max_iterations
+    before = decoder.expected_errors
+    while left > 0:
+        done += decoder.iterate(min(left, settings.iterations))
+        left -= settings.iterations
+        after = decoder.expected_errors
+        if decoder.parity_satisfied or after > settings.progress * before:
+            break
+        before = after
+    return done
 
 
 def _is_worth_a_search(plane: _Plane, last_search: int) -> bool:
