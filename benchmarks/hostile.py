@@ -40,10 +40,10 @@ STREAMS, MESSAGES = KINDS[:2], KINDS[2:]
 def guarded() -> Iterator[None]:
     """Raise `TimeoutError` in a block that takes too long."""
 
-    def ring(_signal: int, _frame: FrameType | None) -> None:
+    def _ring(_signal: int, _frame: FrameType | None) -> None:
         raise TimeoutError
 
-    previous = signal.signal(signal.SIGALRM, ring)
+    previous = signal.signal(signal.SIGALRM, _ring)
     signal.setitimer(signal.ITIMER_REAL, MAX_SECONDS)
     try:
         yield

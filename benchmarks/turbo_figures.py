@@ -179,7 +179,8 @@ def undetected_errors(setting: Setting, _clip: str | None) -> Measured:
     upper = float(beta.ppf(0.95, undetected + 1, num_planes - undetected))
     values = {"num_undetected": undetected, "num_failed": failed, "num_planes": num_planes, "upper_95": upper}
     text = f"{undetected} of {num_planes} planes; below {upper:.1e} with 95 % confidence"
-    return Measured(text, upper < MOST_UNDETECTED, values)
+    enough = upper < MOST_UNDETECTED or undetected / num_planes > MOST_UNDETECTED
+    return Measured(text, upper < MOST_UNDETECTED if enough else None, values)
 
 
 def _efficiency_figures() -> list[Figure]:

@@ -75,7 +75,7 @@ def _draw(axes: "Axes", experiment: Experiment) -> None:
     axes.set_ylabel("luma PSNR [dB]")
     axes.grid(color="#dddddd", linewidth=0.8)
     axes.set_axisbelow(True)
-    axes.legend(loc="lower right", frameon=True)
+    axes.legend(loc="best", frameon=True)
 
 
 def _annotate(axes: "Axes", x: float, y: float, text: str, colour: str) -> None:
@@ -88,9 +88,9 @@ def _focus(axes: "Axes", curves: list[Curve]) -> None:
     """Show the range of the codecs; the anchor may leave it."""
     rates = [rate for curve in curves for rate in curve.rates_kbps]
     psnrs = [psnr for curve in curves for psnr in curve.psnrs_y_db]
-    room = max(max(psnrs) - min(psnrs), 1.0) * 0.12
-    axes.set_xlim(0, max(rates) * 1.25)
-    axes.set_ylim(min(psnrs) - 2 * room, max(psnrs) + room)
+    width, height = max(rates) - min(rates), max(max(psnrs) - min(psnrs), 1.0)
+    axes.set_xlim(max(0.0, min(rates) - 0.2 * width), max(rates) + 0.3 * max(width, 0.1 * max(rates)))
+    axes.set_ylim(min(psnrs) - 0.15 * height, max(psnrs) + 0.12 * height)
 
 
 def _legend(curve: Curve, anchor: Curve | None) -> str:

@@ -326,12 +326,14 @@ def build_sweep(given: dict[str, Any]) -> Sweep:
     if not isinstance(values.get("luma_only", True), bool):
         raise ConfigError(f"`luma_only` must be true or false, got {values['luma_only']!r}")
     if isinstance(values.get("options"), dict):
-        pairs = (
-            (name, str(value).lower() if isinstance(value, bool) else str(value))
-            for name, value in values["options"].items()
-        )
-        values["options"] = tuple(sorted(pairs))
+        values["options"] = tuple(sorted((name, _word(value)) for name, value in values["options"].items()))
+    if not isinstance(values.get("options", ()), tuple):
+        raise ConfigError(f"`options` must be a table of options and values, got {values['options']!r}")
     return Sweep(**values)
+
+
+def _word(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _listed(name: str, value: object) -> list[str]:

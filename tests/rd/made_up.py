@@ -1,0 +1,94 @@
+"""Made-up results for the tests of reports."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from dvc.rd.results import POINTS_FOLDER, SCHEMA
+
+
+def result_data(
+    rate_kbps: float, psnr_y_db: float, *, wz_q: int | None = 1, codec: str = "2d", **changes: Any
+) -> dict[str, Any]:
+    """Return the contents of a result file.
+
+    Parameters
+    ----------
+    rate_kbps, psnr_y_db : float
+        The point.
+    wz_q : int or None, optional
+        Quantiser preset.
+    codec : str, optional
+        Codec.
+    **changes : object
+        Other entries at the top.
+
+    Returns
+    -------
+    dict
+        Everything that a report needs.
+    """
+    wyner_ziv = codec != "h264-intra"
+    totals: dict[str, Any] = {
+        "frames": 3,
+        "duration_s": 0.12,
+        "stream_bytes": 1000,
+        "rate_kbps": rate_kbps,
+        "psnr_y_db": psnr_y_db,
+    }
+    totals |= {"bits": {"key": 6000, "tracks": 0, "parity": 1600, "crc": 80, "header": 320}}
+    if wyner_ziv:
+        totals |= {"si_psnr_y_db": 30.0, "num_requests": 12, "decode_s": 0.5, "wz_psnr_y_db": 31.0}
+    return {
+        "schema": SCHEMA,
+        "identity": "0" * 32,
+        "date": "2026-01-31T12:00:00+00:00",
+        "sequence": {"name": "clip", "digest": "d1", "width": 64, "height": 48, "frames_per_s": 25.0},
+        "codec": codec,
+        "options": {
+            "codec": codec,
+            "wz_q": wz_q if wyner_ziv else None,
+            "key_qp": "auto",
+            "gop": 2 if wyner_ziv else 1,
+            "start": 0,
+            "frames": 3,
+            "luma_only": True,
+            "options": {},
+        },
+        "code": {"version": "0.0", "commit": None, "digest": "c1"},
+        "commands": ["python -m encoder clip.mkv stream.dvc"],
+        "key": {"qp": 34, "lossless": False},
+        "totals": totals,
+        "times": {
+            "encode_cpu_s": 1.0,
+            "decode_cpu_s": 2.0,
+            "key_encode_cpu_s": 0.002,
+            "wz_encode_cpu_s": 0.001,
+        },
+        "per_frame": [{"type": "key"}, {"type": "wz" if wyner_ziv else "key"}, {"type": "key"}],
+        **changes,
+    }
+
+
+def write_results(folder: Path, scale: float = 1.0) -> Path:
+    """Write a codec's curve, and an intra curve of a quarter more rate.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the experiment.
+    scale : float, optional
+        Factor on all rates.
+
+    Returns
+    -------
+    Path
+        The same folder.
+    """
+    (folder / POINTS_FOLDER).mkdir(parents=True)
+    for number, (rate_kbps, psnr_y_db) in enumerate([(60.0, 29.0), (90.0, 31.5), (200.0, 35.0)], start=1):
+        codec = result_data(scale * rate_kbps, psnr_y_db, wz_q=number)
+        intra = result_data(1.25 * scale * rate_kbps, psnr_y_db, codec="h264-intra")
+        for name, data in ((f"codec-{number}", codec), (f"intra-{number}", intra)):
+            (folder / POINTS_FOLDER / f"{name}.json").write_text(json.dumps(data), encoding="utf-8")
+    return folder

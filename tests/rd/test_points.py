@@ -1,0 +1,165 @@
+"""Points and sweeps."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc.config import key_qp_for
+from dvc.errors import ConfigError
+from dvc.rd.points import (
+    INTRA,
+    Point,
+    Sweep,
+    build_sweep,
+    expand,
+    parse_numbers,
+    parse_options,
+    read_spec,
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [("4", (4,)), ("1-3", (1, 2, 3)), ("8,1-2,2", (8, 1, 2)), ("2-8:3", (2, 5, 8)), (" 1 , 3 ", (1, 3))],
+)
+def test_numbers_are_read_in_order_and_once(text: str, numbers: tuple[int, ...]) -> None:
+    """Lists, ranges and steps give each number once, in the order given."""
+    assert parse_numbers(text, 1, 8) == numbers
+
+
+@pytest.mark.parametrize(
+    "text", ["", "0", "9", "3-1", "1-9", "a", "1,,2", "-1", "1-3:0", "1.5", "99999999999"]
+)
+def test_other_numbers_are_refused(text: str) -> None:
+    """What is no list of numbers in the range raises ConfigError."""
+    with pytest.raises(ConfigError, match="expected numbers from 1 to 8"):
+        parse_numbers(text, 1, 8)
+
+
+@given(st.text(max_size=20))
+def test_any_text_is_numbers_or_refused(text: str) -> None:
+    """Arbitrary text gives numbers in the range or ConfigError."""
+    try:
+        numbers = parse_numbers(text, 1, 8)
+    except ConfigError:
+        return
+    assert numbers
+    assert all(1 <= number <= 8 for number in numbers)
+
+
+def test_options_are_sorted_and_flags_true() -> None:
+    """NAME=VALUE and NAME give sorted pairs."""
+    assert parse_options(["turbo=classical", "hierarchical"]) == (
+        ("hierarchical", "true"),
+        ("turbo", "classical"),
+    )
+
+
+@pytest.mark.parametrize("word", ["wz-q=3", "quiet", "=x", "--turbo=classical", "Turbo", "json=x"])
+def test_options_of_the_experiment_itself_are_refused(word: str) -> None:
+    """An option that the experiment sets, or that is none, raises ConfigError."""
+    with pytest.raises(ConfigError, match="cannot be given"):
+        parse_options([word])
+
+
+def test_encoder_options_name_everything() -> None:
+    """A point gives the encoder its options, flags without a value."""
+    point = Point("clip", "2d", 3, "auto", 4, 5, 7, options=(("hierarchical", "true"), ("seed", "2")))
+    assert " ".join(point.encoder_options()) == (
+        "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --luma-only --hierarchical --seed 2"
+    )
+
+
+def test_colour_is_coded_without_the_flag() -> None:
+    """A point in colour does not ask for luma only."""
+    assert "--luma-only" not in Point("clip", "2d", 3, "auto", 2, luma_only=False).encoder_options()
+
+
+def test_anchor_has_the_qps_of_the_sweep_and_its_own() -> None:
+    """The intra anchor covers the key QPs of all presets."""
+    sweep = Sweep(("clip",), wz_q=(1, 8), anchors=("intra",), anchor_qp=(20, 44))
+    anchors = [point for point in sweep.points() if point.codec == INTRA]
+    assert [point.key_qp for point in anchors] == ["20", str(key_qp_for(8)), str(key_qp_for(1)), "44"]
+    assert {point.gop for point in anchors} == {1}
+    assert all(point.wz_q is None for point in anchors)
+
+
+def test_key_qps_go_with_the_presets() -> None:
+    """One key QP per preset is taken in order."""
+    points = expand([Sweep(("clip",), wz_q=(1, 2), key_qp=("40", "30"))])
+    assert [(point.wz_q, point.key_qp) for point in points] == [(1, "40"), (2, "30")]
+
+
+def test_points_of_several_sweeps_are_listed_once() -> None:
+    """The same point of two sweeps is measured once."""
+    sweeps = [
+        Sweep(("clip",), wz_q=(1, 2), anchors=("intra",)),
+        Sweep(("clip",), wz_q=(2, 3), anchors=("intra",)),
+    ]
+    points = expand(sweeps)
+    assert len(points) == len(set(points))
+    assert sum(point.wz_q == 2 for point in points) == 1
+
+
+def test_key_frames_alone_have_no_presets() -> None:
+    """With GOP 1 a sweep has one point."""
+    assert [point.wz_q for point in Sweep(("clip",), gop=1, key_qp=("30",)).points()] == [None]
+
+
+@pytest.mark.parametrize(
+    ("given_values", "message"),
+    [
+        ({}, "at least one sequence"),
+        ({"sequences": ["a"], "codec": "4d"}, "the codec must be one of"),
+        ({"sequences": ["a"], "wz_q": "1-9"}, "expected numbers from 1 to 8"),
+        ({"sequences": ["a"], "wz_q": [1.5]}, "`wz_q` must be a list"),
+        ({"sequences": []}, "`sequences` must be a list"),
+        ({"sequences": ["a"], "key_qp": [30, 31, 32], "wz_q": [1, 2]}, "3 key QPs for 2 presets"),
+        ({"sequences": ["a"], "gop": 0}, "`gop` must be a whole number"),
+        ({"sequences": ["a"], "frames": True}, "`frames` must be a whole number"),
+        ({"sequences": ["a"], "luma_only": "yes"}, "`luma_only` must be true or false"),
+        ({"sequences": ["a"], "anchors": ["jpeg"]}, "the anchor must be one of"),
+        ({"sequences": ["a"], "options": {"wz-q": 3}}, "cannot be given"),
+        ({"sequences": ["a"], "options": 3}, "`options` must be a table"),
+    ],
+)
+def test_senseless_sweeps_are_refused(given_values: dict[str, object], message: str) -> None:
+    """A wrong value raises ConfigError that names it."""
+    with pytest.raises(ConfigError, match=message):
+        build_sweep(given_values)
+
+
+def test_spec_merges_defaults(tmp_path: Path) -> None:
+    """Every sweep of a file has the defaults that it does not override."""
+    path = tmp_path / "sweep.toml"
+    path.write_text(
+        '[defaults]\nframes = 9\nsequences = ["a"]\n[[sweep]]\nwz_q = "1-2"\n'
+        "[[sweep]]\nwz_q = [4]\nframes = 5\noptions = { hierarchical = true, seed = 3 }\n",
+        encoding="utf-8",
+    )
+    first, second = (build_sweep(fields) for fields in read_spec(path))
+    assert (first.frames, first.wz_q) == (9, (1, 2))
+    assert (second.frames, second.wz_q) == (5, (4,))
+    assert second.options == (("hierarchical", "true"), ("seed", "3"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[[sweep]\n",
+        "sweep = 3\n",
+        "[[sweep]]\nspeed = 1\n",
+        "[other]\n",
+        "",
+        "sweep = [1]\n",
+        "defaults = 1\n",
+    ],
+)
+def test_other_specs_are_refused(tmp_path: Path, text: str) -> None:
+    """A file that is no specification raises ConfigError that names it."""
+    path = tmp_path / "sweep.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"sweep\.toml"):
+        read_spec(path)

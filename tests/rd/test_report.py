@@ -1,0 +1,106 @@
+"""Curves, tables, plots and comparisons from results alone."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+
+from dvc.errors import DvcError
+from dvc.rd.compare import compare_results
+from dvc.rd.curves import bd_text, compare_curves, experiments
+from dvc.rd.report import points_table, table, write_report
+from dvc.rd.results import PointResult, read_results
+from tests.rd.made_up import result_data, write_results
+
+PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+
+
+def test_results_are_sorted_into_experiments_and_curves(tmp_path: Path) -> None:
+    """Points of one codec on the same frames form a curve by increasing rate, the anchor last."""
+    (experiment,) = experiments(read_results(write_results(tmp_path / "a")))
+    assert [curve.label for curve in experiment.curves] == ["2D-DVC, GOP 2", "H.264 intra"]
+    assert experiment.curves[0].rates_kbps == [60.0, 90.0, 200.0]
+    assert experiment.anchor() is experiment.curves[1]
+    assert experiment.title == "clip: 64×48, frames 0 to 2 at 25 Hz, luma only"
+
+
+def test_other_frames_and_options_are_told_apart() -> None:
+    """Another length is another experiment, other options another curve; names of files stay unique."""
+    plain = result_data(60.0, 30.0)
+    longer = result_data(60.0, 30.0)
+    longer["totals"] = {**longer["totals"], "frames": 5}
+    hierarchical = result_data(60.0, 30.0)
+    hierarchical["options"] = {**hierarchical["options"], "options": {"hierarchical": "true", "seed": "2"}}
+    results = [PointResult(str(i), data) for i, data in enumerate((plain, longer, hierarchical))]
+    short, long = experiments(results)
+    assert [curve.label for curve in short.curves] == ["2D-DVC, GOP 2", "2D-DVC, GOP 2, hierarchical, seed 2"]
+    assert short.slug != long.slug
+
+
+def test_bd_rate_is_that_of_the_rates(tmp_path: Path) -> None:
+    """A curve that needs four fifths of the rate everywhere has a BD-rate of -20 %."""
+    (experiment,) = experiments(read_results(write_results(tmp_path / "a")))
+    codec, intra = experiment.curves
+    assert bd_text(compare_curves(intra, codec)) == "-20.0 % (29.0 to 35.0 dB, 3 and 3 points)"
+
+
+def test_one_point_cannot_be_compared() -> None:
+    """A curve of one point is told to be not comparable, and why."""
+    results = [
+        PointResult("a", result_data(60.0, 30.0)),
+        PointResult("b", result_data(70.0, 30.0, codec="h264-intra")),
+    ]
+    (experiment,) = experiments(results)
+    assert bd_text(compare_curves(*experiment.curves)).startswith("not comparable: curve A: 1 useful points")
+
+
+def test_tables_leave_out_what_nobody_has(tmp_path: Path) -> None:
+    """Columns about Wyner-Ziv frames are there for the codec, and not for the intra anchor."""
+    (experiment,) = experiments(read_results(write_results(tmp_path / "a")))
+    codec, intra = (points_table(curve) for curve in experiment.curves)
+    assert "| Q | key QP |" in codec
+    assert "| 1 | 34 | 60.0 | 29.00 |" in codec
+    assert "decode s per WZ frame" in codec
+    assert "WZ" not in intra
+    assert "| 75.0 | 0.0 | 20.0 |" not in intra
+
+
+def test_cells_cannot_break_a_table() -> None:
+    """A bar within a cell is escaped."""
+    assert table(["a"], [["x|y"]]) == "| a |\n| --- |\n| x\\|y |\n"
+
+
+def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
+    """The report names its pictures, a PNG and a well-formed SVG, and is the same when made again."""
+    results = read_results(write_results(tmp_path / "a"))
+    written = write_report(results, tmp_path / "report.md")
+    assert [path.name for path in written] == ["report.md", "report-clip.png", "report-clip.svg"]
+    text = written[0].read_text(encoding="utf-8")
+    assert "(report-clip.png)" in text
+    assert "-20.0 %" in text
+    assert "python -m encoder clip.mkv stream.dvc" in text
+    assert written[1].read_bytes().startswith(PNG_MAGIC)
+    svg = ET.parse(written[2]).getroot()
+    assert any("H.264 intra" in (element.text or "") for element in svg.iter())
+    before = [path.read_bytes() for path in written]
+    assert [path.read_bytes() for path in write_report(results, tmp_path / "report.md")] == before
+
+
+def test_report_of_single_points(tmp_path: Path) -> None:
+    """One point without an anchor is a report as well."""
+    (report, *_) = write_report([PointResult("a", result_data(60.0, 30.0))], tmp_path / "r.md")
+    assert "| clip | 2D-DVC, GOP 2 | – |" in report.read_text(encoding="utf-8")
+
+
+def test_comparison_of_two_experiments(tmp_path: Path) -> None:
+    """A tenth more rate everywhere is a BD-rate of +10 %; curves without a partner are left out."""
+    before = read_results(write_results(tmp_path / "a"))
+    after = read_results(write_results(tmp_path / "b", scale=1.1))
+    text = compare_results(before, after)
+    assert text.count("+10.0 %") == 2
+    assert text.count("-0.") == 2
+    other = [
+        PointResult("x", result_data(60.0, 30.0, sequence={**after[0].data["sequence"], "digest": "d2"}))
+    ]
+    with pytest.raises(DvcError, match="no codec and sequence in common"):
+        compare_results(before, other)
