@@ -90,7 +90,7 @@ class FrameLayout:
         """Rows and columns of 4x4 blocks."""
         return transform.band_shape(self.height, self.width)
 
-    @property
+    @cached_property
     def num_bits(self) -> int:
         """Bits in a plane, which is blocks in a frame."""
         return self.band_shape[0] * self.band_shape[1]
@@ -106,7 +106,7 @@ class FrameLayout:
         counts = [quantizer.num_planes(self.levels[band]) for band in self.bands]
         return dict(zip(self.bands, np.cumsum([0, *counts[:-1]]).tolist(), strict=True))
 
-    @property
+    @cached_property
     def num_planes(self) -> int:
         """Planes in a frame."""
         return sum(quantizer.num_planes(levels) for levels in self.levels)
