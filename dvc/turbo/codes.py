@@ -87,15 +87,16 @@ def _joined(
     copies: tuple[tuple[float, int], ...],
     grid_rate: float,
     max_entropy: float,
+    spread: int = 20,
 ) -> TurboCode:
-    return TurboCode(name, *polynomials, copies, grid_rate=grid_rate, spread=20, max_entropy=max_entropy)
+    return TurboCode(name, *polynomials, copies, grid_rate=grid_rate, spread=spread, max_entropy=max_entropy)
 
 
 ADAPTIVE = (
-    _joined("H03", _EIGHT_STATES_REVERSED, ((1.0, 3),), 0.0, 0.038),
-    _joined("H05", _SIXTEEN_STATES, ((0.833, 2), (0.142, 8), (0.025, 12)), 0.065, 0.063),
-    _joined("H08", _SIXTEEN_STATES, ((0.862, 2), (0.011, 8), (0.098, 10), (0.029, 30)), 0.099, 0.098),
-    _joined("H12", _SIXTEEN_STATES, ((0.899, 2), (0.033, 4), (0.068, 12)), 0.147, 0.143),
+    _joined("H03", _EIGHT_STATES_REVERSED, ((1.0, 3),), 0.0, 0.038, 40),
+    _joined("H05", _SIXTEEN_STATES, ((0.833, 2), (0.142, 8), (0.025, 12)), 0.065, 0.063, 40),
+    _joined("H08", _SIXTEEN_STATES, ((0.862, 2), (0.011, 8), (0.098, 10), (0.029, 30)), 0.099, 0.098, 40),
+    _joined("H12", _SIXTEEN_STATES, ((0.899, 2), (0.033, 4), (0.068, 12)), 0.147, 0.143, 40),
     _joined("H17", _EIGHT_STATES_REVERSED, ((0.827, 2), (0.026, 8), (0.138, 10), (0.009, 30)), 0.216, 0.198),
     _joined("H23", _EIGHT_STATES, ((0.876, 2), (0.124, 12)), 0.269, 0.263),
     _joined("H30", _EIGHT_STATES, ((0.899, 2), (0.064, 8), (0.037, 30)), 0.348, 0.338),

@@ -12,6 +12,8 @@ from dvc.turbo.puncturing import release_order
 
 Bits = NDArray[np.uint8]
 Words = NDArray[np.uint64]
+NUM_NEIGHBOURS = 7
+"""Neighbours of the plane found that `ordered_statistics` returns as well."""
 COST_SCALE = 256
 """Steps per unit of LLR in the integer costs of `ordered_statistics`."""
 
@@ -136,8 +138,8 @@ def solve(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> Solution 
 
 def ordered_statistics(
     equations: Words, parity: Bits, llr_ch: NDArray[np.float32], llr: NDArray[np.float32]
-) -> tuple[Bits, float] | None:
-    """Search a likely plane that satisfies all parity, starting from soft decisions.
+) -> Bits | None:
+    """Search likely planes that satisfy all parity, starting from soft decisions.
 
     The equations are solved for the least reliable bits (ordered statistics decoding); then free bits are
     inverted one at a time as long as that makes the plane likelier under the prior.
@@ -155,9 +157,9 @@ def ordered_statistics(
 
     Returns
     -------
-    tuple of (ndarray of shape (N,) uint8, float), or None
-        The plane found, and the expected number of those of its rivals that differ in one free bit, relative to
-        it: small where no rival is nearly as likely. None where the equations contradict each other.
+    ndarray of shape (K, N), uint8, or None
+        The plane found, then those of its neighbours that cost least; None where the equations contradict
+        each other.
 
     References
     ----------
@@ -178,5 +180,8 @@ def ordered_statistics(
     _kernels.descend(reduced.weights, price[reduced.pivots], gaps, flips)
     bits[reduced.free] ^= flips
     reduced.fill_pivots(bits)
-    gaps_nat = np.maximum(gaps, 0).astype(np.float32) / np.float32(COST_SCALE)
-    return bits, float(_kernels.sum_of_error_probabilities(gaps_nat))
+    nearest = np.argsort(gaps, kind="stable")[:NUM_NEIGHBOURS]
+    planes = np.repeat(bits[np.newaxis], 1 + nearest.size, axis=0)
+    planes[1 + np.arange(nearest.size), reduced.free[nearest]] ^= 1
+    planes[1:, reduced.pivots] ^= reduced.weights[:, nearest].T
+    return planes

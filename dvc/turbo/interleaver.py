@@ -113,7 +113,7 @@ def _spread(bits: NDArray[np.int32], num_bits: int, spread: int, seed: int) -> N
     """Keep copies of a bit apart, and bits with few copies from being neighbours twice."""
     from dvc.turbo import _kernels
 
-    spread = min(spread, math.isqrt(bits.size) // 4)
+    spread = min(spread, math.isqrt(bits.size) // 3)
     if spread < 1:
         return bits
     bits = bits.copy()

@@ -18,6 +18,10 @@ Bits = NDArray[np.uint8]
 RequestKind = Literal["crc", "parity", "plain"]
 PLAIN_ALLOWANCE_BITS = 8
 """Planes whose entropy and check come this close to their length, or closer, are sent plainly."""
+SEARCH_RIVALS = 1.0
+"""Near rivals to be expected of a plane found by a search."""
+NEIGHBOUR_RIVALS = 2.0**2
+"""The same for its neighbours."""
 SURE_ERRORS = 2.0**-6
 POLISH_ITERATIONS = 4
 SEARCH_SPACING = 1.02
@@ -41,7 +45,7 @@ class SlepianWolfSettings:
     iterations: int = 4  # after a request; as many again while they cut the expected errors to `progress`
     progress: float = 0.9
     max_iterations: int = 30
-    search_work: float = 1.2e7  # word operations that one search by ordered statistics may cost
+    search_work: float = 4e6  # word operations that one search by ordered statistics may cost
 
     def __post_init__(self) -> None:
         family(self.family)
@@ -227,13 +231,26 @@ def _decode_by_parity(plane: _Plane, decoder: TurboDecoder) -> PlaneCoroutine:
                 plane.iterations += decoder.polish(POLISH_ITERATIONS)
             if (yield from plane.accept(decoder.decisions, decoder.expected_errors)):
                 return plane.result(decoder.decisions, True)
-        elif _is_worth_a_search(plane, last_search):
+        if _is_worth_a_search(plane, last_search):
             last_search = plane.parity.size
-            equations = parity_equations(decoder.code, plane.num_bits, decoder.interleaver_seed)
-            found = ordered_statistics(equations[:last_search], plane.parity, plane.llr_ch, decoder.llr)
-            if found is not None and (yield from plane.accept(*found)):
-                return plane.result(found[0], True)
+            found = yield from _search(plane, decoder)
+            if found is not None:
+                return plane.result(found, True)
     return (yield from _solve(plane, decoder))
+
+
+def _search(plane: _Plane, decoder: TurboDecoder) -> Generator[PlaneRequest, Bits, Bits | None]:
+    """Look for an acceptable plane that iterations miss; what a search finds is trusted less."""
+    equations = parity_equations(decoder.code, plane.num_bits, decoder.interleaver_seed)[: plane.parity.size]
+    planes = ordered_statistics(equations, plane.parity, plane.llr_ch, decoder.llr)
+    if planes is None:
+        return None
+    if not decoder.parity_satisfied:  # neighbours help where iterations are stuck in a wrong codeword
+        planes = planes[:1]
+    for number, bits in enumerate(planes):
+        if (yield from plane.accept(bits, NEIGHBOUR_RIVALS if number else SEARCH_RIVALS)):
+            return np.asarray(bits)
+    return None
 
 
 def _iterate(decoder: TurboDecoder, settings: SlepianWolfSettings) -> int:
