@@ -2,6 +2,7 @@
 
 import math
 import statistics
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
@@ -183,6 +184,107 @@ def undetected_errors(setting: Setting, _clip: str | None) -> Measured:
     return Measured(text, upper < MOST_UNDETECTED if enough else None, values)
 
 
+def plain_siso(
+    llr_a: NDArray[np.float64], parity: NDArray[np.int8], feedback: int, feedforward: int
+) -> NDArray[np.float64]:
+    """Compute the extrinsic LLRs of a trellis in plain numpy, step by step in the log domain.
+
+    Parameters
+    ----------
+    llr_a : ndarray of shape (T,), float64
+        A priori LLRs of the input bits.
+    parity : ndarray of shape (T,), int8
+        Parity bit of every step, -1 where it is unknown.
+    feedback, feedforward : int
+        Polynomials in D; bit i is the coefficient of D to the i-th.
+
+    Returns
+    -------
+    ndarray of shape (T,), float64
+        Extrinsic LLRs.
+
+    References
+    ----------
+    [BCJR] Bahl, Cocke, Jelinek, Raviv, IEEE Trans. Information Theory 20 (1974).
+    """
+    from dvc.turbo.trellis import trellis
+
+    table = trellis(feedback, feedforward)
+    follow, emitted = table.next_state, table.output
+    allowed = (parity[:, np.newaxis, np.newaxis] < 0) | (parity[:, np.newaxis, np.newaxis] == emitted)
+    gamma_p = np.where(allowed, 0.0, -np.inf)  # (T, S, 2): what the parity says
+    gamma_a = 0.5 * llr_a[:, np.newaxis] * np.array([1.0, -1.0])  # (T, 2): what is known before
+    alpha = np.full((llr_a.size + 1, table.num_states), -np.inf)
+    alpha[0, 0] = 0.0
+    for t in range(llr_a.size):
+        edges = alpha[t, :, np.newaxis] + gamma_p[t] + gamma_a[t]
+        np.logaddexp.at(alpha[t + 1], follow, edges)
+        alpha[t + 1] -= alpha[t + 1].max()
+    beta = np.zeros(table.num_states)
+    llr_e = np.empty(llr_a.size)
+    for t in range(llr_a.size - 1, -1, -1):
+        edges = alpha[t, :, np.newaxis] + gamma_p[t] + beta[follow]
+        llr_e[t] = np.subtract(*np.logaddexp.reduce(edges, axis=0))
+        beta = np.logaddexp.reduce(gamma_p[t] + gamma_a[t] + beta[follow], axis=1)
+        beta -= beta.max()
+    return llr_e
+
+
+def siso_speed(setting: Setting, _clip: str | None) -> Measured:
+    """Compare the compiled pass over a trellis with the plain one in the same run, result and time.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    _clip : None
+        None.
+
+    Returns
+    -------
+    Measured
+        The ratio of times, and the speed of full iterations of the classical code.
+    """
+    from dvc import turbo
+    from dvc.turbo.siso import LaneDecoder, lane_layout, siso
+
+    (code,) = turbo.family("classical")
+    rng = np.random.default_rng(SEED)
+    bits, llr_ch = noisy_plane(NUM_BITS, 0.07, rng)
+    parity = turbo.encode_planes(bits[np.newaxis], code, 1)[0]
+    decoder = turbo.TurboDecoder(code, NUM_BITS, 1)
+    decoder.start(llr_ch)
+    decoder.add_parity(parity[: NUM_BITS // 2])
+    iteration_s = _seconds(lambda: decoder.polish(1), setting.choose(200, 20))
+    known = np.where(rng.random(NUM_BITS) < 0.25, rng.integers(0, 2, NUM_BITS), -1).astype(np.int8)
+    arguments = known, code.feedback, code.feedforward
+    plain_s = _seconds(lambda: plain_siso(llr_ch, *arguments), 1)
+    exact = np.clip(plain_siso(llr_ch, *arguments), -20, 20)
+    difference = float(np.abs(np.clip(siso(llr_ch, *arguments), -20, 20) - exact).max())
+    lanes = LaneDecoder(code.feedback, code.feedforward, lane_layout((0, NUM_BITS)))
+    lanes.prob0.fill(0.5)
+    lanes.prob1.fill(0.5)
+    compiled_s = _seconds(lanes.run, setting.choose(500, 50))
+    ratio, speed_mbps = plain_s / compiled_s, NUM_BITS / iteration_s / 1e6
+    values = {"ratio": ratio, "plain_s": plain_s, "compiled_s": compiled_s, "speed_mbit_per_s": speed_mbps}
+    values["largest_difference"] = difference
+    text = f"{ratio:.0f} times; {speed_mbps:.1f} Mbit/s per full iteration"
+    return Measured(
+        text, ratio >= 100 and difference < 0.05, values, f"LLRs differ by {difference:.0e} at most"
+    )
+
+
+def _seconds(function: Callable[[], object], repetitions: int) -> float:
+    """Return the median time of a call, after one that is not counted."""
+    function()
+    times_s = []
+    for _ in range(repetitions):
+        started = time.perf_counter()
+        function()
+        times_s.append(time.perf_counter() - started)
+    return statistics.median(times_s)
+
+
 def _efficiency_figures() -> list[Figure]:
     measures: dict[float, Callable[[Setting, str | None], Measured]] = {
         probability: partial(efficiency, probability=probability) for probability in ASKED
@@ -202,6 +304,9 @@ def _efficiency_figures() -> list[Figure]:
 AREA = "turbo"
 FIGURES = (
     *_efficiency_figures(),
+    Figure(
+        AREA, "siso-speed", "SISO decoder, N = 6336, compiled against plain numpy", "≥ 100 times", siso_speed
+    ),
     Figure(AREA, "undetected-errors", "planes taken for right that are not", "< 1e-4", undetected_errors),
 )
 """Figures of this area."""

@@ -15,6 +15,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 ANCHOR_COLOUR = "#333333"
 SIZE_INCHES = (7.0, 4.8)
 DPI = 150
+LABEL_ROOM_PX = 14
 SUFFIXES = (".png", ".svg")
 
 
@@ -63,13 +64,12 @@ def _draw(axes: "Axes", experiment: Experiment) -> None:
         axes.plot(
             curve.rates_kbps, curve.psnrs_y_db, color=colour, marker=marker, label=_legend(curve, anchor)
         )
-        for point in curve.points:
-            _annotate(axes, point.rate_kbps, point.psnr_y_db, f"Q{point.data['options']['wz_q']}", colour)
     if anchor is not None:
         style = {"color": ANCHOR_COLOUR, "linestyle": "--", "marker": "x"}
         axes.plot(anchor.rates_kbps, anchor.psnrs_y_db, label=anchor.label, **style)  # type: ignore[arg-type]
     if others:
         _focus(axes, others)
+        _name_points(axes, others[0], COLOURS[0])
     axes.set_title(experiment.title, fontsize=10)
     axes.set_xlabel("rate [kbit/s]")
     axes.set_ylabel("luma PSNR [dB]")
@@ -78,10 +78,24 @@ def _draw(axes: "Axes", experiment: Experiment) -> None:
     axes.legend(loc="best", frameon=True)
 
 
-def _annotate(axes: "Axes", x: float, y: float, text: str, colour: str) -> None:
-    axes.annotate(
-        text, (x, y), xytext=(-4, 6), textcoords="offset points", color=colour, fontsize=8, ha="right"
-    )
+def _name_points(axes: "Axes", curve: Curve, colour: str) -> None:
+    """Write the presets beside the points of a curve, as far as there is room."""
+    last = (float("-inf"), float("-inf"))
+    for point in curve.points:
+        x, y = axes.transData.transform((point.rate_kbps, point.psnr_y_db))
+        if max(abs(x - last[0]), abs(y - last[1])) < LABEL_ROOM_PX:
+            continue
+        last = (x, y)
+        preset = point.data["options"].get("wz_q")
+        axes.annotate(
+            f"QP {point.data['key']['qp']}" if preset is None else f"Q{preset}",
+            (point.rate_kbps, point.psnr_y_db),
+            xytext=(-5, 6),
+            textcoords="offset points",
+            color=colour,
+            fontsize=8,
+            ha="right",
+        )
 
 
 def _focus(axes: "Axes", curves: list[Curve]) -> None:
