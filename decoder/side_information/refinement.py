@@ -6,8 +6,8 @@ the block: each reference is weighted by how well it matches.
 
 References
 ----------
-[Ascenso2005] J. Ascenso, C. Brites, F. Pereira, "Motion compensated refinement for low complexity pixel based
-distributed video coding", AVSS 2005.
+[Ascenso2005b] J. Ascenso, C. Brites, F. Pereira, "Motion compensated refinement for low complexity pixel
+based distributed video coding", AVSS 2005.
 [Martins2009] R. Martins et al., "Refining side information for improved transform domain Wyner-Ziv video
 coding", IEEE Trans. Circuits Syst. Video Technol. 19(9), 2009.
 """
