@@ -1,0 +1,120 @@
+"""The README and the other documents: commands and examples run, links lead somewhere."""
+
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SMALLER = {"176x144": "48x32", "--frames 9": "--frames 3", "--wz-q 1,4,8": "--wz-q 1 --anchor-qp 40"}
+MEASURED = {"docs/figures.md", "docs/figures.json"}  # written by `make figures`
+DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(language: str, text: str = README) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def free_port() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return str(probe.getsockname()[1])
+
+
+def test_shell_commands_run(tmp_path: Path) -> None:
+    """The commands work one after the other, on a video made smaller, and the files are as promised."""
+    script = "\n".join(["set -eu", *blocks("sh")]).replace(":5000", f":{free_port()}")
+    for large, small in SMALLER.items():
+        assert large in script
+        script = script.replace(large, small)
+    environment = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+    }
+    done = subprocess.run(
+        ["bash", "-c", script],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "small.dvc").stat().st_size < (tmp_path / "street.dvc").stat().st_size
+    assert (tmp_path / "live.dvc").read_bytes() == (tmp_path / "small.dvc").read_bytes()
+    assert (tmp_path / "live.mkv").read_bytes() == (tmp_path / "decoded.mkv").read_bytes()
+    assert any((tmp_path / "results" / "street").rglob("*.png"))
+
+
+def test_python_examples_run(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each example runs as it stands."""
+    examples = blocks("python")
+    assert examples
+    for example in examples:
+        exec(compile(example, "README.md", "exec"), {"__name__": "readme"})
+    parity_bits = int(capsys.readouterr().out.split()[0])
+    assert parity_bits < 1584 / 2
+
+
+def test_make_targets_exist() -> None:
+    """Every `make` command of the README is a target, and `make` alone lists them all."""
+    commands = [line for block in blocks("console") for line in block.splitlines()]
+    assert {"make demo", "make test"} <= set(commands)
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    targets = re.findall(r"^([a-z-]+):.*##", makefile, flags=re.MULTILINE)
+    assert {command.split()[1] for command in commands} <= set(targets)
+    shown = subprocess.run(["make", "-C", str(ROOT)], capture_output=True, text=True, check=True).stdout
+    assert all(target in shown for target in targets)
+
+
+def test_continuous_integration_runs_the_tests_of_the_readme() -> None:
+    """The script calls `make test` and `make check`, and the workflow calls the script."""
+    script = ROOT / ".ci" / "run"
+    assert os.access(script, os.X_OK)
+    assert {"make test", "make check"} <= set(script.read_text(encoding="utf-8").splitlines())
+    assert "run: .ci/run" in (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_links_lead_to_files(document: Path) -> None:
+    """Every relative link of a document names a file of the project."""
+    text = document.read_text(encoding="utf-8")
+    targets = re.findall(r"\]\((?!https?:)([^)#]+)", text)
+    places = [(document.parent / target).resolve() for target in targets]
+    missing = {str(place.relative_to(ROOT)) for place in places if not place.exists()}
+    assert missing <= MEASURED
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_documents_name_modules_that_exist(document: Path) -> None:
+    """Every path and dotted name of a module in a document is one of the project."""
+    text = document.read_text(encoding="utf-8")
+    paths = re.findall(r"`((?:dvc|encoder|decoder|sequences|benchmarks|tests|docs)/[\w/.]*)`", text)
+    missing = [path for path in paths if path not in MEASURED and not (ROOT / path).exists()]
+    for name in re.findall(r"`((?:dvc|encoder|decoder|sequences)(?:\.\w+)+)`", text):
+        parts = name.split(".")
+        stems = [ROOT.joinpath(*parts[:count]) for count in range(len(parts), 1, -1)]
+        if parts[-1] != "py" and not any(
+            stem.is_dir() or stem.with_suffix(".py").exists() for stem in stems[:2]
+        ):
+            missing.append(name)
+    assert missing == []
+
+
+def test_keys_of_references_are_listed() -> None:
+    """Every key under References in a docstring and every key of the glossary is in docs/references.md."""
+    listed = set(
+        re.findall(r"^\| \[(\S+)\] ", (ROOT / "docs" / "references.md").read_text(), flags=re.MULTILINE)
+    )
+    used = set(re.findall(r"(?<!`)\[([A-Z]\S+)\](?!\()", (ROOT / "docs" / "glossary.md").read_text()))
+    for package in ("dvc", "encoder", "decoder", "sequences"):
+        for path in (ROOT / package).rglob("*.py"):
+            for section in re.findall(r"References\n *-+\n(.*?)\"\"\"", path.read_text(), flags=re.DOTALL):
+                used |= set(re.findall(r"^ *\[(\S+)\] ", section, flags=re.MULTILINE))
+    assert used <= listed
