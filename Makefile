@@ -5,7 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PACKAGES := dvc encoder decoder sequences
-SOURCES = $(shell git ls-files 'dvc/*.py' 'encoder/*.py' 'decoder/*.py' 'sequences/*.py' 'benchmarks/*.py')
+SOURCES = $(shell find $(PACKAGES) -name '*.py')
 
 .DEFAULT_GOAL := help
 .PHONY: help venv demo test test-slow test-nojit check bench figures format clean
@@ -17,7 +17,7 @@ venv: $(INSTALLED)  ## make the virtual environment in .venv
 
 $(INSTALLED): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or later is needed: make PYTHON=...")'
-	$(PYTHON) -m venv $(VENV)
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,check]'
 	@touch $@
 
