@@ -10,7 +10,7 @@ from dvc._jit import kernel
 
 
 @kernel
-def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size, limit):  # type: ignore[no-untyped-def]
+def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size, limit):
     """Sum of absolute differences of two blocks, positions in quarter samples of the padded planes."""
     plane_a = planes_a[row_a & 3, column_a & 3]
     plane_b = planes_b[row_b & 3, column_b & 3]
@@ -18,7 +18,7 @@ def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size, limit)
 
 
 @kernel
-def plane_sad(plane_a, ya, xa, plane_b, yb, xb, size, limit):  # type: ignore[no-untyped-def]
+def plane_sad(plane_a, ya, xa, plane_b, yb, xb, size, limit):
     """Sum of absolute differences of two blocks at whole samples; stops once it reaches `limit`."""
     total = 0
     for y in range(size):
@@ -34,13 +34,13 @@ def plane_sad(plane_a, ya, xa, plane_b, yb, xb, size, limit):  # type: ignore[no
 
 
 @kernel
-def clamp_position(position, size, length):  # type: ignore[no-untyped-def]
+def clamp_position(position, size, length):
     """Keep a block of `size` samples inside `length` samples; quarter samples, one sample spare."""
     return min(max(position, 0), 4 * (length - size - 1))
 
 
 @kernel
-def forward_search(planes_a, planes_b, margin, block, window, radius, step, smoothness, starts, vectors):  # type: ignore[no-untyped-def]
+def forward_search(planes_a, planes_b, margin, block, window, radius, step, smoothness, starts, vectors):
     """Full search of every block of frame b in frame a around `starts`, favouring short corrections.
 
     `vectors` receives the displacement from a to b (quarter samples) of the block.
@@ -69,14 +69,14 @@ def forward_search(planes_a, planes_b, margin, block, window, radius, step, smoo
 
 
 @kernel
-def split_vector(displacement, numerator, denominator):  # type: ignore[no-untyped-def]
+def split_vector(displacement, numerator, denominator):
     """Offset towards reference a of a displacement from a to b, at instant numerator / denominator."""
     scaled = 2 * displacement * numerator + denominator
     return -(scaled // (2 * denominator))
 
 
 @kernel
-def bilateral_sad(planes_a, planes_b, row, column, dv, dh, window, numerator, denominator, limit):  # type: ignore[no-untyped-def]
+def bilateral_sad(planes_a, planes_b, row, column, dv, dh, window, numerator, denominator, limit):
     """Difference of the two references along one linear trajectory through a block of the missing frame."""
     height, width = planes_a.shape[2], planes_a.shape[3]
     av, ah = split_vector(dv, numerator, denominator), split_vector(dh, numerator, denominator)
@@ -91,7 +91,7 @@ def bilateral_sad(planes_a, planes_b, row, column, dv, dh, window, numerator, de
 
 
 @kernel
-def refine_bilateral(  # type: ignore[no-untyped-def]
+def refine_bilateral(
     planes_a,
     planes_b,
     margin,
@@ -141,7 +141,7 @@ def refine_bilateral(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def smoothness_cost(candidates, dv, dh, smoothness):  # type: ignore[no-untyped-def]
+def smoothness_cost(candidates, dv, dh, smoothness):
     """Cost of a displacement against the neighbours' (candidates 1..8): mean of the clipped distances."""
     total = 0
     for k in range(1, 9):
@@ -151,7 +151,7 @@ def smoothness_cost(candidates, dv, dh, smoothness):  # type: ignore[no-untyped-
 
 
 @kernel
-def search_target(target, planes, margin, block, window, radius, step, smoothness, offsets, costs):  # type: ignore[no-untyped-def]
+def search_target(target, planes, margin, block, window, radius, step, smoothness, offsets, costs):
     """Move every block's offset to where the reference matches `target` best, within `radius` steps.
 
     `target` is padded by the margin like the planes. Offsets are improved in place; `costs` receives the sum
@@ -187,7 +187,7 @@ def search_target(target, planes, margin, block, window, radius, step, smoothnes
 
 
 @kernel
-def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, total_weight):  # type: ignore[no-untyped-def]
+def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, total_weight):
     """Add every block's displaced reference into `total`, tapered by an overlapping window twice the block.
 
     `total` and `total_weight` are padded by half a block on each side and must be zero at the start.

@@ -6,7 +6,7 @@ from dvc._jit import kernel
 
 
 @kernel
-def transform_blocks(samples, scale, coefficients):  # type: ignore[no-untyped-def]
+def transform_blocks(samples, scale, coefficients):
     """4x4 integer transform; `scale` (4, 4) and `coefficients` (16, N) in raster order of the block."""
     columns = samples.shape[1] // 4
     half = np.empty((4, 4), np.int64)
@@ -28,7 +28,7 @@ def transform_blocks(samples, scale, coefficients):  # type: ignore[no-untyped-d
 
 
 @kernel
-def pack_uniform(coefficients, step, num_planes, first_plane, words):  # type: ignore[no-untyped-def]
+def pack_uniform(coefficients, step, num_planes, first_plane, words):
     """Quantise a DC band and put its planes into `words` (W, N): plane p is bit 63 - p % 64 of row p // 64."""
     last = (1 << num_planes) - 1
     per_step = 1.0 / step
@@ -39,7 +39,7 @@ def pack_uniform(coefficients, step, num_planes, first_plane, words):  # type: i
 
 
 @kernel
-def pack_dead_zone(coefficients, step, num_planes, first_plane, words):  # type: ignore[no-untyped-def]
+def pack_dead_zone(coefficients, step, num_planes, first_plane, words):
     """Quantise an AC band (doubled zero bin) and put its planes into `words`."""
     largest = (1 << (num_planes - 1)) - 1
     per_step = 1.0 / step
@@ -53,7 +53,7 @@ def pack_dead_zone(coefficients, step, num_planes, first_plane, words):  # type:
 
 
 @kernel
-def put_bits(numbers, num_planes, first_plane, words):  # type: ignore[no-untyped-def]
+def put_bits(numbers, num_planes, first_plane, words):
     """Set the planes of one band, most significant first; at once where they share a word."""
     row = first_plane >> 6
     spare = 64 * (row + 1) - first_plane - num_planes
