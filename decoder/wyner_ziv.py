@@ -9,6 +9,7 @@ bands, and the side information is refined.
 
 from collections.abc import Generator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ GAIN_AFTER_REFINEMENT = 1.0
 """Factor by which better side information is expected to shrink the scales."""
 ERROR_FLOOR = 0.15
 """Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
-REQUEST_POLICY = {
+REQUEST_POLICY: dict[str, Any] = {
     "initial_rate": 0.9,
     "early_rate": 1.0,
     "early_step": 0.05,

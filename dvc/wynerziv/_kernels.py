@@ -29,7 +29,7 @@ def transform_blocks(samples, scale, coefficients):
 
 @kernel
 def pack_uniform(coefficients, step, num_planes, first_plane, words):
-    """Quantise a DC band and put its planes into `words` (W, N): plane p is bit 63 - p % 64 of row p // 64."""
+    """Quantise a DC band into `words` (W, N): plane p is bit 63 - p % 64 of row p // 64."""
     last = (1 << num_planes) - 1
     per_step = 1.0 / step
     numbers = np.empty(coefficients.size, np.uint64)
