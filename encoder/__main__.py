@@ -21,8 +21,8 @@ from dvc.config import (
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from dvc.video import VideoInfo
-    from encoder.session import EncoderStatistics
+    from dvc.video import VideoInfo, VideoReader
+    from encoder.session import EncoderSession, EncoderStatistics, Progress
 
 PROG = "dvc-encode"
 EXAMPLES = """\
@@ -170,14 +170,18 @@ def _encode(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write(session, reader, arguments, progress) -> None:  # type: ignore[no-untyped-def]
+def _write(
+    session: "EncoderSession", reader: "VideoReader", arguments: argparse.Namespace, progress: "Progress"
+) -> None:
     from dvc.files import atomic_output
 
     with atomic_output(arguments.output) as temporary, temporary.open("wb") as file:
         session.write(reader, file, progress)
 
 
-def _serve(session, reader, arguments, progress) -> None:  # type: ignore[no-untyped-def]
+def _serve(
+    session: "EncoderSession", reader: "VideoReader", arguments: argparse.Namespace, progress: "Progress"
+) -> None:
     from dvc.feedback import listen, parse_address
 
     with listen(*parse_address(arguments.serve)) as listener:
