@@ -11,7 +11,7 @@ _ONE = np.float32(1.0)
 _LOG2E = np.float32(1.4426950408889634)
 _LN2 = np.float32(0.6931471805599453)
 _BITS_PER_NAT = 1.4426950408889634
-# Least squares at Chebyshev nodes: 2**f on [0, 1), relative error 3.5e-6; log(m) on [1, 2), error 1.7e-6.
+# Interpolated at Chebyshev nodes: 2**f on [0, 1), relative error 3.5e-6; log(m) on [1, 2), error 1.7e-6.
 _E0, _E1, _E2, _E3, _E4 = (
     np.float32(c)
     for c in (
@@ -93,13 +93,13 @@ def _select(label, g00, g01, g10, g11):
     return g11
 
 
-# The BCJR recursions need the trellis as constants to be vectorised over the lanes, so each trellis has its own.
-# Bit s of a mask is the input bit, or the parity bit, of the transition that leaves state s by shifting a 0 in; the
-# transition that shifts a 1 in has both inverted. States k and k + S/2 share the successors 2k and 2k + 1.
+# The BCJR recursions need the trellis as constants to be vectorised over lanes, so each trellis has its own.
+# Bit s of a mask is the input bit, or the parity bit, of the transition that leaves state s by shifting a 0
+# in; the one that shifts a 1 in has both inverted. States k and k + S/2 share the successors 2k and 2k + 1.
 #
-# prob0, prob1 : (L * W,) a priori probabilities of the input bits. work : (L + 1, R, W) flattened, see ROW_METRIC;
-# rows ROW_ALLOW0 and ROW_ALLOW1 of each step say which parity is possible. edges : (2, S * W), metrics at the start
-# and at the end of every lane. All float32.
+# prob0, prob1 : (L * W,) a priori probabilities of the input bits. work : (L + 1, R, W) flattened, see
+# ROW_METRIC: rows ROW_ALLOW0 and ROW_ALLOW1 of each step say which parity is possible. edges : (2, S * W),
+# metrics at the start and at the end of every lane. All float32.
 
 
 @kernel
@@ -114,7 +114,7 @@ def make_forward(num_states, input_mask, parity_mask):
 
     @kernel
     def forward(prob0, prob1, work, edges):
-        """Write alpha of every step to `work`, from ``edges[0]`` on; then put there alpha at the lane's end."""
+        """Write alpha of every step to `work`, from ``edges[0]`` on; replace it by alpha at the lane's end."""
         num_steps = prob0.size // NUM_LANES
         head = work[:record]
         for i in range(num_states * NUM_LANES):
@@ -160,10 +160,10 @@ def make_backward(num_states, input_mask, parity_mask):
 
     @kernel
     def backward(prob0, prob1, work, edges):
-        """Run beta over `work`, from ``edges[1]`` on, and put there beta at the lane's start.
+        """Run beta over `work`, from ``edges[1]`` on; replace it by beta at the lane's start.
 
-        Every alpha is replaced by beta once it is used; ROW_SUM0 and ROW_SUM1 receive the sums of alpha * beta
-        over the transitions with input 0 and 1.
+        Every alpha is replaced by beta once it is used; ROW_SUM0 and ROW_SUM1 receive the sums of alpha times
+        beta over the transitions with input 0 and 1.
         """
         num_steps = prob0.size // NUM_LANES
         tail = work[num_steps * record : (num_steps + 1) * record]
@@ -239,7 +239,7 @@ def decide(llr, decisions):
 
 @kernel
 def satisfies(decisions, bit_at_step, section_starts, next_state, output, parity):
-    """Say whether re-encoded decisions agree with the received parity bits (-1 in `parity`: none received)."""
+    """Say whether decisions, encoded again, agree with all parity received (-1: none at this step)."""
     state = 0
     section = 0
     for k in range(bit_at_step.size):
@@ -255,7 +255,7 @@ def satisfies(decisions, bit_at_step, section_starts, next_state, output, parity
 
 @kernel
 def exchange_edges(edges, opens, closes):
-    """Hand the metrics at the ends of every lane to its neighbours; sections start in state 0 and end anywhere."""
+    """Hand the metrics at the ends of lanes to their neighbours; sections start in state 0, end anywhere."""
     num_states = edges.shape[1] // NUM_LANES
     for s in range(num_states):
         row = s * NUM_LANES
@@ -272,7 +272,7 @@ def exchange_edges(edges, opens, closes):
 
 @kernel
 def finish_pass(work, edges, opens, closes, scratch, llr_e):
-    """Turn the sums that a BCJR pass left in `work` into clipped extrinsic LLRs, and hand on the edge metrics."""
+    """Turn the sums of a BCJR pass into clipped extrinsic LLRs, and hand on the edge metrics."""
     exchange_edges(edges, opens, closes)
     record = ROW_METRIC * NUM_LANES + edges.shape[1]
     for t in range(llr_e.size // NUM_LANES):
@@ -292,7 +292,7 @@ def exchange_messages(llr_ch, bit_of_cell, llr_a, llr_e, prob0, prob1, llr):
 
 @kernel
 def _is_crowded(step, bits, first_copy, steps_of_bit, spread, max_copies):
-    """Say whether a copy is near another one of its bit, or near a bit that is its neighbour elsewhere, too."""
+    """Say whether a copy is near another one of its bit, or near a bit that its bit meets elsewhere, too."""
     bit = bits[step]
     for i in range(first_copy[bit], first_copy[bit + 1]):
         other = steps_of_bit[i]
@@ -398,7 +398,7 @@ def pack_words(bits, words):
 
 @kernel
 def crc_words(words, polynomial, width, register):
-    """Divide 64 planes at once by the CRC polynomial; `register` (width,) uint64 ends as the remainder, top bit first."""
+    """Divide 64 planes at once by the CRC polynomial; `register` ends as the remainder, top bit first."""
     head = 0  # register is circular: element (head + i) % width holds the coefficient of x**(width - 1 - i)
     for i in range(width):
         register[i] = np.uint64(0)
@@ -471,7 +471,7 @@ def sum_of_error_probabilities(magnitude):
 
 @kernel
 def parity_rows(bit_at_step, section_starts, feedback, feedforward, row_of_step, rows):
-    """Write parity as equations: bit n of ``rows[row_of_step[k]]`` is the weight of bit n in the parity of step k."""
+    """Write parity as equations: bit n of ``rows[row_of_step[k]]`` is its weight in the parity of step k."""
     num_words = rows.shape[1]
     register = np.zeros((5, num_words), np.uint64)
     section = 0
@@ -512,7 +512,7 @@ def _bit(row, column):
 
 @kernel
 def _find_pivot(rows, start, size, columns, column):
-    """Find a row with `column` set, among those after the `size` pivots from `start` on, which it reduces by them."""
+    """Find a row with `column` set after the `size` pivots from `start` on, and reduce it by them."""
     for r in range(start + size, rows.shape[0]):
         bit = _bit(rows[r], column)
         for i in range(size):
@@ -527,7 +527,7 @@ def _find_pivot(rows, start, size, columns, column):
 
 @kernel
 def _collect_pivots(rows, start, column_order, position, columns, row_of_pivot):
-    """Reduce the next rows to a block of pivots among each other; return their number and the next column's position."""
+    """Collect a block of pivots, reduced among each other; return their number and the next position."""
     size = 0
     while size < columns.size and start + size < rows.shape[0] and position < column_order.size:
         column = column_order[position]
@@ -553,9 +553,9 @@ def _collect_pivots(rows, start, column_order, position, columns, row_of_pivot):
 def eliminate(rows, column_order, row_of_pivot):
     """Bring GF(2) equations to reduced form, choosing pivots in the given column order; return the rank.
 
-    ``row_of_pivot[n]`` becomes the row solved for column n, or -1 for a free column. Pivots are collected in blocks,
-    and every other row is reduced by a whole block at once, with a table of all sums of its rows (the method of the
-    four Russians).
+    ``row_of_pivot[n]`` becomes the row solved for column n, or -1 for a free column. Pivots are collected in
+    blocks, and every other row is reduced by a whole block at once, with a table of all sums of its rows (the
+    method of the four Russians).
     """
     table = np.zeros((1 << PIVOT_BLOCK, rows.shape[1]), np.uint64)
     columns = np.empty(PIVOT_BLOCK, np.int64)
@@ -579,7 +579,7 @@ def eliminate(rows, column_order, row_of_pivot):
 
 @kernel
 def gather_weights(rows, row_of_pivot, free, weights):
-    """Unpack the weights of the free bits: ``weights[i, f]`` is that of bit ``free[f]`` in ``rows[row_of_pivot[i]]``."""
+    """Unpack the weights of the free bits: ``weights[i, f]`` is that of bit ``free[f]`` in pivot row i."""
     for i in range(row_of_pivot.size):
         row = rows[row_of_pivot[i]]
         for f in range(free.size):
@@ -607,8 +607,8 @@ def _add_multiple(factor, weights, prices):
 def descend(weights, price_pivots, price_free, flips):
     """Invert free bits, the most rewarding first, while that lowers the cost.
 
-    price_pivots, price_free : int32, what it costs to invert a bit; the latter ends as the price of a free bit
-    together with the pivots that depend on it.
+    price_pivots, price_free : int32, what it costs to invert a bit; the latter ends as the price of a free
+    bit together with the pivots that depend on it.
     """
     own_price = price_free.copy()
     for i in range(price_pivots.size):

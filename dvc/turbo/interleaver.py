@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dvc.turbo.codes import TurboCode
 
-MAX_SEGMENT_BITS = 12288
+MAX_SEGMENT_BITS = 16384
 """Longer planes are divided, so that their parity equations can still be solved."""
 MAX_SPREAD_COPIES = 3
 """Bits with more copies than this may be neighbours more than once."""
@@ -135,7 +135,7 @@ def num_segments(num_bits: int) -> int:
     Returns
     -------
     int
-        Number S; segment s holds the bits ``s, s + S, s + 2 * S, ...``, at most about `MAX_SEGMENT_BITS` of them.
+        Number S; segment s holds the bits ``s, s + S, s + 2 * S, ...``, at most `MAX_SEGMENT_BITS` of them.
     """
     return max(1, -(-num_bits // MAX_SEGMENT_BITS))
 

@@ -42,10 +42,8 @@ def _joined_order(num_steps: int, num_bits: int, grid_rate: float) -> NDArray[np
         parts *= 2
     steps = num_steps - 1 - np.floor(np.concatenate(levels) * (num_steps / grid)).astype(np.int64)
     _, first = np.unique(steps, return_index=True)
-    order = steps[np.sort(first)]
-    if order.size < num_bits:
-        order = np.concatenate([order, np.setdiff1d(np.arange(num_steps), order)])
-    return order
+    order: NDArray[np.int64] = steps[np.sort(first)]
+    return np.concatenate([order, np.setdiff1d(np.arange(num_steps), order)])
 
 
 def _parallel_order(num_bits: int, num_sections: int, period: int) -> NDArray[np.int64]:

@@ -20,9 +20,10 @@ PLAIN_ALLOWANCE_BITS = 8
 """Planes whose entropy and check come this close to their length, or closer, are sent plainly."""
 SEARCH_RIVALS = 1.0
 """Near rivals to be expected of a plane found by a search."""
-NEIGHBOUR_RIVALS = 2.0**2
+NEIGHBOUR_RIVALS = 2.0
 """The same for its neighbours."""
 SURE_ERRORS = 2.0**-6
+"""Expected errors up to which decisions are sure; with more, iterations go on before they are judged."""
 POLISH_ITERATIONS = 4
 SEARCH_SPACING = 1.02
 """Growth of the parity from one search by ordered statistics to the next."""
@@ -35,7 +36,7 @@ class SlepianWolfSettings:
     family: str = "adaptive"  # codes that encoder and decoder share
     crc_bits: int = 16  # check bits that the encoder computes per plane
     first_crc_bits: int = 8  # of these, how many are requested at once; more only where the plane is in doubt
-    error_exponent: float = 14.0  # accept a plane when the odds against it are below 2 ** -error_exponent
+    error_exponent: float = 15.0  # accept a plane when the odds against it are below 2 ** -error_exponent
     max_prior_llr: float = 9.0  # side information is never taken for surer than this
     plain_entropy: float = 0.93  # bits per bit of prior from which parity cannot pay
     initial_rate: float = 0.75  # first parity request, as a share of the prior's entropy
@@ -142,13 +143,15 @@ class _Plane:
         """
         from dvc.turbo import _kernels
 
-        cost = float(_kernels.prior_information(self.llr_ch, bits))
-        likelier = cost if cost > 30 else float(np.log2(max(2.0**cost - 1, 1e-9)))
-        near = float(np.log2(max(rivals, 1e-9)))
+        # Quantised costs and whole exponents keep the last digit of a library's logarithm out of the decision.
+        cost = math.ceil(float(_kernels.prior_information(self.llr_ch, bits)) * 16) / 16
+        likelier = cost if cost > 30 else math.log2(max(2.0**cost - 1, 2.0**-60))
+        mantissa, exponent = math.frexp(max(rivals, 2.0**-60))
+        near = exponent - (mantissa == 0.5)  # the logarithm, rounded up
         return self.settings.error_exponent + max(likelier - self.parity.size, near) - self.check.size
 
     def accept(self, bits: Bits, rivals: float) -> Generator[PlaneRequest, Bits, bool]:
-        """Say whether a plane that satisfies all parity is the right one; ask for check bits where in doubt.
+        """Say whether a plane that satisfies all parity is right; ask for check bits where in doubt.
 
         `rivals` is the number of planes to be expected among its near neighbours, relative to it.
         """

@@ -33,7 +33,7 @@ class Trellis:
     @property
     def num_states(self) -> int:
         """Number of states S, a power of two."""
-        return self.next_state.shape[0]
+        return len(self.next_state)
 
 
 def memory(feedback: int, feedforward: int) -> int:
