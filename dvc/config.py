@@ -158,8 +158,9 @@ class WynerZivConfig(_Section):
     levels: tuple[int, ...] = tuple(
         PRESET_LEVELS[3][position] for position in ZIGZAG
     )  # per band, zigzag order
-    refine_after: tuple[int, ...] = (0, 1, 2, 3, 4, 6, 8, 10)  # positions in coding order of the bands after which
-    # the side information is refined; after the last band it always is
+    # Positions in coding order of the bands after which the side information is refined; after the last one
+    # it always is.
+    refine_after: tuple[int, ...] = (0, 1, 2, 3, 4, 6, 8, 10)
     max_llr: float = 9.0  # bound on the magnitude of the prior LLR of a bit
     noise_model: str = "local"  # how the scale of the correlation noise follows from the references
     initial_gain: float = 1.3  # factor on that scale before anything of a frame is decoded
