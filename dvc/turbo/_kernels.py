@@ -114,7 +114,7 @@ def make_forward(num_states, input_mask, parity_mask):
 
     @kernel
     def forward(prob0, prob1, work, edges):
-        """Write alpha of every step to `work`, from ``edges[0]`` on; replace it by alpha at the lane's end."""
+        """Write alpha of every step to `work`, from ``edges[0]`` on, and replace it by alpha at the end."""
         num_steps = prob0.size // NUM_LANES
         head = work[:record]
         for i in range(num_states * NUM_LANES):
@@ -610,6 +610,8 @@ def descend(weights, price_pivots, price_free, flips):
     price_pivots, price_free : int32, what it costs to invert a bit; the latter ends as the price of a free
     bit together with the pivots that depend on it.
     """
+    if price_free.size == 0:
+        return
     own_price = price_free.copy()
     for i in range(price_pivots.size):
         _add_multiple(price_pivots[i], weights[i], price_free)

@@ -143,7 +143,7 @@ class _Plane:
         """
         from dvc.turbo import _kernels
 
-        # Quantised costs and whole exponents keep the last digit of a library's logarithm out of the decision.
+        # Quantised costs and whole exponents: the last digit of a library's logarithm must not decide.
         cost = math.ceil(float(_kernels.prior_information(self.llr_ch, bits)) * 16) / 16
         likelier = cost if cost > 30 else math.log2(max(2.0**cost - 1, 2.0**-60))
         mantissa, exponent = math.frexp(max(rivals, 2.0**-60))
