@@ -10,6 +10,7 @@ from dvc.turbo.crc import POLYNOMIALS
 from tests.reference.turbo_crc import crc_remainder
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize(("num_bits", "check"), [(16, 0x31C3), (8, 0xF4)])
 def test_published_check_values(num_bits: int, check: int) -> None:
     """The bytes 123456789 give the published values of CRC-16/XMODEM and CRC-8/SMBUS."""

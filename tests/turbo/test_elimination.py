@@ -61,6 +61,7 @@ def _rank(matrix: Bits) -> int:
     return rank
 
 
+@pytest.mark.nojit
 def test_contradictions_are_a_value() -> None:
     """Equations without solution give None."""
     equations = np.array([[0b11], [0b110], [0b101]], np.uint64)
@@ -93,6 +94,7 @@ def test_search_finds_what_iterations_miss() -> None:
     assert found >= 8
 
 
+@pytest.mark.nojit
 def test_compiled_and_interpreted_elimination_agree() -> None:
     """The kernel and its Python source reduce equations in the same way."""
     rows = np.random.default_rng(8).integers(0, 2**63, (30, 1)).astype(np.uint64)

@@ -39,6 +39,7 @@ def test_code_is_linear() -> None:
     assert not encode_planes(np.zeros((3, 300), np.uint8), code, 1).any()
 
 
+@pytest.mark.nojit
 def test_words_hold_the_same_bits() -> None:
     """Packed words give the parity and check bits of the planes that they hold."""
     planes = np.random.default_rng(2).integers(0, 2, (64, 90), dtype=np.uint8)

@@ -71,6 +71,7 @@ def test_windows_that_exchange_metrics_converge_to_the_whole() -> None:
     np.testing.assert_allclose(decoder.llr_e[lanes.cell_of_step], whole, rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("polynomials", [(0b111, 0b101), (0b11001, 0b11011)])
 def test_compiled_and_interpreted_kernels_agree_to_the_bit(polynomials: tuple[int, int]) -> None:
     """Machine code and Python give the same float32 metrics, so results do not depend on the machine."""
@@ -101,6 +102,7 @@ def test_exponential_and_logarithm_invert_each_other() -> None:
     np.testing.assert_allclose(back, llr, atol=1e-4)
 
 
+@pytest.mark.nojit
 def test_contradictions_stay_finite() -> None:
     """Parity that excludes what the priors are sure of gives large numbers, not NaN."""
     llr_a = np.full(200, 24.0)
