@@ -50,7 +50,7 @@ def step_from_index(index: int) -> float:
 
 
 def step_index(coefficients: NDArray[np.float64], levels: int) -> int:
-    """Return the index of the smallest step whose bins hold every coefficient of an AC band.
+    """Return the index of the step of an AC band: 2 |x|max / (levels - 1), as in DISCOVER, rounded up.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def step_index(coefficients: NDArray[np.float64], levels: int) -> int:
         Index for `step_from_index`.
     """
     largest = float(np.abs(coefficients).max(initial=0.0))
-    needed = max(2.0 * largest / levels, 1.0)
+    needed = max(2.0 * largest / (levels - 1), 1.0)
     index = math.ceil(_STEPS_PER_OCTAVE * math.log2(needed) - 1e-9)
     return min(index, _MAX_STEP_INDEX)
 
