@@ -9,7 +9,8 @@ from typing import Any
 
 from dvc.errors import ConfigError, DvcError
 from dvc.video import VideoReader, open_video
-from sequences.scenes import Description, descriptions
+from sequences.description import Description
+from sequences.scenes import descriptions
 from sequences.sequence import RenderedSequence
 
 SUFFIXES = frozenset({".mkv", ".y4m", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg"})

@@ -1,8 +1,6 @@
 """The rendered scenes: what each is, how its camera moves, and how it is built."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
@@ -11,44 +9,9 @@ from numpy.typing import NDArray
 from dvc.errors import ConfigError
 from sequences._kernels import Light, Surface, Textures
 from sequences.cameras import Camera, intrinsics
+from sequences.description import Description
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Description:
-    """What is known of a scene without building it.
-
-    Attributes
-    ----------
-    name : str
-        Name by which it is asked for.
-    frame_rate : Fraction
-        Frames per second.
-    num_frames : int
-        Usual length of a sequence; any other works too.
-    field_of_view_deg : float
-        Horizontal.
-    exposure : float
-        Factor from radiance to the input of the tone curve.
-    shows, motion, purpose : str
-        One sentence each, for the catalogue.
-    motion_px : tuple of float
-        Mean, smallest and largest frame mean of tracked motion at 352x288, in pixels per frame.
-    pose : callable
-        Function of frame number (a float) and seed to ``cam_from_world`` (3, 4).
-    """
-
-    name: str
-    frame_rate: Fraction
-    num_frames: int
-    field_of_view_deg: float
-    exposure: float
-    shows: str
-    motion: str
-    purpose: str
-    motion_px: tuple[float, float, float]
-    pose: Callable[[float, int], Floats]
 
 
 @dataclass(frozen=True, eq=False)

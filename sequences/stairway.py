@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from sequences.architecture import facade, weathered
 from sequences.cameras import look_at, there_and_back, tremor
+from sequences.description import Description
 from sequences.foliage import clump, ivy, leaves, tree, tufts
 from sequences.lighting import LightMaps, Weather
 from sequences.meshes import Mesh, merge, patch
 from sequences.openings import Opening, Style, door, wall
 from sequences.props import baluster, lamp
-from sequences.scenes import Description
 from sequences.shapes import box, extrude, lathe, slab, tube
 from sequences.textures import NUMBER
 

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from sequences.architecture import facade
 from sequences.cameras import look_at, there_and_back, tremor
+from sequences.description import Description
 from sequences.foliage import clump, tree
 from sequences.lighting import LightMaps, Weather
 from sequences.meshes import Mesh, merge, patch
 from sequences.openings import PAINTS, Style
 from sequences.props import bench, bollard, column, lamp, planter
-from sequences.scenes import Description
 from sequences.sculpture import figure
 from sequences.shapes import box, extrude, lathe, square_moulding
 from sequences.textures import NUMBER

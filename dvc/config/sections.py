@@ -1,23 +1,17 @@
-"""The codec configuration: everything that changes the decoded frames, and its form in a stream header.
+"""The codec configuration: one frozen dataclass per part of the codec, nested in `CodecConfig`.
 
-`CodecConfig` nests one frozen dataclass per part of the codec. It travels as JSON-safe dictionaries
-(`CodecConfig.to_dict`, `CodecConfig.from_dict`) in results, and as bytes (`encode_config`, `decode_config`)
-in streams, where only what differs from the defaults is written. A new field is one line in its dataclass
-and one number in `FIELD_NUMBERS`; its default must mean what the codec did before there was such a field.
+It travels as JSON-safe dictionaries (`CodecConfig.to_dict`, `CodecConfig.from_dict`) in results, and as bytes
+(`dvc.config.header`) in streams.
 """
 
 import base64
 import binascii
 import math
 import re
-import struct
-from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from functools import cache
-from operator import attrgetter
 from typing import Any, Self, get_type_hints
 
-from dvc.errors import BitstreamError, ConfigError
+from dvc.errors import ConfigError
 
 CODECS = ("2d",)
 TURBO_FAMILIES = ("adaptive", "classical")
@@ -65,7 +59,19 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
         raise ConfigError(f"`{name}` must be one of {', '.join(choices)}, got {_shown(value)}")
 
 
-def _hints(section: Any) -> dict[str, Any]:
+def type_hints_of(section: Any) -> dict[str, Any]:
+    """Return the types of a section's fields.
+
+    Parameters
+    ----------
+    section : type
+        A section's class.
+
+    Returns
+    -------
+    dict
+        Type by name, in the order of the fields.
+    """
     return get_type_hints(section)
 
 
@@ -87,7 +93,7 @@ class _Section:
     """Check the type of every field, then what the section itself demands of the values."""
 
     def __post_init__(self) -> None:
-        for name, hint in _hints(type(self)).items():
+        for name, hint in type_hints_of(type(self)).items():
             value = getattr(self, name)
             if hint is float and type(value) is int and abs(value) < 2**53:
                 value = float(value)
@@ -329,7 +335,7 @@ def key_qp_for(wz_q: int) -> int:
 
 def _to_json(section: _Section) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    for name in _hints(type(section)):
+    for name in type_hints_of(type(section)):
         value = getattr(section, name)
         if isinstance(value, _Section):
             value = _to_json(value)
@@ -354,7 +360,7 @@ def _build(section: Any, values: Any, name: str) -> Any:
     """Build a section from a dictionary of JSON values or of the fields themselves."""
     if not isinstance(values, dict):
         raise ConfigError(f"`{name}` must be a table of fields, got {_shown(values)}")
-    hints = _hints(section)
+    hints = type_hints_of(section)
     unknown = [key for key in values if key not in hints]
     if unknown:
         raise ConfigError(f"`{name}` has no field {_shown(unknown[0])}; fields are {', '.join(hints)}")
@@ -369,166 +375,3 @@ def _build(section: Any, values: Any, name: str) -> Any:
             _build(hint, value, field.name) if is_dataclass(hint) else _from_json(field.name, value, hint)
         )
     return section(**arguments)
-
-
-FIELD_NUMBERS = {
-    "codec": 0,
-    "seed": 1,
-    "video.width": 2,
-    "video.height": 3,
-    "video.frame_rate_num": 4,
-    "video.frame_rate_den": 5,
-    "video.luma_only": 6,
-    "gop.length": 8,
-    "gop.hierarchical": 9,
-    "key.qp": 16,
-    "key.lossless": 17,
-    "key.parameter_sets": 18,
-    "wyner_ziv.levels": 24,
-    "wyner_ziv.refine_after": 25,
-    "wyner_ziv.max_llr": 26,
-    "wyner_ziv.noise_model": 27,
-    "wyner_ziv.initial_gain": 28,
-    "turbo.family": 40,
-    "turbo.interleaver_seed": 41,
-    "turbo.crc_bits": 42,
-    "turbo.first_crc_bits": 43,
-    "side_information.method": 56,
-    "side_information.block_size": 57,
-    "side_information.search_radius": 58,
-    "side_information.smoothness": 59,
-}
-"""Number of every field in a stream header; numbers are never used again for something else."""
-
-_PATHS = {number: path for path, number in FIELD_NUMBERS.items()}
-_MAX_TEXT_BYTES = 64
-_MAX_TUPLE_LENGTH = 64
-
-
-@cache
-def _leaf(path: str) -> tuple[Any, Any]:
-    """Return the type of a field and its default, `MISSING` if it has none."""
-    section: Any = CodecConfig
-    *parents, name = path.split(".")
-    for parent in parents:
-        section = _hints(section)[parent]
-    (field,) = (field for field in fields(section) if field.name == name)
-    return _hints(section)[name], field.default
-
-
-def _encode_value(value: Any) -> bytes:
-    from dvc.bits import encode_varint
-
-    if isinstance(value, float):
-        return struct.pack("<d", value)
-    if isinstance(value, str):
-        value = value.encode("ascii")
-    if isinstance(value, bytes):
-        return encode_varint(len(value)) + value
-    if isinstance(value, tuple):
-        return encode_varint(len(value)) + b"".join(encode_varint(item) for item in value)
-    return encode_varint(int(value))
-
-
-def _decode_value(data: bytes, position: int, hint: Any) -> tuple[Any, int]:
-    from dvc.bits import decode_bytes, decode_varint
-
-    if hint is float:
-        (number,) = struct.unpack_from("<d", data, position)
-        return number, position + 8
-    if hint is str:
-        text, position = decode_bytes(data, position, _MAX_TEXT_BYTES)
-        return text.decode("ascii"), position
-    if hint is bytes:
-        return decode_bytes(data, position, MAX_PARAMETER_SETS_BYTES)
-    value, position = decode_varint(data, position)
-    if hint is bool and value <= 1:
-        return bool(value), position
-    if hint is not int and hint is not bool:
-        if value > _MAX_TUPLE_LENGTH:
-            raise BitstreamError(f"{value} entries where at most {_MAX_TUPLE_LENGTH} are allowed")
-        items = []
-        for _ in range(value):
-            item, position = decode_varint(data, position)
-            items.append(item)
-        return tuple(items), position
-    return value, position
-
-
-def encode_config(config: CodecConfig) -> bytes:
-    """Write a configuration for a stream header; inverse of `decode_config`.
-
-    Each field that differs from its default, in increasing order of its number: the number, then the value,
-    both as `docs/bitstream.md` states. A configuration has exactly one such form.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        The configuration.
-
-    Returns
-    -------
-    bytes
-        About 15 bytes, and what differs from the defaults.
-    """
-    from dvc.bits import encode_varint
-
-    parts = []
-    for path, number in FIELD_NUMBERS.items():
-        value = attrgetter(path)(config)
-        if value != _leaf(path)[1]:
-            parts.append(encode_varint(number) + _encode_value(value))
-    return b"".join(parts)
-
-
-def _decode_fields(data: bytes) -> Iterator[tuple[str, Any]]:
-    from dvc.bits import decode_varint
-
-    position, last = 0, -1
-    while position < len(data):
-        number, position = decode_varint(data, position)
-        if number not in _PATHS:
-            raise BitstreamError(f"configuration field {number} is unknown: made by a newer program?")
-        if number <= last:
-            raise BitstreamError(f"configuration field {number} follows field {last}")
-        path = _PATHS[number]
-        hint, default = _leaf(path)
-        try:
-            value, position = _decode_value(data, position, hint)
-        except (struct.error, UnicodeDecodeError, BitstreamError) as err:
-            raise BitstreamError(f"configuration field `{path}`: {err}") from err
-        if value == default:
-            raise BitstreamError(f"configuration field `{path}` restates its default")
-        last = number
-        yield path, value
-
-
-def decode_config(data: bytes) -> CodecConfig:
-    """Read a configuration from a stream header; inverse of `encode_config`.
-
-    Parameters
-    ----------
-    data : bytes
-        As `encode_config` returns it.
-
-    Returns
-    -------
-    CodecConfig
-        The configuration.
-
-    Raises
-    ------
-    BitstreamError
-        If the bytes are damaged, of a newer program, or hold values that make no sense.
-    """
-    values: dict[str, Any] = {}
-    for path, value in _decode_fields(data):
-        *parents, name = path.split(".")
-        section = values
-        for parent in parents:
-            section = section.setdefault(parent, {})
-        section[name] = value
-    try:
-        return CodecConfig.from_dict(values)
-    except ConfigError as err:
-        raise BitstreamError(f"configuration: {err}") from err
