@@ -38,7 +38,7 @@ def test_borders_belong_to_the_bin_above() -> None:
 
 @given(levels_strategy, st.lists(st.floats(-1020.0, 1020.0), max_size=20))
 def test_step_holds_every_coefficient(levels: int, values: list[float]) -> None:
-    """The step that is sent makes the outermost bins hold the largest magnitude, with half a step to spare."""
+    """The step that is sent makes the bins hold the largest magnitude, with half a step to spare."""
     coefficients = np.array(values, dtype=np.float64)
     index = quantizer.step_index(coefficients, levels)
     assert 0 <= index < 2**quantizer.STEP_INDEX_BITS
