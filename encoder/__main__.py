@@ -39,7 +39,17 @@ def _parser() -> argparse.ArgumentParser:
         "input", metavar="INPUT", help="any video that FFmpeg reads, raw 4:2:0, or a folder of images"
     )
     parser.add_argument("output", metavar="OUTPUT", nargs="?", help="stream to write (.dvc)")
-    coding = parser.add_argument_group("coding")
+    _add_coding(parser.add_argument_group("coding"))
+    _add_source(parser.add_argument_group("input"))
+    _add_live(parser.add_argument_group("live"))
+    parser.add_argument(
+        "--json", metavar="FILE", help="write counts, bits and processor times (-: standard output)"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    return parser
+
+
+def _add_coding(coding: argparse._ArgumentGroup) -> None:
     coding.add_argument("--codec", choices=CODECS, default="2d", help="default: %(default)s")
     coding.add_argument(
         "--gop",
@@ -86,7 +96,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="S",
         help="seed of everything random; default: %(default)s",
     )
-    source = parser.add_argument_group("input")
+
+
+def _add_source(source: argparse._ArgumentGroup) -> None:
     source.add_argument(
         "--start",
         type=cli.integer(0, 10**9),
@@ -104,7 +116,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="R",
         help="frames per second, such as 30 or 30000/1001; needed for raw files",
     )
-    live = parser.add_argument_group("live")
+
+
+def _add_live(live: argparse._ArgumentGroup) -> None:
     live.add_argument(
         "--serve",
         metavar="HOST:PORT",
@@ -117,11 +131,6 @@ def _parser() -> argparse.ArgumentParser:
         metavar="S",
         help="patience with a silent decoder, in seconds; default: %(default)s",
     )
-    parser.add_argument(
-        "--json", metavar="FILE", help="write counts, bits and processor times (-: standard output)"
-    )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
