@@ -8,8 +8,7 @@ bands, and the side information is refined.
 """
 
 from collections.abc import Generator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,18 +27,12 @@ Bits = NDArray[np.uint8]
 
 NUM_FITTED_PLANES = 3
 """Planes of a band after which the scale is fitted again; later planes tell little."""
-GAIN_AFTER_REFINEMENT = 1.0
-"""Factor by which better side information is expected to shrink the scales."""
 ERROR_FLOOR = 0.15
 """Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
-REQUEST_POLICY: dict[str, Any] = {
-    "initial_rate": 0.9,
-    "early_rate": 1.0,
-    "early_step": 0.05,
-    "step": 0.02,
-    "search_work": 0.0,
-}
-"""Requests in steps that cost 1 % of the rate and save half of the time of the finest ones."""
+REQUESTS = turbo.SlepianWolfSettings(
+    initial_rate=0.9, early_rate=1.0, early_step=0.05, step=0.02, search_work=0.0
+)
+"""Requests in coarser steps than those that cost least: 1 % more bits in half of the time."""
 
 
 @dataclass(frozen=True)
@@ -157,12 +150,12 @@ class WynerZivDecoder:
         self._config = config
         self._codes = turbo.family(config.turbo.family)
         self._decoders: dict[int, turbo.TurboDecoder] = {}
-        self._settings = turbo.SlepianWolfSettings(
+        self._settings = replace(
+            REQUESTS,
             family=config.turbo.family,
             crc_bits=config.turbo.crc_bits,
             first_crc_bits=config.turbo.first_crc_bits,
             max_prior_llr=config.wyner_ziv.max_llr,
-            **REQUEST_POLICY,
         )
 
     @property
@@ -201,7 +194,6 @@ class WynerZivDecoder:
             refiner = state.prediction.refiner
             if refiner is not None and (position in settings.refine_after or position == last):
                 state.use(refiner.refine(state.luma()))
-                state.gain *= GAIN_AFTER_REFINEMENT
         refiner = state.prediction.refiner
         chroma = prediction.chroma if refiner is None else refiner.chroma()
         return DecodedFrame(

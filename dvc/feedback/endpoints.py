@@ -1,5 +1,7 @@
 """The two ends of the feedback channel as state machines: bytes in, events out; no I/O, no clocks."""
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +30,7 @@ from dvc.feedback.messages import (
 from dvc.stream import GopRecord
 
 
-class _Endpoint:
+class _Endpoint(ABC):
     """Cuts the bytes of the peer into messages, and collects those for the peer."""
 
     _accepted: tuple[type[Message], ...]
@@ -106,9 +108,9 @@ class _Endpoint:
         except BitstreamError as err:
             raise BitstreamError(f"{message_type.__name__}: {err}") from err
 
+    @abstractmethod
     def _accept(self, message: Event) -> None:
         """Check a message of the peer against the state and bring the state up to date."""
-        raise NotImplementedError
 
     def _send(self, message: Message) -> None:
         self._outgoing.append(encode_message(message))
