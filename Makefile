@@ -38,7 +38,8 @@ check: $(INSTALLED)  ## check format, lint, types, layers, docstrings and spelli
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/numpydoc lint $(SOURCES)
+	@echo numpydoc lint $(PACKAGES)
+	@$(BIN)/numpydoc lint $(SOURCES)
 	$(BIN)/codespell
 
 bench: $(INSTALLED)  ## measure the kernels and the speed of the codec, quickly
