@@ -1,6 +1,9 @@
 """The one door to numba: every compiled kernel of the project is declared through it."""
 
-from collections.abc import Callable
+import contextlib
+import fcntl
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
@@ -23,7 +26,39 @@ def kernel(function: Function) -> Function:
     callable
         The compiled function; with ``NUMBA_DISABLE_JIT=1`` the function itself.
     """
-    return cast(Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+    compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    _lock_cache(compiled)
+    return cast(Function, compiled)
+
+
+def _lock_cache(compiled: Any) -> None:
+    """Let one process at a time read or write a kernel's cache: numba's index and code are separate files."""
+    cache = getattr(compiled, "_cache", None)
+    if cache is None or not hasattr(cache, "cache_path"):
+        return
+    for name in ("load_overload", "save_overload"):
+        setattr(cache, name, _locked(getattr(cache, name), Path(cache.cache_path)))
+
+
+def _locked(method: Callable[..., Any], folder: Path) -> Callable[..., Any]:
+    def call(*arguments: Any) -> Any:
+        with _file_lock(folder / ".kernels.lock"):
+            return method(*arguments)
+
+    return call
+
+
+@contextlib.contextmanager
+def _file_lock(path: Path) -> Iterator[None]:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("a")
+    except OSError:  # nothing can be cached there either
+        yield
+        return
+    with file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def python_twin(function: Function) -> Function:

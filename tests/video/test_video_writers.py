@@ -17,7 +17,7 @@ from dvc.video import Frame, VideoReader, VideoWriter, create_video, open_video,
 
 MakeFrames = Callable[..., list[Frame]]
 
-SIZES = [(48, 32), (33, 25), (1, 1), (2, 3), (17, 1), (1, 40)]
+SIZES = [(48, 32), (33, 25), (1, 1), (2, 3), (17, 1), (1, 40), (19, 16), (20, 23)]
 RATES = [Fraction(25), Fraction(30000, 1001), Fraction(7, 3), Fraction(15)]
 
 
