@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.turbo import _kernels
 from dvc.turbo.encoder import check_planes
 
 POLYNOMIALS = {8: 0x07, 12: 0x80F, 16: 0x1021, 24: 0x864CFB, 32: 0x04C11DB7}
@@ -29,8 +30,6 @@ def crc_words(words: NDArray[np.uint64], num_bits: int) -> NDArray[np.uint64]:
     ValueError
         If no polynomial has `num_bits` bits.
     """
-    from dvc.turbo import _kernels
-
     if num_bits not in POLYNOMIALS:
         raise ValueError(f"`num_bits` must be one of {sorted(POLYNOMIALS)}, got {num_bits}")
     register = np.empty(num_bits, np.uint64)
@@ -58,8 +57,6 @@ def crc(bits: NDArray[np.uint8], num_bits: int) -> NDArray[np.uint8]:
     TypeError, ValueError
         If `bits` are not bits or no polynomial has `num_bits` bits.
     """
-    from dvc.turbo import _kernels
-
     if num_bits not in POLYNOMIALS:
         raise ValueError(f"`num_bits` must be one of {sorted(POLYNOMIALS)}, got {num_bits}")
     planes = np.atleast_2d(bits)

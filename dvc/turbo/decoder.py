@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dvc.turbo import _kernels
 from dvc.turbo.codes import TurboCode
 from dvc.turbo.interleaver import copy_layout
 from dvc.turbo.puncturing import release_order
@@ -62,8 +63,6 @@ class TurboDecoder:
     @property
     def expected_errors(self) -> float:
         """Number of wrong decisions to be expected by the a posteriori LLRs."""
-        from dvc.turbo import _kernels
-
         return float(_kernels.sum_of_error_probabilities(np.abs(self.llr)))
 
     def start(self, llr_ch: ArrayLike) -> None:
@@ -153,8 +152,6 @@ class TurboDecoder:
         return num_iterations
 
     def _exchange_messages(self) -> None:
-        from dvc.turbo import _kernels
-
         siso = self._siso
         _kernels.exchange_messages(
             self._llr_ch, self._bit_of_cell, siso.llr_a, siso.llr_e, siso.prob0, siso.prob1, self._llr
@@ -162,16 +159,12 @@ class TurboDecoder:
 
     def _pass(self) -> None:
         """Pass over the trellis, exchange messages at the bits, decide, and encode the decisions again."""
-        from dvc.turbo import _kernels
-
         self._siso.run()
         self._exchange_messages()
         _kernels.decide(self._llr, self.decisions)
         self._check_parity()
 
     def _check_parity(self) -> None:
-        from dvc.turbo import _kernels
-
         table = self._trellis
         self.parity_satisfied = _kernels.satisfies(
             self.decisions,

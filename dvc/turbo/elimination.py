@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.turbo import _kernels
 from dvc.turbo.codes import TurboCode
 from dvc.turbo.interleaver import copy_layout, num_segments
 from dvc.turbo.puncturing import release_order
@@ -56,8 +57,6 @@ def parity_equations(code: TurboCode, num_bits: int, seed: int) -> Words:
     ValueError
         If planes of this length are divided into several codewords.
     """
-    from dvc.turbo import _kernels
-
     if num_segments(num_bits) > 1:
         raise ValueError(f"`num_bits` must be the length of one segment, got {num_bits}")
     layout = copy_layout(code, num_bits, seed)
@@ -81,8 +80,6 @@ class _Reduced:
 
     def fill_pivots(self, bits: Bits) -> None:
         """Solve for the pivots in place, given the free bits."""
-        from dvc.turbo import _kernels
-
         parity = np.empty(self.pivots.size, np.uint8)
         _kernels.weigh(self.weights, bits[self.free], parity)
         bits[self.pivots] = self.values ^ parity
@@ -90,8 +87,6 @@ class _Reduced:
 
 def _reduce(equations: Words, parity: Bits, reliability: NDArray[np.float32]) -> _Reduced | None:
     """Solve the equations for the least reliable bits; None where they contradict each other."""
-    from dvc.turbo import _kernels
-
     num_bits = reliability.size
     rows = equations.copy()
     rows[:, num_bits // 64] |= parity.astype(np.uint64) << np.uint64(num_bits % 64)
@@ -166,8 +161,6 @@ def ordered_statistics(
     M. Fossorier, S. Lin, "Soft-decision decoding of linear block codes based on ordered statistics", IEEE
     Trans. Inf. Theory 41, 1995.
     """
-    from dvc.turbo import _kernels
-
     reduced = _reduce(equations, parity, np.abs(llr))
     if reduced is None:
         return None

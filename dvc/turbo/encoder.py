@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.turbo import _kernels
 from dvc.turbo.codes import TurboCode
 from dvc.turbo.interleaver import copy_layout
 from dvc.turbo.puncturing import release_order
@@ -48,8 +49,6 @@ def encode_words(words: NDArray[np.uint64], code: TurboCode, interleaver_seed: i
     ndarray of shape (N,), uint64
         Bit p of word m is the m-th parity bit that is released of plane p.
     """
-    from dvc.turbo import _kernels
-
     layout = copy_layout(code, words.size, interleaver_seed)
     starts = np.array(layout.section_starts, np.int64)
     parity = np.empty(layout.num_steps, np.uint64)
@@ -79,8 +78,6 @@ def encode_planes(bits: NDArray[np.uint8], code: TurboCode, interleaver_seed: in
     TypeError, ValueError
         If `bits` are not planes of bits.
     """
-    from dvc.turbo import _kernels
-
     check_planes(bits)
     num_planes, num_bits = bits.shape
     parity = np.empty((num_planes, num_bits), np.uint8)

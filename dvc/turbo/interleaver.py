@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.turbo import _kernels
 from dvc.turbo.codes import TurboCode
 
 MAX_SEGMENT_BITS = 16384
@@ -111,8 +112,6 @@ def copy_counts(code: TurboCode, num_bits: int, seed: int) -> NDArray[np.int32]:
 
 def _spread(bits: NDArray[np.int32], num_bits: int, spread: int, seed: int) -> NDArray[np.int32]:
     """Keep copies of a bit apart, and bits with few copies from being neighbours twice."""
-    from dvc.turbo import _kernels
-
     spread = min(spread, math.isqrt(bits.size) // 3)
     if spread < 1:
         return bits

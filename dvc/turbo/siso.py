@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dvc.turbo import _kernels
 from dvc.turbo.trellis import trellis
 
 Floats = NDArray[np.float32]
@@ -93,8 +94,6 @@ def bcjr_recursions(feedback: int, feedforward: int) -> tuple[Recursion, Recursi
     forward, backward : callable
         See `dvc.turbo._kernels`.
     """
-    from dvc.turbo import _kernels
-
     table = trellis(feedback, feedforward)
     masks = (table.num_states, table.input_mask, table.parity_mask)
     return _kernels.make_forward(*masks), _kernels.make_backward(*masks)
@@ -123,8 +122,6 @@ class LaneDecoder:
     """
 
     def __init__(self, feedback: int, feedforward: int, lanes: LaneLayout) -> None:
-        from dvc.turbo import _kernels
-
         self.lanes = lanes
         self._forward, self._backward = bcjr_recursions(feedback, feedforward)
         num_states = trellis(feedback, feedforward).num_states
@@ -138,8 +135,6 @@ class LaneDecoder:
 
     def reset(self) -> None:
         """Forget all messages and all parity."""
-        from dvc.turbo import _kernels
-
         self.llr_a.fill(0)
         self.llr_e.fill(0)
         self.work[:, [_kernels.ROW_ALLOW0, _kernels.ROW_ALLOW1]] = 1
@@ -156,16 +151,12 @@ class LaneDecoder:
         bits : ndarray of shape (n,), uint8
             Their parity.
         """
-        from dvc.turbo import _kernels
-
         t, lane = np.divmod(self.lanes.cell_of_step[steps], _kernels.NUM_LANES)
         self.work[t, _kernels.ROW_ALLOW0, lane] = bits == 0
         self.work[t, _kernels.ROW_ALLOW1, lane] = bits == 1
 
     def run(self) -> None:
         """Pass once over the trellis: probabilities in, extrinsic LLRs and new edge metrics out."""
-        from dvc.turbo import _kernels
-
         self._forward(self.prob0, self.prob1, self._flat_work, self.edges)
         self._backward(self.prob0, self.prob1, self._flat_work, self.edges)
         _kernels.finish_pass(
@@ -199,8 +190,6 @@ def siso(
     ValueError
         If a shape or value is wrong.
     """
-    from dvc.turbo import _kernels
-
     llr = np.asarray(llr_a, np.float32)
     if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
         raise ValueError(f"`llr_a` must be a vector of numbers, got shape {llr.shape}")

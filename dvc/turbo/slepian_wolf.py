@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.turbo import _kernels
 from dvc.turbo.codes import choose_code, family
 from dvc.turbo.crc import POLYNOMIALS, crc
 from dvc.turbo.decoder import TurboDecoder
@@ -141,8 +142,6 @@ class _Plane:
         At most ``2**x`` planes have a prior probability of ``2**-x`` or more, and each bit received rules out
         half of the wrong ones, however wrong the prior; only the check bits do so for near rivals as well.
         """
-        from dvc.turbo import _kernels
-
         # Quantised costs and whole exponents: the last digit of a library's logarithm must not decide.
         cost = math.ceil(float(_kernels.prior_information(self.llr_ch, bits)) * 16) / 16
         likelier = cost if cost > 30 else math.log2(max(2.0**cost - 1, 2.0**-60))
@@ -202,8 +201,6 @@ def decode_plane(
     ValueError
         If the LLRs are not numbers or the bits sent are not those requested.
     """
-    from dvc.turbo import _kernels
-
     llr = np.asarray(llr_ch, np.float32)
     if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
         raise ValueError(f"`llr_ch` must be a vector of numbers, got shape {llr.shape}")

@@ -277,7 +277,7 @@ _H264_OPTIONS = {"crf": "12", "preset": "medium"}
 
 
 def _ffv1_options(size: tuple[int, int]) -> dict[str, str]:
-    """Return FFV1 settings; one slice where FFmpeg cannot cut small pictures or chroma of odd sides in four."""
+    """Return FFV1 settings; one slice where FFmpeg cannot cut small pictures or odd chroma in four."""
     slices = "4" if min(size) >= 16 and not any(side % 4 for side in size) else "1"
     return {"level": "3", "slicecrc": "1", "g": "1", "slices": slices}
 
