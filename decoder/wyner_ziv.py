@@ -25,12 +25,12 @@ from dvc.wynerziv.frame import FrameLayout
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
 
-NUM_FITTED_PLANES = 3
+NUM_FITTED_PLANES = 5
 """Planes of a band after which the scale is fitted again; later planes tell little."""
 ERROR_FLOOR = 0.15
 """Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
 REQUESTS = turbo.SlepianWolfSettings(
-    initial_rate=0.9, early_rate=1.0, early_step=0.05, step=0.02, search_work=0.0
+    initial_rate=0.9, early_rate=1.0, early_step=0.05, step=0.02, search_work=0.0, plain_entropy=0.9
 )
 """Requests in coarser steps than those that cost least: 1 % more bits in half of the time."""
 

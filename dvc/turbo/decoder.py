@@ -104,7 +104,7 @@ class TurboDecoder:
         """
         bits = np.asarray(bits)
         end = self.num_parity + bits.size
-        if bits.ndim != 1 or end > self._order.size or (bits.size and not np.isin(bits, (0, 1)).all()):
+        if bits.ndim != 1 or end > self._order.size or (bits.size and (bits.min() < 0 or bits.max() > 1)):
             left = self._order.size - self.num_parity
             raise ValueError(f"`bits` must be at most {left} parity bits of 0 and 1, got shape {bits.shape}")
         steps = self._order[self.num_parity : end]

@@ -44,6 +44,10 @@ class SlepianWolfSettings:
     step: float = 0.01  # further requests, as a share of the prior's entropy or of what was received
     early_step: float = 0.03  # the same, as long as less than `early_rate` of the entropy was received
     early_rate: float = 0.95
+    late_step: float = (
+        0.04  # the same, where more than `late_rate` of the entropy shows that the prior is wrong
+    )
+    late_rate: float = 1.6
     iterations: int = 4  # after a request; as many again while they cut the expected errors to `progress`
     progress: float = 0.9
     max_iterations: int = 30
@@ -130,7 +134,8 @@ class _Plane:
         elif received < settings.early_rate * self.entropy_bits:
             wanted = settings.early_step * self.entropy_bits
         else:
-            wanted = settings.step * max(received, self.entropy_bits)
+            late = received > settings.late_rate * self.entropy_bits
+            wanted = (settings.late_step if late else settings.step) * max(received, self.entropy_bits)
         return max(1, int(wanted))
 
     def checks(self, bits: Bits) -> bool:

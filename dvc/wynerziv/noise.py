@@ -21,7 +21,7 @@ MIN_SCALE = 0.3
 """Smallest scale: rounding of the samples alone makes about this error."""
 OUTLIER_PROBABILITY = 2e-4
 """Share of a uniform distribution mixed into the Laplacian: side information has outliers."""
-GAINS = 2.0 ** (np.arange(-8, 9) / 4.0)
+GAINS = 2.0 ** (np.arange(-6, 16) / 3.0)
 """Factors tried when a scale is fitted to what has been decoded."""
 
 
