@@ -1,5 +1,6 @@
 """What all tests share: the hypothesis profile, small videos, and the real sequences where present."""
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +10,10 @@ from hypothesis import settings
 
 from dvc.video import Frame, chroma_shape
 from dvc.video.frames import Plane
+
+# Jobs in the background ignore the interrupt, and processes that the tests start would inherit that.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The first call of a compiled kernel can take seconds.
 settings.register_profile("dvc", deadline=None, derandomize=True)
