@@ -32,7 +32,7 @@ ERROR_FLOOR = 0.15
 REQUESTS = turbo.SlepianWolfSettings(
     initial_rate=0.9, early_rate=1.0, early_step=0.05, step=0.02, search_work=0.0, plain_entropy=0.9
 )
-"""Requests in coarser steps than those that cost least: 1 % more bits in half of the time."""
+"""Coarser steps than those that cost the fewest bits, and no search: a trade of rate for decoding time."""
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ def search_target(target, planes, margin, block, window, radius, step, smoothnes
     """Move every block's offset to where the reference matches `target` best, within `radius` steps.
 
     `target` is padded by the margin like the planes. Offsets are improved in place; `costs` receives the sum
-    of absolute differences plus `smoothness` per half sample of correction.
+    of absolute differences plus `smoothness` per quarter sample of correction.
     """
     height, width = planes.shape[2], planes.shape[3]
     border = (window - block) // 2
