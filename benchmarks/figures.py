@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import codec_figures, rd_figures, robustness_figures, turbo_figures
-from benchmarks.harness import RESULTS, Figure, MissingClip, Setting
+from benchmarks.harness import FOREMAN, RESULTS, Figure, MissingClip, Setting
 from dvc import cli
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.provenance import code_version
@@ -107,11 +107,32 @@ def measure(unit: Unit, setting: Setting) -> tuple[Row, bool]:
         False if the measurement failed.
     """
     try:
-        return unit.figure.row(unit.clip, unit.figure.measure(setting, unit.clip)), True
+        row = unit.figure.row(unit.clip, unit.figure.measure(setting, unit.clip))
+        return with_frames(row, setting.frames), True
     except MissingClip as err:
         return unit.figure.row(unit.clip, None, str(err)), True
     except (DvcError, OSError) as err:
         return unit.figure.row(unit.clip, None, f"the measurement failed: {cli.one_line(err)}"), False
+
+
+def with_frames(row: Row, frames: int) -> Row:
+    """Say in the command of a CIF curve's row how many frames it covers, where that is not the default.
+
+    Parameters
+    ----------
+    row : dict
+        Row of a figure.
+    frames : int
+        Frames of CIF curves.
+
+    Returns
+    -------
+    dict
+        The row.
+    """
+    if row["area"] != "rd" or row["clip"] == FOREMAN or frames == Setting.frames:
+        return row
+    return row | {"command": f"{row['command']} --frames {frames}", "note": f"{frames} frames"}
 
 
 class Campaign:
