@@ -4,7 +4,7 @@ JOBS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
-PACKAGES := dvc encoder decoder sequences
+PACKAGES := dvc encoder decoder sequences sfm
 SOURCES = $(shell find $(PACKAGES) -name '*.py')
 
 .DEFAULT_GOAL := help

@@ -1,0 +1,1 @@
+"""Structure from motion between two key frames: arrays in, model out."""

@@ -1,0 +1,200 @@
+"""What the steps of the reconstruction hand on: correspondences, and the model of a static scene."""
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """Points of the first key frame and where they are in the second.
+
+    Attributes
+    ----------
+    first, second : ndarray of shape (N, 2), float64
+        Image points (x, y) in pixels.
+    error : ndarray of shape (N,), float64
+        Mean squared error between the neighbourhoods of the two points, in squared luma levels.
+    """
+
+    first: Floats
+    second: Floats
+    error: Floats
+
+    def __len__(self) -> int:
+        """Return the number of correspondences."""
+        return len(self.first)
+
+    @property
+    def motion(self) -> Floats:
+        """Displacement from the first to the second key frame, shape (N, 2), in pixels."""
+        return self.second - self.first
+
+    def __getitem__(self, chosen: Mask | NDArray[np.int64]) -> Self:
+        """Return some of the correspondences, chosen by mask or by index."""
+        return type(self)(self.first[chosen], self.second[chosen], self.error[chosen])
+
+    @classmethod
+    def concatenate(cls, parts: "list[Correspondences]") -> Self:
+        """Join lists of correspondences.
+
+        Parameters
+        ----------
+        parts : list of Correspondences
+            At least one.
+
+        Returns
+        -------
+        Correspondences
+            All of them, in order.
+        """
+        return cls(
+            np.concatenate([part.first for part in parts]),
+            np.concatenate([part.second for part in parts]),
+            np.concatenate([part.error for part in parts]),
+        )
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Return no correspondences at all."""
+        return cls(np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
+
+
+@dataclass(frozen=True)
+class PixelFrame:
+    """Coordinates in which a whole image has about unit size: what the algebra of the cameras works in.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+        Size of the image.
+    """
+
+    width_px: int
+    height_px: int
+
+    @property
+    def scale_px(self) -> float:
+        """Pixels per unit."""
+        return float(max(self.width_px, self.height_px))
+
+    @property
+    def normalized_from_pixel(self) -> Floats:
+        """Homography (3, 3) from pixels to normalised coordinates."""
+        s = 1.0 / self.scale_px
+        x, y = 0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)
+        return np.array([[s, 0.0, -s * x], [0.0, s, -s * y], [0.0, 0.0, 1.0]])
+
+    @property
+    def pixel_from_normalized(self) -> Floats:
+        """Homography (3, 3) from normalised coordinates to pixels."""
+        s = self.scale_px
+        x, y = 0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)
+        return np.array([[s, 0.0, x], [0.0, s, y], [0.0, 0.0, 1.0]])
+
+    def to_normalized(self, points: Floats) -> Floats:
+        """Convert points from pixels.
+
+        Parameters
+        ----------
+        points : ndarray of shape (N, 2), float64
+            Image points (x, y) in pixels.
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            Normalised coordinates.
+        """
+        normalized: Floats = (points - self._centre) / self.scale_px
+        return normalized
+
+    def to_pixels(self, points: Floats) -> Floats:
+        """Convert points to pixels; inverse of `to_normalized`.
+
+        Parameters
+        ----------
+        points : ndarray of shape (N, 2), float64
+            Normalised coordinates.
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            Image points (x, y) in pixels.
+        """
+        pixels: Floats = points * self.scale_px + self._centre
+        return pixels
+
+    @property
+    def _centre(self) -> Floats:
+        return np.array([0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)])
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Two cameras and a cloud of points, in a projective frame that is nearly Euclidean.
+
+    A point of the first key frame at normalised coordinates ``x`` (homogeneous, third entry 1) with projective
+    depth ``depth`` is the 3D point ``X = (depth * x, 1)``; the first camera is ``[I | 0]``.
+
+    Attributes
+    ----------
+    pixel_frame : PixelFrame
+        Size of the images, and their normalised coordinates.
+    fundamental : ndarray of shape (3, 3), float64
+        F with ``x1' F x0 = 0`` in pixels, (5.1); unit Frobenius norm.
+    second_camera : ndarray of shape (3, 4), float64
+        Projection matrix of the second key frame in normalised coordinates, Frobenius norm sqrt(3).
+    correspondences : Correspondences
+        Reliable points, in pixels.
+    depths : ndarray of shape (N,), float64
+        Projective depth of each in the first camera.
+    """
+
+    pixel_frame: PixelFrame
+    fundamental: Floats
+    second_camera: Floats
+    correspondences: Correspondences
+    depths: Floats
+
+    @property
+    def first_camera(self) -> Floats:
+        """Projection matrix of the first key frame in normalised coordinates, ``[I | 0]``, shape (3, 4)."""
+        return np.eye(3, 4)
+
+    @property
+    def points(self) -> Floats:
+        """Homogeneous 3D points, shape (N, 4)."""
+        normalized = self.pixel_frame.to_normalized(self.correspondences.first)
+        return np.column_stack([self.depths[:, None] * normalized, self.depths, np.ones(len(self.depths))])
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """What came of an attempt to reconstruct a scene from two key frames.
+
+    Attributes
+    ----------
+    model : Model or None
+        The scene; None where there is none to be had.
+    reason : str
+        Why the model is missing or cannot be trusted; empty if it can.
+    motion : str
+        What the camera did: ``general``, ``rotation`` (or a distant or planar scene), ``none``, ``unknown``.
+    stages : dict of str to Correspondences
+        Correspondences after each step of the pipeline, by its name, for figures and studies.
+    """
+
+    model: Model | None
+    reason: str
+    motion: str
+    stages: dict[str, Correspondences] = field(default_factory=dict)
+
+    @property
+    def success(self) -> bool:
+        """Whether there is a model that can be trusted."""
+        return self.model is not None and not self.reason
