@@ -138,8 +138,8 @@ class PixelFrame:
 class Model:
     """Two cameras and a cloud of points, in a projective frame that is nearly Euclidean.
 
-    A point of the first key frame at normalised coordinates ``x`` (homogeneous, third entry 1) with projective
-    depth ``depth`` is the 3D point ``X = (depth * x, 1)``; the first camera is ``[I | 0]``.
+    A point of the first key frame at normalised coordinates ``x`` (homogeneous, third entry 1) with
+    projective depth ``depth`` is the 3D point ``X = (depth * x, 1)``; the first camera is ``[I | 0]``.
 
     Attributes
     ----------
