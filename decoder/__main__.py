@@ -143,13 +143,13 @@ def _naming(path: str) -> Iterator[None]:
 def _decode_live(arguments: argparse.Namespace) -> int:
     from decoder.live import LiveSource
     from decoder.session import decode_live
-    from dvc.feedback import connect, parse_address
+    from dvc.feedback import KEEP_ALIVE, connect, parse_address
 
     with connect(*parse_address(arguments.connect), timeout_s=arguments.timeout) as connection:
         source = LiveSource(connection)
         config = _with_method(source.config, arguments.side_information)
         try:
-            with ExitStack() as stack:
+            with connection.kept_alive(KEEP_ALIVE), ExitStack() as stack:
                 failure = _Output(config, arguments, stack).consume(decode_live(config, source))
         except FeedbackError:
             raise

@@ -3,7 +3,7 @@
 Messages and the two endpoints do no I/O; `dvc.feedback.transport` is the one module that moves bytes.
 """
 
-from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint
+from dvc.feedback.endpoints import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint
 from dvc.feedback.ledger import MAX_OPEN_GOPS
 from dvc.feedback.messages import (
     PROTOCOL_VERSION,
@@ -22,6 +22,7 @@ from dvc.feedback.transport import DEFAULT_TIMEOUT_S, Connection, Listener, conn
 
 __all__ = [
     "DEFAULT_TIMEOUT_S",
+    "KEEP_ALIVE",
     "MAX_OPEN_GOPS",
     "PROTOCOL_VERSION",
     "Connection",

@@ -29,6 +29,9 @@ from dvc.feedback.messages import (
 )
 from dvc.stream import GopRecord
 
+KEEP_ALIVE = encode_message(KeepAlive())
+"""Tells the peer that this side is at work; may be sent between any two messages."""
+
 
 class _Endpoint(ABC):
     """Cuts the bytes of the peer into messages, and collects those for the peer."""
@@ -136,10 +139,6 @@ class _Endpoint(ABC):
             Why, in one line; the end of a long one is lost.
         """
         self._send(Failure(text))
-
-    def send_keep_alive(self) -> None:
-        """Tell the peer that this side is at work, before its patience ends."""
-        self._send(KeepAlive())
 
 
 class EncoderEndpoint(_Endpoint):

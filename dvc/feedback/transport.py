@@ -3,8 +3,9 @@
 import contextlib
 import select
 import socket
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Any, Self
 
@@ -13,6 +14,7 @@ from dvc.errors import ConfigError, FeedbackError
 DEFAULT_TIMEOUT_S = 30.0
 _CHUNK_BYTES = 2**18
 _RETRY_S = 0.1
+_KEEP_ALIVES_PER_TIMEOUT = 4
 _LINGER_S = 1.0
 _LINGER_BYTES = 2**24
 _Address = Any  # what `socket` takes for an address depends on the family
@@ -67,6 +69,8 @@ class Connection:
     def __init__(self, peer: socket.socket, timeout_s: float = DEFAULT_TIMEOUT_S) -> None:
         self._socket = peer
         self._timeout_s = timeout_s
+        self._sending = threading.Lock()
+        self._last_sent_s = time.monotonic()
         try:
             peer.settimeout(timeout_s)
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -89,11 +93,13 @@ class Connection:
             If the peer went away, or takes nothing for the timeout.
         """
         rest = memoryview(data)
-        while rest:
-            try:
-                rest = rest[self._socket.send(rest[:_CHUNK_BYTES]) :]
-            except OSError as err:
-                raise self._error("takes nothing", err) from err
+        with self._sending:
+            while rest:
+                try:
+                    rest = rest[self._socket.send(rest[:_CHUNK_BYTES]) :]
+                except OSError as err:
+                    raise self._error("takes nothing", err) from err
+            self._last_sent_s = time.monotonic()
 
     def receive(self) -> bytes:
         """Wait for bytes of the peer.
@@ -132,6 +138,39 @@ class Connection:
         poll = select.poll()
         poll.register(self._socket, select.POLLIN)
         return bool(poll.poll(1000 * timeout_s))
+
+    @contextlib.contextmanager
+    def kept_alive(self, message: bytes) -> Iterator[None]:
+        """Send a message whenever a quarter of the timeout has passed in silence, while a block runs.
+
+        Parameters
+        ----------
+        message : bytes
+            A whole message that the peer may get between any two others.
+
+        Yields
+        ------
+        None
+            Nothing; what is sent within the block is never cut by the message.
+        """
+        interval_s = min(self._timeout_s, DEFAULT_TIMEOUT_S) / _KEEP_ALIVES_PER_TIMEOUT
+        done = threading.Event()
+
+        def _speak() -> None:
+            while not done.wait(interval_s / _KEEP_ALIVES_PER_TIMEOUT):
+                if time.monotonic() - self._last_sent_s >= interval_s:
+                    try:
+                        self.send(message)
+                    except FeedbackError:  # the block will see it when it next sends or receives
+                        return
+
+        thread = threading.Thread(target=_speak, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            done.set()
+            thread.join()
 
     def _error(self, silence: str, err: OSError) -> FeedbackError:
         if isinstance(err, TimeoutError):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dvc.config import CodecConfig, GopConfig, TurboConfig, VideoConfig, encode_config
 from dvc.errors import FeedbackError
 from dvc.feedback import (
+    KEEP_ALIVE,
     MAX_OPEN_GOPS,
     DecoderEndpoint,
     EncoderEndpoint,
@@ -196,9 +197,7 @@ def test_empty_sequence() -> None:
 def test_keep_alive_is_no_event() -> None:
     """A sign of life changes nothing."""
     encoder, decoder = opened()
-    encoder.send_keep_alive()
-    decoder.send_keep_alive()
-    assert encoder.receive(decoder.bytes_to_send()) == decoder.receive(encoder.bytes_to_send()) == []
+    assert encoder.receive(KEEP_ALIVE) == decoder.receive(KEEP_ALIVE) == []
 
 
 def test_failure_is_told_in_one_line() -> None:
@@ -497,7 +496,8 @@ def test_both_ends_agree_on_what_is_allowed(steps: list[Message]) -> None:
                 case Failure(text):
                     decoder.send_failure(text)
                 case _:
-                    decoder.send_keep_alive()
+                    assert encoder.receive(KEEP_ALIVE) == []
+                    continue
         except ValueError:
             with pytest.raises(FeedbackError):
                 encoder.receive(encode_message(step))
@@ -506,7 +506,7 @@ def test_both_ends_agree_on_what_is_allowed(steps: list[Message]) -> None:
             with pytest.raises(FeedbackError, match="gave up"):
                 encoder.receive(decoder.bytes_to_send())
             return
-        assert encoder.receive(decoder.bytes_to_send()) == ([] if isinstance(step, KeepAlive) else [step])
+        assert encoder.receive(decoder.bytes_to_send()) == [step]
 
 
 def test_events_compare() -> None:

@@ -10,7 +10,16 @@ import pytest
 
 from dvc.config import CodecConfig, VideoConfig
 from dvc.errors import ConfigError, FeedbackError
-from dvc.feedback import Connection, DecoderEndpoint, EncoderEndpoint, Failure, connect, listen, parse_address
+from dvc.feedback import (
+    KEEP_ALIVE,
+    Connection,
+    DecoderEndpoint,
+    EncoderEndpoint,
+    Failure,
+    connect,
+    listen,
+    parse_address,
+)
 from dvc.feedback.messages import encode_message
 
 
@@ -133,6 +142,32 @@ def test_a_slow_peer_that_takes_a_little_is_waited_for() -> None:
 
         with background(read_slowly):
             near.send(data)
+
+
+def test_a_side_at_work_is_kept_alive() -> None:
+    """A peer that is busy for longer than the timeout is waited for while it says so, and no longer."""
+    message = encode_message(Failure("x" * 400))
+    with pair(0.4) as (near, far):
+        with near.kept_alive(KEEP_ALIVE):
+            with background(lambda: (time.sleep(1.0), near.send(message))):
+                received = b""
+                while not received.endswith(message):
+                    received += far.receive()
+            assert received.startswith(KEEP_ALIVE)
+            assert set(received[: -len(message)]) == set(KEEP_ALIVE)
+        while far.readable(0.3):
+            assert set(far.receive()) == set(KEEP_ALIVE)
+        with pytest.raises(FeedbackError, match="is silent"):
+            far.receive()
+
+
+def test_keeping_alive_ends_with_the_connection() -> None:
+    """A connection that fails is noticed by the block alone."""
+    with pair(0.2) as (near, far), near.kept_alive(KEEP_ALIVE):
+        far._socket.close()
+        time.sleep(0.3)
+        with pytest.raises(FeedbackError):
+            near.receive()
 
 
 def test_a_peer_that_goes_away_is_noticed() -> None:
