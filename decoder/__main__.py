@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
+from dvc.config import SFM_BACKENDS
 from dvc.errors import BitstreamError, ConfigError, DvcError, FeedbackError
 
 if TYPE_CHECKING:
@@ -48,7 +49,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--side-information",
         metavar="METHOD",
-        help="predict with METHOD (mci) instead of what the stream names",
+        help="predict with METHOD (mci, blocks, mesh) instead of what the stream names",
+    )
+    parser.add_argument(
+        "--sfm",
+        choices=SFM_BACKENDS,
+        help="whose estimators reconstruct the scene, instead of what the stream names",
     )
     parser.add_argument(
         "--punctured",
@@ -120,10 +126,12 @@ def _decode_file(arguments: argparse.Namespace) -> int:
     from dvc.stream import Form, StreamReader
 
     with _naming(arguments.files[0]), StreamReader(arguments.files[0]) as reader:
-        config = _with_method(reader.config, arguments.side_information)
+        config = _with_choices(reader.config, arguments)
         if config != reader.config and reader.form == Form.PUNCTURED:
-            method = reader.config.side_information.method
-            raise ConfigError(f"a punctured stream can only be decoded as it was made, with {method}")
+            method, backend = reader.config.side_information.method, reader.config.geometry.backend
+            raise ConfigError(
+                f"a punctured stream can only be decoded as it was made, with {method} (--sfm {backend})"
+            )
         with ExitStack() as stack:
             failure = _Output(config, arguments, stack).consume(decode_stream(config, reader, arguments.jobs))
         if failure is not None:
@@ -147,7 +155,7 @@ def _decode_live(arguments: argparse.Namespace) -> int:
 
     with connect(*parse_address(arguments.connect), timeout_s=arguments.timeout) as connection:
         source = LiveSource(connection)
-        config = _with_method(source.config, arguments.side_information)
+        config = _with_choices(source.config, arguments)
         try:
             with connection.kept_alive(KEEP_ALIVE), ExitStack() as stack:
                 failure = _Output(config, arguments, stack).consume(decode_live(config, source))
@@ -161,14 +169,18 @@ def _decode_live(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _with_method(config: "CodecConfig", method: str | None) -> "CodecConfig":
+def _with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "CodecConfig":
+    """Put the decoder's own choices in place of what the stream names."""
     from decoder.side_information import METHODS
 
-    if method is None:
-        return config
-    if method not in METHODS:
-        raise ConfigError(f"--side-information must be one of {', '.join(METHODS)}, got {method!r}")
-    return replace(config, side_information=replace(config.side_information, method=method))
+    method = arguments.side_information
+    if method is not None:
+        if method not in METHODS:
+            raise ConfigError(f"--side-information must be one of {', '.join(METHODS)}, got {method!r}")
+        config = replace(config, side_information=replace(config.side_information, method=method))
+    if arguments.sfm is not None:
+        config = replace(config, geometry=replace(config.geometry, backend=arguments.sfm))
+    return config
 
 
 class _Output:

@@ -96,7 +96,7 @@ class GroupDecoder:
                 f"unknown side-information method {method!r}; there are {', '.join(METHODS)}"
             )
         self._config = config
-        self._method = METHODS[method](config.side_information)
+        self._method = METHODS[method](config)
         self._decoder = WynerZivDecoder(config)
 
     def decode_payloads(

@@ -17,6 +17,7 @@ from dvc.config import (
     VideoConfig,
     WynerZivConfig,
     key_qp_for,
+    side_information_for,
 )
 from dvc.errors import ConfigError
 
@@ -50,7 +51,12 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_coding(coding: argparse._ArgumentGroup) -> None:
-    coding.add_argument("--codec", choices=CODECS, default="2d", help="default: %(default)s")
+    coding.add_argument(
+        "--codec",
+        choices=CODECS,
+        default="2d",
+        help="2d: predict by block motion; 3d: by a reconstruction of the scene; default: %(default)s",
+    )
     coding.add_argument(
         "--gop",
         type=cli.integer(1, 256),
@@ -220,6 +226,7 @@ def _configure(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
         key=key,
         wyner_ziv=replace(WynerZivConfig.preset(arguments.wz_q), noise_model=arguments.noise_model),
         turbo=TurboConfig(family=arguments.turbo, interleaver_seed=arguments.seed),
+        side_information=side_information_for(arguments.codec),
         seed=arguments.seed,
     )
 

@@ -14,11 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.config import (
+    CODECS,
     FIELD_NUMBERS,
     PRESET_LEVELS,
+    SFM_BACKENDS,
     TURBO_FAMILIES,
     ZIGZAG,
     CodecConfig,
+    GeometryConfig,
     GopConfig,
     KeyFrameConfig,
     SideInformationConfig,
@@ -45,7 +48,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     rate = st.integers(1, 2**31 - 1)
     level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
     return CodecConfig(
-        "2d",
+        draw(st.sampled_from(CODECS)),
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
         GopConfig(draw(st.integers(1, 256)), draw(st.booleans())),
         KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
@@ -56,6 +59,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
         ),
         TurboConfig(draw(st.sampled_from(TURBO_FAMILIES)), draw(st.integers(0, 2**31 - 1))),
         SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
+        GeometryConfig(draw(st.sampled_from(SFM_BACKENDS))),
         draw(st.integers(0, 2**31 - 1)),
     )
 
@@ -187,7 +191,7 @@ def test_wrong_values_are_refused(section: str, name: str, value: object, messag
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"codec": "4d", "video": VIDEO}, "`codec` must be one of 2d, got '4d'"),
+        ({"codec": "4d", "video": VIDEO}, "`codec` must be one of 2d, 3d, got '4d'"),
         ({"video": VIDEO}, "lacks the field `codec`"),
         ({"codec": "2d"}, "lacks the field `video`"),
         ({"codec": "2d", "video": {}}, "`video` lacks the field `width`"),

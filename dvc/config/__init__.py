@@ -11,9 +11,11 @@ from dvc.config.sections import (
     NOISE_MODELS,
     NUM_BANDS,
     PRESET_LEVELS,
+    SFM_BACKENDS,
     TURBO_FAMILIES,
     ZIGZAG,
     CodecConfig,
+    GeometryConfig,
     GopConfig,
     KeyFrameConfig,
     SideInformationConfig,
@@ -21,6 +23,7 @@ from dvc.config.sections import (
     VideoConfig,
     WynerZivConfig,
     key_qp_for,
+    side_information_for,
 )
 
 __all__ = [
@@ -34,9 +37,11 @@ __all__ = [
     "NOISE_MODELS",
     "NUM_BANDS",
     "PRESET_LEVELS",
+    "SFM_BACKENDS",
     "TURBO_FAMILIES",
     "ZIGZAG",
     "CodecConfig",
+    "GeometryConfig",
     "GopConfig",
     "KeyFrameConfig",
     "SideInformationConfig",
@@ -46,4 +51,5 @@ __all__ = [
     "decode_config",
     "encode_config",
     "key_qp_for",
+    "side_information_for",
 ]

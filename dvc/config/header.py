@@ -40,6 +40,7 @@ FIELD_NUMBERS = {
     "side_information.block_size": 57,
     "side_information.search_radius": 58,
     "side_information.smoothness": 59,
+    "geometry.backend": 72,
 }
 """Number of every field in a stream header; numbers are never used again for something else."""
 

@@ -13,7 +13,8 @@ from typing import Any, Self, get_type_hints
 
 from dvc.errors import ConfigError
 
-CODECS = ("2d",)
+CODECS = ("2d", "3d")
+SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
 NUM_BANDS = 16
@@ -39,6 +40,7 @@ PRESET_LEVELS = (
 """Levels of each band for Q1 to Q8, in raster order of the 4x4 block; 0 where a band is not sent."""
 
 _KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice for the foreman sequence
+_METHOD_OF_CODEC = {"2d": "mci", "3d": "mesh"}
 _NAME = re.compile(r"[a-z0-9_-]{1,32}")
 
 
@@ -256,6 +258,16 @@ class SideInformationConfig(_Section):
 
 
 @dataclass(frozen=True)
+class GeometryConfig(_Section):
+    """Structure from motion at the decoder, for methods of side information that need it."""
+
+    backend: str = "native"  # whose estimators: the project's own, or COLMAP's
+
+    def _check_values(self) -> None:
+        _check_choice("backend", self.backend, SFM_BACKENDS)
+
+
+@dataclass(frozen=True)
 class CodecConfig(_Section):
     """All that encoder and decoder must agree on."""
 
@@ -266,6 +278,7 @@ class CodecConfig(_Section):
     wyner_ziv: WynerZivConfig = WynerZivConfig()
     turbo: TurboConfig = TurboConfig()
     side_information: SideInformationConfig = SideInformationConfig()
+    geometry: GeometryConfig = GeometryConfig()
     seed: int = 0  # of all randomness but the interleavers
 
     def _check_values(self) -> None:
@@ -309,6 +322,28 @@ class CodecConfig(_Section):
 def _check_preset(q: int) -> None:
     if type(q) is not int or not 1 <= q <= len(PRESET_LEVELS):
         raise ConfigError(f"the quantiser must be from 1 to {len(PRESET_LEVELS)}, got {_shown(q)}")
+
+
+def side_information_for(codec: str) -> SideInformationConfig:
+    """Return the side information that a codec predicts with unless told otherwise.
+
+    Parameters
+    ----------
+    codec : str
+        One of `CODECS`.
+
+    Returns
+    -------
+    SideInformationConfig
+        Its method; all else at the defaults.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such codec.
+    """
+    _check_choice("codec", codec, CODECS)
+    return SideInformationConfig(method=_METHOD_OF_CODEC[codec])
 
 
 def key_qp_for(wz_q: int) -> int:

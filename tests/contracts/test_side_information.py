@@ -7,7 +7,7 @@ import pytest
 
 from decoder.side_information import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
-from dvc.config import SideInformationConfig
+from dvc.config import CodecConfig, VideoConfig
 from dvc.metrics import psnr_db
 from dvc.video import Frame, chroma_shape
 from dvc.wynerziv.transform import to_uint8
@@ -20,7 +20,7 @@ Build = Callable[[], SideInformationMethod]
 @pytest.fixture(params=METHODS)
 def build(request: pytest.FixtureRequest) -> Build:
     """Return what builds a method with default settings."""
-    return lambda: METHODS[request.param](SideInformationConfig())
+    return lambda: METHODS[request.param](CodecConfig("3d", VideoConfig(56, 40, 25, 1)))
 
 
 def references_of(frames: list[Frame]) -> list[ReferenceFrame]:
