@@ -1,18 +1,16 @@
 """A rendered scene as a video: read frame by frame, or written to files with depth and cameras."""
 
 import json
-import secrets
-import shutil
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from dvc.errors import ConfigError, VideoError
-from dvc.files import atomic_output, same_file
+from dvc.errors import ConfigError
+from dvc.files import atomic_folder, atomic_output, same_file
 from dvc.video import Frame, VideoInfo, create_video
 from dvc.video.frames import check_size
 from sequences.pfm import write_pfm
@@ -191,39 +189,3 @@ def _camera_document(sequence: RenderedSequence, views: list[dict[str, object]])
         "units": "metres and pixels; camera axes x right, y down, z forward",
         "frames": views,
     }
-
-
-@contextmanager
-def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Give a temporary folder that is renamed to `path` on success and removed on any exception.
-
-    Parameters
-    ----------
-    path : str or Path
-        Name of the finished folder, which must not exist or be empty.
-
-    Yields
-    ------
-    Path
-        An empty folder beside it.
-
-    Raises
-    ------
-    VideoError
-        If the folder cannot be made there.
-    """
-    target = Path(path)
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise VideoError(f"cannot write {target}: it exists and is not an empty folder")
-    temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.tmp")
-    try:
-        temporary.mkdir()
-    except OSError as err:
-        raise VideoError(f"cannot write {target}: {err.strerror}") from err
-    try:
-        yield temporary
-        if target.exists():
-            target.rmdir()
-        temporary.rename(target)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)

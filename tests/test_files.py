@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dvc.errors import DvcError
-from dvc.files import atomic_output, same_file
+from dvc.files import atomic_folder, atomic_output, same_file
 
 
 def test_file_appears_only_after_success(tmp_path: Path) -> None:
@@ -95,3 +95,20 @@ def test_same_file_sees_through_names(tmp_path: Path) -> None:
     assert same_file(tmp_path / "new", tmp_path / "." / "new")
     assert not same_file(real, tmp_path / "new")
     assert not same_file(tmp_path / "new", tmp_path / "newer")
+
+
+def test_folders_appear_whole(tmp_path: Path) -> None:
+    """A folder in use is refused, an empty one taken; after an exception nothing is left."""
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "x").touch()
+    with pytest.raises(DvcError, match="empty"), atomic_folder(tmp_path / "used"):
+        pass
+    with pytest.raises(DvcError, match="cannot write"), atomic_folder(tmp_path / "none" / "here"):
+        pass
+    (tmp_path / "empty").mkdir()
+    with atomic_folder(tmp_path / "empty") as folder:
+        (folder / "y").touch()
+    assert (tmp_path / "empty" / "y").exists()
+    with pytest.raises(KeyError), atomic_folder(tmp_path / "failed"):
+        raise KeyError
+    assert not list(tmp_path.glob("*failed*"))

@@ -17,7 +17,7 @@ from dvc.video import VideoReader, open_video, same_frame
 from sequences.pfm import read_pfm, write_pfm
 from sequences.renderer import RenderedFrame, render_frame
 from sequences.scenes import scene
-from sequences.sequence import RenderedSequence, atomic_folder, render
+from sequences.sequence import RenderedSequence, render
 
 DETAIL = 0.05
 
@@ -114,20 +114,10 @@ def test_failure_leaves_nothing_behind(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_outputs_must_differ_and_folders_be_empty(tmp_path: Path) -> None:
-    """One name for two files and a folder in use are refused; an empty folder is taken."""
+def test_outputs_must_differ(tmp_path: Path) -> None:
+    """One name for two files is refused."""
     with pytest.raises(ConfigError, match="both"):
         render(short(), tmp_path / "s.mkv", cameras=tmp_path / "s.mkv")
-    (tmp_path / "used").mkdir()
-    (tmp_path / "used" / "x").touch()
-    with pytest.raises(VideoError, match="empty"), atomic_folder(tmp_path / "used"):
-        pass
-    with pytest.raises(VideoError, match="cannot write"), atomic_folder(tmp_path / "none" / "here"):
-        pass
-    (tmp_path / "empty").mkdir()
-    with atomic_folder(tmp_path / "empty") as folder:
-        (folder / "y").touch()
-    assert (tmp_path / "empty" / "y").exists()
 
 
 @given(arrays(np.float32, array_shapes(min_dims=2, max_dims=2, max_side=9)))
