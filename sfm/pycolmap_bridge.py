@@ -1,0 +1,155 @@
+"""The same two steps by COLMAP's estimators: fundamental matrix, and a Euclidean pair of cameras.
+
+COLMAP puts the centre of the first pixel at (0.5, 0.5); this module alone converts.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfm.epipolar import fundamental_from_camera, fundamental_to_pixels, sampson_distances, unit_norm
+from sfm.model import Correspondences, PixelFrame
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 9))
+"""Focal lengths tried, in units of the longer side of the image."""
+_PIXEL_CENTRE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class EuclideanPair:
+    """Two calibrated cameras.
+
+    Attributes
+    ----------
+    focal_length_px : float
+        Focal length of both, in pixels; the principal point is the centre of the image.
+    second_camera : ndarray of shape (3, 4), float64
+        Projection matrix ``K [R | t] diag(K, 1)^-1`` of the second camera in normalised coordinates, for a
+        first camera ``[I | 0]``; Frobenius norm sqrt(3).
+    fundamental : ndarray of shape (3, 3), float64
+        F in pixels, unit Frobenius norm.
+    """
+
+    focal_length_px: float
+    second_camera: Floats
+    fundamental: Floats
+
+
+def estimate_fundamental(
+    matches: Correspondences, max_error_px: float, seed: int
+) -> tuple[Floats, Mask] | None:
+    """Estimate F by COLMAP's LO-RANSAC.
+
+    Parameters
+    ----------
+    matches : Correspondences
+        Outliers included.
+    max_error_px : float
+        Largest error of an inlier, in pixels.
+    seed : int
+        Of the random samples.
+
+    Returns
+    -------
+    F : ndarray of shape (3, 3), float64
+        Fundamental matrix in pixels, unit Frobenius norm.
+    inliers : ndarray of shape (N,), bool
+        Correspondences that agree with it.
+        None instead of both where nothing can be estimated.
+    """
+    import pycolmap
+
+    if len(matches) < 8:
+        return None
+    options = _ransac(max_error_px, seed)
+    answer = pycolmap.estimate_fundamental_matrix(matches.first, matches.second, options)
+    if answer is None:
+        return None
+    fundamental = np.asarray(answer["F"], dtype=np.float64)
+    if not np.isfinite(fundamental).all() or not fundamental.any():
+        return None
+    return unit_norm(fundamental), np.asarray(answer["inlier_mask"], dtype=bool)
+
+
+def estimate_pair(
+    matches: Correspondences,
+    frame: PixelFrame,
+    max_error_px: float,
+    seed: int,
+    focal_length_px: float | None = None,
+) -> EuclideanPair | None:
+    """Estimate the relative pose, and the focal length if it is not known.
+
+    Parameters
+    ----------
+    matches : Correspondences
+        Without outliers, or with few.
+    frame : PixelFrame
+        Size of the images.
+    max_error_px : float
+        Largest error of an inlier, in pixels.
+    seed : int
+        Of the random samples.
+    focal_length_px : float, optional
+        Focal length; None tries several and keeps the one under which the points agree best.
+
+    Returns
+    -------
+    EuclideanPair or None
+        None where nothing can be estimated.
+    """
+    if focal_length_px is not None:
+        return _pose(matches, frame, focal_length_px, max_error_px, seed)
+    best, best_cost = None, np.inf
+    for ratio in FOCAL_LENGTHS:
+        pair = _pose(matches, frame, float(ratio) * frame.scale_px, max_error_px, seed)
+        if pair is None:
+            continue
+        squared = sampson_distances(pair.fundamental, matches.first, matches.second) ** 2
+        cost = float(np.minimum(squared, max_error_px**2).sum())
+        if cost < best_cost:
+            best, best_cost = pair, cost
+    return best
+
+
+def _ransac(max_error_px: float, seed: int) -> Any:
+    import pycolmap
+
+    return pycolmap.RANSACOptions(max_error=max_error_px, random_seed=seed, num_threads=1)
+
+
+def _pose(
+    matches: Correspondences, frame: PixelFrame, focal_length_px: float, max_error_px: float, seed: int
+) -> EuclideanPair | None:
+    import pycolmap
+
+    if len(matches) < 8:
+        return None
+    size = {"width": frame.width_px, "height": frame.height_px}
+    parameters = [focal_length_px, 0.5 * frame.width_px, 0.5 * frame.height_px]
+    camera = pycolmap.Camera(model="SIMPLE_PINHOLE", params=parameters, **size)
+    first, second = matches.first + _PIXEL_CENTRE, matches.second + _PIXEL_CENTRE
+    answer = pycolmap.estimate_relative_pose(camera, first, camera, second, _ransac(max_error_px, seed))
+    if answer is None:
+        return None
+    pose = answer["cam2_from_cam1"]
+    refined = pycolmap.refine_relative_pose(pose, camera, first, camera, second, answer["inlier_mask"])
+    if refined is not None:
+        pose = refined["cam2_from_cam1"]
+    return _pair(np.asarray(pose.matrix(), dtype=np.float64), frame, focal_length_px)
+
+
+def _pair(second_from_first: Floats, frame: PixelFrame, focal_length_px: float) -> EuclideanPair | None:
+    ratio = focal_length_px / frame.scale_px
+    k = np.array([ratio, ratio, 1.0])
+    camera = np.column_stack([second_from_first[:, :3] * k[:, None] / k, second_from_first[:, 3] * k])
+    if not np.isfinite(camera).all() or not camera[:, 3].any():
+        return None
+    fundamental = fundamental_to_pixels(fundamental_from_camera(camera), frame)
+    camera *= np.sqrt(3.0) / np.linalg.norm(camera)
+    return EuclideanPair(focal_length_px, camera, unit_norm(fundamental))
