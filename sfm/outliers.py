@@ -1,0 +1,304 @@
+"""The eight tests that remove wrong correspondences; each tells which ones to keep.
+
+They run where the reconstruction knows enough for them: `mse`, `unicity` and `motion` need the images only,
+`epipolar` and `epipole` a fundamental matrix, `reprojection`, `chirality` and `depth` cameras and depths.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfm.epipolar import distances_to_epipole, epipoles, symmetric_distances
+from sfm.model import Correspondences
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Pairs of neighbouring points; every pair occurs in both directions, ordered by point.
+
+    Attributes
+    ----------
+    point, neighbour : ndarray of shape (P,), int64
+        Indices.
+    weight : ndarray of shape (P,), float64
+        Inverse distances.
+    """
+
+    point: Indices
+    neighbour: Indices
+    weight: Floats
+
+
+def mse(error: Floats, limit: Floats | float) -> Mask:
+    """Keep correspondences whose neighbourhoods are similar.
+
+    Parameters
+    ----------
+    error : ndarray of shape (N,), float64
+        Mean squared errors, squared luma levels.
+    limit : ndarray of shape (N,), float64, or float
+        Largest error.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    return np.asarray(error <= limit)
+
+
+def unicity(i: Indices, j: Indices, error: Floats, limit: Floats | float) -> Mask:
+    """Keep pairs so that no point occurs twice, by the Hungarian algorithm.
+
+    Of all such choices, the one with the largest sum of ``limit - error``: a point is left alone
+    rather than forced into a pair that is not worth it.
+
+    Parameters
+    ----------
+    i, j : ndarray of shape (P,), int64
+        First and second point of each pair.
+    error : ndarray of shape (P,), float64
+        Mean squared errors, at most `limit`.
+    limit : ndarray of shape (P,), float64, or float
+        Error of a pair that is worth nothing.
+
+    Returns
+    -------
+    ndarray of shape (P,), bool
+        True for those to keep.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    rows, row = np.unique(i, return_inverse=True)
+    columns, column = np.unique(j, return_inverse=True)
+    gain, pair = np.zeros((len(rows), len(columns))), np.full((len(rows), len(columns)), -1)
+    gain[row, column] = limit - error
+    pair[row, column] = np.arange(len(i))
+    chosen = pair[linear_sum_assignment(gain, maximize=True)]
+    keep = np.zeros(len(i), dtype=bool)
+    keep[chosen[chosen >= 0]] = True
+    return keep
+
+
+def epipolar(correspondences: Correspondences, fundamental: Floats, limit_px: float) -> Mask:
+    """Keep correspondences that are near each other's epipolar lines.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Candidates.
+    fundamental : ndarray of shape (3, 3), float64
+        F with ``x1' F x0 = 0`` in pixels.
+    limit_px : float
+        Largest symmetric distance.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    return symmetric_distances(fundamental, correspondences.first, correspondences.second) <= limit_px
+
+
+def motion(correspondences: Correspondences, limit_px: float, num_spreads: float) -> Mask:
+    """Keep correspondences that move like their neighbours.
+
+    A motion may differ from the weighted median of its Delaunay neighbours' by `limit_px` plus
+    `num_spreads` times the weighted median of their own differences from that median. Those that do not
+    leave the triangulation, and the rest is tested again until nothing changes.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Candidates, no first point twice.
+    limit_px : float
+        Difference that is always allowed.
+    num_spreads : float
+        Tolerance where the neighbours themselves disagree, as at borders of objects.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    return _like_neighbours(correspondences.first, correspondences.motion, limit_px, num_spreads)
+
+
+def reprojection(second: Floats, projected: Floats, limit_px: float) -> Mask:
+    """Keep correspondences whose 3D points project near the second points.
+
+    Parameters
+    ----------
+    second, projected : ndarray of shape (N, 2), float64
+        Second points, and projections of the 3D points; these may be not finite.
+    limit_px : float
+        Largest distance.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    finite = np.isfinite(projected).all(axis=1)
+    offset = np.where(finite[:, None], projected, second) - second
+    return finite & (np.hypot(offset[:, 0], offset[:, 1]) <= limit_px)
+
+
+def chirality(depth_first: Floats, depth_second: Floats) -> Mask:
+    """Keep correspondences whose product of projective depths has the sign of most.
+
+    Parameters
+    ----------
+    depth_first, depth_second : ndarray of shape (N,), float64
+        Projective depths in both cameras; may be not finite.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    sign = np.sign(depth_first) * np.sign(depth_second)
+    sign = np.where(np.isfinite(depth_first) & np.isfinite(depth_second), sign, 0.0)
+    return np.asarray(sign == (1.0 if sign.sum() >= 0 else -1.0))
+
+
+def epipole(correspondences: Correspondences, fundamental: Floats, distance_px: float) -> Mask:
+    """Keep correspondences that are far from both epipoles, around which triangulation is singular.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Candidates.
+    fundamental : ndarray of shape (3, 3), float64
+        F with ``x1' F x0 = 0`` in pixels.
+    distance_px : float
+        Least distance.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    in_first, in_second = epipoles(fundamental)
+    far_in_first = distances_to_epipole(in_first, correspondences.first) >= distance_px
+    return far_in_first & (distances_to_epipole(in_second, correspondences.second) >= distance_px)
+
+
+def depth(first: Floats, depths: Floats, share: float, num_spreads: float) -> Mask:
+    """Keep points whose depth is like that of their neighbours.
+
+    Compared are inverse depths, which are proportional to motion along the epipolar line, in units of
+    the median one; the rest is as in `motion`.
+
+    Parameters
+    ----------
+    first : ndarray of shape (N, 2), float64
+        First points in pixels.
+    depths : ndarray of shape (N,), float64
+        Projective depths, not zero; may be not finite.
+    share : float
+        Difference that is always allowed, as a share of the median inverse depth.
+    num_spreads : float
+        Tolerance where the neighbours themselves disagree.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    keep = np.isfinite(depths) & (depths != 0)
+    if not keep.any():
+        return keep
+    inverse = 1.0 / depths[keep]
+    unit = float(np.median(np.abs(inverse)))
+    keep[keep] = _like_neighbours(first[keep], (inverse / unit)[:, None], share, num_spreads)
+    return keep
+
+
+def _like_neighbours(points: Floats, values: Floats, limit: float, num_spreads: float) -> Mask:
+    keep = np.ones(len(points), dtype=bool)
+    while True:
+        neighbours = delaunay_neighbours(points[keep])
+        aberrant = _aberrant(values[keep], neighbours, limit, num_spreads)
+        if not aberrant.any():
+            return keep
+        keep[np.flatnonzero(keep)[aberrant]] = False
+
+
+def _aberrant(values: Floats, neighbours: Neighbours, limit: float, num_spreads: float) -> Mask:
+    """Tell which values (N, D) differ too much from the median of their neighbours."""
+    median = np.stack([weighted_median(column, neighbours) for column in values.T], axis=1)
+    difference = np.sqrt(((values - median) ** 2).sum(axis=1))
+    around = values[neighbours.neighbour] - median[neighbours.point]
+    spread = _median_by_point(np.sqrt((around**2).sum(axis=1)), neighbours, len(values))
+    return np.asarray(difference > limit + num_spreads * np.nan_to_num(spread))
+
+
+def delaunay_neighbours(points: Floats) -> Neighbours:
+    """Find the neighbours of points on Delaunay triangles.
+
+    Parameters
+    ----------
+    points : ndarray of shape (N, 2), float64
+        Image points. Without triangles (fewer than three points, or all on one line) neighbours are those
+        before and after in order of the coordinates.
+
+    Returns
+    -------
+    Neighbours
+        Pairs; a point that occurs twice has neighbours once only.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    try:
+        starts, neighbour = Delaunay(points).vertex_neighbor_vertices
+        point = np.repeat(np.arange(len(points)), np.diff(starts))
+    except (QhullError, ValueError):
+        order = np.lexsort(points.T)
+        point = np.concatenate([order[:-1], order[1:]])
+        neighbour = np.concatenate([order[1:], order[:-1]])
+    by_point = np.lexsort((neighbour, point))
+    point, neighbour = point[by_point].astype(np.int64), neighbour[by_point].astype(np.int64)
+    offset = points[neighbour] - points[point]
+    return Neighbours(point, neighbour, 1.0 / np.maximum(np.sqrt((offset**2).sum(axis=1)), 1e-9))
+
+
+def weighted_median(values: Floats, neighbours: Neighbours) -> Floats:
+    """Compute, for every point, the weighted median of its neighbours' values.
+
+    Parameters
+    ----------
+    values : ndarray of shape (N,), float64
+        One value per point.
+    neighbours : Neighbours
+        Pairs and weights.
+
+    Returns
+    -------
+    ndarray of shape (N,), float64
+        The least value that, with those below it, has half the weight; the point's own if it has no neighbours.
+    """
+    medians = _median_by_point(values[neighbours.neighbour], neighbours, len(values))
+    return np.where(np.isnan(medians), values, medians)
+
+
+def _median_by_point(values: Floats, neighbours: Neighbours, num_points: int) -> Floats:
+    """Return the weighted medians of values given per pair; nan without neighbours."""
+    medians = np.full(num_points, np.nan)
+    order = np.lexsort((values, neighbours.point))
+    point, values, weight = neighbours.point[order], values[order], neighbours.weight[order]
+    starts = np.flatnonzero(np.diff(point, prepend=-1))
+    if len(starts) == 0:
+        return medians
+    summed = np.cumsum(weight)
+    before = np.repeat(summed[starts] - weight[starts], np.diff(starts, append=len(point)))
+    total = np.repeat(np.add.reduceat(weight, starts), np.diff(starts, append=len(point)))
+    half = np.flatnonzero(2.0 * (summed - before) >= total * (1.0 - 1e-9))
+    which, position = np.unique(point[half], return_index=True)
+    medians[which] = values[half[position]]
+    return medians
