@@ -1,0 +1,310 @@
+"""Robust estimation: one loop over anything that can be estimated from samples and has residuals."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+SMALL_DATA = 64  # below this, samples are drawn by sorting random keys: repeated points would be too frequent
+
+
+class Estimator(Protocol):
+    """A kind of model, together with the data that it is to explain.
+
+    Attributes
+    ----------
+    min_num_samples : int
+        Data that determine a model.
+    num_data : int
+        All data.
+    """
+
+    min_num_samples: int
+    num_data: int
+
+    def estimate(self, samples: Indices) -> Floats:
+        """Estimate models from many samples (S, m) at once, m >= `min_num_samples`; returns (K, ...)."""
+
+    def residuals(self, models: Floats) -> Floats:
+        """Return the distances (K, N) of all data from models (K, ...), in pixels, not negative."""
+
+    def refine(self, model: Floats, inliers: Mask) -> Floats:
+        """Improve one model over its inliers (N,)."""
+
+
+@dataclass(frozen=True)
+class RobustOptions:
+    """How long to search, and what an outlier is.
+
+    Attributes
+    ----------
+    threshold_px : float
+        Residual from which a datum is an outlier.
+    confidence : float
+        Probability of having drawn one sample without outliers before the search stops.
+    min_num_trials, max_num_trials : int
+        Bounds on the number of samples.
+    batch : int
+        Samples that are estimated at once.
+    num_local_trials : int
+        Samples of inliers in a local optimisation.
+    local_sample_factor : int
+        Size of those samples, in minimal samples.
+    num_local_refinements : int
+        Refinements with a shrinking threshold that follow.
+    """
+
+    threshold_px: float = 1.0
+    confidence: float = 0.9999
+    min_num_trials: int = 200
+    max_num_trials: int = 4000
+    batch: int = 200
+    num_local_trials: int = 20
+    local_sample_factor: int = 2
+    num_local_refinements: int = 4
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense."""
+        if not self.threshold_px > 0:
+            raise ValueError(f"`threshold_px` must be positive, got {self.threshold_px}")
+        if not 0 < self.confidence < 1:
+            raise ValueError(f"`confidence` must be in (0, 1), got {self.confidence}")
+        if not 1 <= self.min_num_trials <= self.max_num_trials:
+            bounds = f"{self.min_num_trials} and {self.max_num_trials}"
+            raise ValueError(f"`min_num_trials` must be in [1, max_num_trials], got {bounds}")
+
+
+@dataclass(frozen=True, eq=False)
+class RobustResult:
+    """The best model that was found.
+
+    Attributes
+    ----------
+    model : ndarray or None
+        The model; None if no sample gave any.
+    score_px2 : float
+        Sum of the squared residuals, each at most the squared threshold.
+    inliers : ndarray of shape (N,), bool
+        Data within the threshold.
+    residuals_px : ndarray of shape (N,), float64
+        Distances of all data.
+    num_trials : int
+        Samples drawn.
+    """
+
+    model: Floats | None
+    score_px2: float
+    inliers: Mask
+    residuals_px: Floats
+    num_trials: int
+
+
+def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator) -> Indices:
+    """Draw samples of distinct data.
+
+    Parameters
+    ----------
+    num_data : int
+        Data to draw from, at least `size`.
+    size : int
+        Data per sample.
+    count : int
+        Samples wanted.
+    rng : Generator
+        Source of randomness.
+
+    Returns
+    -------
+    ndarray of shape (count or a little less, size), int64
+        Indices.
+    """
+    if num_data <= SMALL_DATA:
+        keys = rng.random((count, num_data))
+        return np.argsort(keys, axis=1, kind="stable")[:, :size].astype(np.int64)
+    samples = rng.integers(0, num_data, (count, size))
+    ordered = np.sort(samples, axis=1)
+    distinct: Indices = samples[(ordered[:, 1:] != ordered[:, :-1]).all(axis=1)]
+    return distinct
+
+
+def trials_needed(inlier_fraction: float, sample_size: int, confidence: float) -> float:
+    """Return how many samples make it likely that one is free of outliers.
+
+    Parameters
+    ----------
+    inlier_fraction : float
+        Share of the data that are inliers, in [0, 1].
+    sample_size : int
+        Data per sample.
+    confidence : float
+        Wanted probability, in (0, 1).
+
+    Returns
+    -------
+    float
+        Number of samples; inf if there are no inliers.
+    """
+    good = inlier_fraction**sample_size
+    if good <= 1e-12:
+        return math.inf
+    return math.log1p(-confidence) / math.log1p(-min(good, 1 - 1e-12))
+
+
+def sample_consensus(estimator: Estimator, options: RobustOptions, rng: np.random.Generator) -> RobustResult:
+    """Search for the model with the least truncated error over random minimal samples (MAPSAC).
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Model and data.
+    options : RobustOptions
+        How long to search.
+    rng : Generator
+        Source of randomness.
+
+    Returns
+    -------
+    RobustResult
+        The best model; `model` is None if there are too few data, or no sample gives a model.
+    """
+    best = no_model(estimator.num_data)
+    if estimator.num_data < estimator.min_num_samples:
+        return best
+    trials = 0
+    needed: float = options.max_num_trials
+    while trials < min(max(needed, options.min_num_trials), options.max_num_trials):
+        count = min(options.batch, options.max_num_trials - trials)
+        trials += count
+        samples = draw_samples(estimator.num_data, estimator.min_num_samples, count, rng)
+        best = better(best, best_of(estimator, estimator.estimate(samples), options.threshold_px))
+        share = best.inliers.mean()
+        needed = trials_needed(float(share), estimator.min_num_samples, options.confidence)
+    return RobustResult(best.model, best.score_px2, best.inliers, best.residuals_px, trials)
+
+
+def optimize_locally(
+    estimator: Estimator, start: RobustResult, options: RobustOptions, rng: np.random.Generator
+) -> RobustResult:
+    """Improve a model by larger samples of its inliers and by refinements (the inner loop of LO-RANSAC).
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Model and data.
+    start : RobustResult
+        What `sample_consensus` found.
+    options : RobustOptions
+        Threshold and number of trials.
+    rng : Generator
+        Source of randomness.
+
+    Returns
+    -------
+    RobustResult
+        A model that is at least as good; the number of trials includes those of `start`.
+    """
+    best = start
+    inliers = np.flatnonzero(start.inliers)
+    if best.model is None or len(inliers) < estimator.min_num_samples:
+        return start
+    size = min(options.local_sample_factor * estimator.min_num_samples, len(inliers) // 2)
+    if size >= estimator.min_num_samples and options.num_local_trials:
+        chosen = inliers[draw_samples(len(inliers), size, options.num_local_trials, rng)]
+        best = better(best, best_of(estimator, estimator.estimate(chosen), options.threshold_px))
+    for factor in np.linspace(2.0, 1.0, options.num_local_refinements):
+        within = best.residuals_px < factor * options.threshold_px
+        if best.model is None or np.count_nonzero(within) < estimator.min_num_samples:
+            break
+        refined = estimator.refine(best.model, within)
+        best = better(best, best_of(estimator, refined[None], options.threshold_px))
+    trials = start.num_trials + options.num_local_trials
+    return RobustResult(best.model, best.score_px2, best.inliers, best.residuals_px, trials)
+
+
+def best_of(estimator: Estimator, models: Floats, threshold_px: float) -> RobustResult:
+    """Choose among models the one with the least truncated squared error.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Model and data.
+    models : ndarray of shape (K, ...), float64
+        Candidates; K may be 0.
+    threshold_px : float
+        Where the error is truncated.
+
+    Returns
+    -------
+    RobustResult
+        The best of them, with no trials counted.
+    """
+    best = no_model(estimator.num_data)
+    limit = threshold_px * threshold_px
+    step = max(1, 200_000 // max(1, estimator.num_data))  # bounds memory
+    for at in range(0, len(models), step):
+        residuals = estimator.residuals(models[at : at + step])
+        scores = np.minimum(residuals * residuals, limit).sum(axis=1)
+        k = int(np.argmin(scores))
+        if scores[k] < best.score_px2:
+            found = residuals[k].copy()
+            best = RobustResult(models[at + k].copy(), float(scores[k]), found < threshold_px, found, 0)
+    return best
+
+
+def better(a: RobustResult, b: RobustResult) -> RobustResult:
+    """Return the one with the lower score; `a` if they are equal.
+
+    Parameters
+    ----------
+    a, b : RobustResult
+        Two results for the same data.
+
+    Returns
+    -------
+    RobustResult
+        One of them.
+    """
+    return b if b.score_px2 < a.score_px2 else a
+
+
+def no_model(num_data: int) -> RobustResult:
+    """Return the result of a search that found nothing.
+
+    Parameters
+    ----------
+    num_data : int
+        Number of data.
+
+    Returns
+    -------
+    RobustResult
+        No model, no inliers, infinite score.
+    """
+    return RobustResult(None, math.inf, np.zeros(num_data, dtype=bool), np.full(num_data, np.inf), 0)
+
+
+def noise_scale(residuals: Floats, num_parameters: int = 0) -> float:
+    """Estimate the standard deviation of residuals of which fewer than half are wrong.
+
+    Parameters
+    ----------
+    residuals : ndarray of shape (N,), float64
+        Distances, signed or not.
+    num_parameters : int
+        Degrees of freedom that a fit to these residuals has used up.
+
+    Returns
+    -------
+    float
+        1.4826 times the median magnitude, corrected for the fit; 0 if there are too few.
+    """
+    free = residuals.size - num_parameters
+    if free <= 0:
+        return 0.0
+    return 1.4826 * math.sqrt(residuals.size / free) * float(np.median(np.abs(residuals)))
