@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sfm.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.model import Correspondences, PixelFrame
+from sfm.normal_equations import solve_damped
 from sfm.projection import homogeneous, project
 from sfm.projective_basis import (
     CAMERA_NORM,
@@ -447,41 +448,13 @@ def _stepped(problem: _Problem, state: _State, system: _System, damping: float) 
     inverse = np.where(system.depths > TINY, 1.0 / np.maximum((1.0 + damping) * system.depths, TINY), 0.0)
     reduced = system.cameras - np.einsum("in,jn->ij", system.mixed * inverse, system.mixed)
     slope = system.cameras_slope - np.einsum("in,n->i", system.mixed, inverse * system.depths_slope)
-    step = -_solve_damped(reduced, slope, damping)
+    step = -solve_damped(reduced, slope, damping)
     inverse_step = -inverse * (system.depths_slope + np.einsum("in,i->n", system.mixed, step))
     cameras = state.cameras.copy()
     for k in range(len(cameras) - 1):
         cameras[k] = _normalized(cameras[k] + step[12 * k : 12 * k + 12].reshape(3, 4))
     cameras[-1] = _normalized(cameras[-1] + (problem.basis @ step[12 * (len(cameras) - 1) :]).reshape(3, 4))
     return _State(cameras, state.inverse + inverse_step)
-
-
-def _solve_damped(matrix: Floats, right: Floats, damping: float) -> Floats:
-    """Solve a damped positive semidefinite system by Cholesky's method.
-
-    Variables along which nothing changes (norms of cameras, what is left of the basis) stay at 0. Written
-    out, because the library's threads cost more than they save at this size.
-    """
-    diagonal = np.diag(matrix)
-    scale = np.where(diagonal > 0, 1.0 / np.sqrt(np.maximum(diagonal, TINY)), 0.0)
-    left = scale[:, None] * matrix * scale
-    solution = scale * right
-    size = len(left)
-    left[np.arange(size), np.arange(size)] += damping
-    for k in range(size):
-        if left[k, k] <= 1e-13:
-            left[k:, k] = 0.0
-            solution[k] = 0.0
-            continue
-        left[k:, k] /= math.sqrt(left[k, k])
-        below = left[k + 1 :, k]
-        left[k + 1 :, k + 1 :] -= below[:, None] * below
-        solution[k] /= left[k, k]
-        solution[k + 1 :] -= below * solution[k]
-    for k in range(size - 1, -1, -1):
-        if left[k, k] > 0:
-            solution[k] = (solution[k] - (left[k + 1 :, k] * solution[k + 1 :]).sum()) / left[k, k]
-    return scale * solution
 
 
 def _normalized(camera: Floats) -> Floats:
