@@ -42,24 +42,20 @@ PIVOT_BLOCK = 6
 _ZERO = np.float32(0.0)
 MAX_EXTRINSIC = np.float32(24.0)
 
-# Rows of NUM_LANES values that make up the record of one trellis step; the metrics of all states follow.
-ROW_ALLOW0, ROW_ALLOW1, ROW_SUM0, ROW_SUM1, ROW_SCALE, ROW_METRIC = range(6)
-_ALLOW0, _ALLOW1, _SUM0, _SUM1, _SCALE, _METRIC = (row * NUM_LANES for row in range(6))
+# Rows of NUM_LANES values that make up the record of one trellis step: scale, then the metrics of all states.
+ROW_SCALE, ROW_METRIC = range(2)
+_SCALE, _METRIC = (row * NUM_LANES for row in range(2))
 
 
 @kernel
 def bit_probabilities(llr, prob0, prob1):
     """Turn LLRs into p(0) and p(1): prob1 = 1 / (1 + exp(llr)); flat float32 arrays, |llr| < 80."""
-    power = np.empty(llr.size, np.float32)
-    power_bits = power.view(np.int32)
     for i in range(llr.size):
         x = llr[i] * _LOG2E
         whole = np.floor(x)
         f = x - whole
-        prob0[i] = _E0 + f * (_E1 + f * (_E2 + f * (_E3 + f * _E4)))
-        power_bits[i] = (np.int32(whole) + np.int32(127)) << np.int32(23)
-    for i in range(llr.size):
-        odds = prob0[i] * power[i]
+        power = np.int32((np.int32(whole) + np.int32(127)) << np.int32(23)).view(np.float32)
+        odds = (_E0 + f * (_E1 + f * (_E2 + f * (_E3 + f * _E4)))) * power
         q = _ONE / (_ONE + odds)
         prob1[i] = q
         prob0[i] = odds * q
@@ -71,15 +67,13 @@ def _log_mantissa(m):
 
 
 @kernel
-def log_clipped(ratio, llr, limit):
-    """Write log(ratio), clipped to +-limit, to `llr`; flat float32 arrays, ratio > 0 is overwritten."""
-    ratio_bits = ratio.view(np.int32)
-    for i in range(llr.size):
-        b = ratio_bits[i]
-        llr[i] = np.float32((b >> np.int32(23)) - np.int32(127)) * _LN2
-        ratio_bits[i] = (b & np.int32(0x7FFFFF)) | np.int32(0x3F800000)
-    for i in range(llr.size):
-        llr[i] = min(max(llr[i] + _log_mantissa(ratio[i]), -limit), limit)
+def log_clipped(ratio, limit):
+    """Replace ratios by their logarithms, clipped to +-limit; flat float32 array, ratio > 0."""
+    bits = ratio.view(np.int32)
+    for i in range(ratio.size):
+        whole = np.float32((bits[i] >> np.int32(23)) - np.int32(127))
+        mantissa = np.int32((bits[i] & np.int32(0x7FFFFF)) | np.int32(0x3F800000)).view(np.float32)
+        ratio[i] = min(max(whole * _LN2 + _log_mantissa(mantissa), -limit), limit)
 
 
 @kernel
@@ -97,9 +91,9 @@ def _select(label, g00, g01, g10, g11):
 # Bit s of a mask is the input bit, or the parity bit, of the transition that leaves state s by shifting a 0
 # in; the one that shifts a 1 in has both inverted. States k and k + S/2 share the successors 2k and 2k + 1.
 #
-# prob0, prob1 : (L * W,) a priori probabilities of the input bits. work : (L + 1, R, W) flattened, see
-# ROW_METRIC: rows ROW_ALLOW0 and ROW_ALLOW1 of each step say which parity is possible. edges : (2, S * W),
-# metrics at the start and at the end of every lane. All float32.
+# prob0, prob1 : (L * W,) a priori probabilities of the input bits. allow0, allow1 : (L * W,), 1 where the
+# parity may be 0, or 1. work : (L + 1, R, W) flattened, see ROW_METRIC. edges : (2, S * W), metrics at the
+# start and at the end of every lane. All float32.
 
 
 @kernel
@@ -113,21 +107,20 @@ def make_forward(num_states, input_mask, parity_mask):
     record = (ROW_METRIC + num_states) * NUM_LANES
 
     @kernel
-    def forward(prob0, prob1, work, edges):
+    def forward(prob0, prob1, allow0, allow1, work, edges):
         """Write alpha of every step to `work`, from ``edges[0]`` on, and replace it by alpha at the end."""
         num_steps = prob0.size // NUM_LANES
-        head = work[:record]
         for i in range(num_states * NUM_LANES):
-            head[_METRIC + i] = edges[0, i]
+            work[_METRIC + i] = edges[0, i]
         for w in range(NUM_LANES):
-            head[_SCALE + w] = _ONE
+            work[_SCALE + w] = _ONE
         for t in range(num_steps):
             now = work[t * record : (t + 2) * record]
-            p0_now = prob0[t * NUM_LANES : (t + 1) * NUM_LANES]
-            p1_now = prob1[t * NUM_LANES : (t + 1) * NUM_LANES]
+            cells = slice(t * NUM_LANES, (t + 1) * NUM_LANES)
+            p0_now, p1_now, allow0_now, allow1_now = prob0[cells], prob1[cells], allow0[cells], allow1[cells]
             for w in range(NUM_LANES):
-                c0 = now[_ALLOW0 + w] * now[_SCALE + w]
-                c1 = now[_ALLOW1 + w] * now[_SCALE + w]
+                c0 = allow0_now[w] * now[_SCALE + w]
+                c1 = allow1_now[w] * now[_SCALE + w]
                 g00 = p0_now[w] * c0
                 g01 = p0_now[w] * c1
                 g10 = p1_now[w] * c0
@@ -159,11 +152,11 @@ def make_backward(num_states, input_mask, parity_mask):
     record = (ROW_METRIC + num_states) * NUM_LANES
 
     @kernel
-    def backward(prob0, prob1, work, edges):
+    def backward(prob0, prob1, allow0, allow1, work, edges, ratio):
         """Run beta over `work`, from ``edges[1]`` on; replace it by beta at the lane's start.
 
-        Every alpha is replaced by beta once it is used; ROW_SUM0 and ROW_SUM1 receive the sums of alpha times
-        beta over the transitions with input 0 and 1.
+        Every alpha is replaced by beta once it is used; `ratio` receives the sum of alpha times beta over the
+        transitions with input 0, divided by that over those with input 1.
         """
         num_steps = prob0.size // NUM_LANES
         tail = work[num_steps * record : (num_steps + 1) * record]
@@ -174,65 +167,69 @@ def make_backward(num_states, input_mask, parity_mask):
         for back in range(num_steps):
             t = num_steps - 1 - back
             now = work[t * record : (t + 2) * record]
-            p0_now = prob0[t * NUM_LANES : (t + 1) * NUM_LANES]
-            p1_now = prob1[t * NUM_LANES : (t + 1) * NUM_LANES]
+            cells = slice(t * NUM_LANES, (t + 1) * NUM_LANES)
+            p0_now, p1_now, allow0_now, allow1_now = prob0[cells], prob1[cells], allow0[cells], allow1[cells]
+            ratio_now = ratio[cells]
             for w in range(NUM_LANES):
-                c0 = now[_ALLOW0 + w] * now[record + _SCALE + w]
-                c1 = now[_ALLOW1 + w] * now[record + _SCALE + w]
-                p0 = p0_now[w]
-                p1 = p1_now[w]
-                sum0 = _ZERO
-                sum1 = _ZERO
+                c0 = allow0_now[w] * now[record + _SCALE + w]
+                c1 = allow1_now[w] * now[record + _SCALE + w]
+                g00 = p0_now[w] * c0
+                g01 = p0_now[w] * c1
+                g10 = p1_now[w] * c0
+                g11 = p1_now[w] * c1
+                # Sums of alpha times beta by label of the transition.
+                s00 = s01 = s10 = s11 = _ZERO
                 total = _SUM_FLOOR
                 for k in range(half):
-                    even0 = now[record + _METRIC + 2 * k * NUM_LANES + w] * c0
-                    even1 = now[record + _METRIC + 2 * k * NUM_LANES + w] * c1
-                    odd0 = now[record + _METRIC + (2 * k + 1) * NUM_LANES + w] * c0
-                    odd1 = now[record + _METRIC + (2 * k + 1) * NUM_LANES + w] * c1
-                    i = _label(k, input_mask, parity_mask)
+                    even = now[record + _METRIC + 2 * k * NUM_LANES + w]
+                    odd = now[record + _METRIC + (2 * k + 1) * NUM_LANES + w]
                     low = now[_METRIC + k * NUM_LANES + w]
-                    y0 = _select(i, even0, even1, odd1, odd0)
-                    y1 = _select(i, odd1, odd0, even0, even1)
-                    sum0 += low * y0
-                    sum1 += low * y1
-                    beta_low = max(y0 * p0 + y1 * p1, _METRIC_FLOOR)
-                    j = _label(k + half, input_mask, parity_mask)
                     high = now[_METRIC + (k + half) * NUM_LANES + w]
-                    y0 = _select(j, even0, even1, odd1, odd0)
-                    y1 = _select(j, odd1, odd0, even0, even1)
-                    sum0 += high * y0
-                    sum1 += high * y1
-                    beta_high = max(y0 * p0 + y1 * p1, _METRIC_FLOOR)
-                    total += beta_low + beta_high
-                    now[_METRIC + k * NUM_LANES + w] = beta_low
-                    now[_METRIC + (k + half) * NUM_LANES + w] = beta_high
-                now[_SUM0 + w] = sum0
-                now[_SUM1 + w] = sum1
+                    i = _label(k, input_mask, parity_mask)
+                    j = _label(k + half, input_mask, parity_mask)
+                    if i == 0 or i == 3:  # noqa: PLR1714 (numba unrolls this one)
+                        s00 += low * (odd if i else even)
+                        s11 += low * (even if i else odd)
+                    else:
+                        s01 += low * (even if i == 1 else odd)
+                        s10 += low * (odd if i == 1 else even)
+                    if j == 0 or j == 3:  # noqa: PLR1714
+                        s00 += high * (odd if j else even)
+                        s11 += high * (even if j else odd)
+                    else:
+                        s01 += high * (even if j == 1 else odd)
+                        s10 += high * (odd if j == 1 else even)
+                    y0 = even * _select(i, g00, g01, g10, g11) + odd * _select(3 - i, g00, g01, g10, g11)
+                    y1 = even * _select(j, g00, g01, g10, g11) + odd * _select(3 - j, g00, g01, g10, g11)
+                    y0 = max(y0, _METRIC_FLOOR)
+                    y1 = max(y1, _METRIC_FLOOR)
+                    total += y0 + y1
+                    now[_METRIC + k * NUM_LANES + w] = y0
+                    now[_METRIC + (k + half) * NUM_LANES + w] = y1
                 now[_SCALE + w] = _ONE / total
-        head = work[:record]
+                ratio_now[w] = (c0 * s00 + c1 * s01 + _SUM_FLOOR) / (c0 * s10 + c1 * s11 + _SUM_FLOOR)
         for i in range(num_states * NUM_LANES):
-            edges[1, i] = head[_METRIC + i]
+            edges[1, i] = work[_METRIC + i]
 
     return backward
 
 
 @kernel
-def combine(llr_ch, bit_of_cell, llr_e, llr_a, llr):
-    """Pass messages at the bits: totals to `llr`, and to each copy the total without its own extrinsic.
+def exchange_messages(llr_ch, bit_of_cell, llr_e, llr_a, prob0, prob1, llr, decisions):
+    """Pass messages at the bits: totals to `llr`, to each copy the rest of the total; decide.
 
-    The last element of `llr_ch` and `llr` belongs to the cells that pad the lanes.
+    `llr_a` and the probabilities are those of the next BCJR pass. The last element of `llr_ch` and `llr`
+    belongs to the cells that pad the lanes. `bit_of_cell` is unsigned, which spares a test of every index.
     """
     for n in range(llr.size):
         llr[n] = llr_ch[n]
     for i in range(llr_e.size):
         llr[bit_of_cell[i]] += llr_e[i]
     for i in range(llr_e.size):
-        llr_a[i] = min(max(llr[bit_of_cell[i]] - llr_e[i], -MAX_EXTRINSIC), MAX_EXTRINSIC)
-
-
-@kernel
-def decide(llr, decisions):
-    """Write hard decisions."""
+        llr_a[i] = llr[bit_of_cell[i]]
+    for i in range(llr_e.size):
+        llr_a[i] = min(max(llr_a[i] - llr_e[i], -MAX_EXTRINSIC), MAX_EXTRINSIC)
+    bit_probabilities(llr_a, prob0, prob1)
     for n in range(decisions.size):
         decisions[n] = np.uint8(llr[n] < _ZERO)
 
@@ -254,6 +251,14 @@ def satisfies(decisions, bit_at_step, section_starts, next_state, output, parity
 
 
 @kernel
+def set_parity(cells, bits, allow0, allow1):
+    """Allow only the parity that is known, at some cells."""
+    for i in range(cells.size):
+        allow0[cells[i]] = np.float32(bits[i] == 0)
+        allow1[cells[i]] = np.float32(bits[i] == 1)
+
+
+@kernel
 def exchange_edges(edges, opens, closes):
     """Hand the metrics at the ends of lanes to their neighbours; sections start in state 0, end anywhere."""
     num_states = edges.shape[1] // NUM_LANES
@@ -271,23 +276,10 @@ def exchange_edges(edges, opens, closes):
 
 
 @kernel
-def finish_pass(work, edges, opens, closes, scratch, llr_e):
-    """Turn the sums of a BCJR pass into clipped extrinsic LLRs, and hand on the edge metrics."""
+def finish_pass(edges, opens, closes, llr_e):
+    """Turn the ratios of a BCJR pass into clipped extrinsic LLRs, in place, and hand on the edge metrics."""
     exchange_edges(edges, opens, closes)
-    record = ROW_METRIC * NUM_LANES + edges.shape[1]
-    for t in range(llr_e.size // NUM_LANES):
-        sums = work[t * record + _SUM0 : t * record + _SUM0 + 2 * NUM_LANES]
-        ratio = scratch[t * NUM_LANES : (t + 1) * NUM_LANES]
-        for w in range(NUM_LANES):
-            ratio[w] = (sums[w] + _SUM_FLOOR) / (sums[NUM_LANES + w] + _SUM_FLOOR)
-    log_clipped(scratch, llr_e, MAX_EXTRINSIC)
-
-
-@kernel
-def exchange_messages(llr_ch, bit_of_cell, llr_a, llr_e, prob0, prob1, llr):
-    """Pass messages at the bits, and turn what comes out into probabilities for the next BCJR pass."""
-    combine(llr_ch, bit_of_cell, llr_e, llr_a, llr)
-    bit_probabilities(llr_a, prob0, prob1)
+    log_clipped(llr_e, MAX_EXTRINSIC)
 
 
 @kernel
@@ -458,14 +450,23 @@ def prior_information(llr, decisions):
 
 
 @kernel
-def sum_of_error_probabilities(magnitude):
-    """Add up 1 / (1 + exp(m)), in order; magnitudes are float32 and not negative."""
-    prob_right = np.empty(magnitude.size, np.float32)
-    prob_wrong = np.empty(magnitude.size, np.float32)
-    bit_probabilities(np.minimum(magnitude, _MAX_EXPONENT), prob_right, prob_wrong)
+def sum_of_error_probabilities(llr):
+    """Add up 1 / (1 + exp(|llr|)) of float32 LLRs: first every NUM_LANES-th term, then the partial sums."""
+    magnitude = np.empty(llr.size, np.float32)
+    for i in range(llr.size):
+        magnitude[i] = min(abs(llr[i]), _MAX_EXPONENT)
+    prob_wrong = np.empty(llr.size, np.float32)
+    bit_probabilities(magnitude, np.empty(llr.size, np.float32), prob_wrong)
+    partial = np.zeros(NUM_LANES)
+    whole = llr.size - llr.size % NUM_LANES
+    for start in range(0, whole, NUM_LANES):
+        for w in range(NUM_LANES):
+            partial[w] += prob_wrong[start + w]
+    for i in range(whole, llr.size):
+        partial[i - whole] += prob_wrong[i]
     total = 0.0
-    for i in range(magnitude.size):
-        total += prob_wrong[i]
+    for w in range(NUM_LANES):
+        total += partial[w]
     return total
 
 

@@ -46,7 +46,7 @@ class TurboDecoder:
         self._trellis = trellis(code.feedback, code.feedforward)
         lanes = lane_layout((*self._layout.section_starts, self._layout.num_steps))
         self._siso = LaneDecoder(code.feedback, code.feedforward, lanes)
-        self._bit_of_cell = np.full(self._siso.llr_a.size, num_bits, np.int32)  # cells that pad lanes: bit N
+        self._bit_of_cell = np.full(self._siso.llr_a.size, num_bits, np.uint32)  # cells that pad lanes: bit N
         self._bit_of_cell[lanes.cell_of_step] = self._layout.bit_at_step
         self._parity = np.full(self._layout.num_steps, -1, np.int8)
         self._llr_ch = np.zeros(num_bits + 1, np.float32)
@@ -63,7 +63,7 @@ class TurboDecoder:
     @property
     def expected_errors(self) -> float:
         """Number of wrong decisions to be expected by the a posteriori LLRs."""
-        return float(_kernels.sum_of_error_probabilities(np.abs(self.llr)))
+        return float(_kernels.sum_of_error_probabilities(self._llr[:-1]))
 
     def start(self, llr_ch: ArrayLike) -> None:
         """Begin a new plane.
@@ -154,14 +154,20 @@ class TurboDecoder:
     def _exchange_messages(self) -> None:
         siso = self._siso
         _kernels.exchange_messages(
-            self._llr_ch, self._bit_of_cell, siso.llr_a, siso.llr_e, siso.prob0, siso.prob1, self._llr
+            self._llr_ch,
+            self._bit_of_cell,
+            siso.llr_e,
+            siso.llr_a,
+            siso.prob0,
+            siso.prob1,
+            self._llr,
+            self.decisions,
         )
 
     def _pass(self) -> None:
         """Pass over the trellis, exchange messages at the bits, decide, and encode the decisions again."""
         self._siso.run()
         self._exchange_messages()
-        _kernels.decide(self._llr, self.decisions)
         self._check_parity()
 
     def _check_parity(self) -> None:

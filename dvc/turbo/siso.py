@@ -12,7 +12,7 @@ from dvc.turbo import _kernels
 from dvc.turbo.trellis import trellis
 
 Floats = NDArray[np.float32]
-Recursion = Callable[[Floats, Floats, Floats, Floats], None]
+Recursion = Callable[..., None]
 MIN_WINDOW_STEPS = 24
 """Fewest trellis steps that make another window worth its unknown ends."""
 
@@ -114,9 +114,7 @@ class LaneDecoder:
     llr_a, llr_e : ndarray of shape (L * W,), float32
         A priori and extrinsic LLRs log p(0) / p(1) of all cells.
     prob0, prob1 : ndarray of shape (L * W,), float32
-        A priori probabilities, scratch between passes.
-    work : ndarray of shape (L + 1, R, W), float32
-        Records of the trellis steps, see `dvc.turbo._kernels`.
+        A priori probabilities.
     edges : ndarray of shape (2, S * W), float32
         Metrics at the starts and ends of all lanes.
     """
@@ -125,11 +123,11 @@ class LaneDecoder:
         self.lanes = lanes
         self._forward, self._backward = bcjr_recursions(feedback, feedforward)
         num_states = trellis(feedback, feedforward).num_states
-        num_cells = lanes.num_steps * _kernels.NUM_LANES
-        self.llr_a, self.llr_e, self.prob0, self.prob1 = (np.zeros(num_cells, np.float32) for _ in range(4))
-        shape = (lanes.num_steps + 1, _kernels.ROW_METRIC + num_states, _kernels.NUM_LANES)
-        self.work = np.zeros(shape, np.float32)
-        self._flat_work = self.work.reshape(-1)
+        arrays = np.zeros((6, lanes.num_steps * _kernels.NUM_LANES), np.float32)
+        self.llr_a, self.llr_e, *inputs = arrays
+        self.prob0, self.prob1, self._allow0, self._allow1 = self._inputs = tuple(inputs)
+        records = (lanes.num_steps + 1) * (_kernels.ROW_METRIC + num_states)
+        self._work = np.zeros(records * _kernels.NUM_LANES, np.float32)
         self.edges = np.empty((2, num_states * _kernels.NUM_LANES), np.float32)
         self.reset()
 
@@ -137,7 +135,8 @@ class LaneDecoder:
         """Forget all messages and all parity."""
         self.llr_a.fill(0)
         self.llr_e.fill(0)
-        self.work[:, [_kernels.ROW_ALLOW0, _kernels.ROW_ALLOW1]] = 1
+        self._allow0.fill(1)
+        self._allow1.fill(1)
         self.edges.fill(1)
         self.edges.reshape(2, -1, _kernels.NUM_LANES)[0, 1:, self.lanes.opens] = 0
 
@@ -151,17 +150,13 @@ class LaneDecoder:
         bits : ndarray of shape (n,), uint8
             Their parity.
         """
-        t, lane = np.divmod(self.lanes.cell_of_step[steps], _kernels.NUM_LANES)
-        self.work[t, _kernels.ROW_ALLOW0, lane] = bits == 0
-        self.work[t, _kernels.ROW_ALLOW1, lane] = bits == 1
+        _kernels.set_parity(self.lanes.cell_of_step[steps], bits, self._allow0, self._allow1)
 
     def run(self) -> None:
         """Pass once over the trellis: probabilities in, extrinsic LLRs and new edge metrics out."""
-        self._forward(self.prob0, self.prob1, self._flat_work, self.edges)
-        self._backward(self.prob0, self.prob1, self._flat_work, self.edges)
-        _kernels.finish_pass(
-            self._flat_work, self.edges, self.lanes.opens, self.lanes.closes, self.prob0, self.llr_e
-        )
+        self._forward(*self._inputs, self._work, self.edges)
+        self._backward(*self._inputs, self._work, self.edges, self.llr_e)
+        _kernels.finish_pass(self.edges, self.lanes.opens, self.lanes.closes, self.llr_e)
 
 
 def siso(
