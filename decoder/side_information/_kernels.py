@@ -151,14 +151,51 @@ def smoothness_cost(candidates, dv, dh, smoothness):
 
 
 @kernel
-def search_target(target, planes, margin, block, window, radius, step, smoothness, offsets, costs):
+def box_sums(plane, side, sums):
+    """Sum up all squares of samples: ``sums[y, x]`` is that of ``plane[y : y + side, x : x + side]``."""
+    columns = np.zeros(plane.shape[1], np.uint16)
+    for y in range(plane.shape[0]):
+        for x in range(columns.size):
+            columns[x] += plane[y, x]
+        if y < side - 1:
+            continue
+        line = sums[y - side + 1]
+        line[:] = np.uint16(0)
+        for k in range(side):
+            for x in range(line.size):
+                line[x] += columns[x + k]
+        for x in range(columns.size):
+            columns[x] -= plane[y - side + 1, x]
+
+
+@kernel
+def least_sad(sums_a, ya, xa, sums_b, row, column, half):
+    """Bound the sum of absolute differences of two blocks from below by the differences of their quarters.
+
+    The first block is at whole samples, the second in quarter samples.
+    """
+    py, px, yb, xb = row & 3, column & 3, row >> 2, column >> 2
+    bound = abs(np.int64(sums_a[ya, xa]) - np.int64(sums_b[py, px, yb, xb]))
+    bound += abs(np.int64(sums_a[ya, xa + half]) - np.int64(sums_b[py, px, yb, xb + half]))
+    bound += abs(np.int64(sums_a[ya + half, xa]) - np.int64(sums_b[py, px, yb + half, xb]))
+    return bound + abs(
+        np.int64(sums_a[ya + half, xa + half]) - np.int64(sums_b[py, px, yb + half, xb + half])
+    )
+
+
+@kernel
+def search_target(
+    target, target_sums, planes, sums, margin, block, window, radius, step, smoothness, offsets, costs
+):
     """Move every block's offset to where the reference matches `target` best, within `radius` steps.
 
-    `target` is padded by the margin like the planes. Offsets are improved in place; `costs` receives the sum
-    of absolute differences plus `smoothness` per quarter sample of correction.
+    `target` is padded by the margin like the planes; the sums are those of `box_sums` with half the window.
+    Offsets are improved in place; `costs` receives the sum of absolute differences plus `smoothness` per
+    quarter sample of correction.
     """
     height, width = planes.shape[2], planes.shape[3]
     border = (window - block) // 2
+    half = window // 2
     for i in range(offsets.shape[0]):
         for j in range(offsets.shape[1]):
             row = min(margin + i * block - border, height - window - 1)
@@ -170,12 +207,12 @@ def search_target(target, planes, margin, block, window, radius, step, smoothnes
             best = plane_sad(target, row, column, plane, row_r >> 2, column_r >> 2, window, np.int64(1) << 40)
             for v in range(-radius, radius + 1):
                 for h in range(-radius, radius + 1):
-                    cost = smoothness * step * (abs(v) + abs(h))
-                    if cost >= best:
-                        continue
                     dv, dh = start_v + v * step, start_h + h * step
                     row_r = clamp_position(4 * row + dv, window, height)
                     column_r = clamp_position(4 * column + dh, window, width)
+                    cost = smoothness * step * (abs(v) + abs(h))
+                    if cost + least_sad(target_sums, row, column, sums, row_r, column_r, half) >= best:
+                        continue
                     plane = planes[row_r & 3, column_r & 3]
                     cost += plane_sad(
                         target, row, column, plane, row_r >> 2, column_r >> 2, window, best - cost

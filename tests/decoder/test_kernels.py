@@ -61,6 +61,16 @@ def test_refine_bilateral(choose: Choose, planes: list[np.ndarray], instant: tup
     np.testing.assert_array_equal(vectors, expected)
 
 
+def _sums_of_quarters(choose: Choose, planes: np.ndarray) -> np.ndarray:
+    """Sum up all squares of 5 x 5 samples, and check that against numpy's windows."""
+    windows = np.lib.stride_tricks.sliding_window_view(planes, (5, 5), (2, 3))
+    sums = np.empty(windows.shape[:4], np.uint16)
+    for phase in np.ndindex(*planes.shape[:2]):
+        choose(_kernels.box_sums)(planes[phase], 5, sums[phase])
+    np.testing.assert_array_equal(sums, windows.sum(axis=(4, 5)))
+    return sums
+
+
 @pytest.mark.parametrize("smoothness", [0, 40])
 def test_search_target(choose: Choose, planes: list[np.ndarray], smoothness: int) -> None:
     """Offsets move to the best match and costs say how good it is, also where blocks leave the frame."""
@@ -70,7 +80,9 @@ def test_search_target(choose: Choose, planes: list[np.ndarray], smoothness: int
         target, planes[0], MARGIN, 8, 10, 1, 2, smoothness, offsets
     )
     costs = np.empty(offsets.shape[:2], np.int64)
-    choose(_kernels.search_target)(target, planes[0], MARGIN, 8, 10, 1, 2, smoothness, offsets, costs)
+    sums = [_sums_of_quarters(choose, image) for image in (target[None, None], planes[0])]
+    arguments = target, sums[0][0, 0], planes[0], sums[1], MARGIN, 8, 10, 1, 2, smoothness, offsets, costs
+    choose(_kernels.search_target)(*arguments)
     np.testing.assert_array_equal(offsets, expected)
     np.testing.assert_array_equal(costs, expected_costs)
 
