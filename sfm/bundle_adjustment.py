@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sfm.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.model import Correspondences, PixelFrame
 from sfm.normal_equations import solve_damped
-from sfm.projection import homogeneous, project
+from sfm.projection import homogeneous, inverse_depths, project
 from sfm.projective_basis import (
     CAMERA_NORM,
     FixedPointOptions,
@@ -167,15 +167,15 @@ def bundle_adjustment(
         counts = f"{np.count_nonzero(usable)} of {len(usable)}"
         reason = f"{counts} points are usable; all must be, and {options.min_num_points} are needed"
         return _result(problem, start, start, frame, np.zeros(2, dtype=np.int64), 0, reason)
-    errors = np.sqrt((_errors(problem, start)[-1] ** 2).sum(axis=1))
-    seen = np.where(problem.weights[-1] > 0, errors, np.inf)
+    state = _triangulated(problem, start)
+    errors = np.sqrt((_errors(problem, state)[-1] ** 2).sum(axis=1))
     fixed = choose_fixed_points(
-        problem.first, problem.observed[-1], start.cameras[-1], seen, rng, options.fixed_points
+        problem.first, problem.observed[-1], state.cameras[-1], errors, rng, options.fixed_points
     )
     if fixed is None:
         reason = "no two points differ"
         return _result(problem, start, start, frame, np.zeros(2, dtype=np.int64), 0, reason)
-    problem, state = _fix_basis(problem, start, fixed)
+    problem, state = _fix_basis(problem, state, fixed)
     for candidate in _alternations(problem, state, options.num_alternations):
         if _cost(problem, candidate) < _cost(problem, state):
             state = candidate
@@ -230,6 +230,13 @@ def _prepare(
     norms = np.sqrt((everything * everything).sum(axis=(1, 2)))[:, None, None]
     inverse = 1.0 / np.where(known & (depths != 0), depths, np.inf)
     return problem, _State(CAMERA_NORM * everything / norms, inverse)
+
+
+def _triangulated(problem: _Problem, start: _State) -> _State:
+    """Move all points to the depths that suit the second key frame best, where these are positive."""
+    camera = start.cameras[-1]
+    inverse, quotient = inverse_depths(problem.first, camera, problem.observed[-1])
+    return _State(start.cameras, np.where((inverse > 0) & (quotient > 0), inverse, start.inverse))
 
 
 def _fix_basis(problem: _Problem, start: _State, fixed: Indices) -> tuple[_Problem, _State]:

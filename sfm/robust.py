@@ -29,13 +29,48 @@ class Estimator(Protocol):
     num_data: int
 
     def estimate(self, samples: Indices) -> Floats:
-        """Estimate models from many samples (S, m) at once, m >= `min_num_samples`; returns (K, ...)."""
+        """Estimate models from many samples at once.
+
+        Parameters
+        ----------
+        samples : ndarray of shape (S, m), int64
+            Data of each sample, m >= `min_num_samples`.
+
+        Returns
+        -------
+        ndarray of shape (K, ...), float64
+            Models of all samples; none or several per sample are fine.
+        """
 
     def residuals(self, models: Floats) -> Floats:
-        """Return the distances (K, N) of all data from models (K, ...), in pixels, not negative."""
+        """Measure how far all data are from models.
+
+        Parameters
+        ----------
+        models : ndarray of shape (K, ...), float64
+            Models.
+
+        Returns
+        -------
+        ndarray of shape (K, N), float64
+            Distances in pixels, not negative.
+        """
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
-        """Improve one model over its inliers (N,)."""
+        """Improve one model over its inliers.
+
+        Parameters
+        ----------
+        model : ndarray, float64
+            Where to start.
+        inliers : ndarray of shape (N,), bool
+            Which data count.
+
+        Returns
+        -------
+        ndarray, float64
+            The refined model.
+        """
 
 
 @dataclass(frozen=True)

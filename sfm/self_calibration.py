@@ -164,13 +164,12 @@ def self_calibration(
     """
     options = options or SelfCalibrationOptions()
     num = len(correspondences)
-    singular = np.linalg.svd(fundamental)[1]
-    if not np.isfinite(fundamental).all() or not singular[1] > 1e-12 * singular[0]:
+    if not np.isfinite(fundamental).all() or np.linalg.matrix_rank(fundamental, rtol=1e-12) < 2:
         return _failure(num, "the fundamental matrix has not rank 2")
     if num < options.min_num_points:
         return _failure(num, f"{num} points, {options.min_num_points} are needed")
     camera, inverse, depth_quotient = _projective_depths(fundamental, correspondences, frame)
-    same_side = np.isfinite(inverse) & np.isfinite(depth_quotient) & (depth_quotient > 0)
+    same_side = np.isfinite(inverse) & (depth_quotient > 0)
     least = max(options.min_num_points, math.ceil((1.0 - options.max_dropped_share) * num))
     wrong = num - int(np.count_nonzero(same_side))
     if num - wrong < least:
@@ -196,7 +195,8 @@ def _projective_depths(
     camera = projective_camera(normalized / math.sqrt(singular[0] * singular[1]))
     first = frame.to_normalized(correspondences.first)
     second = frame.to_normalized(correspondences.second)
-    inverse, depth_quotient = inverse_depths(first, camera, second)
+    with np.errstate(invalid="ignore", over="ignore"):  # points that are not finite
+        inverse, depth_quotient = inverse_depths(first, camera, second)
     if np.count_nonzero(depth_quotient < 0) > np.count_nonzero(depth_quotient > 0):
         return -camera, inverse, -depth_quotient
     return camera, inverse, depth_quotient

@@ -1,0 +1,95 @@
+"""Two views of random points with exact cameras, noise and outliers, for the tests of camera estimation."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sfm.epipolar import fundamental_from_camera, fundamental_to_pixels
+from sfm.model import Correspondences, Model, PixelFrame
+from sfm.projection import homogeneous, project
+
+Floats = NDArray[np.float64]
+
+FRAME = PixelFrame(352, 288)
+K = np.diag([1.15, 1.15, 1.0])
+TURN = np.array([0.01, 0.03, 0.005])
+MOVE = np.array([0.25, 0.05, 0.1])
+
+
+@dataclass(frozen=True, eq=False)
+class TwoViews:
+    """What two cameras see: exactly, and as it is measured.
+
+    Points and cameras are in the normalised coordinates of `FRAME`, where the first camera is [I | 0].
+    """
+
+    exact: Correspondences
+    measured: Correspondences
+    outliers: NDArray[np.bool_]
+    depths: Floats
+    camera: Floats
+
+    @property
+    def fundamental(self) -> Floats:
+        """The true F in pixels."""
+        return fundamental_to_pixels(fundamental_from_camera(self.camera), FRAME)
+
+    @property
+    def model(self) -> Model:
+        """The true model."""
+        return Model(FRAME, self.fundamental, self.camera, self.exact, self.depths)
+
+
+def camera_at(time: float, motion: float = 1.0, shake: float = 0.0, turn_only: bool = False) -> Floats:
+    """Return the camera (3, 4) of an instant of a path, off it by `shake` radians."""
+    rotation = Rotation.from_rotvec(motion * (time * TURN) + shake * np.array([1.0, -0.5, 0.7])).as_matrix()
+    translation = np.zeros(3) if turn_only else motion * time * MOVE
+    camera = np.column_stack([K @ rotation @ np.linalg.inv(K), K @ translation])
+    return camera * np.sqrt(3.0 / (camera * camera).sum())
+
+
+def two_views(
+    num_points: int = 200,
+    kind: Literal["general", "planar", "rotation"] = "general",
+    motion: float = 1.0,
+    noise_px: float = 0.0,
+    outlier_share: float = 0.0,
+    seed: int = 0,
+) -> TwoViews:
+    """Make a scene of points, or of a plane, before a camera that moves or only turns."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform([-0.5, -0.4], [0.5, 0.4], (num_points, 2))
+    depths = rng.uniform(3.0, 15.0, num_points)
+    if kind == "planar":
+        depths = 1.0 / (0.15 + 0.1 * x[:, 0] - 0.05 * x[:, 1])
+    camera = camera_at(1.0, motion, turn_only=kind == "rotation")
+    points = np.column_stack([depths[:, None] * homogeneous(x), np.ones(num_points)])
+    first, second = FRAME.to_pixels(x), FRAME.to_pixels(project(camera, points)[0])
+    outliers = rng.random(num_points) < outlier_share
+    moved = second + rng.normal(0.0, noise_px, second.shape)
+    moved[outliers] += rng.uniform(-30.0, 30.0, (np.count_nonzero(outliers), 2))
+    none = np.zeros(num_points)
+    seen = Correspondences(first + rng.normal(0.0, noise_px, first.shape), moved, none)
+    return TwoViews(Correspondences(first, second, none), seen, outliers, depths, camera)
+
+
+def odd_correspondences() -> dict[str, Correspondences]:
+    """Return inputs from which nothing can be estimated, by what is wrong with them."""
+    rng = np.random.default_rng(3)
+    line = np.column_stack([np.arange(40.0), 2.0 * np.arange(40.0)])
+    noise = rng.uniform(0.0, 300.0, (40, 2))
+    found = {f"{n} points": (noise[:n], noise[:n] + 2.0) for n in range(9)}
+    found |= {
+        "all equal": (np.full((40, 2), 7.0), np.full((40, 2), 9.0)),
+        "collinear": (line, line + 3.0),
+        "collinear and stretched": (line, 1.1 * line),
+        "no motion": (noise, noise),
+        "nan": (np.full((40, 2), np.nan), noise),
+        "some infinite": (np.where(noise > 150.0, np.inf, noise), noise),
+        "random": (noise, rng.uniform(0.0, 300.0, (40, 2))),
+        "huge": (1e9 * noise, 1e9 * noise[::-1]),
+    }
+    return {name: Correspondences(a, b, np.zeros(len(a))) for name, (a, b) in found.items()}
