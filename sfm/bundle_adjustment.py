@@ -37,7 +37,7 @@ class BundleAdjustmentOptions:
     Attributes
     ----------
     num_alternations : int
-        Alternations of the thesis before the joint steps.
+        Most alternations of the thesis before the joint steps; they end when they do not help.
     max_iterations : int
         Bound on the number of joint steps.
     tolerance : float
@@ -50,7 +50,7 @@ class BundleAdjustmentOptions:
 
     num_alternations: int = 3
     max_iterations: int = 100
-    tolerance: float = 1e-12
+    tolerance: float = 1e-10
     min_num_points: int = 9
     fixed_points: FixedPointOptions = field(default_factory=FixedPointOptions)
 
@@ -176,9 +176,7 @@ def bundle_adjustment(
         reason = "no two points differ"
         return _result(problem, start, start, frame, np.zeros(2, dtype=np.int64), 0, reason)
     problem, state = _fix_basis(problem, state, fixed)
-    for candidate in _alternations(problem, state, options.num_alternations):
-        if _cost(problem, candidate) < _cost(problem, state):
-            state = candidate
+    state = _alternate(problem, state, options.num_alternations)
     state, num_iterations = _minimize(problem, state, options)
     return _result(problem, start, state, frame, fixed, num_iterations, "")
 
@@ -267,7 +265,7 @@ def _errors(problem: _Problem, state: _State) -> Floats:
 def _project(problem: _Problem, state: _State) -> Floats:
     """Return ``R x + inverse depth * t`` for all cameras and points, shape (T, N, 3)."""
     x = homogeneous(problem.first)
-    turned = np.einsum("tij,nj->tni", state.cameras[:, :, :3], x)
+    turned = x @ state.cameras[:, :, :3].transpose(0, 2, 1)
     projected: Floats = turned + state.inverse[None, :, None] * state.cameras[:, None, :, 3]
     return projected
 
@@ -338,7 +336,7 @@ def depth_step(first: Floats, observed: Floats, cameras: Floats, kappa: Floats) 
     ----------
     [MAITRE] Eq. (B.4).
     """
-    turned = np.einsum("tij,nj->tni", cameras[:, :, :3], homogeneous(first))
+    turned = homogeneous(first) @ cameras[:, :, :3].transpose(0, 2, 1)
     moved = np.broadcast_to(cameras[:, None, :, 3], turned.shape)
     a = kappa[:, :, None] * (observed * turned[:, :, 2:] - turned[:, :, :2])
     b = kappa[:, :, None] * (observed * moved[:, :, 2:] - moved[:, :, :2])
@@ -372,13 +370,12 @@ def denominators(first: Floats, depths: Floats, camera: Floats) -> Floats:
     return kappa
 
 
-def _alternations(problem: _Problem, state: _State, count: int) -> list[_State]:
-    """Alternate camera and depth steps (Appendix B); all results, in order."""
-    depths, kappa = 1.0 / state.inverse, problem.weights
-    found = []
-    num_frames = len(problem.observed)
+def _alternate(problem: _Problem, state: _State, count: int) -> _State:
+    """Alternate camera and depth steps (Appendix B) as long as the error becomes less."""
+    depths, kappa, cost = 1.0 / state.inverse, problem.weights, _cost(problem, state)
+    bases = [np.eye(12)] * (len(problem.observed) - 1) + [problem.basis]
+    best = state
     for _ in range(count):
-        bases = [np.eye(12)] * (num_frames - 1) + [problem.basis]
         steps = zip(problem.observed, kappa, bases, strict=True)
         cameras = np.stack([camera_step(problem.first, depths, x, k, basis) for x, k, basis in steps])
         new = depth_step(problem.first, problem.observed, cameras, kappa)
@@ -386,8 +383,12 @@ def _alternations(problem: _Problem, state: _State, count: int) -> list[_State]:
         kappa = problem.weights * np.stack(
             [denominators(problem.first, depths, camera) for camera in cameras]
         )
-        found.append(_State(cameras, 1.0 / depths))
-    return found
+        found = _State(cameras, 1.0 / depths)
+        new_cost = _cost(problem, found)
+        if new_cost >= cost:
+            break
+        best, cost = found, new_cost
+    return best
 
 
 def _minimize(problem: _Problem, state: _State, options: BundleAdjustmentOptions) -> tuple[_State, int]:
