@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sfm.alternation import camera_step, denominators, depth_step, nonzero
 from sfm.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.model import Correspondences, PixelFrame
 from sfm.normal_equations import solve_damped
@@ -163,8 +164,8 @@ def bundle_adjustment(
     options = options or BundleAdjustmentOptions()
     problem, start = _prepare(correspondences, camera, depths, frame, tracks, cameras)
     usable = (start.inverse != 0) & (problem.weights[-1] > 0)
-    if np.count_nonzero(usable) < options.min_num_points or not usable.all():
-        counts = f"{np.count_nonzero(usable)} of {len(usable)}"
+    if np.countnonzero(usable) < options.min_num_points or not usable.all():
+        counts = f"{np.countnonzero(usable)} of {len(usable)}"
         reason = f"{counts} points are usable; all must be, and {options.min_num_points} are needed"
         return _result(problem, start, start, frame, np.zeros(2, dtype=np.int64), 0, reason)
     state = _triangulated(problem, start)
@@ -256,7 +257,7 @@ def _fix_basis(problem: _Problem, start: _State, fixed: Indices) -> tuple[_Probl
 def _errors(problem: _Problem, state: _State) -> Floats:
     """Return the reprojection errors (T, N, 2) in normalised units; 0 where a point was not seen."""
     p = _project(problem, state)
-    errors: Floats = (p[:, :, :2] / _nonzero(p[:, :, 2])[:, :, None] - problem.observed) * problem.weights[
+    errors: Floats = (p[:, :, :2] / nonzero(p[:, :, 2])[:, :, None] - problem.observed) * problem.weights[
         :, :, None
     ]
     return errors
@@ -270,104 +271,8 @@ def _project(problem: _Problem, state: _State) -> Floats:
     return projected
 
 
-def _nonzero(values: Floats) -> Floats:
-    return np.where(np.abs(values) > 1e-12, values, 1e-12)
-
-
 def _cost(problem: _Problem, state: _State) -> float:
     return float((_errors(problem, state) ** 2).sum())
-
-
-def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, basis: Floats) -> Floats:
-    """Find the camera with the least reweighted error while the depths stay.
-
-    Parameters
-    ----------
-    first : ndarray of shape (N, 2), float64
-        Points of the first frame, normalised.
-    depths : ndarray of shape (N,), float64
-        Depths in the first camera.
-    observed : ndarray of shape (N, 2), float64
-        Where the camera sees them.
-    kappa : ndarray of shape (N,), float64
-        Weights: the inverse denominators of the projections.
-    basis : ndarray of shape (12, K), float64
-        W, or the identity for a free camera.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        Projection matrix, Frobenius norm sqrt(3), with most of the points before it.
-
-    References
-    ----------
-    [MAITRE] Eqs. (B.2) and (B.3).
-    """
-    points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(first))])
-    weighted = kappa[:, None] * points
-    zero = np.zeros_like(weighted)
-    horizontal = np.hstack([-weighted, zero, observed[:, :1] * weighted]) @ basis
-    vertical = np.hstack([zero, -weighted, observed[:, 1:] * weighted]) @ basis
-    normal = np.einsum("ni,nj->ij", horizontal, horizontal) + np.einsum("ni,nj->ij", vertical, vertical)
-    camera: Floats = CAMERA_NORM * (basis @ np.linalg.eigh(normal)[1][:, 0]).reshape(3, 4)
-    return -camera if np.count_nonzero(points @ camera[2] < 0) > 0.5 * len(points) else camera
-
-
-def depth_step(first: Floats, observed: Floats, cameras: Floats, kappa: Floats) -> Floats:
-    """Find the depths with the least reweighted error while the cameras stay.
-
-    Parameters
-    ----------
-    first : ndarray of shape (N, 2), float64
-        Points of the first frame, normalised.
-    observed : ndarray of shape (T, N, 2), float64
-        Where the cameras see them.
-    cameras : ndarray of shape (T, 3, 4), float64
-        Projection matrices.
-    kappa : ndarray of shape (T, N), float64
-        Weights: the inverse denominators of the projections; 0 where a point was not seen.
-
-    Returns
-    -------
-    ndarray of shape (N,), float64
-        Depths in the first camera; nan where no camera tells.
-
-    References
-    ----------
-    [MAITRE] Eq. (B.4).
-    """
-    turned = homogeneous(first) @ cameras[:, :, :3].transpose(0, 2, 1)
-    moved = np.broadcast_to(cameras[:, None, :, 3], turned.shape)
-    a = kappa[:, :, None] * (observed * turned[:, :, 2:] - turned[:, :, :2])
-    b = kappa[:, :, None] * (observed * moved[:, :, 2:] - moved[:, :, :2])
-    aa, ab = (a * a).sum(axis=(0, 2)), (a * b).sum(axis=(0, 2))
-    depths: Floats = np.where(aa > 0, -ab / np.where(aa > 0, aa, 1.0), np.nan)
-    return depths
-
-
-def denominators(first: Floats, depths: Floats, camera: Floats) -> Floats:
-    """Return the weights kappa: the inverse depths of the points in a camera.
-
-    Parameters
-    ----------
-    first : ndarray of shape (N, 2), float64
-        Points of the first frame, normalised.
-    depths : ndarray of shape (N,), float64
-        Depths in the first camera.
-    camera : ndarray of shape (3, 4), float64
-        Projection matrix.
-
-    Returns
-    -------
-    ndarray of shape (N,), float64
-        Weights.
-
-    References
-    ----------
-    [MAITRE] Eq. (B.1).
-    """
-    kappa: Floats = 1.0 / _nonzero(depths * (homogeneous(first) @ camera[2, :3]) + camera[2, 3])
-    return kappa
 
 
 def _alternate(problem: _Problem, state: _State, count: int) -> _State:
@@ -424,8 +329,8 @@ class _System:
 
 def _linearize(problem: _Problem, state: _State) -> _System:
     p = _project(problem, state)
-    w = problem.weights / _nonzero(p[:, :, 2])
-    uv = p[:, :, :2] / _nonzero(p[:, :, 2])[:, :, None]
+    w = problem.weights / nonzero(p[:, :, 2])
+    uv = p[:, :, :2] / nonzero(p[:, :, 2])[:, :, None]
     errors = (uv - problem.observed) * problem.weights[:, :, None]
     t = state.cameras[:, None, :, 3]
     by_depth = w[:, :, None] * (t[:, :, :2] - uv * t[:, :, 2:]) * problem.free[None, :, None]
@@ -488,7 +393,7 @@ def _result(
     ]
     p = _project(problem, state)
     fundamental = fundamental_to_pixels(fundamental_from_camera(state.cameras[-1]), frame)
-    second = frame.to_pixels(p[-1, :, :2] / _nonzero(p[-1, :, 2])[:, None])
+    second = frame.to_pixels(p[-1, :, :2] / nonzero(p[-1, :, 2])[:, None])
     in_front = (state.inverse > 0) & ((p[:, :, 2] > 0) | (problem.weights == 0)).all(axis=0)
     tiny = np.where(state.inverse < 0, -TINY, TINY)
     depths = 1.0 / np.where(np.abs(state.inverse) > TINY, state.inverse, tiny)

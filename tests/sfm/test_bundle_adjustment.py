@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from sfm import bundle_adjustment as ba
+from sfm import alternation
 from sfm.bundle_adjustment import BundleAdjustment, BundleAdjustmentOptions, bundle_adjustment
 from sfm.epipolar import sampson_distances
 from sfm.model import Correspondences
@@ -62,9 +62,9 @@ def test_camera_step_is_that_of_the_twin() -> None:
     scene = two_views(40)
     first, second = noisy_second(scene)
     points = scene.model.points
-    kappa = ba.denominators(first, scene.depths, scene.camera)
+    kappa = alternation.denominators(first, scene.depths, scene.camera)
     for basis in (np.eye(12), camera_basis(points[:2], FRAME.to_normalized(scene.exact.second)[:2])):
-        found = ba.camera_step(first, scene.depths, second, kappa, basis)
+        found = alternation.camera_step(first, scene.depths, second, kappa, basis)
         plain = reference.camera_step(first, scene.depths, second, kappa, basis)
         assert min(np.abs(found - plain).max(), np.abs(found + plain).max()) < 1e-7
         assert (project(found, points)[1] > 0).all()
@@ -74,8 +74,8 @@ def test_depth_step_is_that_of_the_twin() -> None:
     """The depths of (B.4) are those of the plain formula, and the least of the weighted error."""
     scene = two_views(40)
     first, second = noisy_second(scene)
-    kappa = ba.denominators(first, scene.depths, scene.camera)
-    found = ba.depth_step(first, second[None], scene.camera[None], kappa[None])
+    kappa = alternation.denominators(first, scene.depths, scene.camera)
+    found = alternation.depth_step(first, second[None], scene.camera[None], kappa[None])
     np.testing.assert_allclose(found, reference.depth_step(first, second, scene.camera), rtol=1e-9)
 
 
@@ -99,12 +99,12 @@ def test_steps_do_not_increase_the_weighted_error() -> None:
     camera, depths = scene.camera, scene.depths.copy()
     errors = []
     for _ in range(6):
-        kappa = ba.denominators(first, depths, camera)
+        kappa = alternation.denominators(first, depths, camera)
         before = weighted_error(first, depths, second, camera, kappa)
         assert before == pytest.approx(reference.reprojection_error(first, depths, second, camera), rel=1e-9)
-        camera = ba.camera_step(first, depths, second, kappa, basis)
+        camera = alternation.camera_step(first, depths, second, kappa, basis)
         middle = weighted_error(first, depths, second, camera, kappa)
-        moved = ba.depth_step(first, second[None], camera[None], kappa[None])
+        moved = alternation.depth_step(first, second[None], camera[None], kappa[None])
         depths[2:] = moved[2:]
         after = weighted_error(first, depths, second, camera, kappa)
         assert after <= middle * (1 + 1e-9) <= before * (1 + 1e-9) ** 2
