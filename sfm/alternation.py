@@ -1,4 +1,4 @@
-"""The steps of the alternated reweighted least squares: cameras while depths stay, depths while cameras stay."""
+"""Steps of the alternated reweighted least squares: cameras while depths stay, and the other way round."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,7 @@ def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, 
     vertical = np.hstack([zero, -weighted, observed[:, 1:] * weighted]) @ basis
     normal = np.einsum("ni,nj->ij", horizontal, horizontal) + np.einsum("ni,nj->ij", vertical, vertical)
     camera: Floats = CAMERA_NORM * (basis @ np.linalg.eigh(normal)[1][:, 0]).reshape(3, 4)
-    return -camera if np.countnonzero(points @ camera[2] < 0) > 0.5 * len(points) else camera
+    return -camera if np.count_nonzero(points @ camera[2] < 0) > 0.5 * len(points) else camera
 
 
 def depth_step(first: Floats, observed: Floats, cameras: Floats, kappa: Floats) -> Floats:

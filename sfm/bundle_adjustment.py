@@ -164,8 +164,8 @@ def bundle_adjustment(
     options = options or BundleAdjustmentOptions()
     problem, start = _prepare(correspondences, camera, depths, frame, tracks, cameras)
     usable = (start.inverse != 0) & (problem.weights[-1] > 0)
-    if np.countnonzero(usable) < options.min_num_points or not usable.all():
-        counts = f"{np.countnonzero(usable)} of {len(usable)}"
+    if np.count_nonzero(usable) < options.min_num_points or not usable.all():
+        counts = f"{np.count_nonzero(usable)} of {len(usable)}"
         reason = f"{counts} points are usable; all must be, and {options.min_num_points} are needed"
         return _result(problem, start, start, frame, np.zeros(2, dtype=np.int64), 0, reason)
     state = _triangulated(problem, start)
