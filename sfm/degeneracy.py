@@ -42,6 +42,9 @@ class DegeneracyOptions:
         Points within this of a straight line leave the motion unknown.
     min_parallax_share : float
         Share of the correspondences that must be off the homography for the scene to be general.
+    sure_parallax_share : float
+        Share above which it is, even if the criterion prefers the homography: that caps what it charges for
+        points that disagree, and so overlooks a second plane.
     search : RobustOptions
         The random search for the homography.
     """
@@ -52,6 +55,7 @@ class DegeneracyOptions:
     min_num_points: int = 14
     min_spread_px: float = 3.0
     min_parallax_share: float = 0.1
+    sure_parallax_share: float = 0.2
     search: RobustOptions = field(
         default_factory=lambda: RobustOptions(threshold_px=1.0, min_num_trials=100, max_num_trials=1000)
     )
@@ -302,7 +306,8 @@ def _compare(
     share = float((parallax > least).mean())
     decile = float(np.quantile(parallax, 0.9))
     facts = (estimator.to_pixels(found.model), noise_px, decile, difference / len(agreeing))
-    if difference <= 0 or share < options.min_parallax_share:
+    unsure = difference <= 0 and share < options.sure_parallax_share
+    if unsure or share < options.min_parallax_share:
         reason = (
             f"a homography explains {100 * (1 - share):.0f} % of the points within {least:.2f} px: "
             "the camera only turned, or the scene is distant or planar"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("dvc", "encoder", "decoder", "sequences")
+PACKAGES = ("dvc", "encoder", "decoder", "sequences", "sfm")
 FILE_AND_NETWORK = {"argparse", "av", "http", "logging", "multiprocessing", "pathlib", "socket", "subprocess"}
 
 

@@ -44,6 +44,14 @@ def test_parallax_within_the_noise_is_none() -> None:
     assert motion_of(scene.measured).kind == "rotation"
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plane_that_hides_most_of_the_scene(seed: int) -> None:
+    """Where two points in three lie on a plane, the rest still shows parallax, in strong noise too."""
+    plane = two_views(200, "planar", noise_px=0.3, seed=seed).measured
+    rest = two_views(100, "general", noise_px=0.3, seed=seed + 9).measured
+    assert motion_of(Correspondences.concatenate([plane, rest])).kind == "general"
+
+
 def test_the_homography_of_a_rotation() -> None:
     """The homography that comes with the verdict maps the first image on to the second."""
     scene = two_views(200, "rotation", noise_px=0.1, outlier_share=0.1)
