@@ -1,8 +1,16 @@
-"""Compiled loops of the Wyner-Ziv encoder: transform and quantisation of a frame into words of bits."""
+"""Compiled loops of Wyner-Ziv coding: a frame to words of bits, and the Laplacian of its coefficients."""
 
 import numpy as np
 
 from dvc._jit import kernel
+
+_LOG2E = 1.4426950408889634
+_LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
+_ROUND = 6755399441055744.0  # 1.5 * 2**52: a sum with it has been rounded to an integer, in its last bits
+_LEAST_EXPONENT = -700.0
+_HALF_MANTISSA = 0x3FE0000000000000
+_SQRT_HALF = 0.7071067811865476
+_HALVINGS = 5  # 32 probabilities above the share of outliers have a product that is a normal number
 
 
 @kernel
@@ -68,3 +76,158 @@ def put_bits(numbers, num_planes, first_plane, words):
         for n in range(numbers.size):
             bit = (numbers[n] >> np.uint64(num_planes - 1 - p)) & np.uint64(1)
             line[n] |= bit << np.uint64(63 - (plane & 63))
+
+
+# exp and log of our own: those of libraries differ between processors in their last digit, which the decoder
+# must not.
+
+
+@kernel
+def exponential(x):
+    """Return 2**n and q such that exp(x) = 2**n * (1 + q), and |q| < 0.42, for -700 <= x <= 0."""
+    rounded = max(x, _LEAST_EXPONENT) * _LOG2E + _ROUND
+    whole = rounded - _ROUND
+    power = np.int64((np.float64(rounded).view(np.int64) + np.int64(1023)) << np.int64(52)).view(np.float64)
+    r = (max(x, _LEAST_EXPONENT) - whole * _LN2_HIGH) - whole * _LN2_LOW
+    q = 1.0 / 6227020800.0
+    q = q * r + 1.0 / 479001600.0
+    q = q * r + 1.0 / 39916800.0
+    q = q * r + 1.0 / 3628800.0
+    q = q * r + 1.0 / 362880.0
+    q = q * r + 1.0 / 40320.0
+    q = q * r + 1.0 / 5040.0
+    q = q * r + 1.0 / 720.0
+    q = q * r + 1.0 / 120.0
+    q = q * r + 1.0 / 24.0
+    q = q * r + 1.0 / 6.0
+    q = q * r + 0.5
+    return power, r + r * r * q
+
+
+@kernel
+def split_exponent(x):
+    """Return m in [1/2, 1) and n such that x = m * 2**n, for normal x > 0."""
+    bits = np.float64(x).view(np.int64)
+    exponent = (bits >> np.int64(52)) - np.int64(1022)
+    mantissa = np.int64((bits & np.int64(0xFFFFFFFFFFFFF)) | np.int64(_HALF_MANTISSA))
+    return mantissa.view(np.float64), exponent
+
+
+@kernel
+def logarithm(x):
+    """Return log(x) for normal x > 0, by the series of artanh."""
+    m, exponent = split_exponent(x)
+    if m < _SQRT_HALF:
+        m *= 2.0
+        exponent -= 1
+    s = (m - 1.0) / (m + 1.0)
+    z = s * s
+    total = 1.0 / 21.0
+    for k in range(9, -1, -1):
+        total = total * z + 1.0 / (2 * k + 1)
+    return 2.0 * s * total + exponent * (_LN2_HIGH + _LN2_LOW)
+
+
+@kernel
+def _tails(lower, upper, side_information, start, stop):
+    """Write the ends of intervals relative to the side information, those above it mirrored."""
+    for n in range(lower.size):
+        below, above = lower[n] - side_information[n], upper[n] - side_information[n]
+        start[n] = -above if below > 0.0 else below
+        stop[n] = -below if below > 0.0 else above
+
+
+@kernel
+def interval_probability(lower, upper, side_information, scale, probability):
+    """Write the probability of every interval under a Laplacian; far out, by the mirrored tail."""
+    start, stop = np.empty(lower.size), np.empty(lower.size)
+    _tails(lower, upper, side_information, start, stop)
+    for n in range(lower.size):
+        power, q = exponential(start[n] / scale[n])
+        tail = 0.5 * (power + power * q)
+        power, q = exponential(-abs(stop[n]) / scale[n])
+        end = 0.5 * (power + power * q)
+        end = end if stop[n] < 0.0 else 1.0 - end
+        probability[n] = max(end - tail, 0.0)
+
+
+@kernel
+def bit_llr(lower, middle, upper, side_information, scale, outliers, llr):
+    """Write log P(0) / P(1) of the next bit, with a share of a uniform distribution mixed in."""
+    one = np.empty(lower.size)
+    interval_probability(lower, middle, side_information, scale, llr)
+    interval_probability(middle, upper, side_information, scale, one)
+    for n in range(lower.size):
+        per_width = (outliers * (llr[n] + one[n]) + 1e-12) / max(upper[n] - lower[n], 1e-9)
+        one[n] += per_width * (upper[n] - middle[n]) + 1e-15
+        llr[n] += per_width * (middle[n] - lower[n]) + 1e-15
+    for n in range(lower.size):
+        llr[n] = logarithm(llr[n] / one[n])
+
+
+@kernel
+def _log_product(factors):
+    """Return the logarithm of the product of numbers in (1e-9, 1], which are overwritten."""
+    size = factors.size
+    for _ in range(_HALVINGS):
+        half = (size + 1) // 2
+        kept, others = factors[:half], factors[half:size]
+        for n in range(others.size):
+            kept[n] *= others[n]
+        size = half
+    product, exponent = 1.0, np.int64(0)
+    for n in range(size):
+        product, more = split_exponent(product * factors[n])
+        exponent += more
+    return logarithm(product) + exponent * (_LN2_HIGH + _LN2_LOW)
+
+
+@kernel
+def log_likelihoods(lower, upper, side_information, scale, gains, per_octave, outliers, scores):
+    """Write the log likelihood of all intervals together for each gain.
+
+    Gain k + `per_octave` is twice gain k, so that exponentials follow from each other by squaring.
+    """
+    start, stop = np.empty(lower.size), np.empty(lower.size)
+    _tails(lower, upper, side_information, start, stop)
+    tail, end, probability = np.empty(lower.size), np.empty(lower.size), np.empty(lower.size)
+    for largest in range(gains.size - 1, max(gains.size - 1 - per_octave, -1), -1):
+        for n in range(lower.size):
+            rate = 1.0 / (scale[n] * gains[largest])
+            power, q = exponential(start[n] * rate)
+            tail[n] = power + power * q
+            power, q = exponential(-abs(stop[n]) * rate)
+            end[n] = power + power * q
+        for g in range(largest, -1, -per_octave):
+            for n in range(lower.size):
+                below = 0.5 * end[n] if stop[n] < 0.0 else 1.0 - 0.5 * end[n]
+                probability[n] = max(below - 0.5 * tail[n], 0.0) * (1.0 - outliers) + outliers
+            scores[g] = _log_product(probability)
+            for n in range(lower.size):
+                tail[n] *= tail[n]
+                end[n] *= end[n]
+
+
+@kernel
+def _one_sided(width, scale):
+    """Return mass and mean offset of exp(-t / scale) on [0, width]; for narrow bins, the limit."""
+    ratio = width / scale
+    power, q = exponential(-ratio)
+    mass = (1.0 - power) - power * q
+    if ratio < 1e-3:
+        return mass, 0.5 * width
+    return mass, scale - width * (power + power * q) / mass
+
+
+@kernel
+def conditional_mean(lower, upper, side_information, scale, mean):
+    """Write the mean of each Laplacian over its bin."""
+    for n in range(mean.size):
+        split = min(max(side_information[n], lower[n]), upper[n])
+        left_mass, left_offset = _one_sided(split - lower[n], scale[n])
+        right_mass, right_offset = _one_sided(upper[n] - split, scale[n])
+        # Outside the bin only one side has any width, and the common factor exp(-distance) cancels.
+        total = left_mass + right_mass
+        if total > 0.0:
+            split += (right_mass * right_offset - left_mass * left_offset) / total
+        mean[n] = min(max(split, lower[n]), upper[n])

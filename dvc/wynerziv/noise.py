@@ -21,7 +21,8 @@ MIN_SCALE = 0.3
 """Smallest scale: rounding of the samples alone makes about this error."""
 OUTLIER_PROBABILITY = 2e-4
 """Share of a uniform distribution mixed into the Laplacian: side information has outliers."""
-GAINS = 2.0 ** (np.arange(-6, 16) / 3.0)
+GAINS_PER_OCTAVE = 3
+GAINS = 2.0 ** (np.arange(-6, 16) / GAINS_PER_OCTAVE)
 """Factors tried when a scale is fitted to what has been decoded."""
 
 
@@ -119,47 +120,28 @@ MODELS = {
 """Residual to scale, by the name that the configuration uses."""
 
 
-def cumulative(distance: Array, scale: Array) -> Array:
-    """Return the distribution function of a Laplacian.
-
-    Parameters
-    ----------
-    distance : ndarray, float64
-        x - y.
-    scale : ndarray, float64
-        Mean absolute error, positive; broadcast against `distance`.
-
-    Returns
-    -------
-    ndarray, float64
-        P(X <= x).
-    """
-    tail = 0.5 * np.exp(-np.abs(distance) / scale)
-    return np.where(distance < 0.0, tail, 1.0 - tail)
-
-
 def interval_probability(lower: Array, upper: Array, side_information: Array, scale: Array) -> Array:
     """Return the probability that a coefficient lies in an interval, exact also far out in the tails.
 
     Parameters
     ----------
-    lower, upper : ndarray, float64
+    lower, upper : ndarray of shape (N,), float64
         Borders of the interval.
-    side_information : ndarray, float64
+    side_information : ndarray of shape (N,), float64
         Predicted coefficient.
-    scale : ndarray, float64
+    scale : ndarray of shape (N,), float64
         Scale of the Laplacian, positive.
 
     Returns
     -------
-    ndarray, float64
+    ndarray of shape (N,), float64
         Probability, without the outlier share.
     """
-    below, above = lower - side_information, upper - side_information
-    mirrored = below > 0.0
-    start = np.where(mirrored, -above, below)
-    stop = np.where(mirrored, -below, above)
-    return np.maximum(cumulative(stop, scale) - cumulative(start, scale), 0.0)
+    from dvc.wynerziv import _kernels
+
+    probability = np.empty_like(lower)
+    _kernels.interval_probability(lower, upper, side_information, scale, probability)
+    return probability
 
 
 def bit_llr(lower: Array, middle: Array, upper: Array, side_information: Array, scale: Array) -> Array:
@@ -167,25 +149,23 @@ def bit_llr(lower: Array, middle: Array, upper: Array, side_information: Array, 
 
     Parameters
     ----------
-    lower, middle, upper : ndarray, float64
+    lower, middle, upper : ndarray of shape (N,), float64
         Borders of the interval known so far and where the bit splits it.
-    side_information : ndarray, float64
+    side_information : ndarray of shape (N,), float64
         Predicted coefficient.
-    scale : ndarray, float64
+    scale : ndarray of shape (N,), float64
         Scale of the Laplacian, positive.
 
     Returns
     -------
-    ndarray, float64
+    ndarray of shape (N,), float64
         Log-likelihood ratio; positive means bit 0.
     """
-    zero = interval_probability(lower, middle, side_information, scale)
-    one = interval_probability(middle, upper, side_information, scale)
-    width = np.maximum(upper - lower, 1e-9)
-    share = OUTLIER_PROBABILITY * (zero + one) + 1e-12
-    return np.log(
-        (zero + share * (middle - lower) / width + 1e-15) / (one + share * (upper - middle) / width + 1e-15)
-    )
+    from dvc.wynerziv import _kernels
+
+    llr = np.empty_like(lower)
+    _kernels.bit_llr(lower, middle, upper, side_information, scale, OUTLIER_PROBABILITY, llr)
+    return llr
 
 
 def fit_gain(
@@ -195,11 +175,11 @@ def fit_gain(
 
     Parameters
     ----------
-    lower, upper : ndarray, float64
+    lower, upper : ndarray of shape (N,), float64
         Intervals that are known to hold the coefficients.
-    side_information : ndarray, float64
+    side_information : ndarray of shape (N,), float64
         Predicted coefficients.
-    scale : ndarray, float64
+    scale : ndarray of shape (N,), float64
         Scales before the factor.
     expected : float
         Factor expected before looking, such as that of the band before.
@@ -211,9 +191,12 @@ def fit_gain(
     float
         One of `GAINS`, relative to nothing: multiply `scale` by it.
     """
-    scores = []
-    for gain in GAINS:
-        probability = interval_probability(lower, upper, side_information, scale * gain)
-        likelihood = float(np.log(probability * (1.0 - OUTLIER_PROBABILITY) + OUTLIER_PROBABILITY).sum())
-        scores.append(likelihood - strength * float(np.log(gain / expected)) ** 2)
+    from dvc.wynerziv import _kernels
+
+    scores = np.empty(GAINS.size)
+    _kernels.log_likelihoods(
+        lower, upper, side_information, scale, GAINS, GAINS_PER_OCTAVE, OUTLIER_PROBABILITY, scores
+    )
+    for number, gain in enumerate(GAINS):
+        scores[number] -= strength * _kernels.logarithm(gain / expected) ** 2
     return float(GAINS[int(np.argmax(scores))])

@@ -21,36 +21,30 @@ def conditional_mean(lower: Array, upper: Array, side_information: Array, scale:
 
     Parameters
     ----------
-    lower, upper : ndarray, float64
+    lower, upper : ndarray of any shape, float64
         Borders of the decoded bin, `lower` <= `upper`.
-    side_information : ndarray, float64
+    side_information : ndarray of the same shape, float64
         Predicted coefficient y.
-    scale : ndarray, float64
+    scale : ndarray of the same shape, float64
         Scale of the Laplacian, positive.
 
     Returns
     -------
-    ndarray, float64
+    ndarray of the same shape, float64
         Reconstruction, within the borders.
 
     References
     ----------
     [Kubasov2007] Eq. (6).
     """
-    split = np.clip(side_information, lower, upper)
-    left_mass, left_offset = _one_sided(split - lower, scale)
-    right_mass, right_offset = _one_sided(upper - split, scale)
-    # Outside the bin only one side has any width, and the common factor exp(-distance) cancels.
-    total = left_mass + right_mass
-    shift = np.where(total > 0.0, right_mass * right_offset - left_mass * left_offset, 0.0)
-    mean = split + shift / np.where(total > 0.0, total, 1.0)
-    return np.clip(mean, lower, upper)
+    from dvc.wynerziv import _kernels
 
-
-def _one_sided(width: Array, scale: Array) -> tuple[Array, Array]:
-    """Mass and mean offset of exp(-t / scale) on [0, width]; closed form, with its limit for narrow bins."""
-    ratio = width / scale
-    mass = -np.expm1(-ratio)
-    safe = np.where(mass > 0.0, mass, 1.0)
-    offset = scale - width * np.exp(-ratio) / safe
-    return mass, np.where(ratio < 1e-3, 0.5 * width, offset)
+    mean = np.empty_like(lower)
+    _kernels.conditional_mean(
+        lower.reshape(-1),
+        upper.reshape(-1),
+        side_information.reshape(-1),
+        scale.reshape(-1),
+        mean.reshape(-1),
+    )
+    return mean

@@ -1,11 +1,14 @@
 """The correlation noise model against SciPy's Laplacian, and its scales against known noise."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.wynerziv import noise
+from dvc._jit import python_twin
+from dvc.wynerziv import _kernels, noise
 from tests.reference import wynerziv_noise as reference
 
 Array = np.ndarray
@@ -20,6 +23,51 @@ def test_interval_probability(lower: float, width: float, side_information: floa
     expected = reference.interval_probability(lower, lower + width, side_information, scale)
     got = noise.interval_probability(*arguments)[0]
     assert got == pytest.approx(expected, rel=1e-9, abs=1e-300 if width > 1e-3 else 1e-16)
+
+
+@given(st.floats(-700, 0))
+def test_exponential(x: float) -> None:
+    """The exponential is that of the library, but for the last digits, and nothing overflows below."""
+    power, q = _kernels.exponential(x)
+    assert power * (1 + q) == pytest.approx(math.exp(x), rel=1e-15)
+    assert _kernels.exponential(-1e9) == _kernels.exponential(-700.0)
+
+
+@given(st.floats(1e-300, 1e300))
+def test_logarithm(x: float) -> None:
+    """The logarithm is that of the library, but for the last digits."""
+    assert _kernels.logarithm(x) == pytest.approx(math.log(x), rel=1e-14, abs=1e-15)
+
+
+@pytest.mark.nojit
+def test_compiled_and_interpreted_kernels_agree_to_the_bit() -> None:
+    """Machine code and Python give the same numbers, so results do not depend on the machine."""
+    rng = np.random.default_rng(8)
+    predicted = rng.normal(0.0, 30.0, 130)
+    lower = 4.0 * np.floor((predicted + rng.laplace(0.0, 6.0, 130)) / 4.0)
+    scale = rng.uniform(0.3, 20.0, 130)
+    middle, upper = lower + 2.0, lower + 4.0
+    results = []
+    for choose in (lambda kernel: kernel, python_twin):
+        llr, mean, scores = np.empty(130), np.empty(130), np.empty(noise.GAINS.size)
+        choose(_kernels.bit_llr)(lower, middle, upper, predicted, scale, 1e-4, llr)
+        choose(_kernels.conditional_mean)(lower, upper, predicted, scale, mean)
+        choose(_kernels.log_likelihoods)(lower, upper, predicted, scale, noise.GAINS, 3, 1e-4, scores)
+        results.append((llr, mean, scores))
+    for compiled, interpreted in zip(*results, strict=True):
+        np.testing.assert_array_equal(compiled, interpreted)
+
+
+def test_log_likelihoods() -> None:
+    """The likelihood of a gain is the sum over the logarithms of the probabilities."""
+    rng = np.random.default_rng(9)
+    predicted = rng.normal(0.0, 30.0, 777)
+    lower = 4.0 * np.floor((predicted + rng.laplace(0.0, 6.0, 777)) / 4.0)
+    scale, scores = rng.uniform(0.3, 20.0, 777), np.empty(noise.GAINS.size)
+    _kernels.log_likelihoods(lower, lower + 4.0, predicted, scale, noise.GAINS, 3, 1e-4, scores)
+    for gain, score in zip(noise.GAINS, scores, strict=True):
+        probability = noise.interval_probability(lower, lower + 4.0, predicted, scale * gain)
+        assert score == pytest.approx(np.log(probability * (1 - 1e-4) + 1e-4).sum(), rel=1e-12)
 
 
 def test_probabilities_of_all_bins_add_up_to_one() -> None:
