@@ -117,22 +117,23 @@ def estimate_motion(
     pyramid = [(low_pass(before), low_pass(after))]
     for _ in range(NUM_COARSE_LEVELS):
         pyramid.append((halve(pyramid[-1][0]), halve(pyramid[-1][1])))
+    planes = [(phase_planes(first), phase_planes(second)) for first, second in pyramid]
     search = _LevelSearch(numerator, denominator)
-    field = _forward_field(*pyramid[-1], settings.search_radius)
+    field = _forward_field(*planes[-1], pyramid[-1][0].shape, settings.search_radius)
     for level in range(NUM_COARSE_LEVELS, 0, -1):
         field = search.run(
-            *pyramid[level], field, block=8, window=16, step=4, smoothness=4 * settings.smoothness
+            *planes[level], field, block=8, window=16, step=4, smoothness=4 * settings.smoothness
         )
         finer = pyramid[level - 1][0].shape
         side = 8 if level > 1 else 16
         field = resize_field(2 * field, -(-finer[0] // side), -(-finer[1] // side), 2 if level > 1 else 1)
-    field = search.run(*pyramid[0], field, block=16, window=24, step=2, smoothness=4 * settings.smoothness)
+    field = search.run(*planes[0], field, block=16, window=24, step=2, smoothness=4 * settings.smoothness)
     block = settings.block_size
     rows, columns = -(-before.shape[0] // block), -(-before.shape[1] // block)
     field = resize_field(field, rows, columns, 16 // block)
     for step in (2, 1):
         field = search.run(
-            *pyramid[0], field, block, window=block + 4, step=step, smoothness=settings.smoothness
+            *planes[0], field, block, window=block + 4, step=step, smoothness=settings.smoothness
         )
     return vector_median(field)
 
@@ -183,19 +184,18 @@ def _neighbourhood(field: Offsets) -> Offsets:
     return np.stack([padded[y : y + rows, x : x + columns] for y, x in shifts], axis=2)
 
 
-def _forward_field(before: Luma, after: Luma, radius: int) -> Offsets:
-    """Full search at the coarsest level of the pyramid."""
-    rows, columns = -(-before.shape[0] // 8), -(-before.shape[1] // 8)
+def _forward_field(before: Luma, after: Luma, shape: tuple[int, ...], radius: int) -> Offsets:
+    """Full search at the coarsest level of the pyramid, between phase planes of frames of a shape."""
+    rows, columns = -(-shape[0] // 8), -(-shape[1] // 8)
     field = np.zeros((rows, columns, 2), dtype=np.int64)
     starts = np.zeros_like(field)
-    radius = min(radius, max(before.shape) // 4)
-    planes = phase_planes(before), phase_planes(after)
-    _kernels.forward_search(*planes, MARGIN, 8, 16, radius, 4, 0.02, starts, field)
+    radius = min(radius, max(shape) // 4)
+    _kernels.forward_search(before, after, MARGIN, 8, 16, radius, 4, 0.02, starts, field)
     return field
 
 
 class _LevelSearch:
-    """Bilateral search of one pyramid level around the vectors of a field."""
+    """Bilateral search between the phase planes of one pyramid level, around the vectors of a field."""
 
     def __init__(self, numerator: int, denominator: int) -> None:
         self._instant = (numerator, denominator)
@@ -203,7 +203,6 @@ class _LevelSearch:
     def run(
         self, before: Luma, after: Luma, field: Offsets, block: int, window: int, step: int, smoothness: int
     ) -> Offsets:
-        planes = phase_planes(before), phase_planes(after)
         zero = np.zeros((*field.shape[:2], 1, 2), dtype=np.int64)
         for _ in range(2):
             candidates = np.concatenate(
@@ -211,7 +210,7 @@ class _LevelSearch:
             )
             found = np.empty_like(field)
             _kernels.refine_bilateral(
-                *planes, MARGIN, block, window, 2, step, smoothness, *self._instant, candidates, found
+                before, after, MARGIN, block, window, 2, step, smoothness, *self._instant, candidates, found
             )
             field = found
         return field

@@ -82,10 +82,9 @@ class TurboDecoder:
         if llr.shape != (self.num_bits,) or np.isnan(llr).any():
             raise ValueError(f"`llr_ch` must be {self.num_bits} numbers, got shape {llr.shape}")
         self._llr_ch[:-1] = np.clip(llr, -MAX_CHANNEL_LLR, MAX_CHANNEL_LLR)
-        self._llr[:] = self._llr_ch
         self._siso.reset()
+        self._exchange_messages()
         self._parity.fill(-1)
-        self.decisions = (self.llr < 0).astype(np.uint8)
         self.num_parity = 0
         self.parity_satisfied = True
 
@@ -126,7 +125,6 @@ class TurboDecoder:
         int
             Iterations done.
         """
-        self._exchange_messages()
         for done in range(1, max_iterations + 1):
             self._pass()
             if self.parity_satisfied:
@@ -146,7 +144,6 @@ class TurboDecoder:
         int
             Iterations done.
         """
-        self._exchange_messages()
         for _ in range(num_iterations):
             self._pass()
         return num_iterations
