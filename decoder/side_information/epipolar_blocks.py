@@ -145,12 +145,14 @@ class BlockInterpolator:
         reference = self._reference_key(camera)
         labels = label_range(known, to_keys[reference], self._keys[0].shape, settings.sweep)
         rows, columns = (-(-side // settings.block_px) for side in self._keys[0].shape)
-        cost = np.empty((rows, columns, labels.count), np.int16)
+        cost = np.empty((rows, columns, labels.num_labels), np.int16)
         sweep = settings.sweep
         limits = np.array([sweep.level_limit, sweep.gradient_limit, sweep.gradient_limit], np.float32)
         _kernels_3d.block_cost(
-            *self._features,
-            *to_keys,
+            self._features[0],
+            self._features[1],
+            to_keys[0],
+            to_keys[1],
             labels.lowest,
             labels.step,
             settings.block_px,
@@ -166,8 +168,10 @@ class BlockInterpolator:
         depth = labels.lowest + labels.step * chosen
         refined = depth.copy()
         _kernels_3d.golden_search(
-            *(features[0] for features in self._features),
-            *to_keys,
+            self._features[0][0],
+            self._features[1][0],
+            to_keys[0],
+            to_keys[1],
             settings.block_px,
             settings.window_radius_px,
             labels.step,
@@ -207,7 +211,7 @@ class BlockInterpolator:
 
     def _start_cost(self, start: Floats, labels: LabelRange) -> NDArray[np.int16]:
         """Cost of leaving where a block starts, per block and label."""
-        distance = np.abs(labels.lowest + labels.step * np.arange(labels.count) - start[..., None])
+        distance = np.abs(labels.lowest + labels.step * np.arange(labels.num_labels) - start[..., None])
         cost = np.minimum(self._settings.start_weight * distance / labels.step, self._settings.start_limit)
         return np.floor(cost + 0.5).astype(np.int16)
 

@@ -153,13 +153,14 @@ def fit_mesh(model: Model, first: Luma, second: Luma, settings: MeshSettings) ->
     cell = settings.cell_px
     shape = (-(-(first.shape[0] - 1) // cell) + 3, -(-(first.shape[1] - 1) // cell) + 3)
     points, matches = model.correspondences.first, model.correspondences.second
-    kept = np.isfinite(matches).all(axis=1) & np.isfinite(points).all(axis=1)
-    kept &= (points >= -cell).all(axis=1) & (points < (np.array(shape[::-1]) - 2) * cell).all(axis=1)
+    kept = np.asarray(np.isfinite(np.column_stack([points, matches])).all(axis=1))
+    farthest = (np.array(shape[::-1]) - 2) * cell
+    kept &= np.logical_and(points >= -cell, points <= farthest).all(axis=1)
     for number in range(1, settings.max_fits + 1):
         vertices = _fit_once(points[kept], matches[kept], transfer, shape, settings)
         mesh = Mesh(-cell, cell, vertices, _vertex_depths(vertices, transfer, cell), kept.copy(), number)
         bad = _bad_triangles(mesh, transfer, first, second, settings.largest_error)
-        outlier = kept & bad[barycentric(np.where(kept[:, None], points, 0.0), shape, cell).triangle]
+        outlier: Mask = kept & bad[barycentric(np.where(kept[:, None], points, 0.0), shape, cell).triangle]
         if not outlier.any():
             break
         kept &= ~outlier

@@ -64,13 +64,13 @@ class LabelRange(NamedTuple):
     ----------
     lowest, step : float
         Inverse depth of the first label, and between labels.
-    count : int
+    num_labels : int
         Number of labels, at least 2.
     """
 
     lowest: float
     step: float
-    count: int
+    num_labels: int
 
 
 def label_range(
@@ -134,7 +134,7 @@ def sweep(
         By how much the best label beats all that are not its neighbours.
     """
     limits = np.array([settings.level_limit, settings.gradient_limit, settings.gradient_limit], np.float32)
-    cost = np.empty((*base.shape, labels.count), np.int16)
+    cost = np.empty((*base.shape, labels.num_labels), np.int16)
     features = (luma_features(base, settings.gradient_weight), luma_features(other, settings.gradient_weight))
     _kernels_3d.matching_cost(
         *features, transfer, labels.lowest, labels.step, limits, settings.unseen_cost, cost

@@ -130,7 +130,7 @@ def fill_holes(inverse_depth: Floats) -> Floats:
     while empty.any():
         state = np.where(empty, OUTSIDE, RELIABLE).astype(np.int8)
         flat, slopes, none = np.zeros(empty.shape), np.zeros((*empty.shape, 2)), np.zeros((3, 4))
-        source, filled = filled, np.empty_like(filled)
+        source, filled = filled, np.empty(empty.shape)
         _kernels_3d.fill_surface(
             source, state, flat, slopes, 1.0, 0.0, np.full(3, 0.3), source, nowhere, none, none, 0.0, filled
         )
@@ -248,8 +248,7 @@ def blend(
 
 
 def _box(plane: Floats, side: int) -> Floats:
-    mean: Floats = cv2.blur(plane, (side, side), borderType=cv2.BORDER_REPLICATE)
-    return mean
+    return np.asarray(cv2.blur(plane, (side, side), borderType=cv2.BORDER_REPLICATE), dtype=np.float64)
 
 
 def warp_chroma(
@@ -276,11 +275,9 @@ def warp_chroma(
         planes = [pair[component] for pair in chroma if pair is not None]
         if len(planes) < len(halved):
             return None
-        mean = sum(
-            weight[::2, ::2] * sample(plane, position)
-            for weight, plane, position in zip(interpolation.weights, planes, halved, strict=True)
-        )
-        predicted.append(np.floor(mean + np.float64(0.5)).astype(np.uint8))
+        warped = [sample(plane, position) for plane, position in zip(planes, halved, strict=True)]
+        share = interpolation.weights[1][::2, ::2]
+        predicted.append(np.floor(warped[0] + share * (warped[1] - warped[0]) + 0.5).astype(np.uint8))
     return predicted[0], predicted[1]
 
 
