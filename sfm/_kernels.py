@@ -1,7 +1,7 @@
-"""Compiled loops of features, matching, refinement and propagation; validated and described by their callers.
+"""Compiled loops of features, matching, refinement, propagation; validated and described by their callers.
 
-Images are float64 arrays [row, column]; points are (x, y). `coefficients` are those of the cubic B-spline that
-interpolates an image, `sfm.refinement.spline_coefficients`.
+Images are float64 arrays [row, column]; points are (x, y). `coefficients` are those of the cubic B-spline
+that interpolates an image, `sfm.refinement.spline_coefficients`.
 """
 
 import numpy as np
@@ -64,9 +64,9 @@ def squared_difference(a, b, limit):
 
 @kernel
 def best_candidates(
-    predicted,
-    corners,
-    radii_px,
+    corners_a,
+    corners_b,
+    max_motion_px,
     patches_a,
     patches_b,
     means_a,
@@ -79,16 +79,16 @@ def best_candidates(
     chosen,
     errors,
 ):
-    """List, by rising error, the most similar corners near each predicted position; -1 where there are fewer.
+    """List, by rising error, the most similar corners within the motion bound; -1 where there are fewer.
 
     `limits` are the largest sums of squared differences, `errors` receives the sums.
     """
     count = chosen.shape[1]
-    for i in range(predicted.shape[0]):
+    for i in range(corners_a.shape[0]):
         found = 0
-        for j in range(corners.shape[0]):
-            dx, dy = corners[j, 0] - predicted[i, 0], corners[j, 1] - predicted[i, 1]
-            if dx * dx + dy * dy > radii_px[i] * radii_px[i]:
+        for j in range(corners_b.shape[0]):
+            dx, dy = corners_b[j, 0] - corners_a[i, 0], corners_b[j, 1] - corners_a[i, 1]
+            if dx * dx + dy * dy > max_motion_px * max_motion_px:
                 continue
             if abs(means_a[i] - means_b[j]) > max_brightness_change:
                 continue
@@ -287,7 +287,8 @@ def minimize_neighbourhood(
 ):
     """Run Levenberg-Marquardt on one neighbourhood from `parameters`, which receive the minimum.
 
-    Returns the weighted mean squared error, or -1 if the point moves too far, leaves the image or has no texture.
+    Returns the weighted mean squared error, or -1 if the point moves too far, leaves the image or has no
+    texture.
     """
     height, width = coefficients.shape
     size, count = target.shape[0], parameters.size
@@ -336,3 +337,321 @@ def refine_points(
         errors[i] = minimize_neighbourhood(
             target, coefficients, parameters[i], weights, max_iterations, least_step_px, max_shift_px
         )
+
+
+# ---- propagation ----
+
+
+@kernel
+def neighbourhood_error(target, coefficients, x, y, affine, weights):
+    """Weighted mean squared error, the mean difference being free; infinite outside the image."""
+    height, width = coefficients.shape
+    radius = target.shape[0] // 2
+    reach_x = radius * (abs(affine[0, 0]) + abs(affine[0, 1]))
+    reach_y = radius * (abs(affine[1, 0]) + abs(affine[1, 1]))
+    if x < reach_x or y < reach_y or x + reach_x > width - 1 or y + reach_y > height - 1:
+        return np.inf
+    across, down, slopes = np.empty(4), np.empty(4), np.empty(4)
+    mean, error = 0.0, 0.0
+    for i in range(target.shape[0]):
+        for j in range(target.shape[1]):
+            u = max(x + affine[0, 0] * (j - radius) + affine[0, 1] * (i - radius), 0.0)
+            v = max(y + affine[1, 0] * (j - radius) + affine[1, 1] * (i - radius), 0.0)
+            column, row = int(u), int(v)
+            spline_weights(u - column, across, slopes)
+            spline_weights(v - row, down, slopes)
+            difference = -target[i, j]
+            for k in range(4):
+                source = coefficients[at_border(row - 1 + k, height)]
+                line = 0.0
+                for m in range(4):
+                    line += across[m] * source[at_border(column - 1 + m, width)]
+                difference += down[k] * line
+            mean += weights[i, j] * difference
+            error += weights[i, j] * difference * difference
+    return error - mean * mean
+
+
+@kernel
+def epipolar_frame(fundamental, epipole, x, y, near_x, near_y, foot, direction, affine):
+    """Set up the search for a point on its epipolar line, around the foot of the perpendicular from `near`.
+
+    `direction` receives the unit tangent of the line, `affine` the similarity that turns the epipolar line
+    of the first image into that of the second and scales as neighbouring epipolar lines move apart: what a
+    surface that faces the cameras does. False where there is no line.
+    """
+    along_x, along_y = epipole[0] - x * epipole[2], epipole[1] - y * epipole[2]
+    length = np.sqrt(along_x * along_x + along_y * along_y)
+    a = fundamental[0, 0] * x + fundamental[0, 1] * y + fundamental[0, 2]
+    b = fundamental[1, 0] * x + fundamental[1, 1] * y + fundamental[1, 2]
+    c = fundamental[2, 0] * x + fundamental[2, 1] * y + fundamental[2, 2]
+    norm = np.sqrt(a * a + b * b)
+    if not length > 0.0 or not norm > 0.0:
+        return False
+    along_x, along_y, a, b, c = along_x / length, along_y / length, a / norm, b / norm, c / norm
+    distance = a * near_x + b * near_y + c
+    foot[0], foot[1] = near_x - distance * a, near_y - distance * b
+    da = (fundamental[0, 1] * along_x - fundamental[0, 0] * along_y) / norm
+    db = (fundamental[1, 1] * along_x - fundamental[1, 0] * along_y) / norm
+    dc = (fundamental[2, 1] * along_x - fundamental[2, 0] * along_y) / norm
+    scale = -(da * foot[0] + db * foot[1] + dc)
+    if scale < 0.0:
+        scale, a, b = -scale, -a, -b
+    scale = min(max(scale, 0.5), 2.0)
+    direction[0], direction[1] = b, -a
+    affine[0, 0] = affine[1, 1] = scale * (b * along_x + a * -along_y)
+    affine[1, 0] = scale * (-a * along_x + b * -along_y)
+    affine[0, 1] = -affine[1, 0]
+    return True
+
+
+@kernel
+def similarities(fundamental, epipole, first, second, affines):
+    """Fill in the similarity of `epipolar_frame` for every correspondence; the identity without lines."""
+    foot, direction = np.empty(2), np.empty(2)
+    for i in range(first.shape[0]):
+        x, y = first[i, 0], first[i, 1]
+        if not epipolar_frame(
+            fundamental, epipole, x, y, second[i, 0], second[i, 1], foot, direction, affines[i]
+        ):
+            affines[i, 0, 0] = affines[i, 1, 1] = 1.0
+            affines[i, 0, 1] = affines[i, 1, 0] = 0.0
+
+
+@kernel
+def error_on_line(target, coefficients, foot, direction, position_px, affine, weights):
+    """Error at a position on an epipolar line."""
+    x, y = foot[0] + position_px * direction[0], foot[1] + position_px * direction[1]
+    return neighbourhood_error(target, coefficients, x, y, affine, weights)
+
+
+@kernel
+def golden_section(target, coefficients, foot, direction, affine, weights, low, high, tolerance_px):
+    """Find the least error on an epipolar line between two positions; returns position and error."""
+    ratio = 0.6180339887498949
+    a, b = high - ratio * (high - low), low + ratio * (high - low)
+    error_a = error_on_line(target, coefficients, foot, direction, a, affine, weights)
+    error_b = error_on_line(target, coefficients, foot, direction, b, affine, weights)
+    while high - low > tolerance_px:
+        if error_a <= error_b:
+            high, b, error_b = b, a, error_a
+            a = high - ratio * (high - low)
+            error_a = error_on_line(target, coefficients, foot, direction, a, affine, weights)
+        else:
+            low, a, error_a = a, b, error_b
+            b = low + ratio * (high - low)
+            error_b = error_on_line(target, coefficients, foot, direction, b, affine, weights)
+    if error_a <= error_b:
+        return a, error_a
+    return b, error_b
+
+
+@kernel
+def search_line(target, coefficients, foot, direction, affine, weights, half_range_px, step_px, tolerance_px):
+    """Full search on an epipolar line around its foot, and golden-section search around the best.
+
+    Returns position and error; the error is infinite if the best lies at an end of the range.
+    """
+    half = int(np.ceil(half_range_px / step_px))
+    best, least = -half, np.inf
+    for k in range(-half, half + 1):
+        error = error_on_line(target, coefficients, foot, direction, k * step_px, affine, weights)
+        if error < least:
+            best, least = k, error
+    if abs(best) == half or not least < np.inf:
+        return 0.0, np.inf
+    low, high = (best - 1) * step_px, (best + 1) * step_px
+    return golden_section(target, coefficients, foot, direction, affine, weights, low, high, tolerance_px)
+
+
+@kernel
+def weighted_variance(values, weights):
+    """Variance of a neighbourhood; `weights` sum to 1."""
+    mean, square = 0.0, 0.0
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            mean += weights[i, j] * values[i, j]
+            square += weights[i, j] * values[i, j] * values[i, j]
+    return square - mean * mean
+
+
+@kernel
+def follow(
+    image, coefficients, fundamental, epipole, x, y, near, weights, search, least_error, error_share, found
+):
+    """Search the point at whole pixels (x, y) on its epipolar line, starting where `near` says.
+
+    `search` holds half range, step and tolerance in pixels. `found` receives the second point. Returns the
+    error, infinite if the point leaves the range or is not similar enough.
+    """
+    radius = weights.shape[0] // 2
+    foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
+    if not epipolar_frame(fundamental, epipole, x, y, near[0], near[1], foot, direction, affine):
+        return np.inf
+    target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
+    position, error = search_line(
+        target, coefficients, foot, direction, affine, weights, search[0], search[1], search[2]
+    )
+    if error > least_error + error_share * weighted_variance(target, weights):
+        return np.inf
+    found[0], found[1] = foot[0] + position * direction[0], foot[1] + position * direction[1]
+    return error
+
+
+@kernel
+def nearest_owners(first, begin, end, reach_px, radius, open_tries, owner, distance_px2, columns, rows):
+    """List the open pixels within reach of points [begin, end); `owner` receives the nearest of these."""
+    height, width = open_tries.shape
+    count = 0
+    for p in range(begin, end):
+        for y in range(max(first[p, 1] - reach_px, radius), min(first[p, 1] + reach_px + 1, height - radius)):
+            for x in range(
+                max(first[p, 0] - reach_px, radius), min(first[p, 0] + reach_px + 1, width - radius)
+            ):
+                square = (x - first[p, 0]) ** 2 + (y - first[p, 1]) ** 2
+                if open_tries[y, x] <= 0 or square > reach_px * reach_px:
+                    continue
+                if owner[y, x] < 0:
+                    columns[count], rows[count] = x, y
+                    count += 1
+                elif square >= distance_px2[y, x]:
+                    continue
+                owner[y, x], distance_px2[y, x] = p, square
+    return count
+
+
+@kernel
+def propagate(
+    image,
+    coefficients,
+    fundamental,
+    epipole,
+    open_tries,
+    reach_px,
+    weights,
+    search,
+    least_error,
+    error_share,
+    num_seeds,
+    first,
+    second,
+    errors,
+):
+    """Follow open pixels around known points until nothing is added; returns how many points are known then.
+
+    `open_tries` says how often each pixel may still be tried; the arrays of points begin with the seeds and
+    have room for all pixels.
+    """
+    owner = np.full(open_tries.shape, -1, dtype=np.int64)
+    distance_px2 = np.zeros(open_tries.shape, dtype=np.int64)
+    columns, rows = np.empty(open_tries.size, dtype=np.int64), np.empty(open_tries.size, dtype=np.int64)
+    near, found = np.empty(2), np.empty(2)
+    radius = weights.shape[0] // 2
+    begin, end = 0, num_seeds
+    while begin < end:
+        count = nearest_owners(
+            first, begin, end, reach_px, radius, open_tries, owner, distance_px2, columns, rows
+        )
+        begin = end
+        for k in range(count):
+            x, y = columns[k], rows[k]
+            p = owner[y, x]
+            owner[y, x] = -1
+            open_tries[y, x] -= 1
+            near[0], near[1] = x + second[p, 0] - first[p, 0], y + second[p, 1] - first[p, 1]
+            error = follow(
+                image, coefficients, fundamental, epipole, x, y, near, weights, search,
+                least_error, error_share, found,
+            )  # fmt: skip
+            if error < np.inf:
+                open_tries[y, x] = 0
+                first[end, 0], first[end, 1] = x, y
+                second[end], errors[end] = found, error
+                end += 1
+    return end
+
+
+@kernel
+def follow_all(
+    image,
+    coefficients,
+    fundamental,
+    epipole,
+    first,
+    second,
+    weights,
+    search,
+    least_error,
+    error_share,
+    errors,
+):
+    """Search every point again from where it is; `second` and `errors` are replaced where one is found."""
+    found = np.empty(2)
+    height, width = image.shape
+    for i in range(first.shape[0]):
+        x, y = first[i, 0], first[i, 1]
+        errors[i] = np.inf
+        if fits(x, y, weights.shape[0] // 2, width, height):
+            errors[i] = follow(
+                image, coefficients, fundamental, epipole, x, y, second[i], weights, search,
+                least_error, error_share, found,
+            )  # fmt: skip
+        if errors[i] < np.inf:
+            second[i] = found
+
+
+@kernel
+def disagreement(
+    image,
+    coefficients,
+    fundamental,
+    epipole,
+    first,
+    second,
+    normals,
+    distance_px,
+    weights,
+    half_range_px,
+    scores,
+):
+    """Tell how badly what lies on either side of an edge point moves like it.
+
+    Each score compares the error of the neighbourhood at `distance_px` along plus or minus the normal, moved
+    like the point, with the least error at 1 to `half_range_px` from there on the epipolar line: above 1 if
+    it moves otherwise. Nan where one of them leaves the image.
+    """
+    height, width = image.shape
+    radius = weights.shape[0] // 2
+    foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
+    half = int(2 * half_range_px)
+    for p in range(first.shape[0]):
+        x, y = first[p, 0], first[p, 1]
+        known = epipolar_frame(
+            fundamental, epipole, x, y, second[p, 0], second[p, 1], foot, direction, affine
+        )
+        for side in range(2):
+            sign = 1.0 - 2.0 * side
+            dx = int(np.rint(sign * distance_px * normals[p, 0]))
+            dy = int(np.rint(sign * distance_px * normals[p, 1]))
+            scores[p, side] = np.nan
+            if not known or not fits(x + dx, y + dy, radius, width, height):
+                continue
+            target = image[y + dy - radius : y + dy + radius + 1, x + dx - radius : x + dx + radius + 1]
+            u = second[p, 0] + affine[0, 0] * dx + affine[0, 1] * dy
+            v = second[p, 1] + affine[1, 0] * dx + affine[1, 1] * dy
+            same, other = np.inf, np.inf
+            for k in range(-half, half + 1):
+                error = neighbourhood_error(
+                    target,
+                    coefficients,
+                    u + 0.5 * k * direction[0],
+                    v + 0.5 * k * direction[1],
+                    affine,
+                    weights,
+                )
+                if abs(k) <= 1:
+                    same = min(same, error)
+                else:
+                    other = min(other, error)
+            if same < np.inf and other < np.inf:
+                scores[p, side] = (same + 2.0) / (other + 2.0)

@@ -33,9 +33,9 @@ class FeatureSettings:
         A corner is suppressed only by others whose response times this is larger.
     """
 
-    num_corners: int = 1600
+    num_corners: int = 2400
     sensitivity: float = 0.04
-    integration_radius_px: int = 2
+    integration_radius_px: int = 1
     separation_px: int = 1
     border_px: int = 8
     least_gradient: float = 1.0
@@ -67,12 +67,19 @@ def detect_corners(luma: Image, settings: FeatureSettings | None = None) -> Floa
     ndarray of shape (N, 2), float64
         Corners (x, y) in whole pixels, best spread first; none in flat or tiny frames.
 
+    Raises
+    ------
+    ValueError
+        If `luma` is not a plane of bytes.
+
     References
     ----------
     [MAITRE] Sec. 5.2.4, Feature point detection.
     """
     from sfm import _kernels
 
+    if luma.ndim != 2 or luma.dtype != np.uint8:
+        raise ValueError(f"`luma` must have shape (H, W) and dtype uint8, got {luma.shape}, {luma.dtype}")
     settings = settings or FeatureSettings()
     response = harris_response(luma, settings)
     rows, columns = _local_maxima(response, settings)
@@ -110,8 +117,9 @@ def harris_response(luma: Image, settings: FeatureSettings | None = None) -> Flo
     taps = np.asarray(_binomial(2 * settings.integration_radius_px), dtype=np.float64)
     gain = (SOBEL_GAIN * taps.sum()) ** 2
 
-    def average(product: Floats) -> Floats:
-        return np.asarray(cv2.sepFilter2D(product, cv2.CV_64F, taps, taps), dtype=np.float64) / gain
+    def average(product: NDArray[np.floating]) -> Floats:
+        averaged: Floats = cv2.sepFilter2D(product, cv2.CV_64F, taps, taps) / gain
+        return averaged
 
     xx, xy, yy = average(dx * dx), average(dx * dy), average(dy * dy)
     response: Floats = xx * yy - xy * xy - settings.sensitivity * (xx + yy) ** 2

@@ -37,11 +37,13 @@ class MatchingSettings:
     least_error : float
         Mean squared error that noise and sampling alone can cause, squared luma levels.
     error_share : float
-        Largest mean squared error at whole pixels beyond `least_error`, as a share of the variance of the neighbourhood.
+        Largest mean squared error at whole pixels beyond, as a share of the neighbourhood's variance.
     shifted_error_share : float
         The same after refinement of the position.
     refined_error_share : float
         The same after refinement of position and shape.
+    max_ambiguity : float
+        Largest quotient of the errors of the most similar corner and the next one, both beyond `least_error`.
     refinement : RefinementSettings
         Sub-pixel refinement.
     """
@@ -52,11 +54,12 @@ class MatchingSettings:
     bin_width: float = 12.0
     num_bins: int = 16
     max_chi_square_share: float = 0.2
-    num_candidates: int = 4
+    num_candidates: int = 3
     least_error: float = 4.0
     error_share: float = 0.6
-    shifted_error_share: float = 0.3
-    refined_error_share: float = 0.1
+    shifted_error_share: float = 0.4
+    refined_error_share: float = 0.12
+    max_ambiguity: float = 0.7
     refinement: RefinementSettings = field(default_factory=RefinementSettings)
 
     def __post_init__(self) -> None:
@@ -73,8 +76,6 @@ def match_corners(
     corners0: Floats,
     corners1: Floats,
     settings: MatchingSettings | None = None,
-    predicted: Floats | None = None,
-    radii_px: Floats | None = None,
 ) -> Correspondences:
     """Match the corners of two key frames.
 
@@ -90,10 +91,6 @@ def match_corners(
         Their corners, whole pixels.
     settings : MatchingSettings, optional
         When two corners are similar.
-    predicted : ndarray of shape (N, 2), float64, optional
-        Where the second points are expected; at the first points if None.
-    radii_px : ndarray of shape (N,), float64, optional
-        How far from there they may be; the motion bound if None.
 
     Returns
     -------
@@ -111,14 +108,11 @@ def match_corners(
     """
     settings = settings or MatchingSettings()
     check_pair(luma0, luma1)
-    room = [inside(corners, luma0, settings.radius_px) for corners in (corners0, corners1)]
-    near = corners0 if predicted is None else predicted
-    bound = settings.max_motion_share * max(luma0.shape)
-    reach = np.full(len(corners0), bound) if radii_px is None else radii_px
-    corners0, corners1 = corners0[room[0]], corners1[room[1]]
+    corners0 = corners0[inside(corners0, luma0, settings.radius_px)]
+    corners1 = corners1[inside(corners1, luma1, settings.radius_px)]
     if len(corners0) == 0 or len(corners1) == 0:
         return Correspondences.empty()
-    i, j, variance = _candidates(luma0, luma1, corners0, corners1, near[room[0]], reach[room[0]], settings)
+    i, j, variance = _candidates(luma0, luma1, corners0, corners1, settings)
     second = corners1[j]
     for affine, share in ((False, settings.shifted_error_share), (True, settings.refined_error_share)):
         largest = settings.least_error + share * variance
@@ -128,17 +122,12 @@ def match_corners(
         i, j, variance = i[success], j[success], variance[success]
         second, error, largest = second[success], error[success], largest[success]
     chosen = outliers.unicity(i, j, error, largest)
+    chosen &= _unambiguous(i, error, settings)
     return Correspondences(corners0[i[chosen]], second[chosen], error[chosen])
 
 
 def _candidates(
-    luma0: Image,
-    luma1: Image,
-    corners0: Floats,
-    corners1: Floats,
-    predicted: Floats,
-    radii_px: Floats,
-    settings: MatchingSettings,
+    luma0: Image, luma1: Image, corners0: Floats, corners1: Floats, settings: MatchingSettings
 ) -> tuple[Indices, Indices, Floats]:
     """Return pairs of indices, and the variance of each first neighbourhood."""
     from sfm import _kernels
@@ -150,9 +139,9 @@ def _candidates(
     chosen = np.full((len(corners0), settings.num_candidates), -1, dtype=np.int64)
     errors = np.empty(chosen.shape)
     _kernels.best_candidates(
-        predicted,
+        corners0,
         corners1,
-        radii_px,
+        settings.max_motion_share * max(luma0.shape),
         patches0,
         patches1,
         means0,
@@ -167,6 +156,17 @@ def _candidates(
     )
     i, k = np.nonzero(chosen >= 0)
     return i, chosen[i, k], variance[i]
+
+
+def _unambiguous(i: Indices, error: Floats, settings: MatchingSettings) -> NDArray[np.bool_]:
+    """Tell which pairs are clearly more similar than any other pair of the same first corner."""
+    order = np.lexsort((error, i))
+    i, error = i[order], error[order] + settings.least_error
+    best = np.diff(i, prepend=-1) != 0
+    second = np.append(np.where(i[1:] == i[:-1], error[1:], np.inf), np.inf)
+    clear = np.empty(len(i), dtype=bool)
+    clear[order] = best & (error <= settings.max_ambiguity * second)
+    return clear
 
 
 def describe(luma: Image, corners: Floats, settings: MatchingSettings) -> tuple[Floats, Floats, Floats]:

@@ -102,7 +102,8 @@ def epipolar(correspondences: Correspondences, fundamental: Floats, limit_px: fl
     ndarray of shape (N,), bool
         True for those to keep.
     """
-    return symmetric_distances(fundamental, correspondences.first, correspondences.second) <= limit_px
+    distance = symmetric_distances(fundamental, correspondences.first, correspondences.second)
+    return np.asarray(distance <= limit_px)
 
 
 def motion(correspondences: Correspondences, limit_px: float, num_spreads: float) -> Mask:
@@ -144,7 +145,7 @@ def reprojection(second: Floats, projected: Floats, limit_px: float) -> Mask:
     ndarray of shape (N,), bool
         True for those to keep.
     """
-    finite = np.isfinite(projected).all(axis=1)
+    finite = np.asarray(np.isfinite(projected).all(axis=1))
     offset = np.where(finite[:, None], projected, second) - second
     return finite & (np.hypot(offset[:, 0], offset[:, 1]) <= limit_px)
 
@@ -186,7 +187,8 @@ def epipole(correspondences: Correspondences, fundamental: Floats, distance_px: 
     """
     in_first, in_second = epipoles(fundamental)
     far_in_first = distances_to_epipole(in_first, correspondences.first) >= distance_px
-    return far_in_first & (distances_to_epipole(in_second, correspondences.second) >= distance_px)
+    far_in_second = distances_to_epipole(in_second, correspondences.second) >= distance_px
+    return np.asarray(far_in_first & far_in_second)
 
 
 def depth(first: Floats, depths: Floats, share: float, num_spreads: float) -> Mask:
@@ -211,7 +213,7 @@ def depth(first: Floats, depths: Floats, share: float, num_spreads: float) -> Ma
     ndarray of shape (N,), bool
         True for those to keep.
     """
-    keep = np.isfinite(depths) & (depths != 0)
+    keep = np.asarray(np.isfinite(depths) & (depths != 0))
     if not keep.any():
         return keep
     inverse = 1.0 / depths[keep]
@@ -232,11 +234,16 @@ def _like_neighbours(points: Floats, values: Floats, limit: float, num_spreads: 
 
 def _aberrant(values: Floats, neighbours: Neighbours, limit: float, num_spreads: float) -> Mask:
     """Tell which values (N, D) differ too much from the median of their neighbours."""
-    median = np.stack([weighted_median(column, neighbours) for column in values.T], axis=1)
+    point, neighbour, weight = neighbours.point, neighbours.neighbour, neighbours.weight
+
+    def median_around(of_neighbours: Floats) -> Floats:
+        return weighted_median(of_neighbours, point, weight, len(values))
+
+    median = np.stack([median_around(column[neighbour]) for column in values.T], axis=1)
     difference = np.sqrt(((values - median) ** 2).sum(axis=1))
-    around = values[neighbours.neighbour] - median[neighbours.point]
-    spread = _median_by_point(np.sqrt((around**2).sum(axis=1)), neighbours, len(values))
-    return np.asarray(difference > limit + num_spreads * np.nan_to_num(spread))
+    spread = median_around(np.sqrt(((values[neighbour] - median[point]) ** 2).sum(axis=1)))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(difference > limit + num_spreads * spread)
 
 
 def delaunay_neighbours(points: Floats) -> Neighbours:
@@ -268,36 +275,35 @@ def delaunay_neighbours(points: Floats) -> Neighbours:
     return Neighbours(point, neighbour, 1.0 / np.maximum(np.sqrt((offset**2).sum(axis=1)), 1e-9))
 
 
-def weighted_median(values: Floats, neighbours: Neighbours) -> Floats:
-    """Compute, for every point, the weighted median of its neighbours' values.
+def weighted_median(values: Floats, point: Indices, weight: Floats, num_points: int) -> Floats:
+    """Compute weighted medians of values that are listed with the point they count for.
 
     Parameters
     ----------
-    values : ndarray of shape (N,), float64
-        One value per point.
-    neighbours : Neighbours
-        Pairs and weights.
+    values : ndarray of shape (P,), float64
+        Values.
+    point : ndarray of shape (P,), int64
+        Point of each.
+    weight : ndarray of shape (P,), float64
+        Positive weights.
+    num_points : int
+        Number of points.
 
     Returns
     -------
-    ndarray of shape (N,), float64
-        The least value that, with those below it, has half the weight; the point's own if it has no neighbours.
+    ndarray of shape (num_points,), float64
+        The least value that, with those below it, has half the weight; nan for a point without values.
     """
-    medians = _median_by_point(values[neighbours.neighbour], neighbours, len(values))
-    return np.where(np.isnan(medians), values, medians)
-
-
-def _median_by_point(values: Floats, neighbours: Neighbours, num_points: int) -> Floats:
-    """Return the weighted medians of values given per pair; nan without neighbours."""
     medians = np.full(num_points, np.nan)
-    order = np.lexsort((values, neighbours.point))
-    point, values, weight = neighbours.point[order], values[order], neighbours.weight[order]
+    order = np.lexsort((values, point))
+    point, values, weight = point[order], values[order], weight[order]
     starts = np.flatnonzero(np.diff(point, prepend=-1))
     if len(starts) == 0:
         return medians
+    lengths = np.diff(starts, append=len(point))
     summed = np.cumsum(weight)
-    before = np.repeat(summed[starts] - weight[starts], np.diff(starts, append=len(point)))
-    total = np.repeat(np.add.reduceat(weight, starts), np.diff(starts, append=len(point)))
+    before = np.repeat(summed[starts] - weight[starts], lengths)
+    total = np.repeat(np.add.reduceat(weight, starts), lengths)
     half = np.flatnonzero(2.0 * (summed - before) >= total * (1.0 - 1e-9))
     which, position = np.unique(point[half], return_index=True)
     medians[which] = values[half[position]]

@@ -47,7 +47,12 @@ class RefinementSettings:
 
 
 def refine(
-    luma0: Image, luma1: Image, first: Floats, second: Floats, settings: RefinementSettings | None = None
+    luma0: Image,
+    luma1: Image,
+    first: Floats,
+    second: Floats,
+    settings: RefinementSettings | None = None,
+    shapes: Floats | None = None,
 ) -> tuple[Floats, Floats, Mask]:
     """Move second points to where their neighbourhoods are most like those of the first points.
 
@@ -65,6 +70,8 @@ def refine(
         Where the search starts in the second frame, pixels.
     settings : RefinementSettings, optional
         Neighbourhood and limits.
+    shapes : ndarray of shape (N, 2, 2), float64, optional
+        Affine maps that the search starts from, if `settings.affine`; the identity if None.
 
     Returns
     -------
@@ -92,8 +99,10 @@ def refine(
         raise ValueError("`first` must be in whole pixels")
     refined, error = second.copy(), np.full(len(first), np.inf)
     room = np.flatnonzero(inside(first, luma0, settings.radius_px))
-    shape = [1.0, 0.0, 0.0, 1.0] if settings.affine else []
-    parameters = np.column_stack([second[room], np.tile(shape, (len(room), 1))])
+    parameters = second[room]
+    if settings.affine:
+        start = np.tile(np.eye(2), (len(first), 1, 1)) if shapes is None else shapes
+        parameters = np.column_stack([parameters, start[room].reshape(-1, 4)])
     found = np.empty(len(room))
     _kernels.refine_points(
         luma0.astype(np.float64),
@@ -164,7 +173,8 @@ def window(radius_px: int) -> Floats:
     """
     offset = np.arange(-radius_px, radius_px + 1, dtype=np.float64)
     weights: Floats = 2.0 * (radius_px + 1) ** 2 - (offset[:, None] ** 2 + offset**2)
-    return weights / weights.sum()
+    weights /= weights.sum()
+    return weights
 
 
 def spline_coefficients(image: Image | Floats) -> Floats:
