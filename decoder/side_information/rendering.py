@@ -132,7 +132,7 @@ def fill_holes(inverse_depth: Floats) -> Floats:
         flat, slopes, none = np.zeros(empty.shape), np.zeros((*empty.shape, 2)), np.zeros((3, 4))
         source, filled = filled, np.empty(empty.shape)
         _kernels_3d.fill_surface(
-            source, state, flat, slopes, 1.0, 0.0, np.full(3, 0.3), source, nowhere, none, none, 0.0, filled
+            source, state, flat, slopes, 1.0, 0.0, np.full(3, 0.0), source, nowhere, none, none, 0.0, filled
         )
         empty = filled <= _kernels_3d.EMPTY
     return filled

@@ -1,0 +1,262 @@
+"""Frames predicted from a scene of two planes, and from key frames that show nothing of use."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decoder.side_information.epipolar_blocks import BlockInterpolator, BlockSettings, spread_blocks
+from decoder.side_information.mesh import MeshInterpolator, MeshSettings, fit_mesh
+from decoder.side_information.mesh_equations import barycentric, epipolar_lines, roughness_matrix
+from decoder.side_information.plane_sweep import SweepSettings, label_range
+from decoder.side_information.rendering import (
+    Interpolation,
+    blend,
+    block_offsets,
+    fill_holes,
+    render_view,
+    warp_chroma,
+)
+from decoder.side_information.surfaces import RELIABLE, SurfaceSettings, estimate_surfaces
+from decoder.side_information.trifocal import transfer_matrix, transfer_surface
+from dvc.metrics import psnr_db
+from dvc.wynerziv.transform import to_uint8
+from sfm.model import Correspondences, Model, PixelFrame
+from tests.scenes_3d import camera_at, render, two_planes
+
+MODEL = two_planes()
+FRAME = MODEL.pixel_frame
+FIRST, SECOND = (render(late, FRAME)[0] for late in (0.0, 1.0))
+SHAPE = FIRST.shape
+SPARSE = MeshSettings(dense=False, cell_px=8)
+Make = Callable[[Model, np.ndarray, np.ndarray], MeshInterpolator | BlockInterpolator]
+METHODS: dict[str, Make] = {
+    "dense mesh": lambda *keys: MeshInterpolator(*keys, MeshSettings()),
+    "sparse mesh": lambda *keys: MeshInterpolator(*keys, SPARSE),
+    "blocks": lambda *keys: BlockInterpolator(*keys, BlockSettings()),
+    "blocks from points": lambda *keys: BlockInterpolator(*keys, BlockSettings(dense_start=False)),
+}
+LEAST_DB = {"dense mesh": 33.0, "sparse mesh": 24.0, "blocks": 32.0, "blocks from points": 27.0}
+
+
+def check_complete(prediction: Interpolation, shape: tuple[int, int]) -> None:
+    """Assert that there is no hole and nothing that is not a number."""
+    assert prediction.luma.shape == shape
+    parts = (prediction.luma, *prediction.compensated, *prediction.positions, prediction.expected_error)
+    assert all(np.isfinite(part).all() for part in parts)
+    assert prediction.luma.min() >= 0
+    assert prediction.luma.max() <= 255
+    assert prediction.expected_error.min() > 0
+    np.testing.assert_allclose(prediction.weights[0] + prediction.weights[1], 1.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("late", [0.2, 0.5])
+def test_the_frame_between_is_predicted(method: str, late: float) -> None:
+    """Each method comes close to the true frame, borders and hidden parts included."""
+    prediction = METHODS[method](MODEL, FIRST, SECOND).interpolate(camera_at(late), late)
+    check_complete(prediction, SHAPE)
+    assert psnr_db(to_uint8(prediction.luma), render(late, FRAME)[0]) > LEAST_DB[method]
+
+
+def test_expected_error_is_larger_where_the_error_is() -> None:
+    """The worst tenth of the pixels, by what is expected, are worse than the rest."""
+    prediction = METHODS["dense mesh"](MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
+    error = np.abs(prediction.luma - render(0.5, FRAME)[0])
+    doubtful = prediction.expected_error > np.quantile(prediction.expected_error, 0.9)
+    assert error[doubtful].mean() > 2 * error[~doubtful].mean()
+
+
+def test_surfaces_have_the_true_depth() -> None:
+    """What is called reliable is right to a tenth of the parallax, nearly everywhere."""
+    surfaces = estimate_surfaces(MODEL, FIRST, SECOND, SurfaceSettings())
+    for surface, late in zip(surfaces, (0.0, 1.0), strict=True):
+        scale = np.sqrt(3.0) / np.linalg.norm(np.eye(3)) if late == 0.0 else 1.0
+        truth = render(late, FRAME)[1] / scale
+        moved, true = (transfer_surface(surface.to_other, depth) for depth in (surface.inverse_depth, truth))
+        wrong = np.hypot(*(moved - true)[..., :2].transpose(2, 0, 1)) > 0.5
+        assert (surface.state == RELIABLE).mean() > 0.6
+        assert wrong[surface.state == RELIABLE].mean() < 0.06
+
+
+ODD = {
+    "black": np.zeros((16, 16), np.uint8),
+    "white": np.full((48, 20), 255, np.uint8),
+    "noise": np.random.default_rng(0).integers(0, 256, (33, 47)).astype(np.uint8),
+}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("image", ODD)
+def test_odd_frames_are_predicted_all_the_same(method: str, image: str) -> None:
+    """Key frames without content, with nothing in common or few pixels give frames without holes."""
+    first = ODD[image]
+    frame = PixelFrame(first.shape[1], first.shape[0])
+    points = np.random.default_rng(1).uniform(0, 15, (12, 2))
+    matches = Correspondences(points, points[::-1].copy(), np.zeros(12))
+    second = np.random.default_rng(2).permutation(first.ravel()).reshape(first.shape)
+    model = Model(frame, np.eye(3), camera_at(1.0), matches, np.linspace(1.0, 9.0, 12))
+    prediction = METHODS[method](model, first, second).interpolate(camera_at(0.5), 0.5)
+    check_complete(prediction, first.shape)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("points", [0, 1, 3])
+def test_models_that_say_little(method: str, points: int) -> None:
+    """Without points, with a depth that is none, or with cameras in one place, there still is a frame."""
+    chosen = np.arange(points)
+    depths = np.array([2.0, np.inf, -1.0])[:points]
+    model = replace(MODEL, correspondences=MODEL.correspondences[chosen], depths=depths)
+    if points == 3:
+        model = replace(model, second_camera=np.eye(3, 4))
+    prediction = METHODS[method](model, FIRST, SECOND).interpolate(model.second_camera, 1.0)
+    check_complete(prediction, SHAPE)
+
+
+def test_forward_motion_with_the_epipole_in_the_picture() -> None:
+    """Points at the epipole, where depth cannot be told, do no harm."""
+    forward = np.column_stack([np.eye(3), [0.0, 0.0, -0.5]])
+    model = replace(MODEL, second_camera=forward)
+    for make in METHODS.values():
+        check_complete(make(model, FIRST, FIRST).interpolate(forward, 0.5), SHAPE)
+
+
+@pytest.mark.parametrize("method", ["dense mesh", "blocks"])
+def test_the_same_every_time_and_for_any_number_of_threads(method: str) -> None:
+    """Predictions are equal to the bit."""
+    import cv2
+
+    threads, results = cv2.getNumThreads(), []
+    try:
+        for number in (1, 4):
+            cv2.setNumThreads(number)
+            results.append(METHODS[method](MODEL, FIRST, SECOND).interpolate(camera_at(0.3), 0.3).luma)
+    finally:
+        cv2.setNumThreads(threads)
+    np.testing.assert_array_equal(*results)
+
+
+def test_label_range_covers_the_scene() -> None:
+    """Labels span all known depths with a margin, in steps of the wanted parallax."""
+    transfer = transfer_matrix(MODEL.first_camera, MODEL.second_camera, FRAME)
+    known, settings = 1.0 / MODEL.depths, SweepSettings()
+    labels = label_range(known, transfer, (80, 96), settings)
+    assert labels.lowest < np.quantile(known, 0.01)
+    assert labels.lowest + labels.step * (labels.num_labels - 1) > known.max()
+    fine = label_range(known, transfer, (80, 96), replace(settings, label_step_px=0.3))
+    assert fine.num_labels == pytest.approx(2 * labels.num_labels, abs=3)
+    huge = label_range(known, transfer, (4000, 4000), settings)
+    assert huge.num_labels == 4
+
+
+def test_holes_take_the_depth_behind() -> None:
+    """A hole between near and far becomes far, and the farthest corner is reached."""
+    depth = np.full((9, 12), 0.2)
+    depth[:, 8:] = 0.9
+    depth[:, 5:8] = -1e30
+    assert (fill_holes(depth)[:, 5:8] == 0.2).all()
+    lonely = np.full((9, 12), -1e30)
+    lonely[0, 1] = 0.4
+    assert (fill_holes(lonely) == 0.4).all()
+    assert (fill_holes(np.full((3, 3), -1e30)) == 0.0).all()
+
+
+def test_a_key_that_does_not_see_has_no_say() -> None:
+    """Blending follows time where both keys see, and sight where one does."""
+    planes = [np.full((4, 6), 10.0), np.full((4, 6), 90.0)]
+    sights = [np.ones((4, 6)), np.ones((4, 6))]
+    sights[1][:, 3:] = 1e-4
+    positions = [np.zeros((4, 6, 2))] * 2
+    luma = blend(planes, sights, positions, np.ones((4, 6), bool), 0.25).luma
+    np.testing.assert_allclose(luma[:, :3], 30.0)
+    np.testing.assert_allclose(luma[:, 3:], 10.0, atol=0.01)
+
+
+def test_chroma_and_offsets_follow_the_positions() -> None:
+    """Motion by whole pixels moves chroma by halves of them, and blocks by four quarter samples each."""
+    rows, columns = np.indices((14, 18)).astype(np.float64)
+    positions = (np.stack([columns + 2, rows - 4], -1), np.stack([columns, rows], -1))
+    weights = (np.ones((14, 18)), np.zeros((14, 18)))
+    luma = np.zeros((14, 18))
+    moved = Interpolation(luma, (luma, luma), weights, positions, luma)
+    chroma = np.random.default_rng(0).integers(0, 256, (7, 9)).astype(np.uint8)
+    predicted = warp_chroma(moved, [(chroma, chroma), (chroma, chroma)])
+    assert predicted is not None
+    np.testing.assert_array_equal(predicted[0][3:, :-2], chroma[1:-2, 1:-1])
+    assert warp_chroma(moved, [(chroma, chroma), None]) is None
+    first, second = block_offsets(moved)
+    assert first.shape == (4, 5, 2)
+    assert first.dtype == np.int64
+    assert (first == [-16, 8]).all()
+    assert (second == 0).all()
+
+
+def test_rendering_from_the_own_camera_gives_the_own_depth() -> None:
+    """The view of a key frame is its surface where that is reliable."""
+    surfaces = estimate_surfaces(MODEL, FIRST, SECOND, SurfaceSettings())
+    view = render_view(surfaces[:1], MODEL.first_camera, FRAME)
+    inside = view.reliable & (surfaces[0].state == RELIABLE)
+    np.testing.assert_allclose(view.inverse_depth[inside], surfaces[0].inverse_depth[inside], rtol=1e-6)
+
+
+def test_spread_blocks() -> None:
+    """Slopes are interpolated, jumps are kept."""
+    depth = np.array([[0.0, 0.02, 0.04, 1.0, 1.02]])
+    spread = spread_blocks(depth, 4, (4, 20))
+    np.testing.assert_allclose(spread[0, 2:10], np.linspace(0.0025, 0.0375, 8), atol=1e-12)
+    assert (np.abs(spread - np.repeat(depth, 4, axis=1)) < 0.02).all()
+
+
+def test_mesh_reproduces_a_translation() -> None:
+    """A global motion along the epipolar lines is met exactly, at the border and beyond it too."""
+    frame = PixelFrame(64, 48)
+    sideways = np.column_stack([np.eye(3), [0.1, 0.0, 0.0]])
+    points = np.random.default_rng(0).uniform(4, 40, (60, 2))
+    matches = Correspondences(points, points + np.array([3.2, 0.0]), np.zeros(60))
+    image = np.zeros((48, 64), np.uint8)
+    model = Model(frame, np.eye(3), sideways, matches, np.full(60, 2.0))
+    mesh = fit_mesh(model, image, image, MeshSettings(dense=False))
+    rows, columns = np.indices(mesh.second.shape[:2])
+    grid = np.stack([columns, rows], -1) * 16.0 - 16.0
+    np.testing.assert_allclose(mesh.second - grid, np.broadcast_to([3.2, 0.0], grid.shape), atol=1e-3)
+    np.testing.assert_allclose(mesh.inverse_depth, 0.5, atol=1e-3)
+    assert mesh.num_fits == 1
+
+
+def test_mesh_drops_outliers() -> None:
+    """Fitting again without wrong matches brings the mesh closer to the right ones, most of which stay."""
+    second = MODEL.correspondences.second.copy()
+    wrong = np.arange(0, len(second), 40)
+    second[wrong, 0] += 45.0
+    model = replace(MODEL, correspondences=replace(MODEL.correspondences, second=second))
+    right = np.setdiff1d(np.arange(len(second)), wrong)
+    errors = []
+    for max_fits in (1, 8):
+        mesh = fit_mesh(model, FIRST, SECOND, replace(SPARSE, max_fits=max_fits))
+        where = barycentric(MODEL.correspondences.first[right], mesh.second.shape[:2], 8.0)
+        moved = where.interpolate(mesh.second.reshape(-1, 2))
+        errors.append(np.median(np.abs(moved - second[right])))
+    assert 1 < mesh.num_fits <= 8
+    assert errors[1] < 0.8 * errors[0]
+    assert (~mesh.kept[wrong]).mean() >= 0.5
+    assert mesh.kept[right].mean() > 0.5
+
+
+def test_mesh_equations() -> None:
+    """Barycentric weights reproduce places; linear motion is smooth; vertices keep to their lines."""
+    points = np.random.default_rng(0).uniform(-8, 24, (30, 2))
+    where = barycentric(points, (6, 6), 8.0)
+    rows, columns = np.indices((6, 6))
+    grid = np.stack([columns.ravel(), rows.ravel()], -1) * 8.0 - 8.0
+    np.testing.assert_allclose(where.matrix(36) @ grid, points, atol=1e-12)
+    np.testing.assert_allclose(where.interpolate(grid), points, atol=1e-12)
+    assert where.weights.min() >= -1e-12
+    assert np.abs(roughness_matrix((6, 6)) @ (grid @ [0.3, -0.2] + 1.0)).max() < 1e-12
+    transfer = transfer_matrix(MODEL.first_camera, MODEL.second_camera, FRAME)
+    place, direction = epipolar_lines(transfer, grid)
+    at_infinity = np.column_stack([grid, np.ones(36)]) @ transfer[:, :3].T
+    lines = np.cross(transfer[:, 3], at_infinity)
+    for step in (0.0, 7.0):
+        on_line = np.column_stack([place + step * direction, np.ones(36)])
+        np.testing.assert_allclose((on_line * lines).sum(1) / np.linalg.norm(lines, axis=1), 0.0, atol=1e-9)

@@ -1,0 +1,242 @@
+"""The compiled 3D loops, compiled and as Python, against their plain twins."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from decoder.side_information import _kernels_3d as kernels
+from decoder.side_information.trifocal import inverse_transfer, transfer_matrix
+from dvc._jit import python_twin
+from sfm.model import PixelFrame
+from tests.reference import side_information_3d as reference
+from tests.scenes_3d import camera_at
+
+pytestmark = pytest.mark.nojit
+Choose = Callable[[Any], Any]
+SHAPE = (7, 9)
+FRAME = PixelFrame(SHAPE[1], SHAPE[0])
+THERE = transfer_matrix(camera_at(0.0), camera_at(1.0), FRAME)
+BACK = inverse_transfer(THERE)
+TO_KEYS = [transfer_matrix(camera_at(0.4), camera_at(late), FRAME) for late in (0.0, 1.0)]
+
+
+@pytest.fixture(params=["compiled", "python"])
+def choose(request: pytest.FixtureRequest) -> Choose:
+    """Return what turns a kernel into the function under test."""
+    return python_twin if request.param == "python" else lambda kernel: kernel
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Return a fresh generator."""
+    return np.random.default_rng(5)
+
+
+def test_transfer_grid(choose: Choose, rng: np.random.Generator) -> None:
+    """Every vertex goes where its point goes; those behind the camera are marked."""
+    surface = rng.uniform(-40, 10, (4, 5))
+    got = np.empty((4, 5, 3))
+    choose(kernels.transfer_grid)(BACK, surface, -3.0, 2.5, got)
+    behind = 0
+    for i, j in np.ndindex(surface.shape):
+        x, y, w = reference.moved(BACK, -3.0 + 2.5 * j, -3.0 + 2.5 * i, surface[i, j])
+        behind += w < 1e-6
+        depth = surface[i, j] / w if w >= 1e-6 else kernels.EMPTY
+        np.testing.assert_allclose(got[i, j], [x, y, depth], rtol=1e-12)
+    assert 0 < behind < surface.size
+
+
+def test_rasterise(choose: Choose, rng: np.random.Generator) -> None:
+    """Triangles that turn over, lie outside or behind are left out; the nearest one wins elsewhere."""
+    rows, columns = np.indices((5, 5))
+    positions = np.stack([columns * 2.6, rows * 2.1, 0.2 * rows], -1) + rng.normal(0, 0.9, (5, 5, 3))
+    positions[4, 4, 2] = kernels.EMPTY
+    torn = rng.random((4, 4)) < 0.2
+    nearest = np.full(SHAPE, kernels.EMPTY)
+    choose(kernels.rasterise)(positions, torn, nearest)
+    np.testing.assert_allclose(nearest, reference.rasterise(positions, torn, SHAPE), rtol=1e-9)
+    assert (nearest == kernels.EMPTY).any()
+
+
+def test_rasterise_torn(choose: Choose) -> None:
+    """The pieces of a torn cell reach half way from each corner, at the corner's own depth."""
+    stay = np.eye(3, 4)
+    surface = np.array([[1.0, 2.0], [3.0, 4.0]])
+    fine = np.full((5, 5), kernels.EMPTY)
+    enlarged = np.diag([4.0, 4.0, 1.0]) @ stay
+    choose(kernels.rasterise_torn)(enlarged, surface, np.ones((1, 1), bool), 0.5, fine)
+    expected = np.array([[1, 1, 2, 2, 2]] * 2 + [[3, 3, 4, 4, 4]] * 3, dtype=float)
+    np.testing.assert_allclose(fine, expected)
+
+
+def test_sample_image(choose: Choose) -> None:
+    """Cubics are reproduced inside, samples are met, and the border repeats."""
+    x = np.arange(12.0)
+    cubic = 0.05 * x**3 - 0.4 * x**2 + x
+    image = cubic[:, None] + cubic[None, :]
+    positions = np.array([[[4.3, 6.8], [5.0, 3.0], [-4.0, 2.0], [99.0, 99.0]]])
+    samples = np.empty((1, 4))
+    choose(kernels.sample_image)(image, positions, samples)
+    at = 0.05 * positions[0, 0] ** 3 - 0.4 * positions[0, 0] ** 2 + positions[0, 0]
+    np.testing.assert_allclose(samples[0], [at.sum(), image[3, 5], image[2, 0], image[11, 11]], atol=1e-9)
+
+
+def test_matching_cost(choose: Choose, rng: np.random.Generator) -> None:
+    """Differences are truncated each for itself, and points outside cost what is set."""
+    base, other = rng.uniform(0, 60, (2, 3, *SHAPE)).astype(np.float32)
+    rhos = np.array([0.0, 0.3, 0.6, 0.9])
+    limits = np.array([20, 30, 30], np.float32)
+    cost = np.empty((*SHAPE, 4), np.int16)
+    choose(kernels.matching_cost)(base, other, THERE, 0.0, 0.3, limits, 77, cost)
+    expected = reference.matching_cost(base, other, THERE, rhos, limits, 77)
+    assert np.abs(cost - expected).max() <= 1  # single precision may round down
+    assert (cost == 77).any()
+
+
+def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> None:
+    """Path costs and the labels chosen from them are those of a plain recursion."""
+    cost = rng.integers(0, 90, (*SHAPE, 6)).astype(np.int16)
+    image = rng.uniform(0, 255, SHAPE).astype(np.float32)
+    total = np.zeros(cost.shape, np.int16)
+    for dy, dx in reference.DIRECTIONS:
+        lines = np.full((2, SHAPE[1], 9), 20000, np.int16)
+        choose(kernels.aggregate_path)(cost, image, dy, dx, 8, 60, lines[0], lines[1], total)
+    expected = reference.aggregate(cost, image, 8, 60)
+    np.testing.assert_array_equal(total, expected)
+    label, certainty = np.empty(SHAPE), np.empty(SHAPE)
+    choose(kernels.best_label)(total, label, certainty)
+    np.testing.assert_allclose(label, reference.best_label(expected)[0])
+    np.testing.assert_allclose(certainty, reference.best_label(expected)[1])
+
+
+def test_check_consistency(choose: Choose, rng: np.random.Generator) -> None:
+    """All three states are met and told apart."""
+    surface, other = rng.uniform(0.2, 0.9, (2, *SHAPE))
+    state = np.empty(SHAPE, np.int8)
+    choose(kernels.check_consistency)(surface, other, THERE, BACK, 0.4, state)
+    np.testing.assert_array_equal(state, reference.consistency(surface, other, THERE, BACK, 0.4))
+    assert set(np.unique(state)) == {0, 1, 2}
+
+
+def test_weighted_quantile(choose: Choose, rng: np.random.Generator) -> None:
+    """The value at which the share of the weight is reached, whatever the order."""
+    for quantile in (0.0, 0.3, 0.5, 1.0):
+        values, weights = rng.uniform(size=(2, 6))
+        expected = reference.weighted_quantile(values, weights, quantile)
+        got = choose(kernels.weighted_quantile)(values.copy(), weights.copy(), 6, quantile)
+        assert got == expected
+
+
+def test_planes_are_continued_across_gaps(choose: Choose) -> None:
+    """A slanted surface with a gap is filled by its own plane."""
+    rows, columns = np.indices((14, 14))
+    plane = 0.3 + 0.01 * columns - 0.004 * rows
+    state = np.zeros(plane.shape, np.int8)
+    state[5:8, 6:14] = 1
+    slopes, filled = np.empty((*plane.shape, 2)), np.empty_like(plane)
+    damaged = np.where(state == 0, plane, 9.0)
+    choose(kernels.local_slopes)(damaged, state == 0, 3, 0.1, slopes)
+    np.testing.assert_allclose(slopes[2, 3], [0.01, -0.004], rtol=1e-6)
+    nowhere, quantiles = np.ones(plane.shape, np.int8), np.full(3, 0.5)
+    arguments = (damaged, state, np.zeros(plane.shape), slopes, 10.0, 30.0, quantiles)
+    choose(kernels.fill_surface)(*arguments, plane, nowhere, THERE, BACK, 1.0, filled)
+    np.testing.assert_allclose(filled, plane, rtol=1e-4)
+
+
+def test_depths_that_the_other_key_looks_through_are_refused(choose: Choose) -> None:
+    """Between near and far, what the other key sees through becomes far."""
+    near, far = 0.9, 0.1
+    surface = np.full((1, 9), near)
+    surface[0, :3] = far
+    state = np.zeros((1, 9), np.int8)
+    state[0, 3:6] = 2
+    stay = np.eye(3, 4)
+    stay[0, 3] = 2.0
+    back = stay.copy()
+    back[0, 3] = -2.0
+    seen = np.full((1, 9), far)
+    arguments = (surface, state, np.zeros((1, 9)), np.zeros((1, 9, 2)), 10.0, 30.0, np.full(3, 0.9))
+    for other_state, expected in ((0, far), (1, near)):
+        filled = np.empty_like(surface)
+        others = np.full((1, 9), other_state, np.int8)
+        choose(kernels.fill_surface)(*arguments, seen, others, stay, back, 0.5, filled)
+        assert filled[0, 5] == expected
+
+
+def test_guided_median(choose: Choose) -> None:
+    """A ragged jump of depth moves to the edge of the image; what is not chosen stays."""
+    image = np.zeros((9, 12))
+    image[:, 6:] = 100.0
+    surface = np.where(image > 0, 0.8, 0.2)
+    ragged = surface.copy()
+    ragged[3:5, 6] = 0.2
+    ragged[6, 5] = 0.8
+    chosen = np.ones(image.shape, bool)
+    chosen[6, 5] = False
+    nowhere = np.ones(image.shape, np.int8)
+    median = np.empty_like(surface)
+    arguments = (ragged, np.ones(image.shape), image, chosen, 3, 8.0, 0.2, 0.6 / 255)
+    choose(kernels.guided_median)(*arguments, THERE, BACK, surface, nowhere, 1.0, median)
+    expected = surface.copy()
+    expected[6, 5] = 0.8
+    np.testing.assert_allclose(median, expected, atol=1e-12)
+
+
+def test_sight(choose: Choose, rng: np.random.Generator) -> None:
+    """Points outside, hidden, at an edge and in plain sight are told apart."""
+    surface = np.where(np.indices(SHAPE)[1] < 4, 0.8, 0.1)
+    state = (rng.random(SHAPE) < 0.1).astype(np.int8)
+    positions = np.stack(
+        [rng.uniform(-2, 10, SHAPE), rng.uniform(-2, 8, SHAPE), rng.uniform(0, 0.9, SHAPE)], -1
+    )
+    trust = np.empty(SHAPE)
+    choose(kernels.see)(positions, surface, state, BACK, 1, 0.3, trust)
+    values = {"outside": kernels.OUTSIDE, "hidden": kernels.HIDDEN, "edge": kernels.EDGE, "seen": 1.0}
+    expected = reference.sights(positions, surface, state, BACK, 1, 0.3)
+    np.testing.assert_array_equal(trust, np.vectorize(values.get)(expected))
+    assert set(expected.ravel()) == set(values)
+
+
+def test_block_cost_and_error(choose: Choose, rng: np.random.Generator) -> None:
+    """Windows are compared along both epipolar lines, and only where both keys have them."""
+    first, second = rng.uniform(0, 80, (2, 3, 14, 18)).astype(np.float32)
+    limits = np.array([20, 30, 30], np.float32)
+    cost = np.empty((3, 4, 3), np.int16)
+    choose(kernels.block_cost)(first, second, *TO_KEYS, 0.0, 0.3, 4, 1.5, limits, 50, cost)
+    offsets = 1.5 * (np.arange(4) - 1.5)
+    for i, j, k in np.ndindex(cost.shape):
+        total = 0.0
+        for dy, dx in ((dy, dx) for dy in offsets for dx in offsets):
+            places = [reference.moved(t, 4 * j + 1.5 + dx, 4 * i + 1.5 + dy, 0.3 * k)[:2] for t in TO_KEYS]
+            if not all(0 <= x <= 17 and 0 <= y <= 13 for x, y in places):
+                total += 50
+                continue
+            for m in range(3):
+                levels = [
+                    reference.bilinear(key[m], *at) for key, at in zip((first, second), places, strict=True)
+                ]
+                total += min(abs(levels[0] - levels[1]), limits[m])
+        assert abs(cost[i, j, k] - int(total / 16)) <= 1
+    for x in (8.0, 1.0):
+        got = choose(kernels.block_error)(first[0], second[0], *TO_KEYS, x, 7.0, 0.4, 2)
+        expected = reference.window_error(first[0], second[0], TO_KEYS, x, 7.0, 0.4, 2)
+        assert got == pytest.approx(expected, rel=1e-5)
+
+
+def test_golden_search(choose: Choose) -> None:
+    """The depth converges to that with the least error; without parallax nothing moves."""
+    columns = np.indices((12, 24))[1]
+    first = (100 + 40 * np.sin(columns / 3.0)).astype(np.float32)
+    to_first, to_second = np.eye(3, 4), np.eye(3, 4)
+    to_second[0, 3] = 6.0
+    second = (100 + 40 * np.sin((columns - 6.0 * 0.35) / 3.0)).astype(np.float32)
+    depth = np.full((1, 1), 0.3)
+    search = choose(kernels.golden_search)
+    search(first, second, to_first, to_second, 12, 3, 0.2, 0.05, 12, depth)
+    assert depth[0, 0] == pytest.approx(0.35, abs=0.02)
+    still = np.full((1, 1), 0.3)
+    search(first, second, to_first, to_first, 12, 3, 0.2, 0.05, 12, still)
+    assert still[0, 0] == 0.3
+    assert choose(kernels.parallax)(to_first, to_second, 3.0, 3.0, 0.1, 0.3) == pytest.approx(1.2)
