@@ -143,14 +143,18 @@ def roughness_matrix(shape: tuple[int, int]) -> Any:
     """
     from scipy import sparse
 
-    def second_difference(count: int) -> Any:
-        inner = np.ones(count)
-        inner[[0, -1]] = 0.0
-        sides = -0.5 * inner
-        return sparse.diags_array([sides[1:], inner, sides[:-1]], offsets=[-1, 0, 1]).tocsr()
-
-    rows, columns = (second_difference(count) for count in shape)
+    rows, columns = (_second_difference(count) for count in shape)
     along = sparse.kron(sparse.eye_array(shape[0]), columns) + sparse.kron(rows, sparse.eye_array(shape[1]))
     border = np.zeros(shape, dtype=bool)
     border[[0, -1]] = border[:, [0, -1]] = True
     return sparse.csr_array(sparse.diags_array(np.where(border, 1.0, 0.5).ravel()) @ along)
+
+
+def _second_difference(count: int) -> Any:
+    """Half the second difference of a line of values, negated; zero rows at its ends."""
+    from scipy import sparse
+
+    inner = np.ones(count)
+    inner[[0, -1]] = 0.0
+    sides = -0.5 * inner
+    return sparse.diags_array([sides[1:], inner, sides[:-1]], offsets=[-1, 0, 1]).tocsr()
