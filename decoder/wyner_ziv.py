@@ -30,7 +30,17 @@ NUM_FITTED_PLANES = 5
 ERROR_FLOOR = 0.15
 """Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
 REQUESTS = turbo.SlepianWolfSettings(
-    initial_rate=0.9, early_rate=1.0, early_step=0.05, step=0.02, search_work=0.0, plain_entropy=0.9
+    initial_rate=0.9,
+    early_rate=1.0,
+    early_step=0.05,
+    step=0.02,
+    progress=0.95,
+    min_step_bits=3,
+    stuck_errors=0.98,
+    stuck_step=0.03,
+    stuck_iterations=2,
+    search_work=0.0,
+    plain_entropy=0.9,
 )
 """Coarser steps than those that cost the fewest bits, and no search: a trade of rate for decoding time."""
 

@@ -48,6 +48,12 @@ class SlepianWolfSettings:
         0.04  # the same, where more than `late_rate` of the entropy shows that the prior is wrong
     )
     late_rate: float = 1.6
+    min_step_bits: int = 1  # least further request, where this is no more than `early_step` of the entropy
+    stuck_errors: float = (
+        0.97  # a plane of which as many errors are left, as a share of the prior's, is stuck:
+    )
+    stuck_step: float = 0.01  # then requests are at least this large, as a share of what was received,
+    stuck_iterations: int = 4  # and blocks this long; the next follows if it cuts errors to `stuck_errors`
     iterations: int = 4  # after a request; as many again while they cut the expected errors to `progress`
     progress: float = 0.9
     max_iterations: int = 30
@@ -59,12 +65,10 @@ class SlepianWolfSettings:
             raise ValueError(f"`crc_bits` must be one of {sorted(POLYNOMIALS)} and hold `first_crc_bits`")
         if self.max_prior_llr <= 0 or not 0 <= self.initial_rate <= 2:
             raise ValueError("`max_prior_llr` must be positive and `initial_rate` within 0..2")
-        if not (
-            0 < self.step <= 1 and 0 < self.early_step <= 1 and 1 <= self.iterations <= self.max_iterations
-        ):
-            raise ValueError(
-                "`step` and `early_step` must be within 0..1, `iterations` within 1..`max_iterations`"
-            )
+        if not all(0 < step <= 1 for step in (self.step, self.early_step, self.late_step, self.stuck_step)):
+            raise ValueError("`step`, `early_step`, `late_step` and `stuck_step` must be within 0..1")
+        if not all(1 <= count <= self.max_iterations for count in (self.iterations, self.stuck_iterations)):
+            raise ValueError("`iterations` and `stuck_iterations` must be within 1..`max_iterations`")
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,7 @@ class _Plane:
         self.num_bits = llr_ch.size
         self.num_requests = 0
         self.iterations = 0
+        self.stuck = False
         self.check = np.zeros(0, np.uint8)
         self.parity = np.zeros(0, np.uint8)
 
@@ -134,8 +139,14 @@ class _Plane:
         elif received < settings.early_rate * self.entropy_bits:
             wanted = settings.early_step * self.entropy_bits
         else:
-            late = received > settings.late_rate * self.entropy_bits
-            wanted = (settings.late_step if late else settings.step) * max(received, self.entropy_bits)
+            step = settings.late_step if received > settings.late_rate * self.entropy_bits else settings.step
+            wanted = step * max(received, self.entropy_bits)
+        if received and self.stuck:
+            wanted = max(wanted, settings.stuck_step * max(received, self.entropy_bits))
+        if received:
+            wanted = max(
+                wanted, min(settings.min_step_bits, math.ceil(settings.early_step * self.entropy_bits))
+            )
         return max(1, int(wanted))
 
     def checks(self, bits: Bits) -> bool:
@@ -227,10 +238,12 @@ def decode_plane(
 def _decode_by_parity(plane: _Plane, decoder: TurboDecoder) -> PlaneCoroutine:
     """Request parity until iterations, or a search, find a plane that can be accepted."""
     decoder.start(plane.llr_ch)
+    prior_errors = decoder.expected_errors
     last_search = 0
     while plane.parity.size < plane.num_bits:
         decoder.add_parity((yield from plane.request_parity(plane.next_count())))
-        plane.iterations += _iterate(decoder, plane.settings)
+        plane.iterations += _iterate(plane, decoder)
+        plane.stuck = decoder.expected_errors > plane.settings.stuck_errors * prior_errors
         if decoder.parity_satisfied:
             if decoder.expected_errors > SURE_ERRORS:
                 plane.iterations += decoder.polish(POLISH_ITERATIONS)
@@ -258,16 +271,20 @@ def _search(plane: _Plane, decoder: TurboDecoder) -> Generator[PlaneRequest, Bit
     return None
 
 
-def _iterate(decoder: TurboDecoder, settings: SlepianWolfSettings) -> int:
+def _iterate(plane: _Plane, decoder: TurboDecoder) -> int:
     """Iterate in blocks as long as that makes the decisions surer; return the iterations done."""
+    settings = plane.settings
+    block, progress = settings.iterations, settings.progress
+    if plane.stuck:
+        block, progress = settings.stuck_iterations, settings.stuck_errors
     done = 0
     left = settings.max_iterations
     before = decoder.expected_errors
     while left > 0:
-        done += decoder.iterate(min(left, settings.iterations))
-        left -= settings.iterations
+        done += decoder.iterate(min(left, block))
+        left -= block
         after = decoder.expected_errors
-        if decoder.parity_satisfied or after > settings.progress * before:
+        if decoder.parity_satisfied or after > progress * before:
             break
         before = after
     return done

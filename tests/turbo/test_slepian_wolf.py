@@ -153,10 +153,28 @@ def test_refuses_bad_side_information(llr_ch: np.ndarray) -> None:
         {"first_crc_bits": 0},
         {"max_prior_llr": 0.0},
         {"step": 0.0},
+        {"late_step": 1.5},
+        {"stuck_step": 0.0},
         {"iterations": 0},
+        {"stuck_iterations": 99},
     ],
 )
 def test_refuses_bad_settings(changes: dict[str, object]) -> None:
     """Settings out of range are refused."""
     with pytest.raises(ValueError, match="`"):
         replace(DEFAULT, **changes)  # type: ignore[arg-type]
+
+
+def test_stuck_planes_take_larger_steps_and_fewer_iterations() -> None:
+    """Where the prior is surer than it may be, larger steps while stuck save requests and iterations."""
+    rng = np.random.default_rng(17)
+    bits, llr_ch = noisy(rng, 1200, 0.08)
+    patient = exchange(bits, 1.6 * llr_ch, SlepianWolfSettings(step=0.01, search_work=0.0))
+    settings = SlepianWolfSettings(
+        step=0.01, search_work=0.0, min_step_bits=3, stuck_step=0.04, stuck_iterations=2
+    )
+    hasty = exchange(bits, 1.6 * llr_ch, settings)
+    np.testing.assert_array_equal(hasty.bits, bits)
+    assert hasty.num_requests < 0.8 * patient.num_requests
+    assert hasty.iterations < 0.8 * patient.iterations
+    assert hasty.parity_bits < 1.1 * patient.parity_bits
