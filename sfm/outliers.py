@@ -17,6 +17,9 @@ Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
+MOSTLY = 0.9  # share of the neighbours around a group, by weight, that counts as all
+
+
 @dataclass(frozen=True)
 class Neighbours:
     """Pairs of neighbouring points; every pair occurs in both directions, ordered by point.
@@ -191,22 +194,35 @@ def epipole(correspondences: Correspondences, fundamental: Floats, distance_px: 
     return np.asarray(far_in_first & far_in_second)
 
 
-def depth(first: Floats, depths: Floats, share: float, num_spreads: float) -> Mask:
+def depth(
+    first: Floats,
+    depths: Floats,
+    share: float,
+    num_spreads: float,
+    island_share: float = 0.02,
+    island_gap: float = 0.2,
+) -> Mask:
     """Keep points whose depth is like that of their neighbours.
 
     Compared are inverse depths, which are proportional to motion along the epipolar line, in units of
-    the median one; the rest is as in `motion`.
+    the median one; the test is that of `motion`. Wrong matches of repeated structure support each other:
+    so small groups of points that lie behind nearly all their surroundings are removed as well. What
+    stands alone before its surroundings, such as a post, stays.
 
     Parameters
     ----------
     first : ndarray of shape (N, 2), float64
         First points in pixels.
     depths : ndarray of shape (N,), float64
-        Projective depths, not zero; may be not finite.
+        Projective depths, positive for most; may be not finite.
     share : float
         Difference that is always allowed, as a share of the median inverse depth.
     num_spreads : float
         Tolerance where the neighbours themselves disagree.
+    island_share : float
+        Largest group that may be removed, as a share of all points; 0 to remove none.
+    island_gap : float
+        Least difference between neighbours in different groups, as a share of the median inverse depth.
 
     Returns
     -------
@@ -217,9 +233,33 @@ def depth(first: Floats, depths: Floats, share: float, num_spreads: float) -> Ma
     if not keep.any():
         return keep
     inverse = 1.0 / depths[keep]
-    unit = float(np.median(np.abs(inverse)))
-    keep[keep] = _like_neighbours(first[keep], (inverse / unit)[:, None], share, num_spreads)
+    inverse /= np.median(np.abs(inverse))
+    points = first[keep]
+    usual = _like_neighbours(points, inverse[:, None], share, num_spreads)
+    max_size = int(island_share * np.count_nonzero(usual))
+    usual[usual] = ~_farther_islands(points[usual], inverse[usual], island_gap, max_size)
+    keep[keep] = usual
     return keep
+
+
+def _farther_islands(points: Floats, inverse_depths: Floats, gap: float, max_size: int) -> Mask:
+    """Tell which points belong to small groups that lie behind nearly all the points around them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    num = len(points)
+    around = delaunay_neighbours(points)
+    a, b = around.point, around.neighbour
+    together = np.abs(inverse_depths[a] - inverse_depths[b]) <= gap
+    links = coo_array((together[together], (a[together], b[together])), shape=(num, num))
+    group = connected_components(links, directed=False)[1].astype(np.int64)
+    small = np.bincount(group) <= max_size
+    shore = group[a] != group[b]
+    group_a, weight = group[a[shore]], around.weight[shore]
+    nearer = inverse_depths[b[shore]] > inverse_depths[a[shore]]
+    total = np.bincount(group_a, weight, len(small))
+    behind = np.bincount(group_a, weight * nearer, len(small)) >= MOSTLY * np.maximum(total, 1e-300)
+    return np.asarray((small & behind)[group])
 
 
 def _like_neighbours(points: Floats, values: Floats, limit: float, num_spreads: float) -> Mask:
