@@ -1,12 +1,15 @@
 """Prediction of Wyner-Ziv frames at the decoder: one file a method, found by name."""
 
 from collections.abc import Callable
+from functools import partial
 
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import SideInformationMethod
+from decoder.side_information.scene import INTERPOLATORS, SceneInterpolation
 from dvc.config import CodecConfig
 
 METHODS: dict[str, Callable[[CodecConfig], SideInformationMethod]] = {
     BlockMotionInterpolation.name: lambda config: BlockMotionInterpolation(config.side_information),
+    **{name: partial(SceneInterpolation, name) for name in INTERPOLATORS},
 }
 """How to build each method from the configuration, by the name that the configuration uses."""

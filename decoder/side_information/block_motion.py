@@ -68,7 +68,7 @@ class BlockMotionInterpolation:
             One for each instant.
         """
         del points
-        return [self._predict_one(*_around(references, instant), instant) for instant in instants]
+        return [self._predict_one(*references_around(references, instant), instant) for instant in instants]
 
     def _predict_one(self, before: ReferenceFrame, after: ReferenceFrame, instant: int) -> Prediction:
         numerator, denominator = instant - before.index, after.index - before.index
@@ -89,7 +89,23 @@ class BlockMotionInterpolation:
         )
 
 
-def _around(references: Sequence[ReferenceFrame], instant: int) -> tuple[ReferenceFrame, ReferenceFrame]:
+def references_around(
+    references: Sequence[ReferenceFrame], instant: int
+) -> tuple[ReferenceFrame, ReferenceFrame]:
+    """Find the references nearest to an instant on both sides.
+
+    Parameters
+    ----------
+    references : sequence of ReferenceFrame
+        At least one before the instant and one after it.
+    instant : int
+        Display position.
+
+    Returns
+    -------
+    before, after : ReferenceFrame
+        The nearest ones.
+    """
     before = max((r for r in references if r.index < instant), key=lambda r: r.index)
     after = min((r for r in references if r.index > instant), key=lambda r: r.index)
     return before, after
