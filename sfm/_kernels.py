@@ -450,17 +450,18 @@ def golden_section(target, coefficients, foot, direction, affine, weights, low, 
 def search_line(target, coefficients, foot, direction, affine, weights, half_range_px, step_px, tolerance_px):
     """Full search on an epipolar line around its foot, and golden-section search around the best.
 
-    Returns position and error; the error is infinite if the best lies at an end of the range.
+    Returns position and error; the error is infinite if the best lies at an end of the range, or at the
+    edge of the image.
     """
     half = int(np.ceil(half_range_px / step_px))
-    best, least = -half, np.inf
-    for k in range(-half, half + 1):
-        error = error_on_line(target, coefficients, foot, direction, k * step_px, affine, weights)
-        if error < least:
-            best, least = k, error
-    if abs(best) == half or not least < np.inf:
+    errors = np.empty(2 * half + 1)
+    for k in range(2 * half + 1):
+        position = (k - half) * step_px
+        errors[k] = error_on_line(target, coefficients, foot, direction, position, affine, weights)
+    best = np.argmin(errors)
+    if best in (0, 2 * half) or not max(errors[best - 1], errors[best + 1]) < np.inf:
         return 0.0, np.inf
-    low, high = (best - 1) * step_px, (best + 1) * step_px
+    low, high = (best - half - 1) * step_px, (best - half + 1) * step_px
     return golden_section(target, coefficients, foot, direction, affine, weights, low, high, tolerance_px)
 
 

@@ -142,5 +142,5 @@ def _variances(luma: Image, points: Floats, radius_px: int) -> Floats:
     offset = np.arange(-radius_px, radius_px + 1)
     x, y = points[room].astype(np.int64).T
     square = luma[y[:, None, None] + offset[:, None], x[:, None, None] + offset].astype(np.float64)
-    variances[room] = square.reshape(len(x), -1).var(axis=1)
+    variances[room] = square.var(axis=(1, 2))
     return variances
