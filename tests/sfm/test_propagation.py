@@ -252,8 +252,8 @@ def test_rounds_of_propagation(
     for k, (x, y, place) in enumerate(ROUND_SEEDS):
         first[k], second[k] = (x, y), place
     end = run(_kernels.propagate, compiled)(  # type: ignore[operator]
-        SMALL, COEFFICIENTS, sideways(), epipoles(sideways())[0], tries.copy(), 3, window(2), np.array(SEARCH),
-        4.0, 0.05, 2, first, second, errors,
+        SMALL, COEFFICIENTS, sideways(), epipoles(sideways())[0], tries.copy(), 3, window(2),
+        np.array(SEARCH), 4.0, 0.05, 2, first, second, errors,
     )  # fmt: skip
     found = {tuple(p): q for p, q in zip(first[:end].tolist(), second[:end], strict=True)}
     assert end > 12
