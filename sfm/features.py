@@ -114,16 +114,20 @@ def harris_response(luma: Image, settings: FeatureSettings | None = None) -> Flo
     settings = settings or FeatureSettings()
     dx = cv2.Sobel(luma, cv2.CV_64F, 1, 0)
     dy = cv2.Sobel(luma, cv2.CV_64F, 0, 1)
-    taps = np.asarray(_binomial(2 * settings.integration_radius_px), dtype=np.float64)
-    gain = (SOBEL_GAIN * taps.sum()) ** 2
-
-    def average(product: NDArray[np.floating]) -> Floats:
-        averaged: Floats = cv2.sepFilter2D(product, cv2.CV_64F, taps, taps) / gain
-        return averaged
-
-    xx, xy, yy = average(dx * dx), average(dx * dy), average(dy * dy)
+    xx, xy, yy = (
+        _average(product, settings.integration_radius_px) for product in (dx * dx, dx * dy, dy * dy)
+    )
     response: Floats = xx * yy - xy * xy - settings.sensitivity * (xx + yy) ** 2
     return response
+
+
+def _average(product: NDArray[np.floating], radius_px: int) -> Floats:
+    """Average products of Sobel gradients under a binomial window."""
+    import cv2
+
+    taps = np.array(_binomial(2 * radius_px), dtype=np.float64)
+    averaged: Floats = cv2.sepFilter2D(product, cv2.CV_64F, taps, taps) / (SOBEL_GAIN * taps.sum()) ** 2
+    return averaged
 
 
 def _binomial(order: int) -> list[int]:
