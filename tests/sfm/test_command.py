@@ -1,0 +1,87 @@
+"""The command `dvc-sfm`: files it writes, and wrong input."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sfm.__main__ import main
+from sfm.drawing import ZOOM, draw_correspondences, side_by_side
+from sfm.model import Correspondences, PixelFrame
+from tests.scenes_3d import render
+
+FRAME = PixelFrame(176, 144)
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """Write two views of the scene of two planes as PNG files."""
+    import cv2
+
+    folder = tmp_path_factory.mktemp("pictures")
+    for name, late in (("a", 0.0), ("b", 1.0)):
+        cv2.imwrite(str(folder / f"{name}.png"), render(late, FRAME)[0])
+    return str(folder / "a.png"), str(folder / "b.png")
+
+
+@pytest.mark.parametrize("backend", ["native", "colmap"])
+def test_a_model_is_written(
+    pictures: tuple[str, str], backend: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Model, points, COLMAP's files and the picture; the summary counts correspondences."""
+    assert main([*pictures, "--out", str(tmp_path / "m"), "--sfm", backend]) == 0
+    assert {path.name for path in (tmp_path / "m").iterdir()} == {
+        "cameras.txt",
+        "correspondences.png",
+        "images.txt",
+        "model.json",
+        "points.ply",
+        "points3D.txt",
+    }
+    values = json.loads((tmp_path / "m" / "model.json").read_text())
+    assert values["success"]
+    assert "propagation" in capsys.readouterr().out
+
+
+def test_no_model_is_no_error(
+    pictures: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of one picture twice there is a verdict and no model."""
+    assert main([pictures[0], pictures[0], "--out", str(tmp_path / "m")]) == 0
+    values = json.loads((tmp_path / "m" / "model.json").read_text())
+    assert not values["success"]
+    assert values["reason"]
+    assert "motion: none" in capsys.readouterr().out
+
+
+def test_bad_input_ends_in_one_line(
+    pictures: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """No such file, a frame that is not there, a folder in use: status 2, one line, nothing written."""
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "x").touch()
+    for arguments in (
+        ["no.png", pictures[1], "--out", str(tmp_path / "m")],
+        [*pictures, "--frames", "0", "9", "--out", str(tmp_path / "m")],
+        [*pictures, "--out", str(tmp_path / "used")],
+    ):
+        assert main(arguments) == 2
+        assert len(capsys.readouterr().err.strip().splitlines()) == 1
+        assert not (tmp_path / "m").exists()
+
+
+def test_pictures_show_points_and_lines() -> None:
+    """Points are red, motions magenta, lines green; odd points do no harm."""
+    luma = np.full((40, 60), 128, np.uint8)
+    first = np.array([[10.0, 10.0], [30.0, 20.0], [1e12, -5.0]])
+    matches = Correspondences(first, first + np.array([8.0, 0.0]), np.zeros(3))
+    sideways = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    picture = draw_correspondences(luma, matches, sideways, "title")
+    assert picture.shape == (36 + 40 * ZOOM, 60 * ZOOM, 3)
+    blue, green, red = (picture[36:, :, channel].astype(int) for channel in range(3))
+    assert ((red > 180) & (green < 120) & (blue < 120)).any()
+    assert ((red > 180) & (blue > 180) & (green < 120)).any()
+    assert ((green > 160) & (red < 140) & (blue < 140)).any()
+    joined = side_by_side([picture, picture])
+    assert joined.shape == (picture.shape[0], 2 * picture.shape[1] + 12, 3)

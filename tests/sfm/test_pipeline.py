@@ -1,0 +1,126 @@
+"""From two pictures to a model, and verdicts on pictures that show no scene."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sfm.backends import BACKENDS
+from sfm.epipolar import (
+    fundamental_from_camera,
+    fundamental_to_pixels,
+    symmetric_distances,
+    unit_norm,
+)
+from sfm.model import PixelFrame, Reconstruction
+from sfm.pipeline import coverage, reconstruct
+from sfm.projection import project
+from sfm.settings import SfmSettings
+from tests.clips import moving_texture
+from tests.scenes_3d import camera_at, render
+
+FRAME = PixelFrame(176, 144)
+FIRST, SECOND = (render(late, FRAME)[0] for late in (0.0, 1.0))
+TRUTH = unit_norm(fundamental_to_pixels(fundamental_from_camera(camera_at(1.0)), FRAME))
+NOISE = np.random.default_rng(4).integers(0, 256, (2, 72, 88), dtype=np.uint8)
+ODD_PAIRS = {
+    "black": (np.zeros((72, 88), np.uint8),) * 2,
+    "constant": (np.full((72, 88), 90, np.uint8), np.full((72, 88), 200, np.uint8)),
+    "identical": (FIRST, FIRST),
+    "noise": (NOISE[0], NOISE[1]),
+    "unrelated": (FIRST, moving_texture(1, 144, 176, seed=9)[0].luma),
+    "one pixel": (np.zeros((1, 1), np.uint8),) * 2,
+    "16x16": (FIRST[:16, :16].copy(), SECOND[:16, :16].copy()),
+    "shifted plane": tuple(frame.luma for frame in moving_texture(2, 144, 176, (3.0, 4.0))),
+    "zoom of nothing": (np.tile(np.arange(88, dtype=np.uint8), (72, 1)),) * 2,
+}
+
+
+@pytest.fixture(scope="module", params=BACKENDS)
+def reconstruction(request: pytest.FixtureRequest) -> Reconstruction:
+    """Return what each backend makes of the scene of two planes."""
+    return reconstruct(FIRST, SECOND, backend=request.param, seed=1)
+
+
+def test_two_planes_are_reconstructed(reconstruction: Reconstruction) -> None:
+    """The model is trusted; its epipolar lines are those of the true camera."""
+    assert reconstruction.success
+    assert reconstruction.motion == "general"
+    model = reconstruction.model
+    assert model is not None
+    grid = np.stack(np.meshgrid(np.arange(8, 170, 9.0), np.arange(8, 140, 9.0)), axis=-1).reshape(-1, 2)
+    _, inverse_depth = render(0.0, FRAME)
+    depth = 1.0 / inverse_depth[grid[:, 1].astype(int), grid[:, 0].astype(int)]
+    normalized = FRAME.to_normalized(grid)
+    world = np.column_stack([depth[:, None] * normalized, depth, np.ones(len(grid))])
+    second = FRAME.to_pixels(project(camera_at(1.0), world)[0])
+    assert np.median(symmetric_distances(model.fundamental, grid, second)) < 0.15
+
+
+def test_stages_grow_and_shrink(reconstruction: Reconstruction) -> None:
+    """Calibration drops outliers, propagation adds many; all lie near the true epipolar lines."""
+    counts = {name: len(matches) for name, matches in reconstruction.stages.items()}
+    assert list(counts) == ["matching", "weak calibration", "bundle adjustment", "propagation"]
+    assert counts["matching"] >= counts["weak calibration"] >= counts["bundle adjustment"] >= 50
+    assert counts["propagation"] > 10 * counts["bundle adjustment"]
+    last = reconstruction.stages["propagation"]
+    assert np.percentile(symmetric_distances(TRUTH, last.first, last.second), 95) < 0.5
+
+
+def test_models_are_consistent(reconstruction: Reconstruction) -> None:
+    """Depths are positive, and every point projects near where it was seen."""
+    model = reconstruction.model
+    assert model is not None
+    assert model.depths.min() > 0
+    projected = model.pixel_frame.to_pixels(project(model.second_camera, model.points)[0])
+    offset = np.linalg.norm(projected - model.correspondences.second, axis=1)
+    assert np.percentile(offset, 99) < 1.0
+    implied = fundamental_to_pixels(fundamental_from_camera(model.second_camera), model.pixel_frame)
+    np.testing.assert_allclose(np.abs(np.vdot(unit_norm(implied), model.fundamental)), 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_seed_decides(backend: str) -> None:
+    """The same pictures and seed give the same bits."""
+    first, second = (reconstruct(FIRST, SECOND, backend=backend, seed=7).model for _ in range(2))
+    assert first is not None
+    assert second is not None
+    np.testing.assert_array_equal(first.second_camera, second.second_camera)
+    np.testing.assert_array_equal(first.correspondences.second, second.correspondences.second)
+    np.testing.assert_array_equal(first.depths, second.depths)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(("name", "pair"), ODD_PAIRS.items())
+def test_odd_pictures_give_a_reason(name: str, pair: tuple[np.ndarray, np.ndarray], backend: str) -> None:
+    """No exception, no warning, no model that is trusted: one line that says why."""
+    found = reconstruct(*pair, backend=backend)
+    assert not found.success
+    assert found.reason
+    assert "\n" not in found.reason
+    assert found.motion in {"general", "rotation", "none", "unknown"}
+
+
+def test_doubt_is_said() -> None:
+    """A model that exists but falls short of what is asked of it comes with the reason."""
+    asks_much = replace(SfmSettings(), min_num_points=10**6)
+    found = reconstruct(FIRST, SECOND, settings=asks_much)
+    assert found.model is not None
+    assert not found.success
+    assert "correspondences" in found.reason
+
+
+def test_coverage_counts_cells() -> None:
+    """One point fills one cell of 64; points on the border and beyond are counted too."""
+    frame = PixelFrame(80, 40)
+    assert coverage(np.empty((0, 2)), frame) == 0
+    assert coverage(np.array([[1.0, 1.0], [2.0, 2.0]]), frame) == 1 / 64
+    assert coverage(np.array([[79.4, 39.4], [-0.5, -0.5], [200.0, -3.0]]), frame) == 3 / 64
+
+
+def test_wrong_arguments_are_refused() -> None:
+    """Pictures of two sizes, and backends that do not exist."""
+    with pytest.raises(ValueError, match="one size"):
+        reconstruct(FIRST, FIRST[:-1])
+    with pytest.raises(ValueError, match="backend"):
+        reconstruct(FIRST, SECOND, backend="magic")
