@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from sfm import outliers
 from sfm.backends import BACKENDS, CameraPair
 from sfm.degeneracy import classify_motion
+from sfm.densification import densify
 from sfm.features import detect_corners
 from sfm.matching import match_corners
 from sfm.model import Correspondences, Model, PixelFrame, Reconstruction
 from sfm.projection import triangulate_depth
-from sfm.propagation import propagate
+from sfm.propagation import propagate, settle_on_surfaces
 from sfm.settings import SfmSettings
 from sfm.weak_calibration import WeakCalibration
 
@@ -80,17 +81,40 @@ def reconstruct(
     pair = estimators.cameras(matches, calibration, frame, settings, rng)
     if pair.reason:
         return Reconstruction(None, pair.reason, motion.kind, stages)
-    matches = matches[pair.kept]
+    matches = _tested(matches[pair.kept], pair, frame, settings)
     stages["bundle adjustment"] = matches
-
-    matches = propagate(first, second, pair.fundamental, matches, settings.propagation)
+    matches = _propagated((first, second), corners, pair.fundamental, matches, settings)
     model = _model(matches, pair, frame, settings)
     stages["propagation"] = model.correspondences
     return Reconstruction(model, _doubt(model, calibration, settings), motion.kind, stages)
 
 
+def _propagated(
+    frames: tuple[Image, Image],
+    corners: tuple[Floats, Floats],
+    fundamental: Floats,
+    matches: Correspondences,
+    settings: SfmSettings,
+) -> Correspondences:
+    """Densify over the corners that are left, then along edges."""
+    matches = settle_on_surfaces(*frames, fundamental, matches, settings.propagation)
+    matches = densify(*frames, *corners, fundamental, matches, settings.densification)
+    matches = matches[outliers.motion(matches, settings.motion_limit_px, settings.motion_spreads)]
+    return propagate(*frames, fundamental, matches, settings.propagation)
+
+
 def _model(matches: Correspondences, pair: CameraPair, frame: PixelFrame, settings: SfmSettings) -> Model:
-    """Triangulate all correspondences, and keep those that pass the tests that need depths."""
+    """Triangulate the correspondences that pass the tests that need depths."""
+    usual = _tested(matches, pair, frame, settings)
+    first, second = frame.to_normalized(usual.first), frame.to_normalized(usual.second)
+    depths, _ = triangulate_depth(first, pair.camera, second)
+    return Model(frame, pair.fundamental, pair.camera, usual, depths)
+
+
+def _tested(
+    matches: Correspondences, pair: CameraPair, frame: PixelFrame, settings: SfmSettings
+) -> Correspondences:
+    """Apply the tests of chirality, epipole and depth."""
     first, second = frame.to_normalized(matches.first), frame.to_normalized(matches.second)
     depth_first, depth_second = triangulate_depth(first, pair.camera, second)
     keep = outliers.chirality(depth_first, depth_second) & (np.nan_to_num(depth_first) > 0)
@@ -99,8 +123,7 @@ def _model(matches: Correspondences, pair: CameraPair, frame: PixelFrame, settin
     usual = outliers.depth(
         matches.first[chosen], depth_first[chosen], settings.depth_share, settings.depth_spreads
     )
-    chosen = chosen[usual]
-    return Model(frame, pair.fundamental, pair.camera, matches[chosen], depth_first[chosen])
+    return matches[chosen[usual]]
 
 
 def _doubt(model: Model, calibration: WeakCalibration, settings: SfmSettings) -> str:

@@ -12,11 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello, ParityRequest
 from dvc.stream import StreamReader
+from dvc.video import Frame
+from sfm.model import PixelFrame
 from tests.clips import moving_texture, write_clip
+from tests.scenes_3d import render
 
 PATIENCE_S = 120
 
@@ -115,6 +119,49 @@ def test_punctured_stream_decodes_without_feedback_to_the_same_frames(
     assert again.video.read_bytes() == buffered.video.read_bytes()
     assert again.punctured.read_bytes() == buffered.punctured.read_bytes()
     assert again.bits == buffered.bits
+
+
+@pytest.fixture(scope="module")
+def scene_clip(folder: Path) -> Path:
+    """Write seven views of a static scene, two groups of pictures long."""
+    frame = PixelFrame(176, 144)
+    chroma = np.full((72, 88), 100, np.uint8), np.full((72, 88), 150, np.uint8)
+    views = [Frame(render(k / 3.0, frame)[0], chroma) for k in range(7)]
+    return write_clip(folder / "scene.y4m", views)
+
+
+def test_scene_prediction_is_the_same_in_every_form(folder: Path, scene_clip: Path) -> None:
+    """3D side information: any number of jobs, a fresh punctured decoding and a live run agree to the bit."""
+    coding = ["--codec", "3d", "--gop", 3, "--wz-q", 2, "--key-qp", 20]
+    run("encoder", scene_clip, folder / "scene.dvc", *coding)
+    first = decode(folder, "scene_1", scene_clip, folder / "scene.dvc")
+    wyner_ziv = [frame for frame in first.report["per_frame"] if frame["type"] == "wz"]
+    assert {frame["side_information"] for frame in wyner_ziv} == {"mesh"}
+    others = [
+        decode(folder, "scene_2", scene_clip, folder / "scene.dvc", "--jobs", 2),
+        decode(folder, "scene_3", scene_clip, first.punctured),
+    ]
+    with start("encoder", scene_clip, *coding, "--serve", "127.0.0.1:0") as encoder:
+        address = f"127.0.0.1:{listening_port(encoder)}"
+        others.append(decode(folder, "scene_4", scene_clip, "--connect", address))
+        assert finish(encoder)[0] == 0
+    for other in others:
+        assert other.video.read_bytes() == first.video.read_bytes()
+        assert other.punctured.read_bytes() == first.punctured.read_bytes()
+        assert other.bits == first.bits
+
+
+def test_a_scene_may_be_decoded_with_another_method(folder: Path, scene_clip: Path) -> None:
+    """The decoder may choose method and estimators for a buffered stream, not for a punctured one."""
+    coding = ["--codec", "3d", "--gop", 3, "--wz-q", 1, "--key-qp", 20]
+    run("encoder", scene_clip, folder / "choice.dvc", *coding)
+    chosen = ["--side-information", "blocks", "--sfm", "colmap"]
+    decoded = decode(folder, "chosen", scene_clip, folder / "choice.dvc", *chosen)
+    used = {frame.get("side_information", "blocks") for frame in decoded.report["per_frame"]}
+    assert used == {"blocks"}
+    assert decoded.report["config"]["geometry"]["backend"] == "colmap"
+    refused = start("decoder", decoded.punctured, folder / "no.y4m", "--side-information", "mesh")
+    assert_refused(finish(refused), "punctured", "blocks", "colmap")
 
 
 def test_live_run_gives_the_same_frames_and_bits(buffered: Run, live: Run) -> None:
