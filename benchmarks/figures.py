@@ -12,7 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks import codec_figures, rd_figures, robustness_figures, sfm_figures, turbo_figures
+from benchmarks import (
+    codec_figures,
+    rd_figures,
+    robustness_figures,
+    sfm_figures,
+    si_figures,
+    turbo_figures,
+)
 from benchmarks.harness import FOREMAN, RESULTS, Figure, MissingClip, Setting
 from dvc import cli
 from dvc.errors import ConfigError, DvcError
@@ -27,7 +34,7 @@ EXAMPLES = """\
   python -m benchmarks.figures --list                 what there is
 """
 DOCUMENT = Path("docs") / "figures.json"
-MODULES = (turbo_figures, codec_figures, rd_figures, robustness_figures, sfm_figures)
+MODULES = (turbo_figures, codec_figures, rd_figures, robustness_figures, sfm_figures, si_figures)
 Row = dict[str, Any]
 Key = tuple[str, str, str | None]
 
