@@ -50,7 +50,7 @@ def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, 
 
     References
     ----------
-    [MAITRE] Eqs. (B.2) and (B.3).
+    [Maitre2008] Eqs. (B.2) and (B.3).
     """
     points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(first))])
     weighted = kappa[:, None] * points
@@ -83,7 +83,7 @@ def depth_step(first: Floats, observed: Floats, cameras: Floats, kappa: Floats) 
 
     References
     ----------
-    [MAITRE] Eq. (B.4).
+    [Maitre2008] Eq. (B.4).
     """
     turned = homogeneous(first) @ cameras[:, :, :3].transpose(0, 2, 1)
     moved = np.broadcast_to(cameras[:, None, :, 3], turned.shape)
@@ -113,7 +113,7 @@ def denominators(first: Floats, depths: Floats, camera: Floats) -> Floats:
 
     References
     ----------
-    [MAITRE] Eq. (B.1).
+    [Maitre2008] Eq. (B.1).
     """
     kappa: Floats = 1.0 / nonzero(depths * (homogeneous(first) @ camera[2, :3]) + camera[2, 3])
     return kappa

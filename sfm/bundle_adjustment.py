@@ -159,7 +159,7 @@ def bundle_adjustment(
 
     References
     ----------
-    [MAITRE] Eqs. (5.5) to (5.7), Appendices A and B.
+    [Maitre2008] Eqs. (5.5) to (5.7), Appendices A and B.
     """
     options = options or BundleAdjustmentOptions()
     problem, start = _prepare(correspondences, camera, depths, frame, tracks, cameras)

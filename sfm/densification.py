@@ -85,7 +85,7 @@ def densify(
 
     References
     ----------
-    [MAITRE] Sec. 5.2.4, Correspondence propagation.
+    [Maitre2008] Sec. 5.2.4, Correspondence propagation.
     """
     settings = settings or DensificationSettings()
     check_pair(luma0, luma1)

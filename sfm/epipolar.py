@@ -62,7 +62,7 @@ def epipolar_lines(fundamental: Floats, points: Floats) -> Floats:
 
     References
     ----------
-    [MAITRE] Eq. (5.1).
+    [Maitre2008] Eq. (5.1).
     """
     lines = homogeneous(points) @ fundamental.T
     norm = np.hypot(lines[:, 0], lines[:, 1])
@@ -173,7 +173,7 @@ def fundamental_from_camera(camera: Floats) -> Floats:
 
     References
     ----------
-    [MAITRE] Sec. 5.2.3.
+    [Maitre2008] Sec. 5.2.3.
     """
     return unit_norm(skew(camera[:, 3]) @ camera[:, :3])
 

@@ -74,7 +74,7 @@ def detect_corners(luma: Image, settings: FeatureSettings | None = None) -> Floa
 
     References
     ----------
-    [MAITRE] Sec. 5.2.4, Feature point detection.
+    [Maitre2008] Sec. 5.2.4, Feature point detection.
     """
     from sfm import _kernels
 

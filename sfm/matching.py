@@ -104,7 +104,7 @@ def match_corners(
 
     References
     ----------
-    [MAITRE] Sec. 5.2.4, Feature point matching, Subpixel refinement, tests of MSE and unicity.
+    [Maitre2008] Sec. 5.2.4, Feature point matching, Subpixel refinement, tests of MSE and unicity.
     """
     settings = settings or MatchingSettings()
     check_pair(luma0, luma1)

@@ -2,7 +2,7 @@
 
 References
 ----------
-[MAITRE] Sec. 5.2.
+[Maitre2008] Sec. 5.2.
 """
 
 import numpy as np

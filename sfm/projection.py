@@ -63,7 +63,7 @@ def triangulate_depth(first: Floats, camera: Floats, second: Floats) -> tuple[Fl
 
     References
     ----------
-    [MAITRE] Eq. (5.3).
+    [Maitre2008] Eq. (5.3).
     """
     a = homogeneous(first) @ camera[:, :3].T
     b, t = homogeneous(second), camera[:, 3]
@@ -99,7 +99,7 @@ def inverse_depths(first: Floats, camera: Floats, second: Floats) -> tuple[Float
 
     References
     ----------
-    [MAITRE] The minimum of (5.6) over the depth.
+    [Maitre2008] The minimum of (5.6) over the depth.
     """
     a, t = homogeneous(first) @ camera[:, :3].T, camera[:, 3]
     lines = np.cross(t, a)

@@ -58,7 +58,7 @@ def basis_constraints(points: Floats, image: Floats) -> Floats:
 
     References
     ----------
-    [MAITRE] Eq. (A.1).
+    [Maitre2008] Eq. (A.1).
     """
     zero = np.zeros_like(points)
     horizontal = np.hstack([points, zero, -image[:, :1] * points])
@@ -88,7 +88,7 @@ def camera_basis(points: Floats, image: Floats) -> Floats:
 
     References
     ----------
-    [MAITRE] Eq. (A.2).
+    [Maitre2008] Eq. (A.2).
     """
     if points.shape != (2, 4) or image.shape != (2, 2):
         raise ValueError(f"two points are needed, got shapes {points.shape} and {image.shape}")
@@ -169,7 +169,7 @@ def choose_fixed_points(
 
     References
     ----------
-    [MAITRE] Sec. 5.2.3.
+    [Maitre2008] Sec. 5.2.3.
     """
     options = options or FixedPointOptions()
     finite = np.flatnonzero(np.isfinite(errors))

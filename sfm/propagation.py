@@ -160,7 +160,7 @@ def propagate(
 
     References
     ----------
-    [MAITRE] Sec. 5.2.4, Correspondence propagation.
+    [Maitre2008] Sec. 5.2.4, Correspondence propagation.
     """
     from sfm import _kernels
 

@@ -89,7 +89,7 @@ def refine(
 
     References
     ----------
-    [MAITRE] Sec. 5.2.4, Subpixel refinement.
+    [Maitre2008] Sec. 5.2.4, Subpixel refinement.
     """
     from sfm import _kernels
 

@@ -131,7 +131,7 @@ def linear_tracks(first: Floats, second: Floats, time: float) -> Floats:
 
     References
     ----------
-    [MAITRE] Eq. (5.8).
+    [Maitre2008] Eq. (5.8).
     """
     return (1.0 - time) * first + time * second
 
@@ -226,7 +226,7 @@ def intermediate_cameras(
 
     References
     ----------
-    [MAITRE] Eq. (5.7) with the depths fixed.
+    [Maitre2008] Eq. (5.7) with the depths fixed.
     """
     return [
         resection(
@@ -281,7 +281,7 @@ def resection(
 
     References
     ----------
-    [MAITRE] Sec. 5.3.1 and Appendix B.
+    [Maitre2008] Sec. 5.3.1 and Appendix B.
     """
     options = options or ResectionOptions()
     num = len(points)

@@ -124,7 +124,7 @@ def projective_camera(fundamental: Floats, plane: Floats | None = None) -> Float
 
     References
     ----------
-    [MAITRE] Eq. (5.2).
+    [Maitre2008] Eq. (5.2).
     """
     first, second = epipoles(fundamental)
     a = first if plane is None else plane
@@ -160,7 +160,7 @@ def self_calibration(
 
     References
     ----------
-    [MAITRE] Sec. 5.2.3, Eqs. (5.2) to (5.4), the last with corrected signs.
+    [Maitre2008] Sec. 5.2.3, Eqs. (5.2) to (5.4), the last with corrected signs.
     """
     options = options or SelfCalibrationOptions()
     num = len(correspondences)

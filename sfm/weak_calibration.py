@@ -100,7 +100,7 @@ def weak_calibration(
 
     References
     ----------
-    [MAITRE] Sec. 5.2.3.
+    [Maitre2008] Sec. 5.2.3.
     """
     options = options or WeakCalibrationOptions()
     finite = np.isfinite(correspondences.first).all(axis=1) & np.isfinite(correspondences.second).all(axis=1)

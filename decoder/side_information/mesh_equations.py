@@ -2,7 +2,7 @@
 
 References
 ----------
-[MAITRE] Sec. 5.3.3, Eqs. (5.9) and (5.10).
+[Maitre2008] Sec. 5.3.3, Eqs. (5.9) and (5.10).
 """
 
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ def epipolar_lines(transfer: Floats, points: Floats) -> tuple[Floats, Floats]:
 
     References
     ----------
-    [MAITRE] Eq. (5.9).
+    [Maitre2008] Eq. (5.9).
     """
     at_infinity = np.column_stack([points, np.ones(len(points))]) @ transfer[:, :3].T
     line = np.cross(transfer[:, 3], at_infinity)

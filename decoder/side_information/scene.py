@@ -7,7 +7,7 @@ consistent, and 2D block motion serves alone where there is no model that can be
 
 References
 ----------
-[MAITRE] Secs. 5.2, 5.3.
+[Maitre2008] Secs. 5.2, 5.3.
 """
 
 from collections.abc import Callable, Sequence

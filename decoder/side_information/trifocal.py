@@ -173,7 +173,7 @@ def inverse_depths(transfer: Floats, points: Floats, matches: Floats) -> tuple[F
 
     References
     ----------
-    [MAITRE] Eq. (5.3).
+    [Maitre2008] Eq. (5.3).
     """
     at_infinity = np.column_stack([points, np.ones(len(points))]) @ transfer[:, :3].T
     towards = transfer[:, 3]
@@ -205,7 +205,7 @@ def transfer_points(to_second: Floats, to_third: Floats, points: Floats, matches
 
     References
     ----------
-    [MAITRE] Sec. 5.3.2, Fig. 5.4.
+    [Maitre2008] Sec. 5.3.2, Fig. 5.4.
     """
     inverse_depth, status = inverse_depths(to_second, points, matches)
     moved = transfer_depths(to_third, points, inverse_depth)
