@@ -56,13 +56,13 @@ def metric_upgrade(model: Model) -> MetricModel:
     """
     rotation, translation = model.second_camera[:, :3], model.second_camera[:, 3]
 
-    def residuals(parameters: Floats) -> Floats:
+    def _residuals(parameters: Floats) -> Floats:
         matrix, focal = _rigid_part(rotation, translation, parameters)
         prior = [np.log(focal / USUAL_FOCAL_LENGTH), *parameters[1:]]
         return np.concatenate([(matrix - _nearest_rotation(matrix)).ravel(), PRIOR_WEIGHT * np.array(prior)])
 
     start = np.array([np.log(USUAL_FOCAL_LENGTH), 0.0, 0.0, 0.0])
-    best = least_squares(residuals, start, method="lm", max_nfev=2000).x
+    best = least_squares(_residuals, start, method="lm", max_nfev=2000).x
     matrix, focal = _rigid_part(rotation, translation, best)
     scale = float(np.cbrt(abs(np.linalg.det(rotation - np.outer(translation, best[1:])))))
     shift = translation / (np.array([focal, focal, 1.0]) * max(scale, 1e-12))

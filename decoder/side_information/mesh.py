@@ -6,7 +6,8 @@ mesh has a vertex at every pixel, in both key frames, fitted by a plane sweep an
 
 References
 ----------
-[Maitre2008] Sec. 5.3.3, Eqs. (5.9) and (5.10), the latter with the smoothness of motions that the text asks for.
+[Maitre2008] Sec. 5.3.3, Eqs. (5.9) and (5.10), the latter with the smoothness of motions that the text
+asks for.
 """
 
 from dataclasses import dataclass, field
