@@ -197,13 +197,13 @@ def _write(
 def _serve(
     session: "EncoderSession", reader: "VideoReader", arguments: argparse.Namespace, progress: "Progress"
 ) -> None:
-    from dvc.feedback import listen, parse_address
+    from dvc.feedback import KEEP_ALIVE, listen, parse_address
 
     with listen(*parse_address(arguments.serve)) as listener:
         sys.stderr.write(f"{PROG}: waiting for a decoder on {listener.name}\n")
         sys.stderr.flush()
         connection = listener.accept(silence_timeout_s=arguments.timeout)
-    with connection:
+    with connection, connection.kept_alive(KEEP_ALIVE):
         session.serve(reader, connection, progress)
 
 

@@ -7,7 +7,7 @@ from typing import BinaryIO
 
 from dvc.config import CodecConfig
 from dvc.errors import VideoError
-from dvc.feedback import KEEP_ALIVE, Connection, EncoderEndpoint, GopDone, ParityRequest
+from dvc.feedback import Connection, EncoderEndpoint, GopDone, ParityRequest
 from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
 from dvc.video import Frame
@@ -124,8 +124,7 @@ class EncoderSession:
         """
         live = _LiveEncoder(self, frames, connection, progress)
         try:
-            with connection.kept_alive(KEEP_ALIVE):
-                live.run()
+            live.run()
         except VideoError as err:
             live.give_up(str(err))
             raise
