@@ -18,10 +18,14 @@ from sfm.projection import project
 from sfm.settings import SfmSettings
 from tests.clips import moving_texture
 from tests.scenes_3d import camera_at, render
+from tests.sfm.textures import picture, texture
 
 FRAME = PixelFrame(176, 144)
 FIRST, SECOND = (render(late, FRAME)[0] for late in (0.0, 1.0))
 TRUTH = unit_norm(fundamental_to_pixels(fundamental_from_camera(camera_at(1.0)), FRAME))
+TEXTURE = texture(2)
+ZOOM = np.array([[0.93, 0.0, 6.0], [0.0, 0.93, 5.0], [0.0, 0.0, 1.0]])
+TURN = np.array([[0.99, -0.1, 9.0], [0.1, 0.99, -8.0], [3e-4, 1e-4, 1.0]])
 NOISE = np.random.default_rng(4).integers(0, 256, (2, 72, 88), dtype=np.uint8)
 ODD_PAIRS = {
     "black": (np.zeros((72, 88), np.uint8),) * 2,
@@ -32,6 +36,9 @@ ODD_PAIRS = {
     "one pixel": (np.zeros((1, 1), np.uint8),) * 2,
     "16x16": (FIRST[:16, :16].copy(), SECOND[:16, :16].copy()),
     "shifted plane": tuple(frame.luma for frame in moving_texture(2, 144, 176, (3.0, 4.0))),
+    "pure zoom": (picture(TEXTURE, 144, 176), picture(TEXTURE, 144, 176, ZOOM)),
+    "pure rotation": (picture(TEXTURE, 144, 176), picture(TEXTURE, 144, 176, TURN)),
+    "fast motion": tuple(frame.luma for frame in moving_texture(2, 72, 88, (60.0, 40.0))),
     "zoom of nothing": (np.tile(np.arange(88, dtype=np.uint8), (72, 1)),) * 2,
 }
 
