@@ -44,16 +44,15 @@ class SlepianWolfSettings:
     step: float = 0.01  # further requests, as a share of the prior's entropy or of what was received
     early_step: float = 0.03  # the same, as long as less than `early_rate` of the entropy was received
     early_rate: float = 0.95
-    late_step: float = (
-        0.04  # the same, where more than `late_rate` of the entropy shows that the prior is wrong
-    )
+    # The same, where more than `late_rate` of the entropy shows that the prior is wrong.
+    late_step: float = 0.04
     late_rate: float = 1.6
     min_step_bits: int = 1  # least further request, where this is no more than `early_step` of the entropy
-    stuck_errors: float = (
-        0.97  # a plane of which as many errors are left, as a share of the prior's, is stuck:
-    )
-    stuck_step: float = 0.01  # then requests are at least this large, as a share of what was received,
-    stuck_iterations: int = 4  # and blocks this long; the next follows if it cuts errors to `stuck_errors`
+    # A plane of which more errors than this share of the prior's are left is stuck: then requests are at
+    # least `stuck_step` of what was received, and blocks of iterations are `stuck_iterations` long.
+    stuck_errors: float = 0.97
+    stuck_step: float = 0.01
+    stuck_iterations: int = 4
     iterations: int = 4  # after a request; as many again while they cut the expected errors to `progress`
     progress: float = 0.9
     max_iterations: int = 30
