@@ -31,6 +31,8 @@ from dvc.stream import GopRecord
 
 KEEP_ALIVE = encode_message(KeepAlive())
 """Tells the peer that this side is at work; may be sent between any two messages."""
+MAX_KEEP_ALIVES = 1000
+"""Most of them without any other message between: a peer that says nothing else does nothing else."""
 
 
 class _Endpoint(ABC):
@@ -43,6 +45,7 @@ class _Endpoint(ABC):
         self._received = bytearray()
         self._outgoing: list[bytes] = []
         self._failed = False
+        self._num_keep_alives = 0
 
     def receive(self, data: bytes) -> list[Event]:
         """Take in bytes from the peer.
@@ -70,9 +73,12 @@ class _Endpoint(ABC):
             while (message := self._next_message()) is not None:
                 if isinstance(message, Failure):
                     raise FeedbackError(f"the other side gave up: {message.text}")
-                if not isinstance(message, KeepAlive):
-                    self._accept(message)
-                    events.append(message)
+                if isinstance(message, KeepAlive):
+                    self._count_keep_alive()
+                    continue
+                self._num_keep_alives = 0
+                self._accept(message)
+                events.append(message)
         except (BitstreamError, ValueError) as err:
             self._fail()
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
@@ -80,6 +86,11 @@ class _Endpoint(ABC):
             self._fail()
             raise
         return events
+
+    def _count_keep_alive(self) -> None:
+        self._num_keep_alives += 1
+        if self._num_keep_alives > MAX_KEEP_ALIVES:
+            raise ValueError(f"more than {MAX_KEEP_ALIVES} KeepAlive in a row")
 
     def _fail(self) -> None:
         self._failed = True

@@ -30,6 +30,7 @@ from dvc.feedback import (
     ParityAnswer,
     ParityRequest,
 )
+from dvc.feedback.endpoints import MAX_KEEP_ALIVES
 from dvc.feedback.messages import TYPES, Message, encode_message, max_payload_bytes
 from dvc.stream import GopRecord
 
@@ -198,6 +199,16 @@ def test_keep_alive_is_no_event() -> None:
     """A sign of life changes nothing."""
     encoder, decoder = opened()
     assert encoder.receive(KEEP_ALIVE) == decoder.receive(KEEP_ALIVE) == []
+
+
+def test_keep_alives_alone_are_not_waited_for() -> None:
+    """A peer that sends nothing but signs of life is given up; any other message starts the count anew."""
+    encoder, _ = opened()
+    assert encoder.receive(KEEP_ALIVE * MAX_KEEP_ALIVES) == []
+    assert encoder.receive(encode_message(NextGop())) == [NextGop()]
+    assert encoder.receive(KEEP_ALIVE * MAX_KEEP_ALIVES) == []
+    with pytest.raises(FeedbackError, match="KeepAlive in a row"):
+        encoder.receive(KEEP_ALIVE)
 
 
 def test_failure_is_told_in_one_line() -> None:
