@@ -166,7 +166,9 @@ class GroupDecoder:
     ) -> list[DecodedWynerZiv]:
         known = {key.index: key for key in keys}
         results = []
-        for index, around in decoding_order(keys[0].index, keys[1].index, self._config.gop.hierarchical):
+        for index, around in decoding_order(
+            keys[0].index, keys[1].index, self._config.gop.references != "keys"
+        ):
             started = time.perf_counter()
             prediction = self._method.predict([known[k] for k in around], None, [index])[0]
             header = headers[index - keys[0].index - 1]

@@ -9,6 +9,7 @@ from dvc import cli
 from dvc.config import (
     CODECS,
     NOISE_MODELS,
+    REFERENCES,
     TURBO_FAMILIES,
     CodecConfig,
     GopConfig,
@@ -18,6 +19,7 @@ from dvc.config import (
     WynerZivConfig,
     key_qp_for,
     side_information_for,
+    tracks_for,
 )
 from dvc.errors import ConfigError
 
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 PROG = "dvc-encode"
 EXAMPLES = """\
   dvc-encode street.mkv street.dvc --wz-q 4           every second frame Wyner-Ziv coded, quantiser preset 4
-  dvc-encode video.mp4 out.dvc --gop 4 --hierarchical --luma-only --frames 101
+  dvc-encode video.mp4 out.dvc --gop 4 --references hierarchical --luma-only --frames 101
   dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
@@ -65,9 +67,11 @@ def _add_coding(coding: argparse._ArgumentGroup) -> None:
         help="frames from one key frame to the next; default: %(default)s",
     )
     coding.add_argument(
-        "--hierarchical",
-        action="store_true",
-        help="predict the middle frame of a GOP first, the others from it",
+        "--references",
+        choices=REFERENCES,
+        default="keys",
+        help="what frames are predicted from: the key frames; the middle one too, decoded first, and so on;"
+        " or all frames of the GOP that are decoded; default: %(default)s",
     )
     coding.add_argument(
         "--wz-q",
@@ -222,11 +226,12 @@ def _configure(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
     return CodecConfig(
         codec=arguments.codec,
         video=VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
-        gop=GopConfig(arguments.gop, arguments.hierarchical),
+        gop=GopConfig(arguments.gop, arguments.references),
         key=key,
         wyner_ziv=replace(WynerZivConfig.preset(arguments.wz_q), noise_model=arguments.noise_model),
         turbo=TurboConfig(family=arguments.turbo, interleaver_seed=arguments.seed),
         side_information=side_information_for(arguments.codec),
+        tracks=tracks_for(arguments.codec),
         seed=arguments.seed,
     )
 

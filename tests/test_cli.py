@@ -85,7 +85,18 @@ def test_raw_video_and_hierarchical_gops(tmp_path: Path) -> None:
     frames = moving_texture(5, 16, 24)
     planes = [plane for frame in frames for plane in (frame.luma, *(frame.chroma or ()))]
     (tmp_path / "raw.yuv").write_bytes(b"".join(plane.tobytes() for plane in planes))
-    options = ["--size", "24x16", "--frame-rate", "30000/1001", "--gop", "4", "--hierarchical", "--wz-q", "1"]
+    options = [
+        "--size",
+        "24x16",
+        "--frame-rate",
+        "30000/1001",
+        "--gop",
+        "4",
+        "--references",
+        "hierarchical",
+        "--wz-q",
+        "1",
+    ]
     arguments = [str(tmp_path / "raw.yuv"), str(tmp_path / "s.dvc"), *options]
     assert encoder.__main__.main(arguments) == 0
     assert decode(tmp_path / "s.dvc", tmp_path / "s.y4m") == 0

@@ -17,7 +17,9 @@ from dvc.config import (
     CODECS,
     FIELD_NUMBERS,
     PRESET_LEVELS,
+    REFERENCES,
     SFM_BACKENDS,
+    TRACKS_KINDS,
     TURBO_FAMILIES,
     ZIGZAG,
     CodecConfig,
@@ -25,6 +27,7 @@ from dvc.config import (
     GopConfig,
     KeyFrameConfig,
     SideInformationConfig,
+    TracksConfig,
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
@@ -50,7 +53,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     return CodecConfig(
         draw(st.sampled_from(CODECS)),
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
-        GopConfig(draw(st.integers(1, 256)), draw(st.booleans())),
+        GopConfig(draw(st.integers(1, 256)), draw(st.sampled_from(REFERENCES))),
         KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
         WynerZivConfig(
             tuple(draw(st.lists(level, min_size=16, max_size=16).filter(any))),
@@ -60,6 +63,9 @@ def configs(draw: st.DrawFn) -> CodecConfig:
         TurboConfig(draw(st.sampled_from(TURBO_FAMILIES)), draw(st.integers(0, 2**31 - 1))),
         SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
         GeometryConfig(draw(st.sampled_from(SFM_BACKENDS))),
+        TracksConfig(
+            draw(st.sampled_from(TRACKS_KINDS)), draw(st.integers(1, 1024)), draw(st.integers(0, 3))
+        ),
         draw(st.integers(0, 2**31 - 1)),
     )
 
@@ -191,7 +197,7 @@ def test_wrong_values_are_refused(section: str, name: str, value: object, messag
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"codec": "4d", "video": VIDEO}, "`codec` must be one of 2d, 3d, got '4d'"),
+        ({"codec": "4d", "video": VIDEO}, "`codec` must be one of 2d, 3d, 3d-td, 3d-te, got '4d'"),
         ({"video": VIDEO}, "lacks the field `codec`"),
         ({"codec": "2d"}, "lacks the field `video`"),
         ({"codec": "2d", "video": {}}, "`video` lacks the field `width`"),

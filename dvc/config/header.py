@@ -23,7 +23,7 @@ FIELD_NUMBERS = {
     "video.frame_rate_den": 5,
     "video.luma_only": 6,
     "gop.length": 8,
-    "gop.hierarchical": 9,
+    "gop.references": 10,
     "key.qp": 16,
     "key.lossless": 17,
     "key.parameter_sets": 18,
@@ -41,6 +41,9 @@ FIELD_NUMBERS = {
     "side_information.search_radius": 58,
     "side_information.smoothness": 59,
     "geometry.backend": 72,
+    "tracks.kind": 80,
+    "tracks.num_points": 81,
+    "tracks.subpixel_bits": 82,
 }
 """Number of every field in a stream header; numbers are never used again for something else."""
 

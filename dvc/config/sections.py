@@ -13,7 +13,9 @@ from typing import Any, Self, get_type_hints
 
 from dvc.errors import ConfigError
 
-CODECS = ("2d", "3d")
+CODECS = ("2d", "3d", "3d-td", "3d-te")
+REFERENCES = ("keys", "hierarchical", "all")
+TRACKS_KINDS = ("none", "encoder", "decoder")
 SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
@@ -21,6 +23,7 @@ NUM_BANDS = 16
 MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
 MAX_GOP_LENGTH = 256
+MAX_POINTS = 1024
 CRC_BITS = (8, 12, 16, 24, 32)
 MAX_PARAMETER_SETS_BYTES = 1024
 
@@ -40,7 +43,8 @@ PRESET_LEVELS = (
 """Levels of each band for Q1 to Q8, in raster order of the 4x4 block; 0 where a band is not sent."""
 
 _KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice for the foreman sequence
-_METHOD_OF_CODEC = {"2d": "mci", "3d": "mesh"}
+_METHOD_OF_CODEC = {"2d": "mci", "3d": "mesh", "3d-td": "mesh", "3d-te": "mesh"}
+_TRACKS_OF_CODEC = {"2d": "none", "3d": "none", "3d-td": "decoder", "3d-te": "encoder"}
 _NAME = re.compile(r"[a-z0-9_-]{1,32}")
 
 
@@ -138,10 +142,13 @@ class GopConfig(_Section):
     """Spacing of the key frames."""
 
     length: int = 2  # frames from one key frame to the next; 1: key frames only
-    hierarchical: bool = False  # predict the middle frame first, and the others from it
+    # What frames are predicted from: the key frames; also the middle frame, decoded first, and so on; or
+    # every frame of the group that has been decoded, in the same order.
+    references: str = "keys"
 
     def _check_values(self) -> None:
         _check_range("length", self.length, 1, MAX_GOP_LENGTH)
+        _check_choice("references", self.references, REFERENCES)
 
 
 @dataclass(frozen=True)
@@ -268,6 +275,20 @@ class GeometryConfig(_Section):
 
 
 @dataclass(frozen=True)
+class TracksConfig(_Section):
+    """Feature points that the encoder sends."""
+
+    kind: str = "none"  # nothing; tracks of points of the key frame; or points, to be matched at the decoder
+    num_points: int = 128  # most of them: tracks of a group, or points of a frame
+    subpixel_bits: int = 0  # binary digits of their coordinates after the point
+
+    def _check_values(self) -> None:
+        _check_choice("kind", self.kind, TRACKS_KINDS)
+        _check_range("num_points", self.num_points, 1, MAX_POINTS)
+        _check_range("subpixel_bits", self.subpixel_bits, 0, 3)
+
+
+@dataclass(frozen=True)
 class CodecConfig(_Section):
     """All that encoder and decoder must agree on."""
 
@@ -279,6 +300,7 @@ class CodecConfig(_Section):
     turbo: TurboConfig = TurboConfig()
     side_information: SideInformationConfig = SideInformationConfig()
     geometry: GeometryConfig = GeometryConfig()
+    tracks: TracksConfig = TracksConfig()
     seed: int = 0  # of all randomness but the interleavers
 
     def _check_values(self) -> None:
@@ -344,6 +366,28 @@ def side_information_for(codec: str) -> SideInformationConfig:
     """
     _check_choice("codec", codec, CODECS)
     return SideInformationConfig(method=_METHOD_OF_CODEC[codec])
+
+
+def tracks_for(codec: str) -> TracksConfig:
+    """Return the feature points that a codec sends unless told otherwise.
+
+    Parameters
+    ----------
+    codec : str
+        One of `CODECS`.
+
+    Returns
+    -------
+    TracksConfig
+        Their kind; all else at the defaults.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such codec.
+    """
+    _check_choice("codec", codec, CODECS)
+    return TracksConfig(kind=_TRACKS_OF_CODEC[codec])
 
 
 def key_qp_for(wz_q: int) -> int:

@@ -68,7 +68,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         action="append",
         dest="options",
         metavar="NAME[=VALUE]",
-        help="any other option of dvc-encode, such as hierarchical or noise-model=band; repeatable",
+        help="any other option of dvc-encode, such as references=all or noise-model=band; repeatable",
     )
     run.add_argument(
         "--anchor", action="append", dest="anchors", choices=["intra"], help="codec to compare with"

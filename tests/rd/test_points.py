@@ -51,8 +51,8 @@ def test_any_text_is_numbers_or_refused(text: str) -> None:
 
 def test_options_are_sorted_and_flags_true() -> None:
     """NAME=VALUE and NAME give sorted pairs."""
-    assert parse_options(["turbo=classical", "hierarchical"]) == (
-        ("hierarchical", "true"),
+    assert parse_options(["turbo=classical", "adaptive"]) == (
+        ("adaptive", "true"),
         ("turbo", "classical"),
     )
 
@@ -66,9 +66,9 @@ def test_options_of_the_experiment_itself_are_refused(word: str) -> None:
 
 def test_encoder_options_name_everything() -> None:
     """A point gives the encoder its options, flags without a value."""
-    point = Point("clip", "2d", 3, "auto", 4, 5, 7, options=(("hierarchical", "true"), ("seed", "2")))
+    point = Point("clip", "2d", 3, "auto", 4, 5, 7, options=(("adaptive", "true"), ("seed", "2")))
     assert " ".join(point.encoder_options()) == (
-        "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --luma-only --hierarchical --seed 2"
+        "--codec 2d --gop 4 --key-qp auto --start 5 --wz-q 3 --frames 7 --luma-only --adaptive --seed 2"
     )
 
 
@@ -136,13 +136,13 @@ def test_spec_merges_defaults(tmp_path: Path) -> None:
     path = tmp_path / "sweep.toml"
     path.write_text(
         '[defaults]\nframes = 9\nsequences = ["a"]\n[[sweep]]\nwz_q = "1-2"\n'
-        "[[sweep]]\nwz_q = [4]\nframes = 5\noptions = { hierarchical = true, seed = 3 }\n",
+        "[[sweep]]\nwz_q = [4]\nframes = 5\noptions = { adaptive = true, seed = 3 }\n",
         encoding="utf-8",
     )
     first, second = (build_sweep(fields) for fields in read_spec(path))
     assert (first.frames, first.wz_q) == (9, (1, 2))
     assert (second.frames, second.wz_q) == (5, (4,))
-    assert second.options == (("hierarchical", "true"), ("seed", "3"))
+    assert second.options == (("adaptive", "true"), ("seed", "3"))
 
 
 @pytest.mark.parametrize(

@@ -30,10 +30,16 @@ def test_other_frames_and_options_are_told_apart() -> None:
     longer = result_data(60.0, 30.0)
     longer["totals"] = {**longer["totals"], "frames": 5}
     hierarchical = result_data(60.0, 30.0)
-    hierarchical["options"] = {**hierarchical["options"], "options": {"hierarchical": "true", "seed": "2"}}
+    hierarchical["options"] = {
+        **hierarchical["options"],
+        "options": {"references": "hierarchical", "seed": "2"},
+    }
     results = [PointResult(str(i), data) for i, data in enumerate((plain, longer, hierarchical))]
     short, long = experiments(results)
-    assert [curve.label for curve in short.curves] == ["2D-DVC, GOP 2", "2D-DVC, GOP 2, hierarchical, seed 2"]
+    assert [curve.label for curve in short.curves] == [
+        "2D-DVC, GOP 2",
+        "2D-DVC, GOP 2, references hierarchical, seed 2",
+    ]
     assert short.slug != long.slug
 
 

@@ -1,0 +1,5 @@
+"""Feature points and point tracks: what the encoder tells the decoder of the geometry."""
+
+from dvc.tracks.points import FeaturePoints, PointTracks
+
+__all__ = ["FeaturePoints", "PointTracks"]
