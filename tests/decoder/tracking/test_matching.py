@@ -1,0 +1,148 @@
+"""Tracks from received corners: synthetic truth, hostile points, repeatability."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from decoder.tracking import TrackingSettings, match_points
+from dvc.tracks.points import FeaturePoints
+from sfm.model import Correspondences, Reconstruction
+
+Floats = NDArray[np.float64]
+WIDTH, HEIGHT = 352, 288
+
+
+class Clip(NamedTuple):
+    """A group of pictures of which only points exist."""
+
+    reconstruction: Reconstruction
+    first: NDArray[np.uint8]
+    second: NDArray[np.uint8]
+    truth: Floats
+    points: FeaturePoints
+
+
+def dotted(points: Floats) -> NDArray[np.uint8]:
+    """Draw a luma plane with a corner at each point."""
+    luma = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    for x, y in np.rint(points).astype(int):
+        luma[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] = 200
+    return np.asarray(cv2.GaussianBlur(luma, (3, 3), 0), dtype=np.uint8)
+
+
+def hand_held_clip(seed: int, num_frames: int = 9, jitter_px: float = 5.0, clutter: int = 60) -> Clip:
+    """Move points of a scene with parallax before a shaking camera; detect two in three, among others."""
+    rng = np.random.default_rng(seed)
+    columns, rows = np.meshgrid(np.arange(24, WIDTH - 24, 20), np.arange(24, HEIGHT - 24, 20))
+    first = np.column_stack([columns.ravel(), rows.ravel()]) + rng.uniform(-4, 4, (columns.size, 2))
+    motion = np.array([14.0, -3.0]) * rng.uniform(0.4, 1.2, (len(first), 1))
+    late = np.linspace(0, 1, num_frames + 2)
+    shake = np.cumsum(rng.uniform(-1, 1, (num_frames + 2, 2)) * jitter_px, axis=0)
+    shake[[0, -1]] = 0
+    turn = np.radians(rng.uniform(-1, 1, num_frames + 2))
+    turn[[0, -1]] = 0
+    centred = first - [WIDTH / 2, HEIGHT / 2]
+    turned = turn[None, :, None] * np.column_stack([-centred[:, 1], centred[:, 0]])[:, None]
+    truth = first[:, None] + late[:, None] * motion[:, None] + shake + turned
+    frames = []
+    for k in range(1, num_frames + 1):
+        seen = truth[rng.random(len(first)) < 0.65, k]
+        seen = seen + rng.normal(0, 0.4, seen.shape)
+        others = rng.uniform([0, 0], [WIDTH - 1, HEIGHT - 1], (clutter, 2))
+        points = np.rint(np.concatenate([seen, others]))
+        frames.append(points[np.logical_and(points >= 0, points < [WIDTH, HEIGHT]).all(axis=1)])
+    matches = Correspondences(first, truth[:, -1], np.zeros(len(first)))
+    reconstruction = Reconstruction(None, "not tried", "unknown", {"matching": matches})
+    return Clip(reconstruction, dotted(first), dotted(truth[:, -1]), truth, FeaturePoints(tuple(frames)))
+
+
+def track(clip: Clip, points: FeaturePoints | None = None) -> Floats:
+    """Return the positions of the tracks of a clip."""
+    received = clip.points if points is None else points
+    return match_points(clip.reconstruction, clip.first, clip.second, received).positions
+
+
+def errors_px(clip: Clip, positions: Floats) -> Floats:
+    """Return the distance of each known position between the keys from the truth."""
+    start = np.abs(positions[:, None, 0] - clip.truth[None, :, 0]).sum(axis=2).argmin(axis=1)
+    error: Floats = np.linalg.norm(positions - clip.truth[start], axis=2)[:, 1:-1]
+    known: Floats = error[np.isfinite(error)]
+    return known
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_shaking_camera_is_followed(seed: int) -> None:
+    """Tracks are within half a pixel of the truth, though the camera shakes by many pixels."""
+    clip = hand_held_clip(seed)
+    error = errors_px(clip, track(clip))
+    assert len(error) > 0.4 * len(clip.truth) * 9
+    assert np.median(error) < 0.5
+    assert np.quantile(error, 0.95) < 1.2
+
+
+def test_ends_are_correspondences() -> None:
+    """Every track begins and ends at a correspondence of the key frames."""
+    clip = hand_held_clip(5)
+    positions = track(clip)
+    ends = {(*a, *b) for a, b in zip(clip.truth[:, 0], clip.truth[:, -1], strict=True)}
+    assert {(*a, *b) for a, b in zip(positions[:, 0], positions[:, -1], strict=True)} <= ends
+
+
+def test_tracks_are_the_same_each_time() -> None:
+    """Nothing is random."""
+    clip = hand_held_clip(6)
+    np.testing.assert_array_equal(track(clip), track(clip))
+
+
+def test_a_frame_without_points_has_no_positions() -> None:
+    """Where nothing was received nothing is claimed, and the other frames do not suffer."""
+    clip = hand_held_clip(7)
+    frames = list(clip.points.frames)
+    frames[4] = np.empty((0, 2))
+    positions = track(clip, FeaturePoints(tuple(frames)))
+    assert np.isnan(positions[:, 5]).all()
+    assert np.median(errors_px(clip, positions)) < 0.5
+
+
+def test_nothing_received_gives_no_tracks() -> None:
+    """Without points in any frame there is no track."""
+    clip = hand_held_clip(8)
+    assert track(clip, FeaturePoints((np.empty((0, 2)),) * 9)).shape == (0, 11, 2)
+    assert track(clip, FeaturePoints(())).shape == (0, 2, 2)
+
+
+@given(
+    frames=st.lists(
+        st.lists(
+            st.tuples(st.integers(0, WIDTH - 1), st.integers(0, HEIGHT - 1))
+            | st.just((100, 100))
+            | st.tuples(st.floats(), st.floats()),
+            max_size=12,
+        ),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_any_points_give_tracks(frames: list[list[tuple[float, float]]]) -> None:
+    """Whatever is received, tracks have finite ends and the right shape."""
+    clip = hand_held_clip(9, num_frames=2)
+    points = FeaturePoints(tuple(np.array(frame, dtype=np.float64).reshape(-1, 2) for frame in frames))
+    positions = track(clip, points)
+    assert positions.shape[1:] == (len(frames) + 2, 2)
+    assert np.isfinite(positions[:, [0, -1]]).all()
+
+
+def test_few_correspondences_do_no_harm() -> None:
+    """From no correspondence to a handful on a line, tracks are found or not, without an exception."""
+    clip = hand_held_clip(10)
+    matches = clip.reconstruction.stages["matching"]
+    for chosen in (np.arange(0), np.arange(1), np.arange(2), np.arange(5), np.arange(15)):
+        few = Reconstruction(None, "", "none", {"matching": matches[chosen]})
+        tracks = match_points(few, clip.first, clip.second, clip.points, TrackingSettings())
+        assert len(tracks) <= len(chosen)
+    assert len(match_points(Reconstruction(None, "", "none"), clip.first, clip.second, clip.points)) == 0
