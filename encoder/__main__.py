@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 from dvc import cli
 from dvc.config import (
     CODECS,
+    MAX_POINTS,
     NOISE_MODELS,
     REFERENCES,
     TURBO_FAMILIES,
     CodecConfig,
     GopConfig,
     KeyFrameConfig,
+    TracksConfig,
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
@@ -25,12 +27,15 @@ from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
     from dvc.video import VideoInfo, VideoReader
+    from encoder.groups import KeyFrameRule
     from encoder.session import EncoderSession, EncoderStatistics, Progress
 
 PROG = "dvc-encode"
+_GOP_OF_CODEC = {"3d-te": 8, "3d-td": 10}
 EXAMPLES = """\
   dvc-encode street.mkv street.dvc --wz-q 4           every second frame Wyner-Ziv coded, quantiser preset 4
   dvc-encode video.mp4 out.dvc --gop 4 --references hierarchical --luma-only --frames 101
+  dvc-encode video.mp4 out.dvc --codec 3d-te --gop 10 --points 100 --lost-tracks 0.4
   dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
@@ -43,6 +48,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("output", metavar="OUTPUT", nargs="?", help="stream to write (.dvc)")
     _add_coding(parser.add_argument_group("coding"))
+    _add_tracks(parser.add_argument_group("points and tracks (3d-td, 3d-te)"))
     _add_source(parser.add_argument_group("input"))
     _add_live(parser.add_argument_group("live"))
     parser.add_argument(
@@ -57,14 +63,15 @@ def _add_coding(coding: argparse._ArgumentGroup) -> None:
         "--codec",
         choices=CODECS,
         default="2d",
-        help="2d: predict by block motion; 3d: by a reconstruction of the scene; default: %(default)s",
+        help="2d: predict by block motion; 3d: by a reconstruction of the scene; 3d-td: helped by corners of"
+        " every frame; 3d-te: by tracks of points, which choose the key frames, too; default: %(default)s",
     )
     coding.add_argument(
         "--gop",
         type=cli.integer(1, 256),
-        default=2,
         metavar="N",
-        help="frames from one key frame to the next; default: %(default)s",
+        help="frames from one key frame to the next, with 3d-te the most of them; default: 2, 8 with 3d-te,"
+        " 10 with 3d-td",
     )
     coding.add_argument(
         "--references",
@@ -105,6 +112,39 @@ def _add_coding(coding: argparse._ArgumentGroup) -> None:
         default=0,
         metavar="S",
         help="seed of everything random; default: %(default)s",
+    )
+
+
+def _add_tracks(tracks: argparse._ArgumentGroup) -> None:
+    tracks.add_argument(
+        "--points",
+        type=cli.integer(1, MAX_POINTS),
+        metavar="N",
+        help="most tracks of a GOP, or corners of a frame; default: 128, 176 with 3d-td",
+    )
+    tracks.add_argument(
+        "--subpixel",
+        type=cli.integer(0, 3),
+        metavar="BITS",
+        help="track to 1/2, 1/4 or 1/8 of a pixel; default: 0, whole pixels",
+    )
+    tracks.add_argument(
+        "--longest-track",
+        type=float,
+        metavar="PX",
+        help="set a key frame when a point has moved so far; default: 40",
+    )
+    tracks.add_argument(
+        "--lost-tracks",
+        type=float,
+        metavar="SHARE",
+        help="set a key frame when this share of the points is lost; default: 0.5",
+    )
+    tracks.add_argument(
+        "--min-gop",
+        type=cli.integer(1, 256),
+        metavar="N",
+        help="least frames from one key frame to the next, but where the scene changes; default: 2",
     )
 
 
@@ -177,7 +217,7 @@ def _encode(arguments: argparse.Namespace) -> int:
     ) as reader:
         for notice in reader.info.notices:
             sys.stderr.write(f"{PROG}: {cli.one_line(notice)}\n")
-        session = EncoderSession(_configure(arguments, reader.info))
+        session = EncoderSession(_configure(arguments, reader.info), _rule(arguments))
         total = arguments.frames if reader.info.num_frames is None else reader.info.num_frames
         with cli.progress_bar("encoding", total, arguments.quiet) as progress:
             if arguments.serve is None:
@@ -226,14 +266,39 @@ def _configure(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
     return CodecConfig(
         codec=arguments.codec,
         video=VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
-        gop=GopConfig(arguments.gop, arguments.references),
+        gop=GopConfig(arguments.gop or _GOP_OF_CODEC.get(arguments.codec, 2), arguments.references),
         key=key,
         wyner_ziv=replace(WynerZivConfig.preset(arguments.wz_q), noise_model=arguments.noise_model),
         turbo=TurboConfig(family=arguments.turbo, interleaver_seed=arguments.seed),
         side_information=side_information_for(arguments.codec),
-        tracks=tracks_for(arguments.codec),
+        tracks=_tracks(arguments),
         seed=arguments.seed,
     )
+
+
+def _tracks(arguments: argparse.Namespace) -> TracksConfig:
+    from dataclasses import replace
+
+    tracks = tracks_for(arguments.codec)
+    given = {"num_points": arguments.points, "subpixel_bits": arguments.subpixel}
+    given = {name: value for name, value in given.items() if value is not None}
+    if given and tracks.kind == "none":
+        raise ConfigError(f"--points and --subpixel are for 3d-td and 3d-te, not {arguments.codec}")
+    return replace(tracks, **given)
+
+
+def _rule(arguments: argparse.Namespace) -> "KeyFrameRule":
+    from encoder.groups import KeyFrameRule
+
+    given = {
+        "longest_track_px": arguments.longest_track,
+        "lost_share": arguments.lost_tracks,
+        "min_length": arguments.min_gop,
+    }
+    given = {name: value for name, value in given.items() if value is not None}
+    if given and arguments.codec != "3d-te":
+        raise ConfigError("--longest-track, --lost-tracks and --min-gop are for 3d-te")
+    return KeyFrameRule(**given)
 
 
 def _report(statistics: "EncoderStatistics", config: CodecConfig) -> dict[str, object]:

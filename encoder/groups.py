@@ -1,9 +1,13 @@
 """Groups of pictures: which frames are key frames, and which Wyner-Ziv frames lie between them."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from dvc.errors import ConfigError
+from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
+from encoder.corners import CornerDetector
+from encoder.tracking import PointTracker
 
 
 @dataclass(frozen=True)
@@ -16,10 +20,36 @@ class Group:
         Frames since the previous key frame, in display order.
     key : Frame
         The key frame that ends the group.
+    tracks : PointTracks, optional
+        Points of the previous key frame, followed to this one.
+    points : FeaturePoints, optional
+        Corners of the Wyner-Ziv frames.
     """
 
     wyner_ziv: tuple[Frame, ...]
     key: Frame
+    tracks: PointTracks | None = None
+    points: FeaturePoints | None = None
+
+
+@dataclass(frozen=True)
+class KeyFrameRule:
+    """When the tracks ask for a key frame."""
+
+    longest_track_px: float = 40.0  # a point has moved so far since the key frame
+    lost_share: float = 0.5  # so many of the points are lost since then
+    min_length: int = 2  # frames from one key frame to the next, unless the scene changes
+    cut_share: float = 0.9  # so many points that are lost from one frame to the next are another scene
+
+    def __post_init__(self) -> None:
+        """Refuse values that make no sense."""
+        if not self.longest_track_px > 0:
+            raise ConfigError(f"the longest track must be above 0 pixels, got {self.longest_track_px}")
+        for share in (self.lost_share, self.cut_share):
+            if not 0 < share <= 1:
+                raise ConfigError(f"the share of lost tracks must be above 0 and at most 1, got {share}")
+        if self.min_length < 1:
+            raise ConfigError(f"the shortest group must have at least 1 frame, got {self.min_length}")
 
 
 def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:
@@ -46,3 +76,85 @@ def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:
             waiting.append(frame)
     if waiting:
         yield Group(tuple(waiting[:-1]), waiting[-1])
+
+
+def cornered_groups(frames: Iterable[Frame], length: int, detector: CornerDetector) -> Iterator[Group]:
+    """Cut a sequence as `groups` does, and find the corners of its Wyner-Ziv frames.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        The sequence; at most `length` of its frames are held at a time.
+    length : int
+        Frames from one key frame to the next, at least 1.
+    detector : CornerDetector
+        Finds the corners.
+
+    Yields
+    ------
+    Group
+        The first holds the first frame alone.
+    """
+    for group in groups(frames, length):
+        yield replace(group, points=detector.detect([frame.luma for frame in group.wyner_ziv]))
+
+
+def tracked_groups(
+    frames: Iterable[Frame], length: int, tracker: PointTracker, rule: KeyFrameRule
+) -> Iterator[Group]:
+    """Cut a sequence where its tracks have become long, or are lost; the last frame is always a key frame.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        The sequence; at most `length` of its frames are held at a time.
+    length : int
+        Most frames from one key frame to the next, at least 1.
+    tracker : PointTracker
+        Follows the points of the key frames.
+    rule : KeyFrameRule
+        When a key frame is due.
+
+    Yields
+    ------
+    Group
+        The first holds the first frame alone.
+    """
+    waiting: list[Frame] = []
+    key: Frame | None = None
+    for frame in frames:
+        if key is None:
+            key = frame
+            yield Group((), key)
+            tracker.start(key.luma)
+            continue
+        tracker.step(frame.luma)
+        if waiting and _is_cut(tracker, rule):
+            yield _closed(waiting, tracker)
+            tracker.start(waiting[-1].luma)
+            tracker.step(frame.luma)
+            waiting = []
+        waiting.append(frame)
+        if _is_due(len(waiting), length, tracker, rule):
+            yield _closed(waiting, tracker)
+            tracker.start(frame.luma)
+            waiting = []
+    if waiting:
+        yield _closed(waiting, tracker)
+
+
+def _closed(waiting: list[Frame], tracker: PointTracker) -> Group:
+    tracks = tracker.tracks(len(waiting) + 1) if len(waiting) > 1 else None
+    return Group(tuple(waiting[:-1]), waiting[-1], tracks)
+
+
+def _is_cut(tracker: PointTracker, rule: KeyFrameRule) -> bool:
+    return tracker.last_lost_share >= rule.cut_share
+
+
+def _is_due(current: int, length: int, tracker: PointTracker, rule: KeyFrameRule) -> bool:
+    if current >= length or _is_cut(tracker, rule):
+        return True
+    if current < rule.min_length:
+        return False
+    return tracker.longest_px >= rule.longest_track_px or tracker.lost_share >= rule.lost_share

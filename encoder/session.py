@@ -10,9 +10,12 @@ from dvc.errors import VideoError
 from dvc.feedback import Connection, EncoderEndpoint, GopDone, ParityRequest
 from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
+from dvc.tracks.coding import encode_points, encode_tracks
 from dvc.video import Frame
 from dvc.wynerziv.frame import EncodedFrame
-from encoder.groups import Group, groups
+from encoder.corners import CornerDetector
+from encoder.groups import Group, KeyFrameRule, cornered_groups, groups, tracked_groups
+from encoder.tracking import PointTracker
 from encoder.wyner_ziv import WynerZivEncoder
 
 Progress = Callable[[int], None]
@@ -29,8 +32,16 @@ class EncoderStatistics:
         Frames of each type.
     key_cpu_s, wyner_ziv_cpu_s : float
         Processor time spent on the frames of each type, in seconds.
-    key_bits : int
-        Bits of all key frames.
+    key_bits, tracks_bits : int
+        Bits of all key frames, and of all tracks or points.
+    tracking_cpu_s : float
+        Processor time spent on corners, tracks and their coding, in seconds.
+    num_corners : int
+        Corners found.
+    num_sad_blocks, num_sad_samples : int
+        Blocks compared by the tracker, and samples compared in them.
+    num_tracked_frames : int
+        Frames that it searched.
     stream_bytes : int
         Size of the stream; 0 in live mode.
     """
@@ -40,6 +51,12 @@ class EncoderStatistics:
     key_cpu_s: float = 0.0
     wyner_ziv_cpu_s: float = 0.0
     key_bits: int = 0
+    tracks_bits: int = 0
+    tracking_cpu_s: float = 0.0
+    num_corners: int = 0
+    num_sad_blocks: int = 0
+    num_sad_samples: int = 0
+    num_tracked_frames: int = 0
     stream_bytes: int = 0
 
     @property
@@ -56,11 +73,14 @@ class EncodedGroup:
     ----------
     key : bytes
         The H.264 picture that ends the group.
+    tracks : bytes
+        Payload of the tracks or points; empty if there are none.
     frames : list of EncodedFrame
         The Wyner-Ziv frames before it.
     """
 
     key: bytes
+    tracks: bytes = b""
     frames: list[EncodedFrame] = field(default_factory=list)
 
 
@@ -71,15 +91,21 @@ class EncoderSession:
     ----------
     config : CodecConfig
         Configuration; the key frames' parameter sets are filled in here.
+    rule : KeyFrameRule, optional
+        When tracks ask for a key frame.
     """
 
-    def __init__(self, config: CodecConfig) -> None:
+    def __init__(self, config: CodecConfig, rule: KeyFrameRule | None = None) -> None:
         video, key = config.video, config.key
         self._key_encoder = KeyFrameEncoder(
             video.width, video.height, "lossless" if key.lossless else key.qp, luma_only=video.luma_only
         )
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)
+        self._rule = rule or KeyFrameRule()
+        self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits)
+        self._detector = CornerDetector(config.tracks.num_points)
+        self._coding_cpu_s = 0.0
         self.statistics = EncoderStatistics()
 
     def write(self, frames: Iterable[Frame], file: BinaryIO, progress: Progress) -> None:
@@ -100,7 +126,7 @@ class EncoderSession:
             started = time.process_time()
             payloads = tuple(frame.buffered_payload() for frame in encoded.frames)
             self.statistics.wyner_ziv_cpu_s += time.process_time() - started
-            writer.write_gop(GopRecord(len(payloads) + 1, encoded.key, b"", payloads))
+            writer.write_gop(GopRecord(len(payloads) + 1, encoded.key, encoded.tracks, payloads))
             progress(len(payloads) + 1)
         writer.close()
         self.statistics.stream_bytes = writer.num_bytes
@@ -140,9 +166,14 @@ class EncoderSession:
         Returns
         -------
         iterator of Group
-            See `encoder.groups.groups`.
+            See `encoder.groups`.
         """
-        return groups(frames, self.config.gop.length)
+        length, kind = self.config.gop.length, self.config.tracks.kind
+        if kind == "encoder" and length > 1:
+            return tracked_groups(frames, length, self._tracker, self._rule)
+        if kind == "decoder":
+            return cornered_groups(frames, length, self._detector)
+        return groups(frames, length)
 
     def encode(self, group: Group) -> EncodedGroup:
         """Encode one group of pictures.
@@ -166,7 +197,24 @@ class EncoderSession:
         self.statistics.num_key_frames += 1
         self.statistics.num_wyner_ziv_frames += len(encoded.frames)
         self.statistics.key_bits += 8 * len(encoded.key)
+        encoded.tracks = self._encode_tracks(group)
         return encoded
+
+    def _encode_tracks(self, group: Group) -> bytes:
+        started = time.process_time()
+        payload = b""
+        if group.tracks is not None:
+            payload = encode_tracks(group.tracks, self.config)
+        elif group.points is not None:
+            payload = encode_points(group.points, self.config)
+        self._coding_cpu_s += time.process_time() - started
+        counts, statistics = self._tracker.counts, self.statistics
+        statistics.tracks_bits += 8 * len(payload)
+        statistics.tracking_cpu_s = self._coding_cpu_s + counts.cpu_s + self._detector.cpu_s
+        statistics.num_corners = counts.num_corners + self._detector.num_corners
+        statistics.num_sad_blocks, statistics.num_sad_samples = counts.num_blocks, counts.num_samples
+        statistics.num_tracked_frames = counts.num_frames
+        return payload
 
 
 class _LiveEncoder:
@@ -209,7 +257,7 @@ class _LiveEncoder:
             return
         encoded = self._session.encode(group)
         headers = tuple(frame.header for frame in encoded.frames)
-        number = self._endpoint.send_gop(GopRecord(len(headers) + 1, encoded.key, b"", headers))
+        number = self._endpoint.send_gop(GopRecord(len(headers) + 1, encoded.key, encoded.tracks, headers))
         self._open[number] = dict(enumerate(encoded.frames, self._num_frames))
         self._num_frames += len(headers) + 1
 

@@ -45,6 +45,7 @@ PRESET_LEVELS = (
 _KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice for the foreman sequence
 _METHOD_OF_CODEC = {"2d": "mci", "3d": "mesh", "3d-td": "mesh", "3d-te": "mesh"}
 _TRACKS_OF_CODEC = {"2d": "none", "3d": "none", "3d-td": "decoder", "3d-te": "encoder"}
+_POINTS_OF_CODEC = {"3d-td": 176}  # of each frame, as many as there are in the thesis
 _NAME = re.compile(r"[a-z0-9_-]{1,32}")
 
 
@@ -379,7 +380,7 @@ def tracks_for(codec: str) -> TracksConfig:
     Returns
     -------
     TracksConfig
-        Their kind; all else at the defaults.
+        Their kind and number; all else at the defaults.
 
     Raises
     ------
@@ -387,7 +388,7 @@ def tracks_for(codec: str) -> TracksConfig:
         If there is no such codec.
     """
     _check_choice("codec", codec, CODECS)
-    return TracksConfig(kind=_TRACKS_OF_CODEC[codec])
+    return TracksConfig(_TRACKS_OF_CODEC[codec], _POINTS_OF_CODEC.get(codec, TracksConfig.num_points))
 
 
 def key_qp_for(wz_q: int) -> int:

@@ -1,4 +1,4 @@
-"""Feature points and point tracks: what the encoder tells the decoder of the geometry."""
+"""Feature points and point tracks: what the encoder tells the decoder of the geometry, and its coding."""
 
 from dvc.tracks.points import FeaturePoints, PointTracks
 

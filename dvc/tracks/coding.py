@@ -1,0 +1,265 @@
+"""Payloads of point tracks and of feature points: differential, with adaptive arithmetic coding.
+
+The first positions of the tracks are coded as a point set; then, instant by instant, whether a track is
+lost and how far it is from where its past and its neighbours let it be expected.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.config import CodecConfig
+from dvc.errors import BitstreamError
+from dvc.tracks import _kernels
+from dvc.tracks._kernels import LOST
+from dvc.tracks.point_sets import Lattice, column_scan, read_points, write_points
+from dvc.tracks.points import FeaturePoints, PointTracks
+from dvc.tracks.range_coding import RangeReader, RangeWriter
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_MAX_EXPONENT = 24
+
+
+def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
+    """Write point tracks; inverse of `decode_tracks`.
+
+    Parameters
+    ----------
+    tracks : PointTracks
+        At most ``config.tracks.num_points``, in any order. Positions lie in the frame and are rounded to
+        ``config.tracks.subpixel_bits`` binary digits; a track that is lost stays lost.
+    config : CodecConfig
+        Configuration of the stream.
+
+    Returns
+    -------
+    bytes
+        The payload; empty if there are no tracks.
+
+    Raises
+    ------
+    ValueError
+        If there are too many tracks, or a track starts late, comes back or leaves the frame.
+    """
+    if len(tracks) == 0:
+        return b""
+    if len(tracks) > config.tracks.num_points:
+        raise ValueError(f"`tracks` must be at most {config.tracks.num_points}, got {len(tracks)}")
+    units = _units(tracks.positions, config)
+    if (units[:, 0, 0] == LOST).any():
+        raise ValueError("`tracks` must start in the first key frame")
+    known = units[:, :, 0] != LOST
+    if (known[:, 1:] & ~known[:, :-1]).any():
+        raise ValueError("`tracks` must not come back once they are lost")
+    return _write_tracks(units[column_scan(units[:, 0])], config)
+
+
+def _write_tracks(units: Integers, config: CodecConfig) -> bytes:
+    writer = RangeWriter()
+    writer.write_uniform(len(units) - 1, config.tracks.num_points)
+    first = np.ascontiguousarray(units[:, 0])
+    lattice = Lattice.of([first], *_sides(config))
+    lattice.write(writer)
+    write_points(writer, first, lattice)
+    motion, weights, counts = _start(first, config)
+    for t in range(1, units.shape[1]):
+        writer.write_decisions(
+            *_kernels.instant_decisions(
+                np.ascontiguousarray(units[:, t]), units[:, t - 1, 0] != LOST, motion, weights, t > 1, counts
+            )
+        )
+    return writer.to_bytes()
+
+
+def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> PointTracks:
+    """Read point tracks; inverse of `encode_tracks`.
+
+    Parameters
+    ----------
+    payload : bytes
+        As `encode_tracks` returns it.
+    num_instants : int
+        Frames from the first key frame to the last, both included; at least 2.
+    config : CodecConfig
+        Configuration of the stream.
+
+    Returns
+    -------
+    PointTracks
+        In column scan of their first positions.
+
+    Raises
+    ------
+    BitstreamError
+        If the payload is damaged.
+    """
+    if not payload:
+        return PointTracks.none(num_instants)
+    reader = RangeReader(payload)
+    count = reader.read_uniform(config.tracks.num_points) + 1
+    first = read_points(reader, count, Lattice.read(reader, *_sides(config)))
+    units = np.full((count, num_instants, 2), LOST, np.int64)
+    units[:, 0] = first
+    motion, weights, counts = _start(first, config)
+    sides = np.array(_sides(config))
+    for t in range(1, num_instants):
+        live = np.flatnonzero(units[:, t - 1, 0] != LOST)
+        units[:, t] = _read_instant(reader, live, motion, weights, t > 1, counts)
+        if (units[live, t] < LOST).any() or (units[live, t] >= sides).any():
+            raise BitstreamError("a track leaves the frame")
+    if _write_tracks(units, config) != payload:
+        raise BitstreamError("the tracks are followed by other data, or are damaged")
+    scale = 2.0**config.tracks.subpixel_bits
+    return PointTracks(np.where(units == LOST, np.nan, units / scale))
+
+
+def _start(first: Integers, config: CodecConfig) -> tuple[Integers, Integers, Integers]:
+    motion = np.zeros((len(first), 3, 2), np.int64)
+    motion[:, 0] = first * 256
+    width, height = _sides(config)
+    return motion, _kernels.neighbour_weights(first, max(width * height // 84, 1)), _initial_counts()
+
+
+def _read_instant(
+    reader: RangeReader,
+    live: NDArray[np.intp],
+    motion: Integers,
+    weights: Integers,
+    started: bool,
+    counts: Integers,
+) -> Integers:
+    position = np.full((len(motion), 2), LOST, np.int64)
+    predictions = np.zeros((len(motion), 2, 3), np.int64)
+    for i in live:
+        if _read_adaptive(reader, counts, 0):
+            continue
+        prediction = predictions[i]
+        _kernels.predict(position, motion, i, weights, started, prediction)
+        for axis in range(2):
+            base = _kernels.first_context(axis, prediction)
+            predicted = int(prediction[axis, 0])
+            position[i, axis] = (predicted + 128 >> 8) + _read_residual(reader, counts, base, predicted)
+        if (position[i] <= LOST).any():
+            raise BitstreamError("a track leaves the frame")
+        _kernels.follow(position, motion, i, prediction)
+    _kernels.advance(position, motion, predictions, started)
+    return position
+
+
+def _read_residual(reader: RangeReader, counts: Integers, base: int, predicted: int) -> int:
+    if not _read_adaptive(reader, counts, _kernels.zero_context(base, predicted)):
+        return 0
+    positive = _read_adaptive(reader, counts, _kernels.sign_context(base, predicted))
+    exponent = 1
+    while _read_adaptive(reader, counts, _kernels.exponent_context(base, exponent)):
+        exponent += 1
+        if exponent > _MAX_EXPONENT:
+            raise BitstreamError("a track leaves the frame")
+    magnitude = 2 | _read_adaptive(reader, counts, _kernels.mantissa_context(base, exponent))
+    for _ in range(exponent - 1):
+        magnitude = magnitude << 1 | reader.read_decision(0.5)
+    return magnitude - 1 if positive else 1 - magnitude
+
+
+def _read_adaptive(reader: RangeReader, counts: Integers, context: int) -> int:
+    decision = reader.read_decision(_kernels.probability(counts, context))
+    _kernels.adapt(counts, context, decision)
+    return decision
+
+
+def _initial_counts() -> Integers:
+    counts = np.full((_kernels.NUM_CONTEXTS, 2), 6, np.int64)
+    counts[0] = 300, 8
+    return counts
+
+
+def encode_points(points: FeaturePoints, config: CodecConfig) -> bytes:
+    """Write the feature points of frames; inverse of `decode_points`.
+
+    Parameters
+    ----------
+    points : FeaturePoints
+        At most ``config.tracks.num_points`` a frame, in any order, rounded to
+        ``config.tracks.subpixel_bits`` binary digits.
+    config : CodecConfig
+        Configuration of the stream.
+
+    Returns
+    -------
+    bytes
+        The payload; empty if no frame has any.
+
+    Raises
+    ------
+    ValueError
+        If there are too many points, or one is outside the frame.
+    """
+    most = config.tracks.num_points
+    sets = [_units(frame, config) for frame in points.frames]
+    if max(map(len, sets), default=0) == 0:
+        return b""
+    if max(map(len, sets)) > most or any(np.any(units == LOST) for units in sets):
+        raise ValueError(f"`points` must be known and at most {most} a frame")
+    sets = [np.ascontiguousarray(units[column_scan(units)]) for units in sets]
+    writer = RangeWriter()
+    lattice = Lattice.of(sets, *_sides(config))
+    lattice.write(writer)
+    for units in sets:
+        writer.write_uniform(len(units), most + 1)
+        write_points(writer, units, lattice)
+    return writer.to_bytes()
+
+
+def decode_points(payload: bytes, num_frames: int, config: CodecConfig) -> FeaturePoints:
+    """Read the feature points of frames; inverse of `encode_points`.
+
+    Parameters
+    ----------
+    payload : bytes
+        As `encode_points` returns it.
+    num_frames : int
+        Wyner-Ziv frames that it covers.
+    config : CodecConfig
+        Configuration of the stream.
+
+    Returns
+    -------
+    FeaturePoints
+        Each frame in column scan.
+
+    Raises
+    ------
+    BitstreamError
+        If the payload is damaged.
+    """
+    if not payload:
+        return FeaturePoints(tuple(np.empty((0, 2)) for _ in range(num_frames)))
+    reader = RangeReader(payload)
+    lattice = Lattice.read(reader, *_sides(config))
+    scale = 2.0**config.tracks.subpixel_bits
+    frames = []
+    for _ in range(num_frames):
+        count = reader.read_uniform(config.tracks.num_points + 1)
+        frames.append(read_points(reader, count, lattice) / scale)
+    points = FeaturePoints(tuple(frames))
+    if encode_points(points, config) != payload:
+        raise BitstreamError("the points are followed by other data, or are damaged")
+    return points
+
+
+def _sides(config: CodecConfig) -> tuple[int, int]:
+    """Return the places for a point in x and y."""
+    bits = config.tracks.subpixel_bits
+    return (config.video.width - 1 << bits) + 1, (config.video.height - 1 << bits) + 1
+
+
+def _units(positions: Floats, config: CodecConfig) -> Integers:
+    """Return positions in units of the last binary digit; `LOST` where they are not known."""
+    lost = np.logical_not(np.isfinite(positions).all(axis=-1))
+    scaled = np.where(lost[..., None], 0.0, positions) * 2.0**config.tracks.subpixel_bits
+    rounded = np.rint(np.clip(scaled, -1.0, 2.0**20)).astype(np.int64)
+    if (rounded < 0).any() or (rounded >= _sides(config)).any():
+        raise ValueError("points must be inside the frame")
+    rounded[lost] = LOST
+    return rounded

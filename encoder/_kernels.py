@@ -1,0 +1,209 @@
+"""Compiled loops of corner selection and block tracking; validated and described by their callers.
+
+Images are uint8 arrays [row, column]; points are (x, y). A block of half side h has (2h + 1)^2 samples.
+"""
+
+import numpy as np
+
+from dvc._jit import kernel
+
+UNKNOWN = np.int64(1) << 40
+
+# ---- corners ----
+
+
+@kernel
+def spread(x, y, min_distance_px2, chosen):
+    """Take points in order unless they are too near to one taken before; return how many were taken."""
+    count = 0
+    for i in range(x.size):
+        near = False
+        for k in range(count):
+            j = chosen[k]
+            if (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 < min_distance_px2:
+                near = True
+                break
+        if not near:
+            chosen[count] = i
+            count += 1
+            if count == chosen.size:
+                break
+    return count
+
+
+# ---- blocks ----
+
+
+@kernel
+def cut_block(image, x, y, half, block):
+    """Copy the block around (x, y), which lies inside the image."""
+    for row in range(2 * half + 1):
+        for column in range(2 * half + 1):
+            block[row, column] = image[y - half + row, x - half + column]
+
+
+@kernel
+def block_sad(image, x, y, half, block, limit, counts):
+    """Sum of absolute differences; stops after the row that reaches `limit`; `UNKNOWN` off the image.
+
+    `counts` adds up blocks compared and samples compared.
+    """
+    height, width = image.shape
+    if x < half or y < half or x >= width - half or y >= height - half:
+        return UNKNOWN
+    counts[0] += 1
+    total = np.int64(0)
+    side = 2 * half + 1
+    for row in range(side):
+        line = np.int32(0)
+        for column in range(side):
+            line += abs(np.int32(image[y - half + row, x - half + column]) - np.int32(block[row, column]))
+        total += line
+        counts[1] += side
+        if total >= limit:
+            break
+    return total
+
+
+@kernel
+def descend(image, x, y, half, block, sad, max_steps, counts):
+    """Follow the least SAD among the eight neighbours to a local minimum; return it and its SAD."""
+    from_x, from_y = 0, 0
+    for _ in range(max_steps):
+        best, step_x, step_y = sad, 0, 0
+        for dy in range(-1, 2):
+            for dx in range(-1, 2):
+                # What the last step has left behind was compared before it.
+                seen = (from_x != 0 or from_y != 0) and max(abs(dx + from_x), abs(dy + from_y)) <= 1
+                if (dx == 0 and dy == 0) or seen:
+                    continue
+                found = block_sad(image, x + dx, y + dy, half, block, best, counts)
+                if found < best:
+                    best, step_x, step_y = found, dx, dy
+        if step_x == 0 and step_y == 0:
+            break
+        x, y, sad, from_x, from_y = x + step_x, y + step_y, best, step_x, step_y
+    return x, y, sad
+
+
+@kernel
+def spiral_search(image, x, y, half, block, small, spiral, counts):
+    """Compare along a spiral until the first small SAD; return where the least one is, and that SAD."""
+    best, best_x, best_y = UNKNOWN, x, y
+    for k in range(spiral.shape[0]):
+        at_x, at_y = x + spiral[k, 0], y + spiral[k, 1]
+        sad = block_sad(image, at_x, at_y, half, block, best, counts)
+        if sad < best:
+            best, best_x, best_y = sad, at_x, at_y
+            if best <= small:
+                break
+    return best_x, best_y, best
+
+
+# ---- tracks ----
+
+
+@kernel
+def nearest_tracked(first, tracked, order, rank):
+    """Return which of the points tracked already in this frame started nearest to a point; -1 if none."""
+    best, found = UNKNOWN, -1
+    i = order[rank]
+    for k in range(rank):
+        j = order[k]
+        if tracked[j]:
+            distance = (first[i, 0] - first[j, 0]) ** 2 + (first[i, 1] - first[j, 1]) ** 2
+            if distance < best:
+                best, found = distance, j
+    return found
+
+
+@kernel
+def best_candidate(image, half, block, candidates, counts):
+    """Compare a block at several places; return the first of least SAD, and that SAD."""
+    best, best_x, best_y = UNKNOWN, candidates[0, 0], candidates[0, 1]
+    for k in range(candidates.shape[0]):
+        seen = False
+        for j in range(k):
+            if candidates[j, 0] == candidates[k, 0] and candidates[j, 1] == candidates[k, 1]:
+                seen = True
+        if not seen:
+            sad = block_sad(image, candidates[k, 0], candidates[k, 1], half, block, best, counts)
+            if sad < best:
+                best, best_x, best_y = sad, candidates[k, 0], candidates[k, 1]
+    return best_x, best_y, best
+
+
+@kernel
+def track_frame(
+    image,
+    quarter,
+    blocks,
+    quarter_blocks,
+    small,
+    first,
+    last,
+    velocity,
+    alive,
+    order,
+    spiral,
+    quarter_spiral,
+    max_far_searches,
+    position,
+    sads,
+    counts,
+):
+    """Find each live point in a frame; `position`, `sads` and `alive` receive what came of it.
+
+    `small` bounds the SAD of a point that is found. `last` and `velocity` are positions in the frame before
+    and the motion into it. A far search, in images of a quarter of the size, is for the points whose
+    neighbours do not tell the motion.
+    """
+    half, quarter_half = blocks.shape[1] // 2, quarter_blocks.shape[1] // 2
+    tracked = np.zeros(alive.size, np.bool_)
+    candidates = np.empty((3, 2), np.int64)
+    far_searches = 0
+    for rank in range(order.size):
+        i = order[rank]
+        if not alive[i]:
+            continue
+        j = nearest_tracked(first, tracked, order, rank)
+        for axis in range(2):
+            candidates[0, axis] = last[i, axis]
+            candidates[1, axis] = last[i, axis] + velocity[i, axis]
+            motion = velocity[i, axis] if j < 0 else position[j, axis] - last[j, axis]
+            candidates[2, axis] = last[i, axis] + motion
+        x, y, sad = best_candidate(image, half, blocks[i], candidates, counts)
+        if sad > small[i]:
+            x, y, sad = spiral_search(image, x, y, half, blocks[i], small[i], spiral, counts)
+        if sad < UNKNOWN:
+            x, y, sad = descend(image, x, y, half, blocks[i], sad, 2 * spiral.shape[0], counts)
+        if sad > small[i] and far_searches < max_far_searches:
+            far_searches += 1
+            x, y = (last[i, 0] + 2) // 4, (last[i, 1] + 2) // 4
+            x, y, sad = spiral_search(
+                quarter, x, y, quarter_half, quarter_blocks[i], -1, quarter_spiral, counts
+            )
+            if sad < UNKNOWN:
+                x, y, sad = spiral_search(image, 4 * x, 4 * y, half, blocks[i], -1, spiral[:49], counts)
+            if sad < UNKNOWN:
+                x, y, sad = descend(image, x, y, half, blocks[i], sad, 2 * spiral.shape[0], counts)
+        alive[i] = tracked[i] = sad <= small[i]
+        position[i, 0], position[i, 1], sads[i] = x, y, sad
+
+
+@kernel
+def subpixel_offsets(image, blocks, position, alive, sads, counts, offsets):
+    """Place the minimum between pixels, where the two sides of a V through three SADs meet."""
+    half = blocks.shape[1] // 2
+    for i in range(alive.size):
+        if not alive[i]:
+            continue
+        x, y = position[i, 0], position[i, 1]
+        for axis in range(2):
+            dx, dy = 1 - axis, axis
+            before = block_sad(image, x - dx, y - dy, half, blocks[i], UNKNOWN, counts)
+            after = block_sad(image, x + dx, y + dy, half, blocks[i], UNKNOWN, counts)
+            steepest = max(before, after) - sads[i]
+            offsets[i, axis] = 0.0
+            if max(before, after) < UNKNOWN and min(before, after) >= sads[i] and steepest > 0:
+                offsets[i, axis] = 0.5 * (before - after) / steepest
