@@ -10,7 +10,7 @@ from dvc.errors import VideoError
 from dvc.feedback import Connection, EncoderEndpoint, GopDone, ParityRequest
 from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
-from dvc.tracks.coding import encode_points, encode_tracks
+from dvc.tracks import encode_points, encode_tracks
 from dvc.video import Frame
 from dvc.wynerziv.frame import EncodedFrame
 from encoder.corners import CornerDetector
