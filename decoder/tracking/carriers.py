@@ -1,0 +1,220 @@
+"""Corners of the key frames that are likely to be found in the frames between as well.
+
+A detector does not find the very point that correspondences were found for, but the strongest response near
+it, a pixel or so away; and it does so in every frame. So the curve that is followed is that of the corner,
+which begins and ends where the key frames' response is strongest, and what is said of a track in the end is
+where the point itself must be.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfm.model import Correspondences
+
+Floats = NDArray[np.float64]
+Luma = NDArray[np.uint8]
+Indices = NDArray[np.int64]
+
+HARRIS_SENSITIVITY = 0.04
+
+
+class Carriers(NamedTuple):
+    """Correspondences, and the corners beside them.
+
+    Attributes
+    ----------
+    pairs : Correspondences
+        The points, in pixels.
+    first, second : ndarray of shape (N, 2), float64
+        The strongest response of the detector at each point, in the key frames.
+    """
+
+    pairs: Correspondences
+    first: Floats
+    second: Floats
+
+    def __len__(self) -> int:
+        """Return the number of carriers."""
+        return len(self.pairs)
+
+    def corners(self, late: Floats) -> Floats:
+        """Move the corners evenly from key frame to key frame.
+
+        Parameters
+        ----------
+        late : ndarray of shape (T,), float64
+            Instants, 0 at the first and 1 at the second key frame.
+
+        Returns
+        -------
+        ndarray of shape (N, T, 2), float64
+            Their places, in pixels.
+        """
+        return _evenly(self.first, self.second, late)
+
+    def offsets(self, late: Floats) -> Floats:
+        """Return how far the corners are from their points.
+
+        Parameters
+        ----------
+        late : ndarray of shape (T,), float64
+            Instants, 0 at the first and 1 at the second key frame.
+
+        Returns
+        -------
+        ndarray of shape (N, T, 2), float64
+            Distances in x and y, in pixels.
+        """
+        return _evenly(self.first - self.pairs.first, self.second - self.pairs.second, late)
+
+
+def _evenly(first: Floats, second: Floats, late: Floats) -> Floats:
+    t = late[None, :, None]
+    return (1.0 - t) * first[:, None] + t * second[:, None]
+
+
+def choose_carriers(
+    pairs: Correspondences, first: Luma, second: Luma, num_carriers: int, separation_px: float, window_px: int
+) -> Carriers:
+    """Choose correspondences that are corners in both key frames, the strongest first, spread out.
+
+    Parameters
+    ----------
+    pairs : Correspondences
+        What there is to choose from.
+    first, second : ndarray of shape (H, W), uint8
+        Luma of the key frames.
+    num_carriers : int
+        Most that are wanted.
+    separation_px : float
+        Least distance of two corners in the first key frame.
+    window_px : int
+        Side of the detector's window.
+
+    Returns
+    -------
+    Carriers
+        At most `num_carriers`.
+    """
+    ends = [
+        strongest_nearby(corner_response(luma, window_px), places, search_radius_px(window_px))
+        for luma, places in ((first, pairs.first), (second, pairs.second))
+    ]
+    (corner0, strength0), (corner1, strength1) = ends
+    drift = (corner0 - pairs.first) - (corner1 - pairs.second)
+    strength = np.minimum(strength0, strength1)
+    usable = np.flatnonzero((strength > 0) & (np.hypot(drift[:, 0], drift[:, 1]) < MAX_DRIFT_PX))
+    # Of points that share a corner the one that is nearest to it comes first.
+    distance = np.hypot(*(corner0 - pairs.first)[usable].T) + np.hypot(*(corner1 - pairs.second)[usable].T)
+    order = usable[np.lexsort((distance, -strength[usable]))]
+    chosen = _spread(corner0, order, num_carriers, separation_px)
+    return Carriers(pairs[chosen], corner0[chosen], corner1[chosen])
+
+
+MAX_DRIFT_PX = 1.0
+"""A corner whose place relative to its point changes more than this is no corner of the scene."""
+
+
+def search_radius_px(window_px: int) -> int:
+    """Return how far a corner may be from its point.
+
+    Parameters
+    ----------
+    window_px : int
+        Side of the detector's window.
+
+    Returns
+    -------
+    int
+        Distance by rows and by columns.
+    """
+    return 1 + window_px // 3
+
+
+def corner_response(luma: Luma, window_px: int) -> Floats:
+    """Compute the Harris-Stephens response of a square window.
+
+    All sums are of whole numbers and thus exact, whatever the order in which a machine adds them.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        Key frame.
+    window_px : int
+        Side of the window.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        The response; its scale has no meaning.
+    """
+    import cv2
+
+    dx, dy = cv2.Sobel(luma, cv2.CV_64F, 1, 0), cv2.Sobel(luma, cv2.CV_64F, 0, 1)
+    size = (window_px, window_px)
+    xx, xy, yy = (
+        np.asarray(cv2.boxFilter(product, cv2.CV_64F, size, normalize=False), dtype=np.float64)
+        for product in (dx * dx, dx * dy, dy * dy)
+    )
+    trace = xx + yy
+    response: Floats = xx * yy - xy * xy - HARRIS_SENSITIVITY * trace * trace
+    return response
+
+
+def strongest_nearby(response: Floats, places: Floats, radius: int) -> tuple[Floats, Floats]:
+    """Find the peak of a response at places, between pixels.
+
+    Parameters
+    ----------
+    response : ndarray of shape (H, W), float64
+        Response of a detector.
+    places : ndarray of shape (N, 2), float64
+        Points (x, y) in pixels; what is outside the image is moved into it.
+    radius : int
+        How far the peak may be, by rows and by columns.
+
+    Returns
+    -------
+    peaks : ndarray of shape (N, 2), float64
+        Vertex of the parabolas through the strongest response and its neighbours.
+    strength : ndarray of shape (N,), float64
+        The strongest response; not positive where it is on the rim of the neighbourhood, and so no peak.
+    """
+    steps = np.arange(-radius, radius + 1)
+    padded = np.pad(response, radius + 1, constant_values=-np.inf)
+    last = np.array(response.shape[::-1]) - 1
+    at = np.clip(np.rint(places), 0, last).astype(np.int64) + radius + 1
+    window = padded[at[:, 1, None, None] + steps[:, None], at[:, 0, None, None] + steps]
+    best = window.reshape(len(places), len(steps) ** 2).argmax(axis=1)
+    y, x = best // len(steps) - radius, best % len(steps) - radius
+    row, column = at[:, 1] + y, at[:, 0] + x
+    strength = padded[row, column]
+    across = (padded[row, column - 1], padded[row, column + 1])
+    along = (padded[row - 1, column], padded[row + 1, column])
+    peak = np.maximum(*across) <= strength
+    peak &= (np.maximum(*along) <= strength) & np.isfinite(np.minimum(*across) + np.minimum(*along))
+    vertex = np.column_stack([_vertex(*across, strength, peak), _vertex(*along, strength, peak)])
+    return np.column_stack([column, row]) - radius - 1 + vertex, np.where(peak, strength, 0.0)
+
+
+def _vertex(before: Floats, after: Floats, centre: Floats, defined: NDArray[np.bool_]) -> Floats:
+    """Where parabolas through three neighbours, of which the middle is the largest, have their vertex."""
+    before, after, centre = (np.where(defined, values, 0.0) for values in (before, after, centre))
+    curvature = 2.0 * centre - before - after
+    return np.asarray(0.5 * (after - before) / np.where(curvature > 0, curvature, 1.0))
+
+
+def _spread(places: Floats, order: Indices, most: int, separation_px: float) -> Indices:
+    """Take points in order, except those near one that was taken."""
+    chosen: list[int] = []
+    taken = np.empty((most, 2))
+    for index in order:
+        if len(chosen) == most:
+            break
+        offset = taken[: len(chosen)] - places[index]
+        if not ((offset**2).sum(axis=1) < separation_px**2).any():
+            taken[len(chosen)] = places[index]
+            chosen.append(int(index))
+    return np.array(chosen, dtype=np.int64)
