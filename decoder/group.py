@@ -1,7 +1,7 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures between two decoded key frames."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,8 @@ from decoder.wyner_ziv import DecodedFrame, FrameCoroutine, WynerZivDecoder
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.feedback import ParityRequest
+from dvc.stream import GopRecord
+from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
 from dvc.wynerziv.frame import BufferedFrame, PuncturedFrame, PunctureRecorder
 
 Bits = NDArray[np.uint8]
@@ -75,6 +77,13 @@ def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[in
     return order
 
 
+def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> list[int]:
+    """Choose the references of a frame, key frames included: all, or those between which it is decoded."""
+    if references == "all":
+        return sorted(known)
+    return sorted({min(known), *around, max(known)})
+
+
 class GroupDecoder:
     """Decodes groups of pictures of one configuration.
 
@@ -100,7 +109,7 @@ class GroupDecoder:
         self._decoder = WynerZivDecoder(config)
 
     def decode_payloads(
-        self, keys: tuple[ReferenceFrame, ReferenceFrame], payloads: Sequence[bytes], form: str
+        self, keys: tuple[ReferenceFrame, ReferenceFrame], record: GopRecord, form: str
     ) -> list[DecodedWynerZiv]:
         """Decode a group from a stream.
 
@@ -108,8 +117,8 @@ class GroupDecoder:
         ----------
         keys : tuple of two ReferenceFrame
             The key frames around the group.
-        payloads : sequence of bytes
-            One for each frame between them, in display order.
+        record : GopRecord
+            Its tracks, and one payload for each frame between the key frames.
         form : str
             Form of the stream: buffered or punctured.
 
@@ -123,7 +132,7 @@ class GroupDecoder:
         BitstreamError
             If a payload is damaged.
         """
-        layout = self._decoder.layout
+        layout, payloads = self._decoder.layout, record.wyner_ziv
         first = keys[0].index + 1
 
         def _serve(index: int, frame: FrameCoroutine) -> DecodedFrame:
@@ -135,10 +144,11 @@ class GroupDecoder:
             source.finish()
             return decoded
 
-        return self._decode(keys, [payload[: layout.header_bytes] for payload in payloads], _serve)
+        headers = [payload[: layout.header_bytes] for payload in payloads]
+        return self._decode(keys, record.tracks, headers, _serve)
 
     def decode_live(
-        self, keys: tuple[ReferenceFrame, ReferenceFrame], headers: Sequence[bytes], answer: Answer
+        self, keys: tuple[ReferenceFrame, ReferenceFrame], record: GopRecord, answer: Answer
     ) -> list[DecodedWynerZiv]:
         """Decode a group whose parity is asked of the encoder.
 
@@ -146,8 +156,8 @@ class GroupDecoder:
         ----------
         keys : tuple of two ReferenceFrame
             The key frames around the group.
-        headers : sequence of bytes
-            Header of each frame between them, in display order.
+        record : GopRecord
+            Its tracks, and the header of each frame between the key frames.
         answer : callable
             Turns a request into bits.
 
@@ -155,22 +165,29 @@ class GroupDecoder:
         -------
         list of DecodedWynerZiv
             In display order.
+
+        Raises
+        ------
+        BitstreamError
+            If tracks or headers are damaged.
         """
-        return self._decode(keys, headers, lambda _, frame: run(frame, answer))
+        return self._decode(keys, record.tracks, record.wyner_ziv, lambda _, frame: run(frame, answer))
 
     def _decode(
         self,
         keys: tuple[ReferenceFrame, ReferenceFrame],
+        tracks: bytes,
         headers: Sequence[bytes],
         decode: Callable[[int, FrameCoroutine], DecodedFrame],
     ) -> list[DecodedWynerZiv]:
         known = {key.index: key for key in keys}
+        points = self._received(tracks, len(headers))
         results = []
-        for index, around in decoding_order(
-            keys[0].index, keys[1].index, self._config.gop.references != "keys"
-        ):
+        hierarchical = self._config.gop.references != "keys"
+        for index, around in decoding_order(keys[0].index, keys[1].index, hierarchical):
             started = time.perf_counter()
-            prediction = self._method.predict([known[k] for k in around], None, [index])[0]
+            references = [known[k] for k in _usable(known, around, self._config.gop.references)]
+            prediction = self._method.predict(references, points, [index])[0]
             header = headers[index - keys[0].index - 1]
             recorder = PunctureRecorder()
             steps = self._decoder.layout.read_header(header)
@@ -185,6 +202,17 @@ class GroupDecoder:
                 )
             )
         return sorted(results, key=lambda result: result.index)
+
+    def _received(self, tracks: bytes, num_frames: int) -> PointTracks | FeaturePoints | None:
+        """Read what was sent of the geometry of a group."""
+        kind = self._config.tracks.kind
+        if kind == "none" and tracks:
+            raise BitstreamError("tracks in a stream whose configuration has none")
+        if not tracks:
+            return None
+        if kind == "encoder":
+            return decode_tracks(tracks, num_frames + 2, self._config)
+        return decode_points(tracks, num_frames, self._config)
 
 
 def run(frame: FrameCoroutine, answer: Answer) -> DecodedFrame:

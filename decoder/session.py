@@ -120,7 +120,7 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
         first_index, around, key = keys.add(gop.number, gop.record)
         frames: list[DecodedWynerZiv] = []
         if around is not None:
-            frames = decoder.decode_live(around, gop.record.wyner_ziv, source.answer)
+            frames = decoder.decode_live(around, gop.record, source.answer)
         yield _finished(first_index, frames, key, gop.record)
 
 
@@ -163,7 +163,7 @@ def _decode_task(task: _Task) -> DecodedGroup:
     frames: list[DecodedWynerZiv] = []
     if task.keys is not None:
         try:
-            frames = _group_decoder(task.config).decode_payloads(task.keys, task.record.wyner_ziv, task.form)
+            frames = _group_decoder(task.config).decode_payloads(task.keys, task.record, task.form)
         except BitstreamError as err:
             raise BitstreamError(f"group of pictures {task.number}: {err}") from err
     return _finished(task.first_index, frames, task.key, task.record)

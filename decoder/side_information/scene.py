@@ -149,7 +149,7 @@ class SceneInterpolation:
         share = scene_share(flat, rendered)
         luma = share * hedged(rendered, late) + (1.0 - share) * flat.luma
         compensated = tuple(
-            share * _bounded(ours, rendered) + (1.0 - share) * theirs
+            share * bounded(ours, rendered) + (1.0 - share) * theirs
             for ours, theirs in zip(rendered.compensated, flat.compensated, strict=True)
         )
         chroma = warp_chroma(rendered, [frame.chroma for frame in frames])
@@ -211,19 +211,61 @@ def scene_share(flat: Prediction, rendered: Interpolation) -> Floats:
         From 0 to 1/2: equal shares where the geometry expects an error as small as what block motion finds,
         less where it does not, as on objects that move by themselves.
     """
-    found = _neighbourhood(np.abs(flat.compensated[0] - flat.compensated[1])) + 1.0
-    expected = np.maximum(_neighbourhood(rendered.expected_error), found)
+    found = inconsistency(flat)
+    expected = np.maximum(neighbourhood(rendered.expected_error), found)
     share: Floats = found**2 / (found**2 + expected**2)
     return share
 
 
-def _neighbourhood(plane: Floats) -> Floats:
+def inconsistency(flat: Prediction) -> Floats:
+    """Measure how far the references of a prediction by block motion are from each other.
+
+    Parameters
+    ----------
+    flat : Prediction
+        By block motion.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Mean absolute difference in the neighbourhood of each pixel, and one level for noise.
+    """
+    found: Floats = neighbourhood(np.abs(flat.compensated[0] - flat.compensated[1])) + 1.0
+    return found
+
+
+def neighbourhood(plane: Floats) -> Floats:
+    """Average a plane over the neighbourhood in which references are compared.
+
+    Parameters
+    ----------
+    plane : ndarray of shape (H, W), float64
+        Any plane.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Means.
+    """
     mean: Floats = uniform_filter(plane, CONSISTENCY_WINDOW, mode="nearest")
     return mean
 
 
-def _bounded(compensated: Floats, rendered: Interpolation) -> Floats:
-    """Limit how far a reference is from the prediction: where it does not see a point, it says nothing."""
+def bounded(compensated: Floats, rendered: Interpolation) -> Floats:
+    """Limit how far a reference is from the prediction: where it does not see a point, it says nothing.
+
+    Parameters
+    ----------
+    compensated : ndarray of shape (H, W), float64
+        Of one reference.
+    rendered : Interpolation
+        The prediction.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        At most twice the expected error from the prediction.
+    """
     limit = 2.0 * rendered.expected_error
-    bounded: Floats = rendered.luma + np.clip(compensated - rendered.luma, -limit, limit)
-    return bounded
+    limited: Floats = rendered.luma + np.clip(compensated - rendered.luma, -limit, limit)
+    return limited

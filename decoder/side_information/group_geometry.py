@@ -1,0 +1,160 @@
+"""Geometry of one group of pictures: a model from its key frames, and a camera for every frame from tracks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.tracks import FeaturePoints, PointTracks
+from sfm.model import Model, Reconstruction
+from sfm.rebasing import Rebased, rebase
+
+Floats = NDArray[np.float64]
+Luma = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class GroupGeometry:
+    """What is known of the scene and the camera in one group of pictures.
+
+    Attributes
+    ----------
+    first_index : int
+        Display position of the first key frame.
+    tracks : PointTracks
+        Tracked points.
+    model : Model or None
+        The scene, from the two key frames; None where there is none that can be trusted.
+    cameras : tuple of (ndarray of shape (3, 4), float64, or None)
+        Camera of each frame, key frames included, in the basis of the model; None where there is none.
+    reason : str
+        Why the model is missing.
+    camera_reasons : tuple of str
+        Why cameras are missing.
+    """
+
+    first_index: int
+    tracks: PointTracks
+    model: Model | None
+    cameras: tuple[Floats | None, ...]
+    reason: str
+    camera_reasons: tuple[str, ...]
+
+    def positions(self, index: int) -> Floats:
+        """Return where the points are in one frame.
+
+        Parameters
+        ----------
+        index : int
+            Display position of the frame.
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            (x, y) in pixels; nan where a point is not known.
+        """
+        positions: Floats = self.tracks.positions[:, index - self.first_index]
+        return positions
+
+    def camera(self, index: int) -> Floats | None:
+        """Return the camera of one frame.
+
+        Parameters
+        ----------
+        index : int
+            Display position of the frame.
+
+        Returns
+        -------
+        ndarray of shape (3, 4), float64, or None
+            In the basis of the model.
+        """
+        return self.cameras[index - self.first_index]
+
+    def missing(self, *indices: int) -> str:
+        """Say why the scene cannot be used with some frames; nothing if it can.
+
+        Parameters
+        ----------
+        *indices : int
+            Display positions.
+
+        Returns
+        -------
+        str
+            The reason.
+        """
+        reasons = (self.camera_reasons[index - self.first_index] for index in indices)
+        return self.reason or next((reason for reason in reasons if reason), "")
+
+    def between(self, first: int, second: int) -> Rebased | None:
+        """Describe the scene by two frames of the group.
+
+        Parameters
+        ----------
+        first, second : int
+            Display positions; both frames must have cameras.
+
+        Returns
+        -------
+        Rebased or None
+            The model of the two, None where there is none.
+        """
+        cameras = self.camera(first), self.camera(second)
+        if self.model is None or cameras[0] is None or cameras[1] is None:
+            return None
+        return rebase(self.model, cameras[0], cameras[1])
+
+
+def estimate_geometry(
+    reconstruction: Reconstruction,
+    keys: tuple[Luma, Luma],
+    points: PointTracks | FeaturePoints,
+    first_index: int,
+) -> GroupGeometry:
+    """Find the cameras of a group of pictures.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        The scene as the key frames show it.
+    keys : tuple of two ndarray of shape (H, W), uint8
+        Luma of the key frames.
+    points : PointTracks or FeaturePoints
+        What the encoder sent.
+    first_index : int
+        Display position of the first key frame.
+
+    Returns
+    -------
+    GroupGeometry
+        With the reasons of what is missing.
+
+    References
+    ----------
+    [Maitre2008] Sec. 5.4: (5.7) with real tracks instead of (5.8).
+    """
+    from decoder.tracking import match_points
+    from sfm.resection import intermediate_cameras, tracked_points
+
+    tracks = points
+    if isinstance(tracks, FeaturePoints):
+        tracks = match_points(reconstruction, *keys, tracks)
+    number, positions = tracks.num_instants, tracks.positions
+    if reconstruction.model is None or not reconstruction.success:
+        none: tuple[Floats | None, ...] = (None,) * number
+        return GroupGeometry(first_index, tracks, None, none, reconstruction.reason, ("",) * number)
+    model = reconstruction.model
+    ends = positions[:, 0], positions[:, -1]
+    instants = [tracked_points(model, *ends, positions[:, k], k / (number - 1)) for k in range(1, number - 1)]
+    found = intermediate_cameras(model, instants)
+    cameras = [resection.camera if resection.success else None for resection in found]
+    reasons = [f"camera: {resection.reason}" if resection.reason else "" for resection in found]
+    return GroupGeometry(
+        first_index,
+        tracks,
+        model,
+        (model.first_camera, *cameras, model.second_camera),
+        "",
+        ("", *reasons, ""),
+    )

@@ -1,0 +1,161 @@
+"""Side information from a model of the scene and tracked points: the thesis's 3D-DVC-TE and 3D-DVC-TD.
+
+Tracks give every frame of a group of pictures its camera, so that any two decoded frames can serve as
+references of those between them. The prediction by the scene is joined with that of block motion after
+alignment by the same tracks, each where it finds its references consistent.
+
+References
+----------
+[Maitre2008] Sec. 5.4.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.side_information.alignment import AlignedBlockMotion
+from decoder.side_information.block_motion import references_around
+from decoder.side_information.group_geometry import GroupGeometry, estimate_geometry
+from decoder.side_information.protocol import Prediction, ReferenceFrame
+from decoder.side_information.refinement import BLOCK, BlockRefiner
+from decoder.side_information.rendering import Interpolation, block_offsets, warp_chroma
+from decoder.side_information.scene import (
+    INTERPOLATORS,
+    FrameInterpolator,
+    SceneInterpolation,
+    bounded,
+    inconsistency,
+    neighbourhood,
+)
+from dvc.config import CodecConfig
+from dvc.tracks import FeaturePoints, PointTracks
+from dvc.video import Frame
+from sfm.rebasing import Rebased
+
+Floats = NDArray[np.float64]
+
+TRUST = 2.0
+"""How much larger the scene's expected error may be than what block motion finds, for equal shares."""
+
+
+class _Pair(NamedTuple):
+    """The scene between two references."""
+
+    before: ReferenceFrame
+    after: ReferenceFrame
+    rebased: Rebased
+    interpolator: FrameInterpolator
+
+
+class TrackedSceneInterpolation:
+    """Prediction from a model of the scene whose cameras follow from tracked points.
+
+    Parameters
+    ----------
+    name : str
+        Method: a key of `INTERPOLATORS`.
+    config : CodecConfig
+        Whose estimators to use, seed, and settings of the block motion.
+    """
+
+    def __init__(self, name: str, config: CodecConfig) -> None:
+        self.name = name
+        self._build = INTERPOLATORS[name]
+        self._backend, self._seed = config.geometry.backend, config.seed
+        self._aligned = AlignedBlockMotion(config.side_information)
+        self._untracked = SceneInterpolation(name, config)
+        self._group: tuple[ReferenceFrame, ReferenceFrame, GroupGeometry] | None = None
+        self._pair: _Pair | None = None
+
+    def predict(
+        self, references: Sequence[ReferenceFrame], points: object, instants: Sequence[int]
+    ) -> list[Prediction]:
+        """Predict the frames at some instants; see `SideInformationMethod.predict`.
+
+        Parameters
+        ----------
+        references : sequence of ReferenceFrame
+            Decoded frames, by increasing index; the first and the last are the key frames of the group.
+        points : PointTracks, FeaturePoints or None
+            What was received for the frames of the group.
+        instants : sequence of int
+            Display positions wanted.
+
+        Returns
+        -------
+        list of Prediction
+            One for each instant.
+        """
+        if not isinstance(points, PointTracks | FeaturePoints):
+            return self._untracked.predict(references, None, instants)
+        geometry = self._geometry(references[0], references[-1], points)
+        if len(geometry.tracks) == 0:
+            return self._untracked.predict(references, None, instants)
+        return [
+            self._predict_one(geometry, references_around(references, instant), instant)
+            for instant in instants
+        ]
+
+    def _geometry(
+        self, first: ReferenceFrame, last: ReferenceFrame, points: PointTracks | FeaturePoints
+    ) -> GroupGeometry:
+        from sfm.pipeline import reconstruct
+
+        if self._group is not None and self._group[0] is first and self._group[1] is last:
+            return self._group[2]
+        keys = first.frame.luma, last.frame.luma
+        reconstruction = reconstruct(*keys, backend=self._backend, seed=self._seed)
+        geometry = estimate_geometry(reconstruction, keys, points, first.index)
+        self._group, self._pair = (first, last, geometry), None
+        return geometry
+
+    def _predict_one(
+        self, geometry: GroupGeometry, around: tuple[ReferenceFrame, ReferenceFrame], instant: int
+    ) -> Prediction:
+        before, after = around
+        where = geometry.positions
+        flat = self._aligned.predict(
+            around, instant, (where(before.index), where(instant), where(after.index))
+        )
+        reason = geometry.missing(before.index, instant, after.index)
+        camera, pair = geometry.camera(instant), None if reason else self._between(geometry, around)
+        if pair is None or camera is None:
+            return replace(flat, success=False, reason=reason or "a camera lies at infinity")
+        late = (instant - before.index) / (after.index - before.index)
+        rendered = pair.interpolator.interpolate(pair.rebased.camera(camera), late)
+        return self._joined(flat, rendered, (before.frame, after.frame))
+
+    def _between(
+        self, geometry: GroupGeometry, around: tuple[ReferenceFrame, ReferenceFrame]
+    ) -> _Pair | None:
+        before, after = around
+        known = self._pair
+        if known is not None and known.before is before and known.after is after:
+            return known
+        rebased = geometry.between(before.index, after.index)
+        if rebased is None:
+            return None
+        interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma)
+        self._pair = _Pair(before, after, rebased, interpolator)
+        return self._pair
+
+    def _joined(self, flat: Prediction, rendered: Interpolation, frames: tuple[Frame, Frame]) -> Prediction:
+        """Blend what the scene predicts with what aligned block motion does, by their expected errors."""
+        theirs, ours = inconsistency(flat), neighbourhood(rendered.expected_error)
+        share = theirs**2 * TRUST**2 / (theirs**2 * TRUST**2 + ours**2)
+        luma = share * rendered.luma + (1.0 - share) * flat.luma
+        compensated = tuple(
+            share * bounded(mine, rendered) + (1.0 - share) * other
+            for mine, other in zip(rendered.compensated, flat.compensated, strict=True)
+        )
+        return Prediction(
+            luma,
+            warp_chroma(rendered, [frame.chroma for frame in frames]),
+            compensated,
+            self.name,
+            expected_error=share * ours + (1.0 - share) * theirs,
+            refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), self.name),
+        )
