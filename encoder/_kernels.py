@@ -35,11 +35,36 @@ def spread(x, y, min_distance_px2, chosen):
 
 
 @kernel
-def cut_block(image, x, y, half, block):
-    """Copy the block around (x, y), which lies inside the image."""
-    for row in range(2 * half + 1):
-        for column in range(2 * half + 1):
-            block[row, column] = image[y - half + row, x - half + column]
+def cut_blocks(image, points, blocks):
+    """Copy the block around each point; what lies outside the image repeats its border."""
+    height, width = image.shape
+    half = blocks.shape[1] // 2
+    for i in range(points.shape[0]):
+        for row in range(blocks.shape[1]):
+            y = min(max(points[i, 1] - half + row, 0), height - 1)
+            for column in range(blocks.shape[2]):
+                x = min(max(points[i, 0] - half + column, 0), width - 1)
+                blocks[i, row, column] = image[y, x]
+
+
+@kernel
+def least_shift_sads(image, points, blocks, shift, least):
+    """Least SAD of each block against itself, moved to the left, right, up and down; inside the image."""
+    half = blocks.shape[1] // 2
+    counts = np.zeros(2, np.int64)
+    for i in range(points.shape[0]):
+        x, y = points[i, 0], points[i, 1]
+        least[i] = block_sad(image, x - shift, y, half, blocks[i], UNKNOWN, counts)
+        for dx, dy in ((shift, 0), (0, -shift), (0, shift)):
+            least[i] = min(least[i], block_sad(image, x + dx, y + dy, half, blocks[i], least[i], counts))
+
+
+@kernel
+def median_motion(velocity, alive, median):
+    """Median of each component over the live points, of which there is at least one."""
+    for axis in range(2):
+        ordered = np.sort(velocity[alive, axis])
+        median[axis] = ordered[ordered.size // 2]
 
 
 @kernel
@@ -104,12 +129,10 @@ def spiral_search(image, x, y, half, block, small, spiral, counts):
 
 
 @kernel
-def nearest_tracked(first, tracked, order, rank):
-    """Return which of the points tracked already in this frame started nearest to a point; -1 if none."""
+def nearest_tracked(first, tracked, i):
+    """Return which of the points found already in this frame started nearest to point `i`; -1 if none."""
     best, found = UNKNOWN, -1
-    i = order[rank]
-    for k in range(rank):
-        j = order[k]
+    for j in range(i):
         if tracked[j]:
             distance = (first[i, 0] - first[j, 0]) ** 2 + (first[i, 1] - first[j, 1]) ** 2
             if distance < best:
@@ -134,18 +157,35 @@ def best_candidate(image, half, block, candidates, counts):
 
 
 @kernel
+def far_search(image, quarter, block, quarter_block, last_x, last_y, spiral, quarter_spiral, counts):
+    """Search in images of a quarter of the size, then around what was found there."""
+    x, y, sad = spiral_search(
+        quarter,
+        (last_x + 2) // 4,
+        (last_y + 2) // 4,
+        quarter_block.shape[0] // 2,
+        quarter_block,
+        -1,
+        quarter_spiral,
+        counts,
+    )
+    if sad < UNKNOWN:
+        x, y, sad = spiral_search(image, 4 * x, 4 * y, block.shape[0] // 2, block, -1, spiral, counts)
+    return x, y, sad
+
+
+@kernel
 def track_frame(
     image,
-    quarter,
     blocks,
-    quarter_blocks,
     small,
     first,
     last,
     velocity,
     alive,
-    order,
     spiral,
+    quarter,
+    quarter_blocks,
     quarter_spiral,
     max_far_searches,
     position,
@@ -155,18 +195,16 @@ def track_frame(
     """Find each live point in a frame; `position`, `sads` and `alive` receive what came of it.
 
     `small` bounds the SAD of a point that is found. `last` and `velocity` are positions in the frame before
-    and the motion into it. A far search, in images of a quarter of the size, is for the points whose
-    neighbours do not tell the motion.
+    and the motion into it. Far searches are for points whose neighbours do not tell the motion.
     """
-    half, quarter_half = blocks.shape[1] // 2, quarter_blocks.shape[1] // 2
+    half = blocks.shape[1] // 2
     tracked = np.zeros(alive.size, np.bool_)
     candidates = np.empty((3, 2), np.int64)
     far_searches = 0
-    for rank in range(order.size):
-        i = order[rank]
+    for i in range(alive.size):
         if not alive[i]:
             continue
-        j = nearest_tracked(first, tracked, order, rank)
+        j = nearest_tracked(first, tracked, i)
         for axis in range(2):
             candidates[0, axis] = last[i, axis]
             candidates[1, axis] = last[i, axis] + velocity[i, axis]
@@ -176,17 +214,22 @@ def track_frame(
         if sad > small[i]:
             x, y, sad = spiral_search(image, x, y, half, blocks[i], small[i], spiral, counts)
         if sad < UNKNOWN:
-            x, y, sad = descend(image, x, y, half, blocks[i], sad, 2 * spiral.shape[0], counts)
+            x, y, sad = descend(image, x, y, half, blocks[i], sad, spiral.shape[0], counts)
         if sad > small[i] and far_searches < max_far_searches:
             far_searches += 1
-            x, y = (last[i, 0] + 2) // 4, (last[i, 1] + 2) // 4
-            x, y, sad = spiral_search(
-                quarter, x, y, quarter_half, quarter_blocks[i], -1, quarter_spiral, counts
+            x, y, sad = far_search(
+                image,
+                quarter,
+                blocks[i],
+                quarter_blocks[i],
+                last[i, 0],
+                last[i, 1],
+                spiral[:49],
+                quarter_spiral,
+                counts,
             )
             if sad < UNKNOWN:
-                x, y, sad = spiral_search(image, 4 * x, 4 * y, half, blocks[i], -1, spiral[:49], counts)
-            if sad < UNKNOWN:
-                x, y, sad = descend(image, x, y, half, blocks[i], sad, 2 * spiral.shape[0], counts)
+                x, y, sad = descend(image, x, y, half, blocks[i], sad, spiral.shape[0], counts)
         alive[i] = tracked[i] = sad <= small[i]
         position[i, 0], position[i, 1], sads[i] = x, y, sad
 

@@ -14,6 +14,8 @@ from encoder import _kernels
 
 Points = NDArray[np.int64]
 
+_CANDIDATES = 20  # for each corner wanted: those that are too near to stronger ones are left out
+_SPARSE_GRID_PX = 4  # on which every place is a candidate
 _MARGIN_PX = 3  # where the gradients see the repeated border
 
 
@@ -21,12 +23,17 @@ _MARGIN_PX = 3  # where the gradients see the repeated border
 class CornerSettings:
     """How corners are chosen."""
 
-    window_px: int = 9  # side of the window whose gradients count
+    # Corners lie where both coordinates are multiples of this. From 4 on, a corner is a block that can be
+    # tracked rather than a place where edges meet: half the resolution is enough to find it.
+    grid_px: int = 1
+    window_px: int = 5  # side of the window whose gradients count, at the resolution that is looked at
     sensitivity: float = 0.04  # factor of the squared trace in the response
-    # Weakest response, as a share of the response of a checkerboard of full contrast.
-    min_response: float = 1e-7
-    min_distance: float = 0.5  # of two corners, in units of the distance they had on a square grid
-    grid_px: int = 1  # corners lie where both coordinates are multiples of this
+    min_response: float = 1e-7  # of a corner; gradients are in units of the full range of luma
+    min_distance: float = 0.4  # of two corners, in units of their distance if they were evenly spread
+
+
+TRACKED_CORNERS = CornerSettings(grid_px=4, window_px=3)
+"""Corners to be tracked: on a grid, for the sake of their cost, because any place nearby tracks as well."""
 
 
 def find_corners(
@@ -57,12 +64,23 @@ def find_corners(
     settings = settings or CornerSettings()
     grid = settings.grid_px
     first = -(-margin_px // grid) * grid
-    if min(luma.shape) < first + margin_px + 1:
+    last_y, last_x = (side - 1 - margin_px for side in luma.shape)
+    if min(last_x, last_y) < first:
         return np.empty((0, 2), np.int64)
-    response = _response(luma, settings)[first : luma.shape[0] - margin_px : grid]
-    response = response[:, first : luma.shape[1] - margin_px : grid]
-    rows, columns = np.nonzero(_is_maximum(response) & (response > settings.min_response))
-    order = np.argsort(-response[rows, columns], kind="stable")
+    response, shrink = _response(luma, settings)
+    step = grid // shrink
+    response = response[first // shrink :: step, first // shrink :: step]
+    response = response[: (last_y - first) // grid + 1, : (last_x - first) // grid + 1]
+    worthy = response > settings.min_response
+    if grid < _SPARSE_GRID_PX:
+        worthy &= _is_maximum(response)
+    rows, columns = np.nonzero(worthy)
+    strength = response[rows, columns]
+    if strength.size > _CANDIDATES * max_corners:
+        strongest = np.argpartition(-strength, _CANDIDATES * max_corners)[: _CANDIDATES * max_corners]
+        strongest.sort()
+        rows, columns, strength = rows[strongest], columns[strongest], strength[strongest]
+    order = np.argsort(-strength, kind="stable")
     x, y = columns[order] * grid + first, rows[order] * grid + first
     min_distance_px = settings.min_distance * (luma.size / max_corners) ** 0.5
     chosen = np.empty(max_corners, np.int64)
@@ -84,7 +102,7 @@ class CornerDetector:
 
     def __init__(self, num_points: int, settings: CornerSettings | None = None) -> None:
         self._num_points = num_points
-        self._settings = settings or CornerSettings(window_px=5, min_distance=0.4)
+        self._settings = settings or CornerSettings()
         self.num_corners = 0
         self.cpu_s = 0.0
 
@@ -111,10 +129,15 @@ class CornerDetector:
         return FeaturePoints(tuple(found))
 
 
-def _response(luma: Plane, settings: CornerSettings) -> NDArray[np.float32]:
+def _response(luma: Plane, settings: CornerSettings) -> tuple[NDArray[np.float32], int]:
+    """Return the response to corners, and how many times smaller than the frame it is."""
     import cv2
 
-    return np.asarray(cv2.cornerHarris(luma, settings.window_px, 3, settings.sensitivity))
+    shrink = 2 if settings.grid_px >= _SPARSE_GRID_PX else 1
+    if shrink > 1:
+        size = (-(-luma.shape[1] // shrink), -(-luma.shape[0] // shrink))
+        luma = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return np.asarray(cv2.cornerHarris(luma, settings.window_px, 3, settings.sensitivity)), shrink
 
 
 def _is_maximum(response: NDArray[np.float32]) -> NDArray[np.bool_]:

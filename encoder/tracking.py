@@ -6,7 +6,7 @@ of least SAD to a local minimum. A point without small SAD is lost.
 """
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dvc.tracks import PointTracks
 from dvc.video.frames import Plane
 from encoder import _kernels
-from encoder.corners import CornerSettings, find_corners
+from encoder.corners import TRACKED_CORNERS, CornerSettings, find_corners
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -25,18 +25,18 @@ Integers = NDArray[np.int64]
 class TrackingSettings:
     """How points are found and followed."""
 
-    corners: CornerSettings = field(default_factory=CornerSettings)
+    corners: CornerSettings = TRACKED_CORNERS
     half_block_px: int = 5  # of the blocks that are compared: 11 x 11 samples
-    spiral_px: int = 7  # reach of the spiral
+    spiral_px: int = 5  # reach of the spiral
     far_px: int = 48  # reach of the search for points whose motion nothing tells
     max_far_searches: int = 12  # of these, in one frame
+    far_share: float = 0.3  # they are made when more of the points are lost from one frame to the next
     # A SAD is small below this share of what a shift of the block by `shift_px` makes, or below so many
     # grey levels a sample.
-    small_share: float = 0.6
+    small_share: float = 0.65
     shift_px: int = 3
     small_noise: float = 2.0
     large_noise: float = 16.0  # grey levels a sample that are never small
-    follow_appearance: float = 0.0  # weight of the last frame's block in the block looked for
 
 
 @dataclass
@@ -119,13 +119,16 @@ class PointTracker:
         started = time.process_time()
         settings = self._settings
         half = settings.half_block_px
+        self._key = luma
         self._first = find_corners(luma, self._num_points, half, settings.corners)
+        count = len(self._first)
         self._last = self._first.copy()
-        self._alive = np.ones(len(self._first), np.bool_)
-        self._velocity = np.tile(self._motion, (len(self._first), 1))
-        self._blocks = _cut(luma, self._first, half)
-        self._quarter_blocks = _cut(_quarter(luma), self._first // 4, 4)
-        self._small = self._small_sads(luma)
+        self._alive = np.ones(count, np.bool_)
+        self._velocity = np.tile(self._motion, (count, 1))
+        self._blocks = np.empty((count, 2 * half + 1, 2 * half + 1), np.uint8)
+        _kernels.cut_blocks(luma, self._first, self._blocks)
+        self._quarter_blocks = np.empty((0, 9, 9), np.uint8)
+        self._small = self._small_sads()
         self._path = [self._first.astype(np.float64)]
         self._num_before = len(self._first)
         self.counts.num_corners += len(self._first)
@@ -140,38 +143,24 @@ class PointTracker:
             The frame.
         """
         started = time.process_time()
-        settings = self._settings
         count = len(self._first)
         self._num_before = int(self._alive.sum())
         position = np.zeros((count, 2), np.int64)
         sads = np.zeros(count, np.int64)
         operations = np.zeros(2, np.int64)
+        before = self._alive.copy()
+        self._search(luma, None, position, sads, operations)
+        if self.last_lost_share > self._settings.far_share:
+            self._alive = before
+            self._search(luma, _quarter(luma), position, sads, operations)
         offsets = np.zeros((count, 2))
-        _kernels.track_frame(
-            luma,
-            _quarter(luma),
-            self._blocks,
-            self._quarter_blocks,
-            self._small,
-            self._first,
-            self._last,
-            self._velocity,
-            self._alive,
-            np.arange(count),
-            spiral(settings.spiral_px),
-            spiral(settings.far_px // 4),
-            settings.max_far_searches,
-            position,
-            sads,
-            operations,
-        )
         if self._subpixel_bits:
             _kernels.subpixel_offsets(luma, self._blocks, position, self._alive, sads, operations, offsets)
         self._velocity = position - self._last
         self._last = position
         self._path.append(self._rounded(position + offsets))
         if self._alive.any():
-            self._motion = np.median(self._velocity[self._alive], axis=0).round().astype(np.int64)
+            _kernels.median_motion(self._velocity, self._alive, self._motion)
         self.counts.num_blocks += int(operations[0])
         self.counts.num_samples += int(operations[1])
         self.counts.num_frames += 1
@@ -216,30 +205,42 @@ class PointTracker:
         rounded[~self._alive] = np.nan
         return rounded
 
-    def _small_sads(self, luma: Plane) -> Integers:
+    def _search(
+        self, luma: Plane, quarter: Plane | None, position: Integers, sads: Integers, operations: Integers
+    ) -> None:
         settings = self._settings
-        half, shift = settings.half_block_px, settings.shift_px
-        least = np.full(len(self._first), np.inf)
-        padded = np.pad(luma, shift, mode="edge")
-        for dx, dy in ((-shift, 0), (shift, 0), (0, -shift), (0, shift)):
-            moved = _cut(padded, self._first + shift + (dx, dy), half)
-            difference = np.abs(moved.astype(np.int16) - self._blocks)
-            least = np.minimum(least, difference.sum(axis=(1, 2)))
-        num_samples = (2 * half + 1) ** 2
+        if quarter is not None and len(self._quarter_blocks) == 0:
+            self._quarter_blocks = np.empty((len(self._first), 9, 9), np.uint8)
+            _kernels.cut_blocks(_quarter(self._key), self._first // 4, self._quarter_blocks)
+        _kernels.track_frame(
+            luma,
+            self._blocks,
+            self._small,
+            self._first,
+            self._last,
+            self._velocity,
+            self._alive,
+            spiral(settings.spiral_px),
+            luma if quarter is None else quarter,
+            self._quarter_blocks,
+            spiral(settings.far_px // 4),
+            0 if quarter is None else settings.max_far_searches,
+            position,
+            sads,
+            operations,
+        )
+
+    def _small_sads(self) -> Integers:
+        settings = self._settings
+        least = np.empty(len(self._first), np.int64)
+        _kernels.least_shift_sads(self._key, self._first, self._blocks, settings.shift_px, least)
+        num_samples = (2 * settings.half_block_px + 1) ** 2
         small = np.clip(
-            settings.small_share * least,
+            settings.small_share * np.minimum(least, 255 * num_samples),
             settings.small_noise * num_samples,
             settings.large_noise * num_samples,
         )
         return small.astype(np.int64)
-
-
-def _cut(luma: Plane, points: Integers, half: int) -> NDArray[np.uint8]:
-    """Cut the block around each point; what lies outside the frame repeats its border."""
-    offsets = np.arange(-half, half + 1)
-    rows = np.clip(points[:, 1, None] + offsets, 0, luma.shape[0] - 1)
-    columns = np.clip(points[:, 0, None] + offsets, 0, luma.shape[1] - 1)
-    return np.asarray(luma[rows[:, :, None], columns[:, None, :]])
 
 
 def _quarter(luma: Plane) -> Plane:

@@ -14,10 +14,11 @@ LOST = -1
 # that are expected, in x and in y.
 NUM_CLASSES = 10
 NUM_EXPONENTS = 12
-_NEAR_ZERO = NUM_EXPONENTS  # more for the first decision, by how far the prediction is from a whole number
-_MANTISSA = NUM_EXPONENTS + 2
-_SIGN = _MANTISSA + NUM_EXPONENTS
-CONTEXTS_PER_CLASS = _SIGN + 3
+ZERO = 0  # whether the residual is not 0, where the prediction is near a whole number
+ZERO_FAR = NUM_EXPONENTS  # the same where it is not
+MANTISSA = NUM_EXPONENTS + 2
+SIGN = MANTISSA + NUM_EXPONENTS
+CONTEXTS_PER_CLASS = SIGN + 3
 NUM_CONTEXTS = 1 + 2 * NUM_CLASSES * CONTEXTS_PER_CLASS
 MAX_DECISIONS = 1 + 2 * 48  # of one track at one instant
 
@@ -78,6 +79,18 @@ def free_rows(points, k, distance, free):
             if dx * dx < distance * distance:
                 free[max(points[j, 1] - reach, 0) : points[j, 1] + reach + 1] = False
     return int(free.sum())
+
+
+@kernel
+def row_ranks(points, distance, num_rows):
+    """Rank of the row of each point among those that are free, and how many these are."""
+    ranks = np.empty(points.shape[0], np.int32)
+    bounds = np.empty(points.shape[0], np.int32)
+    free = np.empty(num_rows, np.bool_)
+    for k in range(points.shape[0]):
+        bounds[k] = free_rows(points, k, distance, free)
+        ranks[k] = free[: points[k, 1]].sum()
+    return ranks, bounds
 
 
 # ---- tracks ----
@@ -167,14 +180,14 @@ def first_context(axis, prediction):
 def zero_context(base, predicted):
     """Return the context of whether a residual is 0."""
     fraction = ((predicted + 128) & 255) - 128
-    return base + (_NEAR_ZERO if abs(fraction) > 64 else 0)
+    return base + (ZERO_FAR if abs(fraction) > 64 else ZERO)
 
 
 @kernel
 def sign_context(base, predicted):
     """Return the context of the sign of a residual."""
     fraction = ((predicted + 128) & 255) - 128
-    return base + _SIGN + (fraction > -38) + (fraction > 38)
+    return base + SIGN + (fraction > -38) + (fraction > 38)
 
 
 @kernel
@@ -186,7 +199,7 @@ def exponent_context(base, exponent):
 @kernel
 def mantissa_context(base, exponent):
     """Return the context of the first digit after the leading one."""
-    return base + _MANTISSA + min(exponent, NUM_EXPONENTS - 1)
+    return base + MANTISSA + min(exponent, NUM_EXPONENTS - 1)
 
 
 @kernel

@@ -20,6 +20,25 @@ Integers = NDArray[np.int64]
 
 _MAX_EXPONENT = 24
 
+# Probability of a 1 before anything has been seen, in percent, for each class of residuals: what real and
+# rendered clips have on the mean, at whole, half and quarter pixels, over groups of 2, 5 and 10 frames.
+_PERCENT = {
+    _kernels.ZERO: (7, 24, 41, 60, 73, 85, 90, 95, 97, 97),
+    _kernels.ZERO_FAR: (37, 38, 46, 60, 71, 85, 91, 96, 97, 97),
+    1: (4, 3, 3, 4, 15, 42, 64, 79, 85, 91),
+    2: (21, 20, 12, 10, 10, 16, 34, 56, 71, 81),
+    3: (25, 25, 25, 25, 24, 25, 17, 24, 47, 70),
+    4: (25, 25, 25, 25, 20, 24, 25, 26, 25, 46),
+    _kernels.MANTISSA + 1: (5, 5, 7, 15, 31, 43, 50, 48, 45, 50),
+    _kernels.MANTISSA + 2: (25, 20, 15, 12, 14, 25, 39, 47, 55, 60),
+    _kernels.SIGN: (25, 20, 20, 29, 42, 45, 45, 45, 45, 50),
+    _kernels.SIGN + 1: (50,) * _kernels.NUM_CLASSES,
+    _kernels.SIGN + 2: (75, 80, 80, 75, 65, 55, 50, 45, 45, 50),
+}
+_PERCENT_OF_THE_REST = 30
+_PERCENT_LOST = 4
+_INITIAL_COUNT = 320  # twenty decisions
+
 
 def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
     """Write point tracks; inverse of `decode_tracks`.
@@ -57,7 +76,7 @@ def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
 
 def _write_tracks(units: Integers, config: CodecConfig) -> bytes:
     writer = RangeWriter()
-    writer.write_uniform(len(units) - 1, config.tracks.num_points)
+    _write_count(writer, len(units) - 1, config.tracks.num_points)
     first = np.ascontiguousarray(units[:, 0])
     lattice = Lattice.of([first], *_sides(config))
     lattice.write(writer)
@@ -112,6 +131,10 @@ def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> Poi
         raise BitstreamError("the tracks are followed by other data, or are damaged")
     scale = 2.0**config.tracks.subpixel_bits
     return PointTracks(np.where(units == LOST, np.nan, units / scale))
+
+
+def _write_count(writer: RangeWriter, count: int, bound: int) -> None:
+    writer.write_uniform(np.array([count], np.int32), np.array([bound], np.int32))
 
 
 def _start(first: Integers, config: CodecConfig) -> tuple[Integers, Integers, Integers]:
@@ -169,9 +192,12 @@ def _read_adaptive(reader: RangeReader, counts: Integers, context: int) -> int:
 
 
 def _initial_counts() -> Integers:
-    counts = np.full((_kernels.NUM_CONTEXTS, 2), 6, np.int64)
-    counts[0] = 300, 8
-    return counts
+    """Return counts from which the contexts start, as if each had seen a few decisions."""
+    percent = np.full((2, _kernels.NUM_CLASSES, _kernels.CONTEXTS_PER_CLASS), _PERCENT_OF_THE_REST)
+    for offset, of_class in _PERCENT.items():
+        percent[:, :, offset] = of_class
+    ones = np.concatenate([[_PERCENT_LOST], percent.ravel()]) * _INITIAL_COUNT // 100
+    return np.stack([_INITIAL_COUNT - ones, ones], axis=-1)
 
 
 def encode_points(points: FeaturePoints, config: CodecConfig) -> bytes:
@@ -206,7 +232,7 @@ def encode_points(points: FeaturePoints, config: CodecConfig) -> bytes:
     lattice = Lattice.of(sets, *_sides(config))
     lattice.write(writer)
     for units in sets:
-        writer.write_uniform(len(units), most + 1)
+        _write_count(writer, len(units), most + 1)
         write_points(writer, units, lattice)
     return writer.to_bytes()
 

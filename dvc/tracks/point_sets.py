@@ -60,8 +60,8 @@ class Lattice:
         writer : RangeWriter
             Where to write.
         """
-        writer.write_uniform(self.grid_exponent, _GRID_EXPONENTS)
-        writer.write_uniform(self.min_distance, _DISTANCES)
+        values = np.array([self.grid_exponent, self.min_distance], np.int32)
+        writer.write_uniform(values, np.array([_GRID_EXPONENTS, _DISTANCES], np.int32))
 
     @classmethod
     def read(cls, reader: RangeReader, num_columns: int, num_rows: int) -> Self:
@@ -123,10 +123,7 @@ def write_points(writer: RangeWriter, points: Integers, lattice: Lattice) -> Non
     """
     on_grid = points >> lattice.grid_exponent
     writer.write_decisions(*_kernels.column_decisions(on_grid[:, 0], lattice.grid_columns))
-    free = np.empty(lattice.grid_rows, np.bool_)
-    for k in range(len(on_grid)):
-        bound = _kernels.free_rows(on_grid, k, lattice.min_distance, free)
-        writer.write_uniform(int(np.count_nonzero(free[: on_grid[k, 1]])), int(bound))
+    writer.write_uniform(*_kernels.row_ranks(on_grid, lattice.min_distance, lattice.grid_rows))
 
 
 def read_points(reader: RangeReader, count: int, lattice: Lattice) -> Integers:

@@ -32,18 +32,18 @@ class RangeWriter:
         """
         self._coder.encode(decisions, self._decision, probabilities)
 
-    def write_uniform(self, value: int, bound: int) -> None:
-        """Append a number all of whose values are as probable; inverse of `RangeReader.read_uniform`.
+    def write_uniform(self, values: NDArray[np.int32], bounds: NDArray[np.int32]) -> None:
+        """Append numbers all of whose values are as probable; inverse of `RangeReader.read_uniform`.
 
         Parameters
         ----------
-        value : int
-            From 0 to ``bound - 1``.
-        bound : int
-            At least 1, at most 2^24.
+        values : ndarray of shape (n,), int32
+            Each from 0 to its bound less 1.
+        bounds : ndarray of shape (n,), int32
+            At least 1, where nothing is written, at most 2^24.
         """
-        if bound > 1:
-            self._coder.encode(np.array([value], np.int32), self._uniform, np.array([bound], np.int32))
+        undecided = bounds > 1
+        self._coder.encode(values[undecided], self._uniform, bounds[undecided])
 
     def to_bytes(self) -> bytes:
         """Return what was written.
