@@ -5,19 +5,21 @@ References
 [Maitre2008] Sec. 5.4.2.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from decoder.tracking.carriers import choose_carriers
-from decoder.tracking.registration import RegistrationSettings, register
+from decoder.tracking.registration import ReceivedPoints, RegistrationSettings, register
 from decoder.tracking.snakes import SnakeSettings, fit_snakes
 from dvc.tracks.points import FeaturePoints, PointTracks
 from sfm.model import Correspondences, Reconstruction
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,11 @@ class TrackingSettings:
     snakes : SnakeSettings
         How snakes are fitted.
     support : float
-        Share of the frames in which a snake must have found a point.
+        Share of the frames that are followed in which a snake must have found a point.
+    significance : float
+        A frame is followed if more snakes than this many standard deviations above chance found a point ...
+    min_matches : int
+        ... and so many more, which an affine map and the search for it may have fitted to chance.
     """
 
     num_snakes: int = 400
@@ -50,6 +56,8 @@ class TrackingSettings:
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
     snakes: SnakeSettings = field(default_factory=SnakeSettings)
     support: float = 0.3
+    significance: float = 6.0
+    min_matches: int = 10
 
 
 def match_points(
@@ -76,10 +84,11 @@ def match_points(
     Returns
     -------
     PointTracks
-        A track for each correspondence that enough corners belong to; nan where it found none.
+        A track for each correspondence that enough corners belong to; nan where it found none, and in all of
+        a frame where no more was found than chance would.
     """
     settings = settings or TrackingSettings()
-    frames = [_inside(np.asarray(frame, dtype=np.float64), first.shape) for frame in points.frames]
+    frames = [ReceivedPoints(_inside(frame, first.shape)) for frame in points.frames]
     num_instants = len(frames) + 2
     known = _known(reconstruction, settings)
     carriers = choose_carriers(
@@ -89,18 +98,31 @@ def match_points(
         return PointTracks.none(num_instants)
     late = np.arange(1, num_instants - 1) / (num_instants - 1)
     deviation = register(carriers.first, carriers.second, frames, settings.registration)
-    expected = carriers.corners(late) + np.stack(deviation, axis=1)
+    expected = carriers.corners(late) + np.swapaxes(deviation, 0, 1)
     snakes = fit_snakes(carriers.first, carriers.second, expected, frames, settings.snakes)
     seen = np.isfinite(snakes.received[..., 0])
+    seen &= _beyond_chance(seen, frames, first.size, settings)
     positions = np.where(seen[..., None], snakes.positions - carriers.offsets(late), np.nan)
-    supported = seen.sum(axis=1) >= max(1.0, settings.support * len(frames))
+    needed = max(1.0, settings.support * np.count_nonzero(seen.any(axis=0)))
+    supported = np.count_nonzero(seen, axis=1) >= needed
     ends = carriers.pairs.first[:, None], carriers.pairs.second[:, None]
     return PointTracks(np.concatenate([ends[0], positions, ends[1]], axis=1)[supported])
 
 
+def _beyond_chance(
+    seen: Mask, frames: list[ReceivedPoints], num_pixels: int, settings: TrackingSettings
+) -> Mask:
+    """Tell in which frames (T,) more snakes found a point than would among points that lie anywhere."""
+    disc_px2 = math.pi * settings.snakes.radii_px[-1] ** 2
+    density = np.array([len(frame) for frame in frames]) / num_pixels
+    expected = len(seen) * disc_px2 * density
+    least = expected + settings.significance * np.sqrt(expected) + settings.min_matches
+    return np.asarray(np.count_nonzero(seen, axis=0) >= least)
+
+
 def _inside(points: Floats, shape: tuple[int, ...]) -> Floats:
     """Leave out what is no point of the image, and what is there twice."""
-    points = points.reshape(-1, 2)
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
     size = np.array(shape[::-1])
     with np.errstate(invalid="ignore"):
         inside = np.logical_and(points >= -0.5, points <= size - 0.5).all(axis=1)
@@ -108,10 +130,10 @@ def _inside(points: Floats, shape: tuple[int, ...]) -> Floats:
 
 
 def _known(reconstruction: Reconstruction, settings: TrackingSettings) -> Correspondences:
-    """Return the best correspondences that there are."""
+    """Return the correspondences of a model that can be trusted, or those matched that move alike."""
     from sfm import outliers
 
-    if reconstruction.model is not None:
+    if reconstruction.model is not None and reconstruction.success:
         return reconstruction.model.correspondences
     pairs = reconstruction.stages.get("matching", Correspondences.empty())
     if not len(pairs):

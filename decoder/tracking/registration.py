@@ -10,6 +10,7 @@ References
 [Maitre2008] Sec. 5.4.2; the common deviation of a frame is an addition.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -42,58 +43,75 @@ class RegistrationSettings:
     pace_step_px : float
         Paces that move half of the points less than this, relative to the others, are not told apart.
     num_candidates : int
-        Shifts that are considered for each frame.
+        Shifts from which the map of a frame is refined.
     jitter_px : float
-        Change of the shift from a frame to the next that costs `jitter_cost`.
-    jitter_cost : float
-        In standard deviations of the counts of chance.
+        A change of the deviation from a frame to the next that is as unlikely as one point without a match.
+    num_sweeps : int
+        Times that each frame is tried with the deviations of its neighbours.
     radii_px : tuple of float
-        Distances up to which points are matched, from one step of the registration to the next.
+        Distances up to which points are matched, from one step of the refinement to the next.
     distance_px : float
         From here on the weight of a match decreases as the square of its distance.
     prior_px : float
         Standard deviation of each term of the affine map but the shift, where it is largest.
     """
 
-    range_px: int = 24
+    range_px: int = 32
     blur_px: float = 1.5
     pace: float = 0.3
     pace_step_px: float = 2.0
-    num_candidates: int = 6
-    jitter_px: float = 8.0
-    jitter_cost: float = 1.0
-    radii_px: tuple[float, ...] = (8.0, 6.0, 5.0, 4.0, 3.0, 3.0, 2.5, 2.5)
+    num_candidates: int = 4
+    jitter_px: float = 6.0
+    num_sweeps: int = 1
+    radii_px: tuple[float, ...] = (8.0, 6.0, 5.0, 4.0, 3.0, 2.5)
     distance_px: float = 1.0
     prior_px: float = 8.0
 
 
-def mutual_matches(predicted: Floats, received: Floats, radius_px: float) -> tuple[Indices, Indices, Floats]:
-    """Match predicted and received points that are nearest to each other.
+class ReceivedPoints:
+    """The corners of one frame, and which of them is the nearest to a place.
 
     Parameters
     ----------
-    predicted : ndarray of shape (N, 2), float64
-        Where points should be.
-    received : ndarray of shape (M, 2), float64
-        Where corners are.
-    radius_px : float
-        Largest distance.
-
-    Returns
-    -------
-    chosen, found : ndarray of shape (K,), int64
-        Indices of the predicted points, in order, and of the received points that belong to them.
-    distance_px : ndarray of shape (K,), float64
-        Distance of each pair.
+    points : ndarray of shape (M, 2), float64
+        Corners in pixels, all different.
     """
-    if not len(predicted) or not len(received):
-        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
-    offset = predicted[:, None] - received[None]
-    squared = offset[..., 0] ** 2 + offset[..., 1] ** 2
-    nearest = squared.argmin(axis=1)
-    rows = np.arange(len(predicted))
-    keep = (squared.argmin(axis=0)[nearest] == rows) & (squared[rows, nearest] <= radius_px**2)
-    return rows[keep], nearest[keep], np.sqrt(squared[rows[keep], nearest[keep]])
+
+    def __init__(self, points: Floats) -> None:
+        from scipy.spatial import cKDTree
+
+        self.points = points
+        self._tree = cKDTree(points) if len(points) else None
+
+    def __len__(self) -> int:
+        """Return the number of corners."""
+        return len(self.points)
+
+    def match(self, predicted: Floats, radius_px: float) -> tuple[Indices, Indices, Floats]:
+        """Match each corner with at most one of the places that it is the nearest corner to.
+
+        Parameters
+        ----------
+        predicted : ndarray of shape (N, 2), float64
+            Where corners should be.
+        radius_px : float
+            Largest distance.
+
+        Returns
+        -------
+        chosen, found : ndarray of shape (K,), int64
+            Indices of places and of corners that belong together.
+        distance_px : ndarray of shape (K,), float64
+            Distance of each pair.
+        """
+        if self._tree is None or not len(predicted):
+            return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+        distance, nearest = self._tree.query(predicted, distance_upper_bound=radius_px)
+        order = np.argsort(distance, kind="stable")
+        order = order[np.isfinite(distance[order])]
+        found, place = np.unique(nearest[order], return_index=True)
+        chosen = order[place]
+        return chosen, found.astype(np.int64), np.asarray(distance[chosen], dtype=np.float64)
 
 
 def affine_terms(first: Floats, second: Floats) -> Floats:
@@ -119,122 +137,145 @@ def affine_terms(first: Floats, second: Floats) -> Floats:
 
 
 def register(
-    first: Floats, second: Floats, frames: list[Floats], settings: RegistrationSettings
-) -> list[Floats]:
+    first: Floats, second: Floats, frames: Sequence[ReceivedPoints], settings: RegistrationSettings
+) -> Floats:
     """Find how far points are from even motion in each frame, as an affine map of place and motion.
 
     Parameters
     ----------
     first, second : ndarray of shape (N, 2), float64
         Corresponding points of the key frames, in pixels; at least one.
-    frames : list of ndarray of shape (M, 2), float64
-        Points received for each frame between them.
+    frames : sequence of ReceivedPoints
+        Points received for each of the T frames between them.
     settings : RegistrationSettings
         How they are found.
 
     Returns
     -------
-    list of ndarray of shape (N, 2), float64
+    ndarray of shape (T, N, 2), float64
         Deviation of each point in each frame; 0 where nothing was received.
     """
-    terms = affine_terms(first, second)
     late = np.arange(1, len(frames) + 1) / (len(frames) + 1)
-    even = [(1.0 - t) * first + t * second for t in late]
-    starts = _common_shifts(first, second, even, frames, settings)
-    return [
-        _refined(terms, predicted, received, start, settings)
-        for predicted, received, start in zip(even, frames, starts, strict=True)
+    searches = [
+        _FrameSearch(first, second, float(t), received, settings)
+        for t, received in zip(late, frames, strict=True)
     ]
+    hypotheses = [[search.refine(start) for start in search.starts()] for search in searches]
+    path = _best_path(hypotheses, settings.jitter_px)
+    for _ in range(settings.num_sweeps):
+        path = _sweep(searches, path, settings.jitter_px)
+    return np.stack([hypothesis.deviation for hypothesis in path])
 
 
-def _refined(
-    terms: Floats, predicted: Floats, received: Floats, start: Floats, settings: RegistrationSettings
-) -> Floats:
-    """Fit the affine map to mutually nearest points, closer and closer."""
-    deviation = start
-    ridge = np.diag([0.0, *[settings.prior_px**-2] * (NUM_TERMS - 1)])
-    for radius in settings.radii_px:
-        chosen, found, distance = mutual_matches(predicted + deviation, received, radius)
-        if len(chosen) < NUM_TERMS + 1:
-            break
-        weight = 1.0 / (distance**2 + settings.distance_px**2)
-        target = received[found] - predicted[chosen]
-        shift = (weight[:, None] * target).sum(axis=0) / weight.sum()
-        normal = np.einsum("n,ni,nj->ij", weight, terms[chosen], terms[chosen]) + ridge
-        slope = np.einsum("n,ni,nk->ik", weight, terms[chosen], target - shift)
-        fitted = [solve_damped(normal, slope[:, axis], 1e-9) for axis in (0, 1)]
-        deviation = shift + np.column_stack([(terms * values).sum(axis=1) for values in fitted])
-    return deviation
+class _Hypothesis(NamedTuple):
+    """Deviations of all points in a frame, (N, 2), and how many corners agree, the closer the more."""
+
+    deviation: Floats
+    support: float
 
 
-class _Candidate(NamedTuple):
-    """A shift of a frame, how far it is ahead of even motion, and how many points agree with it."""
+class _FrameSearch:
+    """The search for the deviation of one frame."""
 
-    shift: Floats
-    pace: float
-    score: float
+    def __init__(
+        self,
+        first: Floats,
+        second: Floats,
+        late: float,
+        received: ReceivedPoints,
+        settings: RegistrationSettings,
+    ) -> None:
+        self._terms = affine_terms(first, second)
+        self._even = (1.0 - late) * first + late * second
+        self._motion = (second - first) - np.median(second - first, axis=0)
+        self._received, self._settings = received, settings
+
+    def starts(self) -> list[Floats]:
+        """Return shifts, and shifts with the frame ahead or behind, that many differences agree with."""
+        nothing = np.zeros_like(self._even)
+        if not len(self._received):
+            return [nothing]
+        settings, found = self._settings, []
+        spread = float(np.quantile(np.hypot(self._motion[:, 0], self._motion[:, 1]), 0.75))
+        num_paces = int(np.clip(settings.pace * spread / settings.pace_step_px, 0, 4))
+        for step in range(-num_paces, num_paces + 1):
+            ahead = settings.pace * step / max(num_paces, 1) * self._motion
+            counts = self._counts(ahead)
+            peaks = np.argwhere((counts == maximum_filter(counts, size=5)) & (counts > 0))
+            found += [(-counts[y, x], abs(step), step, y, x, ahead) for y, x in peaks]
+        found.sort(key=lambda peak: peak[:5])
+        shifts = [
+            np.array([x, y]) - float(settings.range_px) + ahead
+            for _, _, _, y, x, ahead in found[: settings.num_candidates]
+        ]
+        return [nothing, *shifts]
+
+    def _counts(self, ahead: Floats) -> Floats:
+        """Histogram of the differences to received points, blurred: rows are y, columns x."""
+        reach, size = self._settings.range_px, 2 * self._settings.range_px + 1
+        predicted = self._even + ahead
+        offset = np.rint(self._received.points[None] - predicted[:, None]).astype(np.int64) + reach
+        near = np.logical_and(offset >= 0, offset < size).all(axis=2)
+        cells = offset[near] @ np.array([1, size])
+        counts = np.bincount(cells, minlength=size * size).reshape(size, size).astype(np.float64)
+        blurred: Floats = gaussian_filter(counts, self._settings.blur_px, mode="nearest")
+        return blurred
+
+    def refine(self, start: Floats) -> _Hypothesis:
+        """Fit the affine map to matched points, closer and closer."""
+        settings, deviation = self._settings, start
+        ridge = np.diag([0.0, *[settings.prior_px**-2] * (NUM_TERMS - 1)])
+        for radius in settings.radii_px:
+            chosen, found, weight = self._match(deviation, radius)
+            if len(chosen) < NUM_TERMS + 1:
+                break
+            terms = self._terms[chosen]
+            target = self._received.points[found] - self._even[chosen]
+            shift = (weight[:, None] * target).sum(axis=0) / weight.sum()
+            normal = np.einsum("n,ni,nj->ij", weight, terms, terms) + ridge
+            slope = np.einsum("n,ni,nk->ik", weight, terms, target - shift)
+            fitted = np.column_stack([solve_damped(normal, slope[:, axis], 1e-9) for axis in (0, 1)])
+            deviation = shift + np.einsum("ni,ik->nk", self._terms, fitted)
+        return _Hypothesis(deviation, float(self._match(deviation, settings.radii_px[-1])[2].sum()))
+
+    def _match(self, deviation: Floats, radius: float) -> tuple[Indices, Indices, Floats]:
+        """Match points, and weigh the pairs."""
+        chosen, found, distance = self._received.match(self._even + deviation, radius)
+        return chosen, found, 1.0 / (1.0 + (distance / self._settings.distance_px) ** 2)
 
 
-def _common_shifts(
-    first: Floats, second: Floats, even: list[Floats], frames: list[Floats], settings: RegistrationSettings
-) -> list[Floats]:
-    """Choose the path of shifts that most points agree with, and that changes least: a shortest path."""
-    motion = second - first
-    relative = motion - np.median(motion, axis=0)
-    spread = float(np.quantile(np.hypot(relative[:, 0], relative[:, 1]), 0.75))
-    num_paces = int(np.clip(np.floor(settings.pace * spread / settings.pace_step_px), 0, 4))
-    paces = settings.pace * np.arange(-num_paces, num_paces + 1) / max(num_paces, 1)
-    candidates = [
-        _candidates(predicted, relative, received, paces, settings)
-        for predicted, received in zip(even, frames, strict=True)
-    ]
-    chosen = _best_path(candidates, settings)
-    return [found.shift + found.pace * relative for found in chosen]
+def _change(before: Floats, after: Floats, jitter_px: float) -> float:
+    """Return the cost of a change of the deviation from a frame to the next."""
+    return float(((after - before) ** 2).sum() / (len(before) * jitter_px**2))
 
 
-def _candidates(
-    predicted: Floats, motion: Floats, received: Floats, paces: Floats, settings: RegistrationSettings
-) -> list[_Candidate]:
-    """Count equal differences from predicted to received points, and return those that stand out."""
-    still = [_Candidate(np.zeros(2), 0.0, 0.0)]
-    if not len(received):
-        return still
-    found = []
-    for pace in paces:
-        counts = _counts(predicted + pace * motion, received, settings)
-        scores = (counts - counts.mean()) / max(float(np.sqrt(counts.mean())), 1e-3)
-        peaks = np.argwhere((counts == maximum_filter(counts, size=5)) & (counts > 0))
-        best = np.argsort(-scores[peaks[:, 0], peaks[:, 1]], kind="stable")[: settings.num_candidates]
-        for row, column in peaks[best]:
-            shift = np.array([column, row], dtype=np.float64) - settings.range_px
-            found.append(_Candidate(shift, float(pace), float(scores[row, column])))
-    found.sort(key=lambda candidate: (-candidate.score, abs(candidate.pace)))
-    return found[: settings.num_candidates] or still
-
-
-def _counts(predicted: Floats, received: Floats, settings: RegistrationSettings) -> Floats:
-    """Histogram of the differences within the range, blurred: rows are y, columns x."""
-    reach, size = settings.range_px, 2 * settings.range_px + 1
-    offset = np.rint(received[None] - predicted[:, None]).astype(np.int64).reshape(-1, 2) + reach
-    near = np.logical_and(offset >= 0, offset < size).all(axis=1)
-    cells = offset[near, 1] * size + offset[near, 0]
-    counts = np.bincount(cells, minlength=size * size).reshape(size, size).astype(np.float64)
-    blurred: Floats = gaussian_filter(counts, settings.blur_px, mode="nearest")
-    return blurred
-
-
-def _best_path(candidates: list[list[_Candidate]], settings: RegistrationSettings) -> list[_Candidate]:
-    """Take one candidate of each frame (Viterbi); the key frames at both ends are not shifted."""
-    end = [_Candidate(np.zeros(2), 0.0, 0.0)]
-    stages = [end, *candidates, end]
+def _best_path(hypotheses: list[list[_Hypothesis]], jitter_px: float) -> list[_Hypothesis]:
+    """Take one hypothesis of each frame (Viterbi); the key frames at both ends do not deviate."""
+    end = [_Hypothesis(np.zeros_like(hypotheses[0][0].deviation), 0.0)]
+    stages = [end, *hypotheses, end]
     total, back = np.zeros(1), []
     for before, after in pairwise(stages):
-        step = np.array([b.shift for b in after])[:, None] - np.array([a.shift for a in before])[None]
-        cost = total[None] + settings.jitter_cost * (step**2).sum(axis=2) / settings.jitter_px**2
+        change = [[_change(a.deviation, b.deviation, jitter_px) for a in before] for b in after]
+        cost = total + np.array(change)
         back.append(cost.argmin(axis=1))
-        total = cost.min(axis=1) - np.array([candidate.score for candidate in after])
+        total = cost.min(axis=1) - np.array([hypothesis.support for hypothesis in after])
     path, at = [], 0
     for stage, origin in zip(stages[::-1], back[::-1], strict=False):
         path.append(stage[at])
         at = int(origin[at])
     return path[:0:-1]
+
+
+def _sweep(searches: list[_FrameSearch], path: list[_Hypothesis], jitter_px: float) -> list[_Hypothesis]:
+    """Try in each frame what its neighbours suggest, and keep what agrees with more points."""
+    end = _Hypothesis(np.zeros_like(path[0].deviation), 0.0)
+    stages = [end, *path, end]
+    for k, search in enumerate(searches, start=1):
+        before, after = stages[k - 1].deviation, stages[k + 1].deviation
+        tried = [stages[k], *(search.refine(start) for start in (before, after, 0.5 * (before + after)))]
+        costs = [
+            _change(before, new.deviation, jitter_px) + _change(new.deviation, after, jitter_px) - new.support
+            for new in tried
+        ]
+        stages[k] = tried[int(np.argmin(costs))]
+    return stages[1:-1]

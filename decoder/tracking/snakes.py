@@ -9,13 +9,14 @@ References
 [Maitre2008] Sec. 5.4.2; equations as (5.10).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.tracking.registration import mutual_matches
+from decoder.tracking.registration import ReceivedPoints
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -69,7 +70,7 @@ class Snakes(NamedTuple):
 
 
 def fit_snakes(
-    first: Floats, second: Floats, expected: Floats, frames: list[Floats], settings: SnakeSettings
+    first: Floats, second: Floats, expected: Floats, frames: Sequence[ReceivedPoints], settings: SnakeSettings
 ) -> Snakes:
     """Draw snakes to received points.
 
@@ -79,7 +80,7 @@ def fit_snakes(
         Corresponding points of the key frames, in pixels.
     expected : ndarray of shape (N, T, 2), float64
         Where the snakes start in the frames between the key frames.
-    frames : list of ndarray of shape (M, 2), float64
+    frames : sequence of ReceivedPoints
         Points received for each of these T frames.
     settings : SnakeSettings
         Weights and distances.
@@ -90,63 +91,98 @@ def fit_snakes(
         The curves, and the points that they found.
     """
     deviation = np.zeros_like(expected)
-    smooth = _smoothness(first, second, len(frames), settings)
+    smoothness = _Smoothness(first, second, len(frames), settings)
     for radius in settings.radii_px:
-        deviation = _fit_once(expected, deviation, frames, smooth, radius, settings)
+        deviation = _fit_once(expected, deviation, frames, smoothness, radius, settings)
     positions = expected + deviation
     return Snakes(positions, _received(positions, frames, settings.radii_px[-1]))
 
 
-def _received(positions: Floats, frames: list[Floats], radius: float) -> Floats:
+def _received(positions: Floats, frames: Sequence[ReceivedPoints], radius: float) -> Floats:
     found = np.full(positions.shape, np.nan)
-    for k, points in enumerate(frames):
-        chosen, nearest, _ = mutual_matches(positions[:, k], points, radius)
-        found[chosen, k] = points[nearest]
+    for k, frame in enumerate(frames):
+        chosen, nearest, _ = frame.match(positions[:, k], radius)
+        found[chosen, k] = frame.points[nearest]
     return found
 
 
 def _fit_once(
     expected: Floats,
     deviation: Floats,
-    frames: list[Floats],
-    smooth: Any,
+    frames: Sequence[ReceivedPoints],
+    smoothness: "_Smoothness",
     radius: float,
     settings: SnakeSettings,
 ) -> Floats:
-    """Solve for all deviations, snake by snake and frame by frame: unknown `i * T + k`."""
-    from scipy import sparse
-    from scipy.sparse.linalg import spsolve
-
+    """Solve for the deviations of all snakes in all frames."""
     target = _received(expected + deviation, frames, radius)
     seen = np.isfinite(target[..., 0])
     pull = np.where(seen[..., None], target, expected) - expected
     squared = ((pull - deviation) ** 2).sum(axis=2)
-    weight = np.where(seen, 1.0 / (squared / settings.distance_px**2 + 1.0), 0.0)
-    system = (smooth + sparse.diags_array(weight.ravel())).tocsc()
-    right = (weight[..., None] * pull).reshape(-1, 2)
-    solution = spsolve(system, right)
-    return np.asarray(solution, dtype=np.float64).reshape(deviation.shape)
+    weight = np.where(seen, 1.0 / (1.0 + squared / settings.distance_px**2), 0.0)
+    return smoothness.solve(weight, weight[..., None] * pull, deviation)
 
 
-def _smoothness(first: Floats, second: Floats, num_frames: int, settings: SnakeSettings) -> Any:
-    """Return the matrix (N T, N T) of all terms that do not depend on the received points."""
-    from scipy import sparse
+class _Smoothness:
+    """The terms of the normal equations that do not depend on the received points."""
 
-    count = len(first)
-    line = sparse.diags_array([1.0, -2.0, 1.0], offsets=[-1, 0, 1], shape=(num_frames, num_frames))
-    bending = sparse.kron(sparse.eye_array(count), settings.bending * (line.T @ line))
-    edges = neighbours(0.5 * (first + second))
-    a, b = edges.T
-    apart = ((first[a] + second[a] - first[b] - second[b]) ** 2).sum(axis=1) / 4.0
-    unlike = ((second[a] - first[a] - second[b] + first[b]) ** 2).sum(axis=1)
-    weight = 1.0 / ((1.0 + apart / settings.near_px**2) * (1.0 + unlike / settings.alike_px**2))
-    incidence = sparse.csr_array(
-        (np.repeat([1.0, -1.0], len(edges)), (np.tile(np.arange(len(edges)), 2), np.concatenate([a, b]))),
-        shape=(len(edges), count),
-    )
-    laplacian = settings.coupling * (incidence.T @ sparse.diags_array(weight) @ incidence)
-    coupling = sparse.kron(laplacian, sparse.eye_array(num_frames))
-    return bending + coupling + settings.ridge * sparse.eye_array(count * num_frames)
+    def __init__(self, first: Floats, second: Floats, num_frames: int, settings: SnakeSettings) -> None:
+        from scipy import sparse
+
+        edges = neighbours(0.5 * (first + second))
+        a, b = edges.T
+        apart = ((first[a] + second[a] - first[b] - second[b]) ** 2).sum(axis=1) / 4.0
+        unlike = ((second[a] - first[a] - second[b] + first[b]) ** 2).sum(axis=1)
+        weight = 1.0 / ((1.0 + apart / settings.near_px**2) * (1.0 + unlike / settings.alike_px**2))
+        ends = np.repeat([1.0, -1.0], len(edges)), (np.tile(np.arange(len(edges)), 2), edges.T.ravel())
+        difference = sparse.csr_array(ends, shape=(len(edges), len(first)))
+        coupled = settings.coupling * (difference.T @ sparse.diags_array(weight) @ difference)
+        self._coupling = sparse.csr_array(coupled)
+        self._bending, self._ridge = settings.bending, settings.ridge
+        bent = _bent_twice(np.eye(num_frames)[:, :, None])
+        self._diagonal = self._coupling.diagonal()[:, None] + self._bending * np.diag(bent[..., 0])
+        self._diagonal += self._ridge
+
+    def _applied(self, deviation: Floats) -> Floats:
+        coupled = self._coupling @ deviation.reshape(len(deviation), -1)
+        applied: Floats = coupled.reshape(deviation.shape) + self._ridge * deviation
+        return applied + self._bending * _bent_twice(deviation)
+
+    def solve(self, weight: Floats, right: Floats, start: Floats) -> Floats:
+        """Solve the normal equations with weights (N, T) of the data by conjugate gradients."""
+        data, scale = weight[..., None], 1.0 / (weight + self._diagonal)[..., None]
+        solution = start
+        residual = right - data * solution - self._applied(solution)
+        direction = scale * residual
+        energy = (residual * direction).sum(axis=(0, 1))
+        enough = TOLERANCE_PX**2 * (right.size / 2)
+        for _ in range(MAX_ITERATIONS):
+            applied = data * direction + self._applied(direction)
+            curvature = (direction * applied).sum(axis=(0, 1))
+            step = np.where(curvature > 0, energy / np.where(curvature > 0, curvature, 1.0), 0.0)
+            solution = solution + step * direction
+            residual = residual - step * applied
+            scaled = scale * residual
+            if float((scaled**2).sum()) <= enough:
+                break
+            before, energy = energy, (residual * scaled).sum(axis=(0, 1))
+            direction = (
+                scaled + np.where(before > 0, energy / np.where(before > 0, before, 1.0), 0.0) * direction
+            )
+        return solution
+
+
+TOLERANCE_PX = 1e-4
+MAX_ITERATIONS = 200
+
+
+def _bent_twice(deviation: Floats) -> Floats:
+    """Apply the second difference in time (N, T, 2) and its transpose; at both ends there is 0."""
+    ends = np.zeros_like(deviation[:, :1])
+    padded = np.concatenate([ends, deviation, ends], axis=1)
+    bent = 2.0 * padded[:, 1:-1] - padded[:, :-2] - padded[:, 2:]
+    padded = np.concatenate([ends, bent, ends], axis=1)
+    return np.asarray(2.0 * padded[:, 1:-1] - padded[:, :-2] - padded[:, 2:])
 
 
 def neighbours(points: Floats) -> Indices:

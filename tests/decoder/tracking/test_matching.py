@@ -33,7 +33,8 @@ def dotted(points: Floats) -> NDArray[np.uint8]:
     luma = np.full((HEIGHT, WIDTH), 60.0)
     for x, y in points:
         luma += 120.0 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 3.0)
-    return np.clip(np.rint(luma), 0, 255).astype(np.uint8)
+    drawn: NDArray[np.uint8] = np.clip(np.rint(luma), 0, 255).astype(np.uint8)
+    return drawn
 
 
 @cache
