@@ -91,6 +91,13 @@ def block_sad(image, x, y, half, block, limit, counts):
 
 
 @kernel
+def is_within(image, x, y, margin):
+    """Tell whether a point is so far inside the image that all places around it can be compared."""
+    height, width = image.shape
+    return margin <= x < width - margin and margin <= y < height - margin
+
+
+@kernel
 def descend(image, x, y, half, block, sad, max_steps, counts):
     """Follow the least SAD among the eight neighbours to a local minimum; return it and its SAD."""
     from_x, from_y = 0, 0
@@ -194,6 +201,8 @@ def track_frame(
 ):
     """Find each live point in a frame; `position`, `sads` and `alive` receive what came of it.
 
+    A minimum at the border of the image is none: it may go on outside.
+
     `small` bounds the SAD of a point that is found. `last` and `velocity` are positions in the frame before
     and the motion into it. Far searches are for points whose neighbours do not tell the motion.
     """
@@ -230,7 +239,7 @@ def track_frame(
             )
             if sad < UNKNOWN:
                 x, y, sad = descend(image, x, y, half, blocks[i], sad, spiral.shape[0], counts)
-        alive[i] = tracked[i] = sad <= small[i]
+        alive[i] = tracked[i] = sad <= small[i] and is_within(image, x, y, half + 1)
         position[i, 0], position[i, 1], sads[i] = x, y, sad
 
 

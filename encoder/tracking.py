@@ -120,7 +120,7 @@ class PointTracker:
         settings = self._settings
         half = settings.half_block_px
         self._key = luma
-        self._first = find_corners(luma, self._num_points, half, settings.corners)
+        self._first = find_corners(luma, self._num_points, half + 1, settings.corners)
         count = len(self._first)
         self._last = self._first.copy()
         self._alive = np.ones(count, np.bool_)

@@ -1,0 +1,243 @@
+"""Key frames chosen by tracks, and what the session writes of tracks and points."""
+
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dvc.config import CodecConfig, GopConfig, VideoConfig, WynerZivConfig, side_information_for, tracks_for
+from dvc.errors import ConfigError
+from dvc.stream import StreamReader
+from dvc.tracks import decode_points, decode_tracks
+from dvc.video import Frame, open_video
+from encoder.__main__ import main
+from encoder.corners import CornerDetector
+from encoder.groups import Group, KeyFrameRule, cornered_groups, tracked_groups
+from encoder.session import EncoderSession
+from encoder.tracking import PointTracker
+from tests.clips import moving_texture, write_clip
+
+SLOW = moving_texture(12, 96, 128, (0.0, 1.0))
+FREE = KeyFrameRule(longest_track_px=1e6, lost_share=1.0)
+
+
+def cut(frames: Sequence[Frame], length: int, rule: KeyFrameRule = FREE) -> list[Group]:
+    return list(tracked_groups(iter(frames), length, PointTracker(30), rule))
+
+
+def sizes_of(groups: Sequence[Group]) -> list[int]:
+    return [len(group.wyner_ziv) + 1 for group in groups]
+
+
+def check_cover(groups: Sequence[Group], frames: Sequence[Frame]) -> None:
+    flat = [frame for group in groups for frame in (*group.wyner_ziv, group.key)]
+    assert all(a is b for a, b in zip(flat, frames, strict=True))
+    for group in groups:
+        if group.tracks is not None:
+            assert group.tracks.num_instants == len(group.wyner_ziv) + 2
+        else:
+            assert not group.wyner_ziv
+
+
+@pytest.mark.parametrize("length", [2, 5, 11, 20])
+@pytest.mark.parametrize("num_frames", [0, 1, 2, 3, 12])
+def test_groups_have_the_longest_length(num_frames: int, length: int) -> None:
+    """Where nothing asks for a key frame, groups are as long as they may be."""
+    groups = cut(SLOW[:num_frames], length)
+    check_cover(groups, SLOW[:num_frames])
+    sizes = sizes_of(groups)
+    assert sizes[:1] == [1] * (num_frames > 0)
+    assert all(size == length for size in sizes[1:-1])
+    assert all(size <= length for size in sizes[1:])
+
+
+def test_long_tracks_ask_for_a_key_frame() -> None:
+    """A group ends as soon as a point has moved so far."""
+    groups = cut(SLOW, 10, KeyFrameRule(longest_track_px=3.0, lost_share=1.0))
+    check_cover(groups, SLOW)
+    assert sizes_of(groups) == [1, 3, 3, 3, 2]
+
+
+def test_groups_have_a_least_length() -> None:
+    """The least length holds even where tracks are long; it may not exceed the longest."""
+    rule = KeyFrameRule(longest_track_px=0.5, lost_share=0.01, min_length=4)
+    assert sizes_of(cut(SLOW, 10, rule)) == [1, 4, 4, 3]
+    assert sizes_of(cut(SLOW, 2, rule)) == [1, 2, 2, 2, 2, 2, 1]
+
+
+def test_lost_tracks_ask_for_a_key_frame() -> None:
+    """Points that leave the frame end the group in which they do."""
+    fast = moving_texture(8, 64, 96, (0.0, 4.0))
+    loose = sizes_of(cut(fast, 8, KeyFrameRule(1e6, 1.0)))
+    strict = sizes_of(cut(fast, 8, KeyFrameRule(1e6, 0.1)))
+    assert max(strict) < max(loose)
+
+
+def test_a_cut_stands_between_two_key_frames() -> None:
+    """No Wyner-Ziv frame is predicted across a change of scene."""
+    frames = SLOW[:5] + moving_texture(5, 96, 128, seed=8)
+    groups = cut(frames, 8)
+    check_cover(groups, frames)
+    keys = np.cumsum(sizes_of(groups)) - 1
+    assert {4, 5} <= set(keys.tolist())
+    assert sizes_of(cut(SLOW[:1] + frames[5:], 8))[:2] == [1, 1]
+
+
+@pytest.mark.parametrize(
+    "luma",
+    [np.zeros((48, 64), np.uint8), np.zeros((16, 16), np.uint8), np.full((1, 1), 9, np.uint8)],
+    ids=["black", "16x16", "1x1"],
+)
+def test_frames_without_corners_make_groups(luma: np.ndarray) -> None:
+    """Without a corner there are groups of the longest length, and no tracks."""
+    frames = [Frame(luma) for _ in range(7)]
+    groups = cut(frames, 3)
+    check_cover(groups, frames)
+    assert sizes_of(groups) == [1, 3, 3]
+    assert all(not group.tracks for group in groups)
+
+
+def test_a_still_camera_that_starts_to_move() -> None:
+    """Tracks at rest stay, and follow once there is motion."""
+    frames = [SLOW[0]] * 4 + list(SLOW[:4])
+    (_, group) = cut(frames, 7)
+    assert group.tracks is not None
+    moved = group.tracks.positions[:, :, 0] - group.tracks.positions[:, :1, 0]
+    assert np.nanmedian(moved, axis=0).tolist() == [0, 0, 0, 0, 0, 1, 2, 3]
+
+
+def test_no_more_frames_are_held_than_a_group_has() -> None:
+    """A group is there as soon as its key frame is."""
+    taken = 0
+
+    def source() -> Iterator[Frame]:
+        nonlocal taken
+        for frame in SLOW:
+            taken += 1
+            yield frame
+
+    found = tracked_groups(source(), 3, PointTracker(30), FREE)
+    next(found)
+    assert taken == 1
+    next(found)
+    assert taken == 4
+
+
+def test_corners_of_wyner_ziv_frames() -> None:
+    """Groups of a fixed length hold the corners of each Wyner-Ziv frame."""
+    groups = list(cornered_groups(SLOW, 4, CornerDetector(30)))
+    assert sizes_of(groups) == [1, 4, 4, 3]
+    for group in groups:
+        assert group.points is not None
+        assert [len(frame) > 5 for frame in group.points.frames] == [True] * len(group.wyner_ziv)
+
+
+@pytest.mark.parametrize(
+    "rule", [{"longest_track_px": 0.0}, {"lost_share": 0.0}, {"lost_share": 1.5}, {"min_length": 0}]
+)
+def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
+    """Lengths are positive, shares between 0 and 1."""
+    with pytest.raises(ConfigError):
+        KeyFrameRule(**rule)  # type: ignore[arg-type]
+
+
+def session_of(codec: str, width: int, height: int, length: int) -> EncoderSession:
+    return EncoderSession(
+        CodecConfig(
+            codec=codec,
+            video=VideoConfig(width, height, 25, 1, True),
+            gop=GopConfig(length),
+            wyner_ziv=WynerZivConfig.preset(1),
+            side_information=side_information_for(codec),
+            tracks=tracks_for(codec),
+        )
+    )
+
+
+@pytest.mark.parametrize("codec", ["3d-te", "3d-td"])
+def test_stream_carries_tracks_or_points(codec: str) -> None:
+    """What the records hold decodes, and the statistics count its bits and operations."""
+    session, file = session_of(codec, 128, 96, 4), io.BytesIO()
+    session.write(SLOW, file, lambda _: None)
+    counted, bits, known = session.statistics, 0, 0
+    reader = StreamReader(io.BytesIO(file.getvalue()))
+    for record in reader:
+        bits += 8 * len(record.tracks)
+        if codec == "3d-te":
+            known += len(decode_tracks(record.tracks, record.num_frames + 1, reader.config))
+        else:
+            points = decode_points(record.tracks, record.num_frames - 1, reader.config)
+            known += sum(map(len, points.frames))
+    assert counted.tracks_bits == bits > 0
+    assert 30 < known <= counted.num_corners
+    assert counted.tracking_cpu_s > 0
+    assert (counted.num_sad_blocks > 0) == (codec == "3d-te")
+    assert counted.num_tracked_frames == (11 if codec == "3d-te" else 0)
+
+
+@pytest.mark.parametrize("codec", ["3d-te", "3d-td"])
+@pytest.mark.parametrize(
+    ("width", "height", "num_frames"), [(16, 16, 3), (33, 27, 2), (33, 27, 1), (8, 8, 5)]
+)
+def test_small_odd_and_short_videos(codec: str, width: int, height: int, num_frames: int) -> None:
+    """Videos of a frame or two and of odd sizes are coded."""
+    session, file = session_of(codec, width, height, 3), io.BytesIO()
+    session.write(moving_texture(num_frames, height, width), file, lambda _: None)
+    records = list(StreamReader(io.BytesIO(file.getvalue())))
+    assert sum(record.num_frames for record in records) == num_frames
+
+
+def test_command_chooses_key_frames(tmp_path: Path) -> None:
+    """Options of the command reach the tracker: a shorter longest track makes more key frames."""
+    clip = write_clip(tmp_path / "clip.mkv", SLOW)
+    counts = []
+    for length_px in ("2", "100"):
+        out = tmp_path / f"{length_px}.dvc"
+        arguments = ["--codec", "3d-te", "--gop", "6", "--points", "40", "--subpixel", "1", "--quiet"]
+        assert (
+            main([str(clip), str(out), *arguments, "--longest-track", length_px, "--lost-tracks", "1"]) == 0
+        )
+        with out.open("rb") as file:
+            reader = StreamReader(file)
+            counts.append(sum(1 for _ in reader))
+            assert (reader.config.tracks.num_points, reader.config.tracks.subpixel_bits) == (40, 1)
+    assert counts[0] > counts[1]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--points", "20"],
+        ["--codec", "3d-td", "--min-gop", "2"],
+        ["--codec", "3d-te", "--lost-tracks", "2"],
+        ["--codec", "3d-te", "--points", "0"],
+        ["--codec", "3d-te", "--longest-track", "-1"],
+        ["--codec", "3d-te", "--longest-track", "nan"],
+    ],
+)
+def test_command_refuses_options_that_make_no_sense(
+    tmp_path: Path, options: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line, exit status 2 and no output."""
+    clip = write_clip(tmp_path / "clip.mkv", SLOW[:2])
+    try:
+        status = main([str(clip), str(tmp_path / "out.dvc"), *options])
+    except SystemExit as exit_:
+        status = int(exit_.code or 0)
+    assert status == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "out.dvc").exists()
+
+
+@pytest.mark.parametrize("clip", ["box", "stone"])
+def test_real_clips_stay_within_their_bits(shared_sequences: Path, clip: str) -> None:
+    """128 tracks of a CIF clip cost less than 0.01 bits a pixel, even where motion is fast."""
+    with open_video(shared_sequences / f"{clip}.mkv", num_frames=17) as reader:
+        frames = list(reader)
+    session = session_of("3d-te", 352, 288, 8)
+    bits = sum(8 * len(session.encode(group).tracks) for group in session.groups(frames))
+    assert bits < 0.01 * 352 * 288 * len(frames)
+    counted = session.statistics
+    assert counted.num_sad_blocks < 0.08 * 1584 * 961 * counted.num_tracked_frames

@@ -1,0 +1,42 @@
+"""Plain twin of the tracker's block comparisons: exhaustive, without early end."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.video.frames import Plane
+
+
+def sad(image: Plane, x: int, y: int, block: Plane) -> int | None:
+    """Return the sum of absolute differences of a block around a point; None off the image."""
+    half = block.shape[0] // 2
+    if min(x, y) < half or x + half >= image.shape[1] or y + half >= image.shape[0]:
+        return None
+    cut = image[y - half : y + half + 1, x - half : x + half + 1].astype(int)
+    return int(np.abs(cut - block.astype(int)).sum())
+
+
+def descend(image: Plane, x: int, y: int, block: Plane, max_steps: int) -> tuple[int, int, int | None]:
+    """Follow the least SAD of the eight neighbours, in raster order where equal, until none is less."""
+    for _ in range(max_steps):
+        around = [(x + dx, y + dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dx, dy) != (0, 0)]
+        found = [(value, place) for place in around if (value := sad(image, *place, block)) is not None]
+        here = sad(image, x, y, block)
+        least = min((value for value, _ in found), default=None)
+        if here is None or least is None or least >= here:
+            break
+        x, y = next(place for value, place in found if value == least)
+    return x, y, sad(image, x, y, block)
+
+
+def spiral_search(
+    image: Plane, x: int, y: int, block: Plane, small: int, spiral: NDArray[np.int64]
+) -> tuple[int, int, int | None]:
+    """Compare along a spiral; stop at the first least SAD that is small."""
+    best: tuple[int, int, int | None] = (x, y, None)
+    for dx, dy in spiral.tolist():
+        value = sad(image, x + dx, y + dy, block)
+        if value is not None and (best[2] is None or value < best[2]):
+            best = (x + dx, y + dy, value)
+            if value <= small:
+                break
+    return best

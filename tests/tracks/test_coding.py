@@ -1,0 +1,262 @@
+"""Coding of tracks and points: exact inverse, cost, damaged and hostile payloads."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from dvc._jit import python_twin
+from dvc.config import CodecConfig, TracksConfig, VideoConfig
+from dvc.errors import BitstreamError
+from dvc.tracks import FeaturePoints, PointTracks, _kernels, decode_points, decode_tracks, encode_points
+from dvc.tracks import encode_tracks as encode
+from dvc.tracks.point_sets import column_scan
+from tests.reference import track_prediction as reference
+
+
+def config_of(
+    width: int = 352, height: int = 288, num_points: int = 128, subpixel_bits: int = 0, kind: str = "encoder"
+) -> CodecConfig:
+    tracks = TracksConfig(kind, num_points, subpixel_bits)
+    return CodecConfig("3d-te", VideoConfig(width, height, 25, 1), tracks=tracks)
+
+
+def drawn_tracks(seed: int, config: CodecConfig, count: int, num_instants: int, spread: float) -> PointTracks:
+    """Return tracks under a common motion and their own; some are lost on the way, or at the border."""
+    rng = np.random.default_rng(seed)
+    sides = np.array([config.video.width, config.video.height]) - 1
+    scale = 2**config.tracks.subpixel_bits
+    start = np.round(rng.uniform(size=(count, 1, 2)) * sides)
+    steps = (
+        rng.normal(size=(1, num_instants - 1, 2)) * 4 + rng.normal(size=(count, num_instants - 1, 2)) * spread
+    )
+    positions = np.concatenate([start, start + np.cumsum(steps, axis=1)], axis=1)
+    positions = np.round(positions * scale) / scale
+    inside = ((positions >= 0) & (positions <= sides)).all(axis=-1)
+    known = np.logical_and.accumulate(inside & (rng.random(inside.shape) > 0.02), axis=1)
+    known[:, 0] = True
+    positions[~known] = np.nan
+    return PointTracks(positions)
+
+
+def in_order(tracks: PointTracks) -> NDArray[np.float64]:
+    return tracks.positions[column_scan(tracks.positions[:, 0])]
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(1, 60),
+    st.integers(2, 12),
+    st.sampled_from([0.0, 0.3, 3.0, 90.0]),
+    st.sampled_from([(352, 288), (16, 16), (1, 1), (33, 7), (16384, 1024)]),
+    st.integers(0, 3),
+)
+@settings(max_examples=60)
+def test_tracks_come_back(
+    seed: int, count: int, num_instants: int, spread: float, size: tuple[int, int], bits: int
+) -> None:
+    """Positions and losses are the same after decoding, in column scan."""
+    config = config_of(*size, subpixel_bits=bits)
+    tracks = drawn_tracks(seed, config, count, num_instants, spread)
+    decoded = decode_tracks(encode(tracks, config), num_instants, config)
+    assert np.array_equal(decoded.positions[:, 0], in_order(tracks)[:, 0])
+    order = np.lexsort(np.nan_to_num(tracks.positions, nan=-1).reshape(count, -1).T[::-1])
+    again = np.lexsort(np.nan_to_num(decoded.positions, nan=-1).reshape(count, -1).T[::-1])
+    assert np.array_equal(decoded.positions[again], tracks.positions[order], equal_nan=True)
+
+
+def test_no_tracks_cost_nothing() -> None:
+    """No tracks are an empty payload, and back."""
+    config = config_of()
+    assert encode(PointTracks.none(5), config) == b""
+    assert decode_tracks(b"", 5, config).positions.shape == (0, 5, 2)
+    empty = FeaturePoints((np.empty((0, 2)), np.empty((0, 2))))
+    assert encode_points(empty, config) == b""
+    assert [frame.shape for frame in decode_points(b"", 2, config).frames] == [(0, 2), (0, 2)]
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_most_tracks_come_back(full: bool) -> None:
+    """The largest number of tracks over the longest group is coded as any other."""
+    config = config_of(num_points=1024 if full else 1)
+    tracks = drawn_tracks(5, config, config.tracks.num_points, 8, 1.0)
+    decoded = decode_tracks(encode(tracks, config), 8, config)
+    assert np.array_equal(decoded.positions, in_order(tracks), equal_nan=True)
+
+
+def test_smooth_tracks_are_cheap() -> None:
+    """A common motion is paid for once: less than a bit a point and frame, and start positions."""
+    config = config_of()
+    rng = np.random.default_rng(3)
+    start = rng.permutation(
+        np.stack(np.meshgrid(np.arange(40, 300, 20), np.arange(40, 220, 20)), -1).reshape(-1, 2)
+    )
+    steps = np.cumsum(rng.integers(-3, 4, (1, 9, 2)), axis=1)
+    positions = np.concatenate([start[:, None], start[:, None] + steps], axis=1).astype(np.float64)
+    assert 8 * len(encode(PointTracks(positions), config)) < len(start) * (9 + 6)
+
+
+@pytest.mark.parametrize(
+    ("positions", "message"),
+    [
+        ([[[0, 0], [1, 1]], [[0, 9], [1, 1]], [[8, 0], [1, 1]]], "at most 2"),
+        ([[[0, 0], [352, 1]]], "inside the frame"),
+        ([[[-1, 0], [1, 1]]], "inside the frame"),
+        ([[[1e300, 0], [1, 1]]], "inside the frame"),
+        ([[[np.nan, 0], [1, 1]]], "first key frame"),
+        ([[[0, 0], [np.nan, 0], [1, 1]]], "come back"),
+    ],
+)
+def test_tracks_that_make_no_sense_are_refused(positions: list[object], message: str) -> None:
+    """Too many tracks, positions outside, and tracks with gaps are errors of the caller."""
+    with pytest.raises(ValueError, match=message):
+        encode(PointTracks(np.array(positions, np.float64)), config_of(num_points=2))
+
+
+@given(
+    st.lists(st.lists(st.tuples(st.integers(0, 63), st.integers(0, 47)), max_size=30), max_size=5),
+    st.integers(0, 3),
+)
+def test_points_come_back(frames: list[list[tuple[int, int]]], bits: int) -> None:
+    """Points of each frame are the same after decoding, in column scan, twins included."""
+    config = config_of(64, 48, 30, bits, "decoder")
+    sets = [np.array(frame, np.float64).reshape(-1, 2) / 2.0**bits for frame in frames]
+    decoded = decode_points(encode_points(FeaturePoints(tuple(sets)), config), len(sets), config)
+    for before, after in zip(sets, decoded.frames, strict=True):
+        assert np.array_equal(before[column_scan(before)], after)
+
+
+def test_points_cost_what_the_thesis_says() -> None:
+    """A column of DPCM and a row of fixed length: below 0.02 bits a pixel for 176 points of a CIF frame."""
+    config = config_of(num_points=176, kind="decoder")
+    rng = np.random.default_rng(1)
+    frames = tuple(rng.integers(0, [352, 288], (176, 2)).astype(np.float64) for _ in range(9))
+    assert 8 * len(encode_points(FeaturePoints(frames), config)) < 9 * 0.02 * 352 * 288
+
+
+def test_points_that_make_no_sense_are_refused() -> None:
+    """Too many points, and points that are not known or outside, are errors of the caller."""
+    config = config_of(num_points=2, kind="decoder")
+    for points in ([[0, 0], [1, 1], [2, 2]], [[np.nan, 0]], [[0, 288]]):
+        with pytest.raises(ValueError, match="points"):
+            encode_points(FeaturePoints((np.array(points, np.float64),)), config)
+
+
+@given(st.binary(min_size=1, max_size=60), st.integers(2, 20), st.sampled_from([1, 7, 128, 1024]))
+@settings(max_examples=150)
+def test_any_bytes_are_tracks_or_refused(data: bytes, num_instants: int, num_points: int) -> None:
+    """Arbitrary bytes decode to tracks that code to the same bytes, or are damaged."""
+    config = config_of(num_points=num_points)
+    try:
+        tracks = decode_tracks(data, num_instants, config)
+    except BitstreamError:
+        return
+    assert encode(tracks, config) == data
+
+
+@given(st.binary(min_size=1, max_size=60), st.integers(0, 5), st.sampled_from([1, 7, 128, 1024]))
+@settings(max_examples=150)
+def test_any_bytes_are_points_or_refused(data: bytes, num_frames: int, num_points: int) -> None:
+    """Arbitrary bytes decode to points that code to the same bytes, or are damaged."""
+    config = config_of(num_points=num_points, kind="decoder")
+    try:
+        points = decode_points(data, num_frames, config)
+    except BitstreamError:
+        return
+    assert encode_points(points, config) == data
+
+
+@given(st.integers(0, 2**16), st.integers(1, 255), st.booleans())
+@settings(max_examples=100)
+def test_damaged_payloads_never_pass_for_the_original(place: int, change: int, cut: bool) -> None:
+    """A changed or cut payload is refused, or makes tracks inside the frame that code to just these bytes."""
+    config = config_of(64, 48, 20)
+    payload = encode(drawn_tracks(1, config, 20, 6, 0.5), config)
+    place %= len(payload)
+    damaged = payload[:place] if cut else bytes(c ^ change * (i == place) for i, c in enumerate(payload))
+    try:
+        tracks = decode_tracks(damaged, 6, config)
+    except BitstreamError:
+        return
+    assert encode(tracks, config) == damaged
+    known = tracks.positions[np.isfinite(tracks.positions[..., 0])]
+    assert (known >= 0).all()
+    assert (known <= (63, 47)).all()
+
+
+@pytest.mark.parametrize("trailer", [b"\0", b"\1", b"trailing"])
+def test_trailing_bytes_are_refused(trailer: bytes) -> None:
+    """A payload ends where its tracks or points do."""
+    config = config_of(64, 48, 20)
+    payload = encode(drawn_tracks(1, config, 20, 6, 0.5), config)
+    with pytest.raises(BitstreamError):
+        decode_tracks(payload + trailer, 6, config)
+    payload = encode_points(FeaturePoints((np.array([[3.0, 4.0], [9.0, 1.0]]),)), config)
+    with pytest.raises(BitstreamError):
+        decode_points(payload + trailer, 1, config)
+
+
+def test_payload_is_frozen() -> None:
+    """The bytes of a small set of tracks stay what they are: the format is pinned."""
+    positions = [
+        [[8, 4], [9, 5], [11, 5]],
+        [[20, 12], [21, 13], [np.nan, np.nan]],
+        [[4, 16], [5, 16], [6, 17]],
+    ]
+    payload = encode(PointTracks(np.array(positions, np.float64)), config_of(32, 24, 8))
+    assert payload.hex() == FROZEN
+
+
+FROZEN = "480d8f5b4b2d008c"
+
+
+@pytest.mark.parametrize("twin", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_prediction_is_as_documented(seed: int, twin: bool) -> None:
+    """Prediction, expected magnitude and filter agree with the plain twin, instant by instant."""
+    choose = python_twin if twin else (lambda kernel: kernel)
+    config = config_of()
+    tracks = drawn_tracks(seed, config, 12, 5, 2.0)
+    units = np.where(np.isnan(tracks.positions), _kernels.LOST, tracks.positions).astype(np.int64)
+    first = units[:, 0]
+    weights = choose(_kernels.neighbour_weights)(first, 1206)
+    motion = np.zeros((12, 3, 2), np.int64)
+    motion[:, 0] = first * 256
+    filters = [[reference.AxisFilter(int(c)) for c in point] for point in first]
+    for t in range(1, 5):
+        predictions = np.zeros((12, 2, 3), np.int64)
+        live = np.flatnonzero(units[:, t, 0] != _kernels.LOST)
+        for i in live:
+            choose(_kernels.predict)(units[:, t], motion, i, weights, t > 1, predictions[i])
+            for axis in range(2):
+                known = [
+                    (filters[j][axis], int(units[j, t, axis]), reference.weight(first[i], first[j], 1206))
+                    for j in live[live < i]
+                ]
+                own = filters[i][axis]
+                assert predictions[i, axis, 0] == own.predict(known)
+                expected = own.expected_magnitude(known, t == 1)
+                bounds = (64, 102, 164, 262, 524, 1048, 2096, 4192, 8384)
+                assert predictions[i, axis, 2] == sum(expected >= bound for bound in bounds)
+                own.residual = 256 * int(units[i, t, axis]) - own.prediction
+            choose(_kernels.follow)(units[:, t], motion, i, predictions[i])
+        choose(_kernels.advance)(units[:, t], motion, predictions, t > 1)
+        for i in live:
+            for axis in range(2):
+                filters[i][axis].advance(t == 1)
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 12)), max_size=6), st.integers(0, 20))
+def test_free_rows_agree_with_the_twin(points: list[tuple[int, int]], column: int) -> None:
+    """Rows are free below the last point of the column and away from all points."""
+    scanned = sorted(points)
+    distance = reference.least_distance(scanned, 255)
+    array = np.array(scanned, np.int64).reshape(-1, 2)
+    assert _kernels.min_distance(array, 255) == distance
+    column = max(column, scanned[-1][0]) if scanned else column
+    free = np.empty(13, np.bool_)
+    with_next = np.concatenate([array, [[column, 0]]])
+    count = _kernels.free_rows(with_next, len(scanned), distance, free)
+    assert np.flatnonzero(free).tolist() == reference.free_rows(scanned, column, distance, 13)
+    assert count == free.sum()
