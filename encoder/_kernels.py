@@ -76,17 +76,16 @@ def block_sad(image, x, y, half, block, limit, counts):
     height, width = image.shape
     if x < half or y < half or x >= width - half or y >= height - half:
         return UNKNOWN
-    counts[0] += 1
-    total = np.int64(0)
-    side = 2 * half + 1
-    for row in range(side):
+    total, side, rows = np.int64(0), 2 * half + 1, 0
+    while rows < side and total < limit:
+        samples = image[y - half + rows, x - half : x + half + 1]
         line = np.int32(0)
         for column in range(side):
-            line += abs(np.int32(image[y - half + row, x - half + column]) - np.int32(block[row, column]))
+            line += abs(np.int32(samples[column]) - np.int32(block[rows, column]))
         total += line
-        counts[1] += side
-        if total >= limit:
-            break
+        rows += 1
+    counts[0] += 1
+    counts[1] += rows * side
     return total
 
 
@@ -136,15 +135,15 @@ def spiral_search(image, x, y, half, block, small, spiral, counts):
 
 
 @kernel
-def nearest_tracked(first, tracked, i):
+def nearest_found(first, found, i):
     """Return which of the points found already in this frame started nearest to point `i`; -1 if none."""
-    best, found = UNKNOWN, -1
-    for j in range(i):
-        if tracked[j]:
+    least, nearest = UNKNOWN, -1
+    for j in range(found.size):
+        if found[j]:
             distance = (first[i, 0] - first[j, 0]) ** 2 + (first[i, 1] - first[j, 1]) ** 2
-            if distance < best:
-                best, found = distance, j
-    return found
+            if distance < least:
+                least, nearest = distance, j
+    return nearest
 
 
 @kernel
@@ -197,29 +196,31 @@ def track_frame(
     max_far_searches,
     position,
     sads,
+    found,
     counts,
 ):
-    """Find each live point in a frame; `position`, `sads` and `alive` receive what came of it.
-
-    A minimum at the border of the image is none: it may go on outside.
+    """Find each live point in a frame; `position`, `sads` and `found` receive what came of it.
 
     `small` bounds the SAD of a point that is found. `last` and `velocity` are positions in the frame before
-    and the motion into it. Far searches are for points whose neighbours do not tell the motion.
+    and the motion into it. Points that are `found` already show the others where to look. Far searches are
+    for points whose neighbours do not tell the motion. A minimum at the border of the image is none: it may
+    go on outside.
     """
     half = blocks.shape[1] // 2
-    tracked = np.zeros(alive.size, np.bool_)
     candidates = np.empty((3, 2), np.int64)
     far_searches = 0
     for i in range(alive.size):
-        if not alive[i]:
+        if found[i] or not alive[i]:
             continue
-        j = nearest_tracked(first, tracked, i)
+        j = nearest_found(first, found, i)
         for axis in range(2):
             candidates[0, axis] = last[i, axis]
             candidates[1, axis] = last[i, axis] + velocity[i, axis]
             motion = velocity[i, axis] if j < 0 else position[j, axis] - last[j, axis]
             candidates[2, axis] = last[i, axis] + motion
         x, y, sad = best_candidate(image, half, blocks[i], candidates, counts)
+        if sad > small[i] and j >= 0 and not is_within(image, candidates[2, 0], candidates[2, 1], half):
+            continue  # it has left with its neighbours
         if sad > small[i]:
             x, y, sad = spiral_search(image, x, y, half, blocks[i], small[i], spiral, counts)
         if sad < UNKNOWN:
@@ -239,7 +240,7 @@ def track_frame(
             )
             if sad < UNKNOWN:
                 x, y, sad = descend(image, x, y, half, blocks[i], sad, spiral.shape[0], counts)
-        alive[i] = tracked[i] = sad <= small[i] and is_within(image, x, y, half + 1)
+        found[i] = sad <= small[i] and is_within(image, x, y, half + 1)
         position[i, 0], position[i, 1], sads[i] = x, y, sad
 
 

@@ -148,11 +148,11 @@ class PointTracker:
         position = np.zeros((count, 2), np.int64)
         sads = np.zeros(count, np.int64)
         operations = np.zeros(2, np.int64)
-        before = self._alive.copy()
-        self._search(luma, None, position, sads, operations)
-        if self.last_lost_share > self._settings.far_share:
-            self._alive = before
-            self._search(luma, _quarter(luma), position, sads, operations)
+        found = np.zeros(count, np.bool_)
+        self._search(luma, None, position, sads, found, operations)
+        if found.sum() < (1.0 - self._settings.far_share) * self._num_before:
+            self._search(luma, _quarter(luma), position, sads, found, operations)
+        self._alive = found
         offsets = np.zeros((count, 2))
         if self._subpixel_bits:
             _kernels.subpixel_offsets(luma, self._blocks, position, self._alive, sads, operations, offsets)
@@ -206,7 +206,13 @@ class PointTracker:
         return rounded
 
     def _search(
-        self, luma: Plane, quarter: Plane | None, position: Integers, sads: Integers, operations: Integers
+        self,
+        luma: Plane,
+        quarter: Plane | None,
+        position: Integers,
+        sads: Integers,
+        found: NDArray[np.bool_],
+        operations: Integers,
     ) -> None:
         settings = self._settings
         if quarter is not None and len(self._quarter_blocks) == 0:
@@ -227,6 +233,7 @@ class PointTracker:
             0 if quarter is None else settings.max_far_searches,
             position,
             sads,
+            found,
             operations,
         )
 
