@@ -115,13 +115,15 @@ def predict(
     motion,
     i,
     weights,
+    sides,
     started,
     prediction,
 ):
     """Predict track `i` from its past and from those before it at the same instant, of known `position`.
 
-    `prediction` (2, 3) receives, for x and y, the position and the correction of the velocity in 1/256
-    units and the class of the magnitude of the residual to expect.
+    The prediction stays inside the frame, whose `sides` are given. `prediction` (2, 3) receives, for x and
+    y, the position and the correction of the velocity in 1/256 units and the class of the magnitude of the
+    residual to expect.
     """
     for axis in range(2):
         correction, magnitude = np.int64(0), np.int64(0)
@@ -139,7 +141,8 @@ def predict(
             magnitude //= total
         else:
             magnitude = np.int64(1024)
-        prediction[axis, 0] = motion[i, 0, axis] + motion[i, 1, axis] + correction
+        predicted = motion[i, 0, axis] + motion[i, 1, axis] + correction
+        prediction[axis, 0] = min(max(predicted, 0), 256 * (sides[axis] - 1))
         prediction[axis, 1] = correction
         prediction[axis, 2] = 0
         for bound in _CLASS_BOUNDS:
@@ -158,6 +161,7 @@ def advance(
     position,
     motion,
     predictions,
+    sides,
     started,
 ):
     """Filter positions and velocities once all tracks of an instant are known."""
@@ -167,7 +171,9 @@ def advance(
                 residual = motion[i, 2, axis]
                 motion[i, 0, axis] = predictions[i, axis, 0] + (13 * residual >> 4)
                 share = residual >> 1 if started else residual
-                motion[i, 1, axis] += predictions[i, axis, 1] + share
+                velocity = motion[i, 1, axis] + predictions[i, axis, 1] + share
+                fastest = 256 * sides[axis]
+                motion[i, 1, axis] = min(max(velocity, -fastest), fastest)
 
 
 @kernel
@@ -251,6 +257,7 @@ def instant_decisions(
     live,
     motion,
     weights,
+    sides,
     started,
     counts,
 ):
@@ -266,12 +273,12 @@ def instant_decisions(
         n = _note(counts, 0, lost, decisions, probabilities, n)
         if lost:
             continue
-        predict(position, motion, i, weights, started, predictions[i])
+        predict(position, motion, i, weights, sides, started, predictions[i])
         for axis in range(2):
             predicted = predictions[i, axis, 0]
             residual = position[i, axis] - ((predicted + 128) >> 8)
             base = first_context(axis, predictions[i])
             n = _note_residual(counts, residual, base, predicted, decisions, probabilities, n)
         follow(position, motion, i, predictions[i])
-    advance(position, motion, predictions, started)
+    advance(position, motion, predictions, sides, started)
     return decisions[:n], probabilities[:n]

@@ -82,11 +82,12 @@ def _write_tracks(units: Integers, config: CodecConfig) -> bytes:
     lattice.write(writer)
     write_points(writer, first, lattice)
     motion, weights, counts = _start(first, config)
+    sides = np.array(_sides(config))
     for t in range(1, units.shape[1]):
+        live = units[:, t - 1, 0] != LOST
+        position = np.ascontiguousarray(units[:, t])
         writer.write_decisions(
-            *_kernels.instant_decisions(
-                np.ascontiguousarray(units[:, t]), units[:, t - 1, 0] != LOST, motion, weights, t > 1, counts
-            )
+            *_kernels.instant_decisions(position, live, motion, weights, sides, t > 1, counts)
         )
     return writer.to_bytes()
 
@@ -124,7 +125,7 @@ def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> Poi
     sides = np.array(_sides(config))
     for t in range(1, num_instants):
         live = np.flatnonzero(units[:, t - 1, 0] != LOST)
-        units[:, t] = _read_instant(reader, live, motion, weights, t > 1, counts)
+        units[:, t] = _read_instant(reader, live, motion, weights, sides, t > 1, counts)
         if (units[live, t] < LOST).any() or (units[live, t] >= sides).any():
             raise BitstreamError("a track leaves the frame")
     if _write_tracks(units, config) != payload:
@@ -149,6 +150,7 @@ def _read_instant(
     live: NDArray[np.intp],
     motion: Integers,
     weights: Integers,
+    sides: Integers,
     started: bool,
     counts: Integers,
 ) -> Integers:
@@ -158,7 +160,7 @@ def _read_instant(
         if _read_adaptive(reader, counts, 0):
             continue
         prediction = predictions[i]
-        _kernels.predict(position, motion, i, weights, started, prediction)
+        _kernels.predict(position, motion, i, weights, sides, started, prediction)
         for axis in range(2):
             base = _kernels.first_context(axis, prediction)
             predicted = int(prediction[axis, 0])
@@ -166,7 +168,7 @@ def _read_instant(
         if (position[i] <= LOST).any():
             raise BitstreamError("a track leaves the frame")
         _kernels.follow(position, motion, i, prediction)
-    _kernels.advance(position, motion, predictions, started)
+    _kernels.advance(position, motion, predictions, sides, started)
     return position
 
 

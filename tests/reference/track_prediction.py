@@ -36,14 +36,15 @@ class AxisFilter:
         self.position, self.velocity, self.residual = 256 * position, 0, 0
         self.prediction = self.correction = 0
 
-    def predict(self, before: list[tuple["AxisFilter", int, int]]) -> int:
+    def predict(self, before: list[tuple["AxisFilter", int, int]], side: int) -> int:
         """Predict from tracks that are known at this instant: filter, position, weight of each."""
         total = sum(weight for _, _, weight in before)
         surplus = sum(
             weight * (256 * position - other.position - other.velocity) for other, position, weight in before
         )
         self.correction = surplus // (total + 3932)
-        self.prediction = self.position + self.velocity + self.correction
+        expected = self.position + self.velocity + self.correction
+        self.prediction = min(max(expected, 0), 256 * (side - 1))
         return self.prediction
 
     def expected_magnitude(self, before: list[tuple["AxisFilter", int, int]], first_step: bool) -> int:
@@ -54,7 +55,8 @@ class AxisFilter:
             return (magnitude + 40960 * abs(self.residual)) // (total + 40960)
         return magnitude // total if total else 1024
 
-    def advance(self, first_step: bool) -> None:
+    def advance(self, first_step: bool, side: int) -> None:
         """Go on to the next instant, once all residuals of this one are known."""
         self.position = self.prediction + 13 * self.residual // 16
-        self.velocity += self.correction + (self.residual if first_step else self.residual // 2)
+        velocity = self.velocity + self.correction + (self.residual if first_step else self.residual // 2)
+        self.velocity = min(max(velocity, -256 * side), 256 * side)

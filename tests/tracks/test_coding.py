@@ -217,7 +217,8 @@ def test_prediction_is_as_documented(seed: int, twin: bool) -> None:
     """Prediction, expected magnitude and filter agree with the plain twin, instant by instant."""
     choose = python_twin if twin else (lambda kernel: kernel)
     config = config_of()
-    tracks = drawn_tracks(seed, config, 12, 5, 2.0)
+    sides = np.array([352, 288])
+    tracks = drawn_tracks(seed, config, 12, 5, 2.0 if seed else 60.0)
     units = np.where(np.isnan(tracks.positions), _kernels.LOST, tracks.positions).astype(np.int64)
     first = units[:, 0]
     weights = choose(_kernels.neighbour_weights)(first, 1206)
@@ -228,23 +229,23 @@ def test_prediction_is_as_documented(seed: int, twin: bool) -> None:
         predictions = np.zeros((12, 2, 3), np.int64)
         live = np.flatnonzero(units[:, t, 0] != _kernels.LOST)
         for i in live:
-            choose(_kernels.predict)(units[:, t], motion, i, weights, t > 1, predictions[i])
+            choose(_kernels.predict)(units[:, t], motion, i, weights, sides, t > 1, predictions[i])
             for axis in range(2):
                 known = [
                     (filters[j][axis], int(units[j, t, axis]), reference.weight(first[i], first[j], 1206))
                     for j in live[live < i]
                 ]
                 own = filters[i][axis]
-                assert predictions[i, axis, 0] == own.predict(known)
+                assert predictions[i, axis, 0] == own.predict(known, int(sides[axis]))
                 expected = own.expected_magnitude(known, t == 1)
                 bounds = (64, 102, 164, 262, 524, 1048, 2096, 4192, 8384)
                 assert predictions[i, axis, 2] == sum(expected >= bound for bound in bounds)
                 own.residual = 256 * int(units[i, t, axis]) - own.prediction
             choose(_kernels.follow)(units[:, t], motion, i, predictions[i])
-        choose(_kernels.advance)(units[:, t], motion, predictions, t > 1)
+        choose(_kernels.advance)(units[:, t], motion, predictions, sides, t > 1)
         for i in live:
             for axis in range(2):
-                filters[i][axis].advance(t == 1)
+                filters[i][axis].advance(t == 1, int(sides[axis]))
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 12)), max_size=6), st.integers(0, 20))
@@ -260,3 +261,17 @@ def test_free_rows_agree_with_the_twin(points: list[tuple[int, int]], column: in
     count = _kernels.free_rows(with_next, len(scanned), distance, free)
     assert np.flatnonzero(free).tolist() == reference.free_rows(scanned, column, distance, 13)
     assert count == free.sum()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_wild_tracks_come_back(seed: int) -> None:
+    """Points that leap from one end of the widest frame to the other for the longest group are coded, too."""
+    config = config_of(16384, 1024, 40, 3)
+    rng = np.random.default_rng(seed)
+    ends = np.array([0, 16383]), np.array([0, 1023])
+    positions = np.stack([rng.choice(end, (40, 257)) for end in ends], axis=-1).astype(np.float64)
+    positions[:20, 1::2] = positions[:20, :1]
+    tracks = PointTracks(positions)
+    decoded = decode_tracks(encode(tracks, config), 257, config)
+    rows = [sorted(map(tuple, found.reshape(40, -1))) for found in (decoded.positions, positions)]
+    assert rows[0] == rows[1]
