@@ -113,7 +113,7 @@ def choose_carriers(
     return Carriers(pairs[chosen], corner0[chosen], corner1[chosen])
 
 
-MAX_DRIFT_PX = 1.0
+MAX_DRIFT_PX = 1.5
 """A corner whose place relative to its point changes more than this is no corner of the scene."""
 
 

@@ -49,7 +49,7 @@ class TrackingSettings:
     """
 
     num_snakes: int = 400
-    separation_px: float = 5.0
+    separation_px: float = 3.0
     window_px: int = 3
     motion_limit_px: float = 2.0
     motion_spreads: float = 3.0

@@ -45,7 +45,7 @@ class SnakeSettings:
         Weight that holds snakes which nothing determines.
     """
 
-    radii_px: tuple[float, ...] = (4.0, 3.0, 2.5, 2.0)
+    radii_px: tuple[float, ...] = (4.0, 3.0, 2.0, 1.5)
     distance_px: float = 1.0
     bending: float = 0.1
     coupling: float = 1.0

@@ -1,0 +1,58 @@
+"""What the motion of a frame has in common: shifts, turns and paces among clutter."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.tracking.registration import ReceivedPoints, RegistrationSettings, affine_terms, register
+
+Floats = NDArray[np.float64]
+
+
+def scattered(count: int, seed: int) -> tuple[Floats, Floats]:
+    """Draw points of two key frames with parallax."""
+    rng = np.random.default_rng(seed)
+    first = rng.uniform([10, 10], [340, 270], (count, 2))
+    return first, first + np.array([30.0, 6.0]) * rng.uniform(0.3, 1.0, (count, 1))
+
+
+def received(points: Floats, seed: int) -> ReceivedPoints:
+    """Detect half of the points in whole pixels, and as many others."""
+    rng = np.random.default_rng(seed)
+    seen = points[rng.random(len(points)) < 0.5]
+    return ReceivedPoints(np.unique(np.rint([*seen, *rng.uniform(0, 280, seen.shape)]), axis=0))
+
+
+def test_shift_turn_and_pace_are_found() -> None:
+    """A frame that is shifted, turned and late deviates as it should, all over the image."""
+    first, second = scattered(200, 1)
+    turn = 0.01 * np.column_stack([-(first[:, 1] - 140), first[:, 0] - 170])
+    truth = [
+        np.array([9.0, -12.0]) + turn - 0.2 * (second - first),
+        np.array([-6.0, 5.0]) + 0.15 * (second - first),
+    ]
+    even = [(2 * first + second) / 3, (first + 2 * second) / 3]
+    frames = [received(e + d, seed) for seed, (e, d) in enumerate(zip(even, truth, strict=True))]
+    found = register(first, second, frames, RegistrationSettings())
+    error = np.linalg.norm(found - np.stack(truth), axis=2)
+    assert np.quantile(error, 0.95) < 0.5
+
+
+def test_without_points_nothing_deviates() -> None:
+    """A frame without points is where even motion puts it."""
+    first, second = scattered(20, 2)
+    assert not register(first, second, [ReceivedPoints(np.empty((0, 2)))], RegistrationSettings()).any()
+
+
+def test_terms_are_bounded() -> None:
+    """The terms of the map do not grow with the motion, nor vanish for one point."""
+    first, second = scattered(50, 3)
+    terms = affine_terms(first, second)
+    assert np.abs(terms).max() <= 2.0
+    assert affine_terms(first[:1], second[:1]).tolist() == [[1.0, 0.0, 0.0, 0.0, 0.0]]
+
+
+def test_a_corner_belongs_to_one_place() -> None:
+    """Of two places near a corner the nearer gets it, and none that is too far."""
+    corners = ReceivedPoints(np.array([[10.0, 10.0], [50.0, 10.0]]))
+    chosen, found, distance = corners.match(np.array([[12.0, 10.0], [11.0, 10.0], [55.0, 10.0]]), 3.0)
+    assert (chosen.tolist(), found.tolist(), distance.tolist()) == ([1], [0], [1.0])
