@@ -146,6 +146,12 @@ def _add_tracks(tracks: argparse._ArgumentGroup) -> None:
         metavar="N",
         help="least frames from one key frame to the next, but where the scene changes; default: 2",
     )
+    tracks.add_argument(
+        "--tracks-bpp",
+        type=float,
+        metavar="BITS",
+        help="most bits of tracks per pixel of the Wyner-Ziv frames: the best are kept; default: 0.01",
+    )
 
 
 def _add_source(source: argparse._ArgumentGroup) -> None:
@@ -217,7 +223,7 @@ def _encode(arguments: argparse.Namespace) -> int:
     ) as reader:
         for notice in reader.info.notices:
             sys.stderr.write(f"{PROG}: {cli.one_line(notice)}\n")
-        session = EncoderSession(_configure(arguments, reader.info), _rule(arguments))
+        session = EncoderSession(_configure(arguments, reader.info), _rule(arguments), _tracks_bpp(arguments))
         total = arguments.frames if reader.info.num_frames is None else reader.info.num_frames
         with cli.progress_bar("encoding", total, arguments.quiet) as progress:
             if arguments.serve is None:
@@ -299,6 +305,19 @@ def _rule(arguments: argparse.Namespace) -> "KeyFrameRule":
     if given and arguments.codec != "3d-te":
         raise ConfigError("--longest-track, --lost-tracks and --min-gop are for 3d-te")
     return KeyFrameRule(**given)
+
+
+def _tracks_bpp(arguments: argparse.Namespace) -> float:
+    from encoder.session import MAX_TRACKS_BPP
+
+    given: float | None = arguments.tracks_bpp
+    if given is None:
+        return MAX_TRACKS_BPP
+    if arguments.codec != "3d-te":
+        raise ConfigError("--tracks-bpp is for 3d-te")
+    if not given > 0:
+        raise ConfigError(f"--tracks-bpp must be above 0, got {given}")
+    return given
 
 
 def _report(statistics: "EncoderStatistics", config: CodecConfig) -> dict[str, object]:

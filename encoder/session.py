@@ -10,13 +10,18 @@ from dvc.errors import VideoError
 from dvc.feedback import Connection, EncoderEndpoint, GopDone, ParityRequest
 from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
-from dvc.tracks import encode_points, encode_tracks
+from dvc.tracks import PointTracks, encode_points, encode_tracks
 from dvc.video import Frame
 from dvc.wynerziv.frame import EncodedFrame
 from encoder.corners import CornerDetector
 from encoder.groups import Group, KeyFrameRule, cornered_groups, groups, tracked_groups
-from encoder.tracking import PointTracker
+from encoder.tracking import PointTracker, thinned
 from encoder.wyner_ziv import WynerZivEncoder
+
+MAX_TRACKS_BPP = 0.01
+"""Most bits that tracks cost, per pixel of the Wyner-Ziv frames, unless told otherwise."""
+
+_MIN_TRACKS = 32  # which a group keeps at any cost: cameras have eleven unknowns
 
 Progress = Callable[[int], None]
 """Called with the number of frames that have just been finished."""
@@ -93,9 +98,13 @@ class EncoderSession:
         Configuration; the key frames' parameter sets are filled in here.
     rule : KeyFrameRule, optional
         When tracks ask for a key frame.
+    max_tracks_bpp : float, optional
+        Bits of tracks that a Wyner-Ziv frame may cost, per pixel; a group with more of them keeps the best.
     """
 
-    def __init__(self, config: CodecConfig, rule: KeyFrameRule | None = None) -> None:
+    def __init__(
+        self, config: CodecConfig, rule: KeyFrameRule | None = None, max_tracks_bpp: float = MAX_TRACKS_BPP
+    ) -> None:
         video, key = config.video, config.key
         self._key_encoder = KeyFrameEncoder(
             video.width, video.height, "lossless" if key.lossless else key.qp, luma_only=video.luma_only
@@ -103,6 +112,7 @@ class EncoderSession:
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)
         self._rule = rule or KeyFrameRule()
+        self._max_tracks_bpp = max_tracks_bpp
         self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits)
         self._detector = CornerDetector(config.tracks.num_points)
         self._coding_cpu_s = 0.0
@@ -204,7 +214,7 @@ class EncoderSession:
         started = time.process_time()
         payload = b""
         if group.tracks is not None:
-            payload = encode_tracks(group.tracks, self.config)
+            payload = self._encode_within_budget(group.tracks)
         elif group.points is not None:
             payload = encode_points(group.points, self.config)
         self._coding_cpu_s += time.process_time() - started
@@ -214,6 +224,17 @@ class EncoderSession:
         statistics.num_corners = counts.num_corners + self._detector.num_corners
         statistics.num_sad_blocks, statistics.num_sad_samples = counts.num_blocks, counts.num_samples
         statistics.num_tracked_frames = counts.num_frames
+        return payload
+
+    def _encode_within_budget(self, tracks: PointTracks) -> bytes:
+        video = self.config.video
+        num_wyner_ziv = tracks.num_instants - 2
+        max_bits = self._max_tracks_bpp * video.width * video.height * num_wyner_ziv
+        payload = encode_tracks(tracks, self.config)
+        while 8 * len(payload) > max_bits and len(tracks) > _MIN_TRACKS:
+            count = min(int(len(tracks) * max_bits / (8 * len(payload))), len(tracks) - 1)
+            tracks = thinned(tracks, max(count, _MIN_TRACKS))
+            payload = encode_tracks(tracks, self.config)
         return payload
 
 

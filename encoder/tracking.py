@@ -29,7 +29,7 @@ class TrackingSettings:
     half_block_px: int = 5  # of the blocks that are compared: 11 x 11 samples
     spiral_px: int = 5  # reach of the spiral
     far_px: int = 48  # reach of the search for points whose motion nothing tells
-    max_far_searches: int = 12  # of these, in one frame
+    max_far_searches: int = 4  # of these, in one frame
     far_share: float = 0.3  # they are made when more of the points are lost from one frame to the next
     # A SAD is small below this share of what a shift of the block by `shift_px` makes, or below so many
     # grey levels a sample.
@@ -248,6 +248,26 @@ class PointTracker:
             settings.large_noise * num_samples,
         )
         return small.astype(np.int64)
+
+
+def thinned(tracks: PointTracks, count: int) -> PointTracks:
+    """Keep the tracks that tell the most: those that last longest, and of these the first.
+
+    Parameters
+    ----------
+    tracks : PointTracks
+        Points of strong corners first, as `PointTracker.tracks` returns them.
+    count : int
+        Number of tracks to keep.
+
+    Returns
+    -------
+    PointTracks
+        At most `count`, in the order they had.
+    """
+    lifetime = np.isfinite(tracks.positions[:, :, 0]).sum(axis=1)
+    kept = np.sort(np.argsort(-lifetime, kind="stable")[:count])
+    return PointTracks(tracks.positions[kept])
 
 
 def _quarter(luma: Plane) -> Plane:

@@ -131,7 +131,7 @@ def predict(
         for j in range(i):
             if position[j, axis] != LOST:
                 moved = position[j, axis] * 256 - motion[j, 0, axis] - motion[j, 1, axis]
-                correction += weights[i, j] * (moved)
+                correction += weights[i, j] * moved
                 magnitude += weights[i, j] * abs(motion[j, 2, axis])
                 total += weights[i, j]
         correction //= total + 3932  # the velocity does not change, as a neighbour of little weight

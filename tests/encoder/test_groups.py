@@ -10,13 +10,13 @@ import pytest
 from dvc.config import CodecConfig, GopConfig, VideoConfig, WynerZivConfig, side_information_for, tracks_for
 from dvc.errors import ConfigError
 from dvc.stream import StreamReader
-from dvc.tracks import decode_points, decode_tracks
+from dvc.tracks import PointTracks, decode_points, decode_tracks
 from dvc.video import Frame, open_video
 from encoder.__main__ import main
 from encoder.corners import CornerDetector
 from encoder.groups import Group, KeyFrameRule, cornered_groups, tracked_groups
 from encoder.session import EncoderSession
-from encoder.tracking import PointTracker
+from encoder.tracking import PointTracker, thinned
 from tests.clips import moving_texture, write_clip
 
 SLOW = moving_texture(12, 96, 128, (0.0, 1.0))
@@ -189,6 +189,30 @@ def test_small_odd_and_short_videos(codec: str, width: int, height: int, num_fra
     assert sum(record.num_frames for record in records) == num_frames
 
 
+def test_tracks_keep_to_their_budget() -> None:
+    """Where bits are few a group keeps the tracks that last, and never fewer than cameras need."""
+    config = session_of("3d-te", 128, 96, 2).config
+    kept = []
+    for budget in (10.0, 0.05, 0.0001):
+        session = EncoderSession(config, FREE, budget)
+        groups = list(session.groups(SLOW[:5]))
+        payloads = [session.encode(group).tracks for group in groups[1:]]
+        kept.append([len(decode_tracks(payload, 3, session.config)) for payload in payloads])
+        if budget == 0.05:
+            assert all(8 * len(payload) <= 0.05 * 128 * 96 for payload in payloads)
+    assert kept[0] == [len(group.tracks or ()) for group in groups[1:]]
+    assert kept[0] > kept[1] > kept[2] == [32, 32]
+
+
+def test_thinning_keeps_what_lasts() -> None:
+    """Of tracks that last as long the first are kept."""
+    positions = np.zeros((4, 3, 2))
+    positions[:, :, 0] = np.arange(4)[:, None]
+    positions[0, 2] = np.nan
+    assert thinned(PointTracks(positions), 2).positions[:, 0, 0].tolist() == [1, 2]
+    assert thinned(PointTracks(positions), 9).positions[:, 0, 0].tolist() == [0, 1, 2, 3]
+
+
 def test_command_chooses_key_frames(tmp_path: Path) -> None:
     """Options of the command reach the tracker: a shorter longest track makes more key frames."""
     clip = write_clip(tmp_path / "clip.mkv", SLOW)
@@ -213,6 +237,8 @@ def test_command_chooses_key_frames(tmp_path: Path) -> None:
         ["--codec", "3d-td", "--min-gop", "2"],
         ["--codec", "3d-te", "--lost-tracks", "2"],
         ["--codec", "3d-te", "--points", "0"],
+        ["--codec", "3d-td", "--tracks-bpp", "0.1"],
+        ["--codec", "3d-te", "--tracks-bpp", "0"],
         ["--codec", "3d-te", "--longest-track", "-1"],
         ["--codec", "3d-te", "--longest-track", "nan"],
     ],
