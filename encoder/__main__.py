@@ -126,7 +126,7 @@ def _add_tracks(tracks: argparse._ArgumentGroup) -> None:
         "--subpixel",
         type=cli.integer(0, 3),
         metavar="BITS",
-        help="track to 1/2, 1/4 or 1/8 of a pixel; default: 0, whole pixels",
+        help="track to 1/2, 1/4 or 1/8 of a pixel, or to whole ones (0); default: 1 with 3d-te, 0 with 3d-td",
     )
     tracks.add_argument(
         "--longest-track",

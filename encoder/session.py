@@ -232,7 +232,7 @@ class EncoderSession:
         max_bits = self._max_tracks_bpp * video.width * video.height * num_wyner_ziv
         payload = encode_tracks(tracks, self.config)
         while 8 * len(payload) > max_bits and len(tracks) > _MIN_TRACKS:
-            count = min(int(len(tracks) * max_bits / (8 * len(payload))), len(tracks) - 1)
+            count = min(int(0.95 * len(tracks) * max_bits / (8 * len(payload))), len(tracks) - 1)
             tracks = thinned(tracks, max(count, _MIN_TRACKS))
             payload = encode_tracks(tracks, self.config)
         return payload

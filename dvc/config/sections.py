@@ -46,6 +46,7 @@ _KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice
 _METHOD_OF_CODEC = {"2d": "mci", "3d": "mesh", "3d-td": "mesh", "3d-te": "mesh"}
 _TRACKS_OF_CODEC = {"2d": "none", "3d": "none", "3d-td": "decoder", "3d-te": "encoder"}
 _POINTS_OF_CODEC = {"3d-td": 176}  # of each frame, as many as there are in the thesis
+_SUBPIXEL_BITS_OF_CODEC = {"3d-te": 1}  # half pixels: what they cost is less than what they save
 _NAME = re.compile(r"[a-z0-9_-]{1,32}")
 
 
@@ -380,7 +381,7 @@ def tracks_for(codec: str) -> TracksConfig:
     Returns
     -------
     TracksConfig
-        Their kind and number; all else at the defaults.
+        Their kind, number and precision; all else at the defaults.
 
     Raises
     ------
@@ -388,7 +389,11 @@ def tracks_for(codec: str) -> TracksConfig:
         If there is no such codec.
     """
     _check_choice("codec", codec, CODECS)
-    return TracksConfig(_TRACKS_OF_CODEC[codec], _POINTS_OF_CODEC.get(codec, TracksConfig.num_points))
+    return TracksConfig(
+        _TRACKS_OF_CODEC[codec],
+        _POINTS_OF_CODEC.get(codec, TracksConfig.num_points),
+        _SUBPIXEL_BITS_OF_CODEC.get(codec, TracksConfig.subpixel_bits),
+    )
 
 
 def key_qp_for(wz_q: int) -> int:
