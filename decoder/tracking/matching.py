@@ -50,7 +50,7 @@ class TrackingSettings:
 
     num_snakes: int = 400
     separation_px: float = 3.0
-    window_px: int = 3
+    window_px: int = 5
     motion_limit_px: float = 2.0
     motion_spreads: float = 3.0
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
