@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from sfm.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.model import Correspondences, Model
 from sfm.projection import project
-from sfm.projective_basis import CAMERA_NORM
 
 Floats = NDArray[np.float64]
 
@@ -41,9 +40,10 @@ class Rebased(NamedTuple):
         Returns
         -------
         ndarray of shape (3, 4), float64
-            In the new one; Frobenius norm sqrt(3).
+            In the new one, to the same scale: inverse depths of a view are the same in both.
         """
-        return _normalized(camera @ self.from_basis)
+        converted: Floats = camera @ self.from_basis
+        return converted
 
 
 def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased | None:
@@ -59,8 +59,8 @@ def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased
     Returns
     -------
     Rebased or None
-        The first camera becomes ``[I | 0]``, the plane at infinity stays; None where a centre is at infinity
-        or no point of the scene lies before both cameras.
+        The first camera becomes ``[I | 0]``, the plane at infinity and the scales of the cameras stay; None
+        where a centre is at infinity or no point of the scene lies before both cameras.
     """
     first, second = _oriented(first_camera), _oriented(second_camera)
     if first is None or second is None:
@@ -68,7 +68,7 @@ def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased
     to_basis = np.vstack([first, [0.0, 0.0, 0.0, 1.0]])
     from_basis = np.linalg.inv(to_basis)
     points = model.points @ to_basis.T
-    camera = _normalized(second @ from_basis)
+    camera = second @ from_basis
     x0, depth0 = project(np.eye(3, 4), points)
     x1, depth1 = project(camera, points)
     ahead = (depth0 > 0) & (depth1 > 0) & np.isfinite(x0).all(axis=1) & np.isfinite(x1).all(axis=1)
@@ -89,8 +89,3 @@ def _oriented(camera: Floats) -> Floats | None:
     if abs(determinant) < LEAST_DETERMINANT * max(float(np.abs(camera).max()), 1e-300) ** 3:
         return None
     return camera if determinant > 0 else -camera
-
-
-def _normalized(camera: Floats) -> Floats:
-    scaled: Floats = CAMERA_NORM * camera / np.sqrt(float((camera * camera).sum()))
-    return scaled

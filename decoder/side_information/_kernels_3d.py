@@ -131,6 +131,19 @@ def matching_cost(base, other, transfer, low, step, limits, unseen, cost):
 
 
 @kernel
+def add_prior(expected, known, low, step, weight, limit, cost):
+    """Add the truncated distance of each label from an expected inverse depth, where there is one."""
+    height, width, labels = cost.shape
+    for y in range(height):
+        for x in range(width):
+            if not known[y, x]:
+                continue
+            place = (expected[y, x] - low) / step
+            for k in range(labels):
+                cost[y, x, k] += np.int16(min(weight * abs(k - place), limit))
+
+
+@kernel
 def aggregate_path(cost, image, dy, dx, small, large, previous, current, total):
     """Add the costs of the best paths that reach each pixel along one direction (semi-global matching)."""
     height, width, labels = cost.shape

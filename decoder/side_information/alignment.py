@@ -98,7 +98,7 @@ def _is_sane(homography: Floats, points: Floats) -> bool:
         return False
     scales = np.linalg.svd(homography[:2, :2] / third.mean(), compute_uv=False)
     turned = float(np.linalg.det(homography[:2, :2])) <= 0.0
-    return not turned and 1.0 / MAX_CONDITION < scales[1] and scales[0] < MAX_CONDITION
+    return not turned and scales[1] > 1.0 / MAX_CONDITION and scales[0] < MAX_CONDITION
 
 
 def _apply(homography: Floats, points: Floats) -> Floats:

@@ -20,7 +20,8 @@ from decoder.side_information.plane_sweep import (
     label_range,
     luma_features,
 )
-from decoder.side_information.rendering import Interpolation, View, interpolate, render_view
+from decoder.side_information.plane_sweep import DepthMap
+from decoder.side_information.rendering import Interpolation, interpolate, render_view
 from decoder.side_information.surfaces import (
     OUTSIDE,
     RELIABLE,
@@ -120,7 +121,7 @@ class BlockInterpolator:
         frame, shape = self._model.pixel_frame, self._keys[0].shape
         rendered = render_view(self._surfaces, camera, frame) if self._surfaces else None
         depth = spread_blocks(self.block_depths(camera, rendered), self._settings.block_px, shape)
-        view = View(depth, rendered.reliable if rendered else np.ones(shape, dtype=bool))
+        view = DepthMap(depth, rendered.reliable if rendered else np.ones(shape, dtype=bool))
         surfaces = self._surfaces or self._key_surfaces(view, camera)
         return interpolate(surfaces, view, camera, late, frame)
 

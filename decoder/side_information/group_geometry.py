@@ -1,4 +1,4 @@
-"""Geometry of one group of pictures: a model from its key frames, and a camera for every frame from tracks."""
+"""Geometry of a group of pictures: a model from its key frames, and a camera for every frame from tracks."""
 
 from dataclasses import dataclass
 

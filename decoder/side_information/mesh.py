@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 from decoder.side_information import _kernels_3d
 from decoder.side_information.mesh_equations import barycentric, epipolar_lines, roughness_matrix
 from decoder.side_information.rendering import Interpolation, fill_holes, interpolate, render_view, sample
-from decoder.side_information.surfaces import RELIABLE, KeySurface, SurfaceSettings, estimate_surfaces
+from decoder.side_information.surfaces import (
+    RELIABLE,
+    KeySurface,
+    Priors,
+    SurfaceSettings,
+    estimate_surfaces,
+)
 from decoder.side_information.trifocal import (
     Status,
     inverse_depths,
@@ -101,12 +107,21 @@ class MeshInterpolator:
         Luma of the key frames.
     settings : MeshSettings
         The kind of mesh, and its limits and weights.
+    priors : tuple of two (DepthMap or None), optional
+        What is known of the depth of each key frame already; only the dense mesh uses it.
     """
 
-    def __init__(self, model: Model, first: Luma, second: Luma, settings: MeshSettings) -> None:
+    def __init__(
+        self,
+        model: Model,
+        first: Luma,
+        second: Luma,
+        settings: MeshSettings,
+        priors: Priors = (None, None),
+    ) -> None:
         self._frame = model.pixel_frame
         if settings.dense:
-            self._surfaces = estimate_surfaces(model, first, second, settings.surfaces)
+            self._surfaces = estimate_surfaces(model, first, second, settings.surfaces, priors)
         else:
             self._surfaces = mesh_surfaces(fit_mesh(model, first, second, settings), model, first, second)
 

@@ -43,6 +43,8 @@ class SweepSettings:
         Weight of the gradients.
     unseen_cost : int
         Cost of a point outside the other frame.
+    prior_weight, prior_limit : float
+        Cost of a label's distance from an expected depth, per label, and its truncation.
     small_jump, large_jump : int
         Cost of a change of depth by one label, and of a larger one across equal levels.
     """
@@ -53,8 +55,25 @@ class SweepSettings:
     gradient_limit: float = 60.0
     gradient_weight: float = 3.0
     unseen_cost: int = 30
+    prior_weight: float = 8.0
+    prior_limit: float = 24.0
     small_jump: int = 8
     large_jump: int = 100
+
+
+class DepthMap(NamedTuple):
+    """Depth of a view.
+
+    Attributes
+    ----------
+    inverse_depth : ndarray of shape (H, W), float64
+        Inverse depth of every pixel.
+    reliable : ndarray of shape (H, W), bool
+        Where it is certain: two frames agree on it.
+    """
+
+    inverse_depth: Floats
+    reliable: NDArray[np.bool_]
 
 
 class LabelRange(NamedTuple):
@@ -111,7 +130,12 @@ def label_range(
 
 
 def sweep(
-    base: Luma, other: Luma, transfer: Floats, labels: LabelRange, settings: SweepSettings
+    base: Luma,
+    other: Luma,
+    transfer: Floats,
+    labels: LabelRange,
+    settings: SweepSettings,
+    prior: DepthMap | None = None,
 ) -> tuple[Floats, Floats]:
     """Find the inverse depth of every pixel of a frame.
 
@@ -125,6 +149,8 @@ def sweep(
         Inverse depths to try.
     settings : SweepSettings
         Costs.
+    prior : DepthMap, optional
+        What is known of the depth already.
 
     Returns
     -------
@@ -139,7 +165,13 @@ def sweep(
     _kernels_3d.matching_cost(
         *features, transfer, labels.lowest, labels.step, limits, settings.unseen_cost, cost
     )
-    label, certainty = choose_labels(_box(cost), base, settings)
+    cost = _box(cost)
+    if prior is not None:
+        weights = settings.prior_weight, settings.prior_limit
+        _kernels_3d.add_prior(
+            prior.inverse_depth, prior.reliable, labels.lowest, labels.step, *weights, cost
+        )
+    label, certainty = choose_labels(cost, base, settings)
     return labels.lowest + labels.step * label, certainty
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels_3d
+from decoder.side_information.plane_sweep import DepthMap
 from decoder.side_information.surfaces import OUTSIDE, RELIABLE, KeySurface
 from decoder.side_information.trifocal import inverse_transfer, transfer_matrix, transfer_surface
 from sfm.model import PixelFrame
@@ -29,21 +30,6 @@ SIGHT_TOLERANCE_PX = 1.0
 """Largest parallax between a point and the surface that a key shows there, if it sees the point."""
 HALO_PX = 1
 """Pixels beside something nearer mix both, and are avoided."""
-
-
-class View(NamedTuple):
-    """Depth of a wanted view.
-
-    Attributes
-    ----------
-    inverse_depth : ndarray of shape (H, W), float64
-        Inverse depth of every pixel.
-    reliable : ndarray of shape (H, W), bool
-        Whether it comes from what both keys agree on.
-    """
-
-    inverse_depth: Floats
-    reliable: Mask
 
 
 class Interpolation(NamedTuple):
@@ -70,7 +56,7 @@ class Interpolation(NamedTuple):
     expected_error: Floats
 
 
-def render_view(surfaces: Sequence[KeySurface], camera: Floats, frame: PixelFrame) -> View:
+def render_view(surfaces: Sequence[KeySurface], camera: Floats, frame: PixelFrame) -> DepthMap:
     """Draw the surfaces of the key frames into another view.
 
     Parameters
@@ -84,7 +70,7 @@ def render_view(surfaces: Sequence[KeySurface], camera: Floats, frame: PixelFram
 
     Returns
     -------
-    View
+    DepthMap
         Depth without holes.
     """
     reliable = np.full((frame.height_px, frame.width_px), _kernels_3d.EMPTY)
@@ -97,7 +83,7 @@ def render_view(surfaces: Sequence[KeySurface], camera: Floats, frame: PixelFram
             _kernels_3d.rasterise(vertices, surface.torn | ~chosen, buffer)
             _kernels_3d.rasterise_torn(transfer, surface.inverse_depth, surface.torn & chosen, PIECE, buffer)
     drawn = reliable > _kernels_3d.EMPTY
-    return View(fill_holes(np.where(drawn, reliable, rest)), drawn)
+    return DepthMap(fill_holes(np.where(drawn, reliable, rest)), drawn)
 
 
 def _cells(points: Mask) -> Mask:
@@ -139,7 +125,7 @@ def fill_holes(inverse_depth: Floats) -> Floats:
 
 
 def interpolate(
-    surfaces: Sequence[KeySurface], view: View, camera: Floats, late: float, frame: PixelFrame
+    surfaces: Sequence[KeySurface], view: DepthMap, camera: Floats, late: float, frame: PixelFrame
 ) -> Interpolation:
     """Predict a view from two key frames and its depth.
 
@@ -147,7 +133,7 @@ def interpolate(
     ----------
     surfaces : sequence of two KeySurface
         Key frames, with what they see.
-    view : View
+    view : DepthMap
         Depth of the wanted view.
     camera : ndarray of shape (3, 4), float64
         Its camera, in normalised coordinates.

@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels_3d
-from decoder.side_information.plane_sweep import SweepSettings, label_range, sweep
+from decoder.side_information.plane_sweep import DepthMap, SweepSettings, label_range, sweep
 from decoder.side_information.trifocal import inverse_transfer, transfer_matrix, transfer_surface
 from sfm.model import Model
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
 State = NDArray[np.int8]
+
+Priors = tuple[DepthMap | None, DepthMap | None]
 
 RELIABLE, OUTSIDE, HIDDEN = 0, 1, 2
 """States of a point: both keys agree; it lies outside the other key; the other key shows something else."""
@@ -106,7 +108,11 @@ class _Side(NamedTuple):
 
 
 def estimate_surfaces(
-    model: Model, first: Luma, second: Luma, settings: SurfaceSettings
+    model: Model,
+    first: Luma,
+    second: Luma,
+    settings: SurfaceSettings,
+    priors: Priors = (None, None),
 ) -> tuple[KeySurface, KeySurface]:
     """Estimate the surfaces that two key frames show.
 
@@ -118,6 +124,8 @@ def estimate_surfaces(
         Luma of the key frames.
     settings : SurfaceSettings
         Limits and weights.
+    priors : tuple of two (DepthMap or None), optional
+        What is known of the depth of each already, from other frames.
 
     Returns
     -------
@@ -129,9 +137,9 @@ def estimate_surfaces(
     back = inverse_transfer(there)
     sides = (_Side(first, there, back), _Side(second, back, there))
     ranges = known_inverse_depths(model)
-    swept = [_sweep_side(sides[k], sides[1 - k].luma, ranges[k], settings) for k in (0, 1)]
+    swept = [_sweep_side(sides[k], sides[1 - k].luma, ranges[k], settings, priors[k]) for k in (0, 1)]
     states = [_check(sides[k], swept[k], swept[1 - k], settings) for k in (0, 1)]
-    raw = [depth for depth, _ in swept]
+    raw = [_known_before(swept[k][0], states[k], priors[k]) for k in (0, 1)]
     for _ in range(2):  # the second time, what is continued in one key limits the other
         filled = [_fill(sides[k], raw[k], states[k], raw[1 - k], states[1 - k], settings) for k in (0, 1)]
         raw = filled
@@ -189,9 +197,20 @@ def tear(inverse_depth: Floats, transfer: Floats, tear_px: float) -> NDArray[np.
     return torn
 
 
-def _sweep_side(side: _Side, other: Luma, known: Floats, settings: SurfaceSettings) -> tuple[Floats, Floats]:
+def _sweep_side(
+    side: _Side, other: Luma, known: Floats, settings: SurfaceSettings, prior: DepthMap | None
+) -> tuple[Floats, Floats]:
     labels = label_range(known, side.there, side.luma.shape, settings.sweep)
-    return sweep(side.luma, other, side.there, labels, settings.sweep)
+    return sweep(side.luma, other, side.there, labels, settings.sweep, prior)
+
+
+def _known_before(depth: Floats, state: State, prior: DepthMap | None) -> Floats:
+    """Take from other frames what these two do not agree on, and call it reliable."""
+    if prior is None:
+        return depth
+    taken = prior.reliable & (state != RELIABLE)
+    state[taken] = RELIABLE
+    return np.where(taken, prior.inverse_depth, depth)
 
 
 def _check(
