@@ -110,6 +110,9 @@ class _FrameState:
         self.prediction = prediction
         self.predicted = transform.forward(prediction.luma)
         self.base_scale = noise.MODELS[self._model](transform.forward(_disagreement(prediction)))
+        self.expected_error = None
+        if prediction.expected_error is not None:
+            self.expected_error = np.maximum(transform.forward(prediction.expected_error)[0], noise.MIN_SCALE)
         self.bands = self.predicted.copy()
         for band, known in self.known.items():
             self.bands[band] = known.reconstruct(self.predicted[band])
@@ -117,14 +120,14 @@ class _FrameState:
     def scale(self, band: int) -> Array:
         """Scale of each coefficient of a band before any of it is decoded."""
         base: Array = self.base_scale[band]
+        texture = noise.texture(self.predicted, band)
         if not self.known:
-            return base
+            return noise.shaped(base, texture, self.expected_error)
         activity = np.zeros_like(base)
         for other, known in self.known.items():
             activity += _smoothed(known.error(self.predicted[other]))
-        scale = np.sqrt(base * base.mean() * (activity / len(self.known)))
-        bounded: Array = np.maximum(scale, noise.MIN_SCALE)
-        return bounded
+        local = np.sqrt(base * base.mean() * (activity / len(self.known)))
+        return noise.shaped(local, texture, None)
 
     def set_known(self, band: int, known: _KnownBand) -> None:
         self.known[band] = known

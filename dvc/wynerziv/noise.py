@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 MIN_SCALE = 0.3
 """Smallest scale: rounding of the samples alone makes about this error."""
+FLAT = 4.0
+"""Magnitude of the detail that counts as none."""
 OUTLIER_PROBABILITY = 2e-4
 """Share of a uniform distribution mixed into the Laplacian: side information has outliers."""
 GAINS_PER_OCTAVE = 3
@@ -118,6 +120,50 @@ MODELS = {
     "local": local_scale,
 }
 """Residual to scale, by the name that the configuration uses."""
+
+
+def texture(bands: Array, band: int) -> Array:
+    """Measure how much there is to go wrong: errors are larger where the prediction itself has detail.
+
+    Parameters
+    ----------
+    bands : ndarray of shape (bands, rows, columns), float64
+        Transform of the prediction.
+    band : int
+        Band whose errors are asked for.
+
+    Returns
+    -------
+    ndarray of shape (rows, columns), float64
+        Magnitude of the coefficient itself and of the block's detail, positive.
+    """
+    detail: Array = FLAT + np.abs(bands[1:]).sum(axis=0) / (len(bands) - 1)
+    return detail if band == 0 else detail + np.abs(bands[band])
+
+
+def shaped(scale: Array, texture: Array, expected_error: Array | None) -> Array:
+    """Distribute the scales of a band by what else tells where errors are; their mean stays.
+
+    Parameters
+    ----------
+    scale : ndarray of shape (rows, columns), float64
+        Scales before.
+    texture : ndarray of shape (rows, columns), float64
+        Detail of the prediction, positive.
+    expected_error : ndarray of shape (rows, columns), float64, or None
+        What the side information's method expects, positive, in any unit.
+
+    Returns
+    -------
+    ndarray of shape (rows, columns), float64
+        Scales after, at least `MIN_SCALE`.
+    """
+    # Roots of roots: powers of libraries differ between processors.
+    shape = scale * np.sqrt(np.sqrt(texture))
+    if expected_error is not None:
+        shape = shape * np.sqrt(expected_error / np.sqrt(scale))
+    bounded: Array = np.maximum(shape * (scale.mean() / shape.mean()), MIN_SCALE)
+    return bounded
 
 
 def interval_probability(lower: Array, upper: Array, side_information: Array, scale: Array) -> Array:

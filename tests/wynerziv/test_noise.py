@@ -147,3 +147,25 @@ def test_coefficient_scale_raises_unusual_blocks() -> None:
     scale = noise.coefficient_scale(residual)
     assert scale[0, 4, 4] == pytest.approx((40.0 - np.abs(residual).mean()) / np.sqrt(2.0))
     assert np.unique(np.delete(scale.ravel(), 44)).size == 1
+
+
+def test_shape_moves_scale_to_texture_and_expected_error_and_keeps_the_mean() -> None:
+    """Blocks with detail and blocks expected to be wrong take scale from the others."""
+    bands = np.zeros((16, 4, 6))
+    bands[3, 1, 2] = -90.0
+    scale, expected = np.full((4, 6), 5.0), np.ones((4, 6))
+    expected[2, 4] = 9.0
+    for band in (0, 3, 7):
+        shaped = noise.shaped(scale, noise.texture(bands, band), expected)
+        assert shaped.mean() == pytest.approx(5.0)
+        assert shaped[2, 4] == pytest.approx(3.0 * shaped[0, 0])
+        assert shaped[1, 2] > 1.2 * shaped[0, 0]
+    own, other = (noise.shaped(scale, noise.texture(bands, band), None) for band in (3, 7))
+    assert own[1, 2] > other[1, 2]
+
+
+def test_shape_leaves_even_scales_alone_and_keeps_the_floor() -> None:
+    """A prediction without detail changes nothing, and no scale falls below the least."""
+    flat = noise.texture(np.zeros((16, 3, 3)), 2)
+    np.testing.assert_allclose(noise.shaped(np.full((3, 3), 2.0), flat, None), 2.0)
+    assert np.all(noise.shaped(np.zeros((3, 3)) + 1e-3, flat, None) == noise.MIN_SCALE)
