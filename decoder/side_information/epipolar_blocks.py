@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from decoder.side_information import _kernels_3d
 from decoder.side_information.plane_sweep import (
+    DepthMap,
     LabelRange,
     SweepSettings,
     choose_labels,
     label_range,
     luma_features,
 )
-from decoder.side_information.plane_sweep import DepthMap
 from decoder.side_information.rendering import Interpolation, interpolate, render_view
 from decoder.side_information.surfaces import (
     OUTSIDE,
@@ -125,14 +125,14 @@ class BlockInterpolator:
         surfaces = self._surfaces or self._key_surfaces(view, camera)
         return interpolate(surfaces, view, camera, late, frame)
 
-    def block_depths(self, camera: Floats, rendered: View | None = None) -> Floats:
+    def block_depths(self, camera: Floats, rendered: DepthMap | None = None) -> Floats:
         """Search the depth of every block of a view.
 
         Parameters
         ----------
         camera : ndarray of shape (3, 4), float64
             The view, in normalised coordinates.
-        rendered : View, optional
+        rendered : DepthMap, optional
             Depth of the view to start from; that of the nearest correspondences if None.
 
         Returns
@@ -182,7 +182,7 @@ class BlockInterpolator:
         )
         return np.where(seen, refined, depth)
 
-    def _start(self, camera: Floats, rendered: View | None) -> tuple[Floats, NDArray[np.bool_]]:
+    def _start(self, camera: Floats, rendered: DepthMap | None) -> tuple[Floats, NDArray[np.bool_]]:
         """Inverse depth where each block starts, and whether both key frames see the block."""
         block = self._settings.block_px
         if rendered is not None:
@@ -216,7 +216,7 @@ class BlockInterpolator:
         cost = np.minimum(self._settings.start_weight * distance / labels.step, self._settings.start_limit)
         return np.floor(cost + 0.5).astype(np.int16)
 
-    def _key_surfaces(self, view: View, camera: Floats) -> list[KeySurface]:
+    def _key_surfaces(self, view: DepthMap, camera: Floats) -> list[KeySurface]:
         """Draw the depth of the wanted view into the key frames: what it shows there hides the rest."""
         frame = self._model.pixel_frame
         surfaces = []

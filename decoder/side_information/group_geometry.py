@@ -5,12 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.side_information.surfaces import KnownDepth
+from decoder.side_information.track_depths import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.model import Model, Reconstruction
 from sfm.rebasing import Rebased, rebase
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
+
+MAX_TRACK_RMS_PX = 1.5
+"""Tracks farther from where the cameras see their points are wrong, or on something that moves."""
+MAX_TRACK_SIGMA = 6.0
+"""Tracks whose point may be off by more than this many times the tracker's error have no certain depth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +111,29 @@ class GroupGeometry:
         if self.model is None or cameras[0] is None or cameras[1] is None:
             return None
         return rebase(self.model, cameras[0], cameras[1])
+
+    def known_depth(self, index: int) -> KnownDepth:
+        """Return the depth of the points that one frame sees, from all frames that see them.
+
+        Parameters
+        ----------
+        index : int
+            Display position; the frame must have a camera.
+
+        Returns
+        -------
+        KnownDepth
+            Of the points whose tracks agree with the cameras and determine a depth.
+        """
+        assert self.model is not None
+        frame, view = self.model.pixel_frame, index - self.first_index
+        found = track_depths(self.tracks.positions, self.cameras, view, frame)
+        points = self.tracks.positions[:, view]
+        good = (found.rms_px <= MAX_TRACK_RMS_PX) & (found.sigma_px <= MAX_TRACK_SIGMA)
+        size = np.array([frame.width_px, frame.height_px])
+        places = np.floor(np.nan_to_num(points, nan=-1.0) + 0.5)
+        good &= ((places >= 0) & (places < size)).all(axis=1) & np.isfinite(found.inverse_depth)
+        return KnownDepth(None, points[good], found.inverse_depth[good])
 
 
 def estimate_geometry(

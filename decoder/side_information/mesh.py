@@ -22,7 +22,7 @@ from decoder.side_information.rendering import Interpolation, fill_holes, interp
 from decoder.side_information.surfaces import (
     RELIABLE,
     KeySurface,
-    Priors,
+    Known,
     SurfaceSettings,
     estimate_surfaces,
 )
@@ -107,7 +107,7 @@ class MeshInterpolator:
         Luma of the key frames.
     settings : MeshSettings
         The kind of mesh, and its limits and weights.
-    priors : tuple of two (DepthMap or None), optional
+    known : tuple of two (KnownDepth or None), optional
         What is known of the depth of each key frame already; only the dense mesh uses it.
     """
 
@@ -117,11 +117,11 @@ class MeshInterpolator:
         first: Luma,
         second: Luma,
         settings: MeshSettings,
-        priors: Priors = (None, None),
+        known: Known = (None, None),
     ) -> None:
         self._frame = model.pixel_frame
         if settings.dense:
-            self._surfaces = estimate_surfaces(model, first, second, settings.surfaces, priors)
+            self._surfaces = estimate_surfaces(model, first, second, settings.surfaces, known)
         else:
             self._surfaces = mesh_surfaces(fit_mesh(model, first, second, settings), model, first, second)
 

@@ -168,9 +168,7 @@ def sweep(
     cost = _box(cost)
     if prior is not None:
         weights = settings.prior_weight, settings.prior_limit
-        _kernels_3d.add_prior(
-            prior.inverse_depth, prior.reliable, labels.lowest, labels.step, *weights, cost
-        )
+        _kernels_3d.add_prior(prior.inverse_depth, prior.reliable, labels.lowest, labels.step, *weights, cost)
     label, certainty = choose_labels(cost, base, settings)
     return labels.lowest + labels.step * label, certainty
 

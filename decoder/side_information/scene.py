@@ -10,7 +10,7 @@ References
 [Maitre2008] Secs. 5.2, 5.3.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple, Protocol
 
@@ -22,6 +22,7 @@ from decoder.side_information.block_motion import BlockMotionInterpolation, refe
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.refinement import BLOCK, BlockRefiner
 from decoder.side_information.rendering import Interpolation, block_offsets, warp_chroma
+from decoder.side_information.surfaces import Known
 from dvc.config import CodecConfig
 from dvc.video import Frame
 from sfm.model import Model
@@ -44,19 +45,26 @@ class FrameInterpolator(Protocol):
         """Predict the view of a camera at an instant."""
 
 
-Build = Callable[[Model, Luma, Luma], FrameInterpolator]
-
-
-def _mesh(model: Model, first: Luma, second: Luma) -> FrameInterpolator:
+def _mesh(model: Model, first: Luma, second: Luma, known: Known = (None, None)) -> FrameInterpolator:
     from decoder.side_information.mesh import MeshInterpolator, MeshSettings
 
-    return MeshInterpolator(model, first, second, MeshSettings())
+    return MeshInterpolator(model, first, second, MeshSettings(), known)
 
 
-def _blocks(model: Model, first: Luma, second: Luma) -> FrameInterpolator:
+def _blocks(model: Model, first: Luma, second: Luma, known: Known = (None, None)) -> FrameInterpolator:
+    del known
     from decoder.side_information.epipolar_blocks import BlockInterpolator, BlockSettings
 
     return BlockInterpolator(model, first, second, BlockSettings())
+
+
+class Build(Protocol):
+    """Builds an interpolator from a model, two frames, and what is known of their depth."""
+
+    def __call__(
+        self, model: Model, first: Luma, second: Luma, known: Known = (None, None)
+    ) -> FrameInterpolator:
+        """Build it."""
 
 
 INTERPOLATORS: dict[str, Build] = {"mesh": _mesh, "blocks": _blocks}

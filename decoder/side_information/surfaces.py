@@ -11,6 +11,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from decoder.side_information import _kernels_3d
 from decoder.side_information.plane_sweep import DepthMap, SweepSettings, label_range, sweep
@@ -21,10 +22,30 @@ Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
 State = NDArray[np.int8]
 
-Priors = tuple[DepthMap | None, DepthMap | None]
 
 RELIABLE, OUTSIDE, HIDDEN = 0, 1, 2
 """States of a point: both keys agree; it lies outside the other key; the other key shows something else."""
+
+
+class KnownDepth(NamedTuple):
+    """What is known of the depth of a key frame from other frames.
+
+    Attributes
+    ----------
+    surface : DepthMap or None
+        Its surface as earlier pairs of frames have shown it.
+    points : ndarray of shape (N, 2), float64
+        Tracked points (x, y) in pixels, inside the frame.
+    inverse_depth : ndarray of shape (N,), float64
+        Inverse depth of each.
+    """
+
+    surface: DepthMap | None
+    points: Floats
+    inverse_depth: Floats
+
+
+Known = tuple[KnownDepth | None, KnownDepth | None]
 
 
 @dataclass(frozen=True)
@@ -41,6 +62,8 @@ class SurfaceSettings:
         Smallest certainty of a reliable depth, in units of the sweep's costs.
     least_part_px : int
         Reliable parts with fewer pixels are dropped.
+    track_radius_px : float
+        How far around a tracked point its depth is taken where the key frames do not agree on one.
     slope_radius_px : int
         Radius in which the slope of a surface is measured.
     reach_px : float
@@ -61,6 +84,7 @@ class SurfaceSettings:
     tolerance_px: float = 1.5
     least_certainty: float = 20.0
     least_part_px: int = 40
+    track_radius_px: float = 8.0
     slope_radius_px: int = 8
     reach_px: float = 40.0
     edge_levels: float = 15.0
@@ -112,7 +136,7 @@ def estimate_surfaces(
     first: Luma,
     second: Luma,
     settings: SurfaceSettings,
-    priors: Priors = (None, None),
+    known: Known = (None, None),
 ) -> tuple[KeySurface, KeySurface]:
     """Estimate the surfaces that two key frames show.
 
@@ -124,7 +148,7 @@ def estimate_surfaces(
         Luma of the key frames.
     settings : SurfaceSettings
         Limits and weights.
-    priors : tuple of two (DepthMap or None), optional
+    known : tuple of two (KnownDepth or None), optional
         What is known of the depth of each already, from other frames.
 
     Returns
@@ -137,9 +161,9 @@ def estimate_surfaces(
     back = inverse_transfer(there)
     sides = (_Side(first, there, back), _Side(second, back, there))
     ranges = known_inverse_depths(model)
-    swept = [_sweep_side(sides[k], sides[1 - k].luma, ranges[k], settings, priors[k]) for k in (0, 1)]
+    swept = [_sweep_side(sides[k], sides[1 - k].luma, ranges[k], settings, known[k]) for k in (0, 1)]
     states = [_check(sides[k], swept[k], swept[1 - k], settings) for k in (0, 1)]
-    raw = [_known_before(swept[k][0], states[k], priors[k]) for k in (0, 1)]
+    raw = [_with_tracks(swept[k][0], states[k], known[k], settings.track_radius_px) for k in (0, 1)]
     for _ in range(2):  # the second time, what is continued in one key limits the other
         filled = [_fill(sides[k], raw[k], states[k], raw[1 - k], states[1 - k], settings) for k in (0, 1)]
         raw = filled
@@ -198,19 +222,23 @@ def tear(inverse_depth: Floats, transfer: Floats, tear_px: float) -> NDArray[np.
 
 
 def _sweep_side(
-    side: _Side, other: Luma, known: Floats, settings: SurfaceSettings, prior: DepthMap | None
+    side: _Side, other: Luma, range_of: Floats, settings: SurfaceSettings, known: KnownDepth | None
 ) -> tuple[Floats, Floats]:
-    labels = label_range(known, side.there, side.luma.shape, settings.sweep)
-    return sweep(side.luma, other, side.there, labels, settings.sweep, prior)
+    labels = label_range(range_of, side.there, side.luma.shape, settings.sweep)
+    return sweep(side.luma, other, side.there, labels, settings.sweep, known.surface if known else None)
 
 
-def _known_before(depth: Floats, state: State, prior: DepthMap | None) -> Floats:
-    """Take from other frames what these two do not agree on, and call it reliable."""
-    if prior is None:
+def _with_tracks(depth: Floats, state: State, known: KnownDepth | None, radius_px: float) -> Floats:
+    """Take the depth of tracked points around them, where the key frames agree on none; call it reliable."""
+    if known is None or not len(known.points):
         return depth
-    taken = prior.reliable & (state != RELIABLE)
+    column, row = np.floor(known.points + 0.5).astype(np.int64).T
+    at_points = np.full(depth.shape, np.nan)
+    at_points[row, column] = known.inverse_depth
+    distance, nearest = distance_transform_edt(np.isnan(at_points), return_indices=True)
+    taken = (state != RELIABLE) & (distance <= radius_px)
     state[taken] = RELIABLE
-    return np.where(taken, prior.inverse_depth, depth)
+    return np.where(taken, at_points[nearest[0], nearest[1]], depth)
 
 
 def _check(

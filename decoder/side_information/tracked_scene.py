@@ -138,7 +138,8 @@ class TrackedSceneInterpolation:
         rebased = geometry.between(before.index, after.index)
         if rebased is None:
             return None
-        interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma)
+        depths = geometry.known_depth(before.index), geometry.known_depth(after.index)
+        interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma, depths)
         self._pair = _Pair(before, after, rebased, interpolator)
         return self._pair
 
@@ -158,4 +159,5 @@ class TrackedSceneInterpolation:
             self.name,
             expected_error=share * ours + (1.0 - share) * theirs,
             refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), self.name),
+            alternatives=(flat.luma,),
         )

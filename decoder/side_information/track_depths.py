@@ -1,0 +1,103 @@
+"""Depth of tracked points, from all frames that see them and whose cameras are known."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.side_information.trifocal import transfer_matrix
+from sfm.model import PixelFrame
+
+Floats = NDArray[np.float64]
+
+NUM_STEPS = 6
+"""Gauss-Newton steps; the problem has one unknown a point, and is nearly linear."""
+LEAST_DEPTH = 1e-6
+"""Smallest third coordinate of a point that a view sees."""
+
+
+class TrackDepths(NamedTuple):
+    """Depths of tracked points in one view.
+
+    Attributes
+    ----------
+    inverse_depth : ndarray of shape (N,), float64
+        Inverse depth in that view; nan where the point is not known there or nowhere else.
+    rms_px : ndarray of shape (N,), float64
+        Root mean square distance between where the other views see the point and where it should be.
+    sigma_px : ndarray of shape (N,), float64
+        Standard deviation of the point's place in the view where it depends most on the depth, for positions
+        that are off by one pixel.
+    """
+
+    inverse_depth: Floats
+    rms_px: Floats
+    sigma_px: Floats
+
+
+def track_depths(
+    positions: Floats, cameras: Sequence[Floats | None], view: int, frame: PixelFrame
+) -> TrackDepths:
+    """Find the inverse depths in one view that bring points nearest to where the other views see them.
+
+    Parameters
+    ----------
+    positions : ndarray of shape (N, T, 2), float64
+        Points (x, y) in pixels in every view; nan where they are not known.
+    cameras : sequence of T (ndarray of shape (3, 4), float64, or None)
+        Cameras in normalised coordinates; views without one do not count.
+    view : int
+        The view whose depths are wanted; it needs a camera.
+    frame : PixelFrame
+        Size of the images.
+
+    Returns
+    -------
+    TrackDepths
+        A depth for every point that is known in the view and in at least one other.
+
+    Raises
+    ------
+    ValueError
+        If the view has no camera, or one with its centre at infinity.
+
+    References
+    ----------
+    [Maitre2008] The minimum of (5.7) over the depth.
+    """
+    source = cameras[view]
+    if source is None:
+        raise ValueError(f"view {view} has no camera")
+    points = positions[:, view]
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
+    rays = np.column_stack([np.where(known[:, None], points, 0.0), np.ones(len(points))])
+    others = [(k, camera) for k, camera in enumerate(cameras) if camera is not None and k != view]
+    transfers = [transfer_matrix(source, camera, frame) for _, camera in others]
+    seen = [positions[:, k] for k, _ in others]
+    inverse = np.zeros(len(points))
+    for step in range(NUM_STEPS + 1):
+        sums = np.zeros((4, len(points)))
+        farthest = np.zeros(len(points))
+        for transfer, there in zip(transfers, seen, strict=True):
+            image = rays @ transfer[:, :3].T + inverse[:, None] * transfer[:, 3]
+            depth = np.maximum(image[:, 2:], LEAST_DEPTH)
+            place = image[:, :2] / depth
+            change = (transfer[:2, 3] - place * transfer[2, 3]) / depth
+            used: NDArray[np.bool_] = known & np.asarray(np.isfinite(there).all(axis=1))
+            offset = np.where(used[:, None], there - place, 0.0)
+            squares = (change * change).sum(axis=1)
+            farthest = np.maximum(farthest, squares)
+            sums += np.stack(
+                [used * squares, (change * offset).sum(axis=1), (offset * offset).sum(axis=1), 1.0 * used]
+            )
+        information, slope, error, count = sums
+        determined = (count > 0) & (information > 0)
+        safe = np.where(determined, information, 1.0)
+        if step < NUM_STEPS:
+            inverse = inverse + np.where(determined, slope / safe, 0.0)
+    return TrackDepths(
+        np.where(determined, inverse, np.nan),
+        np.where(determined, np.sqrt(error / np.maximum(count, 1.0)), np.inf),
+        np.where(determined, np.sqrt(farthest / safe), np.inf),
+    )
