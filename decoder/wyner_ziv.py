@@ -4,7 +4,7 @@ Bands are decoded in zigzag order, each plane by plane: the noise model turns si
 known so far into log-likelihood ratios, the Slepian-Wolf decoder asks for parity until the plane is right,
 and the conditional mean reconstructs the coefficients. What has been decoded teaches the rest: scales are
 fitted to the decoded intervals, blocks that turned out worse than expected are expected to be bad in later
-bands, and the side information is refined.
+bands, and the side information is refined and fused with what it was at first.
 """
 
 from collections.abc import Generator
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from decoder.side_information.fusion import fuse
 from decoder.side_information.protocol import Prediction
 from dvc import turbo
 from dvc.config import CodecConfig
@@ -25,6 +26,8 @@ from dvc.wynerziv.frame import FrameLayout
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
 
+REFINING_WIDTH = 4.0
+"""Mean interval of the first band, in scales, below which each of its planes refines the side information."""
 NUM_FITTED_PLANES = 5
 """Planes of a band after which the scale is fitted again; later planes tell little."""
 ERROR_FLOOR = 0.15
@@ -85,6 +88,10 @@ class _KnownBand:
     upper: Array
     scale: Array
 
+    @classmethod
+    def of(cls, lower: Array, upper: Array, scale: Array, shape: tuple[int, int]) -> "_KnownBand":
+        return cls(lower.reshape(shape), upper.reshape(shape), scale.reshape(shape))
+
     def reconstruct(self, side_information: Array) -> Array:
         return reconstruction.conditional_mean(self.lower, self.upper, side_information, self.scale)
 
@@ -103,16 +110,23 @@ class _FrameState:
         self._model = model
         self.known: dict[int, _KnownBand] = {}
         self.gain = initial_gain
-        self.use(prediction)
-
-    def use(self, prediction: Prediction) -> None:
-        """Take new side information, and reconstruct the known bands again with it."""
-        self.prediction = prediction
-        self.predicted = transform.forward(prediction.luma)
-        self.base_scale = noise.MODELS[self._model](transform.forward(_disagreement(prediction)))
+        self._first = [transform.forward(luma) for luma in (prediction.luma, *prediction.alternatives)]
         self.expected_error = None
         if prediction.expected_error is not None:
             self.expected_error = np.maximum(transform.forward(prediction.expected_error)[0], noise.MIN_SCALE)
+        self.prediction = prediction
+        self.predicted = self._first[0]
+        self.bands = self.predicted.copy()
+        self.base_scale = noise.MODELS[model](transform.forward(_disagreement(prediction)))
+
+    def use(self, prediction: Prediction) -> None:
+        """Fuse new side information with the first, and reconstruct the known bands again with it."""
+        lumas = (*prediction.compensated, prediction.luma)
+        hypotheses = np.stack(self._first + [transform.forward(luma) for luma in lumas])
+        self.predicted, spread = fuse(hypotheses, {band: self.bands[band] for band in self.known})
+        self.base_scale = noise.MODELS[self._model](spread)
+        luma = transform.inverse(self.predicted, self._layout.height, self._layout.width)
+        self.prediction = replace(prediction, luma=luma)
         self.bands = self.predicted.copy()
         for band, known in self.known.items():
             self.bands[band] = known.reconstruct(self.predicted[band])
@@ -132,6 +146,17 @@ class _FrameState:
     def set_known(self, band: int, known: _KnownBand) -> None:
         self.known[band] = known
         self.bands[band] = known.reconstruct(self.predicted[band])
+
+    def refine(self) -> None:
+        """Refine the side information with what is known, where its method can."""
+        if self.prediction.refiner is not None:
+            self.use(self.prediction.refiner.refine(self.luma()))
+
+    def refine_by_part(self, band: int, part: _KnownBand) -> None:
+        """Refine the side information with a band of which some planes are missing still."""
+        self.set_known(band, part)
+        self.refine()
+        del self.known[band]
 
     def luma(self) -> NDArray[np.uint8]:
         return transform.to_uint8(transform.inverse(self.bands, self._layout.height, self._layout.width))
@@ -204,9 +229,8 @@ class WynerZivDecoder:
         last = len(self.layout.bands) - 1
         for position, band in enumerate(self.layout.bands):
             results += yield from self._decode_band(index, band, step_indices, state)
-            refiner = state.prediction.refiner
-            if refiner is not None and (position in settings.refine_after or position == last):
-                state.use(refiner.refine(state.luma()))
+            if position in settings.refine_after or position == last:
+                state.refine()
         refiner = state.prediction.refiner
         chroma = prediction.chroma if refiner is None else refiner.chroma()
         return DecodedFrame(
@@ -223,7 +247,8 @@ class WynerZivDecoder:
         self, index: int, band: int, step_indices: dict[int, int], state: _FrameState
     ) -> Generator[ParityRequest, Bits, list[turbo.PlaneResult]]:
         edges = self.layout.edges(band, step_indices)
-        planes = quantizer.num_planes(self.layout.levels[band])
+        planes, shape = quantizer.num_planes(self.layout.levels[band]), self.layout.band_shape
+        refined = not state.known and 0 in self._config.wyner_ziv.refine_after
         predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
         prefix = np.zeros(self.layout.num_bits, dtype=np.int64)
         lower, upper = bitplanes.prefix_borders(prefix, planes, edges)
@@ -238,10 +263,12 @@ class WynerZivDecoder:
             lower, upper = bitplanes.prefix_borders(prefix, missing, edges)
             if plane < NUM_FITTED_PLANES or missing == 0:
                 gain = noise.fit_gain(lower, upper, predicted, scale, gain if missing else state.gain)
+            if refined and missing and np.mean(upper - lower) < REFINING_WIDTH * gain * np.mean(scale):
+                state.refine_by_part(band, _KnownBand.of(lower, upper, scale * gain, shape))
+                predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
+                gain = noise.fit_gain(lower, upper, predicted, scale, gain)
         state.gain = float(np.sqrt(state.gain * gain))
-        shape = self.layout.band_shape
-        known = _KnownBand(lower.reshape(shape), upper.reshape(shape), (scale * gain).reshape(shape))
-        state.set_known(band, known)
+        state.set_known(band, _KnownBand.of(lower, upper, scale * gain, shape))
         return results
 
     def _decode_plane(

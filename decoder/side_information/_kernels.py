@@ -242,3 +242,41 @@ def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, tot
                     weight = taper[y, x] * weights[i, j]
                     total[i * block + y, j * block + x] += weight * plane[y0 + y, x0 + x]
                     total_weight[i * block + y, j * block + x] += weight
+
+
+@kernel
+def fusion_weights(moments, ridge, least, weights):
+    """Write the non-negative weights (N, rows, columns), of sum 1, of the mean of least expected square.
+
+    `moments` (N, N, rows, columns) are those of the errors; `ridge` times their mean square and `least` are
+    added to each square. Elimination needs no pivots, for the matrices are positive definite.
+    """
+    count = moments.shape[0]
+    matrix = np.empty((count, count))
+    vector = np.empty(count)
+    for i in range(moments.shape[2]):
+        for j in range(moments.shape[3]):
+            trace = 0.0
+            for a in range(count):
+                vector[a] = 1.0
+                trace += moments[a, a, i, j]
+                for b in range(count):
+                    matrix[a, b] = moments[a, b, i, j]
+            for a in range(count):
+                matrix[a, a] += ridge * trace / count + least
+            for a in range(count):
+                for c in range(a + 1, count):
+                    factor = matrix[c, a] / matrix[a, a]
+                    for b in range(a, count):
+                        matrix[c, b] -= factor * matrix[a, b]
+                    vector[c] -= factor * vector[a]
+            total = 0.0
+            for a in range(count - 1, -1, -1):
+                for b in range(a + 1, count):
+                    vector[a] -= matrix[a, b] * vector[b]
+                vector[a] /= matrix[a, a]
+            for a in range(count):
+                vector[a] = max(vector[a], 0.0)
+                total += vector[a]
+            for a in range(count):
+                weights[a, i, j] = vector[a] / total

@@ -75,6 +75,8 @@ class Prediction:
         Expected absolute error of each pixel where the method can tell (hidden, border, inconsistent).
     refiner : Refiner or None
         Improves the prediction while the frame is being decoded.
+    alternatives : tuple of ndarray of shape (H, W), float64
+        Other predictions of the frame, which may turn out better where this one is wrong.
     """
 
     luma: NDArray[np.float64]
@@ -85,6 +87,7 @@ class Prediction:
     reason: str = ""
     expected_error: NDArray[np.float64] | None = None
     refiner: Refiner | None = None
+    alternatives: tuple[NDArray[np.float64], ...] = ()
 
 
 class SideInformationMethod(Protocol):

@@ -1,0 +1,73 @@
+"""Fusion of predictions: weights against a plain solution, and what fusing must achieve."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from decoder.side_information import _kernels
+from decoder.side_information.fusion import fuse
+from dvc._jit import python_twin
+
+
+def _moments(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    errors = rng.normal(0.0, 3.0, (count, 12, 2, 3)) + rng.normal(0.0, 5.0, (12, 2, 3))
+    return np.asarray(np.einsum("anij,bnij->abij", errors, errors) / 12.0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_weights_solve_the_system_of_second_moments(count: int) -> None:
+    """Compiled and as Python, weights are those of a general solver, without the negative ones."""
+    moments = _moments(np.random.default_rng(count), count)
+    expected = np.empty((count, 2, 3))
+    for i, j in np.ndindex(2, 3):
+        matrix = moments[:, :, i, j]
+        ridge = 0.3 * np.trace(matrix) / count + 0.02
+        solved = np.maximum(np.linalg.solve(matrix + ridge * np.eye(count), np.ones(count)), 0.0)
+        expected[:, i, j] = solved / solved.sum()
+    kernels: list[Any] = [_kernels.fusion_weights, python_twin(_kernels.fusion_weights)]
+    for kernel in kernels:
+        weights = np.empty((count, 2, 3))
+        kernel(moments, 0.3, 0.02, weights)
+        np.testing.assert_allclose(weights, expected, rtol=1e-10)
+
+
+def test_weights_exist_where_no_hypothesis_errs() -> None:
+    """Without errors all hypotheses weigh the same."""
+    weights = np.empty((4, 1, 1))
+    _kernels.fusion_weights(np.zeros((4, 4, 1, 1)), 0.3, 0.02, weights)
+    np.testing.assert_allclose(weights, 0.25)
+
+
+def test_fused_prediction_follows_the_better_hypothesis_in_each_region() -> None:
+    """Errors of a decoded band decide about the bands that are not decoded, region by region."""
+    rng = np.random.default_rng(7)
+    truth = rng.normal(0.0, 40.0, (16, 20, 20))
+    hypotheses = np.stack([truth, truth])
+    hypotheses[0, :, :, :10] += rng.normal(0.0, 20.0, (16, 20, 10))
+    hypotheses[1, :, :, 10:] += rng.normal(0.0, 20.0, (16, 20, 10))
+    fused, spread = fuse(hypotheses, {0: truth[0], 1: truth[1]})
+    error = np.abs(fused - truth)[2:]
+    assert error[:, :, :7].mean() < 4.0
+    assert error[:, :, 13:].mean() < 4.0
+    assert spread.shape == truth.shape
+    assert np.all(spread >= 0.0)
+
+
+def test_independent_errors_average_out() -> None:
+    """Equally good hypotheses with errors of their own are better together."""
+    rng = np.random.default_rng(8)
+    truth = rng.normal(0.0, 40.0, (16, 20, 20))
+    hypotheses = truth + rng.normal(0.0, 10.0, (4, 16, 20, 20))
+    fused, spread = fuse(hypotheses, {0: truth[0]})
+    assert np.std(fused[1:] - truth[1:]) < 6.0
+    assert 5.0 < spread[1:].mean() < 10.0
+
+
+def test_equal_hypotheses_stay_as_they_are() -> None:
+    """Nothing to choose from gives the prediction itself, without spread."""
+    bands = np.random.default_rng(9).normal(0.0, 40.0, (16, 5, 6))
+    fused, spread = fuse(np.stack([bands] * 3), {0: bands[0] + 3.0})
+    np.testing.assert_allclose(fused, bands, atol=1e-9)
+    np.testing.assert_allclose(spread, 0.0, atol=1e-6)
