@@ -18,6 +18,10 @@ from benchmarks import (
     robustness_figures,
     sfm_figures,
     si_figures,
+    tracks_cost_figures,
+    tracks_figures,
+    tracks_limit_figures,
+    tracks_rd_figures,
     turbo_figures,
 )
 from benchmarks.harness import FOREMAN, RESULTS, Figure, MissingClip, Setting
@@ -34,7 +38,19 @@ EXAMPLES = """\
   python -m benchmarks.figures --list                 what there is
 """
 DOCUMENT = Path("docs") / "figures.json"
-MODULES = (turbo_figures, codec_figures, rd_figures, robustness_figures, sfm_figures, si_figures)
+MODULES = (
+    turbo_figures,
+    codec_figures,
+    rd_figures,
+    robustness_figures,
+    sfm_figures,
+    si_figures,
+    tracks_figures,
+    tracks_limit_figures,
+    tracks_cost_figures,
+    tracks_rd_figures,
+)
+AREAS_BY_FRAMES = ("rd", "tracks")
 Row = dict[str, Any]
 Key = tuple[str, str, str | None]
 
@@ -123,7 +139,7 @@ def measure(unit: Unit, setting: Setting) -> tuple[Row, bool]:
 
 
 def with_frames(row: Row, frames: int) -> Row:
-    """Say in the command of a CIF curve's row how many frames it covers, where that is not the default.
+    """Say in the command of a row how many frames of CIF clips it covers, where that is not the default.
 
     Parameters
     ----------
@@ -137,7 +153,7 @@ def with_frames(row: Row, frames: int) -> Row:
     dict
         The row.
     """
-    if row["area"] != "rd" or row["clip"] == FOREMAN or frames == Setting.frames:
+    if row["area"] not in AREAS_BY_FRAMES or row["clip"] == FOREMAN or frames == Setting.frames:
         return row
     return row | {"command": f"{row['command']} --frames {frames}", "note": f"{frames} frames"}
 

@@ -1,0 +1,356 @@
+"""Tracked points, rate and quality: against 2D and H.264 intra, and frames predicted hierarchically."""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from benchmarks import rd_figures
+from benchmarks.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, clip_source
+from benchmarks.tracked_prediction import FAST_CLIPS, GOP
+from benchmarks.tracks_figures import AREA, REAL_CLIPS, listed
+from dvc.errors import DvcError, RdCurveError
+from dvc.metrics import BdResult, bd_rate
+from dvc.rd.curves import Curve, bd_text, experiments
+from dvc.rd.points import Sweep, expand
+from dvc.rd.results import read_results
+from dvc.rd.sources import default_cache
+from dvc.rd.sweep import run_points
+
+HIERARCHICAL = "hierarchical"
+HIGHEST_DB = 36.0
+"""Upper end of the range of the thesis's curves (20 to 36 dB)."""
+FINEST = 8
+Limits = dict[str, float]
+
+
+def te_sweep(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]) -> Sweep:
+    """Return the points of a curve of tracked coding.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    references : str
+        What frames are predicted from.
+    wz_q : tuple of int
+        Quantiser presets; a quick run takes few.
+
+    Returns
+    -------
+    Sweep
+        On the same frames as `rd_figures.experiment`.
+    """
+    return Sweep(
+        (clip,),
+        codec="3d-te",
+        gop=GOP["3d-te"],
+        frames=rd_figures.QUICK_FRAMES if setting.quick else setting.frames,
+        wz_q=wz_q if not setting.quick else wz_q[::7],
+        options=(("references", references),) if references != "keys" else (),
+    )
+
+
+@cache
+def te_curve(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]) -> Curve:
+    """Measure a curve of tracked coding; what is there already is kept.
+
+    Parameters
+    ----------
+    setting, clip, references, wz_q
+        As in `te_sweep`.
+
+    Returns
+    -------
+    Curve
+        Its points.
+
+    Raises
+    ------
+    DvcError
+        If a point fails.
+    """
+    clip_source(clip)
+    points = expand([te_sweep(setting, clip, references, wz_q)])
+    folder = setting.folder / "rd" / f"{clip}-{points[0].frames}"
+    summary = run_points(points, folder, default_cache(), jobs=setting.jobs)
+    if summary.failures:
+        raise DvcError("; ".join(f"{name}: {reason}" for name, reason in summary.failures))
+    wanted = {json.dumps(point.to_dict(), sort_keys=True) for point in points}
+    results = [
+        result
+        for result in read_results(folder)
+        if json.dumps(result.data["options"], sort_keys=True) in wanted
+    ]
+    return experiments(results)[0].curves[0]
+
+
+def up_to(
+    rates: Sequence[float], psnrs_db: Sequence[float], highest_db: float
+) -> tuple[list[float], list[float]]:
+    """Cut a curve off at a quality, where its rate is interpolated.
+
+    Parameters
+    ----------
+    rates, psnrs_db : sequence of float
+        The curve.
+    highest_db : float
+        Where to cut it; a curve that ends below it, or rises from above it, stays as it is.
+
+    Returns
+    -------
+    rates, psnrs_db : list of float
+        The points below, and one at `highest_db`.
+    """
+    order = np.argsort(psnrs_db)
+    quality, rate = np.asarray(psnrs_db)[order], np.asarray(rates)[order]
+    if not quality[0] < highest_db < quality[-1] or (np.diff(quality) <= 0).any():
+        return list(rates), list(psnrs_db)
+    at_end = math.exp(float(PchipInterpolator(quality, np.log(rate))(highest_db)))
+    below = quality < highest_db
+    return [*rate[below].tolist(), at_end], [*quality[below].tolist(), highest_db]
+
+
+def difference(reference: Curve, other: Curve, highest_db: float | None = None) -> BdResult:
+    """Return the mean difference in rate of two curves.
+
+    Parameters
+    ----------
+    reference, other : Curve
+        Of the same frames.
+    highest_db : float, optional
+        Upper end of the range.
+
+    Returns
+    -------
+    BdResult
+        Negative if `other` needs less.
+
+    Raises
+    ------
+    RdCurveError
+        If they cannot be compared.
+    """
+    curves = [(curve.rates_kbps, curve.psnrs_y_db) for curve in (reference, other)]
+    if highest_db is not None:
+        curves = [up_to(*curve, highest_db) for curve in curves]
+    return bd_rate(*curves[0], *curves[1])
+
+
+PRESETS = tuple(range(1, FINEST + 1))
+
+
+def _against_flat(setting: Setting, clip: str) -> BdResult:
+    flat = next(curve for curve in rd_figures.experiment(setting, clip).curves if not curve.is_anchor)
+    return difference(flat, te_curve(setting, clip, "keys", PRESETS), HIGHEST_DB)
+
+
+def _against_intra(setting: Setting, clip: str, references: str) -> BdResult:
+    anchor = rd_figures.experiment(setting, clip).anchor()
+    assert anchor is not None
+    return difference(anchor, te_curve(setting, clip, references, PRESETS))
+
+
+def _against_keys(setting: Setting, clip: str) -> BdResult:
+    keys, levels = (te_curve(setting, clip, references, PRESETS) for references in ("keys", HIERARCHICAL))
+    return difference(keys, levels)
+
+
+_DIFFERENCES: dict[str, Callable[[Setting, str], BdResult]] = {
+    "2d": _against_flat,
+    "intra": partial(_against_intra, references="keys"),
+    "hierarchical-intra": partial(_against_intra, references=HIERARCHICAL),
+    "keys": _against_keys,
+}
+"""What is compared, by name."""
+
+
+def rate_difference(setting: Setting, clip: str | None, against: str, limits: Limits) -> Measured:
+    """Compare the curves of one clip.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    against : str
+        A key of `_DIFFERENCES`.
+    limits : dict
+        Largest BD-rate in per cent by sequence; nothing is asked of others.
+
+    Returns
+    -------
+    Measured
+        BD-rate.
+    """
+    assert clip is not None
+    found = _DIFFERENCES[against](setting, clip)
+    values = {"bd_rate_percent": found.value, "overlap_db": list(found.overlap)}
+    holds = found.value < limits[clip] if clip in limits else None
+    return Measured(bd_text(found), holds, values)
+
+
+def mean_rate_difference(
+    setting: Setting, clip: str | None, against: str, clips: tuple[str, ...], limit: float
+) -> Measured:
+    """Average the BD-rates of clips.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : None
+        Not used.
+    against : str
+        A key of `_DIFFERENCES`.
+    clips : tuple of str
+        Sequences.
+    limit : float
+        What is asked, in per cent.
+
+    Returns
+    -------
+    Measured
+        Mean over clips.
+    """
+    del clip
+    found: dict[str, float] = {}
+    for name in clips[: setting.choose(len(clips), 1)]:
+        try:
+            found[name] = _DIFFERENCES[against](setting, name).value
+        except RdCurveError as err:
+            raise RdCurveError(f"{name}: {err}") from err
+    mean = float(np.mean(list(found.values())))
+    values: dict[str, object] = {"bd_rate_percent": found}
+    return Measured(f"{mean:+.1f} % over {listed(found)}", mean <= limit, values)
+
+
+def _si_psnrs_db(setting: Setting, clip: str) -> tuple[float, float]:
+    """Return the mean PSNR of the side information at the finest quantiser, key-only and hierarchical."""
+    values = []
+    for references in ("keys", HIERARCHICAL):
+        [point] = te_curve(setting, clip, references, (FINEST,)).points
+        found = point.total("si_psnr_y_db")
+        assert found is not None
+        values.append(found)
+    return values[0], values[1]
+
+
+def hierarchical_gain(setting: Setting, clip: str | None) -> Measured:
+    """Compare side information from key frames and from all levels of a hierarchy, as decoded.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+
+    Returns
+    -------
+    Measured
+        Difference of the mean PSNRs.
+    """
+    assert clip is not None
+    keys_db, levels_db = _si_psnrs_db(setting, clip)
+    values = {"keys_db": keys_db, "hierarchical_db": levels_db}
+    return Measured(f"{levels_db - keys_db:+.2f} dB ({keys_db:.2f} → {levels_db:.2f})", None, values)
+
+
+def hierarchical_gain_mean(setting: Setting, clip: str | None) -> Measured:
+    """Average the gain of the hierarchy over the real static clips.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : None
+        Not used.
+
+    Returns
+    -------
+    Measured
+        Mean over clips.
+    """
+    del clip
+    pairs = {name: _si_psnrs_db(setting, name) for name in STATIC_CLIPS[: setting.choose(5, 1)]}
+    gains = {name: levels - keys for name, (keys, levels) in pairs.items()}
+    mean = float(np.mean(list(gains.values())))
+    return Measured(f"{mean:+.2f} dB over {listed(gains)}", mean >= 3.0, gains)
+
+
+_SLOW_CLIPS = tuple(clip for clip in STATIC_CLIPS if clip not in FAST_CLIPS)
+_ALL = (*REAL_CLIPS, *SCENES)
+_FLAT = "TE against 2D (GOP 2), key-only, Q1 to Q8, up to 36 dB: BD-rate"
+_INTRA = "TE against H.264 intra, key-only, Q1 to Q8: BD-rate"
+_LEVELS_INTRA = "TE against H.264 intra, hierarchical, Q1 to Q8: BD-rate"
+_LEVELS = "TE, hierarchical against key-only references, Q1 to Q8: BD-rate"
+
+
+def _figures(
+    name: str,
+    against: str,
+    title: str,
+    asked: tuple[str, str],
+    limits: Limits,
+    mean: tuple[tuple[str, ...], float],
+) -> tuple[Figure, Figure]:
+    """Return the rows of a comparison: one per clip, and the mean over some."""
+    clips, limit = mean
+    each = partial(rate_difference, against=against, limits=limits)
+    average = partial(mean_rate_difference, against=against, clips=clips, limit=limit)
+    return (
+        Figure(AREA, name, title, asked[0], each, _ALL),
+        Figure(AREA, f"{name}-mean", f"the same, mean over {', '.join(clips)}", asked[1], average),
+    )
+
+
+FIGURES = (
+    Figure(
+        AREA,
+        "hierarchical-si",
+        "TE, hierarchical against key-only references, Q8: PSNR of the side information",
+        "≥ +3 dB on the mean",
+        hierarchical_gain,
+        _ALL,
+    ),
+    Figure(
+        AREA,
+        "hierarchical-si-mean",
+        "the same, mean over the real static clips",
+        "≥ +3 dB",
+        hierarchical_gain_mean,
+    ),
+    *_figures("hierarchical", "keys", _LEVELS, ("≤ −20 % on the mean", "≤ −20 %"), {}, (STATIC_CLIPS, -20.0)),
+    *_figures(
+        "te-2d",
+        "2d",
+        _FLAT,
+        ("negative on every clip but stone", "≤ −30 %"),
+        dict.fromkeys(_SLOW_CLIPS, 0.0),
+        (STATIC_CLIPS, -30.0),
+    ),
+    Figure(
+        AREA,
+        "te-intra",
+        _INTRA,
+        "negative on every static clip",
+        partial(rate_difference, against="intra", limits=dict.fromkeys(STATIC_CLIPS, 0.0)),
+        _ALL,
+    ),
+    *_figures(
+        "te-hierarchical-intra",
+        "hierarchical-intra",
+        _LEVELS_INTRA,
+        ("≤ −35 % on the mean", "≤ −35 %"),
+        {},
+        (_SLOW_CLIPS, -35.0),
+    ),
+)
+"""The figures of this module."""
