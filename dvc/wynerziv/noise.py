@@ -159,7 +159,7 @@ def shaped(scale: Array, texture: Array, expected_error: Array | None) -> Array:
         Scales after, at least `MIN_SCALE`.
     """
     # Roots of roots: powers of libraries differ between processors.
-    shape = scale * np.sqrt(np.sqrt(texture))
+    shape = scale * np.sqrt(np.sqrt(texture / np.sqrt(scale)))
     if expected_error is not None:
         shape = shape * np.sqrt(expected_error / np.sqrt(scale))
     bounded: Array = np.maximum(shape * (scale.mean() / shape.mean()), MIN_SCALE)
