@@ -1,0 +1,125 @@
+"""Prediction from a model of the scene with tracked points."""
+
+import numpy as np
+import pytest
+
+from decoder.side_information import METHODS
+from decoder.side_information.protocol import ReferenceFrame
+from decoder.side_information.scene import SceneInterpolation
+from decoder.side_information.tracked_scene import TrackedSceneInterpolation
+from dvc.config import CodecConfig, TracksConfig, VideoConfig
+from dvc.metrics import psnr_db
+from dvc.tracks import FeaturePoints, PointTracks
+from dvc.video import Frame
+from dvc.wynerziv.transform import to_uint8
+from sfm.model import PixelFrame
+from sfm.projection import project
+from tests.scenes_3d import camera_at, render, two_planes
+
+PIXELS = PixelFrame(176, 144)
+CONFIG = CodecConfig("3d-te", VideoConfig(176, 144, 25, 1), tracks=TracksConfig("encoder"))
+LATES = (0.0, 0.45, 0.55, 0.6, 1.0)
+"""The camera does not move evenly."""
+CHROMA = np.full((72, 88), 100, np.uint8), np.full((72, 88), 150, np.uint8)
+FRAMES = [Frame(render(late, PIXELS)[0], CHROMA) for late in LATES]
+REFERENCES = [ReferenceFrame(8 + k, frame) for k, frame in enumerate(FRAMES)]
+KEYS = [REFERENCES[0], REFERENCES[4]]
+
+
+def true_tracks(number: int = 90) -> PointTracks:
+    """Return tracks of whole pixels."""
+    points = two_planes(176, 144).points[:number]
+    seen = [PIXELS.to_pixels(project(camera_at(late), points)[0]) for late in LATES]
+    return PointTracks(np.round(np.stack(seen, axis=1)))
+
+
+def quality(method: TrackedSceneInterpolation | SceneInterpolation, points: object, instant: int) -> float:
+    """Return the PSNR of a prediction from the key frames."""
+    [prediction] = method.predict(KEYS, points, [instant])
+    return psnr_db(to_uint8(prediction.luma), FRAMES[instant - 8].luma)
+
+
+@pytest.mark.parametrize("name", ["mesh", "blocks"])
+def test_tracks_tell_where_the_camera_is(name: str) -> None:
+    """An uneven camera is predicted several decibels better than without tracks."""
+    tracked, blind = TrackedSceneInterpolation(name, CONFIG), SceneInterpolation(name, CONFIG)
+    for instant in (9, 11):
+        assert quality(tracked, true_tracks(), instant) > quality(blind, None, instant) + 4.0
+
+
+def test_frames_that_are_decoded_serve_as_references() -> None:
+    """Nearer references give a better prediction, and the middle of the group has a camera, too."""
+    method = TrackedSceneInterpolation("mesh", CONFIG)
+    far = quality(method, true_tracks(), 9)
+    [near] = method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], true_tracks(), [9])
+    assert near.success
+    assert psnr_db(to_uint8(near.luma), FRAMES[1].luma) > far + 0.5
+
+
+def test_the_prediction_does_not_depend_on_what_was_asked_before() -> None:
+    """Caches change nothing."""
+    method, tracks = TrackedSceneInterpolation("mesh", CONFIG), true_tracks()
+    [alone] = TrackedSceneInterpolation("mesh", CONFIG).predict(KEYS, tracks, [9])
+    method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], tracks, [9])
+    method.predict([REFERENCES[0], REFERENCES[1]], PointTracks.none(2), [])
+    for _ in range(2):
+        [again] = method.predict(KEYS, tracks, [9])
+        np.testing.assert_array_equal(again.luma, alone.luma)
+
+
+def test_without_tracks_the_camera_is_guessed() -> None:
+    """No points, or none that were received, give what the codec without tracks predicts."""
+    [expected] = SceneInterpolation("mesh", CONFIG).predict(KEYS, None, [10])
+    for points in (None, PointTracks.none(5)):
+        [found] = TrackedSceneInterpolation("mesh", CONFIG).predict(KEYS, points, [10])
+        np.testing.assert_array_equal(found.luma, expected.luma)
+
+
+def test_block_motion_serves_where_there_is_no_scene() -> None:
+    """Key frames without a model give aligned block motion, and say why."""
+    black = ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))
+    [found] = TrackedSceneInterpolation("mesh", CONFIG).predict([KEYS[0], black], true_tracks(), [10])
+    assert not found.success
+    assert found.reason
+    assert found.method == "mci"
+
+
+@pytest.mark.parametrize("kind", ["nan", "lost", "one place", "noise", "outside", "too few"])
+def test_hostile_tracks_give_a_prediction(kind: str) -> None:
+    """Tracks of any kind end in a prediction without holes, told as a failure where it is one."""
+    positions = true_tracks().positions.copy()
+    if kind == "nan":
+        positions[:] = np.nan
+    if kind == "lost":
+        positions[:, 2:] = np.nan
+    if kind == "one place":
+        positions[:] = 50.0
+    if kind == "noise":
+        positions = np.random.default_rng(0).uniform(0, 140, positions.shape)
+    if kind == "outside":
+        positions[:, 1:4] += 1e6
+    if kind == "too few":
+        positions = positions[:3]
+    method = TrackedSceneInterpolation("mesh", CONFIG)
+    for prediction in method.predict(KEYS, PointTracks(positions), [9, 10, 11]):
+        assert np.isfinite(prediction.luma).all()
+        assert np.isfinite(np.stack(prediction.compensated)).all()
+        assert prediction.success == (not prediction.reason)
+        if kind in ("nan", "too few", "one place", "noise"):
+            assert not prediction.success
+
+
+def test_corners_of_each_frame_will_do() -> None:
+    """Tracking at the decoder makes tracks of corners, and no corners give block motion."""
+    tracks = true_tracks(200)
+    corners = FeaturePoints(tuple(tracks.positions[:, k] for k in (1, 2, 3)))
+    config = CodecConfig("3d-td", CONFIG.video, tracks=TracksConfig("decoder"))
+    for points in (corners, FeaturePoints((np.empty((0, 2)),) * 3)):
+        [found] = TrackedSceneInterpolation("mesh", config).predict(KEYS, points, [10])
+        assert np.isfinite(found.luma).all()
+
+
+def test_the_codec_says_which_method_it_is() -> None:
+    """Codecs with tracks build the tracked form of a method by the same name."""
+    assert isinstance(METHODS["mesh"](CONFIG), TrackedSceneInterpolation)
+    assert isinstance(METHODS["blocks"](CodecConfig("3d", CONFIG.video)), SceneInterpolation)
