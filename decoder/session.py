@@ -147,6 +147,8 @@ class _KeyFrames:
         around = None if self._previous is None else (self._previous, current)
         if record.num_frames > 1 and around is None:
             raise BitstreamError(f"group of pictures {number}: Wyner-Ziv frames before the first key frame")
+        if record.num_frames == 1 and record.tracks:
+            raise BitstreamError(f"group of pictures {number}: tracks, but no Wyner-Ziv frames")
         self._previous = current
         return first_index, around if record.num_frames > 1 else None, key
 

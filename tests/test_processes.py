@@ -130,13 +130,20 @@ def scene_clip(folder: Path) -> Path:
     return write_clip(folder / "scene.y4m", views)
 
 
-def test_scene_prediction_is_the_same_in_every_form(folder: Path, scene_clip: Path) -> None:
+@pytest.mark.parametrize(
+    ("codec", "references", "gop"),
+    [("3d", "keys", 3), ("3d-te", "hierarchical", 6), ("3d-td", "all", 3)],
+)
+def test_scene_prediction_is_the_same_in_every_form(
+    folder: Path, scene_clip: Path, codec: str, references: str, gop: int
+) -> None:
     """3D side information: any number of jobs, a fresh punctured decoding and a live run agree to the bit."""
-    coding = ["--codec", "3d", "--gop", 3, "--wz-q", 2, "--key-qp", 20]
+    coding = ["--codec", codec, "--gop", gop, "--references", references, "--wz-q", 2, "--key-qp", 20]
     run("encoder", scene_clip, folder / "scene.dvc", *coding)
     first = decode(folder, "scene_1", scene_clip, folder / "scene.dvc")
     wyner_ziv = [frame for frame in first.report["per_frame"] if frame["type"] == "wz"]
     assert {frame["side_information"] for frame in wyner_ziv} == {"mesh"}
+    assert (first.report["bits"]["tracks"] > 0) == (codec != "3d")
     others = [
         decode(folder, "scene_2", scene_clip, folder / "scene.dvc", "--jobs", 2),
         decode(folder, "scene_3", scene_clip, first.punctured),
