@@ -196,8 +196,8 @@ def below_ceiling_mean(setting: Setting, clip: str | None) -> Measured:
     return Measured(f"{mean:.2f} dB over {listed(gaps)}", mean <= 4.0, gaps)
 
 
-def key_frames_db(run: Run) -> float:
-    """Return the mean PSNR of the key frames around predicted frames.
+def key_frames_by_index(run: Run) -> dict[int, float]:
+    """Return the PSNR of the key frames around predicted frames.
 
     Parameters
     ----------
@@ -206,13 +206,14 @@ def key_frames_db(run: Run) -> float:
 
     Returns
     -------
-    float
-        In dB; infinite where they are lossless.
+    dict of int to float
+        In dB by display position; infinite where they are lossless.
     """
     keys = {key.index: key.frame.luma for group in received_groups(run) for key in group.keys}
     with open_video(clip_source(run.clip).path, num_frames=run.num_frames) as reader:
-        values = [psnr_db(frame.luma, keys[index]) for index, frame in enumerate(reader) if index in keys]
-    return float(np.mean(values))
+        return {
+            index: psnr_db(frame.luma, keys[index]) for index, frame in enumerate(reader) if index in keys
+        }
 
 
 def lossy_keys(setting: Setting, clip: str | None) -> Measured:
@@ -234,7 +235,7 @@ def lossy_keys(setting: Setting, clip: str | None) -> Measured:
     qps = KEY_QPS if not setting.quick else (KEY_QPS[0], KEY_QPS[-1])
     frames = setting.choose(min(setting.frames, LOSSY_FRAMES), QUICK_FRAMES)
     runs = [Run(clip, TE_MESH, frames, fixed_gop(clip), qp, every=2) for qp in qps]
-    keys_db = [key_frames_db(run) for run in runs]
+    keys_db = [float(np.mean(list(key_frames_by_index(run).values()))) for run in runs]
     found_db = [mean_db(run, setting.folder) for run in runs]
     lost_keys, lost = keys_db[0] - keys_db[-1], found_db[0] - found_db[-1]
     text = f"QP {qps[0]} to {qps[-1]}: key frames −{lost_keys:.1f} dB ({_spaced(keys_db)}), "

@@ -1,0 +1,210 @@
+"""Draw tracks, correlation noise, and PSNR by frame: the look of the pictures of tracked coding."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.files import atomic_output
+from dvc.rd.plots import COLOURS, DPI
+from dvc.tracks import PointTracks
+
+ZOOM = 3
+PANEL_WIDTH = 528
+QUALITY = 80
+_BANNER = 30
+_SHIFT = 4  # fractional bits of drawn positions
+_RED, _MAGENTA, _ORANGE = (40, 40, 235), (220, 60, 220), (30, 150, 250)  # blue, green, red
+Picture = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One curve of a plot by frame.
+
+    Attributes
+    ----------
+    label : str
+        For the legend.
+    points : mapping of int to float
+        PSNR in dB by frame.
+    colour : int
+        Its number in `dvc.rd.plots.COLOURS`.
+    style : str
+        Of the line, as matplotlib knows it.
+    peaks : mapping of int to float
+        PSNR of the key frames, which the line goes through too; not drawn if empty.
+    """
+
+    label: str
+    points: Mapping[int, float]
+    colour: int
+    style: str = "-"
+    peaks: Mapping[int, float] | None = None
+
+
+def draw_tracks(luma: NDArray[np.uint8], tracks: PointTracks) -> Picture:
+    """Draw the tracks of points over the key frame that they start from.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        The key frame.
+    tracks : PointTracks
+        Starts in red, paths in magenta, and the last position of tracks that were lost in orange.
+
+    Returns
+    -------
+    ndarray of shape (3 * H, 3 * W, 3), uint8
+        Blue, green and red.
+    """
+    height, width = luma.shape
+    grey = cv2.resize(luma, (ZOOM * width, ZOOM * height), interpolation=cv2.INTER_CUBIC)
+    faded = (96 + grey.astype(np.int64) * 150 // 255).astype(np.uint8)
+    canvas: Picture = np.repeat(faded[:, :, None], 3, axis=2)
+    for track in tracks.positions:
+        known = track[np.isfinite(track).all(axis=1)]
+        # Pixel centres of the enlarged picture lie between those of the frame.
+        at = np.rint((ZOOM * (known + 0.5) - 0.5) * (1 << _SHIFT)).astype(np.int32)
+        cv2.polylines(canvas, [at.reshape(-1, 1, 2)], False, _MAGENTA, 2, cv2.LINE_AA, _SHIFT)
+        ends = [(at[0], _RED)] + ([] if len(known) == len(track) else [(at[-1], _ORANGE)])
+        for (x, y), colour in ends:
+            cv2.circle(canvas, (int(x), int(y)), 3 << _SHIFT, colour, -1, cv2.LINE_AA, _SHIFT)
+    return canvas
+
+
+def panel(plane: NDArray[np.uint8], title: str) -> Picture:
+    """Scale a picture to the width of a panel and put a title above it.
+
+    Parameters
+    ----------
+    plane : ndarray of shape (H, W) or (H, W, 3), uint8
+        Grey, or blue, green and red.
+    title : str
+        One line, ASCII.
+
+    Returns
+    -------
+    ndarray of shape (h, PANEL_WIDTH, 3), uint8
+        The panel.
+    """
+    colour = plane if plane.ndim == 3 else np.repeat(plane[:, :, None], 3, axis=2)
+    height = round(PANEL_WIDTH * colour.shape[0] / colour.shape[1])
+    scaled = cv2.resize(colour, (PANEL_WIDTH, height), interpolation=cv2.INTER_CUBIC)
+    banner = np.full((_BANNER, PANEL_WIDTH, 3), 255, dtype=np.uint8)
+    cv2.putText(banner, title, (4, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.52, (30, 30, 30), 1, cv2.LINE_AA)
+    framed: Picture = np.vstack([banner, np.asarray(scaled, np.uint8)])
+    return framed
+
+
+def in_pairs(panels: Sequence[Picture]) -> Picture:
+    """Put panels of one size into rows of two.
+
+    Parameters
+    ----------
+    panels : sequence of ndarray
+        An even number.
+
+    Returns
+    -------
+    ndarray of shape (h, w, 3), uint8
+        The picture.
+    """
+    gap = np.full((panels[0].shape[0], 8, 3), 255, dtype=np.uint8)
+    rows = [np.hstack([panels[k], gap, panels[k + 1]]) for k in range(0, len(panels), 2)]
+    picture: Picture = np.vstack(rows)
+    return picture
+
+
+def correlation_noise(predicted: Floats, original: NDArray[np.uint8]) -> Picture:
+    """Show the difference of side information and frame, grey where there is none.
+
+    Parameters
+    ----------
+    predicted : ndarray of shape (H, W), float64
+        Side information.
+    original : ndarray of shape (H, W), uint8
+        The frame.
+
+    Returns
+    -------
+    ndarray of shape (H, W), uint8
+        Twice the difference around 128.
+    """
+    return np.clip(128.0 + 2.0 * (predicted - original), 0, 255).astype(np.uint8)
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write a picture as JPEG; its folder is made if needed.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    picture : ndarray of shape (H, W, 3), uint8
+        Blue, green and red.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+
+
+def plot_by_frame(path: Path, title: str, lines: Sequence[Line]) -> None:
+    """Plot PSNR by frame.
+
+    Parameters
+    ----------
+    path : Path
+        PNG file; its folder is made if needed.
+    title : str
+        Above the plot.
+    lines : sequence of Line
+        The curves.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 4.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    for line in lines:
+        colour = COLOURS[line.colour]
+        peaks = dict(line.peaks or {})
+        for number, part in enumerate(_parts(line)):
+            axes.plot(
+                list(part),
+                list(part.values()),
+                line.style,
+                color=colour,
+                marker=".",
+                markersize=5,
+                linewidth=1.3,
+                label=line.label if number == 0 else None,
+            )
+        axes.plot(list(peaks), list(peaks.values()), "D", color=colour, markersize=4)
+    axes.set_title(title, fontsize=10)
+    axes.set_xlabel("frame")
+    axes.set_ylabel("luma PSNR [dB]")
+    axes.grid(color="#dddddd", linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_output(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=DPI)
+
+
+def _parts(line: Line) -> list[dict[int, float]]:
+    """Cut a line at its key frames, unless it goes through them."""
+    if line.peaks:
+        return [dict(sorted({**line.points, **line.peaks}.items()))]
+    parts: list[dict[int, float]] = []
+    frames = sorted(line.points)
+    widest = min(np.diff(frames), default=1)
+    for k, frame in enumerate(frames):
+        if k == 0 or frame - frames[k - 1] > widest:
+            parts.append({})
+        parts[-1][frame] = line.points[frame]
+    return parts

@@ -1,0 +1,134 @@
+"""Figures of tracked coding: the predictions behind them, their curves, and the table of the page."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import figures, tracked_prediction, tracks_cost_figures, tracks_figures, tracks_pictures
+from benchmarks import tracks_limit_figures as limits
+from benchmarks import tracks_rd_figures as rates
+from benchmarks.harness import Setting
+from benchmarks.tracked_prediction import FLAT, TD_MESH, TE_MESH, Run
+from dvc.rd.sources import Source, find_source
+from dvc.tracks import FeaturePoints, PointTracks
+from encoder.__main__ import _GOP_OF_CODEC
+from sequences.__main__ import main as render
+
+FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Render a few small frames."""
+    path = tmp_path_factory.mktemp("clip") / "clip.mkv"
+    assert render(["render", "street", "--size", "96x80", "--frames", str(FRAMES), "--out", str(path)]) == 0
+    return path
+
+
+def test_distances_are_those_of_the_encoder() -> None:
+    """Key frames are as far apart as the encoder puts them by itself."""
+    assert tracked_prediction.GOP == _GOP_OF_CODEC
+
+
+@pytest.mark.parametrize(("way", "kind"), [(TE_MESH, PointTracks), (TD_MESH, FeaturePoints)])
+def test_groups_have_what_was_sent(clip: Path, way: tracked_prediction.Way, kind: type) -> None:
+    """A group holds decoded key frames, the originals between them, and points out of their payload."""
+    [group] = tracked_prediction.received_groups(Run(str(clip), way, FRAMES, FRAMES - 1))
+    assert [key.index for key in group.keys] == [0, FRAMES - 1]
+    assert len(group.originals) == FRAMES - 2
+    assert isinstance(group.points, kind)
+    assert group.tracks_bits > 0
+    assert len(group.num_points) == FRAMES - 2
+    assert min(group.num_points) > 0
+
+
+def test_results_are_kept(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames are predicted once; a second process reads what the first has found."""
+    run = Run(clip.name, FLAT, FRAMES, FRAMES - 1, every=2)
+    monkeypatch.setattr(tracked_prediction, "clip_source", lambda _: _source(clip))
+    found = tracked_prediction.frame_results(run, tmp_path)
+    assert [frame.index for frame in found] == [1, 3]
+    assert all(15 < frame.psnr_db < 60 for frame in found)
+    tracked_prediction._frame_results.cache_clear()
+    monkeypatch.setattr(tracked_prediction, "predictions", None)
+    assert tracked_prediction.frame_results(run, tmp_path) == found
+    assert tracked_prediction.mean_db(run, tmp_path) == np.mean([frame.psnr_db for frame in found])
+
+
+def _source(clip: Path) -> Source:
+    from dvc.rd.processes import ProcessGroup
+
+    return find_source(str(clip), clip.parent, ProcessGroup())
+
+
+def test_ceiling_undoes_motion() -> None:
+    """Key frames that are shifted copies of a frame are shifted back on to it."""
+    rng = np.random.default_rng(0)
+    scene = np.kron(rng.integers(40, 200, (16, 18)), np.ones((6, 6))).astype(np.uint8)
+    frame, before, after = (np.ascontiguousarray(scene[4:84, k : k + 96]) for k in (4, 2, 7))
+    predicted = limits.motion_ceiling(frame, (before, after), 0.4)
+    assert np.abs(predicted - frame)[8:-8, 8:-8].mean() < 4.0
+    still = limits.motion_ceiling(frame, (frame, frame), 0.5)
+    assert np.abs(still - frame).mean() < 0.5
+
+
+def test_fixed_groups_ignore_tracks() -> None:
+    """The rule for a fixed distance asks for no key frame before it, however long tracks are."""
+    rule = tracked_prediction.key_frame_rule(10)
+    assert rule.longest_track_px == np.inf
+    assert (rule.min_length, rule.lost_share) == (10, 1.0)
+    assert tracked_prediction.key_frame_rule(None).min_length < 10
+
+
+def test_curves_are_cut_off() -> None:
+    """A curve that is cut off has its interpolated rate there; one that ends below stays as it is."""
+    quality_db = [30.0, 33.0, 36.0, 39.0]
+    rates_kbps = [100.0 * 2 ** ((value - 30.0) / 3.0) for value in quality_db]
+    rate, quality = rates.up_to(rates_kbps, quality_db, 34.5)
+    assert quality == [30.0, 33.0, 34.5]
+    assert rate[-1] == pytest.approx(100.0 * 2**1.5, rel=1e-6)
+    assert rates.up_to(rates_kbps, quality_db, 40.0) == (rates_kbps, quality_db)
+
+
+def test_sweeps_are_tracked_coding() -> None:
+    """A curve is made with the codec's own distance of key frames and the references asked for."""
+    sweep = rates.te_sweep(Setting(frames=13), "box", rates.HIERARCHICAL, (8,))
+    [point] = sweep.points()
+    options = point.encoder_options()
+    assert options[:4] == ["--codec", "3d-te", "--gop", "8"]
+    assert options[-2:] == ["--references", "hierarchical"]
+    assert "--frames" in options
+
+
+def test_rows_replace_those_of_the_same_sequence() -> None:
+    """A row takes the place of an older one of its sequence, and rows keep the order of the sequences."""
+    page = f"text\n\n{tracks_pictures.BEGIN}\n{tracks_pictures.END}\n\nmore\n"
+    page = tracks_pictures.with_rows(page, ["| tree | 1 |", "| street | 2 |"])
+    page = tracks_pictures.with_rows(page, ["| tree | 3 |", "| stone (GOP 2) | 4 |"])
+    lines = page.splitlines()
+    start = lines.index(tracks_pictures.BEGIN)
+    assert lines[start + 3 : start + 6] == ["| street | 2 |", "| stone (GOP 2) | 4 |", "| tree | 3 |"]
+    assert lines[start + 6] == tracks_pictures.END
+    assert (lines[0], lines[-1]) == ("text", "more")
+
+
+def test_page_has_a_table() -> None:
+    """The page that the table goes into has its marks."""
+    page = (Path(__file__).parents[2] / tracks_pictures.PAGE).read_text(encoding="utf-8")
+    assert page.count(tracks_pictures.BEGIN) == page.count(tracks_pictures.END) == 1
+
+
+def test_commands_say_how_many_frames() -> None:
+    """The command of a row names the number of frames where it is not the default."""
+    [figure] = [figure for figure in tracks_figures.FIGURES if figure.name == "te-mean"]
+    row = figures.with_frames(figure.row(None, None), 31)
+    assert row["command"].endswith("--area tracks --name te-mean --frames 31")
+
+
+def test_operations_of_the_tracker_are_few(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The share of a full search is counted, and small."""
+    monkeypatch.setattr(tracks_cost_figures, "clip_source", lambda _: _source(clip))
+    measured = tracks_cost_figures.operations(Setting(quick=True), "clip")
+    shares = dict(measured.values["share_by_reach_px"])
+    assert 0 < shares[16] < shares[7] < 0.5
