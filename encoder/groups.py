@@ -21,7 +21,7 @@ class Group:
     key : Frame
         The key frame that ends the group.
     tracks : PointTracks, optional
-        Points of the previous key frame, followed to this one.
+        Points of the previous key frame, followed to this one, and points of this one, followed back.
     points : FeaturePoints, optional
         Corners of the Wyner-Ziv frames.
     """
@@ -131,20 +131,21 @@ def tracked_groups(
         tracker.step(frame.luma)
         if waiting and _is_cut(tracker, rule):
             yield _closed(waiting, tracker)
-            tracker.start(waiting[-1].luma)
             tracker.step(frame.luma)
             waiting = []
         waiting.append(frame)
         if _is_due(len(waiting), length, tracker, rule):
             yield _closed(waiting, tracker)
-            tracker.start(frame.luma)
             waiting = []
     if waiting:
         yield _closed(waiting, tracker)
 
 
 def _closed(waiting: list[Frame], tracker: PointTracker) -> Group:
-    tracks = tracker.tracks(len(waiting) + 1) if len(waiting) > 1 else None
+    if len(waiting) == 1:
+        tracker.start(waiting[0].luma)
+        return Group((), waiting[0])
+    tracks = tracker.close([frame.luma for frame in waiting])
     return Group(tuple(waiting[:-1]), waiting[-1], tracks)
 
 

@@ -10,6 +10,7 @@ from dvc._jit import kernel
 
 LOST = -1
 
+LOSS = 0
 # Contexts: one for the loss of a track, then as many as `CONTEXTS_PER_CLASS` for each class of magnitudes
 # that are expected, in x and in y.
 NUM_CLASSES = 10
@@ -255,13 +256,17 @@ def _note_residual(counts, residual, base, predicted, decisions, probabilities, 
 def instant_decisions(
     position,
     live,
+    num_given,
     motion,
     weights,
     sides,
     started,
     counts,
 ):
-    """Decisions that code one instant of the tracks that were `live` in the one before."""
+    """Decisions that code one instant of the tracks that were `live` in the one before.
+
+    The first `num_given` are known to the other side: they only help to predict.
+    """
     decisions = np.empty(position.shape[0] * MAX_DECISIONS, np.int32)
     probabilities = np.empty(decisions.size, np.float64)
     predictions = np.zeros((position.shape[0], 2, 3), np.int64)
@@ -269,12 +274,13 @@ def instant_decisions(
     for i in range(position.shape[0]):
         if not live[i]:
             continue
-        lost = int(position[i, 0] == LOST)
-        n = _note(counts, 0, lost, decisions, probabilities, n)
-        if lost:
-            continue
+        if i >= num_given:
+            lost = int(position[i, 0] == LOST)
+            n = _note(counts, LOSS, lost, decisions, probabilities, n)
+            if lost:
+                continue
         predict(position, motion, i, weights, sides, started, predictions[i])
-        for axis in range(2):
+        for axis in range(2 if i >= num_given else 0):
             predicted = predictions[i, axis, 0]
             residual = position[i, axis] - ((predicted + 128) >> 8)
             base = first_context(axis, predictions[i])

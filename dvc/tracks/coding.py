@@ -1,7 +1,8 @@
 """Payloads of point tracks and of feature points: differential, with adaptive arithmetic coding.
 
 The first positions of the tracks are coded as a point set; then, instant by instant, whether a track is
-lost and how far it is from where its past and its neighbours let it be expected.
+lost and how far it is from where its past and its neighbours let it be expected. Tracks that were followed
+back in time come after those that were not, and are coded back in time, with these as neighbours.
 """
 
 import numpy as np
@@ -37,6 +38,7 @@ _PERCENT = {
 }
 _PERCENT_OF_THE_REST = 30
 _PERCENT_LOST = 4
+_PERCENT_LOST_BACKWARD = 12
 _INITIAL_COUNT = 320  # twenty decisions
 
 
@@ -46,7 +48,8 @@ def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
     Parameters
     ----------
     tracks : PointTracks
-        At most ``config.tracks.num_points``, in any order. Positions lie in the frame and are rounded to
+        At most ``config.tracks.num_points`` that start in the first key frame, and as many that were
+        followed back from the last; both in any order. Positions lie in the frame and are rounded to
         ``config.tracks.subpixel_bits`` binary digits; a track that is lost stays lost.
     config : CodecConfig
         Configuration of the stream.
@@ -59,37 +62,60 @@ def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
     Raises
     ------
     ValueError
-        If there are too many tracks, or a track starts late, comes back or leaves the frame.
+        If there are too many tracks, or one is not known in its key frame, comes back or leaves the frame.
     """
     if len(tracks) == 0:
         return b""
-    if len(tracks) > config.tracks.num_points:
-        raise ValueError(f"`tracks` must be at most {config.tracks.num_points}, got {len(tracks)}")
-    units = _units(tracks.positions, config)
-    if (units[:, 0, 0] == LOST).any():
-        raise ValueError("`tracks` must start in the first key frame")
+    return _write_tracks(
+        _scanned(tracks.forward, "first", config), _scanned(tracks.backward[:, ::-1], "last", config), config
+    )
+
+
+def _scanned(positions: Floats, key: str, config: CodecConfig) -> Integers:
+    """Return tracks in their direction of time in units, in column scan of where they start."""
+    if len(positions) > config.tracks.num_points:
+        raise ValueError(f"`tracks` must be at most {config.tracks.num_points}, got {len(positions)}")
+    units = _units(positions, config)
     known = units[:, :, 0] != LOST
+    if not known[:, 0].all():
+        raise ValueError(f"`tracks` must be known in the {key} key frame")
     if (known[:, 1:] & ~known[:, :-1]).any():
         raise ValueError("`tracks` must not come back once they are lost")
-    return _write_tracks(units[column_scan(units[:, 0])], config)
+    return units[column_scan(units[:, 0])]
 
 
-def _write_tracks(units: Integers, config: CodecConfig) -> bytes:
+def _write_tracks(forward: Integers, backward: Integers, config: CodecConfig) -> bytes:
+    """Write tracks, each in its own direction of time."""
     writer = RangeWriter()
-    _write_count(writer, len(units) - 1, config.tracks.num_points)
+    for units in (forward, backward):
+        _write_count(writer, len(units), config.tracks.num_points + 1)
+    counts = _initial_counts()
+    _write_direction(writer, forward, 0, counts, config)
+    given = _reversed(forward)
+    counts[_kernels.LOSS] = _count_of(_PERCENT_LOST_BACKWARD)
+    _write_direction(writer, np.concatenate([given, backward]), len(given), counts, config)
+    return writer.to_bytes()
+
+
+def _write_direction(
+    writer: RangeWriter, units: Integers, num_given: int, counts: Integers, config: CodecConfig
+) -> None:
+    if len(units) == num_given:
+        return
     first = np.ascontiguousarray(units[:, 0])
-    lattice = Lattice.of([first], *_sides(config))
+    sides = _sides(config)
+    lattice = Lattice.of([first[num_given:]], *sides)
     lattice.write(writer)
-    write_points(writer, first, lattice)
-    motion, weights, counts = _start(first, config)
-    sides = np.array(_sides(config))
+    write_points(writer, first[num_given:], lattice)
+    motion, weights = _start(first, config)
     for t in range(1, units.shape[1]):
         live = units[:, t - 1, 0] != LOST
         position = np.ascontiguousarray(units[:, t])
         writer.write_decisions(
-            *_kernels.instant_decisions(position, live, motion, weights, sides, t > 1, counts)
+            *_kernels.instant_decisions(
+                position, live, num_given, motion, weights, np.array(sides), t > 1, counts
+            )
         )
-    return writer.to_bytes()
 
 
 def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> PointTracks:
@@ -107,7 +133,8 @@ def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> Poi
     Returns
     -------
     PointTracks
-        In column scan of their first positions.
+        Those that start in the first key frame in column scan of their positions there, then the others in
+        column scan of those in the last.
 
     Raises
     ------
@@ -117,59 +144,87 @@ def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> Poi
     if not payload:
         return PointTracks.none(num_instants)
     reader = RangeReader(payload)
-    count = reader.read_uniform(config.tracks.num_points) + 1
-    first = read_points(reader, count, Lattice.read(reader, *_sides(config)))
-    units = np.full((count, num_instants, 2), LOST, np.int64)
-    units[:, 0] = first
-    motion, weights, counts = _start(first, config)
+    num_forward, num_backward = (reader.read_uniform(config.tracks.num_points + 1) for _ in range(2))
+    none = np.empty((0, num_instants, 2), np.int64)
+    counts = _initial_counts()
+    forward = _read_direction(reader, num_forward, none, counts, config)
+    counts[_kernels.LOSS] = _count_of(_PERCENT_LOST_BACKWARD)
+    backward = _read_direction(reader, num_backward, _reversed(forward), counts, config)
+    if num_forward + num_backward == 0 or _write_tracks(forward, backward, config) != payload:
+        raise BitstreamError("the tracks are followed by other data, or are damaged")
+    units = np.concatenate([forward, backward[:, ::-1]])
+    scale = 2.0**config.tracks.subpixel_bits
+    return PointTracks(np.where(units == LOST, np.nan, units / scale), num_backward)
+
+
+def _read_direction(
+    reader: RangeReader, count: int, given: Integers, counts: Integers, config: CodecConfig
+) -> Integers:
+    num_given, num_instants, _ = given.shape
+    units = np.full((num_given + count, num_instants, 2), LOST, np.int64)
+    if count == 0:
+        return units[:0]
+    units[:num_given] = given
+    units[num_given:, 0] = read_points(reader, count, Lattice.read(reader, *_sides(config)))
+    motion, weights = _start(units[:, 0], config)
     sides = np.array(_sides(config))
     for t in range(1, num_instants):
         live = np.flatnonzero(units[:, t - 1, 0] != LOST)
-        units[:, t] = _read_instant(reader, live, motion, weights, sides, t > 1, counts)
+        position = np.ascontiguousarray(units[:, t])
+        _read_instant(reader, position, live, num_given, motion, weights, sides, t > 1, counts)
+        units[:, t] = position
         if (units[live, t] < LOST).any() or (units[live, t] >= sides).any():
             raise BitstreamError("a track leaves the frame")
-    if _write_tracks(units, config) != payload:
-        raise BitstreamError("the tracks are followed by other data, or are damaged")
-    scale = 2.0**config.tracks.subpixel_bits
-    return PointTracks(np.where(units == LOST, np.nan, units / scale))
+    return units[num_given:]
+
+
+def _reversed(forward: Integers) -> Integers:
+    """Return the tracks that reach the last key frame, back in time."""
+    return forward[forward[:, -1, 0] != LOST, ::-1]
 
 
 def _write_count(writer: RangeWriter, count: int, bound: int) -> None:
     writer.write_uniform(np.array([count], np.int32), np.array([bound], np.int32))
 
 
-def _start(first: Integers, config: CodecConfig) -> tuple[Integers, Integers, Integers]:
+def _start(first: Integers, config: CodecConfig) -> tuple[Integers, Integers]:
     motion = np.zeros((len(first), 3, 2), np.int64)
     motion[:, 0] = first * 256
     width, height = _sides(config)
-    return motion, _kernels.neighbour_weights(first, max(width * height // 84, 1)), _initial_counts()
+    return motion, _kernels.neighbour_weights(first, max(width * height // 84, 1))
 
 
 def _read_instant(
     reader: RangeReader,
+    position: Integers,
     live: NDArray[np.intp],
+    num_given: int,
     motion: Integers,
     weights: Integers,
     sides: Integers,
     started: bool,
     counts: Integers,
-) -> Integers:
-    position = np.full((len(motion), 2), LOST, np.int64)
+) -> None:
+    """Read where the live tracks are into `position`, which holds the given ones."""
     predictions = np.zeros((len(motion), 2, 3), np.int64)
     for i in live:
-        if _read_adaptive(reader, counts, 0):
-            continue
         prediction = predictions[i]
+        if i >= num_given and _read_adaptive(reader, counts, _kernels.LOSS):
+            continue
         _kernels.predict(position, motion, i, weights, sides, started, prediction)
-        for axis in range(2):
-            base = _kernels.first_context(axis, prediction)
-            predicted = int(prediction[axis, 0])
-            position[i, axis] = (predicted + 128 >> 8) + _read_residual(reader, counts, base, predicted)
-        if (position[i] <= LOST).any():
-            raise BitstreamError("a track leaves the frame")
+        if i >= num_given:
+            _read_position(reader, position[i], prediction, counts)
         _kernels.follow(position, motion, i, prediction)
     _kernels.advance(position, motion, predictions, sides, started)
-    return position
+
+
+def _read_position(reader: RangeReader, position: Integers, prediction: Integers, counts: Integers) -> None:
+    for axis in range(2):
+        base = _kernels.first_context(axis, prediction)
+        predicted = int(prediction[axis, 0])
+        position[axis] = (predicted + 128 >> 8) + _read_residual(reader, counts, base, predicted)
+    if (position <= LOST).any():
+        raise BitstreamError("a track leaves the frame")
 
 
 def _read_residual(reader: RangeReader, counts: Integers, base: int, predicted: int) -> int:
@@ -198,7 +253,11 @@ def _initial_counts() -> Integers:
     percent = np.full((2, _kernels.NUM_CLASSES, _kernels.CONTEXTS_PER_CLASS), _PERCENT_OF_THE_REST)
     for offset, of_class in _PERCENT.items():
         percent[:, :, offset] = of_class
-    ones = np.concatenate([[_PERCENT_LOST], percent.ravel()]) * _INITIAL_COUNT // 100
+    return _count_of(np.concatenate([[_PERCENT_LOST], percent.ravel()]))
+
+
+def _count_of(percent: Integers | int) -> Integers:
+    ones = np.asarray(percent) * _INITIAL_COUNT // 100
     return np.stack([_INITIAL_COUNT - ones, ones], axis=-1)
 
 

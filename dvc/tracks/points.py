@@ -10,25 +10,43 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PointTracks:
-    """Points of a key frame, followed through the frames after it up to the next key frame.
+    """Points of two key frames, followed through the frames between them.
 
     Attributes
     ----------
     positions : ndarray of shape (N, T, 2), float64
         Position (x, y) of each point in pixels at every instant, of which the first and the last are the
-        key frames; nan from where the point was lost on (or, before the last, where it is not known).
+        key frames; nan where the point was lost, or is not known.
+    num_backward : int
+        How many of the tracks, the last ones, were followed back in time: from the last key frame to the
+        instant where they begin. The others start in the first key frame.
     """
 
     positions: Floats
+    num_backward: int = 0
 
     def __post_init__(self) -> None:
         """Refuse arrays of another shape."""
         if self.positions.ndim != 3 or self.positions.shape[1] < 2 or self.positions.shape[2] != 2:
             raise ValueError(f"`positions` must have shape (N, T >= 2, 2), got {self.positions.shape}")
+        if not 0 <= self.num_backward <= len(self.positions):
+            raise ValueError(
+                f"`num_backward` must be at most {len(self.positions)} tracks, got {self.num_backward}"
+            )
 
     def __len__(self) -> int:
         """Return the number of tracks."""
         return len(self.positions)
+
+    @property
+    def forward(self) -> Floats:
+        """Positions of the tracks that start in the first key frame."""
+        return self.positions[: len(self) - self.num_backward]
+
+    @property
+    def backward(self) -> Floats:
+        """Positions of the tracks that were followed back from the last key frame."""
+        return self.positions[len(self) - self.num_backward :]
 
     @property
     def num_instants(self) -> int:

@@ -210,6 +210,8 @@ def test_thinning_keeps_what_lasts() -> None:
     positions[:, :, 0] = np.arange(4)[:, None]
     positions[0, 2] = np.nan
     assert thinned(PointTracks(positions), 2).positions[:, 0, 0].tolist() == [1, 2]
+    births = thinned(PointTracks(positions, 2), 2)
+    assert (births.positions[:, 0, 0].tolist(), births.num_backward) == ([1, 2], 1)
     assert thinned(PointTracks(positions), 9).positions[:, 0, 0].tolist() == [0, 1, 2, 3]
 
 

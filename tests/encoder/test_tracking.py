@@ -207,3 +207,75 @@ def test_same_tracks_for_any_number_of_threads() -> None:
         found.append(tracker.tracks(2).positions)
     cv2.setNumThreads(before)
     assert np.array_equal(*found, equal_nan=True)
+
+
+def followed(frames: list[Frame], settings: TrackingSettings, subpixel_bits: int = 0) -> PointTracker:
+    tracker = PointTracker(40, subpixel_bits, settings)
+    tracker.start(frames[0].luma)
+    for frame in frames[1:]:
+        tracker.step(frame.luma)
+    return tracker
+
+
+@pytest.mark.parametrize("motion_px", [(0.0, 6.0), (-4.0, 3.0)])
+def test_points_that_appear_are_followed_back(motion_px: tuple[float, float]) -> None:
+    """Points that enter the frame move as they did before, and are not known before they were there."""
+    frames = moving_texture(7, 120, 160, motion_px)
+    tracker = followed(frames, TrackingSettings())
+    tracks = tracker.close([frame.luma for frame in frames[1:]])
+    births = tracks.backward
+    assert tracks.num_backward == len(births) >= 4
+    known = np.isfinite(births[:, :, 0])
+    assert known[:, -3:].all()
+    assert not (known[:, :-1] & ~known[:, 1:]).any()
+    assert not known[:, 0].all()
+    motion = births[:, 1:] - births[:, :-1]
+    assert np.nanmax(np.abs(motion - motion_px[::-1])) == 0.0
+
+
+def test_births_are_where_no_track_is() -> None:
+    """Points followed back keep away from all tracks that reach the key frame, and from each other."""
+    frames = moving_texture(7, 120, 160, (0.0, 6.0))
+    settings = TrackingSettings(birth_distance_px=20.0, max_births=5)
+    tracks = followed(frames, settings).close([frame.luma for frame in frames[1:]])
+    assert 0 < tracks.num_backward <= 5
+    ends = tracks.forward[:, -1]
+    distances = np.hypot(*(tracks.backward[:, None, -1] - ends[np.isfinite(ends[:, 0])]).transpose(2, 0, 1))
+    assert distances.min() >= 20.0
+    none = followed(frames, TrackingSettings(max_births=0)).close([frame.luma for frame in frames[1:]])
+    assert none.num_backward == 0
+    assert np.array_equal(none.positions, tracks.forward, equal_nan=True)
+
+
+def test_nothing_appears_at_rest() -> None:
+    """Where all points are still there, none is followed back."""
+    frames = moving_texture(1, 120, 160) * 4
+    tracks = followed(frames, TrackingSettings()).close([frame.luma for frame in frames[1:]])
+    assert len(tracks) > 20
+    assert tracks.num_backward == 0
+
+
+def test_closing_starts_the_next_group() -> None:
+    """The corners of the closing key frame are found once, and are those of the next group."""
+    frames = moving_texture(9, 120, 160, (0.0, 6.0))
+    tracker = followed(frames[:7], TrackingSettings())
+    before = tracker.counts.num_blocks
+    tracker.close([frame.luma for frame in frames[1:7]])
+    assert tracker.counts.num_blocks > before
+    assert tracker.counts.num_corners == 80
+    fresh = followed(frames[6:], TrackingSettings())
+    for frame in frames[7:]:
+        tracker.step(frame.luma)
+    assert np.array_equal(tracker.tracks(3).positions, fresh.tracks(3).positions, equal_nan=True)
+
+
+@pytest.mark.parametrize("name", odd_frames())
+def test_odd_frames_close_a_group(name: str) -> None:
+    """Flat, tiny and noisy frames end groups without a warning."""
+    luma = np.ascontiguousarray(odd_frames()[name])
+    other = np.ascontiguousarray(luma[::-1])
+    for last in (luma, other, np.zeros_like(luma)):
+        tracker = followed([Frame(luma), Frame(other), Frame(last)], TrackingSettings())
+        tracks = tracker.close([other, last])
+        assert tracks.num_instants == 3
+        assert np.isfinite(tracks.backward[:, -2:]).all()

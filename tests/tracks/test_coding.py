@@ -40,30 +40,98 @@ def drawn_tracks(seed: int, config: CodecConfig, count: int, num_instants: int, 
     return PointTracks(positions)
 
 
+def with_births(
+    seed: int, config: CodecConfig, counts: tuple[int, int], num_instants: int, spread: float
+) -> PointTracks:
+    """Return tracks in both directions of time."""
+    forward, backward = (drawn_tracks(seed + k, config, counts[k], num_instants, spread) for k in range(2))
+    return PointTracks(np.concatenate([forward.positions, backward.positions[:, ::-1]]), counts[1])
+
+
 def in_order(tracks: PointTracks) -> NDArray[np.float64]:
     return tracks.positions[column_scan(tracks.positions[:, 0])]
 
 
+def rows_of(positions: NDArray[np.float64]) -> list[tuple[float, ...]]:
+    """Return the tracks in an order that does not depend on the one they had."""
+    return sorted(
+        map(tuple, np.nan_to_num(positions, nan=-1.0).reshape(len(positions), 2 * positions.shape[1]))
+    )
+
+
 @given(
     st.integers(0, 2**32 - 1),
-    st.integers(1, 60),
+    st.tuples(st.integers(0, 60), st.integers(0, 60)),
     st.integers(2, 12),
     st.sampled_from([0.0, 0.3, 3.0, 90.0]),
     st.sampled_from([(352, 288), (16, 16), (1, 1), (33, 7), (16384, 1024)]),
     st.integers(0, 3),
 )
-@settings(max_examples=60)
+@settings(max_examples=80)
 def test_tracks_come_back(
-    seed: int, count: int, num_instants: int, spread: float, size: tuple[int, int], bits: int
+    seed: int, counts: tuple[int, int], num_instants: int, spread: float, size: tuple[int, int], bits: int
 ) -> None:
-    """Positions and losses are the same after decoding, in column scan."""
+    """Positions, births and losses are the same after decoding, each direction in column scan of its key."""
     config = config_of(*size, subpixel_bits=bits)
-    tracks = drawn_tracks(seed, config, count, num_instants, spread)
+    tracks = with_births(seed, config, counts, num_instants, spread)
     decoded = decode_tracks(encode(tracks, config), num_instants, config)
-    assert np.array_equal(decoded.positions[:, 0], in_order(tracks)[:, 0])
-    order = np.lexsort(np.nan_to_num(tracks.positions, nan=-1).reshape(count, -1).T[::-1])
-    again = np.lexsort(np.nan_to_num(decoded.positions, nan=-1).reshape(count, -1).T[::-1])
-    assert np.array_equal(decoded.positions[again], tracks.positions[order], equal_nan=True)
+    assert decoded.num_backward == tracks.num_backward
+    assert rows_of(decoded.forward) == rows_of(tracks.forward)
+    assert rows_of(decoded.backward) == rows_of(tracks.backward)
+    for starts in (decoded.forward[:, 0], decoded.backward[:, -1]):
+        assert np.array_equal(starts, starts[column_scan(starts)])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_time_can_be_reversed(seed: int) -> None:
+    """Tracks that all were followed back in time decode as those of the reversed group do."""
+    config = config_of(64, 48, 20, 1)
+    tracks = drawn_tracks(seed, config, 20, 6, 0.5)
+    there = decode_tracks(encode(tracks, config), 6, config)
+    back = decode_tracks(encode(PointTracks(tracks.positions[:, ::-1], 20), config), 6, config)
+    assert np.array_equal(back.positions[:, ::-1], there.positions, equal_nan=True)
+
+
+def test_tracks_tell_the_motion_of_births() -> None:
+    """Points that appear are cheap where tracks share their motion, however irregular it is."""
+    config = config_of(num_points=64)
+    rng = np.random.default_rng(3)
+    start = np.stack(np.meshgrid(np.arange(40, 300, 32), np.arange(40, 220, 32)), -1).reshape(-1, 1, 2)
+    moved = np.concatenate([[[0, 0]], np.cumsum(rng.integers(-9, 10, (9, 2)), axis=0)])
+    forward, backward = (start + moved).astype(np.float64), (start + 16 + moved).astype(np.float64)
+    sizes = [
+        len(encode(PointTracks(positions, count), config))
+        for positions, count in (
+            (forward, 0),
+            (backward, len(backward)),
+            (np.concatenate([forward, backward]), len(backward)),
+        )
+    ]
+    assert sizes[2] < sizes[0] + 0.85 * sizes[1]
+
+
+@pytest.mark.parametrize(
+    ("positions", "num_backward", "message"),
+    [
+        ([[[0, 0], [1, 1]], [[0, 9], [1, 1]], [[8, 0], [1, 1]]], 3, "at most 2"),
+        ([[[0, 0], [352, 1]]], 1, "inside the frame"),
+        ([[[0, 0], [1, 1]], [[0, 0], [np.nan, 1]]], 1, "known in the last key frame"),
+        ([[[1, 1], [np.nan, 0], [0, 0]]], 1, "come back"),
+    ],
+)
+def test_births_that_make_no_sense_are_refused(
+    positions: list[object], num_backward: int, message: str
+) -> None:
+    """What holds for tracks holds for those that were followed back in time."""
+    with pytest.raises(ValueError, match=message):
+        encode(PointTracks(np.array(positions, np.float64), num_backward), config_of(num_points=2))
+
+
+@pytest.mark.parametrize("num_backward", [-1, 3])
+def test_no_more_births_than_tracks(num_backward: int) -> None:
+    """Births are some of the tracks."""
+    with pytest.raises(ValueError, match="num_backward"):
+        PointTracks(np.zeros((2, 3, 2)), num_backward)
 
 
 def test_no_tracks_cost_nothing() -> None:
@@ -78,11 +146,15 @@ def test_no_tracks_cost_nothing() -> None:
 
 @pytest.mark.parametrize("full", [True, False])
 def test_most_tracks_come_back(full: bool) -> None:
-    """The largest number of tracks over the longest group is coded as any other."""
+    """The largest number of tracks, in one direction of time or both, is coded as any other."""
     config = config_of(num_points=1024 if full else 1)
-    tracks = drawn_tracks(5, config, config.tracks.num_points, 8, 1.0)
+    most = config.tracks.num_points
+    tracks = drawn_tracks(5, config, most, 8, 1.0)
     decoded = decode_tracks(encode(tracks, config), 8, config)
     assert np.array_equal(decoded.positions, in_order(tracks), equal_nan=True)
+    both = with_births(5, config, (most, most), 3, 1.0)
+    decoded = decode_tracks(encode(both, config), 3, config)
+    assert rows_of(decoded.positions) == rows_of(both.positions)
 
 
 def test_smooth_tracks_are_cheap() -> None:
@@ -104,7 +176,7 @@ def test_smooth_tracks_are_cheap() -> None:
         ([[[0, 0], [352, 1]]], "inside the frame"),
         ([[[-1, 0], [1, 1]]], "inside the frame"),
         ([[[1e300, 0], [1, 1]]], "inside the frame"),
-        ([[[np.nan, 0], [1, 1]]], "first key frame"),
+        ([[[np.nan, 0], [1, 1]]], "known in the first key frame"),
         ([[[0, 0], [np.nan, 0], [1, 1]]], "come back"),
     ],
 )
@@ -172,7 +244,7 @@ def test_any_bytes_are_points_or_refused(data: bytes, num_frames: int, num_point
 def test_damaged_payloads_never_pass_for_the_original(place: int, change: int, cut: bool) -> None:
     """A changed or cut payload is refused, or makes tracks inside the frame that code to just these bytes."""
     config = config_of(64, 48, 20)
-    payload = encode(drawn_tracks(1, config, 20, 6, 0.5), config)
+    payload = encode(with_births(1, config, (20, 12), 6, 0.5), config)
     place %= len(payload)
     damaged = payload[:place] if cut else bytes(c ^ change * (i == place) for i, c in enumerate(payload))
     try:
@@ -189,12 +261,19 @@ def test_damaged_payloads_never_pass_for_the_original(place: int, change: int, c
 def test_trailing_bytes_are_refused(trailer: bytes) -> None:
     """A payload ends where its tracks or points do."""
     config = config_of(64, 48, 20)
-    payload = encode(drawn_tracks(1, config, 20, 6, 0.5), config)
-    with pytest.raises(BitstreamError):
-        decode_tracks(payload + trailer, 6, config)
+    for counts in ((20, 0), (20, 12), (0, 12)):
+        payload = encode(with_births(1, config, counts, 6, 0.5), config)
+        with pytest.raises(BitstreamError):
+            decode_tracks(payload + trailer, 6, config)
     payload = encode_points(FeaturePoints((np.array([[3.0, 4.0], [9.0, 1.0]]),)), config)
     with pytest.raises(BitstreamError):
         decode_points(payload + trailer, 1, config)
+
+
+def test_a_payload_without_tracks_is_refused() -> None:
+    """No tracks have one form, the empty one."""
+    with pytest.raises(BitstreamError, match="damaged"):
+        decode_tracks(b"\0", 3, config_of())
 
 
 def test_payload_is_frozen() -> None:
@@ -203,12 +282,14 @@ def test_payload_is_frozen() -> None:
         [[8, 4], [9, 5], [11, 5]],
         [[20, 12], [21, 13], [np.nan, np.nan]],
         [[4, 16], [5, 16], [6, 17]],
+        [[np.nan, np.nan], [26, 4], [28, 4]],
+        [[13, 19], [14, 20], [16, 20]],
     ]
-    payload = encode(PointTracks(np.array(positions, np.float64)), config_of(32, 24, 8))
+    payload = encode(PointTracks(np.array(positions, np.float64), 2), config_of(32, 24, 8))
     assert payload.hex() == FROZEN
 
 
-FROZEN = "480d8f5b4b2d008c"
+FROZEN = "5c731d9278ddd4a79d1f72035d890d96"
 
 
 @pytest.mark.parametrize("twin", [False, True])
@@ -271,7 +352,7 @@ def test_wild_tracks_come_back(seed: int) -> None:
     ends = np.array([0, 16383]), np.array([0, 1023])
     positions = np.stack([rng.choice(end, (40, 257)) for end in ends], axis=-1).astype(np.float64)
     positions[:20, 1::2] = positions[:20, :1]
-    tracks = PointTracks(positions)
+    tracks = PointTracks(positions, 10)
     decoded = decode_tracks(encode(tracks, config), 257, config)
-    rows = [sorted(map(tuple, found.reshape(40, -1))) for found in (decoded.positions, positions)]
-    assert rows[0] == rows[1]
+    assert rows_of(decoded.forward) == rows_of(tracks.forward)
+    assert rows_of(decoded.backward) == rows_of(tracks.backward)
