@@ -7,7 +7,8 @@ from dvc._jit import python_twin
 from dvc.video import Frame
 from encoder import _kernels
 from encoder.corners import TRACKED_CORNERS, CornerDetector, CornerSettings, find_corners
-from encoder.tracking import PointTracker, TrackingSettings, spiral
+from encoder.pursuit import TrackingSettings, spiral
+from encoder.tracking import PointTracker
 from tests.clips import moving_texture
 from tests.reference import block_tracking as reference
 
