@@ -38,6 +38,8 @@ class Line:
         Of the line, as matplotlib knows it.
     peaks : mapping of int to float
         PSNR of the key frames, which the line goes through too; not drawn if empty.
+    gop : int or None
+        Distance of the key frames, at which the line is cut; None: where frames are missing.
     """
 
     label: str
@@ -45,6 +47,7 @@ class Line:
     colour: int
     style: str = "-"
     peaks: Mapping[int, float] | None = None
+    gop: int | None = None
 
 
 def draw_tracks(luma: NDArray[np.uint8], tracks: PointTracks) -> Picture:
@@ -166,6 +169,7 @@ def plot_by_frame(path: Path, title: str, lines: Sequence[Line]) -> None:
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     figure = Figure(figsize=(8.0, 4.4), layout="constrained")
     FigureCanvasAgg(figure)
@@ -187,6 +191,7 @@ def plot_by_frame(path: Path, title: str, lines: Sequence[Line]) -> None:
         axes.plot(list(peaks), list(peaks.values()), "D", color=colour, markersize=4)
     axes.set_title(title, fontsize=10)
     axes.set_xlabel("frame")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("luma PSNR [dB]")
     axes.grid(color="#dddddd", linewidth=0.8)
     axes.set_axisbelow(True)
@@ -200,11 +205,9 @@ def _parts(line: Line) -> list[dict[int, float]]:
     """Cut a line at its key frames, unless it goes through them."""
     if line.peaks:
         return [dict(sorted({**line.points, **line.peaks}.items()))]
-    parts: list[dict[int, float]] = []
-    frames = sorted(line.points)
-    widest = min(np.diff(frames), default=1)
-    for k, frame in enumerate(frames):
-        if k == 0 or frame - frames[k - 1] > widest:
-            parts.append({})
-        parts[-1][frame] = line.points[frame]
-    return parts
+    parts: dict[int, dict[int, float]] = {}
+    for number, frame in enumerate(sorted(line.points)):
+        # Without gaps the difference of frame and number is the same.
+        part = frame - number if line.gop is None else frame // line.gop
+        parts.setdefault(part, {})[frame] = line.points[frame]
+    return list(parts.values())

@@ -93,7 +93,7 @@ def quality_by_frame(clip: str, frames: int, results: Path) -> list[Line]:
         Every way at a fixed distance of key frames, and TE with key frames that the tracks choose.
     """
     lines = [
-        Line(way.name, _psnrs_db(_run(clip, way, frames), results), colour, style)
+        Line(way.name, _psnrs_db(_run(clip, way, frames), results), colour, style, gop=fixed_gop(clip))
         for way, colour, style in PLOTTED
     ]
     chosen = _psnrs_db(Run(clip, TE_MESH, frames), results)
