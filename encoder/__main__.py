@@ -28,6 +28,7 @@ from dvc.errors import ConfigError
 if TYPE_CHECKING:
     from dvc.video import VideoInfo, VideoReader
     from encoder.groups import KeyFrameRule
+    from encoder.pursuit import TrackingSettings
     from encoder.session import EncoderSession, EncoderStatistics, Progress
 
 PROG = "dvc-encode"
@@ -152,6 +153,12 @@ def _add_tracks(tracks: argparse._ArgumentGroup) -> None:
         metavar="BITS",
         help="most bits of tracks per pixel of the Wyner-Ziv frames: the best are kept; default: 0.01",
     )
+    tracks.add_argument(
+        "--births",
+        type=cli.integer(0, MAX_POINTS),
+        metavar="N",
+        help="most points that are followed back from the closing key frame of a GOP; default: 32",
+    )
 
 
 def _add_source(source: argparse._ArgumentGroup) -> None:
@@ -223,7 +230,9 @@ def _encode(arguments: argparse.Namespace) -> int:
     ) as reader:
         for notice in reader.info.notices:
             sys.stderr.write(f"{PROG}: {cli.one_line(notice)}\n")
-        session = EncoderSession(_configure(arguments, reader.info), _rule(arguments), _tracks_bpp(arguments))
+        session = EncoderSession(
+            _configure(arguments, reader.info), _rule(arguments), _tracks_bpp(arguments), _births(arguments)
+        )
         total = arguments.frames if reader.info.num_frames is None else reader.info.num_frames
         with cli.progress_bar("encoding", total, arguments.quiet) as progress:
             if arguments.serve is None:
@@ -318,6 +327,16 @@ def _tracks_bpp(arguments: argparse.Namespace) -> float:
     if not given > 0:
         raise ConfigError(f"--tracks-bpp must be above 0, got {given}")
     return given
+
+
+def _births(arguments: argparse.Namespace) -> "TrackingSettings":
+    from encoder.pursuit import TrackingSettings
+
+    if arguments.births is None:
+        return TrackingSettings()
+    if arguments.codec != "3d-te":
+        raise ConfigError("--births is for 3d-te")
+    return TrackingSettings(max_births=arguments.births)
 
 
 def _report(statistics: "EncoderStatistics", config: CodecConfig) -> dict[str, object]:

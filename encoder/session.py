@@ -15,6 +15,7 @@ from dvc.video import Frame
 from dvc.wynerziv.frame import EncodedFrame
 from encoder.corners import CornerDetector
 from encoder.groups import Group, KeyFrameRule, cornered_groups, groups, tracked_groups
+from encoder.pursuit import TrackingSettings
 from encoder.tracking import PointTracker, thinned
 from encoder.wyner_ziv import WynerZivEncoder
 
@@ -100,10 +101,16 @@ class EncoderSession:
         When tracks ask for a key frame.
     max_tracks_bpp : float, optional
         Bits of tracks that a Wyner-Ziv frame may cost, per pixel; a group with more of them keeps the best.
+    tracking : TrackingSettings, optional
+        How points are followed.
     """
 
     def __init__(
-        self, config: CodecConfig, rule: KeyFrameRule | None = None, max_tracks_bpp: float = MAX_TRACKS_BPP
+        self,
+        config: CodecConfig,
+        rule: KeyFrameRule | None = None,
+        max_tracks_bpp: float = MAX_TRACKS_BPP,
+        tracking: TrackingSettings | None = None,
     ) -> None:
         video, key = config.video, config.key
         self._key_encoder = KeyFrameEncoder(
@@ -113,7 +120,7 @@ class EncoderSession:
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)
         self._rule = rule or KeyFrameRule()
         self._max_tracks_bpp = max_tracks_bpp
-        self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits)
+        self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits, tracking)
         self._detector = CornerDetector(config.tracks.num_points)
         self._coding_cpu_s = 0.0
         self.statistics = EncoderStatistics()

@@ -107,8 +107,8 @@ class PointTracker:
         Returns
         -------
         PointTracks
-            Those that were found at least once beside their key frame: first the points of the first key
-            frame, then those of the last that none of them is near, followed back in time.
+            Points of the first key frame that were found after it; then those of the last that no track is
+            near, followed back in time, that were found in enough frames.
         """
         before = self._pursuit
         forward = self.tracks(len(frames) + 1)
@@ -156,24 +156,30 @@ class PointTracker:
 
     def _births(self, forward: PointTracks, frames: Sequence[Plane]) -> Floats:
         """Follow points of the last frame back in time, where no track comes near."""
+        settings = self._settings
+        if len(frames) - 2 < settings.min_birth_frames:
+            return np.empty((0, len(frames), 2))
+        pursuit = self._uncovered(forward.positions[:, -2:])
+        for luma in reversed(frames[:-1]):
+            if not pursuit.alive.any():
+                break
+            self._count(pursuit.step(luma, 0))
+        positions = np.full((len(pursuit.alive), len(frames), 2), np.nan)
+        positions[:, len(frames) - len(pursuit.path) :] = np.stack(pursuit.path[::-1], axis=1)
+        num_found = np.isfinite(positions[:, 1:-1, 0]).sum(axis=1)
+        lasting: Floats = positions[num_found >= settings.min_birth_frames]
+        return lasting
+
+    def _uncovered(self, ends: Floats) -> Pursuit:
+        """Choose points far from the tracks, whose last two positions are given; they move as the nearest."""
         settings, points = self._settings, self._pursuit.points
-        ends = forward.positions[:, -2:]
         known = ends[np.isfinite(ends).all(axis=(1, 2))]
         distance, nearest = _nearest(points.positions, known[:, 1])
         chosen = np.flatnonzero(distance >= settings.birth_distance_px)[: settings.max_births]
         velocity = np.zeros((len(chosen), 2), np.int64)
         if len(known):
             velocity = np.rint(known[:, 0] - known[:, 1]).astype(np.int64)[nearest[chosen]]
-        pursuit = Pursuit(points[chosen], velocity, self._subpixel_bits, settings)
-        for luma in reversed(frames[:-1]):
-            if not pursuit.alive.any():
-                break
-            self._count(pursuit.step(luma, 0))
-        positions = np.full((len(chosen), len(frames), 2), np.nan)
-        positions[:, len(frames) - len(pursuit.path) :] = np.stack(pursuit.path[::-1], axis=1)
-        num_known = np.isfinite(positions[:, :, 0]).sum(axis=1)
-        lasting: Floats = positions[num_known > settings.min_birth_frames]
-        return lasting
+        return Pursuit(points[chosen], velocity, self._subpixel_bits, settings)
 
     def _count(self, operations: Integers) -> None:
         self.counts.num_blocks += int(operations[0])

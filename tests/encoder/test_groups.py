@@ -177,6 +177,24 @@ def test_stream_carries_tracks_or_points(codec: str) -> None:
     assert counted.num_tracked_frames == (11 if codec == "3d-te" else 0)
 
 
+def test_stream_carries_births(tmp_path: Path) -> None:
+    """Points that enter the frame reach the decoder, unless the command wants none."""
+    clip = write_clip(tmp_path / "clip.mkv", moving_texture(11, 96, 128, (0.0, 5.0)))
+    numbers = []
+    for count in ("0", "3", "40"):
+        out = tmp_path / f"{count}.dvc"
+        arguments = ["--codec", "3d-te", "--gop", "5", "--quiet", "--births", count]
+        arguments += ["--longest-track", "99", "--tracks-bpp", "1"]
+        assert main([str(clip), str(out), *arguments]) == 0
+        with out.open("rb") as file:
+            reader = StreamReader(file)
+            groups = [decode_tracks(record.tracks, record.num_frames + 1, reader.config) for record in reader]
+            numbers.append([tracks.num_backward for tracks in groups if len(tracks)])
+    assert numbers[0] == [0, 0]
+    assert max(numbers[1]) <= 3
+    assert sum(numbers[0]) < sum(numbers[1]) < sum(numbers[2])
+
+
 @pytest.mark.parametrize("codec", ["3d-te", "3d-td"])
 @pytest.mark.parametrize(
     ("width", "height", "num_frames"), [(16, 16, 3), (33, 27, 2), (33, 27, 1), (8, 8, 5)]
@@ -241,6 +259,8 @@ def test_command_chooses_key_frames(tmp_path: Path) -> None:
         ["--codec", "3d-te", "--points", "0"],
         ["--codec", "3d-td", "--tracks-bpp", "0.1"],
         ["--codec", "3d-te", "--tracks-bpp", "0"],
+        ["--codec", "3d-td", "--births", "8"],
+        ["--codec", "3d-te", "--births", "-1"],
         ["--codec", "3d-te", "--longest-track", "-1"],
         ["--codec", "3d-te", "--longest-track", "nan"],
     ],

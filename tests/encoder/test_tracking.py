@@ -248,6 +248,15 @@ def test_births_are_where_no_track_is() -> None:
     assert np.array_equal(none.positions, tracks.forward, equal_nan=True)
 
 
+def test_births_need_frames_between_the_key_frames() -> None:
+    """Where a single frame lies between the key frames, none is followed back."""
+    frames = moving_texture(3, 120, 160, (0.0, 9.0))
+    for num_frames, expected in ((2, False), (1, True)):
+        settings = TrackingSettings(min_birth_frames=num_frames)
+        tracks = followed(frames, settings).close([frame.luma for frame in frames[1:]])
+        assert (tracks.num_backward > 0) == expected
+
+
 def test_nothing_appears_at_rest() -> None:
     """Where all points are still there, none is followed back."""
     frames = moving_texture(1, 120, 160) * 4
