@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from encoder.session import EncoderSession, EncoderStatistics, Progress
 
 PROG = "dvc-encode"
-_GOP_OF_CODEC = {"3d-te": 8, "3d-td": 10}
+_REFERENCES_OF_CODEC = {"3d-te": "hierarchical", "3d-td": "hierarchical"}
 EXAMPLES = """\
   dvc-encode street.mkv street.dvc --wz-q 4           every second frame Wyner-Ziv coded, quantiser preset 4
   dvc-encode video.mp4 out.dvc --gop 4 --references hierarchical --luma-only --frames 101
@@ -71,15 +71,14 @@ def _add_coding(coding: argparse._ArgumentGroup) -> None:
         "--gop",
         type=cli.integer(1, 256),
         metavar="N",
-        help="frames from one key frame to the next, with 3d-te the most of them; default: 2, 8 with 3d-te,"
-        " 10 with 3d-td",
+        help="frames from one key frame to the next, with 3d-te the most of them; default: 2; 10 with 3d-td;"
+        " 16 with 3d-te, 8 if only key frames are references",
     )
     coding.add_argument(
         "--references",
         choices=REFERENCES,
-        default="keys",
         help="what frames are predicted from: the key frames; the middle one too, decoded first, and so on;"
-        " or all frames of the GOP that are decoded; default: %(default)s",
+        " or all frames of the GOP that are decoded; default: keys; hierarchical with 3d-te and 3d-td",
     )
     coding.add_argument(
         "--wz-q",
@@ -133,13 +132,15 @@ def _add_tracks(tracks: argparse._ArgumentGroup) -> None:
         "--longest-track",
         type=float,
         metavar="PX",
-        help="set a key frame when a point has moved so far; default: 40",
+        help="set a key frame when a point has moved so far; default: 64, 40 if only key frames are"
+        " references",
     )
     tracks.add_argument(
         "--lost-tracks",
         type=float,
         metavar="SHARE",
-        help="set a key frame when this share of the points is lost; default: 0.5",
+        help="set a key frame when this share of the points is lost; default: 0.6, 0.5 if only key frames are"
+        " references",
     )
     tracks.add_argument(
         "--min-gop",
@@ -281,7 +282,7 @@ def _configure(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
     return CodecConfig(
         codec=arguments.codec,
         video=VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
-        gop=GopConfig(arguments.gop or _GOP_OF_CODEC.get(arguments.codec, 2), arguments.references),
+        gop=_gop(arguments),
         key=key,
         wyner_ziv=replace(WynerZivConfig.preset(arguments.wz_q), noise_model=arguments.noise_model),
         turbo=TurboConfig(family=arguments.turbo, interleaver_seed=arguments.seed),
@@ -289,6 +290,17 @@ def _configure(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
         tracks=_tracks(arguments),
         seed=arguments.seed,
     )
+
+
+def _references(arguments: argparse.Namespace) -> str:
+    chosen: str = arguments.references or _REFERENCES_OF_CODEC.get(arguments.codec, "keys")
+    return chosen
+
+
+def _gop(arguments: argparse.Namespace) -> GopConfig:
+    references = _references(arguments)
+    lengths = {"3d-te": 8 if references == "keys" else 16, "3d-td": 10}
+    return GopConfig(arguments.gop or lengths.get(arguments.codec, 2), references)
 
 
 def _tracks(arguments: argparse.Namespace) -> TracksConfig:
@@ -303,6 +315,8 @@ def _tracks(arguments: argparse.Namespace) -> TracksConfig:
 
 
 def _rule(arguments: argparse.Namespace) -> "KeyFrameRule":
+    from dataclasses import replace
+
     from encoder.groups import KeyFrameRule
 
     given = {
@@ -313,7 +327,7 @@ def _rule(arguments: argparse.Namespace) -> "KeyFrameRule":
     given = {name: value for name, value in given.items() if value is not None}
     if given and arguments.codec != "3d-te":
         raise ConfigError("--longest-track, --lost-tracks and --min-gop are for 3d-te")
-    return KeyFrameRule(**given)
+    return replace(KeyFrameRule.for_references(_references(arguments)), **given)
 
 
 def _tracks_bpp(arguments: argparse.Namespace) -> float:

@@ -41,6 +41,22 @@ class KeyFrameRule:
     min_length: int = 2  # frames from one key frame to the next, unless the scene changes
     cut_share: float = 0.9  # so many points that are lost from one frame to the next are another scene
 
+    @classmethod
+    def for_references(cls, references: str) -> "KeyFrameRule":
+        """Return the rule that suits what frames are predicted from.
+
+        Parameters
+        ----------
+        references : str
+            One of `dvc.config.REFERENCES`.
+
+        Returns
+        -------
+        KeyFrameRule
+            The defaults for key frames alone; longer groups where decoded frames are references, too.
+        """
+        return cls() if references == "keys" else cls(longest_track_px=64.0, lost_share=0.6)
+
     def __post_init__(self) -> None:
         """Refuse values that make no sense."""
         if not self.longest_track_px > 0:
