@@ -158,7 +158,7 @@ def _add_tracks(tracks: argparse._ArgumentGroup) -> None:
         "--births",
         type=cli.integer(0, MAX_POINTS),
         metavar="N",
-        help="most points that are followed back from the closing key frame of a GOP; default: 32",
+        help="most points that are followed back from the closing key frame of a GOP; default: 48",
     )
 
 

@@ -38,7 +38,7 @@ class TrackingSettings:
     large_noise: float = 16.0  # grey levels a sample that are never small
     # Points of the key frame that closes a group are followed back in time where they are so far from all
     # tracks, up to a number; those that are found in fewer frames between the key frames are left out.
-    max_births: int = 32
+    max_births: int = 48
     birth_distance_px: float = 14.0
     min_birth_frames: int = 2
 

@@ -200,16 +200,24 @@ def thinned(tracks: PointTracks, count: int) -> PointTracks:
     Parameters
     ----------
     tracks : PointTracks
-        Points of strong corners first, as `PointTracker.tracks` returns them.
+        Points of strong corners first, as `PointTracker.close` returns them.
     count : int
         Number of tracks to keep.
 
     Returns
     -------
     PointTracks
-        At most `count`, in the order they had.
+        At most `count`, in the order they had; the same share of both directions of time, because those
+        that were followed back do not last as long.
     """
-    lifetime = np.isfinite(tracks.positions[:, :, 0]).sum(axis=1)
-    kept = np.sort(np.argsort(-lifetime, kind="stable")[:count])
-    num_backward = int((kept >= len(tracks) - tracks.num_backward).sum())
-    return PointTracks(tracks.positions[kept], num_backward)
+    count = min(count, len(tracks))
+    num_backward = count * tracks.num_backward // max(len(tracks), 1)
+    forward = _longest(tracks.forward, count - num_backward)
+    backward = _longest(tracks.backward, num_backward)
+    return PointTracks(np.concatenate([forward, backward]), num_backward)
+
+
+def _longest(positions: Floats, count: int) -> Floats:
+    lifetime = np.isfinite(positions[:, :, 0]).sum(axis=1)
+    kept: Floats = positions[np.sort(np.argsort(-lifetime, kind="stable")[:count])]
+    return kept

@@ -223,14 +223,15 @@ def test_tracks_keep_to_their_budget() -> None:
 
 
 def test_thinning_keeps_what_lasts() -> None:
-    """Of tracks that last as long the first are kept."""
+    """Of tracks that last as long the first are kept, and as many of each direction as their share is."""
     positions = np.zeros((4, 3, 2))
     positions[:, :, 0] = np.arange(4)[:, None]
     positions[0, 2] = np.nan
     assert thinned(PointTracks(positions), 2).positions[:, 0, 0].tolist() == [1, 2]
-    births = thinned(PointTracks(positions, 2), 2)
-    assert (births.positions[:, 0, 0].tolist(), births.num_backward) == ([1, 2], 1)
     assert thinned(PointTracks(positions), 9).positions[:, 0, 0].tolist() == [0, 1, 2, 3]
+    positions[2:, 0] = np.nan
+    births = thinned(PointTracks(positions, 2), 2)
+    assert (births.positions[:, -1, 0].tolist(), births.num_backward) == ([1, 2], 1)
 
 
 def test_command_chooses_key_frames(tmp_path: Path) -> None:
