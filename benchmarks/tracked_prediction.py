@@ -28,7 +28,9 @@ from encoder.groups import KeyFrameRule
 from encoder.session import EncoderSession
 
 GOP = {"3d-te": 8, "3d-td": 10}
-"""Largest distance of key frames, as the encoder chooses it for these codecs."""
+"""Largest distance of key frames, as the encoder chooses it where only they are references."""
+HIERARCHICAL_GOP = 16
+"""The same for 3d-te where decoded frames are references, too."""
 FIXED_GOP = 10
 """Distance of key frames in the thesis."""
 FAST_CLIPS = {"stone": 2}

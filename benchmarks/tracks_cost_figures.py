@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks.codec_figures import FINEST, encode
 from benchmarks.harness import SCENES, Figure, Measured, Setting, clip_source, run_module
-from benchmarks.tracked_prediction import GOP, TD_MESH, TE_MESH, Run, Way, received_groups
+from benchmarks.tracked_prediction import GOP, HIERARCHICAL_GOP, TD_MESH, TE_MESH, Run, Way, received_groups
 from benchmarks.tracks_figures import AREA, QUICK_FRAMES, REAL_CLIPS
 from dvc.config import (
     CodecConfig,
@@ -22,6 +22,7 @@ from dvc.config import (
 )
 from dvc.keyframes import KeyFrameEncoder
 from dvc.video import Frame, open_video
+from encoder.groups import KeyFrameRule
 from encoder.session import EncoderSession
 
 SEARCH_REACHES_PX = (16, 7)
@@ -65,32 +66,32 @@ def overhead(setting: Setting, clip: str | None, way: Way, most_bpp: float) -> M
     return Measured(f"{bpp:.4f} b/px ({points:.0f} points a frame)", bpp < most_bpp, values)
 
 
-def encoder_session(frames: list[Frame], codec: str) -> EncoderSession:
-    """Prepare an encoder at the finest quantiser with the settings that a codec has by itself.
+def encoder_session(frames: list[Frame]) -> EncoderSession:
+    """Prepare an encoder of 3d-te at the finest quantiser with the settings that it has by itself.
 
     Parameters
     ----------
     frames : list of Frame
         Grey frames; only their size counts.
-    codec : str
-        Codec with tracked points.
 
     Returns
     -------
     EncoderSession
         The encoder.
     """
+    codec, references = "3d-te", "hierarchical"
     video = VideoConfig(frames[0].width, frames[0].height, 25, 1, luma_only=True)
     return EncoderSession(
         CodecConfig(
             codec,
             video,
-            gop=GopConfig(GOP[codec]),
+            gop=GopConfig(HIERARCHICAL_GOP, references),
             key=KeyFrameConfig(key_qp_for(FINEST)),
             wyner_ziv=WynerZivConfig.preset(FINEST),
             side_information=side_information_for(codec),
             tracks=tracks_for(codec),
-        )
+        ),
+        KeyFrameRule.for_references(references),
     )
 
 
@@ -136,7 +137,7 @@ def operations(setting: Setting, clip: str | None) -> Measured:
     """
     assert clip is not None
     frames = _grey_frames(clip, setting.choose(setting.frames, QUICK_FRAMES))
-    session = encoder_session(frames, "3d-te")
+    session = encoder_session(frames)
     for group in session.groups(frames):
         session.encode(group)
     found = session.statistics
@@ -169,8 +170,8 @@ def encoder_cpu(setting: Setting, clip: str | None) -> Measured:
     assert clip is not None
     frames = _grey_frames(clip, setting.choose(41, QUICK_FRAMES))
     intra = KeyFrameEncoder(frames[0].width, frames[0].height, key_qp_for(FINEST), luma_only=True)
-    _encoding_times_s(encoder_session(frames, "3d-te"), intra, frames[:5])
-    session = encoder_session(frames, "3d-te")
+    _encoding_times_s(encoder_session(frames), intra, frames[:5])
+    session = encoder_session(frames)
     ours_s, intra_s = _encoding_times_s(session, intra, frames)
     ours_ms, intra_ms = 1000 * ours_s / len(frames), 1000 * intra_s / len(frames)
     tracking_ms = 1000 * session.statistics.tracking_cpu_s / len(frames)

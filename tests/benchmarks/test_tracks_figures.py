@@ -20,7 +20,8 @@ from benchmarks.tracked_prediction import FLAT, TD_MESH, TE_MESH, Run
 from benchmarks.tracks_drawing import Line
 from dvc.rd.sources import Source, find_source
 from dvc.tracks import FeaturePoints, PointTracks
-from encoder.__main__ import _GOP_OF_CODEC
+from dvc.video import open_video
+from encoder.__main__ import _configure, _parser
 from sequences.__main__ import main as render
 
 FRAMES = 5
@@ -34,9 +35,19 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_distances_are_those_of_the_encoder() -> None:
+@pytest.mark.parametrize(
+    ("options", "length"),
+    [
+        (["3d-te", "--references", "keys"], tracked_prediction.GOP["3d-te"]),
+        (["3d-td", "--references", "keys"], tracked_prediction.GOP["3d-td"]),
+        (["3d-te"], tracked_prediction.HIERARCHICAL_GOP),
+    ],
+)
+def test_distances_are_those_of_the_encoder(clip: Path, options: list[str], length: int) -> None:
     """Key frames are as far apart as the encoder puts them by itself."""
-    assert tracked_prediction.GOP == _GOP_OF_CODEC
+    arguments = _parser().parse_args([str(clip), "s.dvc", "--codec", *options])
+    with open_video(clip) as reader:
+        assert _configure(arguments, reader.info).gop.length == length
 
 
 @pytest.mark.parametrize(("way", "kind"), [(TE_MESH, PointTracks), (TD_MESH, FeaturePoints)])
@@ -104,7 +115,7 @@ def test_sweeps_are_tracked_coding() -> None:
     sweep = rates.te_sweep(Setting(frames=13), "box", rates.HIERARCHICAL, (8,))
     [point] = sweep.points()
     options = point.encoder_options()
-    assert options[:4] == ["--codec", "3d-te", "--gop", "8"]
+    assert options[:4] == ["--codec", "3d-te", "--gop", str(tracked_prediction.HIERARCHICAL_GOP)]
     assert options[-2:] == ["--references", "hierarchical"]
     assert "--frames" in options
 
