@@ -103,6 +103,11 @@ class BlockInterpolator:
         )
         self._features = [luma_features(key, settings.sweep.gradient_weight) for key in self._keys]
 
+    @property
+    def surfaces(self) -> tuple[KeySurface, KeySurface] | None:
+        """What both key frames show; None if the blocks start from correspondences."""
+        return self._surfaces
+
     def interpolate(self, camera: Floats, late: float) -> Interpolation:
         """Predict one frame.
 

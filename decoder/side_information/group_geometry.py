@@ -38,6 +38,9 @@ class GroupGeometry:
         Why the model is missing.
     camera_reasons : tuple of str
         Why cameras are missing.
+    hopeful : bool
+        Whether there may be a scene between frames of the group where there is none between its ends: not
+        where the camera only turned, or stood still.
     """
 
     first_index: int
@@ -46,6 +49,7 @@ class GroupGeometry:
     cameras: tuple[Floats | None, ...]
     reason: str
     camera_reasons: tuple[str, ...]
+    hopeful: bool
 
     def positions(self, index: int) -> Floats:
         """Return where the points are in one frame.
@@ -77,6 +81,21 @@ class GroupGeometry:
             In the basis of the model.
         """
         return self.cameras[index - self.first_index]
+
+    def part(self, first: int, last: int) -> PointTracks:
+        """Return the tracks between two frames.
+
+        Parameters
+        ----------
+        first, last : int
+            Display positions.
+
+        Returns
+        -------
+        PointTracks
+            Of all points, whether they are seen there or not.
+        """
+        return PointTracks(self.tracks.positions[:, first - self.first_index : last + 1 - self.first_index])
 
     def missing(self, *indices: int) -> str:
         """Say why the scene cannot be used with some frames; nothing if it can.
@@ -173,7 +192,8 @@ def estimate_geometry(
     number, positions = tracks.num_instants, tracks.positions
     if reconstruction.model is None or not reconstruction.success:
         none: tuple[Floats | None, ...] = (None,) * number
-        return GroupGeometry(first_index, tracks, None, none, reconstruction.reason, ("",) * number)
+        hopeful = reconstruction.motion not in ("rotation", "none")
+        return GroupGeometry(first_index, tracks, None, none, reconstruction.reason, ("",) * number, hopeful)
     model = reconstruction.model
     ends = positions[:, 0], positions[:, -1]
     instants = [tracked_points(model, *ends, positions[:, k], k / (number - 1)) for k in range(1, number - 1)]
@@ -187,4 +207,5 @@ def estimate_geometry(
         (model.first_camera, *cameras, model.second_camera),
         "",
         ("", *reasons, ""),
+        True,
     )

@@ -22,7 +22,7 @@ from decoder.side_information.block_motion import BlockMotionInterpolation, refe
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.refinement import BLOCK, BlockRefiner
 from decoder.side_information.rendering import Interpolation, block_offsets, warp_chroma
-from decoder.side_information.surfaces import Known
+from decoder.side_information.surfaces import KeySurface, Known
 from dvc.config import CodecConfig
 from dvc.video import Frame
 from sfm.model import Model
@@ -40,6 +40,10 @@ CONSISTENCY_WINDOW = 9
 
 class FrameInterpolator(Protocol):
     """Predicts frames between two key frames from a model of the scene."""
+
+    @property
+    def surfaces(self) -> tuple[KeySurface, KeySurface] | None:
+        """What both key frames show; None if the method does not ask."""
 
     def interpolate(self, camera: Floats, late: float) -> Interpolation:
         """Predict the view of a camera at an instant."""

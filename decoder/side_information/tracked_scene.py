@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from decoder.side_information.alignment import AlignedBlockMotion
 from decoder.side_information.block_motion import references_around
 from decoder.side_information.group_geometry import GroupGeometry, estimate_geometry
+from decoder.side_information.plane_sweep import DepthMap
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.refinement import BLOCK, BlockRefiner
-from decoder.side_information.rendering import Interpolation, block_offsets, warp_chroma
+from decoder.side_information.rendering import Interpolation, block_offsets, render_view, warp_chroma
 from decoder.side_information.scene import (
     INTERPOLATORS,
     FrameInterpolator,
@@ -30,6 +31,7 @@ from decoder.side_information.scene import (
     inconsistency,
     neighbourhood,
 )
+from decoder.side_information.surfaces import RELIABLE
 from dvc.config import CodecConfig
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
@@ -50,6 +52,13 @@ class _Pair(NamedTuple):
     interpolator: FrameInterpolator
 
 
+class _Group(NamedTuple):
+    """Geometry between two frames."""
+
+    ends: tuple[ReferenceFrame, ReferenceFrame]
+    geometry: GroupGeometry
+
+
 class TrackedSceneInterpolation:
     """Prediction from a model of the scene whose cameras follow from tracked points.
 
@@ -67,8 +76,10 @@ class TrackedSceneInterpolation:
         self._backend, self._seed = config.geometry.backend, config.seed
         self._aligned = AlignedBlockMotion(config.side_information)
         self._untracked = SceneInterpolation(name, config)
-        self._group: tuple[ReferenceFrame, ReferenceFrame, GroupGeometry] | None = None
+        self._remembers = config.gop.references == "all"
+        self._groups: dict[tuple[int, int], _Group] = {}
         self._pair: _Pair | None = None
+        self._seen: dict[int, DepthMap] = {}
 
     def predict(
         self, references: Sequence[ReferenceFrame], points: object, instants: Sequence[int]
@@ -91,7 +102,7 @@ class TrackedSceneInterpolation:
         """
         if not isinstance(points, PointTracks | FeaturePoints):
             return self._untracked.predict(references, None, instants)
-        geometry = self._geometry(references[0], references[-1], points)
+        geometry = self._geometry((references[0], references[-1]), points)
         if len(geometry.tracks) == 0:
             return self._untracked.predict(references, None, instants)
         return [
@@ -100,17 +111,34 @@ class TrackedSceneInterpolation:
         ]
 
     def _geometry(
-        self, first: ReferenceFrame, last: ReferenceFrame, points: PointTracks | FeaturePoints
+        self, ends: tuple[ReferenceFrame, ReferenceFrame], points: PointTracks | FeaturePoints
+    ) -> GroupGeometry:
+        """Return the geometry of a group of pictures; the last one is kept, with its parts."""
+        known = self._groups.get((ends[0].index, ends[1].index))
+        if known is not None and known.ends[0] is ends[0] and known.ends[1] is ends[1]:
+            return known.geometry
+        self._groups.clear()
+        self._pair = None
+        self._seen.clear()
+        return self._estimated(ends, points)
+
+    def _estimated(
+        self, ends: tuple[ReferenceFrame, ReferenceFrame], points: PointTracks | FeaturePoints
     ) -> GroupGeometry:
         from sfm.pipeline import reconstruct
 
-        if self._group is not None and self._group[0] is first and self._group[1] is last:
-            return self._group[2]
-        keys = first.frame.luma, last.frame.luma
+        keys = ends[0].frame.luma, ends[1].frame.luma
         reconstruction = reconstruct(*keys, backend=self._backend, seed=self._seed)
-        geometry = estimate_geometry(reconstruction, keys, points, first.index)
-        self._group, self._pair = (first, last, geometry), None
+        geometry = estimate_geometry(reconstruction, keys, points, ends[0].index)
+        self._groups[ends[0].index, ends[1].index] = _Group(ends, geometry)
         return geometry
+
+    def _part(self, geometry: GroupGeometry, around: tuple[ReferenceFrame, ReferenceFrame]) -> GroupGeometry:
+        """Return the geometry of a part of a group that has none as a whole."""
+        place = around[0].index, around[1].index
+        if place in self._groups:
+            return self._groups[place].geometry
+        return self._estimated(around, geometry.part(*place))
 
     def _predict_one(
         self, geometry: GroupGeometry, around: tuple[ReferenceFrame, ReferenceFrame], instant: int
@@ -121,12 +149,27 @@ class TrackedSceneInterpolation:
             around, instant, (where(before.index), where(instant), where(after.index))
         )
         reason = geometry.missing(before.index, instant, after.index)
+        if reason and geometry.hopeful:
+            geometry = self._part(geometry, around)
+            reason = geometry.missing(before.index, instant, after.index)
         camera, pair = geometry.camera(instant), None if reason else self._between(geometry, around)
         if pair is None or camera is None:
             return replace(flat, success=False, reason=reason or "a camera lies at infinity")
         late = (instant - before.index) / (after.index - before.index)
-        rendered = pair.interpolator.interpolate(pair.rebased.camera(camera), late)
+        camera = pair.rebased.camera(camera)
+        rendered = pair.interpolator.interpolate(camera, late)
+        if self._remembers:
+            self._remember(pair, camera, instant)
         return self._joined(flat, rendered, (before.frame, after.frame))
+
+    def _remember(self, pair: _Pair, camera: Floats, instant: int) -> None:
+        """Keep the depth of three frames for those that are decoded later."""
+        surfaces = pair.interpolator.surfaces
+        if surfaces is None:
+            return
+        for reference, surface in zip((pair.before, pair.after), surfaces, strict=True):
+            self._seen[reference.index] = DepthMap(surface.inverse_depth, surface.state == RELIABLE)
+        self._seen[instant] = render_view(surfaces, camera, pair.rebased.model.pixel_frame)
 
     def _between(
         self, geometry: GroupGeometry, around: tuple[ReferenceFrame, ReferenceFrame]
@@ -138,8 +181,11 @@ class TrackedSceneInterpolation:
         rebased = geometry.between(before.index, after.index)
         if rebased is None:
             return None
-        depths = geometry.known_depth(before.index), geometry.known_depth(after.index)
-        interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma, depths)
+        depths = tuple(
+            geometry.known_depth(index)._replace(surface=self._seen.get(index))
+            for index in (before.index, after.index)
+        )
+        interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma, (depths[0], depths[1]))
         self._pair = _Pair(before, after, rebased, interpolator)
         return self._pair
 
