@@ -147,9 +147,9 @@ def difference(reference: Curve, other: Curve, highest_db: float | None = None) 
 PRESETS = tuple(range(1, FINEST + 1))
 
 
-def _against_flat(setting: Setting, clip: str) -> BdResult:
+def _against_flat(setting: Setting, clip: str, references: str) -> BdResult:
     flat = next(curve for curve in rd_figures.experiment(setting, clip).curves if not curve.is_anchor)
-    return difference(flat, te_curve(setting, clip, "keys", PRESETS), HIGHEST_DB)
+    return difference(flat, te_curve(setting, clip, references, PRESETS), HIGHEST_DB)
 
 
 def _against_intra(setting: Setting, clip: str, references: str) -> BdResult:
@@ -164,7 +164,8 @@ def _against_keys(setting: Setting, clip: str) -> BdResult:
 
 
 _DIFFERENCES: dict[str, Callable[[Setting, str], BdResult]] = {
-    "2d": _against_flat,
+    "2d": partial(_against_flat, references="keys"),
+    "hierarchical-2d": partial(_against_flat, references=HIERARCHICAL),
     "intra": partial(_against_intra, references="keys"),
     "hierarchical-intra": partial(_against_intra, references=HIERARCHICAL),
     "keys": _against_keys,
@@ -285,6 +286,7 @@ def hierarchical_gain_mean(setting: Setting, clip: str | None) -> Measured:
 _SLOW_CLIPS = tuple(clip for clip in STATIC_CLIPS if clip not in FAST_CLIPS)
 _ALL = (*REAL_CLIPS, *SCENES)
 _FLAT = "TE against 2D (GOP 2), key-only, Q1 to Q8, up to 36 dB: BD-rate"
+_LEVELS_FLAT = "TE against 2D (GOP 2), hierarchical, Q1 to Q8, up to 36 dB: BD-rate"
 _INTRA = "TE against H.264 intra, key-only, Q1 to Q8: BD-rate"
 _LEVELS_INTRA = "TE against H.264 intra, hierarchical, Q1 to Q8: BD-rate"
 _LEVELS = "TE, hierarchical against key-only references, Q1 to Q8: BD-rate"
@@ -329,6 +331,14 @@ FIGURES = (
         "te-2d",
         "2d",
         _FLAT,
+        ("negative on every clip but stone", "≤ −30 %"),
+        dict.fromkeys(_SLOW_CLIPS, 0.0),
+        (STATIC_CLIPS, -30.0),
+    ),
+    *_figures(
+        "te-hierarchical-2d",
+        "hierarchical-2d",
+        _LEVELS_FLAT,
         ("negative on every clip but stone", "≤ −30 %"),
         dict.fromkeys(_SLOW_CLIPS, 0.0),
         (STATIC_CLIPS, -30.0),

@@ -281,7 +281,7 @@ class TracksConfig(_Section):
     """Feature points that the encoder sends."""
 
     kind: str = "none"  # nothing; tracks of points of the key frame; or points, to be matched at the decoder
-    num_points: int = 128  # most of them: tracks of a group, or points of a frame
+    num_points: int = 128  # most of them: tracks that begin with a group, or points of a frame
     subpixel_bits: int = 0  # binary digits of their coordinates after the point
 
     def _check_values(self) -> None:

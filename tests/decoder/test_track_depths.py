@@ -9,13 +9,13 @@ from sfm.projection import project
 from tests.scenes_3d import camera_at, two_planes
 
 FRAME = PixelFrame(96, 80)
-LATES = (0.0, 0.2, 0.5, 0.8, 1.0)
+INSTANTS = (0.0, 0.2, 0.5, 0.8, 1.0)
 
 
 def tracks() -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
     """Return exact tracks, their cameras, and the points."""
     points = two_planes(noise_px=0.0).points[:60]
-    cameras = [camera_at(late) for late in LATES]
+    cameras = [camera_at(late) for late in INSTANTS]
     positions = np.stack([FRAME.to_pixels(project(camera, points)[0]) for camera in cameras], axis=1)
     return positions, cameras, points
 

@@ -18,10 +18,10 @@ from tests.scenes_3d import camera_at, render, two_planes
 
 PIXELS = PixelFrame(176, 144)
 CONFIG = CodecConfig("3d-te", VideoConfig(176, 144, 25, 1), tracks=TracksConfig("encoder"))
-LATES = (0.0, 0.45, 0.55, 0.6, 1.0)
+INSTANTS = (0.0, 0.45, 0.55, 0.6, 1.0)
 """The camera does not move evenly."""
 CHROMA = np.full((72, 88), 100, np.uint8), np.full((72, 88), 150, np.uint8)
-FRAMES = [Frame(render(late, PIXELS)[0], CHROMA) for late in LATES]
+FRAMES = [Frame(render(late, PIXELS)[0], CHROMA) for late in INSTANTS]
 REFERENCES = [ReferenceFrame(8 + k, frame) for k, frame in enumerate(FRAMES)]
 KEYS = [REFERENCES[0], REFERENCES[4]]
 
@@ -29,7 +29,7 @@ KEYS = [REFERENCES[0], REFERENCES[4]]
 def true_tracks(number: int = 90) -> PointTracks:
     """Return tracks of whole pixels."""
     points = two_planes(176, 144).points[:number]
-    seen = [PIXELS.to_pixels(project(camera_at(late), points)[0]) for late in LATES]
+    seen = [PIXELS.to_pixels(project(camera_at(late), points)[0]) for late in INSTANTS]
     return PointTracks(np.round(np.stack(seen, axis=1)))
 
 
