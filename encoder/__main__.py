@@ -19,6 +19,7 @@ from dvc.config import (
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
+    gop_for,
     key_qp_for,
     side_information_for,
     tracks_for,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from encoder.session import EncoderSession, EncoderStatistics, Progress
 
 PROG = "dvc-encode"
-_REFERENCES_OF_CODEC = {"3d-te": "hierarchical", "3d-td": "hierarchical"}
 EXAMPLES = """\
   dvc-encode street.mkv street.dvc --wz-q 4           every second frame Wyner-Ziv coded, quantiser preset 4
   dvc-encode video.mp4 out.dvc --gop 4 --references hierarchical --luma-only --frames 101
@@ -292,15 +292,8 @@ def _configure(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
     )
 
 
-def _references(arguments: argparse.Namespace) -> str:
-    chosen: str = arguments.references or _REFERENCES_OF_CODEC.get(arguments.codec, "keys")
-    return chosen
-
-
 def _gop(arguments: argparse.Namespace) -> GopConfig:
-    references = _references(arguments)
-    lengths = {"3d-te": 8 if references == "keys" else 16, "3d-td": 10}
-    return GopConfig(arguments.gop or lengths.get(arguments.codec, 2), references)
+    return gop_for(arguments.codec, arguments.gop, arguments.references)
 
 
 def _tracks(arguments: argparse.Namespace) -> TracksConfig:
@@ -327,7 +320,7 @@ def _rule(arguments: argparse.Namespace) -> "KeyFrameRule":
     given = {name: value for name, value in given.items() if value is not None}
     if given and arguments.codec != "3d-te":
         raise ConfigError("--longest-track, --lost-tracks and --min-gop are for 3d-te")
-    return replace(KeyFrameRule.for_references(_references(arguments)), **given)
+    return replace(KeyFrameRule.for_references(_gop(arguments).references), **given)
 
 
 def _tracks_bpp(arguments: argparse.Namespace) -> float:

@@ -33,6 +33,7 @@ from dvc.config import (
     WynerZivConfig,
     decode_config,
     encode_config,
+    gop_for,
     key_qp_for,
 )
 from dvc.errors import BitstreamError, ConfigError
@@ -260,3 +261,16 @@ def test_importing_the_configuration_is_quick() -> None:
     """Commands can print their help without numpy."""
     check = "import dvc.config, sys; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False, timeout=60).returncode == 0
+
+
+def test_groups_of_pictures_follow_from_the_codec() -> None:
+    """Codecs have their own groups; what is given goes before, and what makes no sense is refused."""
+    assert gop_for("2d") == GopConfig(2, "keys")
+    assert gop_for("3d-te") == GopConfig(16, "hierarchical")
+    assert gop_for("3d-te", references="keys") == GopConfig(8, "keys")
+    assert gop_for("3d-td", 4, "all") == GopConfig(4, "all")
+    for wrong in ({"length": 0}, {"references": "none"}):
+        with pytest.raises(ConfigError):
+            gop_for("2d", **wrong)
+    with pytest.raises(ConfigError, match="codec"):
+        gop_for("4d")

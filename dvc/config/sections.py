@@ -370,6 +370,34 @@ def side_information_for(codec: str) -> SideInformationConfig:
     return SideInformationConfig(method=_METHOD_OF_CODEC[codec])
 
 
+def gop_for(codec: str, length: int | None = None, references: str | None = None) -> GopConfig:
+    """Return the groups of pictures of a codec, as far as nothing else is wanted.
+
+    Parameters
+    ----------
+    codec : str
+        One of `CODECS`.
+    length : int, optional
+        Frames from one key frame to the next, with tracks that set key frames the most of them.
+    references : str, optional
+        One of `REFERENCES`.
+
+    Returns
+    -------
+    GopConfig
+        Codecs with tracked points predict from decoded frames, and have longer groups.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such codec, or a value makes no sense.
+    """
+    kind = tracks_for(codec).kind
+    chosen = references or ("keys" if kind == "none" else "hierarchical")
+    usual = {"none": 2, "decoder": 10, "encoder": 8 if chosen == "keys" else 16}
+    return GopConfig(usual[kind] if length is None else length, chosen)
+
+
 def tracks_for(codec: str) -> TracksConfig:
     """Return the feature points that a codec sends unless told otherwise.
 

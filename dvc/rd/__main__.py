@@ -57,7 +57,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("--codec", choices=CODECS, help="default: 2d")
     run.add_argument("--wz-q", metavar="LIST", help="quantiser presets, such as 1,4,8; default: 1-8")
     run.add_argument("--key-qp", metavar="LIST", help="auto, one QP, or one for each preset; default: auto")
-    run.add_argument("--gop", type=cli.integer(1, 256), metavar="N", help="default: 2")
+    run.add_argument("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")
     run.add_argument("--start", type=cli.integer(0, 10**9), metavar="K", help="first frame; default: 0")
     run.add_argument("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
     colour = run.add_mutually_exclusive_group()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dvc.config import CODECS as STREAM_CODECS
-from dvc.config import key_qp_for
+from dvc.config import gop_for, key_qp_for
 from dvc.errors import ConfigError
 
 INTRA = "h264-intra"
@@ -107,7 +107,9 @@ class Sweep:
         Quantiser presets.
     key_qp : tuple of str
         One QP for all presets, or one per preset.
-    gop, start, frames, luma_only, options
+    gop : int or None
+        As in `Point`; None for the codec's own.
+    start, frames, luma_only, options
         As in `Point`.
     anchors : tuple of str
         Names in `ANCHORS`.
@@ -119,7 +121,7 @@ class Sweep:
     codec: str = "2d"
     wz_q: tuple[int, ...] = tuple(range(1, 9))
     key_qp: tuple[str, ...] = ("auto",)
-    gop: int = 2
+    gop: int | None = None
     start: int = 0
     frames: int | None = None
     luma_only: bool = True
@@ -150,12 +152,13 @@ class Sweep:
         Point
             All different.
         """
-        presets = self.wz_q if self.gop > 1 else (None,)
+        gop = gop_for(self.codec, self.gop, dict(self.options).get("references")).length
+        presets = self.wz_q if gop > 1 else (None,)
         key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(presets)
         for sequence in self.sequences:
             common = {"start": self.start, "frames": self.frames, "luma_only": self.luma_only}
             for wz_q, key_qp in zip(presets, key_qps, strict=False):
-                yield Point(sequence, self.codec, wz_q, key_qp, self.gop, options=self.options, **common)  # type: ignore[arg-type]
+                yield Point(sequence, self.codec, wz_q, key_qp, gop, options=self.options, **common)  # type: ignore[arg-type]
             for anchor in self.anchors:
                 for qp in self.anchor_qps():
                     yield Point(sequence, ANCHORS[anchor], None, str(qp), 1, **common)  # type: ignore[arg-type]

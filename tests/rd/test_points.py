@@ -163,3 +163,13 @@ def test_other_specs_are_refused(tmp_path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match=r"sweep\.toml"):
         read_spec(path)
+
+
+def test_a_sweep_has_the_groups_of_its_codec() -> None:
+    """Without a length the points have that of the encoder, which depends on the references."""
+    lengths = {
+        options: {point.gop for point in Sweep(("clip",), codec="3d-te", options=options).points()}
+        for options in ((), (("references", "keys"),))
+    }
+    assert lengths == {(): {16}, (("references", "keys"),): {8}}
+    assert {point.gop for point in Sweep(("clip",), codec="3d").points()} == {2}
