@@ -233,14 +233,14 @@ def check_consistency(surface, other, there, back, tolerance, state):
 
 
 @kernel
-def local_slopes(surface, reliable, radius, limit, slopes):
-    """Slope (x, y) of the plane through the reliable neighbours of like depth, around each reliable point."""
+def local_slopes(surface, reliable, wanted, radius, limit, slopes):
+    """Slope (x, y) of the plane through the reliable neighbours of like depth, around each wanted point."""
     height, width = surface.shape
     for y in range(height):
         for x in range(width):
             slopes[y, x, 0] = 0.0
             slopes[y, x, 1] = 0.0
-            if not reliable[y, x]:
+            if not wanted[y, x]:
                 continue
             xx, xy, yy, xr, yr, rr = 1e-9, 0.0, 1e-9, 0.0, 0.0, 1e-30
             sx, sy, sr, n = 0.0, 0.0, 0.0, 0.0

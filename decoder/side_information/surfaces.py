@@ -263,7 +263,10 @@ def _fill(
     """Continue the reliable planes over the rest."""
     slopes = np.empty((*depth.shape, 2))
     limit = 0.03 * float(np.ptp(depth))
-    _kernels_3d.local_slopes(depth, state == RELIABLE, settings.slope_radius_px, limit, slopes)
+    reliable = state == RELIABLE
+    # only the rim of what is reliable is continued
+    rim = reliable & (cv2.dilate((~reliable).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+    _kernels_3d.local_slopes(depth, reliable, rim, settings.slope_radius_px, limit, slopes)
     filled = np.empty_like(depth)
     _kernels_3d.fill_surface(
         depth,
