@@ -148,8 +148,6 @@ class AlignedBlockMotion:
         Of the block motion.
     """
 
-    name = "aligned"
-
     def __init__(self, settings: SideInformationConfig) -> None:
         self._flat = BlockMotionInterpolation(settings)
 

@@ -80,7 +80,9 @@ def test_groups_come_in_display_order(groups: list[DecodedGroup], frames: list[F
     assert [wz.index for group in groups for wz in group.wyner_ziv] == [1, 2, 4]
     decoded = frames_of(groups)
     assert len(decoded) == len(frames)
-    assert all(psnr_db(a.luma, b.luma) > 26 for a, b in zip(decoded, frames, strict=True))
+    quality = [psnr_db(a.luma, b.luma) for a, b in zip(decoded, frames, strict=True)]
+    assert min(quality) > 26
+    assert sorted(quality)[1] > 33
 
 
 def test_punctured_records_decode_to_the_same_frames(stream: bytes, groups: list[DecodedGroup]) -> None:
