@@ -62,6 +62,12 @@ def _parser() -> argparse.ArgumentParser:
         help="write the stream that was really needed (.dvc); its size is the rate",
     )
     parser.add_argument(
+        "--side-information-video",
+        metavar="FILE",
+        help="write what each frame was predicted as before any of it was decoded, luma only (.y4m, .mkv);"
+        " key frames as they are",
+    )
+    parser.add_argument(
         "--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR"
     )
     parser.add_argument(
@@ -115,7 +121,7 @@ def _decode(arguments: argparse.Namespace) -> int:
     if len(arguments.files) != wanted:
         names = "OUTPUT" if arguments.connect else "INPUT and OUTPUT"
         raise ConfigError(f"expected {names}, got {len(arguments.files)} file names")
-    outputs = [arguments.files[-1], arguments.punctured, arguments.json]
+    outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
     inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
     return _decode_live(arguments) if arguments.connect else _decode_file(arguments)
@@ -184,11 +190,11 @@ def _with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "Code
 
 
 class _Output:
-    """Everything a run writes: video, punctured stream, report; all of it or nothing."""
+    """Everything a run writes: videos, punctured stream, report; all of it or nothing."""
 
     def __init__(self, config: "CodecConfig", arguments: argparse.Namespace, stack: ExitStack) -> None:
         from decoder.report import DecodeReport
-        from dvc.video import create_video, open_video
+        from dvc.video import open_video
 
         video = config.video
         rate = Fraction(video.frame_rate_num, video.frame_rate_den)
@@ -202,9 +208,10 @@ class _Output:
         self._arguments = arguments
         self._report: DecodeReport = DecodeReport(config, reference)
         self._stream: StreamWriter = _punctured_writer(config, arguments.punctured, stack)
-        self._video: VideoWriter = stack.enter_context(
-            create_video(arguments.files[-1], (video.width, video.height), rate, luma_only=video.luma_only)
-        )
+        self._video: VideoWriter = _video_writer(config, arguments.files[-1], video.luma_only, stack)
+        self._side_information: VideoWriter | None = None
+        if arguments.side_information_video is not None:
+            self._side_information = _video_writer(config, arguments.side_information_video, True, stack)
 
     def consume(self, groups: Iterable["DecodedGroup"]) -> DvcError | None:
         """Write all groups; with --salvage, return the damage that ended them instead of raising it."""
@@ -223,9 +230,15 @@ class _Output:
         return failure
 
     def _add(self, group: "DecodedGroup", progress: Callable[[int], None]) -> None:
+        from dvc.video import Frame
+
         for frame in group.wyner_ziv:
             self._video.write(frame.decoded.frame)
         self._video.write(group.key)
+        if self._side_information is not None:
+            for frame in group.wyner_ziv:
+                self._side_information.write(Frame(frame.decoded.side_information))
+            self._side_information.write(group.key)
         self._stream.write_gop(group.record)
         self._report.add(group)
         progress(group.record.num_frames)
@@ -233,8 +246,18 @@ class _Output:
     def _finish(self) -> None:
         self._stream.close()
         self._video.close()
+        if self._side_information is not None:
+            self._side_information.close()
         if self._arguments.json is not None:
             cli.write_json(self._arguments.json, self._report.to_dict(self._stream.num_bytes))
+
+
+def _video_writer(config: "CodecConfig", path: str, luma_only: bool, stack: ExitStack) -> "VideoWriter":
+    from dvc.video import create_video
+
+    video = config.video
+    rate = Fraction(video.frame_rate_num, video.frame_rate_den)
+    return stack.enter_context(create_video(path, (video.width, video.height), rate, luma_only=luma_only))
 
 
 class _NullFile:

@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello, ParityRequest
+from dvc.metrics import psnr_db
 from dvc.stream import StreamReader
-from dvc.video import Frame
+from dvc.video import Frame, open_video
 from sfm.model import PixelFrame
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render
@@ -64,6 +65,7 @@ class Run:
 
     video: Path
     punctured: Path
+    side_information: Path
     report: dict[str, Any]
 
     @property
@@ -89,9 +91,10 @@ def stream(folder: Path, clip: Path) -> Path:
 
 def decode(folder: Path, name: str, clip: Path, *source: object) -> Run:
     video, punctured, report = (folder / f"{name}.{ending}" for ending in ("y4m", "dvc", "json"))
-    outputs = [video, "--punctured", punctured, "--json", report, "--reference", clip]
-    run("decoder", *source, *outputs)
-    return Run(video, punctured, json.loads(report.read_text()))
+    predicted = folder / f"{name}_predicted.mkv"
+    outputs = [video, "--punctured", punctured, "--json", report, "--side-information-video", predicted]
+    run("decoder", *source, *outputs, "--reference", clip)
+    return Run(video, punctured, predicted, json.loads(report.read_text()))
 
 
 @pytest.fixture(scope="module")
@@ -155,6 +158,7 @@ def test_scene_prediction_is_the_same_in_every_form(
     for other in others:
         assert other.video.read_bytes() == first.video.read_bytes()
         assert other.punctured.read_bytes() == first.punctured.read_bytes()
+        assert other.side_information.read_bytes() == first.side_information.read_bytes()
         assert other.bits == first.bits
 
 
@@ -175,6 +179,7 @@ def test_live_run_gives_the_same_frames_and_bits(buffered: Run, live: Run) -> No
     """Two processes that talk over TCP end with the very files that the buffered stream gives."""
     assert live.video.read_bytes() == buffered.video.read_bytes()
     assert live.punctured.read_bytes() == buffered.punctured.read_bytes()
+    assert live.side_information.read_bytes() == buffered.side_information.read_bytes()
     assert live.bits == buffered.bits
     requests = [[frame.get("num_requests") for frame in run.report["per_frame"]] for run in (live, buffered)]
     assert requests[0] == requests[1]
@@ -185,6 +190,21 @@ def test_any_number_of_jobs_gives_the_same_bytes(folder: Path, stream: Path, buf
     run("decoder", stream, folder / "jobs.y4m", "--punctured", folder / "jobs.dvc", "--jobs", 2)
     assert (folder / "jobs.y4m").read_bytes() == buffered.video.read_bytes()
     assert (folder / "jobs.dvc").read_bytes() == buffered.punctured.read_bytes()
+
+
+def test_side_information_video_holds_what_was_predicted(clip: Path, buffered: Run) -> None:
+    """It is as long as the decoded video, luma only: predictions as the report rates them, and key frames."""
+    videos = []
+    for path in (clip, buffered.video, buffered.side_information):
+        with open_video(path) as video:
+            videos.append(list(video))
+    rows = buffered.report["per_frame"]
+    for row, original, decoded, predicted in zip(rows, *videos, strict=True):
+        assert predicted.chroma is None
+        if row["type"] == "key":
+            np.testing.assert_array_equal(predicted.luma, decoded.luma)
+        else:
+            assert psnr_db(original.luma, predicted.luma) == row["si_psnr_y_db"]
 
 
 def test_encoding_twice_gives_the_same_bytes(folder: Path, clip: Path, stream: Path) -> None:
