@@ -196,7 +196,7 @@ BAD_DECODER_INPUT = {
     "kind of video": (["s.dvc", "o.txt"], "o.txt"),
     "output equal to input": (["s.dvc", "s.dvc"], "input"),
     "punctured equal to input": (["s.dvc", "o.y4m", "--punctured", "s.dvc"], "input"),
-    "predictions equal to output": (["s.dvc", "o.y4m", "--side-information-video", "o.y4m"], "another output"),
+    "predictions equal to output": (["s.dvc", "o.y4m", "--side-information-video", "o.y4m"], "another"),
     "kind of predictions": (["s.dvc", "o.y4m", "--side-information-video", "o.avi"], "o.avi"),
     "output equal to reference": (["s.dvc", "clip.y4m", "--reference", "clip.y4m"], "input"),
     "missing folder": (["s.dvc", "none/o.y4m"], "folder does not exist"),
