@@ -1,0 +1,149 @@
+"""The anchors, and the exact options that they are run with."""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from dvc.errors import ConfigError
+
+MIN_QP: Final = 1
+MAX_QP: Final = 51
+_MAX_AV1_QP = 63
+
+Parameters = tuple[tuple[str, str], ...]
+
+# Constant QP for all frames, no tool that gives up PSNR for looks, one thread, no version message.
+_X264: Parameters = (("psy", "0"), ("ipratio", "1"), ("qpmin", "0"), ("scenecut", "0"), ("mbtree", "0"))
+_X264 += (("bframes", "0"), ("b-adapt", "0"), ("ref", "1"), ("weightp", "0"), ("rc-lookahead", "0"))
+_X264 += (("sync-lookahead", "0"), ("sliced-threads", "0"), ("threads", "1"))
+_X264_INTRA = (("keyint", "1"), *_X264)
+_X264_IPPP = (("keyint", "infinite"), *_X264)
+_X265: Parameters = (("psy-rd", "0"), ("psy-rdoq", "0"), ("aq-mode", "0"), ("scenecut", "0"))
+_X265 += (("cutree", "0"), ("pools", "none"), ("frame-threads", "1"), ("wpp", "0"), ("info", "0"))
+_X265_LOW_DELAY: Parameters = (
+    ("bframes", "0"),
+    ("b-adapt", "0"),
+    ("ref", "1"),
+    ("weightp", "0"),
+    ("ipratio", "1"),
+)
+_X265_LOW_DELAY += (("rc-lookahead", "0"), ("lookahead-slices", "0"), *_X265)
+_SVTAV1: Parameters = (("rc", "0"), ("aq-mode", "0"), ("tune", "1"), ("enable-tf", "0"), ("scd", "0"))
+_SVTAV1 += (("pred-struct", "1"), ("lp", "1"), ("use-fixed-qindex-offsets", "1"))
+_SVTAV1 += (("key-frame-qindex-offset", "0"), ("qindex-offsets", "[0,0,0,0,0,0]"))
+
+
+@dataclass(frozen=True)
+class AnchorCodec:
+    """One anchor.
+
+    Attributes
+    ----------
+    name : str
+        As the command line and results name it.
+    label : str
+        As tables and plots name it.
+    library : str
+        Encoder, as FFmpeg names it.
+    preset : str
+        Preset of that encoder.
+    parameters : tuple of (str, str)
+        All that differs from the preset, apart from the QP.
+    structure : {"intra", "ippp", "random access"}
+        Which frames are predicted: none, each from the one before it, or with B frames.
+    zero_motion : bool
+        Whether every motion vector must be zero.
+    """
+
+    name: str
+    label: str
+    library: Literal["libx264", "libx265", "libsvtav1"]
+    preset: str
+    parameters: Parameters
+    structure: Literal["intra", "ippp", "random access"]
+    zero_motion: bool = False
+
+    @property
+    def suffix(self) -> str:
+        """Suffix of a file that holds the elementary stream."""
+        return {"libx264": ".264", "libx265": ".265", "libsvtav1": ".obu"}[self.library]
+
+    @property
+    def file_format(self) -> str:
+        """Name that FFmpeg has for such a file."""
+        return {"libx264": "h264", "libx265": "hevc", "libsvtav1": "obu"}[self.library]
+
+    @property
+    def pixel_format(self) -> Literal["gray", "yuv420p"]:
+        """Luma alone where the encoder takes that, otherwise 4:2:0 with chroma of 128."""
+        return "yuv420p" if self.library == "libsvtav1" else "gray"
+
+    def encoder_qp(self, qp: int) -> int:
+        """Return the encoder's own quantizer for a QP on the scale of H.264.
+
+        Parameters
+        ----------
+        qp : int
+            1 to 51.
+
+        Returns
+        -------
+        int
+            The same for H.264 and H.265. Five thirds of a step per QP for AV1, 14 at QP 20, within 1 to 63:
+            QPs 20 to 44 then cover about the same PSNRs.
+
+        Raises
+        ------
+        ConfigError
+            If the QP is out of range.
+        """
+        if not MIN_QP <= qp <= MAX_QP:
+            raise ConfigError(f"the QP of an anchor must be {MIN_QP} to {MAX_QP}, got {qp}")
+        if self.library != "libsvtav1":
+            return qp
+        return min(max(14 + round(5 * (qp - 20) / 3), 1), _MAX_AV1_QP)
+
+    def encoder_parameters(self, qp: int) -> dict[str, str]:
+        """Return the parameters of the encoder's own syntax.
+
+        Parameters
+        ----------
+        qp : int
+            On the scale of H.264.
+
+        Returns
+        -------
+        dict of str to str
+            With the encoder's quantizer.
+        """
+        return {**dict(self.parameters), "qp": str(self.encoder_qp(qp))}
+
+
+_ALL = (
+    AnchorCodec("x264-intra", "x264 intra", "libx264", "medium", _X264_INTRA, "intra"),
+    AnchorCodec(
+        "x264-ippp-zero",
+        "x264 IPPP, zero motion",
+        "libx264",
+        "medium",
+        (*_X264_IPPP, ("me", "esa"), ("subme", "0")),
+        "ippp",
+        zero_motion=True,
+    ),
+    AnchorCodec("x264-ippp", "x264 IPPP", "libx264", "medium", _X264_IPPP, "ippp"),
+    AnchorCodec(
+        "x265-intra", "x265 intra", "libx265", "medium", (("keyint", "1"), *_X265_LOW_DELAY), "intra"
+    ),
+    AnchorCodec("x265", "x265 IPPP", "libx265", "medium", (("keyint", "-1"), *_X265_LOW_DELAY), "ippp"),
+    AnchorCodec(
+        "x265-random-access",
+        "x265 random access",
+        "libx265",
+        "medium",
+        (("keyint", "-1"), *_X265),
+        "random access",
+    ),
+    AnchorCodec("svtav1-intra", "SVT-AV1 intra", "libsvtav1", "5", (("keyint", "1"), *_SVTAV1), "intra"),
+    AnchorCodec("svtav1", "SVT-AV1 low delay", "libsvtav1", "5", (("keyint", "-1"), *_SVTAV1), "ippp"),
+)
+ANCHOR_CODECS: Final = {codec.name: codec for codec in _ALL}
+"""Anchors that are measured as files, by name."""
