@@ -16,8 +16,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates, uniform_filter
+from scipy.ndimage import map_coordinates
 
+from decoder.side_information.blending import scene_share, shared
 from decoder.side_information.block_motion import BlockMotionInterpolation, references_around
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.refinement import BLOCK, BlockRefiner
@@ -34,8 +35,8 @@ PATH_UNCERTAINTY = 0.3
 """How far a fast camera may be off its guessed path, as a share of the motion between the references."""
 STEADY_MOTION_PX = 10.0
 """Median motion between the references at which that share is halved: slow cameras are steady."""
-CONSISTENCY_WINDOW = 9
-"""Side of the neighbourhood in which references are compared, in pixels."""
+LARGEST_SHARE = 0.5
+"""Of the scene in the prediction where its camera is a guess."""
 
 
 class FrameInterpolator(Protocol):
@@ -158,18 +159,14 @@ class SceneInterpolation:
         self, flat: Prediction, rendered: Interpolation, late: float, frames: tuple[Frame, Frame]
     ) -> Prediction:
         """Blend what the scene predicts with what 2D block motion does."""
-        share = scene_share(flat, rendered)
+        share = scene_share(flat, rendered, bound=LARGEST_SHARE)
         luma = share * hedged(rendered, late) + (1.0 - share) * flat.luma
-        compensated = tuple(
-            share * bounded(ours, rendered) + (1.0 - share) * theirs
-            for ours, theirs in zip(rendered.compensated, flat.compensated, strict=True)
-        )
         chroma = warp_chroma(rendered, [frame.chroma for frame in frames])
         offsets = block_offsets(rendered, BLOCK)
         return Prediction(
             luma,
             chroma,
-            compensated,
+            shared(share, rendered, flat),
             self.name,
             expected_error=rendered.expected_error,
             refiner=BlockRefiner(frames, offsets, self.name),
@@ -205,79 +202,3 @@ def hedged(rendered: Interpolation, late: float) -> Floats:
         total += map_coordinates(rendered.luma, at, order=1, mode="nearest")
     mean: Floats = total / 3.0
     return mean
-
-
-def scene_share(flat: Prediction, rendered: Interpolation) -> Floats:
-    """Weigh the scene's prediction against that of 2D block motion, pixel by pixel.
-
-    Parameters
-    ----------
-    flat : Prediction
-        By 2D block motion.
-    rendered : Interpolation
-        From the scene.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        From 0 to 1/2: equal shares where the geometry expects an error as small as what block motion finds,
-        less where it does not, as on objects that move by themselves.
-    """
-    found = inconsistency(flat)
-    expected = np.maximum(neighbourhood(rendered.expected_error), found)
-    share: Floats = found**2 / (found**2 + expected**2)
-    return share
-
-
-def inconsistency(flat: Prediction) -> Floats:
-    """Measure how far the references of a prediction by block motion are from each other.
-
-    Parameters
-    ----------
-    flat : Prediction
-        By block motion.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Mean absolute difference in the neighbourhood of each pixel, and one level for noise.
-    """
-    found: Floats = neighbourhood(np.abs(flat.compensated[0] - flat.compensated[1])) + 1.0
-    return found
-
-
-def neighbourhood(plane: Floats) -> Floats:
-    """Average a plane over the neighbourhood in which references are compared.
-
-    Parameters
-    ----------
-    plane : ndarray of shape (H, W), float64
-        Any plane.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Means.
-    """
-    mean: Floats = uniform_filter(plane, CONSISTENCY_WINDOW, mode="nearest")
-    return mean
-
-
-def bounded(compensated: Floats, rendered: Interpolation) -> Floats:
-    """Limit how far a reference is from the prediction: where it does not see a point, it says nothing.
-
-    Parameters
-    ----------
-    compensated : ndarray of shape (H, W), float64
-        Of one reference.
-    rendered : Interpolation
-        The prediction.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        At most twice the expected error from the prediction.
-    """
-    limit = 2.0 * rendered.expected_error
-    limited: Floats = rendered.luma + np.clip(compensated - rendered.luma, -limit, limit)
-    return limited

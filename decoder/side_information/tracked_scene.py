@@ -17,20 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.alignment import AlignedBlockMotion
+from decoder.side_information.blending import inconsistency, neighbourhood, scene_share, shared
 from decoder.side_information.block_motion import references_around
 from decoder.side_information.group_geometry import GroupGeometry, estimate_geometry
 from decoder.side_information.plane_sweep import DepthMap
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.refinement import BLOCK, BlockRefiner
 from decoder.side_information.rendering import Interpolation, block_offsets, render_view, warp_chroma
-from decoder.side_information.scene import (
-    INTERPOLATORS,
-    FrameInterpolator,
-    SceneInterpolation,
-    bounded,
-    inconsistency,
-    neighbourhood,
-)
+from decoder.side_information.scene import INTERPOLATORS, FrameInterpolator, SceneInterpolation
 from decoder.side_information.surfaces import RELIABLE
 from dvc.config import CodecConfig
 from dvc.tracks import FeaturePoints, PointTracks
@@ -191,19 +185,15 @@ class TrackedSceneInterpolation:
 
     def _joined(self, flat: Prediction, rendered: Interpolation, frames: tuple[Frame, Frame]) -> Prediction:
         """Blend what the scene predicts with what aligned block motion does, by their expected errors."""
-        theirs, ours = inconsistency(flat), neighbourhood(rendered.expected_error)
-        share = theirs**2 * TRUST**2 / (theirs**2 * TRUST**2 + ours**2)
+        share = scene_share(flat, rendered, TRUST)
         luma = share * rendered.luma + (1.0 - share) * flat.luma
-        compensated = tuple(
-            share * bounded(mine, rendered) + (1.0 - share) * other
-            for mine, other in zip(rendered.compensated, flat.compensated, strict=True)
-        )
+        expected = share * neighbourhood(rendered.expected_error) + (1.0 - share) * inconsistency(flat)
         return Prediction(
             luma,
             warp_chroma(rendered, [frame.chroma for frame in frames]),
-            compensated,
+            shared(share, rendered, flat),
             self.name,
-            expected_error=share * ours + (1.0 - share) * theirs,
+            expected_error=expected,
             refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), self.name),
             alternatives=(flat.luma,),
         )

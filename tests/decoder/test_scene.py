@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from decoder.side_information.blending import scene_share
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.rendering import Interpolation
-from decoder.side_information.scene import INTERPOLATORS, SceneInterpolation, hedged, scene_share
+from decoder.side_information.scene import INTERPOLATORS, LARGEST_SHARE, SceneInterpolation, hedged
 from dvc.config import CodecConfig, GeometryConfig, VideoConfig
 from dvc.metrics import psnr_db
 from dvc.video import Frame
@@ -83,6 +84,26 @@ def test_the_scene_has_half_a_say_where_it_is_consistent() -> None:
     rendered = interpolation(1.0)
     zeros = np.zeros(rendered.luma.shape)
     flat = Prediction(rendered.luma, None, (zeros, zeros + 3.0), "mci")
-    np.testing.assert_allclose(scene_share(flat, rendered), 0.5)
+    np.testing.assert_allclose(scene_share(flat, rendered, bound=LARGEST_SHARE), 0.5)
     doubtful = rendered._replace(expected_error=np.full(zeros.shape, 40.0))
-    assert scene_share(flat, doubtful).max() < 0.02
+    assert scene_share(flat, doubtful, bound=LARGEST_SHARE).max() < 0.02
+
+
+@pytest.mark.parametrize("bound", [0.5, 0.8, 1.0])
+def test_the_share_of_the_scene_is_bounded(bound: float) -> None:
+    """However little error the scene expects, its share does not exceed the bound, and reaches it."""
+    rendered = interpolation(1.0)
+    zeros = np.zeros(rendered.luma.shape)
+    flat = Prediction(rendered.luma, None, (zeros, zeros + 50.0), "mci")
+    sure = rendered._replace(expected_error=zeros)
+    np.testing.assert_allclose(scene_share(flat, sure, bound=bound), bound)
+
+
+def test_block_motion_is_doubted_where_it_is_far_from_the_scene() -> None:
+    """References that agree on something else convince less, and what is near the scene is as before."""
+    rendered = interpolation(1.0)
+    for offset, doubted in ((1.0, False), (60.0, True)):
+        luma = rendered.luma + offset
+        flat = Prediction(luma, None, (luma, luma), "mci")
+        plain, doubting = (scene_share(flat, rendered, doubt=doubt) for doubt in (0.0, 0.25))
+        assert (doubting > plain + 0.4).all() if doubted else np.array_equal(doubting, plain)
