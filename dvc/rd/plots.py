@@ -1,5 +1,8 @@
-"""Plots of rate-distortion curves."""
+"""Plots of rate-distortion curves and of the frames behind their points."""
 
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,18 +11,80 @@ from dvc.rd.curves import Curve, Experiment, compare_curves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # The palette of Okabe and Ito, which the colour-blind can tell apart; markers and dashes differ as well.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 MARKERS = ("o", "s", "^", "D", "v", "P")
-ANCHOR_COLOUR = "#333333"
+ANCHOR_COLOURS = ("#333333", "#E69F00", "#56B4E9", "#CC79A7", "#777777", "#009E73")
+ANCHOR_MARKERS = ("x", "o", "s", "^", "D", "v")
+DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
+ANCHOR_DASHES = ("dash", "dot", "dashdot", "longdash", "longdashdot", "dash")
+MATPLOTLIB_DASHES = {
+    "solid": (0, ()),
+    "dash": (0, (5, 2)),
+    "dot": (0, (1, 1.6)),
+    "dashdot": (0, (5, 1.6, 1, 1.6)),
+    "longdash": (0, (9, 2.5)),
+    "longdashdot": (0, (9, 2, 1, 2)),
+}
 SIZE_INCHES = (7.0, 4.8)
 DPI = 150
 LABEL_ROOM_PX = 14
 SUFFIXES = (".png", ".svg")
 
 
-def plot_experiment(experiment: Experiment, stem: Path) -> list[Path]:
+@dataclass(frozen=True)
+class Style:
+    """How a curve is drawn, the same in every plot of a report.
+
+    Attributes
+    ----------
+    colour : str
+        Of the line, as ``#rrggbb``.
+    marker : str
+        Of matplotlib.
+    dash : str
+        Of Plotly; a key of `MATPLOTLIB_DASHES`.
+    is_open : bool
+        Whether markers are drawn as outlines.
+    """
+
+    colour: str
+    marker: str
+    dash: str
+    is_open: bool
+
+
+def curve_styles(found: Sequence[Experiment]) -> dict[str, Style]:
+    """Give every label its style.
+
+    Parameters
+    ----------
+    found : sequence of Experiment
+        All of a report.
+
+    Returns
+    -------
+    dict of str to Style
+        By label of the curve; codecs of the project filled, those to compare with open.
+    """
+    labels = {curve.label: curve.is_anchor for one in found for curve in one.curves}
+    styles = {}
+    for number, label in enumerate(sorted(label for label, is_anchor in labels.items() if not is_anchor)):
+        round_, i = divmod(number, len(COLOURS))
+        dash = DASHES[round_ % len(DASHES)]
+        styles[label] = Style(COLOURS[i], MARKERS[(i + round_) % len(MARKERS)], dash, False)
+    for number, label in enumerate(sorted(label for label, is_anchor in labels.items() if is_anchor)):
+        round_, i = divmod(number, len(ANCHOR_COLOURS))
+        marker = ANCHOR_MARKERS[(i + round_) % len(ANCHOR_MARKERS)]
+        styles[label] = Style(ANCHOR_COLOURS[i], marker, ANCHOR_DASHES[i], True)
+    return styles
+
+
+def plot_experiment(
+    experiment: Experiment, stem: Path, styles: Mapping[str, Style] | None = None
+) -> list[Path]:
     """Draw the curves of an experiment.
 
     Parameters
@@ -28,6 +93,8 @@ def plot_experiment(experiment: Experiment, stem: Path) -> list[Path]:
         What was measured on one sequence.
     stem : Path
         Files to write, without suffix.
+    styles : mapping of str to Style, optional
+        By label; those of this experiment alone by default.
 
     Returns
     -------
@@ -39,15 +106,8 @@ def plot_experiment(experiment: Experiment, stem: Path) -> list[Path]:
     DvcError
         If they cannot be written.
     """
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    # A fixed salt and no date: the same results give the same bytes.
-    with mpl.rc_context({"svg.hashsalt": "dvc3d", "svg.fonttype": "none", "font.size": 10}):
-        figure = Figure(figsize=SIZE_INCHES, layout="constrained")
-        FigureCanvasAgg(figure)
-        _draw(figure.add_subplot(), experiment)
+    with _figure() as figure:
+        _draw(figure.add_subplot(), experiment, styles or curve_styles([experiment]))
         paths = [stem.with_name(stem.name + suffix) for suffix in SUFFIXES]
         for path in paths:
             metadata = {"Date": None} if path.suffix == ".svg" else {}
@@ -56,26 +116,47 @@ def plot_experiment(experiment: Experiment, stem: Path) -> list[Path]:
     return paths
 
 
-def _draw(axes: "Axes", experiment: Experiment) -> None:
+@contextmanager
+def _figure() -> "Iterator[Figure]":
+    """Give a figure; a fixed salt, so that the same results give the same bytes."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context({"svg.hashsalt": "dvc3d", "svg.fonttype": "none", "font.size": 10}):
+        figure = Figure(figsize=SIZE_INCHES, layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+
+
+def _draw(axes: "Axes", experiment: Experiment, styles: Mapping[str, Style]) -> None:
     anchor = experiment.anchor()
-    others = [curve for curve in experiment.curves if not curve.is_anchor]
-    for number, curve in enumerate(others):
-        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+    codecs = [curve for curve in experiment.curves if not curve.is_anchor]
+    for curve in experiment.curves:
+        style = styles[curve.label]
         axes.plot(
-            curve.rates_kbps, curve.psnrs_y_db, color=colour, marker=marker, label=_legend(curve, anchor)
+            curve.rates_kbps,
+            curve.psnrs_y_db,
+            color=style.colour,
+            marker=style.marker,
+            markerfacecolor="none" if style.is_open else style.colour,
+            linestyle=MATPLOTLIB_DASHES[style.dash],
+            label=_plain(_legend(curve, anchor)),
         )
-    if anchor is not None:
-        style = {"color": ANCHOR_COLOUR, "linestyle": "--", "marker": "x"}
-        axes.plot(anchor.rates_kbps, anchor.psnrs_y_db, label=anchor.label, **style)  # type: ignore[arg-type]
-    if others:
-        _focus(axes, others)
-        _name_points(axes, others[0], COLOURS[0])
-    axes.set_title(experiment.title, fontsize=10)
+    if codecs:
+        _focus(axes, codecs)
+        _name_points(axes, codecs[0], styles[codecs[0].label].colour)
+    axes.set_title(_plain(experiment.title), fontsize=10)
     axes.set_xlabel("rate [kbit/s]")
     axes.set_ylabel("luma PSNR [dB]")
     axes.grid(color="#dddddd", linewidth=0.8)
     axes.set_axisbelow(True)
-    axes.legend(loc="best", frameon=True)
+    axes.legend(loc="best", frameon=True, fontsize=8 if len(experiment.curves) > 4 else 10)
+
+
+def _plain(text: str) -> str:
+    """Keep a name from being read as a formula, or as a line that has no place in the legend."""
+    return text.replace("$", r"\$").removeprefix("_")
 
 
 def _name_points(axes: "Axes", curve: Curve, colour: str) -> None:
@@ -108,7 +189,7 @@ def _focus(axes: "Axes", curves: list[Curve]) -> None:
 
 
 def _legend(curve: Curve, anchor: Curve | None) -> str:
-    difference = None if anchor is None else compare_curves(anchor, curve)
+    difference = None if anchor in (None, curve) else compare_curves(anchor, curve)
     if difference is None or isinstance(difference, str):
         return curve.label
     return f"{curve.label} (BD-rate {difference.value:+.1f} %)"
