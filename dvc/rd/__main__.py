@@ -10,6 +10,7 @@ from typing import Any
 from dvc import cli
 from dvc.config import CODECS
 from dvc.errors import ConfigError
+from dvc.rd.points import ANCHORS
 
 PROG = "dvc-rd"
 EXAMPLES = """\
@@ -71,7 +72,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         help="any other option of dvc-encode, such as references=all or noise-model=band; repeatable",
     )
     run.add_argument(
-        "--anchor", action="append", dest="anchors", choices=["intra"], help="codec to compare with"
+        "--anchor", action="append", dest="anchors", choices=ANCHORS, help="codec to compare with"
     )
     run.add_argument("--anchor-qp", metavar="LIST", help="default: 20-44:4 and the QPs of the sweep")
     run.add_argument("--out", type=Path, required=True, metavar="DIR", help="results; what is there is kept")

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from dvc.errors import RdCurveError
-from dvc.rd.points import INTRA
+from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.points import ANCHORS, INTRA
 from dvc.rd.results import PointResult
 
 if TYPE_CHECKING:
@@ -163,16 +164,22 @@ def _key(result: PointResult) -> tuple[str, int, int, bool]:
 def _label(result: PointResult) -> str:
     if result.data["codec"] == INTRA:
         return ANCHOR_LABEL
+    if result.data["codec"] in ANCHOR_CODECS:
+        return ANCHOR_CODECS[result.data["codec"]].label
     options = result.data["options"]
     extra = [
         name if value == "true" else f"{name} {value}" for name, value in sorted(options["options"].items())
     ]
+    if method := options.get("side_information"):
+        extra.append(f"side information {method}")
+    if result.data["key"].get("lossless"):
+        extra.append("lossless key frames")
     return ", ".join([f"{result.data['codec'].upper()}-DVC, GOP {options['gop']}", *extra])
 
 
 def _curve(label: str, points: list[PointResult]) -> Curve:
     ordered = sorted(points, key=lambda point: (point.rate_kbps, point.psnr_y_db))
-    return Curve(label, points[0].data["codec"] == INTRA, tuple(ordered))
+    return Curve(label, points[0].data["codec"] in ANCHORS.values(), tuple(ordered))
 
 
 def _title(result: PointResult) -> str:

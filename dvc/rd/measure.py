@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from dvc.errors import DvcError
-from dvc.rd.processes import ProcessGroup
+from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.pictures import save_pictures
+from dvc.rd.processes import ProcessGroup, ProcessTimes
 from dvc.rd.provenance import library_versions
 from dvc.rd.results import SCHEMA, Task
 
 _STREAM, _PUNCTURED = "stream.dvc", "punctured.dvc"
-_VIDEO, _AGAIN = "decoded.y4m", "again.y4m"
+_VIDEO, _AGAIN, _PREDICTED = "decoded.y4m", "again.y4m", "predicted.y4m"
 _ENCODER_JSON, _DECODER_JSON = "encoder.json", "decoder.json"
 
 
@@ -22,14 +24,16 @@ def measure(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]
     """Measure one point.
 
     The rate is the size of the punctured stream. That it is an honest one is proven here: a fresh process
-    decodes that stream, with nothing else at hand, to the same bytes.
+    decodes that stream, with nothing else at hand, to the same bytes. The rate of an anchor is the size of a
+    file that a second process decodes.
 
     Parameters
     ----------
     task : Task
         The point.
     folder : Path
-        Empty folder for the streams and decoded videos.
+        Empty folder for the streams and decoded videos, within that of the experiment, whose folder
+        ``pictures`` gets the pictures.
     processes : ProcessGroup
         Runs the encoder and the decoders.
 
@@ -45,12 +49,26 @@ def measure(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]
     Stopped
         If the experiment was stopped.
     """
+    measured = (_measure_anchor if task.point.codec in ANCHOR_CODECS else _measure_codec)(
+        task, folder, processes
+    )
+    predicted = folder / _PREDICTED
+    measured["pictures"] = save_pictures(
+        task,
+        folder.parent,
+        folder / _VIDEO,
+        predicted if predicted.exists() else None,
+        measured["per_frame"],
+    )
+    return measured
+
+
+def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]:
     encode, decode, prove = _commands(task, str(task.source.path.absolute()), f"{folder}/")
     encoding = processes.run(_process(encode))
     decoding = processes.run(_process(decode))
     processes.run(_process(prove))
-    coded = json.loads((folder / _ENCODER_JSON).read_text(encoding="utf-8"))
-    decoded = json.loads((folder / _DECODER_JSON).read_text(encoding="utf-8"))
+    coded, decoded = _reports(folder)
     num_bytes = (folder / _PUNCTURED).stat().st_size
     if num_bytes != decoded["stream_bytes"]:
         raise DvcError(
@@ -60,27 +78,17 @@ def measure(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]
         raise DvcError("a fresh process decodes the punctured stream to other frames")
     config, per_frame = decoded.pop("config"), decoded.pop("per_frame")
     del decoded["version"]
+    video = config["video"]
+    frames_per_s = video["frame_rate_num"] / video["frame_rate_den"]
     return {
-        "schema": SCHEMA,
-        "identity": task.identity,
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "sequence": _sequence(task, config),
-        "codec": task.point.codec,
-        "options": task.point.to_dict(),
-        "code": {"version": task.code.version, "commit": task.code.commit, "digest": task.code.digest},
-        "libraries": library_versions(),
-        "commands": [
-            shlex.join(["python", "-m", *words]) for words in _commands(task, task.source.path.name)
-        ],
+        **_provenance(task, task.code.digest, video["width"], video["height"], frames_per_s),
+        "commands": _shown(_commands(task, task.source.path.name)),
         "key": {"qp": config["key"]["qp"], "lossless": config["key"]["lossless"]},
         "totals": decoded,
         "times": {
-            "encode_cpu_s": round(encoding.cpu_s, 4),
-            "encode_wall_s": round(encoding.wall_s, 4),
+            **_process_times(encoding, decoding),
             "key_encode_cpu_s": round(coded["key_cpu_s"], 6),
             "wz_encode_cpu_s": round(coded["wyner_ziv_cpu_s"], 6),
-            "decode_cpu_s": round(decoding.cpu_s, 4),
-            "decode_wall_s": round(decoding.wall_s, 4),
         },
         "proof": {"punctured_bytes": num_bytes, "fresh_decode_equal": True},
         "config": config,
@@ -88,25 +96,99 @@ def measure(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]
     }
 
 
+def _measure_anchor(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]:
+    encode, decode = _anchor_commands(task, str(task.source.path.absolute()), f"{folder}/")
+    encoding = processes.run(_process(encode))
+    decoding = processes.run(_process(decode))
+    coded, decoded = _reports(folder)
+    totals = decoded["totals"]
+    num_bytes = (folder / _anchor_file(task)).stat().st_size
+    if not num_bytes == coded["bytes"] == totals["stream_bytes"] or coded["frames"] != totals["frames"]:
+        raise DvcError(
+            f"the file has {num_bytes} bytes, the reports say {coded['bytes']} for {coded['frames']} frames "
+            f"and {totals['stream_bytes']} for {totals['frames']}"
+        )
+    vectors = {name: decoded[name] for name in ("num_vectors", "num_nonzero_vectors") if name in decoded}
+    return {
+        **_provenance(task, task.code_digest, decoded["width"], decoded["height"], decoded["frames_per_s"]),
+        "commands": _shown(_anchor_commands(task, task.source.path.name)),
+        "key": {"qp": coded["config"]["qp"], "lossless": False},
+        "totals": totals,
+        "times": {**_process_times(encoding, decoding), "coding_cpu_s": round(coded["coding_cpu_s"], 6)},
+        "proof": {"file_bytes": num_bytes, "decoded_by": "FFmpeg", **vectors},
+        "config": coded["config"],
+        "per_frame": decoded["per_frame"],
+    }
+
+
 def _commands(task: Task, original: str, folder: str = "") -> tuple[list[str], list[str], list[str]]:
     """Return the arguments of encoder, decoder and proving decoder, each after the name of its module."""
     stream, punctured, video = folder + _STREAM, folder + _PUNCTURED, folder + _VIDEO
     encode = ["encoder", original, stream, *task.point.encoder_options(), "--json", folder + _ENCODER_JSON]
+    options = task.point.decoder_options()
     decode = ["decoder", stream, video, "--reference", original, "--reference-start", str(task.point.start)]
-    decode += ["--punctured", punctured, "--json", folder + _DECODER_JSON]
-    return encode, decode, ["decoder", punctured, folder + _AGAIN]
+    decode += [*options, "--punctured", punctured, "--json", folder + _DECODER_JSON]
+    if task.point.wz_q is not None:
+        decode += ["--side-information-video", folder + _PREDICTED]
+    return encode, decode, ["decoder", punctured, folder + _AGAIN, *options]
+
+
+def _anchor_commands(task: Task, original: str, folder: str = "") -> tuple[list[str], list[str]]:
+    """Return the arguments that write and measure an anchor's file, each after the name of its module."""
+    point, file = task.point, folder + _anchor_file(task)
+    encode = ["dvc.rd.anchors", "encode", original, file, "--codec", point.codec, "--qp", point.key_qp]
+    encode += ["--start", str(point.start), "--json", folder + _ENCODER_JSON]
+    if point.frames is not None:
+        encode += ["--frames", str(point.frames)]
+    decode = ["dvc.rd.anchors", "decode", file, "--reference", original]
+    decode += ["--reference-start", str(point.start), "--video", folder + _VIDEO]
+    if ANCHOR_CODECS[point.codec].zero_motion:
+        decode.append("--zero-motion")
+    return encode, [*decode, "--json", folder + _DECODER_JSON]
+
+
+def _anchor_file(task: Task) -> str:
+    return f"stream{ANCHOR_CODECS[task.point.codec].suffix}"
 
 
 def _process(arguments: list[str]) -> list[str]:
     return [sys.executable, "-m", *arguments, "--quiet"]
 
 
-def _sequence(task: Task, config: dict[str, Any]) -> dict[str, Any]:
-    video = config["video"]
+def _shown(commands: tuple[list[str], ...]) -> list[str]:
+    return [shlex.join(["python", "-m", *words]) for words in commands]
+
+
+def _reports(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Read what encoder and decoder have reported."""
+    texts = [(folder / name).read_text(encoding="utf-8") for name in (_ENCODER_JSON, _DECODER_JSON)]
+    return json.loads(texts[0]), json.loads(texts[1])
+
+
+def _process_times(encoding: ProcessTimes, decoding: ProcessTimes) -> dict[str, float]:
     return {
-        "name": task.source.name,
-        "digest": task.source.digest,
-        "width": video["width"],
-        "height": video["height"],
-        "frames_per_s": video["frame_rate_num"] / video["frame_rate_den"],
+        "encode_cpu_s": round(encoding.cpu_s, 4),
+        "encode_wall_s": round(encoding.wall_s, 4),
+        "decode_cpu_s": round(decoding.cpu_s, 4),
+        "decode_wall_s": round(decoding.wall_s, 4),
+    }
+
+
+def _provenance(task: Task, digest: str, width: int, height: int, frames_per_s: float) -> dict[str, Any]:
+    """Return what a result says of itself, its input and its code."""
+    return {
+        "schema": SCHEMA,
+        "identity": task.identity,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "sequence": {
+            "name": task.source.name,
+            "digest": task.source.digest,
+            "width": width,
+            "height": height,
+            "frames_per_s": frames_per_s,
+        },
+        "codec": task.point.codec,
+        "options": task.point.to_dict(),
+        "code": {"version": task.code.version, "commit": task.code.commit, "digest": digest},
+        "libraries": library_versions(),
     }

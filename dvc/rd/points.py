@@ -10,11 +10,12 @@ from typing import Any
 from dvc.config import CODECS as STREAM_CODECS
 from dvc.config import gop_for, key_qp_for
 from dvc.errors import ConfigError
+from dvc.rd.anchors.codecs import ANCHOR_CODECS
 
 INTRA = "h264-intra"
-ANCHORS = {"intra": INTRA}
+ANCHORS = {"intra": INTRA, **{name: name for name in ANCHOR_CODECS}}
 """Codecs to compare with, by the names that the command line knows."""
-CODECS = (*STREAM_CODECS, INTRA)
+CODECS = (*STREAM_CODECS, *ANCHORS.values())
 MAX_NUMBERS = 1000
 _RANGE = re.compile(r"(\d{1,9})(?:-(\d{1,9})(?::(\d{1,9}))?)?")
 _OPTION_NAME = re.compile(r"[a-z][a-z0-9-]{0,40}")
@@ -38,7 +39,7 @@ class Point:
     key_qp : str
         QP of the key frames, ``"auto"`` or ``"lossless"``.
     gop : int
-        Frames from one key frame to the next.
+        Frames from one key frame to the next; 0 where only the first is one.
     start : int
         First frame.
     frames : int or None
@@ -47,6 +48,8 @@ class Point:
         Whether chroma is left out.
     options : tuple of (str, str)
         Further options of the encoder without their dashes, sorted; the value ``"true"`` stands for a flag.
+    side_information : str or None
+        Method that the decoder predicts with instead of what the stream names.
     """
 
     sequence: str
@@ -58,6 +61,7 @@ class Point:
     frames: int | None = None
     luma_only: bool = True
     options: tuple[tuple[str, str], ...] = ()
+    side_information: str | None = None
 
     def encoder_options(self) -> list[str]:
         """Return the options of the encoder that make this point.
@@ -79,16 +83,28 @@ class Point:
             words += [f"--{name}"] if value == "true" else [f"--{name}", value]
         return words
 
+    def decoder_options(self) -> list[str]:
+        """Return the options of the decoder that make this point.
+
+        Returns
+        -------
+        list of str
+            Arguments of ``python -m decoder``.
+        """
+        return [] if self.side_information is None else ["--side-information", self.side_information]
+
     def to_dict(self) -> dict[str, Any]:
         """Return what makes the point, apart from the sequence, as JSON-safe values.
 
         Returns
         -------
         dict
-            One entry per field.
+            One entry per field; `side_information` only where it is given.
         """
         values = asdict(self)
         del values["sequence"]
+        if self.side_information is None:
+            del values["side_information"]
         values["options"] = dict(self.options)
         return values
 
@@ -109,7 +125,7 @@ class Sweep:
         One QP for all presets, or one per preset.
     gop : int or None
         As in `Point`; None for the codec's own.
-    start, frames, luma_only, options
+    start, frames, luma_only, options, side_information
         As in `Point`.
     anchors : tuple of str
         Names in `ANCHORS`.
@@ -126,6 +142,7 @@ class Sweep:
     frames: int | None = None
     luma_only: bool = True
     options: tuple[tuple[str, str], ...] = ()
+    side_information: str | None = None
     anchors: tuple[str, ...] = ()
     anchor_qp: tuple[int, ...] = field(default=tuple(range(20, 45, 4)))
 
@@ -141,6 +158,10 @@ class Sweep:
         for name in self.anchors:
             if name not in ANCHORS:
                 raise ConfigError(f"the anchor must be one of {', '.join(ANCHORS)}, got {name!r}")
+            if name in ANCHOR_CODECS and not self.luma_only:
+                raise ConfigError(f"the anchor {name} codes luma only; in colour there is only intra")
+        if self.side_information is not None:
+            check_option(self.side_information)
         for name, _ in self.options:
             check_option(name)
 
@@ -158,10 +179,20 @@ class Sweep:
         for sequence in self.sequences:
             common = {"start": self.start, "frames": self.frames, "luma_only": self.luma_only}
             for wz_q, key_qp in zip(presets, key_qps, strict=False):
-                yield Point(sequence, self.codec, wz_q, key_qp, gop, options=self.options, **common)  # type: ignore[arg-type]
+                yield Point(
+                    sequence,
+                    self.codec,
+                    wz_q,
+                    key_qp,
+                    gop,
+                    options=self.options,
+                    side_information=self.side_information,
+                    **common,  # type: ignore[arg-type]
+                )
             for anchor in self.anchors:
+                gop_length = 1 if is_intra(ANCHORS[anchor]) else 0
                 for qp in self.anchor_qps():
-                    yield Point(sequence, ANCHORS[anchor], None, str(qp), 1, **common)  # type: ignore[arg-type]
+                    yield Point(sequence, ANCHORS[anchor], None, str(qp), gop_length, **common)  # type: ignore[arg-type]
 
     def anchor_qps(self) -> list[int]:
         """Return the QPs of the anchors: their own, and those of the sweep's key frames.
@@ -178,6 +209,22 @@ class Sweep:
             elif key_qp.isdecimal():
                 qps.add(int(key_qp))
         return sorted(qps)
+
+
+def is_intra(codec: str) -> bool:
+    """Tell whether an anchor codes every frame alone.
+
+    Parameters
+    ----------
+    codec : str
+        One of the values of `ANCHORS`.
+
+    Returns
+    -------
+    bool
+        True if it does.
+    """
+    return codec == INTRA or ANCHOR_CODECS[codec].structure == "intra"
 
 
 def check_option(name: str) -> None:
@@ -330,6 +377,8 @@ def build_sweep(given: dict[str, Any]) -> Sweep:
         raise ConfigError(f"`luma_only` must be true or false, got {values['luma_only']!r}")
     if isinstance(values.get("options"), dict):
         values["options"] = tuple(sorted((name, _word(value)) for name, value in values["options"].items()))
+    if not isinstance(values.get("side_information", ""), str):
+        raise ConfigError(f"`side_information` must be a name, got {values['side_information']!r}")
     if not isinstance(values.get("options", ()), tuple):
         raise ConfigError(f"`options` must be a table of options and values, got {values['options']!r}")
     return Sweep(**values)

@@ -10,6 +10,8 @@ from typing import Any
 
 from dvc import cli
 from dvc.errors import DvcError
+from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.anchors.version import anchors_digest
 from dvc.rd.points import Point
 from dvc.rd.provenance import CodeVersion, values_digest
 from dvc.rd.sources import Source
@@ -59,7 +61,14 @@ class Task:
     def identity(self) -> str:
         """Digest of configuration, input and code: equal if the result would be."""
         code = (self.code.version, self.code.digest)
+        if self.point.codec in ANCHOR_CODECS:
+            code = ("anchors", self.code_digest)
         return values_digest([SCHEMA, self.point.to_dict(), self.source.digest, code])
+
+    @property
+    def code_digest(self) -> str:
+        """Digest of the code that makes the result: of the codec, or of what runs an anchor's encoder."""
+        return anchors_digest() if self.point.codec in ANCHOR_CODECS else self.code.digest
 
 
 @dataclass(frozen=True)

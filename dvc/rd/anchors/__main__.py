@@ -20,7 +20,9 @@ def _parser() -> argparse.ArgumentParser:
         PROG, "Write files of standard codecs, luma only, and measure them.", EXAMPLES
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="{encode,decode}")
-    encode = commands.add_parser("encode", prog=f"{PROG} encode", help="write a file")
+    encode = commands.add_parser(
+        "encode", prog=f"{PROG} encode", description="Write a file.", help="write a file"
+    )
     encode.add_argument("input", metavar="INPUT", help="any video that dvc-encode reads but raw ones")
     encode.add_argument("output", metavar="OUTPUT", help="file to write: .264, .265 or .obu")
     encode.add_argument("--codec", choices=ANCHOR_CODECS, required=True)
@@ -33,7 +35,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     encode.add_argument("--start", type=cli.integer(0, 10**9), default=0, metavar="K", help="first frame")
     encode.add_argument("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
-    decode = commands.add_parser("decode", prog=f"{PROG} decode", help="measure a file")
+    decode = commands.add_parser(
+        "decode", prog=f"{PROG} decode", description="Measure a file.", help="measure a file"
+    )
     decode.add_argument("input", metavar="FILE", type=Path, help="what `encode` wrote")
     decode.add_argument("--reference", required=True, metavar="ORIGINAL", help="what `encode` read")
     decode.add_argument(

@@ -1,0 +1,22 @@
+"""Version of what runs the anchors; it does not change with the codec."""
+
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+
+from dvc.rd.provenance import files_digest, package_sources, values_digest
+
+_NOT_MEASURING = frozenset({"reference.py"})
+
+
+@cache
+def anchors_digest() -> str:
+    """Digest the sources of this package and the version of PyAV, which brings the encoders.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits; found once per process.
+    """
+    sources = [path for path in package_sources(Path(__file__).parent) if path.name not in _NOT_MEASURING]
+    return values_digest([files_digest(sources), metadata.version("av")])

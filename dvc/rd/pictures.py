@@ -1,0 +1,97 @@
+"""Pictures of a point: one frame as it was, as it was predicted, and as it was decoded."""
+
+from pathlib import Path
+from typing import Any
+
+from dvc.errors import VideoError
+from dvc.files import atomic_output
+from dvc.rd.results import Task
+from dvc.video import open_video
+from dvc.video.frames import Plane
+
+PICTURES_FOLDER = "pictures"
+
+
+def picture_index(frames: int) -> int:
+    """Return the frame that pictures are made of: an odd one in the middle, which is rarely a key frame.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames that were coded.
+
+    Returns
+    -------
+    int
+        Counted from the first coded frame.
+
+    Examples
+    --------
+    >>> [picture_index(frames) for frames in (1, 2, 3, 8, 51)]
+    [0, 1, 1, 5, 25]
+    """
+    return min(frames // 2 | 1, frames - 1)
+
+
+def save_pictures(
+    task: Task, folder: Path, decoded: Path, predicted: Path | None, per_frame: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Write the pictures of a point, 8-bit grey PNG; the original once for all points that have it.
+
+    Parameters
+    ----------
+    task : Task
+        The point.
+    folder : Path
+        Of the experiment; the pictures go to its folder ``pictures``.
+    decoded : Path
+        Video that was decoded.
+    predicted : Path or None
+        Video of the side information, if there is any.
+    per_frame : list of dict
+        As in the result.
+
+    Returns
+    -------
+    dict
+        Entry ``pictures`` of the result: ``index``, and ``original``, ``decoded`` and ``predicted`` as names
+        relative to `folder`; the last is None unless the frame is a Wyner-Ziv frame.
+
+    Raises
+    ------
+    DvcError
+        If a video cannot be read, or a picture not be written.
+    """
+    index = picture_index(len(per_frame))
+    frame = task.point.start + index
+    names: dict[str, str | None] = {
+        "original": f"{PICTURES_FOLDER}/{task.source.name}-{task.source.digest[:8]}-{frame}.png",
+        "decoded": f"{PICTURES_FOLDER}/{task.name}-decoded.png",
+        "predicted": f"{PICTURES_FOLDER}/{task.name}-predicted.png",
+    }
+    (folder / PICTURES_FOLDER).mkdir(exist_ok=True)
+    if not (folder / str(names["original"])).is_file():
+        _write(folder / str(names["original"]), _luma(task.source.path, frame))
+    _write(folder / str(names["decoded"]), _luma(decoded, index))
+    if predicted is not None and per_frame[index]["type"] == "wz":
+        _write(folder / str(names["predicted"]), _luma(predicted, index))
+    else:
+        names["predicted"] = None
+    return {"index": index, **names}
+
+
+def _luma(video: Path, index: int) -> Plane:
+    with open_video(video, start=index, num_frames=1) as reader:
+        for frame in reader:
+            return frame.luma
+    raise VideoError(f"{video.name}: has no frame {index}")
+
+
+def _write(path: Path, luma: Plane) -> None:
+    import cv2
+
+    done, data = cv2.imencode(".png", luma)
+    if not done:
+        raise VideoError(f"{path.name}: cannot be coded as PNG")
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(data.tobytes())
