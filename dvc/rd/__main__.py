@@ -1,6 +1,7 @@
 """Command `dvc-rd`: rate-distortion experiments."""
 
 import argparse
+import shlex
 import signal
 import sys
 from collections.abc import Sequence
@@ -9,7 +10,7 @@ from typing import Any
 
 from dvc import cli
 from dvc.config import CODECS
-from dvc.errors import ConfigError
+from dvc.errors import ConfigError, DvcError
 from dvc.rd.points import ANCHORS
 
 PROG = "dvc-rd"
@@ -20,12 +21,17 @@ EXAMPLES = """\
   dvc-rd run --spec sweep.toml --frames 11 --out results/quick                sweeps of a file, shortened
   dvc-rd report results/foreman                                               table and plot per sequence
   dvc-rd compare results/before results/after                                 BD-rate of the one to the other
+  dvc-rd compare results/scenes --curves 2D 3D-TE                             is the second one better?
+  dvc-rd export results/scenes --csv points.csv                               a line per point
+  dvc-rd reproduce thesis --out results/thesis --jobs 2                       its tables and figures
 """
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = cli.ArgumentParser(PROG, "Measure and report rate-distortion curves.", EXAMPLES)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="{run,report,compare}")
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="{run,report,compare,export,reproduce}"
+    )
     _add_run(
         commands.add_parser("run", prog=f"{PROG} run", description="Measure points.", help="measure points")
     )
@@ -37,15 +43,65 @@ def _parser() -> argparse.ArgumentParser:
         "--out", type=Path, metavar="FILE.md", help="default: DIR/report.md; the plots lie beside it"
     )
     report.add_argument("--against", metavar="LABEL", help="curve to compare with; default: H.264 intra")
+    _add_compare(commands)
+    _add_export(commands)
+    _add_reproduce(commands)
+    return parser
+
+
+def _add_compare(commands: Any) -> None:
     compare = commands.add_parser(
         "compare",
         prog=f"{PROG} compare",
-        description="Compare the curves that two experiments have in common.",
-        help="compare two experiments",
+        description="Compare the curves that two experiments have in common, or those of one experiment.",
+        help="compare curves: which needs less, and by how much",
     )
-    compare.add_argument("before", type=Path, metavar="A", help="folder of the first")
-    compare.add_argument("after", type=Path, metavar="B", help="folder of the second")
-    return parser
+    compare.add_argument("before", type=Path, metavar="A", help="folder of an experiment")
+    compare.add_argument(
+        "after", type=Path, nargs="?", metavar="B", help="another: its curves are compared with those of A"
+    )
+    which = compare.add_mutually_exclusive_group()
+    which.add_argument(
+        "--against",
+        metavar="LABEL",
+        help="curve of A that all are compared with; default: the same curve, H.264 intra without B",
+    )
+    which.add_argument(
+        "--curves",
+        nargs=2,
+        metavar=("LABEL1", "LABEL2"),
+        help="within A: the second against the first; a part of a label is enough",
+    )
+    compare.add_argument("--csv", metavar="FILE", help="also write the figures (-: instead, to stdout)")
+
+
+def _add_export(commands: Any) -> None:
+    export = commands.add_parser(
+        "export",
+        prog=f"{PROG} export",
+        description="Write points, or their frames, as comma-separated values.",
+        help="write points as CSV",
+    )
+    export.add_argument("folder", type=Path, metavar="DIR", help="what `run --out` was given")
+    export.add_argument("--csv", required=True, metavar="FILE", help="file to write (-: stdout)")
+    export.add_argument("--frames", action="store_true", help="a line per frame instead of one per point")
+
+
+def _add_reproduce(commands: Any) -> None:
+    reproduce = commands.add_parser(
+        "reproduce",
+        prog=f"{PROG} reproduce",
+        description="Measure and write the tables and figures of the thesis; goes on where it stopped.",
+        help="all tables and figures of the thesis",
+    )
+    reproduce.add_argument("what", choices=["thesis"], metavar="thesis")
+    reproduce.add_argument(
+        "--preset", choices=["quick", "full"], default="quick", help="minutes, or hours; default: quick"
+    )
+    reproduce.add_argument(
+        "--sequences", nargs="+", metavar="SEQUENCE", help="other sequences than those of the preset"
+    )
+    _add_measuring(reproduce)
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
@@ -75,13 +131,23 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         "--anchor", action="append", dest="anchors", choices=ANCHORS, help="codec to compare with"
     )
     run.add_argument("--anchor-qp", metavar="LIST", help="default: 20-44:4 and the QPs of the sweep")
-    run.add_argument("--out", type=Path, required=True, metavar="DIR", help="results; what is there is kept")
-    run.add_argument(
+    _add_measuring(run)
+
+
+def _add_measuring(command: argparse.ArgumentParser) -> None:
+    """Add the options of all commands that measure points."""
+    add = command.add_argument
+    add("--out", type=Path, required=True, metavar="DIR", help="results; what is there is kept")
+    where = command.add_mutually_exclusive_group()
+    where.add_argument(
         "--jobs", type=cli.integer(1, 256), default=1, metavar="N", help="points at a time; default: 1"
     )
-    run.add_argument("--cache", type=Path, metavar="DIR", help="rendered scenes; default: ~/.cache/dvc3d")
-    run.add_argument("--any-version", action="store_true", help="keep results of other versions of the code")
-    run.add_argument("--quiet", action="store_true", help="no progress bar")
+    where.add_argument(
+        "--dask", metavar="ADDRESS", help="measure on a Dask cluster, such as tcp://127.0.0.1:8786"
+    )
+    add("--cache", type=Path, metavar="DIR", help="rendered scenes; default: ~/.cache/dvc3d")
+    add("--any-version", action="store_true", help="keep results of other versions of the code")
+    add("--quiet", action="store_true", help="no progress bar")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -98,16 +164,27 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit status: 0, or 2 for bad input and for points that failed.
     """
     arguments = _parser().parse_args(argv)
-    command = {"run": _run, "report": _report, "compare": _compare}[arguments.command]
-    return cli.run(PROG, lambda: command(arguments))
+    commands = {
+        "run": _run,
+        "report": _report,
+        "compare": _compare,
+        "export": _export,
+        "reproduce": _reproduce,
+    }
+    return cli.run(PROG, lambda: commands[arguments.command](arguments))
 
 
 def _run(arguments: argparse.Namespace) -> int:
     from dvc.rd.points import expand
+
+    return _measure(expand(_sweeps(arguments)), arguments)
+
+
+def _measure(points: list[Any], arguments: argparse.Namespace) -> int:
+    """Measure points, and say how that went."""
     from dvc.rd.sources import default_cache
     from dvc.rd.sweep import run_points
 
-    points = expand(_sweeps(arguments))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with cli.progress_bar("points", len(points), arguments.quiet) as progress:
         summary = run_points(
@@ -117,6 +194,7 @@ def _run(arguments: argparse.Namespace) -> int:
             jobs=arguments.jobs,
             any_version=arguments.any_version,
             progress=progress,
+            cluster=arguments.dask,
         )
     counts = f"{summary.num_measured} measured, {summary.num_skipped} already there"
     sys.stderr.write(f"{PROG}: {len(points)} points: {counts}, {len(summary.failures)} failed\n")
@@ -152,11 +230,70 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 def _compare(arguments: argparse.Namespace) -> int:
-    from dvc.rd.compare import compare_results
+    from dvc.rd.compare import HEAD, compare, comparison_csv, comparison_rows
     from dvc.rd.results import read_results
 
-    sys.stdout.write(compare_results(read_results(arguments.before), read_results(arguments.after)))
+    before = read_results(arguments.before)
+    after = None if arguments.after is None else read_results(arguments.after)
+    found = compare(before, after, arguments.against, arguments.curves)
+    if arguments.csv is not None:
+        _write(arguments.csv, comparison_csv(found))
+    if arguments.csv != "-":
+        _show_table(HEAD, comparison_rows(found))
+    if not any(one.comparable for one in found):
+        raise DvcError("none of these curves can be compared; the table says why")
     return 0
+
+
+def _show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Write a table on standard output: drawn on a terminal, as Markdown elsewhere."""
+    if not sys.stdout.isatty():
+        from dvc.rd.report import table
+
+        sys.stdout.write(table(head, rows))
+        return
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    drawn = Table(*head)
+    for row in rows:
+        drawn.add_row(*(Text(cell) for cell in row))
+    Console().print(drawn)
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from dvc.rd.export import frames_csv, points_csv
+    from dvc.rd.results import read_results
+
+    results = read_results(arguments.folder)
+    _write(arguments.csv, frames_csv(results) if arguments.frames else points_csv(results))
+    return 0
+
+
+def _write(name: str, text: str) -> None:
+    """Write a file in one piece, or to standard output."""
+    if name == "-":
+        sys.stdout.write(text)
+        return
+    from dvc.files import atomic_output
+
+    with atomic_output(name) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _reproduce(arguments: argparse.Namespace) -> int:
+    from dvc.rd.reproduce import PRESETS, plan, preset_sequences, write_reproduction
+
+    preset = PRESETS[arguments.preset]
+    chosen = arguments.sequences or preset_sequences(preset)
+    status = _measure(plan(preset, chosen), arguments)
+    words = ["dvc-rd", "reproduce", arguments.what, "--preset", arguments.preset]
+    if arguments.sequences:
+        words += ["--sequences", *(Path(name).name for name in arguments.sequences)]
+    written = write_reproduction(arguments.out, shlex.join(words))
+    sys.stdout.write("".join(f"{path}\n" for path in written))
+    return status
 
 
 if __name__ == "__main__":

@@ -1,15 +1,121 @@
-"""Comparison of two experiments: for instance the same sweep before and after a change."""
+"""Comparison of curves: is one codec better than another, by how much, and up to which rate."""
 
-from collections.abc import Sequence
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from dvc.errors import DvcError, RdCurveError
-from dvc.rd.curves import Curve, bd_text, compare_curves, experiments
-from dvc.rd.report import table
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import ConfigError, DvcError, RdCurveError
+from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
+from dvc.rd.report import NOTHING, table
 from dvc.rd.results import PointResult
 
+if TYPE_CHECKING:
+    from dvc.metrics import BdResult
 
-def compare_results(before: Sequence[PointResult], after: Sequence[PointResult]) -> str:
-    """Compare the curves that two experiments have in common.
+NUM_SAMPLES = 2001
+EQUAL_DB = 1e-6
+HEAD = (
+    "sequence",
+    "codec",
+    "against",
+    "BD-rate (overlap, points)",
+    "BD-PSNR",
+    "PSNR at equal rate",
+)
+CSV_COLUMNS = (
+    "sequence",
+    "codec",
+    "against",
+    "bd_rate_percent",
+    "overlap_low_db",
+    "overlap_high_db",
+    "overlap_share",
+    "num_points",
+    "num_points_against",
+    "bd_psnr_db",
+    "overlap_low_kbps",
+    "overlap_high_kbps",
+    "crossings_kbps",
+    "refused",
+)
+"""Columns of the table for machines, in this order."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One curve against another, on the same frames.
+
+    Attributes
+    ----------
+    sequence : str
+        Name.
+    reference, other : Curve
+        The curves; negative BD-rates mean that `other` needs less.
+    rate, psnr : BdResult or str
+        Mean difference in rate at equal PSNR, and in PSNR at equal rate, or why there is none.
+    """
+
+    sequence: str
+    reference: Curve
+    other: Curve
+    rate: "BdResult | str"
+    psnr: "BdResult | str"
+
+    @property
+    def comparable(self) -> bool:
+        """Whether there is a figure."""
+        return not isinstance(self.rate, str)
+
+
+def compare(
+    before: Sequence[PointResult],
+    after: Sequence[PointResult] | None = None,
+    against: str | None = None,
+    curves: tuple[str, str] | None = None,
+) -> list[Comparison]:
+    """Compare what a user asks for.
+
+    Parameters
+    ----------
+    before : sequence of PointResult
+        Results of an experiment.
+    after : sequence of PointResult, optional
+        Results of another, whose curves are compared with those of the first.
+    against : str, optional
+        Label of the curve of `before` that all are compared with; by default the one of the same label, and
+        H.264 intra within one experiment.
+    curves : tuple of str, optional
+        Labels of two curves of `before`: the second is compared with the first.
+
+    Returns
+    -------
+    list of Comparison
+        By sequence.
+
+    Raises
+    ------
+    ConfigError
+        If labels are unknown or ambiguous, or curves are given with two experiments.
+    DvcError
+        If there is nothing to compare.
+    """
+    if curves is not None:
+        if after is not None:
+            raise ConfigError("--curves compares within one experiment; give one folder")
+        return compare_pair(before, *curves)
+    if after is not None and against is None:
+        return compare_same(before, after)
+    return compare_against(before, before if after is None else after, against or ANCHOR_LABEL)
+
+
+def compare_same(before: Sequence[PointResult], after: Sequence[PointResult]) -> list[Comparison]:
+    """Compare every curve of an experiment with that of the same label in another.
 
     Parameters
     ----------
@@ -18,8 +124,8 @@ def compare_results(before: Sequence[PointResult], after: Sequence[PointResult])
 
     Returns
     -------
-    str
-        Markdown table: BD-rate and BD-PSNR of `after` against `before` per sequence and codec.
+    list of Comparison
+        Curves of `after` against those of `before`; curves without a partner are left out.
 
     Raises
     ------
@@ -28,26 +134,301 @@ def compare_results(before: Sequence[PointResult], after: Sequence[PointResult])
     """
     known = {(one.key, curve.label): curve for one in experiments(before) for curve in one.curves}
     rows = [
-        [
-            one.name,
-            curve.label,
-            bd_text(compare_curves(known[one.key, curve.label], curve)),
-            _psnr_text(known[one.key, curve.label], curve),
-        ]
+        _compare(one, known[one.key, curve.label], curve)
         for one in experiments(after)
         for curve in one.curves
         if (one.key, curve.label) in known
     ]
     if not rows:
         raise DvcError("the two experiments have no codec and sequence in common")
-    return table(["sequence", "codec", "BD-rate (overlap, points)", "BD-PSNR"], rows)
+    return rows
 
 
-def _psnr_text(before: Curve, after: Curve) -> str:
+def compare_against(
+    before: Sequence[PointResult], after: Sequence[PointResult], against: str = ANCHOR_LABEL
+) -> list[Comparison]:
+    """Compare every curve of an experiment with one curve of another, or of the same.
+
+    Parameters
+    ----------
+    before : sequence of PointResult
+        Has the curve to compare with.
+    after : sequence of PointResult
+        Has the others.
+    against : str, optional
+        Label, or a part of one that no other label has.
+
+    Returns
+    -------
+    list of Comparison
+        By sequence.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such label, or several.
+    DvcError
+        If no sequence has it and another curve.
+    """
+    label = find_label(before, against)
+    known = {one.key: one.anchor(label) for one in experiments(before)}
+    same = before is after
+    rows = [
+        _compare(one, reference, curve)
+        for one in experiments(after)
+        for curve in one.curves
+        if (reference := known.get(one.key)) is not None and not (same and curve.label == label)
+    ]
+    if not rows:
+        raise DvcError(f"there is nothing to compare with {label!r} on the same frames")
+    return rows
+
+
+def compare_pair(results: Sequence[PointResult], reference: str, other: str) -> list[Comparison]:
+    """Compare two curves of an experiment.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        Of the experiment.
+    reference, other : str
+        Labels, or parts of them that no other label has.
+
+    Returns
+    -------
+    list of Comparison
+        By sequence.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such label, or several.
+    DvcError
+        If no sequence has both.
+    """
+    wanted = find_label(results, other)
+    if wanted == find_label(results, reference):
+        raise ConfigError(f"{reference!r} and {other!r} are the same curve, {wanted!r}")
+    rows = [row for row in compare_against(results, results, reference) if row.other.label == wanted]
+    if not rows:
+        raise DvcError(f"no sequence has both {reference!r} and {other!r}")
+    return rows
+
+
+def find_label(results: Sequence[PointResult], text: str) -> str:
+    """Find the label of a curve.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        Where to look.
+    text : str
+        The label, or a part of it, in upper or lower case.
+
+    Returns
+    -------
+    str
+        The label.
+
+    Raises
+    ------
+    ConfigError
+        If none has it, or several; the message lists them.
+    """
+    labels = list(dict.fromkeys(curve.label for one in experiments(results) for curve in one.curves))
+    if text in labels:
+        return text
+    found = [label for label in labels if text.casefold() in label.casefold()]
+    if len(found) != 1:
+        problem = "no curve" if not found else "several curves"
+        raise ConfigError(f"{problem} with {text!r}; there are: {'; '.join(found or labels)}")
+    return found[0]
+
+
+def crossings_kbps(reference: Curve, other: Curve) -> list[tuple[float, bool]]:
+    """Find the rates from which one curve is better or worse than another.
+
+    Parameters
+    ----------
+    reference, other : Curve
+        Of the same experiment.
+
+    Returns
+    -------
+    list of (float, bool)
+        Rate in kbit/s from which on, up to the next entry, `other` has the higher PSNR (true) or not; the
+        first is the lowest rate that both curves reach. Empty where they have no rates in common.
+    """
+    (rates_a, psnrs_a), (rates_b, psnrs_b) = _front(reference), _front(other)
+    low, high = max(rates_a[0], rates_b[0]), min(rates_a[-1], rates_b[-1])
+    if min(rates_a.size, rates_b.size) < 2 or low >= high:
+        return []
+    from scipy.interpolate import PchipInterpolator
+
+    samples = np.linspace(low, high, NUM_SAMPLES)
+    gains = PchipInterpolator(rates_b, psnrs_b)(samples) - PchipInterpolator(rates_a, psnrs_a)(samples)
+    better = gains > EQUAL_DB
+    starts = [0, *(np.flatnonzero(better[1:] != better[:-1]) + 1)]
+    return [(float(math.exp(samples[i])), bool(better[i])) for i in starts]
+
+
+def crossing_text(reference: Curve, other: Curve) -> str:
+    """Write where one curve is better than another.
+
+    Parameters
+    ----------
+    reference, other : Curve
+        Of the same experiment.
+
+    Returns
+    -------
+    str
+        Such as ``better up to 890 kbit/s``.
+    """
+    pieces = crossings_kbps(reference, other)
+    if not pieces:
+        return "no rates in common"
+    if len(pieces) == 1:
+        return f"{'better' if pieces[0][1] else 'worse'} at all common rates"
+    spans = []
+    for number, (rate, better) in enumerate(pieces):
+        if better:
+            start = f"from {rate:.0f} " if number else ""
+            end = f"up to {pieces[number + 1][0]:.0f} " if number + 1 < len(pieces) else ""
+            spans.append(start + end)
+    return f"better {'and '.join(spans)}kbit/s"
+
+
+def bd_cell(reference: Curve, other: Curve) -> str:
+    """Write the mean difference in rate of a curve against another.
+
+    Parameters
+    ----------
+    reference, other : Curve
+        Of the same experiment.
+
+    Returns
+    -------
+    str
+        With overlap and number of points, or why there is none.
+    """
+    return bd_text(compare_curves(reference, other))
+
+
+def comparison_rows(comparisons: Sequence[Comparison]) -> list[list[str]]:
+    """Write comparisons as rows of a table, with means over the sequences.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        By sequence.
+
+    Returns
+    -------
+    list of list of str
+        One cell for each title of `HEAD`; the means last, where there are several sequences.
+    """
+    rows = [
+        [
+            one.sequence,
+            one.other.label,
+            one.reference.label,
+            bd_text(one.rate),
+            NOTHING if isinstance(one.psnr, str) else f"{one.psnr.value:+.2f} dB",
+            crossing_text(one.reference, one.other),
+        ]
+        for one in comparisons
+    ]
+    return rows + _means(comparisons)
+
+
+def comparison_table(comparisons: Sequence[Comparison]) -> str:
+    """Write comparisons as a Markdown table.
+
+    Parameters
+    ----------
+    comparisons : sequence of Comparison
+        By sequence.
+
+    Returns
+    -------
+    str
+        The table.
+    """
+    return table(HEAD, comparison_rows(comparisons))
+
+
+def comparison_csv(comparisons: Iterable[Comparison]) -> str:
+    """Write comparisons as comma-separated values.
+
+    Parameters
+    ----------
+    comparisons : iterable of Comparison
+        By sequence.
+
+    Returns
+    -------
+    str
+        A line of titles, `CSV_COLUMNS`, and a line for each comparison.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(CSV_COLUMNS)
+    for one in comparisons:
+        crossings = " ".join(f"{rate:.1f}" for rate, _ in crossings_kbps(one.reference, one.other)[1:])
+        rate: list[object] = [None] * 6
+        psnr: list[object] = [None] * 3
+        if not isinstance(one.rate, str):
+            shares = (*one.rate.overlap, one.rate.overlap_share)
+            rate = [one.rate.value, *shares, one.rate.num_points[1], one.rate.num_points[0]]
+        if not isinstance(one.psnr, str):
+            psnr = [one.psnr.value, *one.psnr.overlap]
+        refused = one.rate if isinstance(one.rate, str) else None
+        names = [one.sequence, one.other.label, one.reference.label]
+        writer.writerow([*names, *rate, *psnr, crossings, refused])
+    return text.getvalue()
+
+
+def _compare(experiment: Experiment, reference: Curve, other: Curve) -> Comparison:
+    rate = compare_curves(reference, other)
+    return Comparison(experiment.name, reference, other, rate, _bd_psnr(reference, other))
+
+
+def _bd_psnr(reference: Curve, other: Curve) -> "BdResult | str":
     from dvc.metrics import bd_psnr
 
     try:
-        difference = bd_psnr(before.rates_kbps, before.psnrs_y_db, after.rates_kbps, after.psnrs_y_db)
+        return bd_psnr(reference.rates_kbps, reference.psnrs_y_db, other.rates_kbps, other.psnrs_y_db)
     except RdCurveError as err:
-        return f"not comparable: {err}"
-    return f"{difference.value:+.2f} dB"
+        return str(err)
+
+
+def _means(comparisons: Sequence[Comparison]) -> list[list[str]]:
+    """Return a row for each pair of curves that is compared on several sequences."""
+    groups: dict[tuple[str, str], list[Comparison]] = {}
+    for one in comparisons:
+        groups.setdefault((one.other.label, one.reference.label), []).append(one)
+    rows = []
+    for (label, reference), members in groups.items():
+        rates = [one.rate.value for one in members if not isinstance(one.rate, str)]
+        psnrs = [one.psnr.value for one in members if not isinstance(one.psnr, str)]
+        if len(rates) > 1:
+            count = f"{len(rates)} of {len(members)} sequences"
+            spread = f"{min(rates):+.1f} to {max(rates):+.1f} %"
+            gain = f"{np.mean(psnrs):+.2f} dB" if psnrs else NOTHING
+            rows.append(
+                ["*mean*", label, reference, f"{np.mean(rates):+.1f} % ({count}, {spread})", gain, NOTHING]
+            )
+    return rows
+
+
+def _front(curve: Curve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return logarithms of rates, and PSNRs, of the points that no other point beats."""
+    points: list[tuple[float, float]] = []
+    for rate, psnr in sorted(
+        zip(curve.rates_kbps, curve.psnrs_y_db, strict=True), key=lambda p: (p[0], -p[1])
+    ):
+        if not points or psnr > points[-1][1]:
+            points.append((math.log(rate), psnr))
+    both = np.array(points, dtype=np.float64)
+    return both[:, 0], both[:, 1]

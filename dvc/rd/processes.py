@@ -63,7 +63,8 @@ class ProcessGroup:
         Raises
         ------
         DvcError
-            If its exit status is not 0; the message is the last line that it wrote on standard error.
+            If its exit status is not 0; the message is the last line that it wrote on standard error. If it
+            cannot be started.
         Stopped
             If `stop` was called before it ended.
         """
@@ -91,19 +92,24 @@ class ProcessGroup:
         with self._lock:
             if self._stopped:
                 raise Stopped
-            process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                env={**os.environ, **_ONE_THREAD},
-                start_new_session=True,
-            )
+            try:
+                process = subprocess.Popen(
+                    command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=errors,
+                    env={**os.environ, **_ONE_THREAD},
+                    start_new_session=True,
+                )
+            except OSError as err:
+                raise DvcError(f"cannot start {command[0]}: {err.strerror}") from err
             self._running.add(process.pid)
             return process
 
 
 def _failure(status: int, errors: IO[bytes]) -> str:
+    if status < 0:
+        return f"the process was ended by {signal.Signals(-status).name}"
     size = errors.seek(0, os.SEEK_END)
     errors.seek(max(0, size - _MAX_MESSAGE_BYTES))
     lines = errors.read().decode("utf-8", "replace").split("\n")

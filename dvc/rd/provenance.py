@@ -45,17 +45,24 @@ def code_version() -> CodeVersion:
     CodeVersion
         Of the installed packages of the codec; found once per process.
     """
+    return CodeVersion(version=dvc.__version__, commit=_commit(Path(dvc.__file__)), digest=codec_digest())
+
+
+def codec_digest() -> str:
+    """Digest the source files of the codec as they are now; experiments are no part of it.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+    """
     files = []
     for name in _CODEC_PACKAGES:
         spec = util.find_spec(name)
         if spec is not None and spec.origin is not None:
             files += package_sources(Path(spec.origin).parent)
     experiments = Path(__file__).parent
-    return CodeVersion(
-        version=dvc.__version__,
-        commit=_commit(Path(dvc.__file__)),
-        digest=files_digest(path for path in files if experiments not in path.parents),
-    )
+    return files_digest(path for path in files if experiments not in path.parents)
 
 
 def library_versions() -> dict[str, str]:

@@ -2,19 +2,25 @@
 
 import logging
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from importlib import util
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dvc import cli
 from dvc.errors import DvcError
+from dvc.files import atomic_output
 from dvc.rd.measure import measure
 from dvc.rd.points import Point
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.provenance import code_version
 from dvc.rd.results import POINTS_FOLDER, Task, finished, write_result
 from dvc.rd.sources import Source, find_source
+
+if TYPE_CHECKING:
+    from dvc.rd.cluster import Measured
 
 Progress = Callable[[int], None]
 """Called with the number of points that have just been finished."""
@@ -46,6 +52,7 @@ def run_points(
     jobs: int = 1,
     any_version: bool = False,
     progress: Progress = lambda _: None,
+    cluster: str | None = None,
 ) -> SweepSummary:
     """Measure points.
 
@@ -63,6 +70,8 @@ def run_points(
         Keep results of other versions of the code.
     progress : callable, optional
         Called with the number of points just finished, whether well or not.
+    cluster : str, optional
+        Address of a Dask scheduler, whose workers measure instead of this machine.
 
     Returns
     -------
@@ -72,8 +81,9 @@ def run_points(
     Raises
     ------
     DvcError
-        If the folder cannot be made.
+        If the folder cannot be made, the codec is not installed, or the cluster cannot be used.
     """
+    _check_installed()
     _make_folder(folder)
     processes = ProcessGroup()
     summary = SweepSummary()
@@ -87,15 +97,24 @@ def run_points(
                     progress(1)
                 else:
                     waiting.append(task)
-            futures = {pool.submit(_run_one, task, folder, processes): task for task in waiting}
-            for future in as_completed(futures):
-                _note(summary, futures[future].name, future.result())
+            if cluster is not None and waiting:
+                outcomes = _on_cluster(waiting, folder, cluster)
+            else:
+                outcomes = _on_threads(waiting, folder, processes, pool)
+            for task, failure in outcomes:
+                _note(summary, task.name, failure)
                 progress(1)
         except BaseException:
             processes.stop()
             pool.shutdown(cancel_futures=True)
             raise
     return summary
+
+
+def _check_installed() -> None:
+    for name in ("encoder", "decoder", "sequences"):
+        if util.find_spec(name) is None:
+            raise DvcError(f"the package {name!r} is not installed, so that no point can be measured")
 
 
 def _make_folder(folder: Path) -> None:
@@ -135,6 +154,35 @@ def _find(sequence: str, cache: Path, processes: ProcessGroup) -> Source | str:
         return find_source(sequence, cache, processes)
     except (DvcError, OSError) as err:
         return cli.one_line(err)
+
+
+def _on_threads(
+    tasks: Sequence[Task], folder: Path, processes: ProcessGroup, pool: ThreadPoolExecutor
+) -> Iterator[tuple[Task, str | None]]:
+    """Measure points on this machine; yield each when it is finished, with the reason if that failed."""
+    futures = {pool.submit(_run_one, task, folder, processes): task for task in tasks}
+    for future in as_completed(futures):
+        yield futures[future], future.result()
+
+
+def _on_cluster(tasks: Sequence[Task], folder: Path, address: str) -> Iterator[tuple[Task, str | None]]:
+    """Measure points on a cluster and write what comes back."""
+    from dvc.rd.cluster import measure_on_cluster
+
+    for task, outcome in measure_on_cluster(tasks, address):
+        yield task, outcome if isinstance(outcome, str) else _store(folder, task, outcome)
+
+
+def _store(folder: Path, task: Task, measured: "Measured") -> str | None:
+    try:
+        for name, content in measured.files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            with atomic_output(folder / name) as temporary:
+                temporary.write_bytes(content)
+        write_result(folder, task.name, measured.data)
+    except (DvcError, OSError) as err:
+        return cli.one_line(err)
+    return None
 
 
 def _run_one(task: Task, folder: Path, processes: ProcessGroup) -> str | None:

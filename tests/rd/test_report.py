@@ -3,10 +3,6 @@
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-import pytest
-
-from dvc.errors import DvcError
-from dvc.rd.compare import compare_results
 from dvc.rd.curves import bd_text, compare_curves, experiments
 from dvc.rd.report import points_table, table, write_report
 from dvc.rd.results import PointResult, read_results
@@ -96,17 +92,3 @@ def test_report_of_single_points(tmp_path: Path) -> None:
     """One point without an anchor is a report as well."""
     (report, *_) = write_report([PointResult("a", result_data(60.0, 30.0))], tmp_path / "r.md")
     assert "| clip | 2D-DVC, GOP 2 | – |" in report.read_text(encoding="utf-8")
-
-
-def test_comparison_of_two_experiments(tmp_path: Path) -> None:
-    """A tenth more rate everywhere is a BD-rate of +10 %; curves without a partner are left out."""
-    before = read_results(write_results(tmp_path / "a"))
-    after = read_results(write_results(tmp_path / "b", scale=1.1))
-    text = compare_results(before, after)
-    assert text.count("+10.0 %") == 2
-    assert text.count("-0.") == 2
-    other = [
-        PointResult("x", result_data(60.0, 30.0, sequence={**after[0].data["sequence"], "digest": "d2"}))
-    ]
-    with pytest.raises(DvcError, match="no codec and sequence in common"):
-        compare_results(before, other)

@@ -1,0 +1,148 @@
+"""Points on a Dask cluster: the workers measure, this process writes; a point of a lost worker runs again."""
+
+import logging
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dvc import cli
+from dvc.errors import DvcError
+from dvc.rd.measure import measure
+from dvc.rd.processes import ProcessGroup
+from dvc.rd.provenance import codec_digest, input_digest
+from dvc.rd.results import Task
+from dvc.rd.sources import default_cache, find_source
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT_S = 10.0
+WORKERS_S = 30.0
+_SCRATCH = ".running"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a worker sends back.
+
+    Attributes
+    ----------
+    data : dict
+        Contents of the result file.
+    files : dict of str to bytes
+        Other files, by their place in the folder of the experiment.
+    """
+
+    data: dict[str, Any]
+    files: dict[str, bytes] = field(default_factory=dict)
+
+
+def measure_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[tuple[Task, Measured | str]]:
+    """Measure points on the workers of a Dask cluster.
+
+    Parameters
+    ----------
+    tasks : sequence of Task
+        Points.
+    address : str
+        Of the scheduler.
+
+    Yields
+    ------
+    task : Task
+        A point that is finished, in any order.
+    outcome : Measured or str
+        What came out, or why it failed.
+
+    Raises
+    ------
+    DvcError
+        If there is no such cluster, it has no workers, or one of them has other code.
+    """
+    with _connect(address) as client:
+        from distributed import as_completed
+
+        _check_workers(client, address, tasks[0].code.digest)
+        futures = {
+            client.submit(_measure_here, task, key=f"{task.name}-{task.identity}", pure=False): task
+            for task in tasks
+        }
+        try:
+            for future in as_completed(futures):
+                yield futures[future], _outcome(future)
+        finally:
+            client.cancel(list(futures))
+
+
+def _connect(address: str) -> "Client":
+    try:
+        from distributed import Client
+    except ImportError as err:
+        raise DvcError("--dask needs the package `distributed`: pip install 'dvc3d[dask]'") from err
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        return Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, ImportError) as err:
+        raise DvcError(f"no Dask scheduler answers at {address!r}: {err}") from err
+
+
+def _check_workers(client: "Client", address: str, digest: str) -> None:
+    """Refuse a cluster without workers, and workers that would measure another codec."""
+    try:
+        client.wait_for_workers(1, timeout=WORKERS_S)
+    except TimeoutError as err:
+        raise DvcError(f"the Dask cluster at {address!r} has no workers") from err
+    try:
+        digests = client.run(codec_digest)
+    except ImportError as err:
+        raise DvcError(f"a worker of the Dask cluster cannot load the codec: {err}") from err
+    for worker, other in digests.items():
+        if other != digest:
+            raise DvcError(
+                f"worker {worker} has another version of the code ({other[:12]}, not {digest[:12]})"
+            )
+
+
+def _outcome(future: Any) -> Measured | str:
+    error = future.exception()
+    if error is None:
+        measured: Measured = future.result()
+        return measured
+    if isinstance(error, (DvcError, OSError)):
+        return cli.one_line(error)
+    if type(error).__name__ == "KilledWorker":
+        return "several workers were lost while they measured this point"
+    return cli.one_line(f"{type(error).__name__}: {error}")
+
+
+def _measure_here(task: Task) -> Measured:
+    """Measure a point on this worker, in folders of its own; depends on nothing but the point."""
+    if codec_digest() != task.code.digest:
+        raise DvcError("the worker has another version of the code")
+    with tempfile.TemporaryDirectory(prefix="dvc3d-") as name:
+        folder = Path(name)
+        scratch = folder / _SCRATCH
+        scratch.mkdir()
+        processes = ProcessGroup()
+        data = measure(_with_source(task, processes), scratch, processes)
+        files = {
+            path.relative_to(folder).as_posix(): path.read_bytes()
+            for path in sorted(folder.rglob("*"))
+            if path.is_file() and scratch not in path.parents
+        }
+    return Measured(data, files)
+
+
+def _with_source(task: Task, processes: ProcessGroup) -> Task:
+    """Find the original on this machine: at the same place, or in its own cache of rendered scenes."""
+    source = task.source
+    if source.path.exists():
+        if input_digest(source.path) == source.digest:
+            return task
+        raise DvcError(f"{source.name}: the file that the worker has is another one")
+    found = find_source(task.point.sequence, default_cache(), processes)
+    if found.digest != source.digest:
+        raise DvcError(f"{source.name}: the sequence that the worker has is another one")
+    return replace(task, source=found)

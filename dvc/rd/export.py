@@ -1,0 +1,146 @@
+"""Results as comma-separated values: a line per point, or per frame."""
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from dvc.rd.curves import experiments
+from dvc.rd.results import PointResult
+
+Column = Callable[[PointResult], object]
+
+
+def points_csv(results: Sequence[PointResult]) -> str:
+    """Write a line for each point.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured.
+
+    Returns
+    -------
+    str
+        A line of titles, then the points by sequence and curve; a cell without a value is empty.
+    """
+    rows = (
+        [point.data["sequence"]["name"], label, *(column(point) for column in POINT_COLUMNS.values())]
+        for label, point in _ordered(results)
+    )
+    return _csv(("sequence", "curve", *POINT_COLUMNS), rows)
+
+
+def frames_csv(results: Sequence[PointResult]) -> str:
+    """Write a line for each frame of each point.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured.
+
+    Returns
+    -------
+    str
+        A line of titles, then the frames by sequence, curve and point; a cell without a value is empty.
+    """
+    rows = (
+        [
+            point.data["sequence"]["name"],
+            label,
+            *(POINT_COLUMNS[name](point) for name in _POINT_OF_FRAME),
+            *(frame.get(name) for name in FRAME_COLUMNS),
+        ]
+        for label, point in _ordered(results)
+        for frame in point.data.get("per_frame", ())
+    )
+    return _csv(("sequence", "curve", *_POINT_OF_FRAME, *FRAME_COLUMNS), rows)
+
+
+def _entry(*names: str) -> Column:
+    """Return a column of one entry of a result, empty where it is missing."""
+
+    def column(point: PointResult) -> object:
+        value: Any = point.data
+        for name in names:
+            value = value.get(name) if isinstance(value, Mapping) else None
+        return value
+
+    return column
+
+
+def _options(point: PointResult) -> str:
+    """Write further options of the encoder as `--option` takes them."""
+    options = point.data["options"]["options"]
+    return " ".join(name if value == "true" else f"{name}={value}" for name, value in sorted(options.items()))
+
+
+POINT_COLUMNS: dict[str, Column] = {
+    "point": lambda point: point.name,
+    "codec": _entry("codec"),
+    "gop": _entry("options", "gop"),
+    "wz_q": _entry("options", "wz_q"),
+    "key_qp": _entry("key", "qp"),
+    "lossless_keys": _entry("key", "lossless"),
+    "side_information": _entry("options", "side_information"),
+    "options": _options,
+    "width": _entry("sequence", "width"),
+    "height": _entry("sequence", "height"),
+    "frames_per_s": _entry("sequence", "frames_per_s"),
+    "first_frame": _entry("options", "start"),
+    "frames": _entry("totals", "frames"),
+    "luma_only": _entry("options", "luma_only"),
+    "rate_kbps": _entry("totals", "rate_kbps"),
+    "psnr_y_db": _entry("totals", "psnr_y_db"),
+    "key_psnr_y_db": _entry("totals", "key_psnr_y_db"),
+    "wz_psnr_y_db": _entry("totals", "wz_psnr_y_db"),
+    "si_psnr_y_db": _entry("totals", "si_psnr_y_db"),
+    "refined_si_psnr_y_db": _entry("totals", "refined_si_psnr_y_db"),
+    "stream_bytes": _entry("totals", "stream_bytes"),
+    "key_bits": _entry("totals", "bits", "key"),
+    "tracks_bits": _entry("totals", "bits", "tracks"),
+    "parity_bits": _entry("totals", "bits", "parity"),
+    "crc_bits": _entry("totals", "bits", "crc"),
+    "header_bits": _entry("totals", "bits", "header"),
+    "num_requests": _entry("totals", "num_requests"),
+    "num_failed_planes": _entry("totals", "num_failed_planes"),
+    "encode_cpu_s": _entry("times", "encode_cpu_s"),
+    "decode_cpu_s": _entry("times", "decode_cpu_s"),
+    "code_version": _entry("code", "version"),
+    "code_commit": _entry("code", "commit"),
+    "code_digest": _entry("code", "digest"),
+    "sequence_digest": _entry("sequence", "digest"),
+    "date": _entry("date"),
+}
+"""Columns of `points_csv` after `sequence` and `curve`; new ones are added at the end only."""
+
+_POINT_OF_FRAME = ("point", "codec", "gop", "wz_q", "key_qp", "lossless_keys")
+FRAME_COLUMNS = (
+    "index",
+    "type",
+    "bits",
+    "psnr_y_db",
+    "si_psnr_y_db",
+    "refined_si_psnr_y_db",
+    "num_requests",
+    "num_failed_planes",
+    "side_information",
+    "side_information_reason",
+    "decode_s",
+)
+"""Columns of `frames_csv` after those of the point; new ones are added at the end only."""
+
+
+def _ordered(results: Sequence[PointResult]) -> list[tuple[str, PointResult]]:
+    return [
+        (curve.label, point) for one in experiments(results) for curve in one.curves for point in curve.points
+    ]
+
+
+def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    for row in rows:
+        writer.writerow([str(cell).lower() if isinstance(cell, bool) else cell for cell in row])
+    return text.getvalue()

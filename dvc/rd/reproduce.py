@@ -1,0 +1,221 @@
+"""Reproduction of the thesis: the sweeps of its chapters, and one document with all tables and figures."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from dvc.errors import ConfigError
+from dvc.files import atomic_output
+from dvc.rd.points import Point, Sweep, expand
+from dvc.rd.results import PointResult, read_results
+
+DOCUMENT = "thesis.md"
+REPORT = "report.md"
+PAGE = "index.html"
+
+
+@dataclass(frozen=True)
+class Preset:
+    """How much is measured.
+
+    Attributes
+    ----------
+    about : str
+        What it is for, and how long it takes.
+    frames : int
+        Most frames of each sequence.
+    wz_q : tuple of int
+        Quantiser presets of the rate-distortion curves.
+    anchor_qp : tuple of int
+        QPs of the anchors beside those of the key frames.
+    scenes : tuple of str
+        Rendered sequences.
+    clips : tuple of str
+        Real sequences, of which those are taken that the folder of video files has.
+    """
+
+    about: str
+    frames: int
+    wz_q: tuple[int, ...]
+    anchor_qp: tuple[int, ...]
+    scenes: tuple[str, ...]
+    clips: tuple[str, ...]
+
+
+PRESETS = {
+    "quick": Preset("minutes", 11, (1, 4, 8), (20, 28, 36, 44), ("street",), ("box",)),
+    "full": Preset(
+        "hours",
+        51,
+        (1, 2, 4, 6, 8),
+        tuple(range(20, 45, 4)),
+        ("street", "stairway", "statue"),
+        ("box", "desk", "river", "stone", "tree"),
+    ),
+}
+"""Presets by the names of the command line; the thesis has 50 frames of each sequence."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure or table of the thesis, and where it is here.
+
+    Attributes
+    ----------
+    number : str
+        Such as ``Figure 5.15``.
+    shows : str
+        What it shows.
+    place : str
+        Where to look for it, as Markdown.
+    """
+
+    number: str
+    shows: str
+    place: str
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """What a chapter adds to the reproduction.
+
+    Attributes
+    ----------
+    title : str
+        Its number and name.
+    sweeps : callable
+        From a preset and the names of sequences to the sweeps that it needs.
+    figures : tuple of Figure
+        Its figures and tables.
+    section : callable
+        From results, and a folder for pictures, to its section as Markdown without the title.
+    """
+
+    title: str
+    sweeps: Callable[[Preset, Sequence[str]], list[Sweep]]
+    figures: tuple[Figure, ...]
+    section: Callable[[Sequence[PointResult], Path], str]
+
+
+def chapters() -> tuple[Chapter, ...]:
+    """List the chapters that can be reproduced.
+
+    Returns
+    -------
+    tuple of Chapter
+        In the order of the thesis.
+    """
+    from dvc.rd.chapter5 import CHAPTER_5
+
+    return (CHAPTER_5,)
+
+
+def preset_sequences(preset: Preset) -> tuple[str, ...]:
+    """List the sequences of a preset that are there.
+
+    Parameters
+    ----------
+    preset : Preset
+        The preset.
+
+    Returns
+    -------
+    tuple of str
+        Its rendered scenes, and those of its real clips that the folder of video files has.
+    """
+    from sequences import catalogue
+
+    available = catalogue.files()
+    return (*preset.scenes, *(name for name in preset.clips if name in available))
+
+
+def plan(preset: Preset, sequences: Sequence[str]) -> list[Point]:
+    """List the points that all chapters need.
+
+    Parameters
+    ----------
+    preset : Preset
+        How much is measured.
+    sequences : sequence of str
+        Names of the catalogue, or paths.
+
+    Returns
+    -------
+    list of Point
+        Each once.
+
+    Raises
+    ------
+    ConfigError
+        If there is no sequence.
+    """
+    if not sequences:
+        raise ConfigError("there is no sequence to reproduce anything on")
+    return expand([sweep for chapter in chapters() for sweep in chapter.sweeps(preset, sequences)])
+
+
+def write_reproduction(folder: Path, command: str) -> list[Path]:
+    """Write the report, the page and the document of the thesis from what has been measured.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the experiment.
+    command : str
+        What made the results, for the document.
+
+    Returns
+    -------
+    list of Path
+        The files that a reader opens: document, page, report.
+
+    Raises
+    ------
+    DvcError
+        If there are no results, or a file cannot be written.
+    """
+    from dvc.rd.report import write_report
+
+    results = read_results(folder)
+    write_report(results, folder / REPORT)
+    document = folder / DOCUMENT
+    text = document_text(results, folder, command)
+    with atomic_output(document) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return [document, folder / REPORT]
+
+
+def document_text(results: Sequence[PointResult], folder: Path, command: str) -> str:
+    """Return the document of the thesis; its pictures are written beside it.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured.
+    folder : Path
+        Of the pictures.
+    command : str
+        What made the results.
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
+    from dvc.rd.report import table
+
+    codes = sorted(
+        {(r.data["code"]["version"], r.data["code"].get("commit") or "no commit") for r in results}
+    )
+    versions = ", ".join(f"dvc3d {version} ({commit})" for version, commit in codes)
+    parts = [
+        "# The thesis, reproduced\n",
+        f"Made by `{command}` from {len(results)} points of {versions}, "
+        f"{datetime.now(UTC).date().isoformat()}. All curves, points and commands: [{REPORT}]({REPORT}).\n",
+    ]
+    for chapter in chapters():
+        rows = [[figure.number, figure.shows, figure.place] for figure in chapter.figures]
+        parts += [f"## {chapter.title}\n", table(["in the thesis", "shows", "here"], rows)]
+        parts.append(chapter.section(results, folder))
+    return "\n".join(parts)
