@@ -343,7 +343,7 @@ def spread_copies(bits, first_copy, steps_of_bit, spread, max_copies, partners):
 
 
 @kernel
-def encode_words(words, bit_at_step, section_starts, feedback, feedforward, parity):
+def encode_words(words, bit_at_step, slot_at_step, section_starts, feedback, feedforward, released):
     """Encode 64 planes at once: every uint64 word holds one bit position of all planes."""
     zero = np.uint64(0)
     full = ~zero
@@ -361,7 +361,7 @@ def encode_words(words, bit_at_step, section_starts, feedback, feedforward, pari
         r1 = r2 = r3 = r4 = zero
         for k in range(start, end):
             a = words[bit_at_step[k]] ^ (r1 & f1) ^ (r2 & f2) ^ (r3 & f3) ^ (r4 & f4)
-            parity[k] = a ^ (r1 & g1) ^ (r2 & g2) ^ (r3 & g3) ^ (r4 & g4)
+            released[slot_at_step[k]] = a ^ (r1 & g1) ^ (r2 & g2) ^ (r3 & g3) ^ (r4 & g4)
             r4 = r3
             r3 = r2
             r2 = r1

@@ -1,5 +1,7 @@
 """Turbo encoding of all bit planes of a frame together, one machine word per bit position."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +34,33 @@ def check_planes(bits: NDArray[np.uint8]) -> None:
         raise ValueError(f"`bits` must hold 0 and 1 only, got {bits.max()}")
 
 
-def encode_words(words: NDArray[np.uint64], code: TurboCode, interleaver_seed: int) -> NDArray[np.uint64]:
+@lru_cache(maxsize=64)
+def _release_layout(
+    code: TurboCode, num_bits: int, seed: int
+) -> tuple[NDArray[np.integer], NDArray[np.integer], NDArray[np.int64]]:
+    """Return the bit read at each step, where its parity is released, and where sections start.
+
+    A step that is not released points where the next one does, which overwrites it; those after the last
+    are left out.
+    """
+    layout, order = copy_layout(code, num_bits, seed), release_order(code, num_bits)
+    num_steps = int(order.max()) + 1
+    next_release = np.full(num_steps, num_steps)
+    next_release[order] = order
+    next_release = np.minimum.accumulate(next_release[::-1])[::-1]
+    slot_at_step = np.empty(num_steps, np.int64)
+    slot_at_step[order] = np.arange(num_bits)
+    small = np.uint16 if num_bits <= 1 << 16 else np.int32  # tables that stay in the cache
+    starts = np.minimum(np.array(layout.section_starts, np.int64), num_steps)
+    return layout.bit_at_step[:num_steps].astype(small), slot_at_step[next_release].astype(small), starts
+
+
+def encode_words(
+    words: NDArray[np.uint64],
+    code: TurboCode,
+    interleaver_seed: int,
+    released: NDArray[np.uint64] | None = None,
+) -> NDArray[np.uint64]:
     """Return the parity of up to 64 bit planes at once, one machine word per bit position.
 
     Parameters
@@ -43,17 +71,18 @@ def encode_words(words: NDArray[np.uint64], code: TurboCode, interleaver_seed: i
         The code.
     interleaver_seed : int
         Seed that encoder and decoder share.
+    released : ndarray of shape (N,), uint64, optional
+        Where to write the parity.
 
     Returns
     -------
     ndarray of shape (N,), uint64
-        Bit p of word m is the m-th parity bit that is released of plane p.
+        Bit p of word m is the m-th parity bit that is released of plane p; `released` if it is given.
     """
-    layout = copy_layout(code, words.size, interleaver_seed)
-    starts = np.array(layout.section_starts, np.int64)
-    parity = np.empty(layout.num_steps, np.uint64)
-    _kernels.encode_words(words, layout.bit_at_step, starts, code.feedback, code.feedforward, parity)
-    return parity[release_order(code, words.size)]
+    bit_at_step, slot_at_step, starts = _release_layout(code, words.size, interleaver_seed)
+    parity = np.empty(words.size, np.uint64) if released is None else released
+    _kernels.encode_words(words, bit_at_step, slot_at_step, starts, code.feedback, code.feedforward, parity)
+    return parity
 
 
 def encode_planes(bits: NDArray[np.uint8], code: TurboCode, interleaver_seed: int) -> NDArray[np.uint8]:

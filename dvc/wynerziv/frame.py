@@ -258,9 +258,13 @@ class EncodedFrame:
 
     def _parity_words(self, code: int) -> Words:
         if code not in self._parity:
-            rows = [turbo.encode_words(row, self._codes[code], self._seed) for row in self._words]
-            self._parity[code] = np.stack(rows)
+            self._parity[code] = np.empty_like(self._words)
+            self._encode(code, self._parity[code])
         return self._parity[code]
+
+    def _encode(self, code: int, parity: Words) -> None:
+        for row, released in zip(self._words, parity, strict=True):
+            turbo.encode_words(row, self._codes[code], self._seed, released)
 
     def answer(self, question: PlaneQuestion) -> Bits:
         """Return the bits that a request asks for.
@@ -303,10 +307,14 @@ class EncodedFrame:
             Payload of the buffered form: after the header, CRC, plain bits and the parity of each code; in
             each of them one big-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
         """
-        sections = [self._crc, self._words, *(self._parity_words(code) for code in range(len(self._codes)))]
+        num_rows, num_bits = self._words.shape
+        first = self._crc.shape[1] + num_bits
+        words = np.empty((num_rows, first + len(self._codes) * num_bits), np.uint64)
+        np.concatenate([self._crc, self._words], axis=1, out=words[:, :first])
+        for code in range(len(self._codes)):
+            self._encode(code, words[:, first + code * num_bits : first + (code + 1) * num_bits])
         size = -(-self._layout.num_planes // 8)
-        words = np.concatenate(sections, axis=1).T.astype(">u8", order="C")
-        return self.header + words.view(np.uint8)[:, :size].tobytes()
+        return self.header + words.T.astype(">u8", order="C").view(np.uint8)[:, :size].tobytes()
 
 
 class BufferedFrame:
