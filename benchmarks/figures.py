@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import (
+    anchor_figures,
     codec_figures,
     rd_figures,
     robustness_figures,
@@ -42,6 +43,7 @@ MODULES = (
     turbo_figures,
     codec_figures,
     rd_figures,
+    anchor_figures,
     robustness_figures,
     sfm_figures,
     si_figures,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from dvc.errors import RdCurveError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.anchors.reference import REFERENCE_LABELS
 from dvc.rd.points import ANCHORS, INTRA
 from dvc.rd.results import PointResult
 
@@ -166,6 +167,8 @@ def _label(result: PointResult) -> str:
         return ANCHOR_LABEL
     if result.data["codec"] in ANCHOR_CODECS:
         return ANCHOR_CODECS[result.data["codec"]].label
+    if result.data["codec"] in REFERENCE_LABELS:
+        return REFERENCE_LABELS[result.data["codec"]]
     options = result.data["options"]
     extra = [
         name if value == "true" else f"{name} {value}" for name, value in sorted(options["options"].items())
@@ -179,7 +182,8 @@ def _label(result: PointResult) -> str:
 
 def _curve(label: str, points: list[PointResult]) -> Curve:
     ordered = sorted(points, key=lambda point: (point.rate_kbps, point.psnr_y_db))
-    return Curve(label, points[0].data["codec"] in ANCHORS.values(), tuple(ordered))
+    is_anchor = points[0].data["codec"] in (*ANCHORS.values(), *REFERENCE_LABELS)
+    return Curve(label, is_anchor, tuple(ordered))
 
 
 def _title(result: PointResult) -> str:

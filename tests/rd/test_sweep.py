@@ -14,6 +14,7 @@ import pytest
 from dvc.errors import DvcError
 from dvc.rd import sweep
 from dvc.rd.__main__ import main
+from dvc.rd.pictures import PICTURES_FOLDER
 from dvc.rd.points import Point
 from dvc.rd.processes import ProcessGroup, Stopped
 from dvc.rd.results import POINTS_FOLDER, Task, read_results
@@ -67,7 +68,7 @@ def test_results_name_no_machine(folder: Path, clip: Path) -> None:
 
 def test_nothing_else_stays_behind(folder: Path) -> None:
     """Streams and decoded videos are gone, and no temporary file is left."""
-    assert [path.name for path in folder.iterdir()] == [POINTS_FOLDER]
+    assert sorted(path.name for path in folder.iterdir()) == [PICTURES_FOLDER, POINTS_FOLDER]
     assert all(path.suffix == ".json" for path in (folder / POINTS_FOLDER).iterdir())
 
 

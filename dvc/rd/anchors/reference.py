@@ -1,0 +1,171 @@
+"""Rows of the H.264 reference software, measured elsewhere, as points beside ours."""
+
+import csv
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from dvc.errors import DvcError
+from dvc.rd.results import SCHEMA, PointResult
+
+ROWS_VARIABLE: Final = "DVC_ANCHORS"
+"""Environment variable with the name of a file of rows."""
+REFERENCE_LABELS: Final = {
+    "jm95-intra": "JM 9.5 intra",
+    "jm95-ippp-zero": "JM 9.5 IPPP, zero motion",
+    "jm95-ippp-search": "JM 9.5 IPPP",
+}
+"""Labels of the reference software's codecs, by their names in the file."""
+_ENTROPY, _CHROMA = "cabac", "none"
+
+
+@dataclass(frozen=True)
+class ReferenceRow:
+    """One point of the reference software.
+
+    Attributes
+    ----------
+    clip : str
+        Name of the sequence; its frames from 0 on.
+    codec : str
+        One of `REFERENCE_LABELS`.
+    qp : int
+        For I and P pictures.
+    frames : int
+        Number of frames.
+    num_bits : int
+        Of the whole file.
+    psnr_y_db : float
+        Mean luma PSNR.
+    """
+
+    clip: str
+    codec: str
+    qp: int
+    frames: int
+    num_bits: int
+    psnr_y_db: float
+
+
+def read_reference_rows(path: Path) -> list[ReferenceRow]:
+    """Read the rows that code luma alone, with CABAC.
+
+    Parameters
+    ----------
+    path : Path
+        Comma-separated values with the columns ``clip, codec, entropy, chroma, qp, frames, bits_total,
+        psnr_y``; lines that begin with ``#`` are comments, codecs not in `REFERENCE_LABELS` are left out.
+
+    Returns
+    -------
+    list of ReferenceRow
+        In the order of the file.
+
+    Raises
+    ------
+    DvcError
+        If the file cannot be read or has other columns.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as err:
+        raise DvcError(f"{path}: cannot be read: {getattr(err, 'strerror', None) or err}") from err
+    rows = []
+    for row in csv.DictReader(line for line in lines if not line.startswith("#")):
+        try:
+            if row["codec"] not in REFERENCE_LABELS or (row["entropy"], row["chroma"]) != (_ENTROPY, _CHROMA):
+                continue
+            rows.append(_row(row))
+        except (KeyError, TypeError, ValueError) as err:
+            raise DvcError(f"{path}: not a table of reference points: {err}") from err
+    return rows
+
+
+def reference_results(results: Sequence[PointResult], path: Path | None = None) -> list[PointResult]:
+    """Return the points of the reference software on frames that were measured.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured.
+    path : Path, optional
+        As for `read_reference_rows`; by default the file that the environment variable ``DVC_ANCHORS``
+        names, and no points without one.
+
+    Returns
+    -------
+    list of PointResult
+        For every sequence measured from frame 0, luma only, with the number of frames of the rows. They
+        have no times, no single frames and no commands; ``bits`` has the one entry ``stream``.
+
+    Raises
+    ------
+    DvcError
+        If the file cannot be read.
+    """
+    if path is None and not os.environ.get(ROWS_VARIABLE):
+        return []
+    rows = read_reference_rows(path or Path(os.environ[ROWS_VARIABLE]))
+    measured = {}
+    for result in results:
+        sequence, options, frames = (
+            result.data["sequence"],
+            result.data["options"],
+            result.data["totals"]["frames"],
+        )
+        if options["start"] == 0 and options["luma_only"]:
+            measured[sequence["digest"], frames] = sequence
+    return [
+        _result(row, sequence)
+        for (_, frames), sequence in measured.items()
+        for row in rows
+        if (row.clip, row.frames) == (sequence["name"], frames)
+    ]
+
+
+def _row(row: dict[str, str]) -> ReferenceRow:
+    read = ReferenceRow(
+        row["clip"],
+        row["codec"],
+        int(row["qp"]),
+        int(row["frames"]),
+        int(row["bits_total"]),
+        float(row["psnr_y"]),
+    )
+    if read.frames < 1 or read.num_bits < 1:
+        raise ValueError(f"{read.frames} frames, {read.num_bits} bits")
+    return read
+
+
+def _result(row: ReferenceRow, sequence: dict[str, Any]) -> PointResult:
+    duration_s = row.frames / sequence["frames_per_s"]
+    data = {
+        "schema": SCHEMA,
+        "identity": "",
+        "sequence": sequence,
+        "codec": row.codec,
+        "options": {
+            "codec": row.codec,
+            "wz_q": None,
+            "key_qp": str(row.qp),
+            "gop": 1 if row.codec == "jm95-intra" else 0,
+            "start": 0,
+            "frames": row.frames,
+            "luma_only": True,
+            "options": {},
+        },
+        "code": {"version": "JM 9.5", "commit": None, "digest": ""},
+        "key": {"qp": row.qp, "lossless": False},
+        "totals": {
+            "frames": row.frames,
+            "duration_s": duration_s,
+            "stream_bytes": row.num_bits // 8,
+            "rate_kbps": row.num_bits / duration_s / 1000,
+            "psnr_y_db": row.psnr_y_db,
+            "bits": {"stream": row.num_bits},
+        },
+        "times": {},
+    }
+    return PointResult(f"{row.clip}-{row.codec}-qp{row.qp}", data)
