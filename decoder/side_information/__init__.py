@@ -5,12 +5,14 @@ from functools import partial
 
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import SideInformationMethod
-from decoder.side_information.scene import INTERPOLATORS, SceneInterpolation
+from decoder.side_information.scene import FUSED, INTERPOLATORS, SceneInterpolation
 from decoder.side_information.tracked_scene import TrackedSceneInterpolation
 from dvc.config import CodecConfig
 
 
 def _scene(name: str, config: CodecConfig) -> SideInformationMethod:
+    if name == FUSED and config.codec == "2d":
+        return BlockMotionInterpolation(config.side_information)
     if config.tracks.kind == "none":
         return SceneInterpolation(name, config)
     return TrackedSceneInterpolation(name, config)

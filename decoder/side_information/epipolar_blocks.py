@@ -92,15 +92,24 @@ class BlockInterpolator:
         Luma of the key frames.
     settings : BlockSettings
         Sizes, costs and weights.
+    surfaces : tuple of two KeySurface, optional
+        What both key frames show, to start from; estimated if None and the settings ask for them.
     """
 
-    def __init__(self, model: Model, first: Luma, second: Luma, settings: BlockSettings) -> None:
+    def __init__(
+        self,
+        model: Model,
+        first: Luma,
+        second: Luma,
+        settings: BlockSettings,
+        surfaces: tuple[KeySurface, KeySurface] | None = None,
+    ) -> None:
         self._model, self._settings = model, settings
         self._keys = (first, second)
         self._cameras = (model.first_camera, model.second_camera)
-        self._surfaces = (
-            estimate_surfaces(model, first, second, settings.surfaces) if settings.dense_start else None
-        )
+        if surfaces is None and settings.dense_start:
+            surfaces = estimate_surfaces(model, first, second, settings.surfaces)
+        self._surfaces = surfaces
         self._features = [luma_features(key, settings.sweep.gradient_weight) for key in self._keys]
 
     @property

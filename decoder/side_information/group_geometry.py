@@ -160,6 +160,7 @@ def estimate_geometry(
     keys: tuple[Luma, Luma],
     points: PointTracks | FeaturePoints,
     first_index: int,
+    path_regularity: float = 0.0,
 ) -> GroupGeometry:
     """Find the cameras of a group of pictures.
 
@@ -173,6 +174,8 @@ def estimate_geometry(
         What the encoder sent.
     first_index : int
         Display position of the first key frame.
+    path_regularity : float, optional
+        Weight of the second differences of the camera's path, see `regular_cameras`.
 
     Returns
     -------
@@ -184,7 +187,8 @@ def estimate_geometry(
     [Maitre2008] Sec. 5.4: (5.7) with real tracks instead of (5.8).
     """
     from decoder.tracking import match_points
-    from sfm.resection import intermediate_cameras, tracked_points
+    from sfm.camera_path import regular_cameras
+    from sfm.resection import tracked_points
 
     tracks = points
     if isinstance(tracks, FeaturePoints):
@@ -197,7 +201,7 @@ def estimate_geometry(
     model = reconstruction.model
     ends = positions[:, 0], positions[:, -1]
     instants = [tracked_points(model, *ends, positions[:, k], k / (number - 1)) for k in range(1, number - 1)]
-    found = intermediate_cameras(model, instants)
+    found = regular_cameras(model, instants, path_regularity)
     cameras = [resection.camera if resection.success else None for resection in found]
     reasons = [f"camera: {resection.reason}" if resection.reason else "" for resection in found]
     return GroupGeometry(

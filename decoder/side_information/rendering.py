@@ -47,6 +47,8 @@ class Interpolation(NamedTuple):
         Where each pixel lies in each key frame, (x, y) in pixels; may be outside.
     expected_error : ndarray of shape (H, W), float64
         Expected absolute error, in luma levels.
+    hypotheses : tuple of ndarray of shape (H, W), float64
+        The predictions that it was fused from; none where there was only one.
     """
 
     luma: Floats
@@ -54,6 +56,7 @@ class Interpolation(NamedTuple):
     weights: tuple[Floats, ...]
     positions: tuple[Floats, ...]
     expected_error: Floats
+    hypotheses: tuple[Floats, ...] = ()
 
 
 def render_view(surfaces: Sequence[KeySurface], camera: Floats, frame: PixelFrame) -> DepthMap:

@@ -1,4 +1,4 @@
-"""Side information from a reconstruction of the scene: methods `blocks` and `mesh`.
+"""Side information from a reconstruction of the scene: methods `blocks`, `mesh` and `fused`.
 
 The reconstruction of each pair of references is kept while frames between them are predicted. Without tracks
 the path of the camera between them is a guess, so three things hedge it: the prediction is averaged along the
@@ -31,6 +31,8 @@ from sfm.model import Model
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
 
+FUSED = "fused"
+"""Name of the method that fuses several predictions."""
 PATH_UNCERTAINTY = 0.3
 """How far a fast camera may be off its guessed path, as a share of the motion between the references."""
 STEADY_MOTION_PX = 10.0
@@ -63,6 +65,12 @@ def _blocks(model: Model, first: Luma, second: Luma, known: Known = (None, None)
     return BlockInterpolator(model, first, second, BlockSettings())
 
 
+def _fused(model: Model, first: Luma, second: Luma, known: Known = (None, None)) -> FrameInterpolator:
+    from decoder.side_information.fused_scene import FusedInterpolator
+
+    return FusedInterpolator(model, first, second, known)
+
+
 class Build(Protocol):
     """Builds an interpolator from a model, two frames, and what is known of their depth."""
 
@@ -72,7 +80,7 @@ class Build(Protocol):
         """Build it."""
 
 
-INTERPOLATORS: dict[str, Build] = {"mesh": _mesh, "blocks": _blocks}
+INTERPOLATORS: dict[str, Build] = {"mesh": _mesh, "blocks": _blocks, FUSED: _fused}
 """How the motion between the key frames is modelled, by the name of the method."""
 
 
@@ -170,6 +178,7 @@ class SceneInterpolation:
             self.name,
             expected_error=rendered.expected_error,
             refiner=BlockRefiner(frames, offsets, self.name),
+            alternatives=(flat.luma, *rendered.hypotheses) if rendered.hypotheses else (),
         )
 
 

@@ -36,6 +36,9 @@ Floats = NDArray[np.float64]
 TRUST = 2.0
 """How much larger the scene's expected error may be than what block motion finds, for equal shares."""
 
+DOUBT = 0.25
+"""How much aligned block motion is doubted where it is far from what several hypotheses of the scene say."""
+
 
 class _Pair(NamedTuple):
     """The scene between two references."""
@@ -67,7 +70,7 @@ class TrackedSceneInterpolation:
     def __init__(self, name: str, config: CodecConfig) -> None:
         self.name = name
         self._build = INTERPOLATORS[name]
-        self._backend, self._seed = config.geometry.backend, config.seed
+        self._geometry_config, self._seed = config.geometry, config.seed
         self._aligned = AlignedBlockMotion(config.side_information)
         self._untracked = SceneInterpolation(name, config)
         self._remembers = config.gop.references == "all"
@@ -122,8 +125,9 @@ class TrackedSceneInterpolation:
         from sfm.pipeline import reconstruct
 
         keys = ends[0].frame.luma, ends[1].frame.luma
-        reconstruction = reconstruct(*keys, backend=self._backend, seed=self._seed)
-        geometry = estimate_geometry(reconstruction, keys, points, ends[0].index)
+        backend, regularity = self._geometry_config.backend, self._geometry_config.path_regularity
+        reconstruction = reconstruct(*keys, backend=backend, seed=self._seed)
+        geometry = estimate_geometry(reconstruction, keys, points, ends[0].index, regularity)
         self._groups[ends[0].index, ends[1].index] = _Group(ends, geometry)
         return geometry
 
@@ -185,7 +189,7 @@ class TrackedSceneInterpolation:
 
     def _joined(self, flat: Prediction, rendered: Interpolation, frames: tuple[Frame, Frame]) -> Prediction:
         """Blend what the scene predicts with what aligned block motion does, by their expected errors."""
-        share = scene_share(flat, rendered, TRUST)
+        share = scene_share(flat, rendered, TRUST, doubt=DOUBT if rendered.hypotheses else 0.0)
         luma = share * rendered.luma + (1.0 - share) * flat.luma
         expected = share * neighbourhood(rendered.expected_error) + (1.0 - share) * inconsistency(flat)
         return Prediction(
@@ -195,5 +199,5 @@ class TrackedSceneInterpolation:
             self.name,
             expected_error=expected,
             refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), self.name),
-            alternatives=(flat.luma,),
+            alternatives=(flat.luma, *rendered.hypotheses),
         )
