@@ -57,6 +57,12 @@ def _parser() -> argparse.ArgumentParser:
         help="whose estimators reconstruct the scene, instead of what the stream names",
     )
     parser.add_argument(
+        "--path-regularity",
+        type=float,
+        metavar="W",
+        help="smooth the camera's path between key frames, by tracks (0: not), instead of as the stream says",
+    )
+    parser.add_argument(
         "--punctured",
         metavar="FILE",
         help="write the stream that was really needed (.dvc); its size is the rate",
@@ -134,9 +140,10 @@ def _decode_file(arguments: argparse.Namespace) -> int:
     with _naming(arguments.files[0]), StreamReader(arguments.files[0]) as reader:
         config = _with_choices(reader.config, arguments)
         if config != reader.config and reader.form == Form.PUNCTURED:
-            method, backend = reader.config.side_information.method, reader.config.geometry.backend
+            method, geometry = reader.config.side_information.method, reader.config.geometry
             raise ConfigError(
-                f"a punctured stream can only be decoded as it was made, with {method} (--sfm {backend})"
+                f"a punctured stream can only be decoded as it was made, with {method}"
+                f" (--sfm {geometry.backend} --path-regularity {geometry.path_regularity:g})"
             )
         with ExitStack() as stack:
             failure = _Output(config, arguments, stack).consume(decode_stream(config, reader, arguments.jobs))
@@ -186,6 +193,9 @@ def _with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "Code
         config = replace(config, side_information=replace(config.side_information, method=method))
     if arguments.sfm is not None:
         config = replace(config, geometry=replace(config.geometry, backend=arguments.sfm))
+    if arguments.path_regularity is not None:
+        geometry = replace(config.geometry, path_regularity=arguments.path_regularity)
+        config = replace(config, geometry=geometry)
     return config
 
 

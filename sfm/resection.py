@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,6 +112,25 @@ class TrackedPoints:
     time: float
     points: Floats
     positions: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedPoints:
+    """Where points are expected to be seen by what is known of other instants.
+
+    Attributes
+    ----------
+    points : ndarray of shape (V, 4), float64
+        Homogeneous points, as `Model.points` has them.
+    positions : ndarray of shape (V, 2), float64
+        Image points in pixels.
+    weight : float
+        What the mean of their squared distances counts, with respect to the mean of those that are seen.
+    """
+
+    points: Floats
+    positions: Floats
+    weight: float
 
 
 def linear_tracks(first: Floats, second: Floats, time: float) -> Floats:
@@ -247,6 +266,7 @@ def resection(
     prior: Floats | None = None,
     weights: Floats | None = None,
     options: ResectionOptions | None = None,
+    expected: ExpectedPoints | None = None,
 ) -> Resection:
     """Find the camera that sees points of the scene where they are seen, in spite of outliers.
 
@@ -268,6 +288,8 @@ def resection(
         Weights of the squared distances; equal if None.
     options : ResectionOptions, optional
         Parameters; the defaults if None.
+    expected : ExpectedPoints, optional
+        More to minimise: distances, none of them an outlier, from where the path of the camera leads.
 
     Returns
     -------
@@ -307,6 +329,8 @@ def resection(
     seen = frame.to_normalized(positions[used])
     given = np.ones(len(used)) if weights is None else weights[used] / weights[used].max()
     problem = _problem(x, seen, given, guess, frame, options)
+    if expected is not None:
+        problem = _with_expected(problem, expected, frame)
     camera = _minimize(problem, _linear(problem, options), options)
     residuals[used] = _distances(problem, camera)[: len(used)] * frame.scale_px
     return _judge(camera, residuals, frame, problem, options)
@@ -314,7 +338,8 @@ def resection(
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Points as (x, y, 1, inverse depth), well scaled; the last ones are what the prior camera sees.
+    """Points as (x, y, 1, inverse depth), well scaled; after the real ones come those that the prior camera
+    sees, and those that are expected from other instants.
 
     `to_scaled` takes unscaled points; `sigma` is the standard deviation of a virtual point, in normalised
     units; `least` that of the noise.
@@ -324,6 +349,7 @@ class _Problem:
     seen: Floats
     weights: Floats
     num_real: int
+    num_virtual: int
     to_scaled: Floats
     start: Floats
     sigma: float
@@ -358,7 +384,27 @@ def _problem(
     all_weights = np.concatenate([given, np.full(num_virtual, each)])
     start = moved @ np.linalg.inv(to_scaled)
     return _Problem(
-        everything, observed, all_weights, len(x), to_scaled, start, sigma_px / frame.scale_px, least
+        everything,
+        observed,
+        all_weights,
+        len(x),
+        num_virtual,
+        to_scaled,
+        start,
+        sigma_px / frame.scale_px,
+        least,
+    )
+
+
+def _with_expected(problem: _Problem, expected: ExpectedPoints, frame: PixelFrame) -> _Problem:
+    """Append points that count together as `expected` says."""
+    x = expected.points / expected.points[:, 2:3]
+    each = expected.weight * float(problem.weights[: problem.num_real].sum()) / len(x)
+    return replace(
+        problem,
+        x=np.vstack([problem.x, x @ problem.to_scaled.T]),
+        seen=np.vstack([problem.seen, frame.to_normalized(expected.positions)]),
+        weights=np.concatenate([problem.weights, np.full(len(x), each)]),
     )
 
 
@@ -422,7 +468,7 @@ def _robust_weights(problem: _Problem, distances: Floats, redescending: bool) ->
         robust = noise / np.maximum(real, noise)
     weights = problem.weights.copy()
     weights[: problem.num_real] *= robust
-    weights[problem.num_real :] *= (noise / problem.sigma) ** 2
+    weights[problem.num_real : problem.num_real + problem.num_virtual] *= (noise / problem.sigma) ** 2
     return weights, noise
 
 

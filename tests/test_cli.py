@@ -196,6 +196,8 @@ BAD_DECODER_INPUT = {
     "kind of video": (["s.dvc", "o.txt"], "o.txt"),
     "output equal to input": (["s.dvc", "s.dvc"], "input"),
     "punctured equal to input": (["s.dvc", "o.y4m", "--punctured", "s.dvc"], "input"),
+    "path regularity": (["s.dvc", "o.y4m", "--path-regularity", "-1"], "path_regularity"),
+    "path regularity that is none": (["s.dvc", "o.y4m", "--path-regularity", "nan"], "path_regularity"),
     "predictions equal to output": (["s.dvc", "o.y4m", "--side-information-video", "o.y4m"], "another"),
     "kind of predictions": (["s.dvc", "o.y4m", "--side-information-video", "o.avi"], "o.avi"),
     "output equal to reference": (["s.dvc", "clip.y4m", "--reference", "clip.y4m"], "input"),

@@ -41,6 +41,7 @@ FIELD_NUMBERS = {
     "side_information.search_radius": 58,
     "side_information.smoothness": 59,
     "geometry.backend": 72,
+    "geometry.path_regularity": 73,
     "tracks.kind": 80,
     "tracks.num_points": 81,
     "tracks.subpixel_bits": 82,

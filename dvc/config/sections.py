@@ -271,9 +271,11 @@ class GeometryConfig(_Section):
     """Structure from motion at the decoder, for methods of side information that need it."""
 
     backend: str = "native"  # whose estimators: the project's own, or COLMAP's
+    path_regularity: float = 0.0  # weight of second differences of the camera's path, with respect to tracks
 
     def _check_values(self) -> None:
         _check_choice("backend", self.backend, SFM_BACKENDS)
+        _check_range("path_regularity", self.path_regularity, 0.0, 100.0)
 
 
 @dataclass(frozen=True)
