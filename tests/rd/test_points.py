@@ -173,3 +173,30 @@ def test_a_sweep_has_the_groups_of_its_codec() -> None:
     }
     assert lengths == {(): {16}, (("references", "keys"),): {8}}
     assert {point.gop for point in Sweep(("clip",), codec="3d").points()} == {2}
+
+
+def test_anchors_that_are_files() -> None:
+    """Anchors with motion have a first key frame only; in colour they are refused."""
+    sweep = Sweep(("clip",), wz_q=(8,), anchors=("x264-intra", "x264-ippp-zero"), anchor_qp=(30,))
+    found = {(point.codec, point.gop) for point in sweep.points() if point.codec != "2d"}
+    assert found == {("x264-intra", 1), ("x264-ippp-zero", 0)}
+    with pytest.raises(ConfigError, match="x265 codes luma only"):
+        Sweep(("clip",), anchors=("x265",), luma_only=False)
+
+
+def test_side_information_is_an_option_of_the_decoder() -> None:
+    """The method goes to the decoder, and stands in a point only where one is asked for."""
+    plain, mesh = (
+        next(iter(build_sweep({"sequences": ["clip"], "side_information": method}).points()))
+        for method in (None, "mesh")
+    )
+    assert (plain.decoder_options(), mesh.decoder_options()) == ([], ["--side-information", "mesh"])
+    assert mesh.to_dict() == {**plain.to_dict(), "side_information": "mesh"}
+    assert plain.encoder_options() == mesh.encoder_options()
+
+
+@pytest.mark.parametrize("value", [3, "a b", "--json"])
+def test_other_methods_are_refused(value: object) -> None:
+    """What cannot be the name of a method raises ConfigError."""
+    with pytest.raises(ConfigError, match=r"side_information|cannot be given"):
+        build_sweep({"sequences": ["clip"], "side_information": value})

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from dvc.errors import DvcError
+from dvc.metrics import psnr_db
 from dvc.rd import sweep
 from dvc.rd.__main__ import main
 from dvc.rd.pictures import PICTURES_FOLDER
 from dvc.rd.points import Point
 from dvc.rd.processes import ProcessGroup, Stopped
 from dvc.rd.results import POINTS_FOLDER, Task, read_results
-from dvc.video import Frame, create_video
+from dvc.video import Frame, create_video, open_video
 from tests.rd.made_up import result_data, write_results
 
 NUM_FRAMES = 3
@@ -56,6 +57,25 @@ def test_points_are_measured_by_processes(folder: Path) -> None:
     assert codec["sequence"]["name"] == "clip"
     assert codec["config"]["video"]["luma_only"]
     assert intra["key"]["qp"] == 40
+
+
+def test_pictures_lie_beside_the_points(folder: Path) -> None:
+    """One frame as it was, as it was predicted, and as it was decoded; the original once for both points."""
+    codec, intra = (result.data["pictures"] for result in read_results(folder))
+    assert codec["index"] == intra["index"] == 1
+    assert codec["original"] == intra["original"]
+    assert intra["predicted"] is None
+    names = {codec[name] for name in ("original", "predicted", "decoded")} | {intra["decoded"]}
+    assert {f"{PICTURES_FOLDER}/{path.name}" for path in (folder / PICTURES_FOLDER).iterdir()} == names
+    planes = {}
+    for name in ("original", "predicted", "decoded"):
+        with open_video(folder / codec[name]) as reader:
+            (frame,) = reader
+        assert (frame.width, frame.height, frame.chroma) == (64, 48, None)
+        planes[name] = frame.luma
+    report = read_results(folder)[0].data["per_frame"][1]
+    assert psnr_db(planes["original"], planes["decoded"]) == pytest.approx(report["psnr_y_db"])
+    assert psnr_db(planes["original"], planes["predicted"]) == pytest.approx(report["si_psnr_y_db"])
 
 
 def test_results_name_no_machine(folder: Path, clip: Path) -> None:

@@ -1,6 +1,7 @@
 """Command ``python -m dvc.rd.anchors``: write a file of a standard codec, and measure it."""
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -72,6 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _encode(arguments: argparse.Namespace) -> int:
     from dvc.rd.anchors.encoding import encode_file
 
+    os.environ.setdefault("SVT_LOG", "1")  # SVT-AV1 reads it when it is opened: errors only
     cli.check_outputs([arguments.input], [arguments.output])
     coded = encode_file(
         arguments.input,

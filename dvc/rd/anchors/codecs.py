@@ -17,8 +17,8 @@ _X264 += (("bframes", "0"), ("b-adapt", "0"), ("ref", "1"), ("weightp", "0"), ("
 _X264 += (("sync-lookahead", "0"), ("sliced-threads", "0"), ("threads", "1"))
 _X264_INTRA = (("keyint", "1"), *_X264)
 _X264_IPPP = (("keyint", "infinite"), *_X264)
-# Without subpixel refinement x264 chooses transforms and skipped blocks by rough measures. With 4x4 transforms
-# only, as the reference software's rows have, and no early skipping it stays within a few per cent of them.
+# Without subpixel refinement x264 chooses transforms and skipped blocks by rough measures: with 4x4
+# transforms only, as the reference software's rows have, and no early skipping it stays close to these.
 _X264_ZERO = (("me", "esa"), ("subme", "0"), ("8x8dct", "0"), ("fast-pskip", "0"))
 _X265: Parameters = (("psy-rd", "0"), ("psy-rdoq", "0"), ("aq-mode", "0"), ("scenecut", "0"))
 _X265 += (("cutree", "0"), ("pools", "none"), ("frame-threads", "1"), ("wpp", "0"), ("info", "0"))

@@ -67,7 +67,7 @@ def decode_file(path: Path, *, vectors: bool = False) -> Iterator[DecodedPicture
     ------
     ConfigError
         If the suffix is another, or vectors are asked of another format.
-    VideoError
+    VideoError, BitstreamError
         If the file is damaged or holds something else.
     """
     import av
@@ -122,7 +122,7 @@ def measure_file(
 
     Raises
     ------
-    VideoError
+    VideoError, BitstreamError
         If the file is damaged, is of another size or longer than the original, or has a motion vector
         that must not be.
     """

@@ -1,6 +1,5 @@
 """Write an anchor's file: one elementary stream, parameter sets once, then the pictures."""
 
-import os
 import re
 import time
 from collections.abc import Iterable, Iterator
@@ -125,7 +124,6 @@ def _open(
     from av.codec.context import Flags
 
     _check_available(codec)
-    os.environ.setdefault("SVT_LOG", "1")
     context = av.CodecContext.create(codec.library, "w")
     context.width, context.height = size
     context.pix_fmt = codec.pixel_format

@@ -1,0 +1,260 @@
+"""Anchors: files of standard codecs, written by one process and measured by another."""
+
+import json
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from dvc.errors import ConfigError, DvcError, VideoError
+from dvc.rd.anchors import zero_motion
+from dvc.rd.anchors.__main__ import main
+from dvc.rd.anchors.codecs import ANCHOR_CODECS, AnchorCodec
+from dvc.rd.anchors.decoding import decode_file, measure_file
+from dvc.rd.anchors.encoding import encode_file
+from dvc.rd.points import Point
+from dvc.rd.processes import ProcessGroup
+from dvc.rd.provenance import CodeVersion
+from dvc.rd.results import PointResult, Task, read_results
+from dvc.rd.sources import find_source
+from dvc.rd.sweep import run_points
+from dvc.video import Frame, create_video, open_video
+
+NUM_FRAMES = 5
+EVERY_CODEC = pytest.mark.parametrize("codec", ANCHOR_CODECS.values(), ids=lambda codec: codec.name)
+
+
+def write_clip(path: Path, width: int, height: int, num_frames: int = NUM_FRAMES) -> Path:
+    """Write a texture that moves by two pixels a frame."""
+    rng = np.random.default_rng(7)
+    texture = np.kron(rng.integers(40, 210, (24, 24)), np.ones((4, 4))).astype(np.uint8)
+    with create_video(path, (width, height), 25, luma_only=True) as writer:
+        for index in range(num_frames):
+            writer.write(Frame(texture[2 * index : 2 * index + height, index : index + width].copy()))
+    return path
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a moving clip of whole macroblocks."""
+    return write_clip(tmp_path_factory.mktemp("anchors") / "clip.mkv", 48, 32)
+
+
+@EVERY_CODEC
+@pytest.mark.parametrize(("width", "height", "num_frames"), [(48, 32, NUM_FRAMES), (47, 31, 3), (33, 18, 1)])
+def test_files_are_what_is_measured(
+    tmp_path: Path, codec: AnchorCodec, width: int, height: int, num_frames: int
+) -> None:
+    """Any size and number of frames decodes in order; the rate is the size of the file, bit for bit."""
+    clip = write_clip(tmp_path / "clip.mkv", width, height, num_frames)
+    file = tmp_path / f"stream{codec.suffix}"
+    coded = encode_file(clip, file, codec, 24)
+    measured = measure_file(file, clip, zero_motion=codec.zero_motion)
+    totals, rows = measured["totals"], measured["per_frame"]
+    assert coded["frames"] == totals["frames"] == len(rows) == num_frames
+    assert coded["bytes"] == totals["stream_bytes"] == file.stat().st_size
+    assert totals["rate_kbps"] == pytest.approx(8 * file.stat().st_size * 25 / num_frames / 1000)
+    assert sum(totals["bits"].values()) == 8 * file.stat().st_size
+    assert min(row["psnr_y_db"] for row in rows) > 30
+    assert [row["index"] for row in rows] == list(range(num_frames))
+    inter = 0 if codec.structure == "intra" else num_frames - 1
+    assert [row["type"] for row in rows] == ["intra"] * (num_frames - inter) + ["inter"] * inter
+    assert (measured["width"], measured["height"]) == (width, height)
+
+
+@EVERY_CODEC
+def test_coarser_quantization_needs_less(clip: Path, tmp_path: Path, codec: AnchorCodec) -> None:
+    """A larger QP gives a smaller file of less quality, and the same file whenever it is made again."""
+    found = []
+    for number, qp in enumerate((20, 44, 44)):
+        file = tmp_path / f"{number}{codec.suffix}"
+        encode_file(clip, file, codec, qp)
+        totals = measure_file(file, clip)["totals"]
+        found.append((totals["stream_bytes"], totals["psnr_y_db"], file.read_bytes()))
+    assert found[0][0] > found[1][0]
+    assert found[0][1] > found[1][1]
+    assert found[1] == found[2]
+
+
+def test_qps_of_av1_cover_the_same_range() -> None:
+    """AV1's quantizer grows with the QP, without leaving its range."""
+    codec = ANCHOR_CODECS["svtav1"]
+    qps = [codec.encoder_qp(qp) for qp in range(1, 52)]
+    assert qps == sorted(qps)
+    assert (qps[0], qps[19], qps[43], qps[50]) == (1, 14, 54, 63)
+    assert ANCHOR_CODECS["x265"].encoder_qp(37) == 37
+    with pytest.raises(ConfigError, match="must be 1 to 51, got 52"):
+        codec.encoder_qp(52)
+
+
+def test_no_motion_where_there_is_some(clip: Path, tmp_path: Path) -> None:
+    """Without motion a moving clip costs more than with it, and there are vectors, all of them zero."""
+    sizes = {}
+    for name in ("x264-ippp", "x264-ippp-zero"):
+        file = tmp_path / f"{name}.264"
+        encode_file(clip, file, ANCHOR_CODECS[name], 30)
+        sizes[name] = file.stat().st_size
+    still = write_clip(tmp_path / "still.mkv", 48, 32, 1)
+    with open_video(still) as reader:
+        (frame,) = reader
+    with create_video(tmp_path / "twice.mkv", (48, 32), 25, luma_only=True) as writer:
+        for _ in range(3):
+            writer.write(frame)
+    encode_file(tmp_path / "twice.mkv", tmp_path / "twice.264", ANCHOR_CODECS["x264-ippp-zero"], 30)
+    measured = measure_file(tmp_path / "twice.264", tmp_path / "twice.mkv", zero_motion=True)
+    assert measured["num_vectors"] > 0 == measured["num_nonzero_vectors"]
+    assert sizes["x264-ippp-zero"] > sizes["x264-ippp"]
+
+
+def test_motion_is_found_and_refused(clip: Path, tmp_path: Path) -> None:
+    """A file with motion vectors that is passed off as one without is refused."""
+    file = tmp_path / "moving.264"
+    encode_file(clip, file, ANCHOR_CODECS["x264-ippp"], 24)
+    assert sum(picture.num_moving for picture in decode_file(file, vectors=True)) > 0
+    with pytest.raises(VideoError, match="motion vectors are not zero"):
+        measure_file(file, clip, zero_motion=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("BUILD", 164, "known for x264 build 164, not for libx264"),
+        ("_OTHER_RANGE", 16, "search range cannot be found"),
+        ("_COLOUR", 1, "laid out in an unknown way"),
+        ("_FUNCTIONS", ("no_such_function",), "cannot be used"),
+    ],
+)
+def test_another_x264_is_refused(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: object, message: str
+) -> None:
+    """Where x264 is not laid out as expected, nothing is overwritten and the reason is told."""
+    monkeypatch.setattr(zero_motion, name, value)
+    with pytest.raises(ConfigError, match=f"zero motion: .*{message}"):
+        encode_file(clip, tmp_path / "x.264", ANCHOR_CODECS["x264-ippp-zero"], 30)
+    assert not (tmp_path / "x.264").exists()
+
+
+@EVERY_CODEC
+def test_missing_encoder_is_named(
+    clip: Path, tmp_path: Path, codec: AnchorCodec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the encoder there is one line that names it."""
+    monkeypatch.setattr(av, "codecs_available", set())
+    with pytest.raises(ConfigError, match=f"{codec.name}: .* without the encoder {codec.library}"):
+        encode_file(clip, tmp_path / f"x{codec.suffix}", codec, 30)
+
+
+@pytest.mark.parametrize("name", ["x264-ippp", "x265", "svtav1"])
+def test_damaged_files_are_refused(clip: Path, tmp_path: Path, name: str) -> None:
+    """A file that is cut or changed gives other pictures or a DvcError, never anything else."""
+    codec = ANCHOR_CODECS[name]
+    file = tmp_path / f"whole{codec.suffix}"
+    encode_file(clip, file, codec, 30)
+    data, rng = file.read_bytes(), np.random.default_rng(5)
+    other = tmp_path / f"other{codec.suffix}"
+    for position in rng.integers(0, len(data), 12):
+        changed = bytearray(data)
+        changed[position] ^= 1 << int(rng.integers(8))
+        for damaged in (data[:position], bytes(changed)):
+            other.write_bytes(damaged)
+            with suppress(DvcError):
+                list(decode_file(other))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["encode", "{clip}", "{out}.mkv", "--codec", "x264-intra", "--qp", "30"], "ends in .264"),
+        (["encode", "{clip}", "{out}.264", "--codec", "x264-intra", "--qp", "52"], "1 to 51"),
+        (["encode", "nowhere.mkv", "{out}.264", "--codec", "x264-intra", "--qp", "30"], "no such file"),
+        (["encode", "{clip}", "{clip}", "--codec", "x264-intra", "--qp", "30"], "also an input"),
+        (["decode", "{clip}", "--reference", "{clip}"], "expected .264 or .265 or .obu"),
+        (["decode", "nowhere.264", "--reference", "{clip}"], "nowhere.264"),
+    ],
+)
+def test_bad_input_is_one_line(
+    clip: Path, tmp_path: Path, arguments: list[str], message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Wrong input ends with one line on standard error and status 2."""
+    words = [word.format(clip=clip, out=tmp_path / "x") for word in arguments]
+    with pytest.raises(SystemExit, match="2"):
+        sys.exit(main(words))
+    error = capfd.readouterr().err
+    assert error.count("\n") == 1
+    assert message in error
+
+
+def test_originals_of_another_size_or_length_are_refused(clip: Path, tmp_path: Path) -> None:
+    """A file is compared with its own original or not at all."""
+    file = tmp_path / "x.264"
+    encode_file(clip, file, ANCHOR_CODECS["x264-intra"], 30)
+    with pytest.raises(VideoError, match="not \\(30, 48\\)"):
+        measure_file(file, write_clip(tmp_path / "low.mkv", 48, 30))
+    with pytest.raises(VideoError, match="more than the 2 pictures of the original"):
+        measure_file(file, write_clip(tmp_path / "short.mkv", 48, 32, 2))
+
+
+def test_too_small_pictures_are_refused(tmp_path: Path) -> None:
+    """A size that an encoder does not take is named."""
+    tiny = write_clip(tmp_path / "tiny.mkv", 3, 3, 1)
+    with pytest.raises(ConfigError, match="libsvtav1 does not code 3x3 pictures"):
+        encode_file(tiny, tmp_path / "x.obu", ANCHOR_CODECS["svtav1"], 30)
+
+
+@pytest.fixture(scope="module")
+def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[PointResult]]:
+    """Measure an anchor with real processes, and one whose encoder refuses the pictures."""
+    folder = tmp_path_factory.mktemp("rd")
+    points = [Point(str(clip), "x264-ippp-zero", None, "30", 0, start=1, frames=3)]
+    tiny = write_clip(clip.with_name("tiny.mkv"), 3, 3, 1)
+    points.append(Point(str(tiny), "svtav1", None, "30", 0))
+    summary = run_points(points, folder, folder)
+    assert summary.num_measured == 1
+    assert [reason for _, reason in summary.failures] == [
+        "dvc.rd.anchors: libsvtav1 does not code 3x3 pictures in this way"
+    ]
+    return folder, read_results(folder)
+
+
+def test_anchors_are_measured_by_processes(results: tuple[Path, list[PointResult]], clip: Path) -> None:
+    """A point says what was run and what was found, and names no folder."""
+    _, (result,) = results
+    data = result.data
+    assert data["proof"]["num_nonzero_vectors"] == 0
+    assert data["totals"]["frames"] == 3
+    assert data["config"]["parameters"]["merange"] == "overwritten with -1"
+    assert data["config"]["libraries"]["libx264"] == "165"
+    assert "dvc.rd.anchors decode stream.264 --reference clip.mkv" in data["commands"][1]
+    assert str(clip.parent) not in json.dumps(data)
+
+
+def test_pictures_of_an_anchor(results: tuple[Path, list[PointResult]], clip: Path) -> None:
+    """The original and the decoded picture of one frame lie beside the points; there is no prediction."""
+    folder, (result,) = results
+    pictures = result.data["pictures"]
+    assert (pictures["index"], pictures["predicted"]) == (1, None)
+    with open_video(clip, start=2, num_frames=1) as reader:
+        (frame,) = reader
+    with open_video(folder / pictures["original"]) as reader:
+        (original,) = reader
+    assert np.array_equal(original.luma, frame.luma)
+    assert (folder / pictures["decoded"]).read_bytes().startswith(b"\x89PNG")
+    assert len(list((folder / "pictures").iterdir())) == 2
+
+
+def test_anchors_do_not_change_with_the_codec(clip: Path) -> None:
+    """Another version of the codec leaves the identity of an anchor alone, but not that of the codec."""
+    source = find_source(str(clip), clip.parent, ProcessGroup())
+    versions = (CodeVersion("1", None, "a"), CodeVersion("2", None, "b"))
+    anchor, codec = Point(str(clip), "x265", None, "30", 0), Point(str(clip), "2d", 1, "auto", 2)
+    assert len({Task(anchor, source, code).identity for code in versions}) == 1
+    assert len({Task(codec, source, code).identity for code in versions}) == 2
+
+
+def test_crash_of_an_encoder_is_one_line() -> None:
+    """A process that dies by a signal gives a line that says so."""
+    with pytest.raises(DvcError, match="SIGSEGV"):
+        ProcessGroup().run([sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"])
