@@ -64,7 +64,7 @@ def encode_file(
     parameters = codec.encoder_parameters(qp)
     cpu_s, num_frames = 0.0, 0
 
-    def counted(reader: Iterable[Frame]) -> Iterator[Frame]:
+    def _counted(reader: Iterable[Frame]) -> Iterator[Frame]:
         nonlocal num_frames
         for frame in reader:
             num_frames += 1
@@ -72,7 +72,7 @@ def encode_file(
 
     with open_video(source, start=start, num_frames=frames) as reader, atomic_output(path) as temporary:
         size, rate = reader.info.size, reader.info.frame_rate
-        parts = _encode(counted(reader), size, rate, codec, parameters)
+        parts = _encode(_counted(reader), size, rate, codec, parameters)
         with temporary.open("wb") as file:
             while True:
                 started = time.process_time()
