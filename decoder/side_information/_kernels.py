@@ -280,3 +280,40 @@ def fusion_weights(moments, ridge, least, weights):
                 total += vector[a]
             for a in range(count):
                 weights[a, i, j] = vector[a] / total
+
+
+@kernel
+def correction_field(points, residuals, reach_px, prior, noise_px2, field):
+    """Write what residuals at scattered points tell of every pixel: `field` (H, W, 2), in pixels.
+
+    The weighted mean of residuals nearby, (1 - d² / reach²)³ each, shrunk by `prior` (weight of a residual of
+    zero) and by how much of its square may be chance, as their scatter tells.
+    """
+    for y in range(field.shape[0]):
+        for x in range(field.shape[1]):
+            total, squares = 0.0, 0.0
+            sum_x, sum_y, sum_of_squares = 0.0, 0.0, 0.0
+            for n in range(points.shape[0]):
+                dx, dy = points[n, 0] - x, points[n, 1] - y
+                rest = 1.0 - (dx * dx + dy * dy) / (reach_px * reach_px)
+                if rest <= 0.0:
+                    continue
+                weight = rest * rest * rest
+                u, v = residuals[n, 0], residuals[n, 1]
+                total += weight
+                squares += weight * weight
+                sum_x += weight * u
+                sum_y += weight * v
+                sum_of_squares += weight * (u * u + v * v)
+            field[y, x, 0] = 0.0
+            field[y, x, 1] = 0.0
+            if total <= 0.0:
+                continue
+            mean_x, mean_y = sum_x / total, sum_y / total
+            signal = mean_x * mean_x + mean_y * mean_y
+            scatter = max(sum_of_squares / total - signal, 0.0) + noise_px2
+            chance = scatter * squares / (total * total)
+            if signal > chance:
+                share = total / (total + prior) * (1.0 - chance / signal)
+                field[y, x, 0] = share * mean_x
+                field[y, x, 1] = share * mean_y

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from decoder.side_information.alignment import AlignedBlockMotion
 from decoder.side_information.blending import inconsistency, neighbourhood, scene_share, shared
 from decoder.side_information.block_motion import references_around
+from decoder.side_information.corrections import corrected
 from decoder.side_information.group_geometry import GroupGeometry, estimate_geometry
 from decoder.side_information.plane_sweep import DepthMap
 from decoder.side_information.protocol import Prediction, ReferenceFrame
@@ -73,6 +74,7 @@ class TrackedSceneInterpolation:
         self._geometry_config, self._seed = config.geometry, config.seed
         self._aligned = AlignedBlockMotion(config.side_information)
         self._untracked = SceneInterpolation(name, config)
+        self._corrects = config.side_information.track_corrections
         self._remembers = config.gop.references == "all"
         self._groups: dict[tuple[int, int], _Group] = {}
         self._pair: _Pair | None = None
@@ -143,9 +145,8 @@ class TrackedSceneInterpolation:
     ) -> Prediction:
         before, after = around
         where = geometry.positions
-        flat = self._aligned.predict(
-            around, instant, (where(before.index), where(instant), where(after.index))
-        )
+        tracks = where(before.index), where(instant), where(after.index)
+        flat = self._aligned.predict(around, instant, tracks)
         reason = geometry.missing(before.index, instant, after.index)
         if reason and geometry.hopeful:
             geometry = self._part(geometry, around)
@@ -156,6 +157,8 @@ class TrackedSceneInterpolation:
         late = (instant - before.index) / (after.index - before.index)
         camera = pair.rebased.camera(camera)
         rendered = pair.interpolator.interpolate(camera, late)
+        if self._corrects:
+            rendered = corrected(rendered, (before.frame.luma, after.frame.luma), tracks)
         if self._remembers:
             self._remember(pair, camera, instant)
         return self._joined(flat, rendered, (before.frame, after.frame))

@@ -40,6 +40,7 @@ FIELD_NUMBERS = {
     "side_information.block_size": 57,
     "side_information.search_radius": 58,
     "side_information.smoothness": 59,
+    "side_information.track_corrections": 60,
     "geometry.backend": 72,
     "geometry.path_regularity": 73,
     "tracks.kind": 80,

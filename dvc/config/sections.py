@@ -254,6 +254,7 @@ class SideInformationConfig(_Section):
     block_size: int = 8  # side of a block in pixels: 4, 8 or 16
     search_radius: int = 16  # of the motion search, in pixels of the coarsest level
     smoothness: int = 6  # weight of smooth motion against matching blocks
+    track_corrections: bool = False  # move what is rendered to where neighbouring tracks agree that it is
 
     def _check_values(self) -> None:
         if not _NAME.fullmatch(self.method):

@@ -1,5 +1,7 @@
 """Prediction from a model of the scene with tracked points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from decoder.side_information import METHODS
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.side_information.scene import SceneInterpolation
 from decoder.side_information.tracked_scene import TrackedSceneInterpolation
-from dvc.config import CodecConfig, TracksConfig, VideoConfig
+from dvc.config import CodecConfig, SideInformationConfig, TracksConfig, VideoConfig
 from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
@@ -123,3 +125,14 @@ def test_the_codec_says_which_method_it_is() -> None:
     """Codecs with tracks build the tracked form of a method by the same name."""
     assert isinstance(METHODS["mesh"](CONFIG), TrackedSceneInterpolation)
     assert isinstance(METHODS["blocks"](CodecConfig("3d", CONFIG.video)), SceneInterpolation)
+
+
+def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
+    """Residuals of tracks change the prediction, which is not worse for it."""
+    settings = SideInformationConfig(method="mesh", track_corrections=True)
+    method = TrackedSceneInterpolation("mesh", replace(CONFIG, side_information=settings))
+    plain = TrackedSceneInterpolation("mesh", CONFIG)
+    for instant in (9, 11):
+        gain_db = quality(method, true_tracks(), instant) - quality(plain, true_tracks(), instant)
+        assert gain_db != 0.0
+        assert gain_db > -0.1

@@ -1,0 +1,115 @@
+"""Local corrections of a rendered frame: tracks tell by how much its motion misses at their points.
+
+Cameras and depths are never exact, and things move. Where residuals of neighbouring tracks agree, they are no
+chance, and a smooth field of them moves what is fetched from each key frame.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from decoder.side_information import _kernels
+from decoder.side_information.rendering import Interpolation, sample
+
+Floats = NDArray[np.float64]
+Luma = NDArray[np.uint8]
+
+REACH_PX = 80.0
+"""Distance from which a residual says nothing."""
+PRIOR = 0.3
+"""Weight of a residual of zero, relative to that of a point at the very place."""
+NOISE_PX2 = 0.1
+"""Squared error of a residual that rounded tracks make."""
+LARGEST_PX = 6.0
+"""Residuals beyond it are lost tracks, or points at a step of depth."""
+LEAST_POINTS = 3
+"""Points of which residuals can agree."""
+
+
+def track_residuals(wanted: Floats, reference: Floats, positions: Floats) -> tuple[Floats, Floats]:
+    """Compare where tracks are in a reference with where a rendered frame looks for them.
+
+    Parameters
+    ----------
+    wanted : ndarray of shape (N, 2), float64
+        Points of the frame, (x, y) in pixels; nan where they are not known.
+    reference : ndarray of shape (N, 2), float64
+        The same points in the reference.
+    positions : ndarray of shape (H, W, 2), float64
+        Where each pixel of the frame is fetched from in the reference, (x, y) in pixels.
+
+    Returns
+    -------
+    points : ndarray of shape (M, 2), float64
+        Those that are known in both, inside the frame, and not too far off.
+    residuals : ndarray of shape (M, 2), float64
+        Where they are in the reference minus where they are looked for.
+    """
+    size = np.array(positions.shape[1::-1], dtype=np.float64)
+    known = np.flatnonzero(np.isfinite(np.column_stack([wanted, reference])).all(axis=1))
+    known = known[((wanted[known] >= 0.0) & (wanted[known] <= size - 1.0)).all(axis=1)]
+    points, there = wanted[known], reference[known]
+    at = points[:, ::-1].T
+    looked = [map_coordinates(positions[..., axis], at, order=1, mode="nearest") for axis in (0, 1)]
+    residuals: Floats = there - np.stack(looked, axis=-1)
+    near = (residuals**2).sum(axis=1) <= LARGEST_PX**2
+    return points[near], residuals[near]
+
+
+def correction_field(points: Floats, residuals: Floats, shape: tuple[int, ...]) -> Floats:
+    """Spread residuals over a frame, as far as they agree.
+
+    Parameters
+    ----------
+    points : ndarray of shape (N, 2), float64
+        (x, y) in pixels.
+    residuals : ndarray of shape (N, 2), float64
+        At each point, in pixels.
+    shape : tuple of int
+        Height and width.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 2), float64
+        Correction of every pixel; 0 far from all points and where residuals contradict each other.
+    """
+    field = np.zeros((shape[0], shape[1], 2))
+    if len(points) >= LEAST_POINTS:
+        arguments = np.ascontiguousarray(points), np.ascontiguousarray(residuals)
+        _kernels.correction_field(*arguments, REACH_PX, PRIOR, NOISE_PX2, field)
+    return field
+
+
+def corrected(
+    rendered: Interpolation, keys: tuple[Luma, Luma], tracks: tuple[Floats, Floats, Floats]
+) -> Interpolation:
+    """Correct a rendered frame by the residuals of tracks.
+
+    Parameters
+    ----------
+    rendered : Interpolation
+        The frame.
+    keys : tuple of two ndarray of shape (H, W), uint8
+        Luma of its references.
+    tracks : tuple of three ndarray of shape (N, 2), float64
+        Points in the reference before, in the frame, and in the reference after; nan where not known.
+
+    Returns
+    -------
+    Interpolation
+        With corrected positions, and what lies there; hypotheses stay as they are.
+    """
+    before, wanted, after = tracks
+    luma, compensated, moved = rendered.luma, [], []
+    for key, there, positions, weight, old in zip(
+        keys, (before, after), rendered.positions, rendered.weights, rendered.compensated, strict=True
+    ):
+        points, residuals = track_residuals(wanted, there, positions)
+        place = positions + correction_field(points, residuals, key.shape)
+        change = sample(key, place) - sample(key, positions)
+        luma = luma + weight * change
+        compensated.append(np.clip(old + change, 0.0, 255.0))
+        moved.append(place)
+    return rendered._replace(
+        luma=np.clip(luma, 0.0, 255.0), compensated=tuple(compensated), positions=tuple(moved)
+    )

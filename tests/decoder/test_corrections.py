@@ -1,0 +1,102 @@
+"""Residuals of tracks as local corrections of what is rendered."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from decoder.side_information import _kernels
+from decoder.side_information.corrections import (
+    NOISE_PX2,
+    PRIOR,
+    REACH_PX,
+    corrected,
+    correction_field,
+    track_residuals,
+)
+from decoder.side_information.rendering import Interpolation, sample
+from dvc._jit import python_twin
+from tests.clips import moving_texture
+
+Floats = NDArray[np.float64]
+SHAPE = (40, 56)
+
+
+def points_and_residuals(seed: int, number: int) -> tuple[Floats, Floats]:
+    """Return scattered points whose residuals agree but for some noise."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(0.0, 39.0, (number, 2))
+    return points, np.array([2.0, -1.0]) + rng.normal(0.0, 0.3, (number, 2))
+
+
+def plain_field(points: Floats, residuals: Floats, reach: float) -> Floats:
+    """Compute the field with arrays over points."""
+    field = np.zeros((*SHAPE, 2))
+    for y, x in np.ndindex(*SHAPE):
+        squared = ((points - np.array([x, y])) ** 2).sum(axis=1)
+        weights = np.maximum(1.0 - squared / reach**2, 0.0) ** 3
+        if weights.sum() == 0.0:
+            continue
+        mean = np.average(residuals, axis=0, weights=weights)
+        spread = float(np.average(((residuals - mean) ** 2).sum(axis=1), weights=weights))
+        chance = (spread + NOISE_PX2) * (weights**2).sum() / weights.sum() ** 2
+        share = max(0.0, 1.0 - chance / float(mean @ mean))
+        field[y, x] = mean * share * weights.sum() / (weights.sum() + PRIOR)
+    return field
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("reach", [15.0, REACH_PX])
+@pytest.mark.parametrize("compiled", [True, False])
+def test_the_kernel_is_its_twin(compiled: bool, reach: float) -> None:
+    """The loops and the arrays give one field, zeros far from all points included."""
+    points, residuals = points_and_residuals(1, 12)
+    kernel: Any = _kernels.correction_field
+    field = np.empty((*SHAPE, 2))
+    run = kernel if compiled else python_twin(kernel)
+    run(points, residuals, reach, PRIOR, NOISE_PX2, field)
+    np.testing.assert_allclose(field, plain_field(points, residuals, reach), atol=1e-9)
+    assert (field[:, -1] == 0.0).any() == (reach == 15.0)
+
+
+def test_what_neighbours_agree_on_is_corrected() -> None:
+    """The field is near residuals that agree, and nothing where they contradict each other or are few."""
+    points, residuals = points_and_residuals(2, 40)
+    agreed = correction_field(points, residuals, SHAPE)[20, 20]
+    np.testing.assert_allclose(agreed, [2.0, -1.0], atol=0.3)
+    signs = np.where(np.arange(40) % 2, 1.0, -1.0)[:, None]
+    assert np.abs(correction_field(points, residuals * signs, SHAPE)).max() < 0.5
+    for few in (0, 2):
+        assert not correction_field(points[:few], residuals[:few], SHAPE).any()
+
+
+def test_only_points_that_tell_something_count() -> None:
+    """Lost points, points outside the frame and points that are far off have no residual."""
+    rows, columns = np.indices(SHAPE).astype(np.float64)
+    positions = np.stack([columns + 1.0, rows], axis=-1)
+    wanted = np.array([[10.5, 7.25], [np.nan, 3.0], [-0.1, 3.0], [55.5, 3.0], [20.0, 20.0], [5.0, 5.0]])
+    reference = wanted + np.array([1.5, 0.5])
+    reference[4] += 10.0
+    reference[5] = np.nan
+    points, residuals = track_residuals(wanted, reference, positions)
+    np.testing.assert_array_equal(points, [[10.5, 7.25]])
+    np.testing.assert_allclose(residuals, [[0.5, 0.5]])
+
+
+def test_a_camera_that_is_off_is_made_up_for() -> None:
+    """A frame that is rendered in the wrong place moves to where the tracks are."""
+    keys = moving_texture(1, *SHAPE)[0].luma, moving_texture(1, *SHAPE)[0].luma
+    rows, columns = np.indices(SHAPE).astype(np.float64)
+    true = np.stack([columns, rows], axis=-1)
+    off = true + np.array([2.0, -1.0])
+    half = np.full(SHAPE, 0.5)
+    wrong = sample(keys[0], off)
+    rendered = Interpolation(wrong, (wrong, wrong), (half, half), (off, off), half)
+    points = np.random.default_rng(3).uniform(0.0, 39.0, (60, 2))
+    found = corrected(rendered, keys, (points, points, points))
+    errors = [np.abs(luma - keys[0])[4:-4, 4:-20].mean() for luma in (wrong, found.luma)]
+    assert errors[1] < 0.2 * errors[0]
+    np.testing.assert_allclose(found.compensated[0], found.luma)
+    nothing = corrected(rendered, keys, (points[:0],) * 3)
+    np.testing.assert_array_equal(nothing.luma, wrong)
