@@ -22,7 +22,7 @@ from dvc.errors import DvcError
 
 PROG = "python -m benchmarks.hostile"
 EXAMPLES = """\
-  python -m benchmarks.hostile                               10,000 mutations of streams, as many of messages
+  python -m benchmarks.hostile                               5,000 mutations of each kind
   python -m benchmarks.hostile --count 200                   a try
   python -m benchmarks.hostile --kind buffered --first 4711 --count 1   one mutation again
 """
@@ -32,8 +32,8 @@ BATCH = 250
 GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
-KINDS = ("buffered", "punctured", "to-decoder", "to-encoder")
-STREAMS, MESSAGES = KINDS[:2], KINDS[2:]
+KINDS = ("buffered", "punctured", "tracks", "points", "to-decoder", "to-encoder")
+STREAMS, MESSAGES = KINDS[:2], KINDS[4:]
 
 
 @contextmanager

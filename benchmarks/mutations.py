@@ -4,7 +4,7 @@ import io
 import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
 
@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.bits import decode_varint, encode_varint
-from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, VideoConfig, WynerZivConfig
+from dvc.config import (
+    CodecConfig,
+    GopConfig,
+    KeyFrameConfig,
+    VideoConfig,
+    WynerZivConfig,
+    side_information_for,
+    tracks_for,
+)
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.stream.records import CRC_BYTES, MAGIC, RecordType, record_crc
@@ -77,6 +85,42 @@ def material() -> Material:
         writer.close()
     to_decoder, to_encoder = _record_live(frames, config)
     return Material(frames, config, file.getvalue(), punctured.getvalue(), groups, to_decoder, to_encoder)
+
+
+@cache
+def tracked_material(codec: str) -> tuple[bytes, list[list[Luma]]]:
+    """Make a stream whose groups of pictures carry tracks or points.
+
+    Parameters
+    ----------
+    codec : str
+        ``3d-te`` or ``3d-td``.
+
+    Returns
+    -------
+    stream : bytes
+        Its buffered form.
+    groups : list of list of ndarray
+        Luma of the decoded frames of each group.
+    """
+    from encoder.session import EncoderSession
+
+    noise = np.random.default_rng(1).integers(0, 256, (9, 80, 96))
+    texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
+    frames = [Frame(texture[t : t + 48, t : t + 64].astype(np.uint8)) for t in range(7)]
+    config = CodecConfig(
+        codec,
+        VideoConfig(64, 48, 25, 1, luma_only=True),
+        GopConfig(3, "hierarchical"),
+        KeyFrameConfig(36),
+        WynerZivConfig.preset(1),
+        side_information=side_information_for(codec),
+        tracks=tracks_for(codec),
+    )
+    file = io.BytesIO()
+    EncoderSession(config).write(frames, file, lambda _: None)
+    with StreamReader(io.BytesIO(file.getvalue())) as reader:
+        return file.getvalue(), [group for group, _ in _decoded(reader)]
 
 
 def _decoded(reader: StreamReader) -> Iterator[tuple[list[Luma], GopRecord]]:
@@ -225,6 +269,54 @@ def mutate_record(stream: bytes, rng: np.random.Generator) -> bytes:
     return stream[:begin] + head + payload + record_crc(head, payload) + stream[end:]
 
 
+def mutate_tracks(stream: bytes, rng: np.random.Generator) -> bytes:
+    """Damage the tracks or points of one group of pictures, and nothing else.
+
+    Parameters
+    ----------
+    stream : bytes
+        A good stream of `tracked_material`.
+    rng : numpy.random.Generator
+        Chooses.
+
+    Returns
+    -------
+    bytes
+        The stream with other tracks.
+    """
+    with StreamReader(io.BytesIO(stream)) as reader:
+        config, form, records = reader.config, reader.form, list(reader)
+    carriers = [number for number, record in enumerate(records) if record.tracks]
+    chosen = carriers[int(rng.integers(len(carriers)))]
+    records[chosen] = replace(records[chosen], tracks=mutate(records[chosen].tracks, rng))
+    file = io.BytesIO()
+    with StreamWriter(file, config, form) as writer:
+        for record in records:
+            writer.write_gop(record)
+    return file.getvalue()
+
+
+def try_tracked(codec: str, number: int) -> str:
+    """Decode a mutation of a stream with tracks or points; most damage these.
+
+    Parameters
+    ----------
+    codec : str
+        As `tracked_material` takes it.
+    number : int
+        Of the mutation.
+
+    Returns
+    -------
+    str
+        The outcome.
+    """
+    stream, groups = tracked_material(codec)
+    rng = np.random.default_rng(number)
+    damaged = mutate_record(stream, rng) if number % 4 == 0 else mutate_tracks(stream, rng)
+    return _judged(stream, damaged, groups)
+
+
 def try_stream(stream: bytes, number: int) -> str:
     """Decode a mutation of a stream.
 
@@ -242,13 +334,18 @@ def try_stream(stream: bytes, number: int) -> str:
     """
     rng = np.random.default_rng(number)
     damaged = mutate(stream, rng) if number % 2 else mutate_record(stream, rng)
+    return _judged(stream, damaged, material().groups)
+
+
+def _judged(stream: bytes, damaged: bytes, groups: list[list[Luma]]) -> str:
+    """Decode a damaged stream; groups before the damage must be those of the good one."""
     same = next((i for i, (a, b) in enumerate(zip(stream, damaged, strict=False)) if a != b), len(damaged))
     gops = [end for kind, _, end in record_spans(stream) if kind == RecordType.GOP]
     intact = sum(end <= same for end in gops)
     done, outcome = 0, "decoded"
     try:
         with StreamReader(io.BytesIO(damaged)) as reader:
-            for (group, _), expected in zip(_decoded(reader), material().groups, strict=False):
+            for (group, _), expected in zip(_decoded(reader), groups, strict=False):
                 if done < intact and not all(map(np.array_equal, group, expected)):
                     return "an undamaged group decodes to other frames"
                 done += 1
@@ -304,6 +401,8 @@ def kinds() -> dict[str, Callable[[int], str]]:
     return {
         "buffered": partial(try_stream, made.buffered),
         "punctured": partial(try_stream, made.punctured),
+        "tracks": partial(try_tracked, "3d-te"),
+        "points": partial(try_tracked, "3d-td"),
         "to-decoder": partial(try_messages, made.to_decoder, _decode_live),
         "to-encoder": partial(try_messages, made.to_encoder, serve),
     }
