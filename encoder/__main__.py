@@ -149,6 +149,18 @@ def _add_tracks(tracks: argparse._ArgumentGroup) -> None:
         help="least frames from one key frame to the next, but where the scene changes; default: 2",
     )
     tracks.add_argument(
+        "--key-frames",
+        choices=("tracks", "rate"),
+        help="end a GOP where tracks are long or lost, or where the estimated rate becomes least;"
+        " default: tracks",
+    )
+    tracks.add_argument(
+        "--scene-change",
+        type=float,
+        metavar="SHARE",
+        help="points lost from one frame to the next that make both key frames; default: 0.9",
+    )
+    tracks.add_argument(
         "--tracks-bpp",
         type=float,
         metavar="BITS",
@@ -316,10 +328,12 @@ def _rule(arguments: argparse.Namespace) -> "KeyFrameRule":
         "longest_track_px": arguments.longest_track,
         "lost_share": arguments.lost_tracks,
         "min_length": arguments.min_gop,
+        "choice": arguments.key_frames,
+        "cut_share": arguments.scene_change,
     }
     given = {name: value for name, value in given.items() if value is not None}
     if given and arguments.codec != "3d-te":
-        raise ConfigError("--longest-track, --lost-tracks and --min-gop are for 3d-te")
+        raise ConfigError("options that choose key frames, as --longest-track or --key-frames, are for 3d-te")
     return replace(KeyFrameRule.for_references(_gop(arguments).references), **given)
 
 

@@ -7,7 +7,11 @@ from dvc.errors import ConfigError
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from encoder.corners import CornerDetector
+from encoder.division import first_length, group_costs
 from encoder.tracking import PointTracker
+
+KEY_FRAME_CHOICES = ("tracks", "rate")
+"""What decides where a group ends."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,9 @@ class KeyFrameRule:
     lost_share: float = 0.5  # so many of the points are lost since then
     min_length: int = 2  # frames from one key frame to the next, unless the scene changes
     cut_share: float = 0.9  # so many points that are lost from one frame to the next are another scene
+    # How groups end but for cuts: "tracks", by the first two bounds, or "rate", at the least estimated rate.
+    choice: str = "tracks"
+    hierarchical: bool = False  # Wyner-Ziv frames are references, too
 
     @classmethod
     def for_references(cls, references: str) -> "KeyFrameRule":
@@ -55,7 +62,9 @@ class KeyFrameRule:
         KeyFrameRule
             The defaults for key frames alone; longer groups where decoded frames are references, too.
         """
-        return cls() if references == "keys" else cls(longest_track_px=64.0, lost_share=0.6)
+        if references == "keys":
+            return cls()
+        return cls(longest_track_px=64.0, lost_share=0.6, hierarchical=True)
 
     def __post_init__(self) -> None:
         """Refuse values that make no sense."""
@@ -64,6 +73,10 @@ class KeyFrameRule:
         for share in (self.lost_share, self.cut_share):
             if not 0 < share <= 1:
                 raise ConfigError(f"the share of lost tracks must be above 0 and at most 1, got {share}")
+        if self.choice not in KEY_FRAME_CHOICES:
+            raise ConfigError(
+                f"key frames are chosen by {' or '.join(KEY_FRAME_CHOICES)}, not {self.choice!r}"
+            )
         if self.min_length < 1:
             raise ConfigError(f"the shortest group must have at least 1 frame, got {self.min_length}")
 
@@ -136,25 +149,63 @@ def tracked_groups(
     Group
         The first holds the first frame alone.
     """
-    waiting: list[Frame] = []
-    key: Frame | None = None
+    window = _Window(tracker, length, rule)
     for frame in frames:
-        if key is None:
-            key = frame
-            yield Group((), key)
-            tracker.start(key.luma)
-            continue
+        yield from window.take(frame)
+    yield from window.flush()
+
+
+class _Window:
+    """Frames since the last key frame, and what their tracks tell."""
+
+    def __init__(self, tracker: PointTracker, length: int, rule: KeyFrameRule) -> None:
+        self._tracker, self._length, self._rule = tracker, length, rule
+        self._waiting: list[Frame] = []
+        self._changes: list[float] = []
+        self._lost_shares: list[float] = []
+        self._begun = False
+
+    def take(self, frame: Frame) -> Iterator[Group]:
+        tracker = self._tracker
+        if not self._begun:
+            self._begun = True
+            yield Group((), frame)
+            tracker.start(frame.luma)
+            return
         tracker.step(frame.luma)
-        if waiting and _is_cut(tracker, rule):
-            yield _closed(waiting, tracker)
+        if self._waiting and _is_cut(tracker, self._rule):
+            yield from self.flush()
             tracker.step(frame.luma)
-            waiting = []
-        waiting.append(frame)
-        if _is_due(len(waiting), length, tracker, rule):
-            yield _closed(waiting, tracker)
-            waiting = []
-    if waiting:
-        yield _closed(waiting, tracker)
+        self._wait(frame)
+        if self._rule.choice == "rate" and not _is_cut(tracker, self._rule):
+            if len(self._waiting) == self._length:
+                yield self._close_first()
+        elif _is_due(len(self._waiting), self._length, tracker, self._rule):
+            yield from self.flush()
+
+    def flush(self) -> Iterator[Group]:
+        while self._waiting:
+            yield self._close_first()
+
+    def _wait(self, frame: Frame) -> None:
+        self._waiting.append(frame)
+        if self._rule.choice == "rate":
+            self._changes.append(self._tracker.change)
+            self._lost_shares.append(self._tracker.lost_share)
+
+    def _close_first(self) -> Group:
+        """Close a group of all frames that wait, or the first at the least rate; follow the others anew."""
+        count = len(self._waiting)
+        if self._rule.choice == "rate":
+            costs = group_costs(self._changes, self._lost_shares, self._rule.hierarchical)
+            count = first_length(costs, self._rule.min_length)
+        group = _closed(self._waiting[:count], self._tracker)
+        others = self._waiting[count:]
+        self._waiting, self._changes, self._lost_shares = [], [], []
+        for frame in others:
+            self._tracker.step(frame.luma)
+            self._wait(frame)
+        return group
 
 
 def _closed(waiting: list[Frame], tracker: PointTracker) -> Group:

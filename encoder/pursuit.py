@@ -144,6 +144,7 @@ class Pursuit:
         self.velocity = velocity
         self.alive = np.ones(len(self.last), np.bool_)
         self.path: list[Floats] = [self.last.astype(np.float64)]
+        self._sads = np.zeros(len(self.last), np.int64)
         self._quarter_blocks = np.empty((0, 9, 9), np.uint8)
         self._subpixel_bits = subpixel_bits
         self._settings = settings
@@ -177,8 +178,21 @@ class Pursuit:
             _kernels.subpixel_offsets(luma, self.points.blocks, position, found, sads, operations, offsets)
         self.velocity = position - self.last
         self.last = position
+        self._sads = sads
         self.path.append(self._rounded(position + offsets))
         return operations
+
+    @property
+    def change(self) -> float:
+        """Mean difference of the blocks from those of the key frame, in grey levels a sample.
+
+        A point that is lost counts as the largest difference that it could have been found with; 0 without
+        points.
+        """
+        if not len(self.alive):
+            return 0.0
+        differences = np.where(self.alive, self._sads, self.points.small)
+        return float(differences.mean()) / (2 * self._settings.half_block_px + 1) ** 2
 
     def _rounded(self, position: Floats) -> Floats:
         scale = 2**self._subpixel_bits

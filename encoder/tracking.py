@@ -138,6 +138,11 @@ class PointTracker:
         alive = self._pursuit.alive
         return 1.0 - float(alive.sum()) / self._num_before if self._num_before else 0.0
 
+    @property
+    def change(self) -> float:
+        """How much the blocks of the points have changed since the key frame, in grey levels a sample."""
+        return self._pursuit.change
+
     def tracks(self, num_instants: int) -> PointTracks:
         """Return the tracks up to an instant.
 

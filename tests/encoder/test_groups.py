@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from dvc.tracks import PointTracks, decode_points, decode_tracks
 from dvc.video import Frame, open_video
 from encoder.__main__ import main
 from encoder.corners import CornerDetector
-from encoder.groups import Group, KeyFrameRule, cornered_groups, tracked_groups
+from encoder.groups import KEY_FRAME_CHOICES, Group, KeyFrameRule, cornered_groups, tracked_groups
 from encoder.session import EncoderSession
 from encoder.tracking import PointTracker, thinned
 from tests.clips import moving_texture, write_clip
@@ -85,6 +86,41 @@ def test_a_cut_stands_between_two_key_frames() -> None:
     assert sizes_of(cut(SLOW[:1] + frames[5:], 8))[:2] == [1, 1]
 
 
+@pytest.mark.parametrize("choice", KEY_FRAME_CHOICES)
+def test_a_flashed_frame_is_a_key_frame(choice: str) -> None:
+    """A frame that no track reaches is not predicted, and nothing is predicted across it."""
+    frames = list(SLOW)
+    frames[5] = Frame(255 - frames[5].luma)
+    groups = cut(frames, 8, replace(FREE, choice=choice))
+    check_cover(groups, frames)
+    assert {4, 5, 6} <= set((np.cumsum(sizes_of(groups)) - 1).tolist())
+
+
+@pytest.mark.parametrize("choice", KEY_FRAME_CHOICES)
+def test_hopeless_frames_are_a_matter_of_the_rule(choice: str) -> None:
+    """A scene that changes in part is predicted, unless fewer lost points make a change of scene."""
+    other = moving_texture(5, 96, 128, seed=8)
+    frames = list(SLOW[:5]) + [
+        Frame(np.concatenate([a.luma[:, :40], b.luma[:, 40:]], axis=1))
+        for a, b in zip(SLOW[5:10], other, strict=True)
+    ]
+    kept, split = (cut(frames, 9, KeyFrameRule(1e6, 1.0, cut_share=s, choice=choice)) for s in (1.0, 0.5))
+    check_cover(split, frames)
+    assert {4, 5} <= set((np.cumsum(sizes_of(split)) - 1).tolist())
+    assert len(kept) < len(split)
+
+
+def test_groups_at_the_least_rate_cover_the_sequence() -> None:
+    """Frames stay in order, within the longest length; still frames make groups as long as they may be."""
+    fast = moving_texture(20, 96, 128, (0.0, 6.0))
+    for length, min_length in [(8, 1), (8, 3), (2, 2), (3, 8)]:
+        groups = cut(fast, length, KeyFrameRule(min_length=min_length, choice="rate", hierarchical=True))
+        check_cover(groups, fast)
+        assert max(sizes_of(groups)) <= length
+    still = [SLOW[0]] * 9
+    assert sizes_of(cut(still, 4, KeyFrameRule(choice="rate"))) == [1, 4, 4]
+
+
 @pytest.mark.parametrize(
     "luma",
     [np.zeros((48, 64), np.uint8), np.zeros((16, 16), np.uint8), np.full((1, 1), 9, np.uint8)],
@@ -135,7 +171,14 @@ def test_corners_of_wyner_ziv_frames() -> None:
 
 
 @pytest.mark.parametrize(
-    "rule", [{"longest_track_px": 0.0}, {"lost_share": 0.0}, {"lost_share": 1.5}, {"min_length": 0}]
+    "rule",
+    [
+        {"longest_track_px": 0.0},
+        {"lost_share": 0.0},
+        {"lost_share": 1.5},
+        {"min_length": 0},
+        {"choice": "bits"},
+    ],
 )
 def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
     """Lengths are positive, shares between 0 and 1."""
@@ -264,6 +307,9 @@ def test_command_chooses_key_frames(tmp_path: Path) -> None:
         ["--codec", "3d-te", "--births", "-1"],
         ["--codec", "3d-te", "--longest-track", "-1"],
         ["--codec", "3d-te", "--longest-track", "nan"],
+        ["--codec", "3d-te", "--scene-change", "0"],
+        ["--codec", "3d-te", "--key-frames", "bits"],
+        ["--codec", "3d-td", "--key-frames", "rate"],
     ],
 )
 def test_command_refuses_options_that_make_no_sense(
