@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.files import atomic_output
-from dvc.rd.plots import COLOURS, DPI, MARKERS
+from dvc.rd.plots import ANCHOR_COLOURS, ANCHOR_MARKERS, COLOURS, DPI, MARKERS
 from dvc.rd.results import PointResult
 
 if TYPE_CHECKING:
@@ -153,7 +153,8 @@ def _noise(point: PointResult, folder: Path) -> NDArray[np.int16] | None:
 def _line(axes: "Axes", number: int, name: str, psnrs_db: Mapping[int, float]) -> None:
     indices = sorted(psnrs_db)
     values = [min(psnrs_db[index], IDENTICAL_DB) for index in indices]
-    colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+    colours, markers = (*COLOURS, *ANCHOR_COLOURS[:1]), (*MARKERS, *ANCHOR_MARKERS[:1])
+    colour, marker = colours[number % len(colours)], markers[number % len(markers)]
     axes.plot(indices, values, color=colour, marker=marker, markersize=4, linewidth=1, label=name)
 
 

@@ -70,7 +70,7 @@ def measure_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[tuple[Ta
             for task in tasks
         }
         try:
-            for future in as_completed(futures):
+            for future in as_completed(futures, loop=client.loop):
                 yield futures[future], _outcome(future)
         finally:
             client.cancel(list(futures))
