@@ -127,6 +127,8 @@ def _measure_here(task: Task) -> Measured:
         scratch.mkdir()
         processes = ProcessGroup()
         data = measure(_with_source(task, processes), scratch, processes)
+        if codec_digest() != task.code.digest:
+            raise DvcError("the code was changed while the point was measured")
         files = {
             path.relative_to(folder).as_posix(): path.read_bytes()
             for path in sorted(folder.rglob("*"))

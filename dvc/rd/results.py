@@ -147,6 +147,9 @@ def read_result(path: Path) -> PointResult:
                 raise DvcError(f"{path.name}: damaged result: {section}.{name} is missing or wrong")
     if data["totals"]["rate_kbps"] <= 0:
         raise DvcError(f"{path.name}: damaged result: no rate")
+    for name, sound in _details(data).items():
+        if not sound:
+            raise DvcError(f"{path.name}: damaged result: {name} is wrong")
     return PointResult(path.stem, data)
 
 
@@ -235,6 +238,27 @@ def read_results(folder: Path) -> list[PointResult]:
     if not results:
         raise DvcError(f"{folder}: no results in its folder {POINTS_FOLDER}; make some with `dvc-rd run`")
     return results
+
+
+def _details(data: dict[str, Any]) -> dict[str, bool]:
+    """Tell of every entry that has parts, or may be missing, whether it is as it should be."""
+    bits, options, frames = data["totals"]["bits"], data["options"], data.get("per_frame", [])
+    counts = list(bits.values())
+    return {
+        "totals.bits": all(type(count) is int and count >= 0 for count in counts) and sum(counts) > 0,
+        "options.options": all(isinstance(value, str) for value in options["options"].values()),
+        "options.wz_q": options.get("wz_q") is None or type(options["wz_q"]) is int,
+        "times": all(_is_number(value) for value in data["times"].values()),
+        "sequence": min(data["sequence"]["width"], data["sequence"]["height"]) > 0,
+        "per_frame": isinstance(frames, list)
+        and all(isinstance(frame, dict) and isinstance(frame.get("type"), str) for frame in frames),
+        "commands": _is_list_of_text(data.get("commands", [])),
+        "pictures": data.get("pictures") is None or isinstance(data["pictures"], dict),
+    }
+
+
+def _is_list_of_text(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(item, str) for item in value)
 
 
 def _is_number(value: object) -> bool:

@@ -15,7 +15,7 @@ from dvc.files import atomic_output
 from dvc.rd.measure import measure
 from dvc.rd.points import Point
 from dvc.rd.processes import ProcessGroup
-from dvc.rd.provenance import code_version
+from dvc.rd.provenance import code_version, codec_digest
 from dvc.rd.results import POINTS_FOLDER, Task, finished, write_result
 from dvc.rd.sources import Source, find_source
 
@@ -189,7 +189,10 @@ def _run_one(task: Task, folder: Path, processes: ProcessGroup) -> str | None:
     """Measure one point and write its result; return why that failed."""
     try:
         with tempfile.TemporaryDirectory(prefix=".running-", dir=folder) as scratch:
-            write_result(folder, task.name, measure(task, Path(scratch), processes))
+            measured = measure(task, Path(scratch), processes)
+            if codec_digest() != task.code.digest:
+                raise DvcError("the code was changed while the point was measured")
+            write_result(folder, task.name, measured)
     except (DvcError, OSError) as err:
         return cli.one_line(err)
     return None

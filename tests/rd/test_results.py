@@ -67,6 +67,12 @@ def _without(section: str, name: str) -> dict[str, Any]:
     return data
 
 
+def _with(section: str, name: str, value: object) -> dict[str, Any]:
+    data = result_data(60.0, 30.0)
+    data[section] = {**data[section], name: value}
+    return data
+
+
 DAMAGED = [
     "",
     "{",
@@ -79,6 +85,17 @@ DAMAGED = [
     result_data(60.0, 30.0, key={}),
     result_data(float("nan"), 30.0),
     result_data(0.0, 30.0),
+    _with("totals", "bits", {"key": -1}),
+    _with("totals", "bits", {}),
+    _with("totals", "bits", {"key": "many"}),
+    _with("options", "options", {"seed": 2}),
+    _with("options", "wz_q", "1"),
+    _with("times", "x", "y"),
+    _with("sequence", "width", 0),
+    result_data(60.0, 30.0, per_frame={}),
+    result_data(60.0, 30.0, per_frame=[1]),
+    result_data(60.0, 30.0, commands=[1]),
+    result_data(60.0, 30.0, pictures="all"),
     _without("totals", "psnr_y_db"),
     _without("sequence", "digest"),
     _without("options", "gop"),

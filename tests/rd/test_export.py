@@ -1,0 +1,58 @@
+"""Results as comma-separated values."""
+
+import csv
+import io
+from pathlib import Path
+
+import pytest
+
+from dvc.rd.__main__ import main
+from dvc.rd.export import FRAME_COLUMNS, POINT_COLUMNS, frames_csv, points_csv
+from dvc.rd.results import PointResult, read_results
+from tests.rd.made_up import result_data, write_results
+
+
+def test_points_are_lines(tmp_path: Path) -> None:
+    """Every point is a line, by curve and rate, with the columns in their order."""
+    rows = list(csv.DictReader(io.StringIO(points_csv(read_results(write_results(tmp_path / "a"))))))
+    assert list(rows[0]) == ["sequence", "curve", *POINT_COLUMNS]
+    assert [row["curve"] for row in rows] == ["2D-DVC, GOP 2"] * 3 + ["H.264 intra"] * 3
+    first = rows[0]
+    assert (first["rate_kbps"], first["psnr_y_db"], first["wz_q"]) == ("60.0", "29.0", "1")
+    assert (first["parity_bits"], first["lossless_keys"], first["luma_only"]) == ("1600", "false", "true")
+    assert rows[-1]["si_psnr_y_db"] == rows[-1]["wz_q"] == ""
+
+
+def test_frames_are_lines() -> None:
+    """Every frame is a line that names its point; cells without a value are empty."""
+    frames = [
+        {"index": 0, "type": "key", "bits": 800, "psnr_y_db": 31.5},
+        {"index": 1, "type": "wz", "bits": 90, "psnr_y_db": 30.5, "si_psnr_y_db": 28.25},
+    ]
+    rows = list(
+        csv.DictReader(io.StringIO(frames_csv([PointResult("p", result_data(60.0, 30.0, per_frame=frames))])))
+    )
+    assert tuple(rows[0])[-len(FRAME_COLUMNS) :] == FRAME_COLUMNS
+    assert [(row["point"], row["index"], row["type"], row["si_psnr_y_db"]) for row in rows] == [
+        ("p", "0", "key", ""),
+        ("p", "1", "wz", "28.25"),
+    ]
+
+
+def test_names_with_commas_and_quotes_survive() -> None:
+    """A name that has what separates cells is read back as it was."""
+    sequence = {**result_data(60.0, 30.0)["sequence"], "name": 'a, "b"\nc'}
+    text = points_csv([PointResult("p", result_data(60.0, 30.0, sequence=sequence))])
+    (row,) = csv.DictReader(io.StringIO(text, newline=""))
+    assert row["sequence"] == 'a, "b"\nc'
+
+
+def test_export_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """The command writes a file in one piece, or standard output."""
+    folder = write_results(tmp_path / "a")
+    assert main(["export", str(folder), "--csv", str(tmp_path / "points.csv")]) == 0
+    assert len((tmp_path / "points.csv").read_text(encoding="utf-8").splitlines()) == 7
+    assert main(["export", str(folder), "--frames", "--csv", "-"]) == 0
+    assert len(capfd.readouterr().out.splitlines()) == 1 + 6 * 3
+    assert main(["export", str(folder), "--csv", str(tmp_path / "nowhere" / "x.csv")]) == 2
+    assert "does not exist" in capfd.readouterr().err
