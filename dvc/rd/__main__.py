@@ -14,12 +14,13 @@ from dvc.errors import ConfigError, DvcError
 from dvc.rd.points import ANCHORS
 
 PROG = "dvc-rd"
+REPORTS = ("html", "md")
 EXAMPLES = """\
   dvc-rd run foreman_qcif15 --wz-q 1-8 --anchor intra --out results/foreman   a curve, and H.264 intra
   dvc-rd run street stairway statue --frames 51 --out results/scenes --jobs 2
   dvc-rd run box --option noise-model=band --wz-q 1,4,8 --out results/band    any option of dvc-encode
   dvc-rd run --spec sweep.toml --frames 11 --out results/quick                sweeps of a file, shortened
-  dvc-rd report results/foreman                                               table and plot per sequence
+  dvc-rd report results/foreman                                               a page, tables and plots
   dvc-rd compare results/before results/after                                 BD-rate of the one to the other
   dvc-rd compare results/scenes --curves 2D 3D-TE                             is the second one better?
   dvc-rd export results/scenes --csv points.csv                               a line per point
@@ -35,18 +36,36 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(
         commands.add_parser("run", prog=f"{PROG} run", description="Measure points.", help="measure points")
     )
-    report = commands.add_parser(
-        "report", prog=f"{PROG} report", description="Write tables and plots.", help="write tables and plots"
-    )
-    report.add_argument("folder", type=Path, metavar="DIR", help="what `run --out` was given")
-    report.add_argument(
-        "--out", type=Path, metavar="FILE.md", help="default: DIR/report.md; the plots lie beside it"
-    )
-    report.add_argument("--against", metavar="LABEL", help="curve to compare with; default: H.264 intra")
+    _add_report(commands)
     _add_compare(commands)
     _add_export(commands)
     _add_reproduce(commands)
     return parser
+
+
+def _add_report(commands: Any) -> None:
+    report = commands.add_parser(
+        "report",
+        prog=f"{PROG} report",
+        description="Write tables, plots, and a page that holds all of them and opens in any browser.",
+        help="write a page, tables and plots",
+    )
+    add = report.add_argument
+    add("folders", type=Path, nargs="+", metavar="DIR", help="what `run --out` was given")
+    add(
+        "--out",
+        type=Path,
+        metavar="FILE",
+        help="only FILE.html, or FILE.md and its plots; default: report.html and report.md in the first DIR",
+    )
+    add("--against", metavar="LABEL", help="curve to compare with, or a part of it; default: H.264 intra")
+    add(
+        "--pictures",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="decoded frames in the page; default: as far as the results have any, and the page stays small",
+    )
+    add("--figures", type=Path, metavar="DIR", help="folder for the plots; default: that of the .md")
 
 
 def _add_compare(commands: Any) -> None:
@@ -217,14 +236,26 @@ def _sweeps(arguments: argparse.Namespace) -> list[Any]:
 
 
 def _report(arguments: argparse.Namespace) -> int:
+    from dvc.rd.compare import find_label
     from dvc.rd.curves import ANCHOR_LABEL
-    from dvc.rd.report import write_report
-    from dvc.rd.results import read_results
+    from dvc.rd.folders import read_folders
+    from dvc.rd.report import write_reports
 
-    path = arguments.out or arguments.folder / "report.md"
-    if path.suffix != ".md":
-        raise ConfigError(f"--out must be a file name that ends with .md, got {str(path)!r}")
-    written = write_report(read_results(arguments.folder), path, arguments.against or ANCHOR_LABEL)
+    outputs = (
+        [arguments.out] if arguments.out else [arguments.folders[0] / f"report.{end}" for end in REPORTS]
+    )
+    if outputs[0].suffix[1:] not in REPORTS:
+        raise ConfigError(f"--out must be a file name that ends with .html or .md, got {str(outputs[0])!r}")
+    collection = read_folders(arguments.folders)
+    anchor = find_label(collection.results, arguments.against) if arguments.against else ANCHOR_LABEL
+    written = write_reports(
+        collection.results,
+        outputs,
+        anchor,
+        figures=arguments.figures,
+        notes=collection.notes,
+        pictures=arguments.pictures,
+    )
     sys.stdout.write("".join(f"{name}\n" for name in written))
     return 0
 

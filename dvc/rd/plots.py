@@ -3,11 +3,14 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc.files import atomic_output
 from dvc.rd.curves import Curve, Experiment, compare_curves
+from dvc.rd.frames import frame_columns
+from dvc.rd.results import PointResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,7 +31,14 @@ MATPLOTLIB_DASHES = {
     "longdash": (0, (9, 2.5)),
     "longdashdot": (0, (9, 2, 1, 2)),
 }
+FRAME_LINES = {
+    "psnr": ("decoded", "-o", ""),
+    "refined": ("side information, refined", "--", "#777777"),
+    "initial": ("side information, initial", ":", "#333333"),
+}
+"""Title, line and colour (that of the curve where there is none) of what is drawn of each frame."""
 SIZE_INCHES = (7.0, 4.8)
+FRAMES_INCHES = (7.0, 3.2)
 DPI = 150
 LABEL_ROOM_PX = 14
 SUFFIXES = (".png", ".svg")
@@ -106,25 +116,104 @@ def plot_experiment(
     DvcError
         If they cannot be written.
     """
-    with _figure() as figure:
-        _draw(figure.add_subplot(), experiment, styles or curve_styles([experiment]))
-        paths = [stem.with_name(stem.name + suffix) for suffix in SUFFIXES]
-        for path in paths:
-            metadata = {"Date": None} if path.suffix == ".svg" else {}
-            with atomic_output(path) as temporary:
-                figure.savefig(temporary, format=path.suffix[1:], dpi=DPI, metadata=metadata)
+    paths = []
+    for suffix, contents in render_experiment(experiment, styles or curve_styles([experiment])).items():
+        paths.append(stem.with_name(stem.name + suffix))
+        with atomic_output(paths[-1]) as temporary:
+            temporary.write_bytes(contents)
     return paths
 
 
+def render_experiment(experiment: Experiment, styles: Mapping[str, Style]) -> dict[str, bytes]:
+    """Draw the curves of an experiment, without a file.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        What was measured on one sequence.
+    styles : mapping of str to Style
+        By label.
+
+    Returns
+    -------
+    dict of str to bytes
+        Contents by suffix, `SUFFIXES`.
+    """
+    with _figure(SIZE_INCHES) as figure:
+        _draw(figure.add_subplot(), experiment, styles)
+        return {suffix: _contents(figure, suffix) for suffix in SUFFIXES}
+
+
+def render_frames(curve: Curve, point: PointResult, style: Style) -> bytes | None:
+    """Draw the PSNR of the frames of a point: decoded, and of the side information where there is any.
+
+    Parameters
+    ----------
+    curve : Curve
+        What the point belongs to.
+    point : PointResult
+        The point.
+    style : Style
+        Of the curve.
+
+    Returns
+    -------
+    bytes or None
+        An SVG; None if the result says nothing of its frames.
+    """
+    columns = frame_columns(point)
+    if "psnr" not in columns:
+        return None
+    with _figure(FRAMES_INCHES) as figure:
+        axes = figure.add_subplot()
+        for name, (title, line, colour) in FRAME_LINES.items():
+            values = columns.get(name, [])
+            there = [(columns["first"] + i, value) for i, value in enumerate(values) if value is not None]
+            if there:
+                axes.plot(*zip(*there, strict=True), line, color=colour or style.colour, label=title, ms=3)
+        axes.set_title(_plain(f"{curve.label}, {point_name(point)}"), fontsize=9)
+        axes.set_xlabel("frame")
+        axes.set_ylabel("luma PSNR [dB]")
+        axes.grid(color="#dddddd", linewidth=0.8)
+        axes.legend(loc="best", fontsize=8)
+        return _contents(figure, ".svg")
+
+
+def point_name(point: PointResult) -> str:
+    """Name a point of a curve.
+
+    Parameters
+    ----------
+    point : PointResult
+        The point.
+
+    Returns
+    -------
+    str
+        Such as ``Q4, key QP 34`` or ``QP 28``.
+    """
+    preset, key = point.data["options"].get("wz_q"), point.data["key"]
+    if preset is None:
+        return "lossless" if key.get("lossless") else f"QP {key['qp']}"
+    return f"Q{preset}, {'lossless keys' if key.get('lossless') else 'key QP ' + str(key['qp'])}"
+
+
+def _contents(figure: "Figure", suffix: str) -> bytes:
+    contents = BytesIO()
+    metadata = {"Date": None} if suffix == ".svg" else {}
+    figure.savefig(contents, format=suffix[1:], dpi=DPI, metadata=metadata)
+    return contents.getvalue()
+
+
 @contextmanager
-def _figure() -> "Iterator[Figure]":
+def _figure(size_inches: tuple[float, float]) -> "Iterator[Figure]":
     """Give a figure; a fixed salt, so that the same results give the same bytes."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     with mpl.rc_context({"svg.hashsalt": "dvc3d", "svg.fonttype": "none", "font.size": 10}):
-        figure = Figure(figsize=SIZE_INCHES, layout="constrained")
+        figure = Figure(figsize=size_inches, layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
 

@@ -1,11 +1,14 @@
 """The report of an experiment: tables in Markdown and a plot per sequence, from results alone."""
 
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from dvc.errors import DvcError
 from dvc.files import atomic_output
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
-from dvc.rd.plots import plot_experiment
+from dvc.rd.frames import bit_shares, num_of_types
+from dvc.rd.plots import curve_styles, render_experiment
 from dvc.rd.results import PointResult
 
 NOTHING = "–"
@@ -34,12 +37,79 @@ def write_report(results: Sequence[PointResult], path: Path, anchor: str = ANCHO
     DvcError
         If they cannot be written.
     """
+    return write_reports(results, [path], anchor)
+
+
+def write_reports(
+    results: Sequence[PointResult],
+    outputs: Sequence[Path],
+    anchor: str = ANCHOR_LABEL,
+    *,
+    figures: Path | None = None,
+    notes: Sequence[str] = (),
+    pictures: bool = True,
+) -> list[Path]:
+    """Write the report in several forms.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured.
+    outputs : sequence of Path
+        Files that end with ``.html`` (a page that holds everything) or ``.md`` (needs the plots).
+    anchor : str, optional
+        Label of the curve that all others are compared with; the page lets its reader choose others.
+    figures : Path, optional
+        Folder for the plots; by default that of the ``.md``, and without one they are not written.
+    notes : sequence of str, optional
+        What a reader of the page must know besides.
+    pictures : bool, optional
+        Whether the page shows decoded frames.
+
+    Returns
+    -------
+    list of Path
+        All files written, the reports first.
+
+    Raises
+    ------
+    DvcError
+        If they cannot be written.
+    """
+    from dvc.rd.page import write_page
+
     found = experiments(results)
-    pictures = {one.slug: plot_experiment(one, path.with_name(f"{path.stem}-{one.slug}")) for one in found}
-    names = {slug: paths[0].name for slug, paths in pictures.items()}
-    with atomic_output(path) as temporary:
-        temporary.write_text(report_text(found, results, names, anchor), encoding="utf-8")
-    return [path, *(picture for paths in pictures.values() for picture in paths)]
+    styles = curve_styles(found)
+    drawn = {one.slug: render_experiment(one, styles) for one in found}
+    texts = [path for path in outputs if path.suffix == ".md"]
+    for path in set(outputs) - set(texts):
+        write_page(results, path, anchor, notes=notes, pictures=pictures, drawn=drawn)
+    if not texts and figures is None:
+        return list(outputs)
+    folder = texts[0].parent if figures is None else figures
+    stem = (texts or outputs)[0].stem
+    written = _write_figures(drawn, folder, stem)
+    for path in texts:
+        names = {slug: os.path.relpath(paths[0], path.parent) for slug, paths in written.items()}
+        with atomic_output(path) as temporary:
+            temporary.write_text(report_text(found, results, names, anchor), encoding="utf-8")
+    return [*outputs, *(file for paths in written.values() for file in paths)]
+
+
+def _write_figures(drawn: dict[str, dict[str, bytes]], folder: Path, stem: str) -> dict[str, list[Path]]:
+    """Write the plots of each experiment; its name is part of theirs."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as err:
+        raise DvcError(f"cannot write to {folder}: {err.strerror}") from err
+    written: dict[str, list[Path]] = {}
+    for slug, contents in drawn.items():
+        for suffix, data in contents.items():
+            path = folder / f"{stem}-{slug}{suffix}"
+            with atomic_output(path) as temporary:
+                temporary.write_bytes(data)
+            written.setdefault(slug, []).append(path)
+    return written
 
 
 def report_text(
@@ -66,7 +136,7 @@ def report_text(
     str
         Markdown.
     """
-    parts = ["# Rate-distortion report\n", _preface(results), "## BD-rate\n", bd_table(found, anchor)]
+    parts = ["# Rate-distortion report\n", preface(results), "## BD-rate\n", bd_table(found, anchor)]
     for experiment in found:
         parts += [f"## {experiment.name}\n", f"{experiment.title}.\n"]
         parts.append(f"![Rate-distortion curves of {experiment.name}]({pictures[experiment.slug]})\n")
@@ -117,9 +187,27 @@ def points_table(curve: Curve) -> str:
     str
         Markdown; columns that no point has anything for are left out.
     """
+    return table(*points_cells(curve))
+
+
+def points_cells(curve: Curve) -> tuple[list[str], list[list[str]]]:
+    """Return what a table of the points of a curve says.
+
+    Parameters
+    ----------
+    curve : Curve
+        The curve.
+
+    Returns
+    -------
+    head : list of str
+        Titles of the columns that any point has something for.
+    rows : list of list of str
+        Cells of each point.
+    """
     rows = [[cell(point) for cell in COLUMNS.values()] for point in curve.points]
     kept = [i for i in range(len(COLUMNS)) if any(row[i] != NOTHING for row in rows)]
-    return table([list(COLUMNS)[i] for i in kept], [[row[i] for i in kept] for row in rows])
+    return [list(COLUMNS)[i] for i in kept], [[row[i] for i in kept] for row in rows]
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -151,14 +239,14 @@ def _total(name: str, form: str) -> Cell:
 
 def _share(*names: str) -> Cell:
     def cell(point: PointResult) -> str:
-        bits = point.data["totals"]["bits"]
-        return f"{100 * sum(bits.get(name, 0) for name in names) / sum(bits.values()):.1f}"
+        shares = bit_shares(point)
+        return f"{sum(shares.get(name, 0.0) for name in names):.1f}" if shares else NOTHING
 
     return cell
 
 
 def _num_wyner_ziv(point: PointResult) -> int:
-    return sum(frame["type"] == "wz" for frame in point.data.get("per_frame", ()))
+    return num_of_types(point, "wz")
 
 
 def _per_wyner_ziv(name: str, form: str) -> Cell:
@@ -205,7 +293,19 @@ COLUMNS: dict[str, Cell] = {
 """Columns of the table of a curve, by title."""
 
 
-def _preface(results: Sequence[PointResult]) -> str:
+def preface(results: Sequence[PointResult]) -> str:
+    """Say what a report rests on.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured.
+
+    Returns
+    -------
+    str
+        Number of points, dates, versions of the code with a warning if there are several, what a rate is.
+    """
     codes = sorted(
         {(r.data["code"]["version"], r.data["code"].get("commit") or "no commit") for r in results}
     )
@@ -213,10 +313,11 @@ def _preface(results: Sequence[PointResult]) -> str:
     dates = sorted(str(r.data.get("date", ""))[:10] for r in results)
     code = ", ".join(f"dvc3d {version} ({commit})" for version, commit in codes)
     mixed = f" The points come from {len(digests)} versions of the code." if len(digests) > 1 else ""
+    period = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
     return (
-        f"{len(results)} points, measured {dates[0]} to {dates[-1]} with {code}.{mixed} "
-        "Every rate is the size of a punctured stream that a fresh process decoded to the same frames; "
-        "PSNRs are of luma, means of the frames.\n"
+        f"{len(results)} points, measured {period} with {code}.{mixed} "
+        "Rates of distributed codecs are sizes of punctured streams, each decoded to the same frames "
+        "by a fresh process, rates of others are sizes of whole files; PSNRs are of luma, means of frames.\n"
     )
 
 

@@ -1,0 +1,233 @@
+"""The page put together: what the template shows, and the file that holds all of it."""
+
+import base64
+import hashlib
+import json
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dvc.files import atomic_output
+from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
+from dvc.rd.page.pictures import MAX_POINTS, NOISE_GAIN, Gallery, build_gallery
+from dvc.rd.page.tables import SHARE_TITLES, chart_points, cost_table, shares, side_information_table
+from dvc.rd.page.verdict import verdicts
+from dvc.rd.plots import (
+    MATPLOTLIB_DASHES,
+    Style,
+    curve_styles,
+    point_name,
+    render_experiment,
+    render_frames,
+)
+from dvc.rd.report import points_cells, preface
+from dvc.rd.results import PointResult
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+MAX_PAGE_BYTES = 8_000_000
+MOST_PICTURE_BYTES = 6_000_000
+TEMPLATES = resources.files("dvc.rd.page") / "templates"
+SYMBOLS = {"o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down"}
+SYMBOLS |= {"P": "cross", "x": "x-thin"}
+"""Markers of Plotly by those of matplotlib."""
+
+
+def write_page(
+    results: Sequence[PointResult],
+    path: Path,
+    anchor: str = ANCHOR_LABEL,
+    *,
+    notes: Sequence[str] = (),
+    pictures: bool = True,
+    drawn: dict[str, dict[str, bytes]] | None = None,
+) -> None:
+    """Write the report as one HTML file, which needs no other file and no network.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured; names of pictures are absolute, as `dvc.rd.folders.read_folders` makes them.
+    path : Path
+        The file.
+    anchor : str, optional
+        Label of the curve that the first table compares with.
+    notes : sequence of str, optional
+        What a reader must know besides what the results tell.
+    pictures : bool, optional
+        Whether to show decoded frames, where the results have any.
+    drawn : dict of str to dict, optional
+        Curves by slug, as `dvc.rd.plots.render_experiment` draws them, if that has been done already.
+
+    Raises
+    ------
+    DvcError
+        If it cannot be written.
+    """
+    found = experiments(results)
+    styles = curve_styles(found)
+    drawn = drawn or {one.slug: render_experiment(one, styles) for one in found}
+    page = {
+        **_texts(results, found, anchor),
+        "styles": {label: _style(style) for label, style in styles.items()},
+        "sequences": [_sequence(one, drawn[one.slug][".svg"], styles) for one in found],
+    }
+    data = {
+        "styles": page["styles"],
+        "sequences": {one.slug: [_chart_curve(curve) for curve in one.curves] for one in found},
+    }
+    text = _render(page, data, Gallery(), notes)
+    if pictures:
+        room = min(MAX_PAGE_BYTES - len(text.encode()) - 50_000, MOST_PICTURE_BYTES)
+        gallery = build_gallery(found, max(room, 0))
+        if gallery.sources or gallery.num_missing or gallery.num_left_out:
+            text = _render(page, data, gallery, [*notes, *_picture_notes(gallery)])
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def script_json(values: object) -> str:
+    """Write values as JSON that can stand inside a script element.
+
+    Parameters
+    ----------
+    values : object
+        JSON-safe.
+
+    Returns
+    -------
+    str
+        Without a character that ends or opens an element.
+    """
+    text = json.dumps(values, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _render(page: dict[str, Any], data: dict[str, Any], gallery: Gallery, notes: Sequence[str]) -> str:
+    from plotly.offline import get_plotlyjs
+
+    scripts = {"early": _asset("early.js"), "library": get_plotlyjs(), "script": _asset("page.js")}
+    sources = " ".join(f"'{_script_hash(text)}'" for text in scripts.values())
+    data = data | {"pictures": gallery.shown, "sources": gallery.sources}
+    return _template().render(
+        **page,
+        **scripts,
+        notes=notes,
+        gallery=gallery,
+        noise_gain=NOISE_GAIN,
+        css=_asset("page.css"),
+        data=script_json(data),
+        policy=f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {sources}; "
+        "base-uri 'none'; form-action 'none'",
+    )
+
+
+def _texts(results: Sequence[PointResult], found: Sequence[Experiment], anchor: str) -> dict[str, Any]:
+    judged = verdicts(found)
+    names = [verdict.anchor for verdict in judged]
+    return {
+        "preface": preface(results),
+        "verdicts": judged,
+        "anchor": anchor if anchor in names else names[0] if names else "",
+        "share_titles": SHARE_TITLES,
+        "tables": {"side_information": side_information_table(found), "cost": cost_table(found)},
+        "single": [
+            f"{one.name}: {curve.label}" for one in found for curve in one.curves if len(curve.points) == 1
+        ],
+        "sizes": sorted({(r.data["sequence"]["width"], r.data["sequence"]["height"]) for r in results}),
+    }
+
+
+def _sequence(one: Experiment, svg: bytes, styles: dict[str, Style]) -> dict[str, Any]:
+    curves = []
+    for curve in one.curves:
+        head, rows = points_cells(curve)
+        curves.append(
+            {
+                "label": curve.label,
+                "head": head,
+                "rows": rows,
+                "shares": shares(curve),
+                "reproduce": [_reproduce(point) for point in curve.points],
+            }
+        )
+    codecs = [curve for curve in one.curves if any("initial" in p["frames"] for p in chart_points(curve))]
+    chosen = (codecs or list(one.curves))[0]
+    frames = render_frames(chosen, chosen.points[len(chosen.points) // 2], styles[chosen.label])
+    return {
+        "slug": one.slug,
+        "name": one.name,
+        "title": one.title,
+        "curves": curves,
+        "picture": _data_uri(svg),
+        "frames_picture": None if frames is None else _data_uri(frames),
+    }
+
+
+def _chart_curve(curve: Curve) -> dict[str, Any]:
+    return {"label": curve.label, "anchor": curve.is_anchor, "points": chart_points(curve)}
+
+
+def _reproduce(point: PointResult) -> dict[str, Any]:
+    data = point.data
+    code, libraries = data["code"], data.get("libraries")
+    versions = [f"dvc3d {code['version']} ({code.get('commit') or 'no commit'}, {code['digest']})"]
+    if isinstance(libraries, dict):
+        versions += [f"{name} {version}" for name, version in sorted(libraries.items())]
+    commands = data.get("commands")
+    return {
+        "name": point_name(point),
+        "commands": [str(line) for line in commands] if isinstance(commands, list) else [],
+        "versions": ", ".join(versions),
+        "date": str(data.get("date", "")),
+    }
+
+
+def _style(style: Style) -> dict[str, Any]:
+    line = MATPLOTLIB_DASHES[style.dash][1]
+    return {
+        "colour": style.colour,
+        "marker": style.marker,
+        "symbol": SYMBOLS[style.marker] + ("-open" if style.is_open else ""),
+        "dash": style.dash,
+        "strokes": " ".join(str(2 * length) for length in line),
+        "open": style.is_open,
+    }
+
+
+def _picture_notes(gallery: Gallery) -> list[str]:
+    notes = []
+    if gallery.num_left_out > 0:
+        notes.append(
+            f"Pictures are shown of {gallery.num_points} points (at most {MAX_POINTS}: the middle and "
+            f"the ends of each curve); those of {gallery.num_left_out} more are in the results."
+        )
+    if gallery.num_missing:
+        notes.append(f"The pictures of {gallery.num_missing} points are missing or damaged.")
+    return notes
+
+
+def _data_uri(svg: bytes) -> str:
+    return f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
+
+
+def _script_hash(text: str) -> str:
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+
+
+@cache
+def _asset(name: str) -> str:
+    return (TEMPLATES / name).read_text(encoding="utf-8")
+
+
+@cache
+def _template() -> "Template":
+    from jinja2 import Environment, StrictUndefined
+
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(_asset("page.html.j2"))

@@ -1,0 +1,169 @@
+"""Decoded frames and correlation noise of a few points, small enough to lie in the page."""
+
+import base64
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.rd.curves import Curve, Experiment
+from dvc.rd.frames import frame_rows, number
+from dvc.rd.results import PointResult
+
+MAX_POINTS = 40
+NOISE_GAIN = 4
+WEBP_QUALITY = 90
+LEAST_QUALITY = 60
+MAX_SIDE_PX = 8192
+Picture = NDArray[np.uint8]
+
+
+@dataclass
+class Gallery:
+    """Pictures of a report.
+
+    Attributes
+    ----------
+    sources : list of str
+        Data URIs, each once.
+    shown : dict of str to list of dict
+        By slug of the experiment: ``label`` and ``point`` of the curve, ``index`` of the frame, and where its
+        ``original``, ``decoded`` and ``noise`` (or None) stand in `sources`.
+    num_left_out : int
+        Points whose pictures have no room.
+    num_missing : int
+        Points whose pictures are damaged or not there.
+    """
+
+    sources: list[str] = field(default_factory=list)
+    shown: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    num_left_out: int = 0
+    num_missing: int = 0
+
+    @property
+    def num_points(self) -> int:
+        """Points with pictures."""
+        return sum(len(entries) for entries in self.shown.values())
+
+
+def build_gallery(found: Sequence[Experiment], max_bytes: int) -> Gallery:
+    """Encode the pictures of a few points of every curve.
+
+    Parameters
+    ----------
+    found : sequence of Experiment
+        The curves.
+    max_bytes : int
+        Room for all data URIs.
+
+    Returns
+    -------
+    Gallery
+        Of the point in the middle of every curve, then the lowest and the highest, as long as there is room.
+    """
+    wanted = list(_by_importance(found))
+    chosen = wanted[:MAX_POINTS]
+    for quality in range(WEBP_QUALITY, LEAST_QUALITY - 1, -10):
+        gallery = _encoded(chosen, quality)
+        if sum(map(len, gallery.sources)) <= max_bytes:
+            break
+    else:
+        while chosen and sum(map(len, gallery.sources)) > max_bytes:
+            chosen = chosen[: len(chosen) * 2 // 3]
+            gallery = _encoded(chosen, LEAST_QUALITY)
+    with_pictures = [
+        point for one in found for curve in one.curves for point in curve.points if _has_pictures(point)
+    ]
+    gallery.num_left_out = len(with_pictures) - len(chosen)
+    for entries in gallery.shown.values():
+        entries.sort(key=lambda entry: (entry["curve"], entry["point"]))
+    return gallery
+
+
+def _by_importance(found: Sequence[Experiment]) -> Iterator[tuple[Experiment, Curve, int]]:
+    """Yield points with pictures: the middle of each curve, then the ends."""
+    for rank in range(3):
+        for one in found:
+            for curve in one.curves:
+                numbers = [i for i, point in enumerate(curve.points) if _has_pictures(point)]
+                if not numbers:
+                    continue
+                ends = dict.fromkeys((numbers[len(numbers) // 2], numbers[0], numbers[-1]))
+                if rank < len(ends):
+                    yield one, curve, list(ends)[rank]
+
+
+def _has_pictures(point: PointResult) -> bool:
+    pictures = point.data.get("pictures")
+    return isinstance(pictures, dict) and all(
+        isinstance(pictures.get(name), str) for name in ("original", "decoded")
+    )
+
+
+def _encoded(chosen: Sequence[tuple[Experiment, Curve, int]], quality: int) -> Gallery:
+    gallery = Gallery()
+    places: dict[bytes, int] = {}
+    for one, curve, number_ in chosen:
+        pictures = curve.points[number_].data["pictures"]
+        original, decoded = _read(pictures["original"]), _read(pictures["decoded"])
+        if original is None or decoded is None or original.shape != decoded.shape:
+            gallery.num_missing += 1
+            continue
+        noise = _noise(original, _read(pictures.get("predicted")))
+        entry: dict[str, Any] = {"curve": one.curves.index(curve), "label": curve.label, "point": number_}
+        entry |= {"index": _index(curve.points[number_]), "type": _type(curve.points[number_])}
+        entry |= {"width": original.shape[1], "height": original.shape[0]}
+        for kind, plane in (("original", original), ("decoded", decoded), ("noise", noise)):
+            entry[kind] = None if plane is None else _place(plane, quality, gallery, places)
+        gallery.shown.setdefault(one.slug, []).append(entry)
+    return gallery
+
+
+def _place(plane: Picture, quality: int, gallery: Gallery, places: dict[bytes, int]) -> int:
+    """Return where a picture stands; equal pictures stand once."""
+    import cv2
+
+    key = plane.tobytes()
+    if key not in places:
+        _, coded = cv2.imencode(".webp", plane, [cv2.IMWRITE_WEBP_QUALITY, quality])
+        places[key] = len(gallery.sources)
+        text = base64.b64encode(coded.tobytes()).decode("ascii")
+        gallery.sources.append(f"data:image/webp;base64,{text}")
+    return places[key]
+
+
+def _read(name: object) -> Picture | None:
+    """Read a picture as luma; None if there is none that can be shown."""
+    import cv2
+
+    if not isinstance(name, str):
+        return None
+    try:
+        coded = np.frombuffer(Path(name).read_bytes(), np.uint8)
+        plane: Any = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE) if coded.size else None
+    except (OSError, cv2.error):
+        return None
+    if plane is None or max(plane.shape) > MAX_SIDE_PX:
+        return None
+    return np.asarray(plane, dtype=np.uint8)
+
+
+def _noise(original: Picture, predicted: Picture | None) -> Picture | None:
+    """Return original minus prediction, amplified, grey where they are equal."""
+    if predicted is None or predicted.shape != original.shape:
+        return None
+    difference = NOISE_GAIN * (original.astype(np.int32) - predicted) + 128
+    return np.asarray(np.clip(difference, 0, 255), dtype=np.uint8)
+
+
+def _index(point: PointResult) -> int:
+    return int(number(point.data["pictures"].get("index")) or 0)
+
+
+def _type(point: PointResult) -> str:
+    types = {row.get("index"): row.get("type") for row in frame_rows(point)}
+    names = {"wz": "Wyner-Ziv", "key": "key", "intra": "intra", "inter": "inter"}
+    return names.get(str(types.get(point.data["pictures"].get("index"))), "")

@@ -1,0 +1,194 @@
+"""Tables over all sequences: side information, cost of encoding and decoding, shares of the bits."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
+from dvc.rd.frames import bit_shares, frame_columns, mean, num_of_types, number
+from dvc.rd.plots import point_name
+from dvc.rd.results import PointResult
+
+NOTHING = "–"
+SHARE_TITLES = {
+    "key": "key frames",
+    "intra": "intra frames",
+    "inter": "inter frames",
+    "parity": "parity",
+    "crc": "check bits",
+    "tracks": "tracks",
+    "header": "headers",
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table whose first columns name its rows.
+
+    Attributes
+    ----------
+    caption : str
+        What it shows.
+    head : tuple of str
+        Titles.
+    rows : tuple of tuple of str
+        Cells.
+    num_names : int
+        Columns that name a row.
+    """
+
+    caption: str
+    head: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    num_names: int = 1
+
+
+def side_information_table(found: Sequence[Experiment]) -> Table | None:
+    """Return the mean PSNR of the side information by sequence and codec.
+
+    Parameters
+    ----------
+    found : sequence of Experiment
+        The curves.
+
+    Returns
+    -------
+    Table or None
+        At lossless key frames where there are such points, else at each preset; None without any.
+    """
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for one in found:
+        points = [(curve.label, point) for curve in one.curves for point in curve.points]
+        points = [(label, point) for label, point in points if point.total("si_psnr_y_db") is not None]
+        lossless = [(label, point) for label, point in points if point.data["key"].get("lossless")]
+        for label, point in lossless or points:
+            keys = "lossless" if lossless else _preset_name(point)
+            cells.setdefault((one.name, keys), {}).setdefault(label, _side_information(point))
+    if not cells:
+        return None
+    labels = sorted({label for row in cells.values() for label in row})
+    rows = [(*names, *(row.get(label, NOTHING) for label in labels)) for names, row in sorted(cells.items())]
+    caption = (
+        "Mean luma PSNR of the side information of Wyner-Ziv frames in dB, before decoding "
+        "and, in brackets, as it was refined while decoding"
+    )
+    return Table(caption, ("sequence", "key frames", *labels), tuple(rows), 2)
+
+
+def cost_table(found: Sequence[Experiment]) -> Table:
+    """Return what encoding and decoding cost.
+
+    Parameters
+    ----------
+    found : sequence of Experiment
+        The curves.
+
+    Returns
+    -------
+    Table
+        Means over the points of each curve, CPU time of one core.
+    """
+    rows = []
+    for one in found:
+        anchor = one.anchor(ANCHOR_LABEL)
+        intra = None if anchor is None else mean([_encode_ms(point) for point in anchor.points])
+        for curve in one.curves:
+            encode = mean([_encode_ms(point) for point in curve.points])
+            ratio = None if encode is None or not intra else encode / intra
+            numbers = [
+                _format(mean([_type_ms(point, "key") for point in curve.points]), 2),
+                _format(mean([_type_ms(point, "wz") for point in curve.points]), 2),
+                _format(encode, 2),
+                _format(ratio, 2),
+                _format(mean([_decode_s(point) for point in curve.points]), 3),
+            ]
+            rows.append((one.name, curve.label, *numbers))
+    times = ("key frame [ms]", "WZ frame [ms]", "any frame [ms]", f"any frame / {ANCHOR_LABEL}")
+    head = ("sequence", "codec", *times, "decode per frame [s]")
+    caption = (
+        "CPU time per frame: encoding by type of frame, its ratio to that of the intra anchor, "
+        "and decoding; means over the points of a curve, start-up of the encoder left out where it is known"
+    )
+    return Table(caption, head, tuple(rows), 2)
+
+
+def shares(curve: Curve) -> list[dict[str, Any]]:
+    """Return what the bits of each point of a curve are for.
+
+    Parameters
+    ----------
+    curve : Curve
+        The curve.
+
+    Returns
+    -------
+    list of dict
+        ``name`` of the point, ``text`` for those who cannot see a bar, and ``parts``: kind and per cent.
+    """
+    rows = []
+    for point in curve.points:
+        parts = bit_shares(point)
+        text = ", ".join(f"{SHARE_TITLES.get(kind, kind)} {share:.1f} %" for kind, share in parts.items())
+        rows.append({"name": point_name(point), "text": text, "parts": list(parts.items())})
+    return rows
+
+
+def chart_points(curve: Curve) -> list[dict[str, Any]]:
+    """Return the points of a curve as charts need them.
+
+    Parameters
+    ----------
+    curve : Curve
+        The curve.
+
+    Returns
+    -------
+    list of dict
+        JSON-safe: ``name``, ``level`` (preset or None), ``rate`` in kbit/s, ``psnr`` in dB, ``frames``.
+    """
+    return [
+        {
+            "name": point_name(point),
+            "level": point.data["options"].get("wz_q"),
+            "lossless": point.data["key"].get("lossless") is True,
+            "rate": round(point.rate_kbps, 3),
+            "psnr": round(point.psnr_y_db, 3),
+            "frames": frame_columns(point),
+        }
+        for point in curve.points
+    ]
+
+
+def _side_information(point: PointResult) -> str:
+    initial, refined = point.total("si_psnr_y_db"), point.total("refined_si_psnr_y_db")
+    return f"{initial:.2f}" if refined is None else f"{initial:.2f} ({refined:.2f})"
+
+
+def _preset_name(point: PointResult) -> str:
+    preset = point.data["options"].get("wz_q")
+    return f"QP {point.data['key']['qp']}" if preset is None else f"Q{preset}"
+
+
+def _type_ms(point: PointResult, kind: str) -> float | None:
+    """Return the encoding time of a frame of one type; of both where only the sum is known."""
+    total = number(point.data["times"].get(f"{kind}_encode_cpu_s"))
+    count = num_of_types(point, kind)
+    return None if total is None or not count else 1000 * total / count
+
+
+def _encode_ms(point: PointResult) -> float | None:
+    """Return the encoding time per frame: that on frames, else that of the process."""
+    times = point.data["times"]
+    parts = [number(times.get(f"{kind}_encode_cpu_s")) for kind in ("key", "wz")]
+    known = [part for part in parts if part is not None]
+    total = sum(known) if known else number(times["encode_cpu_s"])
+    return None if total is None else 1000 * total / max(1, point.data["totals"]["frames"])
+
+
+def _decode_s(point: PointResult) -> float | None:
+    total = number(point.data["times"]["decode_cpu_s"])
+    return None if total is None else total / max(1, point.data["totals"]["frames"])
+
+
+def _format(value: float | None, decimals: int) -> str:
+    return NOTHING if value is None else f"{value:.{decimals}f}"

@@ -1,0 +1,200 @@
+"""Which codec is better: every curve against every other, on every sequence."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from dvc.errors import RdCurveError
+from dvc.metrics import bd_psnr
+from dvc.rd.compare import crossing_text
+from dvc.rd.curves import Curve, Experiment, compare_curves
+from dvc.rd.frames import mean
+
+NOTHING = "–"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One curve against the anchor on one sequence, as text.
+
+    Attributes
+    ----------
+    sequence, codec : str
+        What is compared.
+    rate, psnr : str
+        BD-rate and BD-PSNR, or why there is none.
+    overlap, points : str
+        What the figure rests on.
+    where : str
+        At which rates the codec is better.
+    verdict : str
+        ``better``, ``worse`` or ``none``.
+    """
+
+    sequence: str
+    codec: str
+    rate: str
+    psnr: str
+    overlap: str
+    points: str
+    where: str
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of the matrix of BD-rates.
+
+    Attributes
+    ----------
+    text : str
+        Such as ``−12.3 %``.
+    verdict : str
+        As in `Row`.
+    """
+
+    text: str
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """All curves against one.
+
+    Attributes
+    ----------
+    anchor : str
+        Its label.
+    codecs : tuple of str
+        Labels of the others, columns of the matrix.
+    matrix : tuple of (str, tuple of Cell)
+        Name and cells of each sequence; the means last, where there are several sequences.
+    rows : tuple of Row
+        The same with everything that it rests on.
+    """
+
+    anchor: str
+    codecs: tuple[str, ...]
+    matrix: tuple[tuple[str, tuple[Cell, ...]], ...]
+    rows: tuple[Row, ...]
+
+
+def verdicts(found: Sequence[Experiment]) -> list[Verdict]:
+    """Compare every curve with every other of the same frames.
+
+    Parameters
+    ----------
+    found : sequence of Experiment
+        The curves.
+
+    Returns
+    -------
+    list of Verdict
+        One for every label that has somebody to be compared with.
+    """
+    labels = {curve.label: curve.is_anchor for one in found for curve in one.curves}
+    ordered = sorted(labels, key=lambda label: (labels[label], label))
+    built = [_verdict(found, anchor, [label for label in ordered if label != anchor]) for anchor in ordered]
+    return [verdict for verdict in built if verdict.rows]
+
+
+def signed(value: float, decimals: int, unit: str) -> str:
+    """Write a difference with its sign.
+
+    Parameters
+    ----------
+    value : float
+        The difference.
+    decimals : int
+        Digits after the point.
+    unit : str
+        Of the value.
+
+    Returns
+    -------
+    str
+        With a true minus sign.
+
+    Examples
+    --------
+    >>> signed(-12.34, 1, "%")
+    '−12.3 %'
+    """
+    return f"{value:+.{decimals}f} {unit}".replace("-", "−")
+
+
+def _verdict(found: Sequence[Experiment], anchor: str, labels: Sequence[str]) -> Verdict:
+    rows: list[Row] = []
+    rates: dict[str, list[float | None]] = {label: [] for label in labels}
+    matrix = []
+    for one in found:
+        reference = one.anchor(anchor)
+        if reference is None:
+            continue
+        cells = []
+        for label in labels:
+            curve = one.anchor(label)
+            row, rate = (None, None) if curve is None else _compare(one.name, reference, curve)
+            rates[label].append(rate)
+            cells.append(_cell(rate, row))
+            rows += [] if row is None else [row]
+        matrix.append((one.name, tuple(cells)))
+    kept = [i for i, label in enumerate(labels) if any(row.codec == label for row in rows)]
+    lines = [(name, tuple(cells[i] for i in kept)) for name, cells in matrix]
+    lines += _mean_line(rates, [labels[i] for i in kept])
+    return Verdict(anchor, tuple(labels[i] for i in kept), tuple(lines), tuple(rows))
+
+
+def _compare(name: str, reference: Curve, curve: Curve) -> tuple[Row, float | None]:
+    difference = compare_curves(reference, curve)
+    if isinstance(difference, str):
+        where = crossing_text(reference, curve)
+        reason = f"not comparable: {difference}"
+        return Row(
+            name, curve.label, reason, NOTHING, NOTHING, _points(reference, curve), where, "none"
+        ), None
+    low, high = difference.overlap
+    share = f"{100 * difference.overlap_share:.0f} %"
+    other, num_reference = difference.num_points[1], difference.num_points[0]
+    row = Row(
+        sequence=name,
+        codec=curve.label,
+        rate=signed(difference.value, 1, "%"),
+        psnr=_psnr_text(reference, curve),
+        overlap=f"{low:.1f} to {high:.1f} dB ({share})",
+        points=f"{other} and {num_reference}",
+        where=crossing_text(reference, curve),
+        verdict="better" if difference.value < 0 else "worse",
+    )
+    return row, difference.value
+
+
+def _points(reference: Curve, curve: Curve) -> str:
+    return f"{len(curve.points)} and {len(reference.points)}"
+
+
+def _psnr_text(reference: Curve, curve: Curve) -> str:
+    try:
+        difference = bd_psnr(reference.rates_kbps, reference.psnrs_y_db, curve.rates_kbps, curve.psnrs_y_db)
+    except RdCurveError as err:
+        return f"not comparable: {err}"
+    return signed(difference.value, 2, "dB")
+
+
+def _cell(rate: float | None, row: Row | None) -> Cell:
+    if rate is None:
+        return Cell(NOTHING if row is None else "not comparable", "none")
+    return Cell(signed(rate, 1, "%"), "better" if rate < 0 else "worse")
+
+
+def _mean_line(
+    rates: dict[str, list[float | None]], labels: Sequence[str]
+) -> list[tuple[str, tuple[Cell, ...]]]:
+    """Return the means over the sequences on which all codecs have a figure."""
+    lines = list(zip(*(rates[label] for label in labels), strict=True))
+    common = [line for line in lines if all(rate is not None for rate in line)]
+    if len(lines) < 2 or not common:
+        return []
+    means = [mean(column) for column in zip(*common, strict=True)]
+    return [
+        (f"mean of {len(common)} of {len(lines)} sequences", tuple(_cell(value, None) for value in means))
+    ]

@@ -1,0 +1,222 @@
+"""The page in a real browser: charts, controls, a phone, the dark, paper, and no request to anywhere."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from dvc.rd.folders import read_folders
+from dvc.rd.page import write_page
+from tests.rd.made_up_page import write_many
+
+ARGUMENTS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+PHONE_PX = {"width": 360, "height": 740}
+DESKTOP_PX = {"width": 1280, "height": 900}
+TIMEOUT_MS = 60_000
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Start the browser; without one these tests fail, for a page that nobody has opened is not tested."""
+    path = os.environ.get("DVC_CHROMIUM") or shutil.which("chromium")
+    if path is None:
+        pytest.fail("no browser: install Debian's package `chromium`, or name one in DVC_CHROMIUM")
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS), timeout=TIMEOUT_MS)
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the address of a page of 3 sequences and 5 curves, some with hostile names."""
+    folder = write_many(tmp_path_factory.mktemp("browser") / "results")
+    path = folder / "report.html"
+    write_page(read_folders([folder]).results, path)
+    return path.as_uri()
+
+
+@pytest.fixture(scope="module")
+def page(browser: Browser, address: str) -> Iterator[Page]:
+    """Open the page once for all tests that do not care about size and colours."""
+    context = browser.new_context(viewport=DESKTOP_PX)  # type: ignore[arg-type]
+    opened = context.new_page()
+    opened.set_default_timeout(TIMEOUT_MS)
+    opened.goto(address)
+    opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached")
+    yield opened
+    context.close()
+
+
+def num_lines(page: Page, slug: str) -> int:
+    return page.locator(f'[data-rd="{slug}"] .scatterlayer path.js-line').count()
+
+
+def test_page_opens_without_an_error_or_a_request(browser: Browser, address: str) -> None:
+    """Nothing is logged, nothing leaves the page, hostile names do not run, and text is there soon."""
+    context = browser.new_context(viewport=DESKTOP_PX)  # type: ignore[arg-type]
+    opened = context.new_page()
+    logged: list[str] = []
+    requests: list[str] = []
+    opened.on("console", lambda message: logged.append(message.text))
+    opened.on("pageerror", lambda error: logged.append(str(error)))
+    opened.on("request", lambda request: requests.append(request.url))
+    opened.goto(address, timeout=TIMEOUT_MS)
+    opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached", timeout=TIMEOUT_MS)
+    for figure in opened.locator("figure.chart").all():
+        figure.scroll_into_view_if_needed()
+    opened.wait_for_function(
+        "document.querySelectorAll('.plot.rd:not([hidden]), .plots:not([hidden])').length == 6"
+    )
+    assert logged == []
+    assert {url.split(":", 1)[0] for url in requests} <= {"file", "data", "blob"}
+    assert [url for url in requests if url.startswith("file:")] == [address]
+    assert opened.evaluate("window.stolen") is None
+    context.close()
+
+
+def test_legend_hides_a_curve(page: Page) -> None:
+    """A box of the legend takes its curve out of the chart, and brings it back, by keyboard."""
+    box = page.locator('[data-legend="street"] input').nth(1)
+    box.scroll_into_view_if_needed()
+    page.wait_for_selector('[data-rd="street"] .scatterlayer path.js-line', state="attached")
+    assert num_lines(page, "street") == 5
+    box.focus()
+    page.keyboard.press("Space")
+    page.wait_for_function(
+        "document.querySelectorAll('[data-rd=\"street\"] .scatterlayer path.js-line').length == 4"
+    )
+    page.keyboard.press("Space")
+    page.wait_for_function(
+        "document.querySelectorAll('[data-rd=\"street\"] .scatterlayer path.js-line').length == 5"
+    )
+
+
+def test_chart_zooms(page: Page) -> None:
+    """The buttons change the range of the axes, the box their scale."""
+    block = page.locator('[data-zoom="street"]')
+    range_of = "document.querySelector('[data-rd=\"street\"]')._fullLayout.xaxis"
+    page.locator('[data-rd="street"]').scroll_into_view_if_needed()
+    page.wait_for_function(f"{range_of} !== undefined")
+    near = page.evaluate(f"{range_of}.range[1]")
+    block.get_by_role("button", name="Show all points").click()
+    assert page.evaluate(f"{range_of}.range[1]") > near
+    block.get_by_label("logarithmic rate").check()
+    assert page.evaluate(f"{range_of}.type") == "log"
+    block.get_by_label("logarithmic rate").uncheck()
+
+
+def test_anchor_changes_the_verdict(page: Page) -> None:
+    """Another anchor shows another table, and the other side of the same comparison."""
+    visible = page.locator(".verdict:visible table.matrix")
+    assert "against H.264 intra" in visible.locator("caption").inner_text()
+    before = visible.locator("tbody").inner_text()
+    assert "−" in before
+    page.get_by_label("Compare with").select_option(label="2D-DVC, GOP 2")
+    assert visible.count() == 1
+    assert "against 2D-DVC, GOP 2" in visible.locator("caption").inner_text()
+    assert visible.locator("tbody").inner_text() != before
+    page.get_by_label("Compare with").select_option(label="H.264 intra")
+
+
+def test_frames_follow_the_choice(page: Page) -> None:
+    """A single point shows its decoded frames and both kinds of side information."""
+    select = page.locator('[data-view="street"]')
+    select.scroll_into_view_if_needed()
+    plots = page.locator('[data-frames="street"]')
+    page.wait_for_selector('[data-frames="street"] .scatterlayer path.js-line', state="attached")
+    assert plots.locator(".one").count() == 4
+    assert plots.locator(".one").first.locator("path.js-line").count() == 4
+    select.select_option(label="Q2, key QP 41", force=True)
+    assert plots.locator(".one").first.locator("path.js-line").count() == 3
+    assert plots.locator(".barlayer path").count() > 0
+
+
+def test_slider_moves_the_border(page: Page) -> None:
+    """The slider obeys the keyboard, and the choice of a point changes the pictures."""
+    block = page.locator('[data-pictures="street"]')
+    slider = block.get_by_role("slider")
+    slider.scroll_into_view_if_needed()
+    slider.focus()
+    page.keyboard.press("Home")
+    split = "document.querySelector('[data-pictures=\"street\"] .compare').style.getPropertyValue('--split')"
+    assert page.evaluate(split) == "0%"
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate(split) == "1%"
+    image = block.locator("img.decoded")
+    page.wait_for_function(
+        "document.querySelector('[data-pictures=\"street\"] img.decoded').naturalWidth == 64"
+    )
+    before = image.get_attribute("src")
+    block.locator("select").select_option(index=0)
+    after = image.get_attribute("src")
+    assert after is not None
+    assert after.startswith("data:image/webp")
+    assert after != before
+    assert "decoded" in str(image.get_attribute("alt"))
+
+
+def test_page_fits_a_phone(browser: Browser, address: str) -> None:
+    """At 360 pixels nothing but tables in their frames is wider than the screen, charts included."""
+    context = browser.new_context(viewport=PHONE_PX)  # type: ignore[arg-type]
+    opened = context.new_page()
+    opened.goto(address, timeout=TIMEOUT_MS)
+    opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached", timeout=TIMEOUT_MS)
+    opened.evaluate("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
+    assert opened.evaluate("document.documentElement.scrollWidth") <= PHONE_PX["width"]
+    context.close()
+
+
+def test_colours_follow_the_dark_and_paper(browser: Browser, address: str) -> None:
+    """In the dark text is light; on paper it is black, charts are the static ones, and details are open."""
+    context = browser.new_context(viewport=DESKTOP_PX, color_scheme="dark")  # type: ignore[arg-type]
+    opened = context.new_page()
+    opened.goto(address, timeout=TIMEOUT_MS)
+    opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached", timeout=TIMEOUT_MS)
+    assert opened.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(20, 23, 27)"
+    opened.emulate_media(media="print")
+    assert opened.evaluate("getComputedStyle(document.body).color") == "rgb(0, 0, 0)"
+    assert opened.locator("img.static:visible").count() == 6
+    assert opened.locator(".plot:visible, nav:visible").count() == 0
+    opened.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert opened.locator("details:not([open])").count() == 0
+    context.close()
+
+
+def test_page_can_be_read_without_a_pointer(page: Page) -> None:
+    """The first key leads past the menu; every control has a name, every table a caption, every image a text."""
+    page.evaluate("document.activeElement.blur(); window.scrollTo(0, 0)")
+    nameless = page.evaluate(
+        """[...document.querySelectorAll('select, input, button')].filter((control) =>
+        !control.labels?.length && !control.getAttribute('aria-label') && !control.textContent.trim()).length"""
+    )
+    assert nameless == 0
+    assert page.locator("table:not(:has(caption))").count() == 0
+    assert page.locator("th:not([scope])").count() == 0
+    assert page.locator("img:not([alt])").count() == 0
+    assert page.evaluate("new Set([...document.querySelectorAll('[id]')].map((e) => e.id)).size") == (
+        page.locator("[id]:not(svg [id])").count()
+    )
+
+
+def test_page_without_scripts_still_shows_curves(browser: Browser, address: str) -> None:
+    """With scripts off the static curves, the tables and the verdict are there, and no dead control is."""
+    context = browser.new_context(viewport=DESKTOP_PX, java_script_enabled=False)  # type: ignore[arg-type]
+    opened = context.new_page()
+    opened.goto(address, timeout=TIMEOUT_MS)
+    assert opened.locator("img.static:visible").count() == 6
+    assert opened.locator(".verdict:visible table.matrix").count() == 1
+    assert opened.locator("select:visible, button:visible, input:visible").count() == 0
+    context.close()
