@@ -6,8 +6,6 @@ block motion has only to find what is left. This serves where there is no model 
 that only turns, and beside the model where the scene is not static.
 """
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -31,22 +29,7 @@ MAX_CONDITION = 16.0
 """Largest quotient of the scales at which a map shows parts of a frame; beyond it the map is wrong."""
 
 
-class WholeFrameMotion(NamedTuple):
-    """Where a whole frame lies in a reference.
-
-    Attributes
-    ----------
-    homography : ndarray of shape (3, 3), float64
-        From pixels of the frame to pixels of the reference.
-    residuals_px : ndarray of shape (N,), float64
-        Distance of each point from where the map takes it; nan for points that are not known.
-    """
-
-    homography: Floats
-    residuals_px: Floats
-
-
-def whole_frame_motion(points: Floats, matches: Floats) -> WholeFrameMotion:
+def whole_frame_motion(points: Floats, matches: Floats) -> Floats:
     """Fit the common motion of points: a homography, or less where there are few of them.
 
     Parameters
@@ -58,15 +41,12 @@ def whole_frame_motion(points: Floats, matches: Floats) -> WholeFrameMotion:
 
     Returns
     -------
-    WholeFrameMotion
-        The identity where nothing is known.
+    ndarray of shape (3, 3), float64
+        From pixels of the frame to pixels of the reference; the identity where nothing is known.
     """
     known = np.isfinite(points).all(axis=1) & np.isfinite(matches).all(axis=1)
     first, second = points[known], matches[known]
-    homography = _fit(first, second) if len(first) else np.eye(3)
-    residuals = np.full(len(points), np.nan)
-    residuals[known] = np.hypot(*(_apply(homography, first) - second).T)
-    return WholeFrameMotion(homography, residuals)
+    return _fit(first, second) if len(first) else np.eye(3)
 
 
 def _fit(first: Floats, second: Floats) -> Floats:
@@ -177,6 +157,6 @@ class AlignedBlockMotion:
         before, wanted, after = points
         warped = []
         for reference, there in zip(around, (before, after), strict=True):
-            motion = whole_frame_motion(wanted, there)
-            warped.append(ReferenceFrame(reference.index, warp_frame(reference.frame, motion.homography)))
+            homography = whole_frame_motion(wanted, there)
+            warped.append(ReferenceFrame(reference.index, warp_frame(reference.frame, homography)))
         return self._flat.predict(warped, None, [instant])[0]
