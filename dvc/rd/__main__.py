@@ -66,6 +66,12 @@ def _add_report(commands: Any) -> None:
         help="decoded frames in the page; default: as far as the results have any, and the page stays small",
     )
     add("--figures", type=Path, metavar="DIR", help="folder for the plots; default: that of the .md")
+    add(
+        "--reference-rows",
+        type=Path,
+        metavar="FILE.csv",
+        help="points of the H.264 reference software to show beside ours; default: what DVC_ANCHORS names",
+    )
 
 
 def _add_compare(commands: Any) -> None:
@@ -236,6 +242,7 @@ def _sweeps(arguments: argparse.Namespace) -> list[Any]:
 
 
 def _report(arguments: argparse.Namespace) -> int:
+    from dvc.rd.anchors.reference import reference_results
     from dvc.rd.compare import find_label
     from dvc.rd.curves import ANCHOR_LABEL
     from dvc.rd.folders import read_folders
@@ -247,9 +254,11 @@ def _report(arguments: argparse.Namespace) -> int:
     if outputs[0].suffix[1:] not in REPORTS:
         raise ConfigError(f"--out must be a file name that ends with .html or .md, got {str(outputs[0])!r}")
     collection = read_folders(arguments.folders)
-    anchor = find_label(collection.results, arguments.against) if arguments.against else ANCHOR_LABEL
+    reference = reference_results(collection.results, arguments.reference_rows)
+    results = [*collection.results, *reference]
+    anchor = find_label(results, arguments.against) if arguments.against else ANCHOR_LABEL
     written = write_reports(
-        collection.results,
+        results,
         outputs,
         anchor,
         figures=arguments.figures,

@@ -6,9 +6,11 @@ from pathlib import Path
 
 from dvc.errors import DvcError
 from dvc.files import atomic_output
+from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.anchors.reference import REFERENCE_LABELS
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
 from dvc.rd.frames import bit_shares, num_of_types
-from dvc.rd.plots import curve_styles, render_experiment
+from dvc.rd.plots import SUFFIXES, curve_styles, render_experiment
 from dvc.rd.results import PointResult
 
 NOTHING = "–"
@@ -80,8 +82,9 @@ def write_reports(
 
     found = experiments(results)
     styles = curve_styles(found)
-    drawn = {one.slug: render_experiment(one, styles) for one in found}
     texts = [path for path in outputs if path.suffix == ".md"]
+    suffixes = SUFFIXES if texts or figures else (".svg",)
+    drawn = {one.slug: render_experiment(one, styles, suffixes) for one in found}
     for path in set(outputs) - set(texts):
         write_page(results, path, anchor, notes=notes, pictures=pictures, drawn=drawn)
     if not texts and figures is None:
@@ -306,10 +309,11 @@ def preface(results: Sequence[PointResult]) -> str:
     str
         Number of points, dates, versions of the code with a warning if there are several, what a rate is.
     """
+    results = [r for r in results if r.data["codec"] not in REFERENCE_LABELS]
     codes = sorted(
         {(r.data["code"]["version"], r.data["code"].get("commit") or "no commit") for r in results}
     )
-    digests = {r.data["code"]["digest"] for r in results}
+    digests = {r.data["code"]["digest"] for r in results if r.data["codec"] not in ANCHOR_CODECS}
     dates = sorted(str(r.data.get("date", ""))[:10] for r in results)
     code = ", ".join(f"dvc3d {version} ({commit})" for version, commit in codes)
     mixed = f" The points come from {len(digests)} versions of the code." if len(digests) > 1 else ""

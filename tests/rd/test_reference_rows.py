@@ -7,6 +7,7 @@ import pytest
 from dvc.errors import DvcError
 from dvc.rd.anchors.reference import ROWS_VARIABLE, read_reference_rows, reference_results
 from dvc.rd.curves import experiments
+from dvc.rd.report import preface, report_text
 from dvc.rd.results import PointResult
 from tests.rd.made_up import result_data
 
@@ -49,6 +50,14 @@ def test_rows_stand_beside_what_was_measured(rows: Path) -> None:
     assert intra.is_anchor
     assert intra.rates_kbps == pytest.approx([100.0, 200.0])
     assert intra.psnrs_y_db == [30.5, 33.5]
+
+
+def test_reports_show_rows_and_do_not_count_them(rows: Path) -> None:
+    """A report has curves of the rows; how many points were measured, and when, is told of ours."""
+    own = [PointResult("a", result_data(60.0, 30.0))]
+    results = [*own, *reference_results(own, rows)]
+    assert preface(results) == preface(own)
+    assert "JM 9.5 intra" in report_text(experiments(results), results, {"clip": "clip.png"})
 
 
 def test_other_frames_have_no_rows(rows: Path) -> None:

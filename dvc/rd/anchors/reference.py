@@ -98,7 +98,7 @@ def reference_results(results: Sequence[PointResult], path: Path | None = None) 
     -------
     list of PointResult
         For every sequence measured from frame 0, luma only, with the number of frames of the rows. They
-        have no times, no single frames and no commands; ``bits`` has the one entry ``stream``.
+        have no date, times, single frames and commands; ``bits`` has the one entry ``stream``.
 
     Raises
     ------
@@ -166,6 +166,6 @@ def _result(row: ReferenceRow, sequence: dict[str, Any]) -> PointResult:
             "psnr_y_db": row.psnr_y_db,
             "bits": {"stream": row.num_bits},
         },
-        "times": {},
+        "times": {"encode_cpu_s": None, "decode_cpu_s": None},
     }
     return PointResult(f"{row.clip}-{row.codec}-qp{row.qp}", data)
