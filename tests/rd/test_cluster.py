@@ -24,7 +24,7 @@ from dvc.rd.sources import Source, find_source
 from dvc.rd.sweep import run_points
 from dvc.video import Frame, create_video
 
-QPS = (24, 32, 40, 48)
+QPS = (28, 38, 48)
 
 
 @pytest.fixture(scope="module")
