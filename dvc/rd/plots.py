@@ -124,7 +124,9 @@ def plot_experiment(
     return paths
 
 
-def render_experiment(experiment: Experiment, styles: Mapping[str, Style]) -> dict[str, bytes]:
+def render_experiment(
+    experiment: Experiment, styles: Mapping[str, Style], suffixes: Sequence[str] = SUFFIXES
+) -> dict[str, bytes]:
     """Draw the curves of an experiment, without a file.
 
     Parameters
@@ -133,15 +135,17 @@ def render_experiment(experiment: Experiment, styles: Mapping[str, Style]) -> di
         What was measured on one sequence.
     styles : mapping of str to Style
         By label.
+    suffixes : sequence of str, optional
+        Which forms.
 
     Returns
     -------
     dict of str to bytes
-        Contents by suffix, `SUFFIXES`.
+        Contents by suffix.
     """
     with _figure(SIZE_INCHES) as figure:
         _draw(figure.add_subplot(), experiment, styles)
-        return {suffix: _contents(figure, suffix) for suffix in SUFFIXES}
+        return {suffix: _contents(figure, suffix) for suffix in suffixes}
 
 
 def render_frames(curve: Curve, point: PointResult, style: Style) -> bytes | None:

@@ -69,7 +69,7 @@ def write_page(
     """
     found = experiments(results)
     styles = curve_styles(found)
-    drawn = drawn or {one.slug: render_experiment(one, styles) for one in found}
+    drawn = drawn or {one.slug: render_experiment(one, styles, (".svg",)) for one in found}
     page = {
         **_texts(results, found, anchor),
         "styles": {label: _style(style) for label, style in styles.items()},
