@@ -8,11 +8,11 @@ from pathlib import Path
 from dvc.errors import ConfigError
 from dvc.files import atomic_output
 from dvc.rd.points import Point, Sweep, expand
-from dvc.rd.results import PointResult, read_results
+from dvc.rd.results import PointResult
 
 DOCUMENT = "thesis.md"
 REPORT = "report.md"
-PAGE = "index.html"
+PAGE = "report.html"
 
 
 @dataclass(frozen=True)
@@ -175,15 +175,19 @@ def write_reproduction(folder: Path, command: str) -> list[Path]:
     DvcError
         If there are no results, or a file cannot be written.
     """
-    from dvc.rd.report import write_report
+    from dvc.rd.anchors.reference import reference_results
+    from dvc.rd.folders import read_folders
+    from dvc.rd.report import write_reports
 
-    results = read_results(folder)
-    write_report(results, folder / REPORT)
+    collection = read_folders([folder])
+    results = [*collection.results, *reference_results(collection.results, None)]
     document = folder / DOCUMENT
     text = document_text(results, folder, command)
     with atomic_output(document) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    return [document, folder / REPORT]
+    reports = [folder / PAGE, folder / REPORT]
+    write_reports(results, reports, notes=collection.notes)
+    return [document, *reports]
 
 
 def document_text(results: Sequence[PointResult], folder: Path, command: str) -> str:
@@ -212,7 +216,8 @@ def document_text(results: Sequence[PointResult], folder: Path, command: str) ->
     parts = [
         "# The thesis, reproduced\n",
         f"Made by `{command}` from {len(results)} points of {versions}, "
-        f"{datetime.now(UTC).date().isoformat()}. All curves, points and commands: [{REPORT}]({REPORT}).\n",
+        f"{datetime.now(UTC).date().isoformat()}. All curves, points and commands: "
+        f"[the page]({PAGE}), or [{REPORT}]({REPORT}).\n",
     ]
     for chapter in chapters():
         rows = [[figure.number, figure.shows, figure.place] for figure in chapter.figures]
