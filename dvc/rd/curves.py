@@ -36,6 +36,11 @@ class Curve:
     points: tuple[PointResult, ...]
 
     @property
+    def has_lossless_keys(self) -> bool:
+        """Whether key frames are lossless, so that it tells of side information and not of rates."""
+        return self.points[0].data["key"].get("lossless") is True
+
+    @property
     def rates_kbps(self) -> list[float]:
         """Rates of the points in kbit/s."""
         return [point.rate_kbps for point in self.points]

@@ -80,8 +80,10 @@ def curve_styles(found: Sequence[Experiment]) -> dict[str, Style]:
         By label of the curve; codecs of the project filled, those to compare with open.
     """
     labels = {curve.label: curve.is_anchor for one in found for curve in one.curves}
+    last = {curve.label for one in found for curve in one.curves if curve.has_lossless_keys}
+    codecs = [label for label, is_anchor in labels.items() if not is_anchor]
     styles = {}
-    for number, label in enumerate(sorted(label for label, is_anchor in labels.items() if not is_anchor)):
+    for number, label in enumerate(sorted(codecs, key=lambda label: (label in last, label))):
         round_, i = divmod(number, len(COLOURS))
         dash = DASHES[round_ % len(DASHES)]
         styles[label] = Style(COLOURS[i], MARKERS[(i + round_) % len(MARKERS)], dash, False)
@@ -224,8 +226,9 @@ def _figure(size_inches: tuple[float, float]) -> "Iterator[Figure]":
 
 def _draw(axes: "Axes", experiment: Experiment, styles: Mapping[str, Style]) -> None:
     anchor = experiment.anchor()
-    codecs = [curve for curve in experiment.curves if not curve.is_anchor]
-    for curve in experiment.curves:
+    curves = [curve for curve in experiment.curves if not curve.has_lossless_keys] or experiment.curves
+    codecs = [curve for curve in curves if not curve.is_anchor]
+    for curve in curves:
         style = styles[curve.label]
         axes.plot(
             curve.rates_kbps,
@@ -244,7 +247,7 @@ def _draw(axes: "Axes", experiment: Experiment, styles: Mapping[str, Style]) -> 
     axes.set_ylabel("luma PSNR [dB]")
     axes.grid(color="#dddddd", linewidth=0.8)
     axes.set_axisbelow(True)
-    axes.legend(loc="best", frameon=True, fontsize=8 if len(experiment.curves) > 4 else 10)
+    axes.legend(loc="best", frameon=True, fontsize=8 if len(curves) > 4 else 10)
 
 
 def _plain(text: str) -> str:

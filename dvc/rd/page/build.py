@@ -148,6 +148,7 @@ def _sequence(one: Experiment, svg: bytes, styles: dict[str, Style]) -> dict[str
         curves.append(
             {
                 "label": curve.label,
+                "lossless": curve.has_lossless_keys,
                 "head": head,
                 "rows": rows,
                 "shares": shares(curve),
@@ -168,7 +169,12 @@ def _sequence(one: Experiment, svg: bytes, styles: dict[str, Style]) -> dict[str
 
 
 def _chart_curve(curve: Curve) -> dict[str, Any]:
-    return {"label": curve.label, "anchor": curve.is_anchor, "points": chart_points(curve)}
+    return {
+        "label": curve.label,
+        "anchor": curve.is_anchor,
+        "lossless": curve.has_lossless_keys,
+        "points": chart_points(curve),
+    }
 
 
 def _reproduce(point: PointResult) -> dict[str, Any]:

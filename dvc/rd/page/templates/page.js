@@ -60,7 +60,7 @@
   }
 
   function ranges(curves, which, logarithmic) {
-    const codecs = curves.filter((curve) => !curve.anchor);
+    const codecs = curves.filter((curve) => !curve.anchor && !curve.lossless);
     const shown = which === "codecs" && codecs.length ? codecs : curves;
     const points = shown.flatMap((curve) => curve.points);
     let x = spread(points.map((point) => point.rate), 0.15, 0.2);
@@ -81,7 +81,7 @@
 
   const states = {};
   for (const [slug, curves] of Object.entries(data.sequences)) {
-    states[slug] = { range: "codecs", log: false, visible: curves.map(() => true) };
+    states[slug] = { range: "codecs", log: false, visible: curves.map((curve) => !curve.lossless) };
   }
 
   some("[data-legend]").forEach((legend) => {
