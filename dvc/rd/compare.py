@@ -69,8 +69,8 @@ class Comparison:
 
     @property
     def comparable(self) -> bool:
-        """Whether there is a figure."""
-        return not isinstance(self.rate, str)
+        """Whether there is a figure, of rate or of PSNR."""
+        return not (isinstance(self.rate, str) and isinstance(self.psnr, str))
 
 
 def compare(

@@ -206,10 +206,10 @@ def test_nothing_comparable_is_an_error(tmp_path: Path, capfd: pytest.CaptureFix
     (folder / POINTS_FOLDER).mkdir(parents=True)
     for number, (rate_kbps, psnr_y_db) in enumerate([(60.0, 29.0), (90.0, 31.0)]):
         _add(folder, f"a{number}", result_data(rate_kbps, psnr_y_db))
-        _add(folder, f"b{number}", result_data(rate_kbps, psnr_y_db + 9, codec="h264-intra"))
+        _add(folder, f"b{number}", result_data(9 * rate_kbps, psnr_y_db + 9, codec="h264-intra"))
     assert main(["compare", str(folder)]) == 2
     captured = capfd.readouterr()
     assert "not comparable: the curves have no" in captured.out
     assert captured.err.count("\n") == 1
-    _add(folder, "c", result_data(100.0, 39.0))
+    _add(folder, "c", result_data(600.0, 37.0))
     assert main(["compare", str(folder)]) == 0

@@ -1,0 +1,182 @@
+"""What goes wrong in sweeps: signals, full disks, missing decoders, results of other sizes."""
+
+import errno
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from importlib import util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dvc.errors import DvcError
+from dvc.rd import results, sweep
+from dvc.rd.__main__ import main
+from dvc.rd.points import Point
+from dvc.rd.processes import ProcessGroup
+from dvc.rd.provenance import CodeVersion, codec_digest
+from dvc.rd.results import POINTS_FOLDER, PointResult
+from dvc.video import Frame, create_video
+from tests.rd.made_up import result_data
+
+NO_SPACE = OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write two frames of noise, so that even a small stream takes some room."""
+    path = tmp_path_factory.mktemp("clip") / "clip.mkv"
+    rng = np.random.default_rng(4)
+    with create_video(path, (64, 48), 25) as writer:
+        for _ in range(2):
+            writer.write(Frame(rng.integers(0, 256, (48, 64)).astype(np.uint8)))
+    return path
+
+
+def _command(clip: Path, out: Path) -> list[str]:
+    options = ["--gop", "1", "--key-qp", "30", "--out", str(out)]
+    return [sys.executable, "-m", "dvc.rd", "run", str(clip), *options]
+
+
+def _leftovers(folder: Path) -> list[str]:
+    """List all files of an experiment."""
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def test_termination_leaves_nothing_and_the_sweep_goes_on(clip: Path, tmp_path: Path) -> None:
+    """After SIGTERM no file is left, and the same command measures what is missing."""
+    out = tmp_path / "out"
+    with subprocess.Popen(_command(clip, out), stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 60
+        while not list(out.glob(".running-*")) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+        _, messages = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert messages.splitlines()[-1] == "dvc-rd: interrupted"
+    assert _leftovers(out) == []
+    again = subprocess.run(_command(clip, out), capture_output=True, text=True, check=False)
+    assert again.returncode == 0, again.stderr
+    assert len(list((out / POINTS_FOLDER).iterdir())) == 1
+
+
+def test_a_disk_without_room_for_streams(clip: Path, tmp_path: Path) -> None:
+    """Where the processes cannot write, the point fails with one line, and nothing is left."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1500, 1500))
+
+    out = tmp_path / "out"
+    finished = subprocess.run(
+        _command(clip, out), capture_output=True, text=True, check=False, preexec_fn=limit
+    )
+    assert finished.returncode == 2
+    failure, counts = finished.stderr.splitlines()
+    assert "failed: " in failure
+    assert "File too large" in failure
+    assert "0 measured, 0 already there, 1 failed" in counts
+    assert _leftovers(out) == []
+
+
+def test_a_disk_without_room_for_results(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a result cannot be written, its point fails with one line, and no half of it is there."""
+    monkeypatch.setattr(sweep, "measure", lambda *_: result_data(60.0, 30.0))
+
+    def full(*_: object, **__: object) -> int:
+        raise NO_SPACE
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "write_text", full)
+        points = [Point(str(clip), "2d", None, str(qp), 1) for qp in (30, 31)]
+        summary = sweep.run_points(points, tmp_path / "out", tmp_path, jobs=2)
+    assert [reason.endswith("No space left on device") for _, reason in summary.failures] == [True, True]
+    assert _leftovers(tmp_path / "out") == []
+    assert sweep.run_points(points, tmp_path / "out", tmp_path).num_measured == 2
+
+
+def test_a_disk_without_room_for_folders(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no folder can be made for a point, it fails with one line."""
+
+    def full(*_: object, **__: object) -> str:
+        raise NO_SPACE
+
+    monkeypatch.setattr("tempfile.mkdtemp", full)
+    summary = sweep.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
+    assert ["No space left on device" in reason for _, reason in summary.failures] == [True]
+
+
+def test_a_decoder_that_is_not_installed(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Without the decoder the command ends with one line that names it, before anything is measured."""
+    found = util.find_spec
+    monkeypatch.setattr(util, "find_spec", lambda name: None if name == "decoder" else found(name))
+    assert main(["run", str(clip), "--out", str(tmp_path / "out")]) == 2
+    message = capfd.readouterr().err
+    assert message == "dvc-rd: the package 'decoder' is not installed, so that no point can be measured\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_interpreter_that_is_not_there(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A program that cannot be started fails the point with one line that names it."""
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python"))
+    summary = sweep.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
+    assert [reason for _, reason in summary.failures] == [
+        f"cannot start {tmp_path / 'python'}: No such file or directory"
+    ]
+
+
+def test_a_process_that_is_killed() -> None:
+    """A process that a signal ends is told by the name of the signal."""
+    code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+    with pytest.raises(DvcError, match=r"^the process was ended by SIGKILL$"):
+        ProcessGroup().run([sys.executable, "-c", code])
+
+
+def test_code_that_changes_meanwhile(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A point whose code was edited while it was measured has no result, for nobody knows which it was."""
+    monkeypatch.setattr(sweep, "measure", lambda *_: result_data(60.0, 30.0))
+    monkeypatch.setattr(sweep, "code_version", lambda: CodeVersion("1", None, "f" * 32))
+    summary = sweep.run_points([Point(str(clip), "2d", None, "30", 1)], tmp_path / "out", tmp_path)
+    assert "the code was changed" in summary.failures[0][1]
+    assert codec_digest() != "f" * 32
+    assert _leftovers(tmp_path / "out") == []
+
+
+def _write(folder: Path, name: str, data: dict[str, Any]) -> None:
+    (folder / POINTS_FOLDER).mkdir(parents=True, exist_ok=True)
+    (folder / POINTS_FOLDER / f"{name}.json").write_text(json.dumps(data), encoding="utf-8")
+
+
+def test_sequences_of_several_sizes_in_one_report(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Sequences of one name but other sizes are sections of their own, and never compared."""
+    other = {"name": "clip", "digest": "d2", "width": 32, "height": 16, "frames_per_s": 12.5}
+    for number, rate_kbps in enumerate((60.0, 90.0)):
+        _write(tmp_path, f"a{number}", result_data(rate_kbps, 30.0 + number))
+        _write(tmp_path, f"b{number}", result_data(rate_kbps, 31.0 + number, sequence=other))
+        _write(tmp_path, f"c{number}", result_data(rate_kbps, 29.5 + number, codec="h264-intra"))
+    _write(tmp_path, "damaged", {"schema": "dvc3d-rd-point/0"})
+    assert main(["report", str(tmp_path), "--out", str(tmp_path / "r.md")]) == 0
+    text = (tmp_path / "r.md").read_text(encoding="utf-8")
+    assert "clip: 64×48" in text
+    assert "clip: 32×16" in text
+    capfd.readouterr()
+    assert main(["compare", str(tmp_path)]) == 0
+    assert len(capfd.readouterr().out.splitlines()) == 3
+
+
+def test_results_that_name_another_schema_are_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A result of a later version is named and left out, and the rest is used."""
+    _write(tmp_path, "good", result_data(60.0, 30.0))
+    _write(tmp_path, "later", result_data(60.0, 30.0, schema="dvc3d-rd-point/99"))
+    assert [type(result) for result in results.read_results(tmp_path)] == [PointResult]
+    assert "later.json: not a result of schema" in caplog.text
