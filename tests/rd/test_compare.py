@@ -213,3 +213,9 @@ def test_nothing_comparable_is_an_error(tmp_path: Path, capfd: pytest.CaptureFix
     assert captured.err.count("\n") == 1
     _add(folder, "c", result_data(600.0, 37.0))
     assert main(["compare", str(folder)]) == 0
+
+
+def test_columns_of_comparisons_are_documented() -> None:
+    """The document of results names every column."""
+    text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
+    assert all(f"`{column}`" in text for column in CSV_COLUMNS)

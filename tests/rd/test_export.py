@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from pathlib import Path
 
 import pytest
@@ -56,3 +57,16 @@ def test_export_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> No
     assert len(capfd.readouterr().out.splitlines()) == 1 + 6 * 3
     assert main(["export", str(folder), "--csv", str(tmp_path / "nowhere" / "x.csv")]) == 2
     assert "does not exist" in capfd.readouterr().err
+
+
+def test_columns_are_documented() -> None:
+    """The document of results names every column, in the order of the file."""
+    text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
+    points, frames = (
+        re.findall(r"`([a-z_]+)`", re.sub(r"\([^)]*\)", "", line))
+        for line in text.splitlines()
+        if line.startswith(("| points | `sequence`", "| frames | `sequence`"))
+    )
+    assert points == ["sequence", "curve", *POINT_COLUMNS]
+    assert tuple(frames)[-len(FRAME_COLUMNS) :] == FRAME_COLUMNS
+    assert frames == frames_csv([]).strip().split(",")

@@ -161,3 +161,12 @@ def test_documents_are_the_same_when_made_again(folder: Path) -> None:
     pictures = {path.name: path.read_bytes() for path in folder.glob("*.png")}
     assert document_text(results, folder, "command") == first
     assert {path.name: path.read_bytes() for path in folder.glob("*.png")} == pictures
+
+
+def test_presets_are_documented() -> None:
+    """The document of results tells how many points and frames each preset has."""
+    text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
+    points = [len(plan(PRESETS[name], ["street"])) for name in ("quick", "full")]
+    frames = [PRESETS[name].frames for name in ("quick", "full")]
+    assert f"| points per sequence | {points[0]} | {points[1]} |" in text
+    assert f"| frames | {frames[0]} | {frames[1]} (scenes have 50) |" in text
