@@ -49,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--side-information",
         metavar="METHOD",
-        help="predict with METHOD (mci, blocks, mesh) instead of what the stream names",
+        help="predict with METHOD (mci, blocks, mesh, fused) instead of what the stream names",
     )
     parser.add_argument(
         "--sfm",
@@ -61,6 +61,12 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         metavar="W",
         help="smooth the camera's path between key frames, by tracks (0: not), instead of as the stream says",
+    )
+    parser.add_argument(
+        "--track-corrections",
+        action=argparse.BooleanOptionalAction,
+        help="move what is predicted to where neighbouring tracks agree that it is, instead of as the stream"
+        " says",
     )
     parser.add_argument(
         "--punctured",
@@ -140,10 +146,8 @@ def _decode_file(arguments: argparse.Namespace) -> int:
     with _naming(arguments.files[0]), StreamReader(arguments.files[0]) as reader:
         config = _with_choices(reader.config, arguments)
         if config != reader.config and reader.form == Form.PUNCTURED:
-            method, geometry = reader.config.side_information.method, reader.config.geometry
             raise ConfigError(
-                f"a punctured stream can only be decoded as it was made, with {method}"
-                f" (--sfm {geometry.backend} --path-regularity {geometry.path_regularity:g})"
+                f"a punctured stream can only be decoded as it was made, with {_choices(reader.config)}"
             )
         with ExitStack() as stack:
             failure = _Output(config, arguments, stack).consume(decode_stream(config, reader, arguments.jobs))
@@ -191,12 +195,25 @@ def _with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "Code
         if method not in METHODS:
             raise ConfigError(f"--side-information must be one of {', '.join(METHODS)}, got {method!r}")
         config = replace(config, side_information=replace(config.side_information, method=method))
+    if arguments.track_corrections is not None:
+        prediction = replace(config.side_information, track_corrections=arguments.track_corrections)
+        config = replace(config, side_information=prediction)
     if arguments.sfm is not None:
         config = replace(config, geometry=replace(config.geometry, backend=arguments.sfm))
     if arguments.path_regularity is not None:
         geometry = replace(config.geometry, path_regularity=arguments.path_regularity)
         config = replace(config, geometry=geometry)
     return config
+
+
+def _choices(config: "CodecConfig") -> str:
+    """Write the choices that a punctured stream was made with."""
+    prediction, geometry = config.side_information, config.geometry
+    corrections = "--track-corrections" if prediction.track_corrections else "--no-track-corrections"
+    return (
+        f"{prediction.method} (--sfm {geometry.backend} --path-regularity {geometry.path_regularity:g}"
+        f" {corrections})"
+    )
 
 
 class _Output:
