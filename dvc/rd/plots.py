@@ -90,7 +90,8 @@ def curve_styles(found: Sequence[Experiment]) -> dict[str, Style]:
     for number, label in enumerate(sorted(label for label, is_anchor in labels.items() if is_anchor)):
         round_, i = divmod(number, len(ANCHOR_COLOURS))
         marker = ANCHOR_MARKERS[(i + round_) % len(ANCHOR_MARKERS)]
-        styles[label] = Style(ANCHOR_COLOURS[i], marker, ANCHOR_DASHES[i], True)
+        dash = ANCHOR_DASHES[(i + 2 * round_) % len(ANCHOR_DASHES)]
+        styles[label] = Style(ANCHOR_COLOURS[i], marker, dash, True)
     return styles
 
 
@@ -239,8 +240,9 @@ def _draw(axes: "Axes", experiment: Experiment, styles: Mapping[str, Style]) -> 
             linestyle=MATPLOTLIB_DASHES[style.dash],
             label=_plain(_legend(curve, anchor)),
         )
-    if codecs:
+    if any(len(curve.points) > 1 for curve in codecs):
         _focus(axes, codecs)
+    if codecs:
         _name_points(axes, codecs[0], styles[codecs[0].label].colour)
     axes.set_title(_plain(experiment.title), fontsize=10)
     axes.set_xlabel("rate [kbit/s]")

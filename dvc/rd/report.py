@@ -243,7 +243,8 @@ def _total(name: str, form: str) -> Cell:
 def _share(*names: str) -> Cell:
     def cell(point: PointResult) -> str:
         shares = bit_shares(point)
-        return f"{sum(shares.get(name, 0.0) for name in names):.1f}" if shares else NOTHING
+        known = [shares[name] for name in names if name in shares]
+        return f"{sum(known):.1f}" if known else NOTHING
 
     return cell
 
@@ -285,6 +286,8 @@ COLUMNS: dict[str, Cell] = {
     "SI initial": _total("si_psnr_y_db", "{:.2f}"),
     "SI refined": _total("refined_si_psnr_y_db", "{:.2f}"),
     "key %": _share("key"),
+    "intra %": _share("intra"),
+    "inter %": _share("inter"),
     "parity %": _share("parity"),
     "CRC %": _share("crc"),
     "header %": _share("header", "tracks"),

@@ -192,7 +192,7 @@ def test_colours_follow_the_dark_and_paper(browser: Browser, address: str) -> No
     assert opened.locator("img.static:visible").count() == 6
     assert opened.locator(".plot:visible, nav:visible").count() == 0
     opened.evaluate("window.dispatchEvent(new Event('beforeprint'))")
-    assert opened.locator("details:not([open])").count() == 0
+    assert opened.locator("details:not([open]):visible").count() == 0
     context.close()
 
 

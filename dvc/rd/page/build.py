@@ -130,6 +130,7 @@ def _texts(results: Sequence[PointResult], found: Sequence[Experiment], anchor: 
     names = [verdict.anchor for verdict in judged]
     return {
         "preface": preface(results),
+        "num_versions": len({result.data["code"]["digest"] for result in results}),
         "verdicts": judged,
         "anchor": anchor if anchor in names else names[0] if names else "",
         "share_titles": SHARE_TITLES,

@@ -91,23 +91,24 @@ def cost_table(found: Sequence[Experiment]) -> Table:
     rows = []
     for one in found:
         anchor = one.anchor(ANCHOR_LABEL)
-        intra = None if anchor is None else mean([_encode_ms(point) for point in anchor.points])
+        intra = None if anchor is None else mean([_frames_ms(point) for point in anchor.points])
         for curve in one.curves:
-            encode = mean([_encode_ms(point) for point in curve.points])
+            encode = mean([_frames_ms(point) for point in curve.points])
             ratio = None if encode is None or not intra else encode / intra
             numbers = [
                 _format(mean([_type_ms(point, "key") for point in curve.points]), 2),
                 _format(mean([_type_ms(point, "wz") for point in curve.points]), 2),
                 _format(encode, 2),
                 _format(ratio, 2),
-                _format(mean([_decode_s(point) for point in curve.points]), 3),
+                _format(mean([_process_ms(point, "encode") for point in curve.points]), 1),
+                _format(mean([_process_ms(point, "decode") for point in curve.points]), 1),
             ]
             rows.append((one.name, curve.label, *numbers))
     times = ("key frame [ms]", "WZ frame [ms]", "any frame [ms]", f"any frame / {ANCHOR_LABEL}")
-    head = ("sequence", "codec", *times, "decode per frame [s]")
+    head = ("sequence", "codec", *times, "encoder process [ms]", "decoder process [ms]")
     caption = (
-        "CPU time per frame: encoding by type of frame, its ratio to that of the intra anchor, "
-        "and decoding; means over the points of a curve, start-up of the encoder left out where it is known"
+        "CPU time per frame: encoding by type of frame, where it was measured apart, and its ratio to that "
+        "of the intra anchor; whole processes, start-up included; means over the points of a curve"
     )
     return Table(caption, head, tuple(rows), 2)
 
@@ -170,24 +171,22 @@ def _preset_name(point: PointResult) -> str:
 
 
 def _type_ms(point: PointResult, kind: str) -> float | None:
-    """Return the encoding time of a frame of one type; of both where only the sum is known."""
+    """Return the encoding time of a frame of one type."""
     total = number(point.data["times"].get(f"{kind}_encode_cpu_s"))
     count = num_of_types(point, kind)
     return None if total is None or not count else 1000 * total / count
 
 
-def _encode_ms(point: PointResult) -> float | None:
-    """Return the encoding time per frame: that on frames, else that of the process."""
-    times = point.data["times"]
-    parts = [number(times.get(f"{kind}_encode_cpu_s")) for kind in ("key", "wz")]
+def _frames_ms(point: PointResult) -> float | None:
+    """Return the encoding time per frame of any type, start-up left out."""
+    parts = [number(point.data["times"].get(f"{kind}_encode_cpu_s")) for kind in ("key", "wz")]
     known = [part for part in parts if part is not None]
-    total = sum(known) if known else number(times["encode_cpu_s"])
+    return 1000 * sum(known) / max(1, point.data["totals"]["frames"]) if known else None
+
+
+def _process_ms(point: PointResult, process: str) -> float | None:
+    total = number(point.data["times"][f"{process}_cpu_s"])
     return None if total is None else 1000 * total / max(1, point.data["totals"]["frames"])
-
-
-def _decode_s(point: PointResult) -> float | None:
-    total = number(point.data["times"]["decode_cpu_s"])
-    return None if total is None else total / max(1, point.data["totals"]["frames"])
 
 
 def _format(value: float | None, decimals: int) -> str:

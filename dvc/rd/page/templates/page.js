@@ -30,7 +30,7 @@
   }
 
   const options = {
-    responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage"], doubleClick: "reset+autosize",
+    responsive: true, displaylogo: false, modeBarButtonsToRemove: ["select2d", "lasso2d", "toImage"],
   };
 
   function draw(element, traces, shape) {
@@ -61,7 +61,7 @@
 
   function ranges(curves, which, logarithmic) {
     const codecs = curves.filter((curve) => !curve.anchor && !curve.lossless);
-    const shown = which === "codecs" && codecs.length ? codecs : curves;
+    const shown = which === "codecs" && codecs.some((curve) => curve.points.length > 1) ? codecs : curves;
     const points = shown.flatMap((curve) => curve.points);
     let x = spread(points.map((point) => point.rate), 0.15, 0.2);
     x[0] = Math.max(x[0], 0);
@@ -159,7 +159,7 @@
     const psnr = view.single ? singleTraces(curve, point)
       : members.map(([one, at]) => frameTrace(one.label, at.frames, peaks(at.frames), data.styles[one.label]));
     list.push([view.single ? "PSNR" : "Side information; peaks: decoded key frames", "luma PSNR [dB]", psnr, true]);
-    const others = { kbits: ["Rate", "kbit per frame"], requests: ["Requests", "requests per frame"], decode: ["Decoding time", "s per frame"] };
+    const others = { kbits: [view.single ? "Rate (grey: key frames)" : "Rate", "kbit per frame"], requests: ["Requests", "requests per frame"], decode: ["Decoding time", "s per frame"] };
     for (const [key, [title, unit]] of Object.entries(others)) {
       const traces = members.filter(([, at]) => at.frames[key]).map(([one, at]) => {
         const style = data.styles[one.label];
@@ -269,7 +269,7 @@
 
   let opened = [];
   window.addEventListener("beforeprint", () => {
-    opened = some("details:not([open])");
+    opened = some("details:not([open]):not(.screen)");
     opened.forEach((part) => { part.open = true; });
   });
   window.addEventListener("afterprint", () => opened.forEach((part) => { part.open = false; }));
