@@ -24,7 +24,7 @@ $(INSTALLED): pyproject.toml
 demo: $(INSTALLED)  ## render a moving camera, code it between two processes, show rates and quality
 	$(BIN)/python -m benchmarks.demo --out out/demo
 
-test: $(INSTALLED)  ## run the tests
+test: $(INSTALLED)  ## run the tests (they need a browser: apt-get install chromium)
 	$(BIN)/python -m pytest -m "not slow" -n $(JOBS)
 
 test-slow: $(INSTALLED)  ## run the long studies too
