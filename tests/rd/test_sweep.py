@@ -188,7 +188,7 @@ def test_names_of_results_are_safe(clip: Path) -> None:
         (["run", "--spec", "nowhere.toml", "--out", "x"], "nowhere.toml: No such file"),
         (["run", "clip", "--out", "/dev/null/x", "--wz-q", "1"], "cannot write to /dev/null/x"),
         (["report", "nowhere"], "no results"),
-        (["report", "nowhere", "--out", "x.pdf"], "must be a file name that ends with .md"),
+        (["report", "nowhere", "--out", "x.pdf"], "must be a file name that ends with .html or .md"),
         (["compare", "nowhere", "nowhere"], "no results"),
     ],
 )
@@ -205,7 +205,8 @@ def test_report_and_compare_commands(tmp_path: Path, capfd: pytest.CaptureFixtur
     """`report` names the files that it wrote; `compare` prints a table."""
     a, b = write_results(tmp_path / "a"), write_results(tmp_path / "b", 0.9)
     assert main(["report", str(a)]) == 0
-    assert Path(capfd.readouterr().out.splitlines()[0]).name == "report.md"
+    names = [Path(line).name for line in capfd.readouterr().out.splitlines()]
+    assert names[:2] == ["report.html", "report.md"]
     assert main(["compare", str(a), str(b)]) == 0
     assert "-10.0 %" in capfd.readouterr().out
 
