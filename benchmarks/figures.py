@@ -23,6 +23,7 @@ from benchmarks import (
     tracks_cost_figures,
     tracks_figures,
     tracks_limit_figures,
+    tracks_options_figures,
     tracks_rd_figures,
     turbo_figures,
 )
@@ -51,6 +52,7 @@ MODULES = (
     si_figures,
     tracks_figures,
     tracks_limit_figures,
+    tracks_options_figures,
     tracks_cost_figures,
     tracks_rd_figures,
 )

@@ -17,7 +17,15 @@ from benchmarks.harness import clip_source
 from decoder.side_information import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from dvc import cli
-from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, VideoConfig, side_information_for, tracks_for
+from dvc.config import (
+    CodecConfig,
+    GeometryConfig,
+    GopConfig,
+    KeyFrameConfig,
+    VideoConfig,
+    side_information_for,
+    tracks_for,
+)
 from dvc.keyframes import KeyFrameDecoder
 from dvc.metrics import psnr_db
 from dvc.rd.provenance import code_version
@@ -40,10 +48,25 @@ FOLDER = "tracks"
 
 @dataclass(frozen=True)
 class Way:
-    """A way to predict: codec, and the method of side information."""
+    """A way to predict.
+
+    Attributes
+    ----------
+    codec, method : str
+        Codec, and the method of side information.
+    track_corrections : bool
+        Whether tracks correct what is rendered.
+    path_regularity : float
+        Weight of second differences of the camera's path.
+    subpixel_bits : int or None
+        Precision of the tracks; None: the encoder's default.
+    """
 
     codec: str
     method: str
+    track_corrections: bool = False
+    path_regularity: float = 0.0
+    subpixel_bits: int | None = None
 
     @property
     def name(self) -> str:
@@ -97,7 +120,10 @@ class Run:
         """Name for a file."""
         keys = "adaptive" if self.gop is None else f"gop{self.gop}"
         quality = "lossless" if self.key_qp is None else f"qp{self.key_qp}"
-        parts = self.clip, self.way.codec, self.way.method, keys, quality, self.num_frames, self.every
+        way = self.way
+        parts = [self.clip, way.codec, way.method, keys, quality, self.num_frames, self.every]
+        if replace(way, codec=FLAT.codec, method=FLAT.method) != FLAT:
+            parts += [int(way.track_corrections), way.path_regularity, way.subpixel_bits]
         return "_".join(map(str, parts))
 
 
@@ -167,14 +193,15 @@ def configuration(run: Run, video: VideoConfig) -> CodecConfig:
     CodecConfig
         That of the codec that sends points, also for ways to predict that need none.
     """
-    codec = run.coding
+    codec, bits = run.coding, run.way.subpixel_bits
+    tracks = tracks_for(codec)
     return CodecConfig(
         codec,
         video,
         gop=GopConfig(run.gop or GOP[codec]),
         key=KeyFrameConfig(lossless=True) if run.key_qp is None else KeyFrameConfig(run.key_qp),
         side_information=side_information_for(codec),
-        tracks=tracks_for(codec),
+        tracks=tracks if bits is None else replace(tracks, subpixel_bits=bits),
     )
 
 
@@ -259,7 +286,12 @@ def predictions(run: Run) -> Iterator[tuple[ReceivedGroup, list[tuple[int, Predi
             config = CodecConfig(
                 codec,
                 VideoConfig(luma.shape[1], luma.shape[0], 25, 1, luma_only=True),
-                side_information=replace(side_information_for(codec), method=run.way.method),
+                side_information=replace(
+                    side_information_for(codec),
+                    method=run.way.method,
+                    track_corrections=run.way.track_corrections,
+                ),
+                geometry=GeometryConfig(path_regularity=run.way.path_regularity),
                 tracks=tracks_for(codec),
             )
             method = METHODS[run.way.method](config)
