@@ -6,7 +6,7 @@ from typing import Any
 
 from dvc.rd.results import PointResult
 
-SHARES = ("key", "intra", "inter", "parity", "crc", "tracks", "header")
+SHARES = ("key", "intra", "inter", "parity", "crc", "tracks", "header", "stream")
 """What bits can be, in the order in which shares are shown."""
 LETTERS = {"key": "k", "intra": "k", "wz": "w", "inter": "p"}
 DECIMALS = {"psnr": 2, "initial": 2, "refined": 2, "requests": 0, "decode": 3, "kbits": 3}

@@ -316,7 +316,7 @@ def preface(results: Sequence[PointResult]) -> str:
     codes = sorted(
         {(r.data["code"]["version"], r.data["code"].get("commit") or "no commit") for r in results}
     )
-    digests = {r.data["code"]["digest"] for r in results if r.data["codec"] not in ANCHOR_CODECS}
+    digests = code_digests(results)
     dates = sorted(str(r.data.get("date", ""))[:10] for r in results)
     code = ", ".join(f"dvc3d {version} ({commit})" for version, commit in codes)
     mixed = f" The points come from {len(digests)} versions of the code." if len(digests) > 1 else ""
@@ -326,6 +326,23 @@ def preface(results: Sequence[PointResult]) -> str:
         "Rates of distributed codecs are sizes of punctured streams, each decoded to the same frames "
         "by a fresh process, rates of others are sizes of whole files; PSNRs are of luma, means of frames.\n"
     )
+
+
+def code_digests(results: Sequence[PointResult]) -> set[str]:
+    """Return the versions of the code that made points of the project's own codecs.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured.
+
+    Returns
+    -------
+    set of str
+        Digests; there should be one.
+    """
+    others = {*ANCHOR_CODECS, *REFERENCE_LABELS}
+    return {result.data["code"]["digest"] for result in results if result.data["codec"] not in others}
 
 
 def _commands(experiment: Experiment) -> str:

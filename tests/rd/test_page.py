@@ -124,6 +124,15 @@ def test_side_information_prefers_lossless_keys() -> None:
     assert side_information_table(experiments([PointResult("a", lossy)])) is not None
 
 
+def test_lossless_key_frames_have_no_part_in_the_verdict() -> None:
+    """Points of lossless key frames tell of side information; they are compared with nobody."""
+    lossless = [
+        PointResult(str(i), result_data(600.0 + i, 40.0 + i, key={"qp": 0, "lossless": True})) for i in (0, 1)
+    ]
+    lossy = [PointResult(f"a{i}", result_data(60.0 + i, 30.0 + i, codec="h264-intra")) for i in (0, 1)]
+    assert verdicts(experiments([*lossless, *lossy])) == []
+
+
 def test_cost_is_per_frame_and_beside_intra(tmp_path: Path) -> None:
     """Encoding times are divided by the frames of their type, and by that of the intra anchor."""
     codec, intra = cost_table(experiments(read_folders([write_results(tmp_path / "a")]).results)).rows

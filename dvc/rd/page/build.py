@@ -22,7 +22,7 @@ from dvc.rd.plots import (
     render_experiment,
     render_frames,
 )
-from dvc.rd.report import points_cells, preface
+from dvc.rd.report import code_digests, points_cells, preface
 from dvc.rd.results import PointResult
 
 if TYPE_CHECKING:
@@ -130,13 +130,16 @@ def _texts(results: Sequence[PointResult], found: Sequence[Experiment], anchor: 
     names = [verdict.anchor for verdict in judged]
     return {
         "preface": preface(results),
-        "num_versions": len({result.data["code"]["digest"] for result in results}),
+        "num_versions": len(code_digests(results)),
         "verdicts": judged,
         "anchor": anchor if anchor in names else names[0] if names else "",
         "share_titles": SHARE_TITLES,
         "tables": {"side_information": side_information_table(found), "cost": cost_table(found)},
         "single": [
-            f"{one.name}: {curve.label}" for one in found for curve in one.curves if len(curve.points) == 1
+            f"{one.name}: {curve.label}"
+            for one in found
+            for curve in one.curves
+            if len(curve.points) == 1 and not curve.has_lossless_keys
         ],
         "sizes": sorted({(r.data["sequence"]["width"], r.data["sequence"]["height"]) for r in results}),
     }
@@ -181,7 +184,8 @@ def _chart_curve(curve: Curve) -> dict[str, Any]:
 def _reproduce(point: PointResult) -> dict[str, Any]:
     data = point.data
     code, libraries = data["code"], data.get("libraries")
-    versions = [f"dvc3d {code['version']} ({code.get('commit') or 'no commit'}, {code['digest']})"]
+    own = f"dvc3d {code['version']} ({code.get('commit') or 'no commit'}, {code['digest']})"
+    versions = [own if code["digest"] else code["version"]]
     if isinstance(libraries, dict):
         versions += [f"{name} {version}" for name, version in sorted(libraries.items())]
     commands = data.get("commands")

@@ -18,6 +18,7 @@ SHARE_TITLES = {
     "crc": "check bits",
     "tracks": "tracks",
     "header": "headers",
+    "stream": "not told apart",
 }
 
 

@@ -89,9 +89,12 @@ def verdicts(found: Sequence[Experiment]) -> list[Verdict]:
     Returns
     -------
     list of Verdict
-        One for every label that has somebody to be compared with.
+        One for every label that has somebody to be compared with; curves of lossless key frames, which tell
+        of side information, are left out.
     """
-    labels = {curve.label: curve.is_anchor for one in found for curve in one.curves}
+    labels = {
+        curve.label: curve.is_anchor for one in found for curve in one.curves if not curve.has_lossless_keys
+    }
     ordered = sorted(labels, key=lambda label: (labels[label], label))
     built = [_verdict(found, anchor, [label for label in ordered if label != anchor]) for anchor in ordered]
     return [verdict for verdict in built if verdict.rows]
