@@ -124,6 +124,16 @@ def test_side_information_prefers_lossless_keys() -> None:
     assert side_information_table(experiments([PointResult("a", lossy)])) is not None
 
 
+def test_experiments_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    """Two lengths of one sequence get numbers."""
+    longer = result_data(60.0, 30.0)
+    longer["totals"] |= {"frames": 5}
+    results = [PointResult("a", result_data(60.0, 30.0)), PointResult("b", longer)]
+    page = own_text(page_of(results, tmp_path / "page.html"))
+    assert ">clip (1)</h2>" in page
+    assert ">clip (2)</h2>" in page
+
+
 def test_lossless_key_frames_have_no_part_in_the_verdict() -> None:
     """Points of lossless key frames tell of side information; they are compared with nobody."""
     lossless = [
