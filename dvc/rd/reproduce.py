@@ -44,7 +44,7 @@ class Preset:
 
 
 PRESETS = {
-    "quick": Preset("minutes", 11, (1, 4, 8), (20, 28, 36, 44), ("street",), ("box",)),
+    "quick": Preset("minutes", 9, (1, 4, 7), (20, 28, 36, 44), ("street",), ("box",)),
     "full": Preset(
         "hours",
         51,
