@@ -5,6 +5,7 @@ import shlex
 import signal
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,9 @@ def _add_reproduce(commands: Any) -> None:
     )
     reproduce.add_argument(
         "--sequences", nargs="+", metavar="SEQUENCE", help="other sequences than those of the preset"
+    )
+    reproduce.add_argument(
+        "--frames", type=cli.integer(2, 10**6), metavar="N", help="of each sequence; default: 9, full: 17"
     )
     _add_measuring(reproduce)
 
@@ -326,6 +330,8 @@ def _reproduce(arguments: argparse.Namespace) -> int:
     from dvc.rd.reproduce import PRESETS, plan, preset_sequences, write_reproduction
 
     preset = PRESETS[arguments.preset]
+    if arguments.frames is not None:
+        preset = replace(preset, frames=arguments.frames)
     chosen = arguments.sequences or preset_sequences(preset)
     status = _measure(plan(preset, chosen), arguments)
     words = ["dvc-rd", "reproduce", arguments.what, "--preset", arguments.preset]

@@ -16,6 +16,7 @@ from dvc.rd.results import PointResult
 THESIS_SEQUENCES = ("street", "stairway", "statue")
 LOSSLESS_GOP = 10
 KEYS = (("references", "keys"),)
+HIERARCHICAL = (("references", "hierarchical"),)
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class Duel:
 
 CURVES: dict[str, Callable[[dict[str, Any]], bool]] = {
     "TE, key frames only": lambda data: _is(data, "3d-te", KEYS),
-    "TE, hierarchical": lambda data: _is(data, "3d-te", ()),
+    "TE, hierarchical": lambda data: _is(data, "3d-te", HIERARCHICAL),
     "TD": lambda data: _is(data, "3d-td", ()),
     "3D without tracks": lambda data: _is(data, "3d", ()),
     "2D-DVC": lambda data: _is(data, "2d", ()),
@@ -150,11 +151,10 @@ def sweeps(preset: Preset, sequences: Sequence[str]) -> list[Sweep]:
             ("3d", LOSSLESS_GOP, ()),
             ("3d-td", None, ()),
             ("3d-te", None, KEYS),
-            ("3d-te", None, ()),
+            ("3d-te", None, HIERARCHICAL),
         )
     ]
-    anchors = ("intra", "x264-ippp-zero", "x264-ippp")
-    first = Sweep(names, "2d", preset.wz_q, frames=frames, anchors=anchors, anchor_qp=preset.anchor_qp)
+    first = Sweep(names, "2d", preset.wz_q, frames=frames, anchors=preset.anchors, anchor_qp=preset.anchor_qp)
     lossless = [
         Sweep(
             names,

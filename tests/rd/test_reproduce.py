@@ -18,7 +18,7 @@ from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.rd.sweep import SweepSummary
 from tests.rd.made_up import result_data
 
-TINY = Preset("a test", 5, (1, 8), (30,), ("street",), ())
+TINY = Preset("a test", 5, (1, 8), ("intra", "x264-ippp-zero", "x264-ippp"), (30,), ("street",), ())
 SHAPE = (32, 48)
 SIDE_INFORMATION_DB = {"2d": 22.0, "3d": 23.0, "3d-td": 28.0, "3d-te": 29.0}
 GAIN_DB = {"2d": 0.0, "3d": -1.0, "3d-td": 0.5, "3d-te": 1.0, "h264-intra": -2.0, "x264-ippp": 3.0}
@@ -169,4 +169,4 @@ def test_presets_are_documented() -> None:
     points = [len(plan(PRESETS[name], ["street"])) for name in ("quick", "full")]
     frames = [PRESETS[name].frames for name in ("quick", "full")]
     assert f"| points per sequence | {points[0]} | {points[1]} |" in text
-    assert f"| frames | {frames[0]} | {frames[1]} (scenes have 50) |" in text
+    assert f"| frames (`--frames`; the thesis has 50) | {frames[0]} | {frames[1]}, which" in text
