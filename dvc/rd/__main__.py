@@ -327,7 +327,7 @@ def _write(name: str, text: str) -> None:
 
 
 def _reproduce(arguments: argparse.Namespace) -> int:
-    from dvc.rd.reproduce import PRESETS, plan, preset_sequences, write_reproduction
+    from dvc.rd.thesis.reproduce import PRESETS, plan, preset_sequences, write_reproduction
 
     preset = PRESETS[arguments.preset]
     if arguments.frames is not None:

@@ -9,13 +9,13 @@ import pytest
 
 from dvc import cli
 from dvc.errors import ConfigError
-from dvc.rd import reproduce
 from dvc.rd.__main__ import main
-from dvc.rd.chapter5 import METHODS
 from dvc.rd.points import Point
-from dvc.rd.reproduce import PRESETS, Preset, chapters, document_text, plan, preset_sequences
 from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.rd.sweep import SweepSummary
+from dvc.rd.thesis import reproduce
+from dvc.rd.thesis.chapter5 import METHODS
+from dvc.rd.thesis.reproduce import PRESETS, Preset, chapters, document_text, plan, preset_sequences
 from tests.rd.made_up import result_data
 
 TINY = Preset("a test", 5, (1, 8), ("intra", "x264-ippp-zero", "x264-ippp"), (30,), ("street",), ())

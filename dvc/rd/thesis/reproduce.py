@@ -115,7 +115,7 @@ def chapters() -> tuple[Chapter, ...]:
     tuple of Chapter
         In the order of the thesis.
     """
-    from dvc.rd.chapter5 import CHAPTER_5
+    from dvc.rd.thesis.chapter5 import CHAPTER_5
 
     return (CHAPTER_5,)
 

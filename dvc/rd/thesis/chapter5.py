@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dvc.rd.chapter5_pictures import draw_lossy_keys, draw_noise, draw_side_information
 from dvc.rd.compare import bd_cell, crossing_text
 from dvc.rd.curves import Curve, Experiment, experiments
 from dvc.rd.points import ANCHORS, Sweep
 from dvc.rd.report import NOTHING, table
-from dvc.rd.reproduce import Chapter, Figure, Preset
 from dvc.rd.results import PointResult
+from dvc.rd.thesis.chapter5_pictures import draw_lossy_keys, draw_noise, draw_side_information
+from dvc.rd.thesis.reproduce import Chapter, Figure, Preset
 
 THESIS_SEQUENCES = ("street", "stairway", "statue")
 LOSSLESS_GOP = 10
