@@ -25,7 +25,8 @@ class CodeVersion:
     version : str
         Of the distribution.
     commit : str or None
-        Of the repository that the code lies in, with ``-dirty`` if it was changed; None outside one.
+        Of the repository that the code lies in, with ``-dirty`` if one of the packages of the codec was
+        changed; None outside one.
     digest : str
         Of the source files of the codec. It tells more than the commit: it changes with every edit of the
         codec and with nothing else, so that results stay valid when only documents or tests change.
@@ -163,19 +164,18 @@ def _update(digest: "hashlib._Hash", path: Path) -> None:
 
 def _commit(source: Path) -> str | None:
     """Return the commit of the repository that tracks a source file, if there is one and git is at hand."""
-    git = ("git", "-C", str(source.parent))
+    folder = source.parent
     try:
-        tracked = subprocess.run(
-            [*git, "ls-files", "--error-unmatch", source.name], capture_output=True, check=False
-        )
-        if tracked.returncode != 0:
+        if _git(folder, "ls-files", "--error-unmatch", source.name) is None:
             return None
-        described = subprocess.run(
-            [*git, "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
-            capture_output=True,
-            check=False,
-            text=True,
-        )
+        commit = _git(folder, "rev-parse", "--short=12", "HEAD")
+        changed = _git(folder.parent, "status", "--porcelain", "--", *_CODEC_PACKAGES)
     except OSError:
         return None
-    return described.stdout.strip() or None
+    return commit if not (commit and changed) else f"{commit}-dirty"
+
+
+def _git(folder: Path, *command: str) -> str | None:
+    """Return what git says, or None if it fails."""
+    done = subprocess.run(["git", "-C", str(folder), *command], capture_output=True, check=False, text=True)
+    return done.stdout.strip() if done.returncode == 0 else None
