@@ -33,7 +33,7 @@ GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
 KINDS = ("buffered", "punctured", "tracks", "points", "to-decoder", "to-encoder")
-STREAMS, MESSAGES = KINDS[:2], KINDS[4:]
+STREAMS, GEOMETRY, MESSAGES = KINDS[:2], KINDS[2:4], KINDS[4:]
 
 
 @contextmanager

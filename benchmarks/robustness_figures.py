@@ -7,9 +7,10 @@ from benchmarks import hostile
 from benchmarks.harness import Figure, Measured, Setting
 
 NUM_MUTATIONS = 10_000
+NUM_GEOMETRY_MUTATIONS = 1_000
 
 
-def mutations(setting: Setting, kinds: Sequence[str]) -> Measured:
+def mutations(setting: Setting, kinds: Sequence[str], total: int = NUM_MUTATIONS) -> Measured:
     """Mutate what decoder or encoder receive.
 
     Parameters
@@ -18,13 +19,15 @@ def mutations(setting: Setting, kinds: Sequence[str]) -> Measured:
         How thoroughly.
     kinds : sequence of str
         Of `hostile.KINDS`.
+    total : int, optional
+        Mutations of all kinds together.
 
     Returns
     -------
     Measured
         How many mutations did harm.
     """
-    count = setting.choose(NUM_MUTATIONS, 100) // len(kinds)
+    count = setting.choose(total, 100) // len(kinds)
     counts: Counter[str] = Counter()
     failures: dict[str, str] = {}
     for kind in kinds:
@@ -45,6 +48,10 @@ def _messages(setting: Setting, _clip: str | None) -> Measured:
     return mutations(setting, hostile.MESSAGES)
 
 
+def _geometry(setting: Setting, _clip: str | None) -> Measured:
+    return mutations(setting, hostile.GEOMETRY, NUM_GEOMETRY_MUTATIONS)
+
+
 AREA = "robustness"
 _ASKED = "no crash, hang, allocation over 1 GiB or traceback"
 FIGURES = (
@@ -54,6 +61,13 @@ FIGURES = (
         "10,000 mutations of streams",
         f"{_ASKED}; every GOP before the damage decodes",
         _streams,
+    ),
+    Figure(
+        AREA,
+        "geometry",
+        "1,000 mutations of streams with tracks or points, most of them there",
+        _ASKED,
+        _geometry,
     ),
     Figure(AREA, "messages", "10,000 mutations of live messages", _ASKED, _messages),
 )
