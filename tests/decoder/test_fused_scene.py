@@ -49,8 +49,8 @@ def test_disagreement_is_uncertainty() -> None:
 def test_all_hypotheses_are_left_to_the_decoder() -> None:
     """With tracks or without, block motion, mesh and blocks are alternatives of what they are fused to."""
     points = two_planes(176, 144).points[:90]
-    lates = (0.0, 0.3, 0.5, 0.7, 1.0)
-    seen = [PIXELS.to_pixels(project(camera_at(late), points)[0]) for late in lates]
+    instants = (0.0, 0.3, 0.5, 0.7, 1.0)
+    seen = [PIXELS.to_pixels(project(camera_at(late), points)[0]) for late in instants]
     tracks = PointTracks(np.round(np.stack(seen, axis=1)).astype(np.float64))
     for codec, kind, received in (("3d-te", "encoder", tracks), ("3d", "none", None)):
         config = CodecConfig(codec, VIDEO, tracks=TracksConfig(kind))
