@@ -229,7 +229,12 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         Lines, the last one with its end.
     """
     lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+    return "".join("| " + " | ".join(map(_escaped, line)) + " |\n" for line in lines)
+
+
+def _escaped(cell: str) -> str:
+    """Write a text so that it is neither the end of a cell nor markup."""
+    return cell.replace("|", "\\|").replace("<", "&lt;")
 
 
 def _total(name: str, form: str) -> Cell:

@@ -72,6 +72,12 @@ def test_cells_cannot_break_a_table() -> None:
     assert table(["a"], [["x|y"]]) == "| a |\n| --- |\n| x\\|y |\n"
 
 
+def test_cells_are_no_markup() -> None:
+    """A text that looks like a tag is shown, not obeyed."""
+    assert "&lt;script>" in table(["<script>"], [])
+    assert "<" not in table(["a"], [["<b>"]])
+
+
 def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
     """The report names its pictures, a PNG and a well-formed SVG, and is the same when made again."""
     results = read_results(write_results(tmp_path / "a"))

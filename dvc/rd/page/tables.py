@@ -180,7 +180,9 @@ def _type_ms(point: PointResult, kind: str) -> float | None:
 
 def _frames_ms(point: PointResult) -> float | None:
     """Return the encoding time per frame of any type, start-up left out."""
-    parts = [number(point.data["times"].get(f"{kind}_encode_cpu_s")) for kind in ("key", "wz")]
+    times = point.data["times"]
+    names = ("coding_cpu_s",) if "coding_cpu_s" in times else ("key_encode_cpu_s", "wz_encode_cpu_s")
+    parts = [number(times.get(name)) for name in names]
     known = [part for part in parts if part is not None]
     return 1000 * sum(known) / max(1, point.data["totals"]["frames"]) if known else None
 
