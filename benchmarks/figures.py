@@ -14,6 +14,7 @@ from typing import Any
 
 from benchmarks import (
     anchor_figures,
+    anchor_rd_figures,
     codec_figures,
     rd_figures,
     report_figures,
@@ -47,6 +48,7 @@ MODULES = (
     rd_figures,
     report_figures,
     anchor_figures,
+    anchor_rd_figures,
     robustness_figures,
     sfm_figures,
     si_figures,

@@ -1,0 +1,139 @@
+"""Tracked coding against H.264 with prediction between frames, without motion and with motion search."""
+
+import json
+from functools import cache, partial
+
+import numpy as np
+
+from benchmarks import rd_figures
+from benchmarks.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, clip_source
+from benchmarks.tracks_figures import REAL_CLIPS, listed
+from benchmarks.tracks_rd_figures import HIERARCHICAL, PRESETS, te_curve
+from dvc.errors import DvcError
+from dvc.metrics import BdResult
+from dvc.rd.compare import crossing_text
+from dvc.rd.curves import Curve, bd_text, compare_curves, experiments
+from dvc.rd.points import ANCHORS, Sweep, expand
+from dvc.rd.results import read_results
+from dvc.rd.sources import default_cache
+from dvc.rd.sweep import run_points
+
+AREA = "anchors"
+_TITLES = {
+    "x264-ippp-zero": "TE (hierarchical) against H.264 IPPP without motion, Q1 to Q8: BD-rate",
+    "x264-ippp": "TE (hierarchical) against H.264 IPPP with motion search, Q1 to Q8: BD-rate",
+}
+_ASKED = {"x264-ippp-zero": "negative", "x264-ippp": "negative at low rates; where the curves cross"}
+_THESIS = {"x264-ippp-zero": "better up to 0.9 to 1.4 Mbit/s", "x264-ippp": "worse"}
+
+
+@cache
+def anchor_curve(setting: Setting, clip: str, anchor: str) -> Curve:
+    """Measure the curve of an anchor on the frames that the codecs are measured on; what is there is kept.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    anchor : str
+        A key of `ANCHORS`.
+
+    Returns
+    -------
+    Curve
+        Its points.
+
+    Raises
+    ------
+    DvcError
+        If a point fails.
+    """
+    clip_source(clip)
+    frames = rd_figures.QUICK_FRAMES if setting.quick else setting.frames
+    sweep = Sweep((clip,), frames=frames, anchors=(anchor,))
+    points = [point for point in expand([sweep]) if point.codec == ANCHORS[anchor]]
+    folder = setting.folder / "rd" / f"{clip}-{frames}"
+    summary = run_points(points, folder, default_cache(), jobs=setting.jobs)
+    if summary.failures:
+        raise DvcError("; ".join(f"{name}: {reason}" for name, reason in summary.failures))
+    wanted = {json.dumps(point.to_dict(), sort_keys=True) for point in points}
+    results = [
+        result
+        for result in read_results(folder)
+        if json.dumps(result.data["options"], sort_keys=True) in wanted
+    ]
+    return experiments(results)[0].curves[0]
+
+
+def _difference(setting: Setting, clip: str, anchor: str) -> tuple[BdResult, str]:
+    """Return the mean difference in rate of tracked coding, and where it is better."""
+    reference = anchor_curve(setting, clip, anchor)
+    curve = te_curve(setting, clip, HIERARCHICAL, PRESETS)
+    found = compare_curves(reference, curve)
+    if isinstance(found, str):
+        raise DvcError(found)
+    return found, crossing_text(reference, curve)
+
+
+def against_anchor(setting: Setting, clip: str | None, anchor: str) -> Measured:
+    """Compare tracked coding with an anchor on one clip.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    anchor : str
+        A key of `ANCHORS`.
+
+    Returns
+    -------
+    Measured
+        BD-rate, and where the curves cross.
+    """
+    assert clip is not None
+    found, crossing = _difference(setting, clip, anchor)
+    values = {"bd_rate_percent": found.value, "overlap_db": list(found.overlap), "crossing": crossing}
+    return Measured(f"{bd_text(found)}; {crossing}", None, values)
+
+
+def mean_against_anchor(setting: Setting, clip: str | None, anchor: str) -> Measured:
+    """Average the BD-rates against an anchor over the real static clips.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : None
+        Not used.
+    anchor : str
+        A key of `ANCHORS`.
+
+    Returns
+    -------
+    Measured
+        Mean over clips.
+    """
+    del clip
+    chosen = STATIC_CLIPS[: setting.choose(len(STATIC_CLIPS), 1)]
+    found = {name: _difference(setting, name, anchor)[0].value for name in chosen}
+    mean = float(np.mean(list(found.values())))
+    return Measured(f"{mean:+.1f} % over {listed(found)}", mean < 0.0, {"bd_rate_percent": found})
+
+
+def _figures(anchor: str) -> tuple[Figure, Figure]:
+    """Return the rows of an anchor: one per clip, and the mean."""
+    name, thesis = f"te-{anchor}", _THESIS[anchor]
+    each, mean = partial(against_anchor, anchor=anchor), partial(mean_against_anchor, anchor=anchor)
+    title = "the same, mean over the real static clips"
+    return (
+        Figure(AREA, name, _TITLES[anchor], _ASKED[anchor], each, (*REAL_CLIPS, *SCENES), thesis),
+        Figure(AREA, f"{name}-mean", title, "negative", mean),
+    )
+
+
+FIGURES = tuple(figure for anchor in _TITLES for figure in _figures(anchor))
+"""The figures of this module."""
