@@ -1,12 +1,11 @@
 """Tracked coding against H.264 with prediction between frames, without motion and with motion search."""
 
-import json
 from functools import cache, partial
 
 import numpy as np
 
 from benchmarks import rd_figures
-from benchmarks.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, clip_source
+from benchmarks.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting
 from benchmarks.tracks_figures import REAL_CLIPS, listed
 from benchmarks.tracks_rd_figures import HIERARCHICAL, PRESETS, te_curve
 from dvc.errors import DvcError
@@ -14,9 +13,6 @@ from dvc.metrics import BdResult
 from dvc.rd.compare import crossing_text
 from dvc.rd.curves import Curve, bd_text, compare_curves, experiments
 from dvc.rd.points import ANCHORS, Sweep, expand
-from dvc.rd.results import read_results
-from dvc.rd.sources import default_cache
-from dvc.rd.sweep import run_points
 
 AREA = "anchors"
 _TITLES = {
@@ -50,21 +46,10 @@ def anchor_curve(setting: Setting, clip: str, anchor: str) -> Curve:
     DvcError
         If a point fails.
     """
-    clip_source(clip)
     frames = rd_figures.QUICK_FRAMES if setting.quick else setting.frames
     sweep = Sweep((clip,), frames=frames, anchors=(anchor,))
     points = [point for point in expand([sweep]) if point.codec == ANCHORS[anchor]]
-    folder = setting.folder / "rd" / f"{clip}-{frames}"
-    summary = run_points(points, folder, default_cache(), jobs=setting.jobs)
-    if summary.failures:
-        raise DvcError("; ".join(f"{name}: {reason}" for name, reason in summary.failures))
-    wanted = {json.dumps(point.to_dict(), sort_keys=True) for point in points}
-    results = [
-        result
-        for result in read_results(folder)
-        if json.dumps(result.data["options"], sort_keys=True) in wanted
-    ]
-    return experiments(results)[0].curves[0]
+    return experiments(rd_figures.measured(setting, clip, points))[0].curves[0]
 
 
 def _difference(setting: Setting, clip: str, anchor: str) -> tuple[BdResult, str]:

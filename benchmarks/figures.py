@@ -356,6 +356,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="N",
         help="points of a curve at a time; default: 1",
     )
+    parser.add_argument(
+        "--any-version", action="store_true", help="keep points that other versions of the code have measured"
+    )
     parser.add_argument("--again", action="store_true", help="forget what an interrupted run has measured")
     parser.add_argument("--list", action="store_true", help="list the figures")
     return parser
@@ -385,7 +388,7 @@ def _run(arguments: argparse.Namespace) -> int:
             print(f"{unit.figure.area:12}{unit.figure.name:28}{unit.clip or '':18}{unit.figure.asked}")
         return 0
     folder = RESULTS / "quick" if arguments.quick else RESULTS
-    setting = Setting(arguments.quick, arguments.frames, arguments.jobs, folder)
+    setting = Setting(arguments.quick, arguments.frames, arguments.jobs, folder, arguments.any_version)
     state = folder / "state.json"
     if arguments.again:
         state.unlink(missing_ok=True)

@@ -33,12 +33,15 @@ class Setting:
         Points of a rate-distortion curve that are measured at the same time.
     folder : Path
         For intermediate results.
+    any_version : bool
+        Keep points that other versions of the code have measured, after changes that leave streams alone.
     """
 
     quick: bool = False
     frames: int = 51
     jobs: int = 1
     folder: Path = RESULTS
+    any_version: bool = False
 
     def choose(self, full: int, quick: int) -> int:
         """Return one of two numbers.

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -9,14 +10,49 @@ from benchmarks.harness import FOREMAN, SCENES, STATIC_CLIPS, Figure, Measured, 
 from dvc.errors import DvcError, RdCurveError
 from dvc.metrics import BdResult, bd_rate
 from dvc.rd.curves import Curve, Experiment, bd_text, compare_curves, experiments
-from dvc.rd.points import Sweep, expand
-from dvc.rd.results import read_results
+from dvc.rd.points import Point, Sweep, expand
+from dvc.rd.results import PointResult, read_results
 from dvc.rd.sources import default_cache
 from dvc.rd.sweep import run_points
 
 OPENDVC = Path(__file__).with_name("opendvc.json")
 QUICK_FRAMES = 5
 BALANCE_DB = 1.5
+
+
+def measured(setting: Setting, clip: str, points: Sequence[Point]) -> list[PointResult]:
+    """Measure points of one sequence; what is there already is kept.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    points : sequence of Point
+        Points of it, all with the same number of frames.
+
+    Returns
+    -------
+    list of PointResult
+        Those of the points, and no other of the same folder.
+
+    Raises
+    ------
+    DvcError
+        If a point fails.
+    """
+    clip_source(clip)
+    folder = setting.folder / "rd" / f"{clip}-{points[0].frames or 'all'}"
+    summary = run_points(points, folder, default_cache(), jobs=setting.jobs, any_version=setting.any_version)
+    if summary.failures:
+        raise DvcError("; ".join(f"{name}: {reason}" for name, reason in summary.failures))
+    wanted = {json.dumps(point.to_dict(), sort_keys=True) for point in points}
+    return [
+        result
+        for result in read_results(folder)
+        if json.dumps(result.data["options"], sort_keys=True) in wanted
+    ]
 
 
 @cache
@@ -40,23 +76,11 @@ def experiment(setting: Setting, clip: str) -> Experiment:
     DvcError
         If a point fails.
     """
-    clip_source(clip)
     frames = QUICK_FRAMES if setting.quick else None if clip == FOREMAN else setting.frames
     sweep = Sweep((clip,), frames=frames, anchors=("intra",))
     if setting.quick:
         sweep = Sweep((clip,), frames=frames, anchors=("intra",), wz_q=(1, 3), anchor_qp=(36, 44))
-    folder = setting.folder / "rd" / f"{clip}-{frames or 'all'}"
-    summary = run_points(expand([sweep]), folder, default_cache(), jobs=setting.jobs)
-    if summary.failures:
-        raise DvcError("; ".join(f"{name}: {reason}" for name, reason in summary.failures))
-    # Points of an earlier sweep in the same folder are not of this one.
-    wanted = {json.dumps(point.to_dict(), sort_keys=True) for point in expand([sweep])}
-    results = [
-        result
-        for result in read_results(folder)
-        if json.dumps(result.data["options"], sort_keys=True) in wanted
-    ]
-    (found,) = experiments(results)
+    (found,) = experiments(measured(setting, clip, expand([sweep])))
     return found
 
 

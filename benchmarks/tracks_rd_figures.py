@@ -1,6 +1,5 @@
 """Tracked points, rate and quality: against 2D and H.264 intra, and frames predicted hierarchically."""
 
-import json
 import math
 from collections.abc import Callable, Sequence
 from functools import cache, partial
@@ -9,16 +8,12 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from benchmarks import rd_figures
-from benchmarks.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, clip_source
+from benchmarks.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting
 from benchmarks.tracked_prediction import FAST_CLIPS
 from benchmarks.tracks_figures import AREA, REAL_CLIPS, listed
-from dvc.errors import DvcError
 from dvc.metrics import BdResult, bd_rate
 from dvc.rd.curves import Curve, bd_text, experiments
 from dvc.rd.points import Sweep, expand
-from dvc.rd.results import read_results
-from dvc.rd.sources import default_cache
-from dvc.rd.sweep import run_points
 
 HIERARCHICAL = "hierarchical"
 FAR_KEYS = "far keys"
@@ -85,19 +80,8 @@ def te_curve(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]
     DvcError
         If a point fails.
     """
-    clip_source(clip)
     points = expand([te_sweep(setting, clip, references, wz_q)])
-    folder = setting.folder / "rd" / f"{clip}-{points[0].frames}"
-    summary = run_points(points, folder, default_cache(), jobs=setting.jobs)
-    if summary.failures:
-        raise DvcError("; ".join(f"{name}: {reason}" for name, reason in summary.failures))
-    wanted = {json.dumps(point.to_dict(), sort_keys=True) for point in points}
-    results = [
-        result
-        for result in read_results(folder)
-        if json.dumps(result.data["options"], sort_keys=True) in wanted
-    ]
-    return experiments(results)[0].curves[0]
+    return experiments(rd_figures.measured(setting, clip, points))[0].curves[0]
 
 
 def up_to(
