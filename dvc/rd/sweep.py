@@ -139,12 +139,15 @@ def _tasks(
     for point in points:
         if point.sequence not in sources:
             # In the pool, so that an interrupt reaches this thread while a scene is being rendered.
-            sources[point.sequence] = pool.submit(_find, point.sequence, cache, processes).result()
+            found = pool.submit(_find, point.sequence, cache, processes).result()
+            sources[point.sequence] = found
+            if isinstance(found, str):
+                _LOG.warning("no point of %s can be measured: %s", point.sequence, found)
         source = sources[point.sequence]
         if isinstance(source, Source):
             tasks.append(Task(point, source, code))
         else:
-            _note(summary, f"{point.sequence}-{point.codec}", source)
+            summary.failures.append((f"{point.sequence}-{point.codec}", source))
             progress(1)
     return tasks
 
