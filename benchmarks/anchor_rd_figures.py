@@ -5,9 +5,9 @@ from functools import cache, partial
 import numpy as np
 
 from benchmarks import rd_figures
-from benchmarks.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting
+from benchmarks.harness import SCENES, Figure, Measured, Setting
 from benchmarks.tracks_figures import REAL_CLIPS, listed
-from benchmarks.tracks_rd_figures import HIERARCHICAL, PRESETS, te_curve
+from benchmarks.tracks_rd_figures import HIERARCHICAL, MEANS, PRESETS, te_curve
 from dvc.errors import DvcError
 from dvc.metrics import BdResult
 from dvc.rd.compare import crossing_text
@@ -85,8 +85,8 @@ def against_anchor(setting: Setting, clip: str | None, anchor: str) -> Measured:
     return Measured(f"{bd_text(found)}; {crossing}", None, values)
 
 
-def mean_against_anchor(setting: Setting, clip: str | None, anchor: str) -> Measured:
-    """Average the BD-rates against an anchor over the real static clips.
+def mean_against_anchor(setting: Setting, clip: str | None, anchor: str, clips: tuple[str, ...]) -> Measured:
+    """Average the BD-rates against an anchor over clips.
 
     Parameters
     ----------
@@ -96,6 +96,8 @@ def mean_against_anchor(setting: Setting, clip: str | None, anchor: str) -> Meas
         Not used.
     anchor : str
         A key of `ANCHORS`.
+    clips : tuple of str
+        Sequences.
 
     Returns
     -------
@@ -103,20 +105,28 @@ def mean_against_anchor(setting: Setting, clip: str | None, anchor: str) -> Meas
         Mean over clips.
     """
     del clip
-    chosen = STATIC_CLIPS[: setting.choose(len(STATIC_CLIPS), 1)]
+    chosen = clips[: setting.choose(len(clips), 1)]
     found = {name: _difference(setting, name, anchor)[0].value for name in chosen}
     mean = float(np.mean(list(found.values())))
     return Measured(f"{mean:+.1f} % over {listed(found)}", mean < 0.0, {"bd_rate_percent": found})
 
 
-def _figures(anchor: str) -> tuple[Figure, Figure]:
-    """Return the rows of an anchor: one per clip, and the mean."""
+def _figures(anchor: str) -> tuple[Figure, ...]:
+    """Return the rows of an anchor: one per clip, and the mean over each group of clips."""
     name, thesis = f"te-{anchor}", _THESIS[anchor]
-    each, mean = partial(against_anchor, anchor=anchor), partial(mean_against_anchor, anchor=anchor)
-    title = "the same, mean over the real static clips"
+    each = partial(against_anchor, anchor=anchor)
     return (
         Figure(AREA, name, _TITLES[anchor], _ASKED[anchor], each, (*REAL_CLIPS, *SCENES), thesis),
-        Figure(AREA, f"{name}-mean", title, "negative", mean),
+        *(
+            Figure(
+                AREA,
+                f"{name}-{suffix}",
+                f"the same, mean over {', '.join(clips)}",
+                "negative",
+                partial(mean_against_anchor, anchor=anchor, clips=clips),
+            )
+            for suffix, clips in MEANS.items()
+        ),
     )
 
 
