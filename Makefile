@@ -8,7 +8,7 @@ PACKAGES := dvc encoder decoder sequences sfm
 SOURCES = $(shell find $(PACKAGES) -name '*.py')
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test test-slow test-nojit check bench figures pictures format clean
+.PHONY: help venv demo test test-slow test-nojit check bench figures reproduce pictures format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -47,6 +47,9 @@ bench: $(INSTALLED)  ## measure the kernels and the speed of the codec, quickly
 
 figures: $(INSTALLED)  ## measure the figures of docs/figures.md again (AREA=codec for a part)
 	$(BIN)/python -m benchmarks.figures $(if $(AREA),--area $(AREA))
+
+reproduce: $(INSTALLED)  ## measure the tables and figures of the thesis, quickly, into results/thesis
+	$(BIN)/python -m dvc.rd reproduce thesis --out results/thesis --jobs $(JOBS)
 
 pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real clips in results/
 	$(BIN)/python -m benchmarks.walkthrough
