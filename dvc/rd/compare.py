@@ -149,6 +149,8 @@ def compare_against(
 ) -> list[Comparison]:
     """Compare every curve of an experiment with one curve of another, or of the same.
 
+    Curves with lossless key frames tell of side information and not of rates; they are left out.
+
     Parameters
     ----------
     before : sequence of PointResult
@@ -177,7 +179,8 @@ def compare_against(
         _compare(one, reference, curve)
         for one in experiments(after)
         for curve in one.curves
-        if (reference := known.get(one.key)) is not None and not (same and curve.label == label)
+        if (reference := known.get(one.key)) is not None
+        and not (curve.has_lossless_keys or (same and curve.label == label))
     ]
     if not rows:
         raise DvcError(f"there is nothing to compare with {label!r} on the same frames")

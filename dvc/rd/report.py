@@ -168,7 +168,7 @@ def bd_table(found: Sequence[Experiment], anchor: str = ANCHOR_LABEL) -> str:
     for experiment in found:
         reference = experiment.anchor(anchor)
         for curve in experiment.curves:
-            if curve.label == anchor or (curve.is_anchor and reference is None):
+            if curve.label == anchor or curve.has_lossless_keys or (curve.is_anchor and reference is None):
                 continue
             text = NOTHING if reference is None else bd_text(compare_curves(reference, curve))
             rows.append([experiment.name, curve.label, text])
