@@ -82,6 +82,22 @@ def num_of_types(point: PointResult, *types: str) -> int:
     return sum(row.get("type") in types for row in frame_rows(point))
 
 
+def knows_start_up(point: PointResult) -> bool:
+    """Tell whether the encoding times of a point are those of its frames, without loading of code.
+
+    Parameters
+    ----------
+    point : PointResult
+        The point.
+
+    Returns
+    -------
+    bool
+        False for Wyner-Ziv frames that were measured before the two were told apart.
+    """
+    return "encode_start_up_cpu_s" in point.data["times"] or num_of_types(point, "wz") == 0
+
+
 def frame_columns(point: PointResult) -> dict[str, Any]:
     """Return what charts show of the frames of a point.
 

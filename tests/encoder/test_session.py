@@ -87,6 +87,7 @@ def test_statistics_count_what_was_written() -> None:
     assert counted.key_bits == 8 * sum(len(record.key) for record in records)
     assert counted.key_cpu_s >= 0.0
     assert counted.wyner_ziv_cpu_s >= 0.0
+    assert counted.start_up_cpu_s > 0.0
 
 
 @pytest.mark.parametrize("luma_only", [True, False])

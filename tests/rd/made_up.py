@@ -64,6 +64,7 @@ def result_data(
             "decode_cpu_s": 2.0,
             "key_encode_cpu_s": 0.002,
             "wz_encode_cpu_s": 0.001,
+            "encode_start_up_cpu_s": 0.9,
         },
         "per_frame": [{"type": "key"}, {"type": "wz" if wyner_ziv else "key"}, {"type": "key"}],
         **changes,

@@ -151,6 +151,14 @@ def test_cost_is_per_frame_and_beside_intra(tmp_path: Path) -> None:
     assert intra[3] == "–"
 
 
+def test_cost_leaves_out_loading_of_code() -> None:
+    """Times of Wyner-Ziv frames that may hold the loading of code are not shown."""
+    data = result_data(60.0, 30.0)
+    del data["times"]["encode_start_up_cpu_s"]
+    (row,) = cost_table(experiments([PointResult("a", data)])).rows
+    assert row[2:6] == ("1.00", "–", "–", "–")
+
+
 def test_damaged_and_repeated_results_are_told(tmp_path: Path) -> None:
     """A damaged file is left out and named; of a point measured twice the newer one counts."""
     first, second = write_results(tmp_path / "a"), write_results(tmp_path / "b", scale=1.1)
