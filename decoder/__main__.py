@@ -36,65 +36,9 @@ def _parser() -> argparse.ArgumentParser:
         nargs="+",
         help="stream (.dvc) and video to write (.y4m, .mkv, .mp4); with --connect the video alone",
     )
-    parser.add_argument(
-        "--connect", metavar="HOST:PORT", help="decode live from `dvc-encode --serve HOST:PORT`"
-    )
-    parser.add_argument(
-        "--timeout",
-        type=cli.integer(1, 86400),
-        default=30,
-        metavar="S",
-        help="patience with a silent encoder, in seconds; default: %(default)s",
-    )
-    parser.add_argument(
-        "--side-information",
-        metavar="METHOD",
-        help="predict with METHOD (mci, blocks, mesh, fused) instead of what the stream names",
-    )
-    parser.add_argument(
-        "--sfm",
-        choices=SFM_BACKENDS,
-        help="whose estimators reconstruct the scene, instead of what the stream names",
-    )
-    parser.add_argument(
-        "--path-regularity",
-        type=float,
-        metavar="W",
-        help="smooth the camera's path between key frames, by tracks (0: not), instead of as the stream says",
-    )
-    parser.add_argument(
-        "--track-corrections",
-        action=argparse.BooleanOptionalAction,
-        help="move what is predicted to where neighbouring tracks agree that it is, instead of as the stream"
-        " says",
-    )
-    parser.add_argument(
-        "--punctured",
-        metavar="FILE",
-        help="write the stream that was really needed (.dvc); its size is the rate",
-    )
-    parser.add_argument(
-        "--side-information-video",
-        metavar="FILE",
-        help="write what each frame was predicted as before any of it was decoded, luma only (.y4m, .mkv);"
-        " key frames as they are",
-    )
-    parser.add_argument(
-        "--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR"
-    )
-    parser.add_argument(
-        "--reference-start",
-        type=cli.integer(0, 10**9),
-        default=0,
-        metavar="K",
-        help="frame of ORIGINAL that was coded first; default: %(default)s",
-    )
-    parser.add_argument("--size", type=cli.parse_size, metavar="WxH", help="picture size of a raw ORIGINAL")
-    parser.add_argument(
-        "--json",
-        metavar="FILE",
-        help="write bits, PSNR and times of every frame and totals (-: standard output)",
-    )
+    _add_live(parser)
+    _add_prediction(parser)
+    _add_outputs(parser)
     parser.add_argument(
         "--jobs",
         type=cli.integer(1, 256),
@@ -109,6 +53,73 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     return parser
+
+
+def _add_live(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("live").add_argument
+    add("--connect", metavar="HOST:PORT", help="decode live from `dvc-encode --serve HOST:PORT`")
+    add(
+        "--timeout",
+        type=cli.integer(1, 86400),
+        default=30,
+        metavar="S",
+        help="patience with a silent encoder, in seconds; default: %(default)s",
+    )
+
+
+def _add_prediction(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("prediction, instead of as the stream says").add_argument
+    add(
+        "--side-information",
+        metavar="METHOD",
+        help="predict with METHOD (mci, blocks, mesh, fused) instead of what the stream names",
+    )
+    add(
+        "--sfm",
+        choices=SFM_BACKENDS,
+        help="whose estimators reconstruct the scene, instead of what the stream names",
+    )
+    add(
+        "--path-regularity",
+        type=float,
+        metavar="W",
+        help="smooth the camera's path between key frames, by tracks (0: not), instead of as the stream says",
+    )
+    add(
+        "--track-corrections",
+        action=argparse.BooleanOptionalAction,
+        help="move what is predicted to where neighbouring tracks agree that it is, instead of as the stream"
+        " says",
+    )
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("further outputs, and the original to compare with").add_argument
+    add(
+        "--punctured",
+        metavar="FILE",
+        help="write the stream that was really needed (.dvc); its size is the rate",
+    )
+    add(
+        "--side-information-video",
+        metavar="FILE",
+        help="write what each frame was predicted as before any of it was decoded, luma only (.y4m, .mkv);"
+        " key frames as they are",
+    )
+    add("--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR")
+    add(
+        "--reference-start",
+        type=cli.integer(0, 10**9),
+        default=0,
+        metavar="K",
+        help="frame of ORIGINAL that was coded first; default: %(default)s",
+    )
+    add("--size", type=cli.parse_size, metavar="WxH", help="picture size of a raw ORIGINAL")
+    add(
+        "--json",
+        metavar="FILE",
+        help="write bits, PSNR and times of every frame and totals (-: standard output)",
+    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
