@@ -16,7 +16,8 @@ _LEAST_SHARE = 0.056
 _CHANGE_WEIGHT = 0.0062
 _LOSS_WEIGHT = 0.095
 """Least squares over Wyner-Ziv frames of box, desk, stone and tree at preset 4, in groups of 2 to 16 frames;
-what they lose in quality against key frames is counted as rate, 14 % a decibel."""
+what they lose in quality against key frames is counted as rate, 14 % a decibel, which is an assumption. The
+fit was made once; no command repeats it."""
 
 
 def wyner_ziv_share(change: float, lost_share: float) -> float:
