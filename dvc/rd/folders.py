@@ -8,7 +8,7 @@ from typing import Any
 from dvc.rd.provenance import values_digest
 from dvc.rd.results import POINTS_FOLDER, PointResult, read_results
 
-PICTURE_KINDS = ("original", "decoded", "predicted")
+PICTURE_KINDS = ("original", "decoded", "predicted", "key")
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def _located(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     if not isinstance(pictures, dict):
         return data
     root = folder.resolve()
-    located: dict[str, Any] = {"index": pictures.get("index")}
+    located: dict[str, Any] = {name: pictures.get(name) for name in ("index", "key_index")}
     for kind in PICTURE_KINDS:
         name = pictures.get(kind)
         path = (root / name).resolve() if isinstance(name, str) and "\0" not in name else root

@@ -9,6 +9,8 @@ from dvc.rd.results import PointResult
 SHARES = ("key", "intra", "inter", "parity", "crc", "tracks", "header", "stream")
 """What bits can be, in the order in which shares are shown."""
 LETTERS = {"key": "k", "intra": "k", "wz": "w", "inter": "p"}
+TRACKING_CODECS = ("3d-td", "3d-te")
+"""Whose encoder looks for points or follows them."""
 DECIMALS = {"psnr": 2, "initial": 2, "refined": 2, "requests": 0, "decode": 3, "kbits": 3}
 
 
@@ -82,8 +84,8 @@ def num_of_types(point: PointResult, *types: str) -> int:
     return sum(row.get("type") in types for row in frame_rows(point))
 
 
-def knows_start_up(point: PointResult) -> bool:
-    """Tell whether the encoding times of a point are those of its frames, without loading of code.
+def encoding_times_s(point: PointResult) -> list[float] | None:
+    """Return the processor times of encoding that belong to frames: the loading of code is left out.
 
     Parameters
     ----------
@@ -92,10 +94,20 @@ def knows_start_up(point: PointResult) -> bool:
 
     Returns
     -------
-    bool
-        False for Wyner-Ziv frames that were measured before the two were told apart.
+    list of float or None
+        In seconds: of key frames, Wyner-Ziv frames and tracking, or of an anchor's encoder; None if one of
+        these was not measured.
     """
-    return "encode_start_up_cpu_s" in point.data["times"] or num_of_types(point, "wz") == 0
+    times = point.data["times"]
+    if "coding_cpu_s" in times:
+        names = ["coding_cpu_s"]
+    else:
+        names = ["key_encode_cpu_s"]
+        names += ["wz_encode_cpu_s"] if num_of_types(point, "wz") else []
+        names += ["tracking_cpu_s"] if point.data["codec"] in TRACKING_CODECS else []
+    parts = [number(times.get(name)) for name in names]
+    known = [part for part in parts if part is not None]
+    return known if len(known) == len(parts) else None
 
 
 def frame_columns(point: PointResult) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Pictures of a point: one frame as it was, as it was predicted, and as it was decoded."""
+"""Pictures of a point: one frame as it was, as it was predicted, and as it was decoded, and a key frame."""
 
 from pathlib import Path
 from typing import Any
@@ -55,7 +55,8 @@ def save_pictures(
     -------
     dict
         Entry ``pictures`` of the result: ``index``, and ``original``, ``decoded`` and ``predicted`` as names
-        relative to `folder`; the last is None unless the frame is a Wyner-Ziv frame.
+        relative to `folder`; ``key_index`` and ``key`` of the decoded key frame before it. The last three are
+        None unless the frame is a Wyner-Ziv frame.
 
     Raises
     ------
@@ -64,20 +65,30 @@ def save_pictures(
     """
     index = picture_index(len(per_frame))
     frame = task.point.start + index
+    key_index = _key_before(per_frame, index)
     names: dict[str, str | None] = {
         "original": f"{PICTURES_FOLDER}/{task.source.name}-{task.source.digest[:8]}-{frame}.png",
         "decoded": f"{PICTURES_FOLDER}/{task.name}-decoded.png",
         "predicted": f"{PICTURES_FOLDER}/{task.name}-predicted.png",
+        "key": f"{PICTURES_FOLDER}/{task.name}-key.png",
     }
     (folder / PICTURES_FOLDER).mkdir(exist_ok=True)
     if not (folder / str(names["original"])).is_file():
         _write(folder / str(names["original"]), _luma(task.source.path, frame))
     _write(folder / str(names["decoded"]), _luma(decoded, index))
-    if predicted is not None and per_frame[index]["type"] == "wz":
+    if predicted is not None and key_index is not None:
         _write(folder / str(names["predicted"]), _luma(predicted, index))
+        _write(folder / str(names["key"]), _luma(decoded, key_index))
     else:
-        names["predicted"] = None
-    return {"index": index, **names}
+        names["predicted"] = names["key"] = key_index = None
+    return {"index": index, "key_index": key_index, **names}
+
+
+def _key_before(per_frame: list[dict[str, Any]], index: int) -> int | None:
+    """Return the key frame before a Wyner-Ziv frame; None for other frames."""
+    if per_frame[index]["type"] != "wz":
+        return None
+    return next((i for i in range(index - 1, -1, -1) if per_frame[i]["type"] == "key"), None)
 
 
 def _luma(video: Path, index: int) -> Plane:

@@ -9,7 +9,7 @@ from dvc.files import atomic_output
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.anchors.reference import REFERENCE_LABELS
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
-from dvc.rd.frames import bit_shares, knows_start_up, num_of_types
+from dvc.rd.frames import bit_shares, num_of_types
 from dvc.rd.plots import SUFFIXES, curve_styles, render_experiment
 from dvc.rd.results import PointResult
 
@@ -275,7 +275,7 @@ def _encode_ms(name: str, wyner_ziv: bool) -> Cell:
     def cell(point: PointResult) -> str:
         count = _num_wyner_ziv(point)
         count = count if wyner_ziv else point.data["totals"]["frames"] - count
-        value = point.data["times"].get(name) if knows_start_up(point) or not wyner_ziv else None
+        value = point.data["times"].get(name)
         return NOTHING if not count or value is None else f"{1000 * value / count:.1f}"
 
     return cell

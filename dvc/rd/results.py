@@ -16,7 +16,8 @@ from dvc.rd.points import Point
 from dvc.rd.provenance import CodeVersion, values_digest
 from dvc.rd.sources import Source
 
-SCHEMA = "dvc3d-rd-point/1"
+SCHEMA = "dvc3d-rd-point/2"
+_FIRST_SCHEMA = "dvc3d-rd-point/1"
 POINTS_FOLDER = "points"
 
 _NUMBER = (int, float)
@@ -135,7 +136,7 @@ def read_result(path: Path) -> PointResult:
         data = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, OSError, RecursionError) as err:
         raise DvcError(f"{path.name}: damaged result: {err}") from err
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+    if not isinstance(data, dict) or data.get("schema") not in (SCHEMA, _FIRST_SCHEMA):
         raise DvcError(f"{path.name}: not a result of schema {SCHEMA}")
     if not isinstance(data.get("identity"), str) or not isinstance(data.get("codec"), str):
         raise DvcError(f"{path.name}: damaged result: no identity or codec")
@@ -150,7 +151,7 @@ def read_result(path: Path) -> PointResult:
     for name, sound in _details(data).items():
         if not sound:
             raise DvcError(f"{path.name}: damaged result: {name} is wrong")
-    return PointResult(path.stem, data)
+    return PointResult(path.stem, _upgraded(data) if data["schema"] == _FIRST_SCHEMA else data)
 
 
 def write_result(folder: Path, name: str, data: dict[str, Any]) -> PointResult:
@@ -238,6 +239,18 @@ def read_results(folder: Path) -> list[PointResult]:
     if not results:
         raise DvcError(f"{folder}: no results in its folder {POINTS_FOLDER}; make some with `dvc-rd run`")
     return results
+
+
+def _upgraded(data: dict[str, Any]) -> dict[str, Any]:
+    """Return a sound result of the first schema as one of today's.
+
+    The first did not know the time of tracking, and its early results count loading of code as time of
+    Wyner-Ziv frames: these are left out.
+    """
+    times = dict(data["times"])
+    if "encode_start_up_cpu_s" not in times:
+        times.pop("wz_encode_cpu_s", None)
+    return {**data, "schema": SCHEMA, "times": times}
 
 
 def _details(data: dict[str, Any]) -> dict[str, bool]:

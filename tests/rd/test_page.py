@@ -151,12 +151,20 @@ def test_cost_is_per_frame_and_beside_intra(tmp_path: Path) -> None:
     assert intra[3] == "–"
 
 
-def test_cost_leaves_out_loading_of_code() -> None:
-    """Times of Wyner-Ziv frames that may hold the loading of code are not shown."""
+def test_cost_without_a_part_is_not_shown() -> None:
+    """The time of any frame is not that of a few of its parts."""
     data = result_data(60.0, 30.0)
-    del data["times"]["encode_start_up_cpu_s"]
+    del data["times"]["wz_encode_cpu_s"]
     (row,) = cost_table(experiments([PointResult("a", data)])).rows
     assert row[2:6] == ("1.00", "–", "–", "–")
+
+
+def test_cost_includes_tracking() -> None:
+    """Tracking counts where the codec has points to find, and has to be there then."""
+    data = result_data(60.0, 30.0, codec="3d-te")
+    assert cost_table(experiments([PointResult("a", data)])).rows[0][4] == "–"
+    data["times"]["tracking_cpu_s"] = 0.003
+    assert cost_table(experiments([PointResult("a", data)])).rows[0][4] == "2.00"
 
 
 def test_damaged_and_repeated_results_are_told(tmp_path: Path) -> None:
@@ -179,11 +187,12 @@ def test_pictures_outside_the_folder_are_not_read(tmp_path: Path) -> None:
     cv2.imwrite(str(outside), np.zeros((8, 8), np.uint8))
     path = next((folder / POINTS_FOLDER).glob("codec-*.json"))
     data = json.loads(path.read_text(encoding="utf-8"))
-    data["pictures"] = {"index": 1, "original": "../secret.png", "decoded": str(outside), "predicted": None}
+    names = {"original": "../secret.png", "decoded": str(outside), "predicted": None, "key": "/etc/passwd"}
+    data["pictures"] = {"index": 1, "key_index": 0, **names}
     path.write_text(json.dumps(data), encoding="utf-8")
     results = read_folders([folder]).results
     located = [result.data["pictures"] for result in results if "pictures" in result.data]
-    assert located == [{"index": 1, "original": None, "decoded": None, "predicted": None}]
+    assert located == [{"index": 1, "key_index": 0, **dict.fromkeys(names)}]
     assert build_gallery(experiments(results), 10**6).sources == []
 
 

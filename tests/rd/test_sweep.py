@@ -59,16 +59,17 @@ def test_points_are_measured_by_processes(folder: Path) -> None:
     assert intra["key"]["qp"] == 40
 
 
-def test_pictures_lie_beside_the_points(folder: Path) -> None:
-    """One frame as it was, as it was predicted, and as it was decoded; the original once for both points."""
+def test_pictures_lie_beside_the_points(folder: Path, clip: Path) -> None:
+    """A frame before and after, its prediction and its key frame; the original once for both points."""
     codec, intra = (result.data["pictures"] for result in read_results(folder))
     assert codec["index"] == intra["index"] == 1
     assert codec["original"] == intra["original"]
-    assert intra["predicted"] is None
-    names = {codec[name] for name in ("original", "predicted", "decoded")} | {intra["decoded"]}
+    assert intra["predicted"] is intra["key"] is intra["key_index"] is None
+    kinds = ("original", "predicted", "decoded", "key")
+    names = {codec[name] for name in kinds} | {intra["decoded"]}
     assert {f"{PICTURES_FOLDER}/{path.name}" for path in (folder / PICTURES_FOLDER).iterdir()} == names
     planes = {}
-    for name in ("original", "predicted", "decoded"):
+    for name in kinds:
         with open_video(folder / codec[name]) as reader:
             (frame,) = reader
         assert (frame.width, frame.height, frame.chroma) == (64, 48, None)
@@ -76,6 +77,11 @@ def test_pictures_lie_beside_the_points(folder: Path) -> None:
     report = read_results(folder)[0].data["per_frame"][1]
     assert psnr_db(planes["original"], planes["decoded"]) == pytest.approx(report["psnr_y_db"])
     assert psnr_db(planes["original"], planes["predicted"]) == pytest.approx(report["si_psnr_y_db"])
+    with open_video(clip) as reader:
+        first = next(iter(reader)).luma
+    report = read_results(folder)[0].data["per_frame"][0]
+    assert codec["key_index"] == 0
+    assert psnr_db(first, planes["key"]) == pytest.approx(report["psnr_y_db"])
 
 
 def test_results_name_no_machine(folder: Path, clip: Path) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
-from dvc.rd.frames import bit_shares, frame_columns, knows_start_up, mean, num_of_types, number
+from dvc.rd.frames import bit_shares, encoding_times_s, frame_columns, mean, num_of_types, number
 from dvc.rd.plots import point_name
 from dvc.rd.results import PointResult
 
@@ -108,9 +108,9 @@ def cost_table(found: Sequence[Experiment]) -> Table:
     times = ("key frame [ms]", "WZ frame [ms]", "any frame [ms]", f"any frame / {ANCHOR_LABEL}")
     head = ("sequence", "codec", *times, "encoder process [ms]", "decoder process [ms]")
     caption = (
-        "CPU time per frame: encoding by type of frame, where it was measured apart, without tracking of "
-        "points, and its ratio to that of the intra anchor; whole processes, start-up included; means over "
-        "the points of a curve"
+        "CPU time per frame: encoding by type of frame, where it was measured apart; of any frame, tracking "
+        "of points included, and its ratio to that of the intra anchor; whole processes, start-up included; "
+        "means over the points of a curve"
     )
     return Table(caption, head, tuple(rows), 2)
 
@@ -176,20 +176,13 @@ def _type_ms(point: PointResult, kind: str) -> float | None:
     """Return the encoding time of a frame of one type."""
     total = number(point.data["times"].get(f"{kind}_encode_cpu_s"))
     count = num_of_types(point, kind)
-    if kind == "wz" and not knows_start_up(point):
-        return None
     return None if total is None or not count else 1000 * total / count
 
 
 def _frames_ms(point: PointResult) -> float | None:
     """Return the encoding time per frame of any type, start-up left out."""
-    times = point.data["times"]
-    names = ("coding_cpu_s",) if "coding_cpu_s" in times else ("key_encode_cpu_s", "wz_encode_cpu_s")
-    if "wz_encode_cpu_s" in names and not knows_start_up(point):
-        return None
-    parts = [number(times.get(name)) for name in names]
-    known = [part for part in parts if part is not None]
-    return 1000 * sum(known) / max(1, point.data["totals"]["frames"]) if known else None
+    times_s = encoding_times_s(point)
+    return None if times_s is None else 1000 * sum(times_s) / max(1, point.data["totals"]["frames"])
 
 
 def _process_ms(point: PointResult, process: str) -> float | None:

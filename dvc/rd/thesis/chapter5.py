@@ -10,11 +10,18 @@ from dvc.rd.curves import Curve, Experiment, experiments
 from dvc.rd.points import ANCHORS, Sweep
 from dvc.rd.report import NOTHING, table
 from dvc.rd.results import PointResult
-from dvc.rd.thesis.chapter5_pictures import draw_lossy_keys, draw_noise, draw_side_information
+from dvc.rd.thesis.chapter5_pictures import (
+    draw_lossy_keys,
+    draw_noise,
+    draw_qualities,
+    draw_side_information,
+)
 from dvc.rd.thesis.reproduce import Chapter, Figure, Preset
 
 THESIS_SEQUENCES = ("street", "stairway", "statue")
 LOSSLESS_GOP = 10
+SEEN_QP = 26
+"""QP of the key frames of figure 5.14; the point nearest to it is shown."""
 KEYS = (("references", "keys"),)
 HIERARCHICAL = (("references", "hierarchical"),)
 
@@ -299,6 +306,13 @@ def _lossy_points(experiment: Experiment) -> list[PointResult]:
     return [*(() if curve is None else curve.points), *(() if lossless is None else (lossless,))]
 
 
+def _seen_point(experiment: Experiment) -> PointResult | None:
+    """Return the point of figure 5.14."""
+    curve = _curve(experiment, "TE, key frames only")
+    points = () if curve is None else curve.points
+    return min(points, key=lambda point: abs(point.data["key"]["qp"] - SEEN_QP), default=None)
+
+
 def _curve(experiment: Experiment, name: str) -> Curve | None:
     return next((curve for curve in experiment.curves if CURVES[name](curve.points[0].data)), None)
 
@@ -314,7 +328,7 @@ def _is(data: dict[str, Any], codec: str, options: tuple[tuple[str, str], ...]) 
 
 
 def _pictures(experiment: Experiment, folder: Path) -> str:
-    """Draw figures 5.11 to 5.13 of a sequence, as far as there is anything to draw."""
+    """Draw figures 5.11 to 5.14 of a sequence, as far as there is anything to draw."""
     stem = f"thesis-{experiment.slug}"
     methods = lossless_points(experiment)
     drawn = {
@@ -326,6 +340,9 @@ def _pictures(experiment: Experiment, folder: Path) -> str:
         ),
         f"Figure 5.13, {experiment.name}: PSNR of key frames and of predicted frames, lossy key frames": (
             draw_lossy_keys(_lossy_points(experiment), folder / f"{stem}-5.13")
+        ),
+        f"Figure 5.14, {experiment.name}: a key frame, and a frame predicted from it": (
+            draw_qualities(_seen_point(experiment), folder, folder / f"{stem}-5.14")
         ),
     }
     return "\n".join(f"![{title}]({path.name})\n" for title, path in drawn.items() if path is not None)
@@ -347,7 +364,9 @@ CHAPTER_5 = Chapter(
             "PSNR of key and predicted frames, lossy key frames",
             "[table and pictures](#figure-513-side-information-from-lossy-key-frames)",
         ),
-        Figure("Figure 5.14", "decoded frames beside the original", "[the page](report.html)"),
+        Figure(
+            "Figure 5.14", "a key frame and a predicted one", "[pictures](#pictures); [the page](report.html)"
+        ),
         Figure(
             "Figure 5.15",
             "rate-distortion curves",

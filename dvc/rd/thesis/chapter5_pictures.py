@@ -120,6 +120,45 @@ def draw_noise(methods: Mapping[str, PointResult], folder: Path, path: Path) -> 
     return path.with_name(path.name + ".png")
 
 
+def draw_qualities(point: PointResult | None, folder: Path, path: Path) -> Path | None:
+    """Draw a decoded key frame beside a frame that is predicted from it: figure 5.14.
+
+    Parameters
+    ----------
+    point : PointResult or None
+        With lossy key frames.
+    folder : Path
+        Of the experiment, where the pictures of points lie.
+    path : Path
+        Name of the picture without suffix.
+
+    Returns
+    -------
+    Path or None
+        The picture; None if there is nothing to draw.
+
+    Raises
+    ------
+    DvcError
+        If it cannot be written.
+    """
+    planes = None if point is None else _planes(point, folder, ("key", "predicted"))
+    if point is None or planes is None:
+        return None
+    pictures = point.data["pictures"]
+    frames = (
+        (pictures.get("key_index"), _keys(point), "key"),
+        (pictures["index"], _predicted(point), "predicted"),
+    )
+    with _figure(path.with_name(path.name + ".png"), (8.4, 3.7)) as figure:
+        for number, (plane, (index, psnrs_db, kind)) in enumerate(zip(planes, frames, strict=True)):
+            axes = figure.add_subplot(1, 2, number + 1)
+            axes.imshow(plane, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+            axes.set_title(f"{kind} frame {index}, {psnrs_db.get(index, np.nan):.1f} dB", fontsize=9)
+            axes.set_axis_off()
+    return path.with_name(path.name + ".png")
+
+
 def _predicted(point: PointResult) -> dict[int, float]:
     """Return the PSNR of each predicted frame, by its number."""
     return {
@@ -136,18 +175,23 @@ def _keys(point: PointResult) -> dict[int, float]:
 
 def _noise(point: PointResult, folder: Path) -> NDArray[np.int16] | None:
     """Return original minus prediction, if both pictures are there and of one size."""
+    planes = _planes(point, folder, ("original", "predicted"))
+    return None if planes is None else planes[0] - planes[1]
+
+
+def _planes(point: PointResult, folder: Path, names: tuple[str, str]) -> list[NDArray[np.int16]] | None:
+    """Return two pictures of a point, if both are there and of one size."""
     import cv2
 
     pictures: dict[str, Any] = point.data.get("pictures") or {}
     planes = []
-    for name in ("original", "predicted"):
+    for name in names:
         path = pictures.get(name)
         plane = cv2.imread(str(folder / path), cv2.IMREAD_GRAYSCALE) if isinstance(path, str) else None
         if plane is None:
             return None
         planes.append(np.asarray(plane, dtype=np.int16))
-    original, predicted = planes
-    return original - predicted if original.shape == predicted.shape else None
+    return planes if planes[0].shape == planes[1].shape else None
 
 
 def _line(axes: "Axes", number: int, name: str, psnrs_db: Mapping[int, float]) -> None:
