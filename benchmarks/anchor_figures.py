@@ -9,7 +9,7 @@ from dvc.metrics import bd_rate
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.anchors.decoding import measure_file
 from dvc.rd.anchors.encoding import encode_file
-from dvc.rd.anchors.reference import ROWS_VARIABLE, ReferenceRow, read_reference_rows
+from dvc.rd.reference_rows import ROWS_VARIABLE, ReferenceRow, read_reference_rows
 
 LIMIT_PERCENT = 5.0
 QUICK_QPS = (28, 36)

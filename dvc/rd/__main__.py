@@ -246,10 +246,10 @@ def _sweeps(arguments: argparse.Namespace) -> list[Any]:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from dvc.rd.anchors.reference import reference_results
     from dvc.rd.compare import find_label
     from dvc.rd.curves import ANCHOR_LABEL
     from dvc.rd.folders import read_folders
+    from dvc.rd.reference_rows import reference_results
     from dvc.rd.report import write_reports
 
     outputs = (
@@ -292,7 +292,7 @@ def _compare(arguments: argparse.Namespace) -> int:
 def _show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Write a table on standard output: drawn on a terminal, as Markdown elsewhere."""
     if not sys.stdout.isatty():
-        from dvc.rd.report import table
+        from dvc.rd.markdown import table
 
         sys.stdout.write(table(head, rows))
         return

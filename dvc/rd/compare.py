@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError, DvcError, RdCurveError
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
-from dvc.rd.report import NOTHING, table
+from dvc.rd.markdown import NOTHING, table
 from dvc.rd.results import PointResult
 
 if TYPE_CHECKING:

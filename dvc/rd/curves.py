@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from dvc.errors import RdCurveError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
-from dvc.rd.anchors.reference import REFERENCE_LABELS
 from dvc.rd.points import ANCHORS, INTRA
+from dvc.rd.reference_rows import REFERENCE_LABELS
 from dvc.rd.results import PointResult
 
 if TYPE_CHECKING:

@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from dvc.errors import DvcError
-from dvc.rd.anchors.reference import ROWS_VARIABLE, read_reference_rows, reference_results
 from dvc.rd.curves import experiments
-from dvc.rd.report import preface, report_text
+from dvc.rd.preface import preface
+from dvc.rd.reference_rows import ROWS_VARIABLE, read_reference_rows, reference_results
+from dvc.rd.report import report_text
 from dvc.rd.results import PointResult
 from tests.rd.made_up import result_data
 

@@ -4,7 +4,8 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from dvc.rd.curves import bd_text, compare_curves, experiments
-from dvc.rd.report import points_table, table, write_report
+from dvc.rd.markdown import table
+from dvc.rd.report import points_table, write_report
 from dvc.rd.results import PointResult, read_results
 from tests.rd.made_up import result_data, write_results
 

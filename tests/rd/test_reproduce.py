@@ -14,8 +14,9 @@ from dvc.rd.points import Point
 from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.rd.sweep import SweepSummary
 from dvc.rd.thesis import reproduce
+from dvc.rd.thesis.chapter import Preset
 from dvc.rd.thesis.chapter5 import METHODS
-from dvc.rd.thesis.reproduce import PRESETS, Preset, chapters, document_text, plan, preset_sequences
+from dvc.rd.thesis.reproduce import PRESETS, chapters, document_text, plan, preset_sequences
 from tests.rd.made_up import result_data
 
 TINY = Preset("a test", 5, (1, 8), ("intra", "x264-ippp-zero", "x264-ippp"), (30,), ("street",), ())

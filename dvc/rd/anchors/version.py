@@ -6,8 +6,6 @@ from pathlib import Path
 
 from dvc.rd.provenance import files_digest, package_sources, values_digest
 
-_NOT_MEASURING = frozenset({"reference.py"})
-
 
 @cache
 def anchors_digest() -> str:
@@ -18,5 +16,5 @@ def anchors_digest() -> str:
     str
         32 hexadecimal digits; found once per process.
     """
-    sources = [path for path in package_sources(Path(__file__).parent) if path.name not in _NOT_MEASURING]
+    sources = package_sources(Path(__file__).parent)
     return values_digest([files_digest(sources), metadata.version("av")])

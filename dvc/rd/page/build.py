@@ -23,7 +23,8 @@ from dvc.rd.plots import (
     render_experiment,
     render_frames,
 )
-from dvc.rd.report import code_digests, points_cells, preface
+from dvc.rd.point_columns import points_cells
+from dvc.rd.preface import code_digests, preface
 from dvc.rd.results import PointResult
 
 if TYPE_CHECKING:

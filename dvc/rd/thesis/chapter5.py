@@ -7,16 +7,16 @@ from typing import Any
 
 from dvc.rd.compare import bd_cell, crossing_text
 from dvc.rd.curves import Curve, Experiment, experiments
+from dvc.rd.markdown import NOTHING, table
 from dvc.rd.points import ANCHORS, Sweep
-from dvc.rd.report import NOTHING, table
 from dvc.rd.results import PointResult
+from dvc.rd.thesis.chapter import Chapter, Figure, Preset
 from dvc.rd.thesis.chapter5_pictures import (
     draw_lossy_keys,
     draw_noise,
     draw_qualities,
     draw_side_information,
 )
-from dvc.rd.thesis.reproduce import Chapter, Figure, Preset
 
 THESIS_SEQUENCES = ("street", "stairway", "statue")
 LOSSLESS_GOP = 10

@@ -1,49 +1,20 @@
 """Reproduction of the thesis: the sweeps of its chapters, and one document with all tables and figures."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 from dvc.errors import ConfigError
 from dvc.files import atomic_output
-from dvc.rd.points import Point, Sweep, expand
+from dvc.rd.markdown import table
+from dvc.rd.points import Point, expand
 from dvc.rd.results import PointResult
+from dvc.rd.thesis.chapter import Chapter, Preset
+from dvc.rd.thesis.chapter5 import CHAPTER_5
 
 DOCUMENT = "thesis.md"
 REPORT = "report.md"
 PAGE = "report.html"
-
-
-@dataclass(frozen=True)
-class Preset:
-    """How much is measured.
-
-    Attributes
-    ----------
-    about : str
-        What it is for, and how long it takes.
-    frames : int
-        Most frames of each sequence.
-    wz_q : tuple of int
-        Quantiser presets of the rate-distortion curves.
-    anchors : tuple of str
-        Codecs to compare with, by their names on the command line.
-    anchor_qp : tuple of int
-        QPs of the anchors beside those of the key frames.
-    scenes : tuple of str
-        Rendered sequences.
-    clips : tuple of str
-        Real sequences, of which those are taken that the folder of video files has.
-    """
-
-    about: str
-    frames: int
-    wz_q: tuple[int, ...]
-    anchors: tuple[str, ...]
-    anchor_qp: tuple[int, ...]
-    scenes: tuple[str, ...]
-    clips: tuple[str, ...]
 
 
 _H264 = ("intra", "x264-ippp-zero", "x264-ippp")
@@ -66,47 +37,6 @@ takes hours already.
 """
 
 
-@dataclass(frozen=True)
-class Figure:
-    """One figure or table of the thesis, and where it is here.
-
-    Attributes
-    ----------
-    number : str
-        Such as ``Figure 5.15``.
-    shows : str
-        What it shows.
-    place : str
-        Where to look for it, as Markdown.
-    """
-
-    number: str
-    shows: str
-    place: str
-
-
-@dataclass(frozen=True)
-class Chapter:
-    """What a chapter adds to the reproduction.
-
-    Attributes
-    ----------
-    title : str
-        Its number and name.
-    sweeps : callable
-        From a preset and the names of sequences to the sweeps that it needs.
-    figures : tuple of Figure
-        Its figures and tables.
-    section : callable
-        From results, and a folder for pictures, to its section as Markdown without the title.
-    """
-
-    title: str
-    sweeps: Callable[[Preset, Sequence[str]], list[Sweep]]
-    figures: tuple[Figure, ...]
-    section: Callable[[Sequence[PointResult], Path], str]
-
-
 def chapters() -> tuple[Chapter, ...]:
     """List the chapters that can be reproduced.
 
@@ -115,8 +45,6 @@ def chapters() -> tuple[Chapter, ...]:
     tuple of Chapter
         In the order of the thesis.
     """
-    from dvc.rd.thesis.chapter5 import CHAPTER_5
-
     return (CHAPTER_5,)
 
 
@@ -184,8 +112,8 @@ def write_reproduction(folder: Path, command: str) -> list[Path]:
     DvcError
         If there are no results, or a file cannot be written.
     """
-    from dvc.rd.anchors.reference import reference_results
     from dvc.rd.folders import read_folders
+    from dvc.rd.reference_rows import reference_results
     from dvc.rd.report import write_reports
 
     collection = read_folders([folder])
@@ -216,8 +144,6 @@ def document_text(results: Sequence[PointResult], folder: Path, command: str) ->
     str
         Markdown.
     """
-    from dvc.rd.report import table
-
     codes = sorted(
         {(r.data["code"]["version"], r.data["code"].get("commit") or "no commit") for r in results}
     )
