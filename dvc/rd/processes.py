@@ -7,12 +7,14 @@ import tempfile
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO
 
 from dvc.errors import DvcError
 
-_ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+_ONE_THREAD = dict.fromkeys(_LIMITS, "1")
 _MAX_MESSAGE_BYTES = 4096
 
 
@@ -39,7 +41,8 @@ class ProcessTimes:
 class ProcessGroup:
     """Runs commands, from any number of threads, and can stop all that are running.
 
-    Every command is limited to one thread: times are those of one core, however many run side by side.
+    Compiled kernels, linear algebra and OpenCV are limited to one thread: times are those of one core, however
+    many commands run side by side. Only FFmpeg may read the original on several threads.
     """
 
     def __init__(self) -> None:
@@ -86,7 +89,8 @@ class ProcessGroup:
         with self._lock:
             self._stopped = True
             for group in self._running:
-                os.killpg(group, signal.SIGTERM)
+                with suppress(ProcessLookupError):
+                    os.killpg(group, signal.SIGTERM)
 
     def _start(self, command: Sequence[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
         with self._lock:

@@ -14,7 +14,7 @@ from dvc.errors import DvcError
 from dvc.files import atomic_output
 from dvc.rd.measure import measure
 from dvc.rd.points import Point
-from dvc.rd.processes import ProcessGroup
+from dvc.rd.processes import ProcessGroup, Stopped
 from dvc.rd.provenance import code_version, codec_digest
 from dvc.rd.results import POINTS_FOLDER, Task, finished, write_result
 from dvc.rd.sources import Source, find_source
@@ -196,8 +196,12 @@ def _run_one(task: Task, folder: Path, processes: ProcessGroup) -> str | None:
             if codec_digest() != task.code.digest:
                 raise DvcError("the code was changed while the point was measured")
             write_result(folder, task.name, measured)
+    except Stopped:
+        raise
     except (DvcError, OSError) as err:
         return cli.one_line(err)
+    except Exception as err:  # whatever it is, the other points go on
+        return f"{type(err).__name__}: {cli.one_line(err)}"
     return None
 
 

@@ -18,9 +18,9 @@ from dvc.errors import DvcError
 from dvc.rd import results, sweep
 from dvc.rd.__main__ import main
 from dvc.rd.points import Point
-from dvc.rd.processes import ProcessGroup
+from dvc.rd.processes import ProcessGroup, Stopped
 from dvc.rd.provenance import CodeVersion, codec_digest
-from dvc.rd.results import POINTS_FOLDER, PointResult
+from dvc.rd.results import POINTS_FOLDER, PointResult, Task
 from dvc.video import Frame, create_video
 from tests.rd.made_up import result_data
 
@@ -131,6 +131,42 @@ def test_an_interpreter_that_is_not_there(
     assert [reason for _, reason in summary.failures] == [
         f"cannot start {tmp_path / 'python'}: No such file or directory"
     ]
+
+
+def test_a_failure_that_nobody_thought_of(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Any error fails its point alone, with its kind."""
+
+    def measure(task: Task, *_: object) -> dict[str, Any]:
+        if task.point.key_qp == "30":
+            raise KeyError("totals")
+        return result_data(60.0, 30.0)
+
+    monkeypatch.setattr(sweep, "measure", measure)
+    points = [Point(str(clip), "2d", None, qp, 1) for qp in ("30", "31")]
+    summary = sweep.run_points(points, tmp_path / "out", tmp_path)
+    assert [reason for _, reason in summary.failures] == ["KeyError: 'totals'"]
+    assert summary.num_measured == 1
+
+
+def test_processes_have_one_thread(tmp_path: Path) -> None:
+    """What a point runs neither compiles nor filters on more threads than one."""
+    found = tmp_path / "found"
+    code = f"import cv2, numba; open({str(found)!r}, 'w').write(f'{{cv2.getNumThreads()}} {{numba.get_num_threads()}}')"
+    ProcessGroup().run([sys.executable, "-c", code])
+    assert found.read_text(encoding="utf-8") == "1 1"
+
+
+def test_stopping_processes_that_have_ended() -> None:
+    """A process that ended a moment ago does not keep the others from being ended."""
+    processes = ProcessGroup()
+    child = subprocess.Popen([sys.executable, "-c", ""], start_new_session=True)
+    child.wait()
+    processes._running.add(child.pid)
+    processes.stop()
+    with pytest.raises(Stopped):
+        processes.run([sys.executable, "-c", ""])
 
 
 def test_a_process_that_is_killed() -> None:
