@@ -4,7 +4,6 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import nullcontext
 from dataclasses import dataclass
 from multiprocessing import get_context
 
@@ -75,23 +74,29 @@ def decode_stream(config: CodecConfig, reader: StreamReader, jobs: int = 1) -> I
     BitstreamError
         If the stream is damaged; all groups before the damage are yielded first.
     """
+    tasks = _tasks(config, reader)
+    pending: deque[Future[DecodedGroup]] = deque()
+    failure: BitstreamError | None = None
     with _executor(jobs) as executor:
-        pending: deque[Future[DecodedGroup]] = deque()
-        failure: DvcError | None = None
         try:
-            for task in _tasks(config, reader):
+            while True:
+                try:
+                    task = next(tasks, None)
+                except BitstreamError as err:
+                    task, failure = None, err
+                if task is None:
+                    break
                 pending.append(executor.submit(_decode_task, task))
                 while len(pending) > jobs + 1 or (pending and pending[0].done()):
                     yield pending.popleft().result()
-        except BitstreamError as err:
-            failure = err
-        try:
             while pending:
                 yield pending.popleft().result()
         except BrokenProcessPool as err:
             raise DvcError("a decoding process was killed; is there enough memory for --jobs?") from err
-        if failure is not None:
-            raise failure
+        finally:
+            executor.shutdown(cancel_futures=True)
+    if failure is not None:
+        raise failure
 
 
 def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGroup]:
@@ -202,7 +207,7 @@ class _InlineExecutor(Executor):
         return future
 
 
-def _executor(jobs: int) -> Executor | nullcontext[Executor]:
+def _executor(jobs: int) -> Executor:
     if jobs == 1:
-        return nullcontext(_InlineExecutor())
+        return _InlineExecutor()
     return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))

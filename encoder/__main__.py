@@ -334,6 +334,8 @@ def _rule(arguments: argparse.Namespace) -> "KeyFrameRule":
     given = {name: value for name, value in given.items() if value is not None}
     if given and arguments.codec != "3d-te":
         raise ConfigError("options that choose key frames, as --longest-track or --key-frames, are for 3d-te")
+    if arguments.key_frames == "rate" and not {"longest_track_px", "lost_share"}.isdisjoint(given):
+        raise ConfigError("--longest-track and --lost-tracks are bounds of --key-frames tracks")
     return replace(KeyFrameRule.for_references(_gop(arguments).references), **given)
 
 

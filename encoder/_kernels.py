@@ -48,10 +48,12 @@ def cut_blocks(image, points, blocks):
 
 
 @kernel
-def least_shift_sads(image, points, blocks, shift, least):
-    """Least SAD of each block against itself, moved to the left, right, up and down; inside the image."""
+def least_shift_sads(image, points, blocks, shift, least, counts):
+    """Least SAD of each block against itself, moved to the left, right, up and down; inside the image.
+
+    `counts` adds up blocks compared and samples compared.
+    """
     half = blocks.shape[1] // 2
-    counts = np.zeros(2, np.int64)
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         least[i] = block_sad(image, x - shift, y, half, blocks[i], UNKNOWN, counts)

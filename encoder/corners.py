@@ -31,6 +31,11 @@ class CornerSettings:
     min_response: float = 1e-7  # of a corner; gradients are in units of the full range of luma
     min_distance: float = 0.4  # of two corners, in units of their distance if they were evenly spread
 
+    def __post_init__(self) -> None:
+        """Refuse a grid that half the resolution does not have."""
+        if self.grid_px < 1 or (self.grid_px >= _SPARSE_GRID_PX and self.grid_px % 2):
+            raise ValueError(f"the grid of corners must be 1, 2, 3 or even, got {self.grid_px}")
+
 
 TRACKED_CORNERS = CornerSettings(grid_px=4, window_px=3)
 """Corners to be tracked: on a grid, for the sake of their cost, because any place nearby tracks as well."""
@@ -77,10 +82,9 @@ def find_corners(
     rows, columns = np.nonzero(worthy)
     strength = response[rows, columns]
     if strength.size > _CANDIDATES * max_corners:
-        strongest = np.argpartition(-strength, _CANDIDATES * max_corners)[: _CANDIDATES * max_corners]
-        strongest.sort()
+        strongest = strength >= np.partition(strength, -_CANDIDATES * max_corners)[-_CANDIDATES * max_corners]
         rows, columns, strength = rows[strongest], columns[strongest], strength[strongest]
-    order = np.argsort(-strength, kind="stable")
+    order = np.argsort(-strength, kind="stable")[: _CANDIDATES * max_corners]
     x, y = columns[order] * grid + first, rows[order] * grid + first
     min_distance_px = settings.min_distance * (luma.size / max_corners) ** 0.5
     chosen = np.empty(max_corners, np.int64)

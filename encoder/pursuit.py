@@ -85,7 +85,7 @@ class KeyPoints:
     small: Integers
 
     @classmethod
-    def find(cls, luma: Plane, num_points: int, settings: TrackingSettings) -> Self:
+    def find(cls, luma: Plane, num_points: int, settings: TrackingSettings, operations: Integers) -> Self:
         """Find the corners of a key frame.
 
         Parameters
@@ -96,6 +96,8 @@ class KeyPoints:
             Most corners wanted.
         settings : TrackingSettings
             How they are chosen and compared.
+        operations : ndarray of shape (2,), int64
+            Blocks whose SAD was begun, and samples compared in them: added to.
 
         Returns
         -------
@@ -107,7 +109,7 @@ class KeyPoints:
         blocks = np.empty((len(positions), 2 * half + 1, 2 * half + 1), np.uint8)
         _kernels.cut_blocks(luma, positions, blocks)
         least = np.empty(len(positions), np.int64)
-        _kernels.least_shift_sads(luma, positions, blocks, settings.shift_px, least)
+        _kernels.least_shift_sads(luma, positions, blocks, settings.shift_px, least, operations)
         num_samples = (2 * half + 1) ** 2
         small = np.clip(
             settings.small_share * np.minimum(least, 255 * num_samples),

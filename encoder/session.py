@@ -122,7 +122,7 @@ class EncoderSession:
         )
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)
-        self._rule = rule or KeyFrameRule()
+        self._rule = rule or KeyFrameRule.for_references(config.gop.references)
         self._max_tracks_bpp = max_tracks_bpp
         self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits, tracking)
         self._detector = CornerDetector(config.tracks.num_points)

@@ -71,7 +71,9 @@ class PointTracker:
             The key frame.
         """
         started = time.process_time()
-        points = KeyPoints.find(luma, self._num_points, self._settings)
+        operations = np.zeros(2, np.int64)
+        points = KeyPoints.find(luma, self._num_points, self._settings, operations)
+        self._count(operations)
         count = len(points.positions)
         velocity = np.tile(self._motion, (count, 1))
         self._pursuit = Pursuit(points, velocity, self._subpixel_bits, self._settings)

@@ -29,7 +29,7 @@ class Rebased(NamedTuple):
     model: Model
     from_basis: Floats
 
-    def camera(self, camera: Floats) -> Floats:
+    def camera(self, camera: Floats) -> Floats | None:
         """Convert a camera to the basis of the model.
 
         Parameters
@@ -39,11 +39,12 @@ class Rebased(NamedTuple):
 
         Returns
         -------
-        ndarray of shape (3, 4), float64
-            In the new one, to the same scale: inverse depths of a view are the same in both.
+        ndarray of shape (3, 4), float64, or None
+            In the new one, to the same scale: inverse depths of a view are the same in both. None where its
+            centre is at infinity there.
         """
         converted: Floats = camera @ self.from_basis
-        return converted
+        return None if _oriented(converted) is None else converted
 
 
 def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased | None:
@@ -69,6 +70,8 @@ def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased
     from_basis = np.linalg.inv(to_basis)
     points = model.points @ to_basis.T
     camera = second @ from_basis
+    if _oriented(camera) is None:
+        return None
     x0, depth0 = project(np.eye(3, 4), points)
     x1, depth1 = project(camera, points)
     ahead = (depth0 > 0) & (depth1 > 0) & np.isfinite(x0).all(axis=1) & np.isfinite(x1).all(axis=1)

@@ -191,7 +191,8 @@ def tracked_points(
     Returns
     -------
     TrackedPoints
-        The points, triangulated; the position is nan where a point would be behind a key frame's camera.
+        The points, triangulated; nan, with their positions, where they are not known in both key frames or
+        would be behind a camera.
     """
     frame = model.pixel_frame
     known = np.asarray(np.isfinite(np.hstack([first, second])).all(axis=1))
@@ -201,6 +202,7 @@ def tracked_points(
     known &= (inverse > 0) & (quotient > 0)
     depth = 1.0 / np.where(known, inverse, 1.0)
     points = np.column_stack([depth[:, None] * homogeneous(x0), np.ones(len(x0))])
+    points[~known] = np.nan
     return TrackedPoints(time, points, np.where(known[:, None], positions, np.nan))
 
 

@@ -27,8 +27,8 @@ class TrackDepths(NamedTuple):
     rms_px : ndarray of shape (N,), float64
         Root mean square distance between where the other views see the point and where it should be.
     sigma_px : ndarray of shape (N,), float64
-        Standard deviation of the point's place in the view where it depends most on the depth, for positions
-        that are off by one pixel.
+        Standard deviation of the point's place in that of the views it lies in where it depends most on the
+        depth, for positions that are off by one pixel.
     """
 
     inverse_depth: Floats
@@ -75,6 +75,7 @@ def track_depths(
     others = [(k, camera) for k, camera in enumerate(cameras) if camera is not None and k != view]
     transfers = [transfer_matrix(source, camera, frame) for _, camera in others]
     seen = [positions[:, k] for k, _ in others]
+    size = np.array([frame.width_px, frame.height_px])
     inverse = np.zeros(len(points))
     for step in range(NUM_STEPS + 1):
         sums = np.zeros((4, len(points)))
@@ -87,7 +88,8 @@ def track_depths(
             used: NDArray[np.bool_] = known & np.asarray(np.isfinite(there).all(axis=1))
             offset = np.where(used[:, None], there - place, 0.0)
             squares = (change * change).sum(axis=1)
-            farthest = np.maximum(farthest, squares)
+            inside = (image[:, 2] > LEAST_DEPTH) & ((place >= 0) & (place < size)).all(axis=1)
+            farthest = np.where(used | inside, np.maximum(farthest, squares), farthest)
             sums += np.stack(
                 [used * squares, (change * offset).sum(axis=1), (offset * offset).sum(axis=1), 1.0 * used]
             )

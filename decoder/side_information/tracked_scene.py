@@ -152,10 +152,10 @@ class TrackedSceneInterpolation:
             geometry = self._part(geometry, around)
             reason = geometry.missing(before.index, instant, after.index)
         camera, pair = geometry.camera(instant), None if reason else self._between(geometry, around)
+        camera = None if pair is None or camera is None else pair.rebased.camera(camera)
         if pair is None or camera is None:
             return replace(flat, success=False, reason=reason or "a camera lies at infinity")
         late = (instant - before.index) / (after.index - before.index)
-        camera = pair.rebased.camera(camera)
         rendered = pair.interpolator.interpolate(camera, late)
         if self._corrects:
             rendered = corrected(rendered, (before.frame.luma, after.frame.luma), tracks)

@@ -41,8 +41,8 @@ class ProcessTimes:
 class ProcessGroup:
     """Runs commands, from any number of threads, and can stop all that are running.
 
-    Compiled kernels, linear algebra and OpenCV are limited to one thread: times are those of one core, however
-    many commands run side by side. Only FFmpeg may read the original on several threads.
+    Compiled kernels, linear algebra and OpenCV are limited to one thread: times are those of one core,
+    however many commands run side by side. Only FFmpeg may read the original on several threads.
     """
 
     def __init__(self) -> None:

@@ -69,10 +69,10 @@ def column_decisions(columns, num_columns):
 def free_rows(points, k, distance, free):
     """Mark the rows where point `k`, whose column is known, can be; return how many there are."""
     free[:] = True
+    if k > 0 and points[k - 1, 0] == points[k, 0]:  # the scan goes down
+        free[: points[k - 1, 1]] = False
     for j in range(k):
         dx = points[k, 0] - points[j, 0]
-        if dx == 0:  # the scan goes down
-            free[: points[j, 1]] = False
         if dx < distance:
             reach = 0
             while dx * dx + (reach + 1) * (reach + 1) < distance * distance:

@@ -110,6 +110,22 @@ def test_groups_before_damage_are_decoded(stream: bytes, groups: list[DecodedGro
     assert found == [group.first_index for group in groups[:2]]
 
 
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_nothing_after_damage_is_decoded(stream: bytes, jobs: int) -> None:
+    """A group whose contents make no sense ends the sequence, however many are decoded at a time."""
+    config, records = StreamReader(io.BytesIO(stream)).config, list(StreamReader(io.BytesIO(stream)))
+    bad = GopRecord(3, records[1].key, b"", (b"", records[1].wyner_ziv[1]))
+    file = io.BytesIO()
+    with StreamWriter(file, config, "buffered") as writer:
+        for record in (*records[:2], bad, *records[1:], *records[1:]):
+            writer.write_gop(record)
+    reader = StreamReader(io.BytesIO(file.getvalue()))
+    found: list[int] = []
+    with pytest.raises(BitstreamError, match="group of pictures 2: "):
+        found.extend(group.first_index for group in decode_stream(config, reader, jobs))
+    assert found == [0, 1]
+
+
 @pytest.mark.parametrize("length", [0, 3, 200])
 def test_payloads_of_the_wrong_size_are_refused(stream: bytes, length: int) -> None:
     """A Wyner-Ziv payload that is not what the layout says is a damaged group, named by its number."""

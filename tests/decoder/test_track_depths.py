@@ -39,6 +39,19 @@ def test_short_tracks_have_less_certain_depths() -> None:
     assert (short.sigma_px > 2.0 * whole.sigma_px).all()
 
 
+def test_views_that_do_not_see_a_point_do_not_make_it_uncertain() -> None:
+    """Behind a camera, or far outside its frame, a point's place says nothing about its depth."""
+    positions, cameras, points = tracks()
+    alone = track_depths(positions, cameras, 0, FRAME)
+    turned = np.diag([-1.0, 1.0, -1.0]) @ camera_at(0.5)
+    aside = camera_at(0.5) + np.outer([5.0, 0.0, 0.0], camera_at(0.5)[2])
+    depths = project(turned, points)[1]
+    assert (depths < 0).all()
+    unseen = np.full((len(points), 2, 2), np.nan)
+    found = track_depths(np.concatenate([positions, unseen], axis=1), [*cameras, turned, aside], 0, FRAME)
+    np.testing.assert_array_equal(found.sigma_px, alone.sigma_px)
+
+
 def test_wrong_tracks_are_told_by_their_distance() -> None:
     """A track that jumps is far from where the cameras see the point."""
     positions, cameras, _ = tracks()

@@ -14,6 +14,7 @@ from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
+from encoder.corners import CornerDetector
 from sfm.model import PixelFrame
 from sfm.projection import project
 from tests.scenes_3d import camera_at, render, two_planes
@@ -112,13 +113,22 @@ def test_hostile_tracks_give_a_prediction(kind: str) -> None:
 
 
 def test_corners_of_each_frame_will_do() -> None:
-    """Tracking at the decoder makes tracks of corners, and no corners give block motion."""
-    tracks = true_tracks(200)
-    corners = FeaturePoints(tuple(tracks.positions[:, k] for k in (1, 2, 3)))
+    """Tracking at the decoder makes tracks of corners, which tell where the camera is."""
+    corners = CornerDetector(176).detect([frame.luma for frame in FRAMES[1:4]])
     config = CodecConfig("3d-td", CONFIG.video, tracks=TracksConfig("decoder"))
-    for points in (corners, FeaturePoints((np.empty((0, 2)),) * 3)):
-        [found] = TrackedSceneInterpolation("mesh", config).predict(KEYS, points, [10])
-        assert np.isfinite(found.luma).all()
+    tracked, blind = TrackedSceneInterpolation("mesh", config), SceneInterpolation("mesh", config)
+    [prediction] = tracked.predict(KEYS, corners, [11])
+    assert prediction.success
+    assert quality(tracked, corners, 11) > quality(blind, None, 11) + 4.0
+
+
+def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
+    """Frames without a corner are predicted as if no points were sent at all."""
+    config = CodecConfig("3d-td", CONFIG.video, tracks=TracksConfig("decoder"))
+    none = FeaturePoints((np.empty((0, 2)),) * 3)
+    [found] = TrackedSceneInterpolation("mesh", config).predict(KEYS, none, [10])
+    [expected] = SceneInterpolation("mesh", config).predict(KEYS, None, [10])
+    np.testing.assert_array_equal(found.luma, expected.luma)
 
 
 def test_the_codec_says_which_method_it_is() -> None:

@@ -117,6 +117,7 @@ def test_groups_at_the_least_rate_cover_the_sequence() -> None:
         groups = cut(fast, length, KeyFrameRule(min_length=min_length, choice="rate", hierarchical=True))
         check_cover(groups, fast)
         assert max(sizes_of(groups)) <= length
+        assert min(sizes_of(groups)[1:-1], default=length) >= min(min_length, length)
     still = [SLOW[0]] * 9
     assert sizes_of(cut(still, 4, KeyFrameRule(choice="rate"))) == [1, 4, 4]
 
@@ -243,7 +244,7 @@ def test_stream_carries_births(tmp_path: Path) -> None:
     ("width", "height", "num_frames"), [(16, 16, 3), (33, 27, 2), (33, 27, 1), (8, 8, 5)]
 )
 def test_small_odd_and_short_videos(codec: str, width: int, height: int, num_frames: int) -> None:
-    """Videos of a frame or two and of odd sizes are coded."""
+    """Videos of a frame or two and of odd sizes are coded, and decode again to as many frames."""
     session, file = session_of(codec, width, height, 3), io.BytesIO()
     session.write(moving_texture(num_frames, height, width), file, lambda _: None)
     records = list(StreamReader(io.BytesIO(file.getvalue())))

@@ -63,6 +63,29 @@ def test_smooth_path_is_found_better(num: int, outlier_share: float) -> None:
     assert together < 0.9 * alone
 
 
+def test_tracks_that_end_have_no_part_in_the_path() -> None:
+    """Points that are not known in both key frames change no camera, wherever they are elsewhere."""
+    scene = two_views(60, seed=1)
+    ends = seen(scene, 0), seen(scene, NUM_STEPS)
+    lost = ends[1].copy()
+    lost[::3] = np.nan
+    found = []
+    for kept, last in ((np.arange(60) % 3 > 0, ends[1]), (np.ones(60, np.bool_), lost)):
+        instants = [
+            tracked_points(
+                scene.model,
+                ends[0][kept],
+                last[kept],
+                seen(scene, step, smooth(step))[kept],
+                step / NUM_STEPS,
+            )
+            for step in range(1, NUM_STEPS)
+        ]
+        found.append(regular_cameras(scene.model, instants, 0.1))
+    for alone, among in zip(*found, strict=True):
+        np.testing.assert_allclose(among.camera, alone.camera, atol=1e-12)
+
+
 def test_jerky_path_is_hardly_harmed_by_a_moderate_weight() -> None:
     """Jerks of many pixels cost less than half the error that noise makes."""
     scene = two_views(40, seed=2)

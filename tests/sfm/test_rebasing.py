@@ -19,7 +19,9 @@ def test_the_model_of_two_other_views_sees_what_they_see() -> None:
     assert rebased is not None
     for camera, seen in zip(cameras, (rebased.model.correspondences.first, None, None), strict=True):
         expected = FRAME.to_pixels(project(camera, model.points)[0])
-        found = FRAME.to_pixels(project(rebased.camera(camera), rebased.model.points)[0])
+        converted = rebased.camera(camera)
+        assert converted is not None
+        found = FRAME.to_pixels(project(converted, rebased.model.points)[0])
         np.testing.assert_allclose(found, expected, atol=1e-9)
         if seen is not None:
             np.testing.assert_allclose(seen, expected, atol=1e-9)
@@ -46,3 +48,14 @@ def test_cameras_at_infinity_have_no_model() -> None:
     assert rebase(model, affine, camera_at(1.0)) is None
     assert rebase(model, camera_at(0.0), affine) is None
     assert rebase(model, camera_at(0.0), away) is None
+
+
+def test_cameras_that_come_to_lie_at_infinity_have_no_model() -> None:
+    """A camera that is nearly affine makes others have no finite centre in its basis."""
+    model = two_planes()
+    nearly = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1e-4, 12.0]])
+    assert rebase(model, nearly, camera_at(1.0)) is None
+    rebased = rebase(model, camera_at(0.0), camera_at(1.0))
+    assert rebased is not None
+    affine = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    assert rebased.camera(affine) is None
