@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError, DvcError, RdCurveError
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
-from dvc.rd.markdown import NOTHING, table
+from dvc.rd.markdown import NOTHING
 from dvc.rd.results import PointResult
 
 if TYPE_CHECKING:
@@ -43,6 +43,8 @@ CSV_COLUMNS = (
     "overlap_high_kbps",
     "crossings_kbps",
     "refused",
+    "first_frame",
+    "frames",
 )
 """Columns of the table for machines, in this order."""
 
@@ -262,15 +264,10 @@ def crossings_kbps(reference: Curve, other: Curve) -> list[tuple[float, bool]]:
         Rate in kbit/s from which on, up to the next entry, `other` has the higher PSNR (true) or not; the
         first is the lowest rate that both curves reach. Empty where they have no rates in common.
     """
-    (rates_a, psnrs_a), (rates_b, psnrs_b) = _front(reference), _front(other)
-    low, high = max(rates_a[0], rates_b[0]), min(rates_a[-1], rates_b[-1])
-    if min(rates_a.size, rates_b.size) < 2 or low >= high:
+    samples, gains_db = _gains(reference, other)
+    if not samples.size:
         return []
-    from scipy.interpolate import PchipInterpolator
-
-    samples = np.linspace(low, high, NUM_SAMPLES)
-    gains = PchipInterpolator(rates_b, psnrs_b)(samples) - PchipInterpolator(rates_a, psnrs_a)(samples)
-    better = gains > EQUAL_DB
+    better = gains_db > EQUAL_DB
     starts = [0, *(np.flatnonzero(better[1:] != better[:-1]) + 1)]
     return [(float(math.exp(samples[i])), bool(better[i])) for i in starts]
 
@@ -290,7 +287,10 @@ def crossing_text(reference: Curve, other: Curve) -> str:
     """
     pieces = crossings_kbps(reference, other)
     if not pieces:
-        return "no rates in common"
+        single = min(len(reference.points), len(other.points)) < 2
+        return "a curve of one point" if single else "no rates in common"
+    if (np.abs(_gains(reference, other)[1]) <= EQUAL_DB).all():
+        return "equal at all common rates"
     if len(pieces) == 1:
         return f"{'better' if pieces[0][1] else 'worse'} at all common rates"
     spans = []
@@ -345,22 +345,6 @@ def comparison_rows(comparisons: Sequence[Comparison]) -> list[list[str]]:
     return rows + _means(comparisons)
 
 
-def comparison_table(comparisons: Sequence[Comparison]) -> str:
-    """Write comparisons as a Markdown table.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        By sequence.
-
-    Returns
-    -------
-    str
-        The table.
-    """
-    return table(HEAD, comparison_rows(comparisons))
-
-
 def comparison_csv(comparisons: Iterable[Comparison]) -> str:
     """Write comparisons as comma-separated values.
 
@@ -388,7 +372,9 @@ def comparison_csv(comparisons: Iterable[Comparison]) -> str:
             psnr = [one.psnr.value, *one.psnr.overlap]
         refused = one.rate if isinstance(one.rate, str) else None
         names = [one.sequence, one.other.label, one.reference.label]
-        writer.writerow([*names, *rate, *psnr, crossings, refused])
+        data = one.other.points[0].data
+        frames = [data["options"]["start"], data["totals"]["frames"]]
+        writer.writerow([*names, *rate, *psnr, crossings, refused, *frames])
     return text.getvalue()
 
 
@@ -413,16 +399,30 @@ def _means(comparisons: Sequence[Comparison]) -> list[list[str]]:
         groups.setdefault((one.other.label, one.reference.label), []).append(one)
     rows = []
     for (label, reference), members in groups.items():
-        rates = [one.rate.value for one in members if not isinstance(one.rate, str)]
-        psnrs = [one.psnr.value for one in members if not isinstance(one.psnr, str)]
+        known = [one for one in members if not isinstance(one.rate, str)]
+        rates = [one.rate.value for one in known if not isinstance(one.rate, str)]
+        psnrs = [one.psnr.value for one in known if not isinstance(one.psnr, str)]
         if len(rates) > 1:
             count = f"{len(rates)} of {len(members)} sequences"
             spread = f"{min(rates):+.1f} to {max(rates):+.1f} %"
-            gain = f"{np.mean(psnrs):+.2f} dB" if psnrs else NOTHING
+            gain = f"{np.mean(psnrs):+.2f} dB" if len(psnrs) == len(rates) else NOTHING
             rows.append(
                 ["*mean*", label, reference, f"{np.mean(rates):+.1f} % ({count}, {spread})", gain, NOTHING]
             )
     return rows
+
+
+def _gains(reference: Curve, other: Curve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return logarithms of rates that both curves reach, and how much higher the PSNR of `other` is there."""
+    (rates_a, psnrs_a), (rates_b, psnrs_b) = _front(reference), _front(other)
+    low, high = max(rates_a[0], rates_b[0]), min(rates_a[-1], rates_b[-1])
+    if min(rates_a.size, rates_b.size) < 2 or low >= high:
+        return np.empty(0), np.empty(0)
+    from scipy.interpolate import PchipInterpolator
+
+    samples = np.linspace(low, high, NUM_SAMPLES)
+    psnrs_db = [PchipInterpolator(*front)(samples) for front in ((rates_a, psnrs_a), (rates_b, psnrs_b))]
+    return samples, psnrs_db[1] - psnrs_db[0]
 
 
 def _front(curve: Curve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from dvc.errors import RdCurveError
@@ -58,7 +58,7 @@ class Experiment:
     Attributes
     ----------
     name : str
-        Of the sequence.
+        Of the sequence; with its frames, or a number, where others have the same.
     title : str
         Name, size, frames and frame rate.
     slug : str
@@ -118,7 +118,22 @@ def experiments(results: Sequence[PointResult]) -> list[Experiment]:
         built = [_curve(label, points) for label, points in curves.items()]
         built.sort(key=lambda curve: (curve.is_anchor, curve.label))
         found.append(Experiment(name, _title(_first(curves)), slug, key, tuple(built)))
-    return found
+    return _distinct(found)
+
+
+def _distinct(found: list[Experiment]) -> list[Experiment]:
+    """Tell experiments of one name apart: by their frames if these differ, else by a number."""
+    groups: dict[str, list[Experiment]] = {}
+    for one in found:
+        groups.setdefault(one.name, []).append(one)
+    names = {}
+    for name, members in groups.items():
+        spans = [(one.key[1], one.key[1] + one.key[2] - 1) for one in members]
+        differ = len(set(spans)) == len(spans)
+        for number, (one, (first, last)) in enumerate(zip(members, spans, strict=True), 1):
+            extra = f"frames {first} to {last}" if differ else str(number)
+            names[one.key] = f"{name} ({extra})" if len(members) > 1 else name
+    return [replace(one, name=names[one.key]) for one in found]
 
 
 def compare_curves(reference: Curve, other: Curve) -> "BdResult | str":

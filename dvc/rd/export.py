@@ -49,7 +49,7 @@ def frames_csv(results: Sequence[PointResult]) -> str:
             point.data["sequence"]["name"],
             label,
             *(POINT_COLUMNS[name](point) for name in _POINT_OF_FRAME),
-            *(frame.get(name) for name in FRAME_COLUMNS),
+            *_frame_cells(frame),
         ]
         for label, point in _ordered(results)
         for frame in point.data.get("per_frame", ())
@@ -111,6 +111,12 @@ POINT_COLUMNS: dict[str, Column] = {
     "code_digest": _entry("code", "digest"),
     "sequence_digest": _entry("sequence", "digest"),
     "date": _entry("date"),
+    "intra_bits": _entry("totals", "bits", "intra"),
+    "inter_bits": _entry("totals", "bits", "inter"),
+    "key_encode_cpu_s": _entry("times", "key_encode_cpu_s"),
+    "wz_encode_cpu_s": _entry("times", "wz_encode_cpu_s"),
+    "tracking_cpu_s": _entry("times", "tracking_cpu_s"),
+    "coding_cpu_s": _entry("times", "coding_cpu_s"),
 }
 """Columns of `points_csv` after `sequence` and `curve`; new ones are added at the end only."""
 
@@ -127,8 +133,22 @@ FRAME_COLUMNS = (
     "side_information",
     "side_information_reason",
     "decode_s",
+    "key_bits",
+    "tracks_bits",
+    "parity_bits",
+    "crc_bits",
+    "header_bits",
 )
 """Columns of `frames_csv` after those of the point; new ones are added at the end only."""
+
+
+def _frame_cells(frame: Mapping[str, Any]) -> list[object]:
+    """Return the cells of a frame; its bits are one number, or one for each kind."""
+    bits = frame.get("bits")
+    kinds = bits if isinstance(bits, Mapping) else {}
+    total = sum(value for value in kinds.values() if isinstance(value, int)) if kinds else bits
+    cells = {**frame, "bits": total, **{f"{kind}_bits": value for kind, value in kinds.items()}}
+    return [cells.get(name) for name in FRAME_COLUMNS]
 
 
 def _ordered(results: Sequence[PointResult]) -> list[tuple[str, PointResult]]:

@@ -4,11 +4,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dvc.files import atomic_output
-from dvc.rd.curves import Curve, Experiment, compare_curves
+from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, compare_curves
 from dvc.rd.frames import frame_columns
 from dvc.rd.results import PointResult
 
@@ -17,9 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # The palette of Okabe and Ito, which the colour-blind can tell apart; markers and dashes differ as well.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B87F00", "#3D93CC")
 MARKERS = ("o", "s", "^", "D", "v", "P")
-ANCHOR_COLOURS = ("#333333", "#E69F00", "#56B4E9", "#CC79A7", "#777777", "#009E73")
+ANCHOR_COLOURS = ("#333333", "#B87F00", "#3D93CC", "#CC79A7", "#777777", "#009E73")
 ANCHOR_MARKERS = ("x", "o", "s", "^", "D", "v")
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 ANCHOR_DASHES = ("dash", "dot", "dashdot", "longdash", "longdashdot", "dash")
@@ -95,40 +93,11 @@ def curve_styles(found: Sequence[Experiment]) -> dict[str, Style]:
     return styles
 
 
-def plot_experiment(
-    experiment: Experiment, stem: Path, styles: Mapping[str, Style] | None = None
-) -> list[Path]:
-    """Draw the curves of an experiment.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        What was measured on one sequence.
-    stem : Path
-        Files to write, without suffix.
-    styles : mapping of str to Style, optional
-        By label; those of this experiment alone by default.
-
-    Returns
-    -------
-    list of Path
-        The picture as PNG and as SVG.
-
-    Raises
-    ------
-    DvcError
-        If they cannot be written.
-    """
-    paths = []
-    for suffix, contents in render_experiment(experiment, styles or curve_styles([experiment])).items():
-        paths.append(stem.with_name(stem.name + suffix))
-        with atomic_output(paths[-1]) as temporary:
-            temporary.write_bytes(contents)
-    return paths
-
-
 def render_experiment(
-    experiment: Experiment, styles: Mapping[str, Style], suffixes: Sequence[str] = SUFFIXES
+    experiment: Experiment,
+    styles: Mapping[str, Style],
+    suffixes: Sequence[str] = SUFFIXES,
+    anchor: str = ANCHOR_LABEL,
 ) -> dict[str, bytes]:
     """Draw the curves of an experiment, without a file.
 
@@ -140,6 +109,8 @@ def render_experiment(
         By label.
     suffixes : sequence of str, optional
         Which forms.
+    anchor : str, optional
+        Label of the curve that the legend compares the others with.
 
     Returns
     -------
@@ -147,7 +118,7 @@ def render_experiment(
         Contents by suffix.
     """
     with _figure(SIZE_INCHES) as figure:
-        _draw(figure.add_subplot(), experiment, styles)
+        _draw(figure.add_subplot(), experiment, styles, experiment.anchor(anchor))
         return {suffix: _contents(figure, suffix) for suffix in suffixes}
 
 
@@ -225,8 +196,7 @@ def _figure(size_inches: tuple[float, float]) -> "Iterator[Figure]":
         yield figure
 
 
-def _draw(axes: "Axes", experiment: Experiment, styles: Mapping[str, Style]) -> None:
-    anchor = experiment.anchor()
+def _draw(axes: "Axes", experiment: Experiment, styles: Mapping[str, Style], anchor: Curve | None) -> None:
     curves = [curve for curve in experiment.curves if not curve.has_lossless_keys] or experiment.curves
     codecs = [curve for curve in curves if not curve.is_anchor]
     for curve in curves:
@@ -290,4 +260,5 @@ def _legend(curve: Curve, anchor: Curve | None) -> str:
     difference = None if anchor in (None, curve) else compare_curves(anchor, curve)
     if difference is None or isinstance(difference, str):
         return curve.label
-    return f"{curve.label} (BD-rate {difference.value:+.1f} %)"
+    against = "" if anchor is None or anchor.label == ANCHOR_LABEL else f" against {anchor.label}"
+    return f"{curve.label} (BD-rate{against} {difference.value:+.1f} %)"

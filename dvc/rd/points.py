@@ -151,7 +151,8 @@ class Sweep:
             raise ConfigError("a sweep needs at least one sequence")
         if self.codec not in STREAM_CODECS:
             raise ConfigError(f"the codec must be one of {', '.join(STREAM_CODECS)}, got {self.codec!r}")
-        if len(self.key_qp) not in (1, len(self.wz_q)):
+        gop = gop_for(self.codec, self.gop, dict(self.options).get("references")).length
+        if gop > 1 and len(self.key_qp) not in (1, len(self.wz_q)):
             raise ConfigError(
                 f"{len(self.key_qp)} key QPs for {len(self.wz_q)} presets; give one, or one each"
             )
@@ -174,7 +175,7 @@ class Sweep:
             All different.
         """
         gop = gop_for(self.codec, self.gop, dict(self.options).get("references")).length
-        presets = self.wz_q if gop > 1 else (None,)
+        presets = self.wz_q if gop > 1 else (None,) * len(self.key_qp)
         key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(presets)
         for sequence in self.sequences:
             common = {"start": self.start, "frames": self.frames, "luma_only": self.luma_only}

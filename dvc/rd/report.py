@@ -14,31 +14,6 @@ from dvc.rd.preface import preface
 from dvc.rd.results import PointResult
 
 
-def write_report(results: Sequence[PointResult], path: Path, anchor: str = ANCHOR_LABEL) -> list[Path]:
-    """Write the report and its pictures.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured.
-    path : Path
-        Markdown file; the pictures lie beside it and begin with its name.
-    anchor : str, optional
-        Label of the curve that all others are compared with.
-
-    Returns
-    -------
-    list of Path
-        All files written, the report first.
-
-    Raises
-    ------
-    DvcError
-        If they cannot be written.
-    """
-    return write_reports(results, [path], anchor)
-
-
 def write_reports(
     results: Sequence[PointResult],
     outputs: Sequence[Path],
@@ -81,7 +56,7 @@ def write_reports(
     styles = curve_styles(found)
     texts = [path for path in outputs if path.suffix == ".md"]
     suffixes = SUFFIXES if texts or figures else (".svg",)
-    drawn = {one.slug: render_experiment(one, styles, suffixes) for one in found}
+    drawn = {one.slug: render_experiment(one, styles, suffixes, anchor) for one in found}
     for path in set(outputs) - set(texts):
         write_page(results, path, anchor, notes=notes, pictures=pictures, drawn=drawn)
     if not texts and figures is None:

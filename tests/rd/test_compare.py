@@ -19,12 +19,13 @@ from dvc.rd.compare import (
     HEAD,
     compare,
     comparison_csv,
-    comparison_table,
+    comparison_rows,
     crossing_text,
     crossings_kbps,
     find_label,
 )
 from dvc.rd.curves import Curve
+from dvc.rd.markdown import table
 from dvc.rd.results import POINTS_FOLDER, PointResult, read_results
 from tests.rd.made_up import result_data, write_results
 
@@ -44,7 +45,7 @@ def test_curves_that_two_experiments_have_in_common(tmp_path: Path) -> None:
     """A tenth more rate everywhere is a BD-rate of +10 %; other frames have nothing in common."""
     before = read_results(write_results(tmp_path / "a"))
     after = read_results(write_results(tmp_path / "b", scale=1.1))
-    text = comparison_table(compare(before, after))
+    text = table(HEAD, comparison_rows(compare(before, after)))
     assert text.count("+10.0 %") == 2
     assert text.count("-0.") == 2
     assert text.count("worse at all common rates") == 2
@@ -118,7 +119,7 @@ def test_means_over_sequences(tmp_path: Path) -> None:
         _add(folder, f"x{number}", result_data(rate_kbps, psnr_y_db, sequence=sequence))
         intra = result_data(2 * rate_kbps, psnr_y_db, codec="h264-intra", sequence=sequence)
         _add(folder, f"y{number}", intra)
-    text = comparison_table(compare(read_results(folder)))
+    text = table(HEAD, comparison_rows(compare(read_results(folder))))
     assert "| *mean* | 2D-DVC, GOP 2 | H.264 intra | -35.0 % (2 of 2 sequences, -50.0 to -20.0 %) |" in text
 
 
@@ -130,7 +131,8 @@ def test_means_over_sequences(tmp_path: Path) -> None:
         ([(50.0, 30.0), (200.0, 34.0)], "better up to 100 kbit/s"),
         ([(50.0, 28.0), (200.0, 36.0)], "better from 100 kbit/s"),
         ([(300.0, 30.0), (400.0, 34.0)], "no rates in common"),
-        ([(70.0, 30.0)], "no rates in common"),
+        ([(70.0, 30.0)], "a curve of one point"),
+        ([(50.0, 29.0), (200.0, 35.0)], "equal at all common rates"),
     ],
 )
 def test_where_a_curve_is_better(points: list[tuple[float, float]], text: str) -> None:

@@ -27,17 +27,25 @@ def test_points_are_lines(tmp_path: Path) -> None:
 def test_frames_are_lines() -> None:
     """Every frame is a line that names its point; cells without a value are empty."""
     frames = [
-        {"index": 0, "type": "key", "bits": 800, "psnr_y_db": 31.5},
-        {"index": 1, "type": "wz", "bits": 90, "psnr_y_db": 30.5, "si_psnr_y_db": 28.25},
+        {"index": 0, "type": "intra", "bits": 800, "psnr_y_db": 31.5},
+        {
+            "index": 1,
+            "type": "wz",
+            "bits": {"parity": 80, "crc": 10},
+            "psnr_y_db": 30.5,
+            "si_psnr_y_db": 28.25,
+        },
     ]
     rows = list(
         csv.DictReader(io.StringIO(frames_csv([PointResult("p", result_data(60.0, 30.0, per_frame=frames))])))
     )
     assert tuple(rows[0])[-len(FRAME_COLUMNS) :] == FRAME_COLUMNS
     assert [(row["point"], row["index"], row["type"], row["si_psnr_y_db"]) for row in rows] == [
-        ("p", "0", "key", ""),
+        ("p", "0", "intra", ""),
         ("p", "1", "wz", "28.25"),
     ]
+    bits = [(row["bits"], row["parity_bits"], row["crc_bits"], row["key_bits"]) for row in rows]
+    assert bits == [("800", "", "", ""), ("90", "80", "10", "")]
 
 
 def test_names_with_commas_and_quotes_survive() -> None:

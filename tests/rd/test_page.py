@@ -64,7 +64,8 @@ def test_every_curve_can_be_the_anchor(many: Path) -> None:
     assert len(judged) == 5
     assert all(len(verdict.rows) == 12 for verdict in judged.values())
     intra = judged["H.264 intra"]
-    assert intra.matrix[-1][0] == "mean of 3 of 3 sequences"
+    assert intra.matrix[-1][0] == "mean (sequences)"
+    assert all(cell.text.endswith(" (3)") for cell in intra.matrix[-1][1])
     assert {cell.verdict for _, cells in intra.matrix for cell in cells} == {"better"}
     other = judged["2D-DVC, GOP 2"]
     assert {row.verdict for row in other.rows if row.codec == "H.264 intra"} == {"worse"}
@@ -81,7 +82,7 @@ def test_curves_that_cannot_be_compared_say_why(tmp_path: Path) -> None:
     page = own_text(page_of(results, tmp_path / "page.html"))
     assert "not comparable: curve A: 1 useful points" in page
     assert "Curves of one point are shown as points, without BD figures: clip: 2D-DVC, GOP 2" in page
-    assert "mean of" not in page.split("<script", maxsplit=1)[0]
+    assert "mean (sequences)" not in page.split("<script", maxsplit=1)[0]
     alone = own_text(page_of(results[:1], tmp_path / "page.html"))
     assert "There are no two curves on the same frames" in alone
 
@@ -125,13 +126,13 @@ def test_side_information_prefers_lossless_keys() -> None:
 
 
 def test_experiments_of_one_name_are_told_apart(tmp_path: Path) -> None:
-    """Two lengths of one sequence get numbers."""
+    """Two lengths of one sequence are named by their frames."""
     longer = result_data(60.0, 30.0)
     longer["totals"] |= {"frames": 5}
     results = [PointResult("a", result_data(60.0, 30.0)), PointResult("b", longer)]
     page = own_text(page_of(results, tmp_path / "page.html"))
-    assert ">clip (1)</h2>" in page
-    assert ">clip (2)</h2>" in page
+    assert ">clip (frames 0 to 2)</h2>" in page
+    assert ">clip (frames 0 to 4)</h2>" in page
 
 
 def test_lossless_key_frames_have_no_part_in_the_verdict() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from dvc.rd.curves import bd_text, compare_curves, experiments
 from dvc.rd.markdown import table
-from dvc.rd.report import points_table, write_report
+from dvc.rd.report import points_table, write_reports
 from dvc.rd.results import PointResult, read_results
 from tests.rd.made_up import result_data, write_results
 
@@ -82,7 +82,7 @@ def test_cells_are_no_markup() -> None:
 def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
     """The report names its pictures, a PNG and a well-formed SVG, and is the same when made again."""
     results = read_results(write_results(tmp_path / "a"))
-    written = write_report(results, tmp_path / "report.md")
+    written = write_reports(results, [tmp_path / "report.md"])
     assert [path.name for path in written] == ["report.md", "report-clip.png", "report-clip.svg"]
     text = written[0].read_text(encoding="utf-8")
     assert "(report-clip.png)" in text
@@ -92,10 +92,10 @@ def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
     svg = ET.parse(written[2]).getroot()
     assert any("H.264 intra" in (element.text or "") for element in svg.iter())
     before = [path.read_bytes() for path in written]
-    assert [path.read_bytes() for path in write_report(results, tmp_path / "report.md")] == before
+    assert [path.read_bytes() for path in write_reports(results, [tmp_path / "report.md"])] == before
 
 
 def test_report_of_single_points(tmp_path: Path) -> None:
     """One point without an anchor is a report as well."""
-    (report, *_) = write_report([PointResult("a", result_data(60.0, 30.0))], tmp_path / "r.md")
+    (report, *_) = write_reports([PointResult("a", result_data(60.0, 30.0))], [tmp_path / "r.md"])
     assert "| clip | 2D-DVC, GOP 2 | – |" in report.read_text(encoding="utf-8")

@@ -4,7 +4,6 @@ import base64
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -69,9 +68,9 @@ def write_page(
     DvcError
         If it cannot be written.
     """
-    found = _distinct(experiments(results))
+    found = experiments(results)
     styles = curve_styles(found)
-    drawn = drawn or {one.slug: render_experiment(one, styles, (".svg",)) for one in found}
+    drawn = drawn or {one.slug: render_experiment(one, styles, (".svg",), anchor) for one in found}
     page = {
         **_texts(results, found, anchor),
         "styles": {label: _style(style) for label, style in styles.items()},
@@ -125,17 +124,6 @@ def _render(page: dict[str, Any], data: dict[str, Any], gallery: Gallery, notes:
         policy=f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {sources}; "
         "base-uri 'none'; form-action 'none'",
     )
-
-
-def _distinct(found: Sequence[Experiment]) -> list[Experiment]:
-    """Number the experiments of one name, which differ in their frames."""
-    names = [one.name for one in found]
-    return [
-        replace(one, name=f"{one.name} ({names[: i + 1].count(one.name)})")
-        if names.count(one.name) > 1
-        else one
-        for i, one in enumerate(found)
-    ]
 
 
 def _texts(results: Sequence[PointResult], found: Sequence[Experiment], anchor: str) -> dict[str, Any]:

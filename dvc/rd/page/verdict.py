@@ -8,8 +8,10 @@ from dvc.metrics import bd_psnr
 from dvc.rd.compare import crossing_text
 from dvc.rd.curves import Curve, Experiment, compare_curves
 from dvc.rd.frames import mean
+from dvc.rd.markdown import NOTHING
 
-NOTHING = "–"
+LEAST_PERCENT = 0.05
+"""Smaller differences in rate are rounded to none."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ def _compare(name: str, reference: Curve, curve: Curve) -> tuple[Row, float | No
         overlap=f"{low:.1f} to {high:.1f} dB ({share})",
         points=f"{other} and {num_reference}",
         where=crossing_text(reference, curve),
-        verdict="better" if difference.value < 0 else "worse",
+        verdict=_verdict_of(difference.value),
     )
     return row, difference.value
 
@@ -186,18 +188,23 @@ def _psnr_text(reference: Curve, curve: Curve) -> str:
 def _cell(rate: float | None, row: Row | None) -> Cell:
     if rate is None:
         return Cell(NOTHING if row is None else "not comparable", "none")
-    return Cell(signed(rate, 1, "%"), "better" if rate < 0 else "worse")
+    return Cell(signed(rate, 1, "%"), _verdict_of(rate))
+
+
+def _verdict_of(rate: float) -> str:
+    """Judge a difference in per cent; what is shown as nothing is nothing."""
+    if abs(rate) < LEAST_PERCENT:
+        return "none"
+    return "better" if rate < 0 else "worse"
 
 
 def _mean_line(
     rates: dict[str, list[float | None]], labels: Sequence[str]
 ) -> list[tuple[str, tuple[Cell, ...]]]:
-    """Return the means over the sequences on which all codecs have a figure."""
-    lines = list(zip(*(rates[label] for label in labels), strict=True))
-    common = [line for line in lines if all(rate is not None for rate in line)]
-    if len(lines) < 2 or not common:
-        return []
-    means = [mean(column) for column in zip(*common, strict=True)]
-    return [
-        (f"mean of {len(common)} of {len(lines)} sequences", tuple(_cell(value, None) for value in means))
-    ]
+    """Return the mean of every codec over the sequences on which it has a figure, if these are several."""
+    cells = []
+    for label in labels:
+        count = sum(rate is not None for rate in rates[label])
+        cell = _cell(mean(rates[label]) if count > 1 else None, None)
+        cells.append(Cell(f"{cell.text} ({count})", cell.verdict) if count > 1 else cell)
+    return [("mean (sequences)", tuple(cells))] if any(cell.text != NOTHING for cell in cells) else []
