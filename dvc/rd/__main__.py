@@ -130,6 +130,9 @@ def _add_reproduce(commands: Any) -> None:
     reproduce.add_argument(
         "--frames", type=cli.integer(2, 10**6), metavar="N", help="of each sequence; default: 9, full: 17"
     )
+    reproduce.add_argument(
+        "--no-page", dest="page", action="store_false", help="write no HTML page, only Markdown and pictures"
+    )
     _add_measuring(reproduce)
 
 
@@ -333,11 +336,14 @@ def _reproduce(arguments: argparse.Namespace) -> int:
     if arguments.frames is not None:
         preset = replace(preset, frames=arguments.frames)
     chosen = arguments.sequences or preset_sequences(preset)
-    status = _measure(plan(preset, chosen), arguments)
+    points = plan(preset, chosen)
+    status = _measure(points, arguments)
     words = ["dvc-rd", "reproduce", arguments.what, "--preset", arguments.preset]
     if arguments.sequences:
         words += ["--sequences", *(Path(name).name for name in arguments.sequences)]
-    written = write_reproduction(arguments.out, shlex.join(words))
+    if arguments.frames is not None:
+        words += ["--frames", str(arguments.frames)]
+    written = write_reproduction(arguments.out, shlex.join(words), points, page=arguments.page)
     sys.stdout.write("".join(f"{path}\n" for path in written))
     return status
 

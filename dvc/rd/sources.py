@@ -74,6 +74,22 @@ def find_source(sequence: str, cache: Path, processes: ProcessGroup) -> Source:
     return Source(found.name, path, input_digest(path))
 
 
+def source_name(sequence: str) -> str:
+    """Return the short name of what a name stands for, without looking for it.
+
+    Parameters
+    ----------
+    sequence : str
+        Name of the catalogue, or a path.
+
+    Returns
+    -------
+    str
+        As in `Source`.
+    """
+    return _short_name(Path(sequence))
+
+
 def _renderer_digest() -> str:
     import sequences
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dvc import cli
-from dvc.errors import ConfigError
+from dvc.errors import ConfigError, DvcError
 from dvc.rd.__main__ import main
 from dvc.rd.points import Point
 from dvc.rd.results import POINTS_FOLDER, read_results
@@ -16,7 +16,14 @@ from dvc.rd.sweep import SweepSummary
 from dvc.rd.thesis import reproduce
 from dvc.rd.thesis.chapter import Preset
 from dvc.rd.thesis.chapter5 import METHODS
-from dvc.rd.thesis.reproduce import PRESETS, chapters, document_text, plan, preset_sequences
+from dvc.rd.thesis.reproduce import (
+    PRESETS,
+    chapters,
+    document_text,
+    plan,
+    planned_results,
+    preset_sequences,
+)
 from tests.rd.made_up import result_data
 
 TINY = Preset("a test", 5, (1, 8), ("intra", "x264-ippp-zero", "x264-ippp"), (30,), ("street",), ())
@@ -172,3 +179,31 @@ def test_presets_are_documented() -> None:
     frames = [PRESETS[name].frames for name in ("quick", "full")]
     assert f"| points per sequence | {points[0]} | {points[1]} |" in text
     assert f"| frames (`--frames`; the thesis has 50) | {frames[0]} | {frames[1]}, which" in text
+
+
+def test_results_outside_the_plan_are_left_out(folder: Path) -> None:
+    """Points that somebody else has measured into the same folder, and JM's rows, do not count."""
+    points = plan(TINY, ["street"])
+    other = _made_up(Point("street", "2d", 3, "auto", 4))
+    cli.write_json(folder / POINTS_FOLDER / "other.json", other)
+    results = read_results(folder)
+    assert len(planned_results(results, points)) == len(points) == len(results) - 1
+    written = reproduce.write_reproduction(folder, "command", points, page=False)
+    assert [path.name for path in written] == [reproduce.DOCUMENT, reproduce.REPORT]
+    text = written[0].read_text(encoding="utf-8")
+    assert f"Made by `command`: {len(points)} points" in text
+    assert "GOP 4" not in written[1].read_text(encoding="utf-8")
+    assert reproduce.PAGE not in text
+    assert f"[the report]({reproduce.REPORT})" in text
+    with pytest.raises(DvcError, match="none of the points"):
+        reproduce.write_reproduction(folder, "command", plan(TINY, ["box"]))
+
+
+def test_lossy_points_are_told_by_their_qp(folder: Path) -> None:
+    """Figure 5.13 has a line for every QP, the coarsest first, and lossless key frames last."""
+    results = read_results(folder)
+    for result in results:
+        if result.data["codec"] == "3d-te" and result.data["options"]["wz_q"] == 8:
+            result.data["key"]["qp"] = 0 if result.data["key"]["lossless"] else 25
+    lines = [line for line in document_text(results, folder, "c").splitlines() if "| street |" in line]
+    assert [line.split("|")[2].strip() for line in lines if line.count("|") == 6] == ["30", "25", "lossless"]

@@ -50,7 +50,7 @@ class Figure:
     shows : str
         What it shows.
     place : str
-        Where to look for it, as Markdown.
+        Where to look for it, as Markdown; ``{page}`` stands for a link to the page.
     """
 
     number: str

@@ -151,17 +151,16 @@ def sweeps(preset: Preset, sequences: Sequence[str]) -> list[Sweep]:
         Curves of figure 5.15, then points with lossless key frames for table 5.1.
     """
     names, frames = tuple(sequences), preset.frames
+    first = Sweep(names, "2d", preset.wz_q, frames=frames, anchors=preset.anchors, anchor_qp=preset.anchor_qp)
     curves = [
         Sweep(names, codec, preset.wz_q, gop=gop, frames=frames, options=options)
         for codec, gop, options in (
-            ("2d", None, ()),
             ("3d", LOSSLESS_GOP, ()),
             ("3d-td", None, ()),
             ("3d-te", None, KEYS),
             ("3d-te", None, HIERARCHICAL),
         )
     ]
-    first = Sweep(names, "2d", preset.wz_q, frames=frames, anchors=preset.anchors, anchor_qp=preset.anchor_qp)
     lossless = [
         Sweep(
             names,
@@ -274,8 +273,7 @@ def lossy_table(found: Sequence[Experiment]) -> str:
     """
     rows = []
     for experiment in found:
-        for point in _lossy_points(experiment):
-            qp = "lossless" if point.data["key"].get("lossless") else str(point.data["key"]["qp"])
+        for qp, point in _lossy_points(experiment).items():
             values = (point.total(name) for name in ("key_psnr_y_db", "si_psnr_y_db", "wz_psnr_y_db"))
             rows.append([experiment.name, qp, *(NOTHING if v is None else f"{v:.1f}" for v in values)])
     note = "Tracks at the encoder, mesh, predicted from key frames only; PSNRs in dB.\n"
@@ -300,10 +298,13 @@ def lossless_points(experiment: Experiment) -> dict[str, PointResult]:
     return {name: point for name, point in made.items() if point is not None}
 
 
-def _lossy_points(experiment: Experiment) -> list[PointResult]:
+def _lossy_points(experiment: Experiment) -> dict[str, PointResult]:
+    """Return the points of figure 5.13 by the QP of their key frames, the coarsest first, lossless last."""
     curve = _curve(experiment, "TE, key frames only")
+    points = () if curve is None else curve.points
+    found = {str(p.data["key"]["qp"]): p for p in sorted(points, key=lambda p: -p.data["key"]["qp"])}
     lossless = lossless_points(experiment).get(METHODS[-1].name)
-    return [*(() if curve is None else curve.points), *(() if lossless is None else (lossless,))]
+    return found if lossless is None else {**found, "lossless": lossless}
 
 
 def _seen_point(experiment: Experiment) -> PointResult | None:
@@ -339,7 +340,7 @@ def _pictures(experiment: Experiment, folder: Path) -> str:
             draw_noise(methods, folder, folder / f"{stem}-5.12")
         ),
         f"Figure 5.13, {experiment.name}: PSNR of key frames and of predicted frames, lossy key frames": (
-            draw_lossy_keys(_lossy_points(experiment), folder / f"{stem}-5.13")
+            draw_lossy_keys(tuple(_lossy_points(experiment).values()), folder / f"{stem}-5.13")
         ),
         f"Figure 5.14, {experiment.name}: a key frame, and a frame predicted from it": (
             draw_qualities(_seen_point(experiment), folder, folder / f"{stem}-5.14")
@@ -358,19 +359,17 @@ CHAPTER_5 = Chapter(
             "[below](#table-51-side-information-from-lossless-key-frames)",
         ),
         Figure("Figure 5.11", "PSNR of every predicted frame, lossless key frames", "[pictures](#pictures)"),
-        Figure("Figure 5.12", "correlation noise", "[pictures](#pictures); [the page](report.html)"),
+        Figure("Figure 5.12", "correlation noise", "[pictures](#pictures); {page}"),
         Figure(
             "Figure 5.13",
             "PSNR of key and predicted frames, lossy key frames",
             "[table and pictures](#figure-513-side-information-from-lossy-key-frames)",
         ),
-        Figure(
-            "Figure 5.14", "a key frame and a predicted one", "[pictures](#pictures); [the page](report.html)"
-        ),
+        Figure("Figure 5.14", "a key frame and a predicted one", "[pictures](#pictures); {page}"),
         Figure(
             "Figure 5.15",
             "rate-distortion curves",
-            "[the page](report.html); [who needs less](#figure-515-what-the-codecs-need)",
+            "{page}; [who needs less](#figure-515-what-the-codecs-need)",
         ),
     ),
     section,

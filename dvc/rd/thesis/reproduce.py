@@ -1,14 +1,16 @@
 """Reproduction of the thesis: the sweeps of its chapters, and one document with all tables and figures."""
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 
-from dvc.errors import ConfigError
+from dvc.errors import ConfigError, DvcError
 from dvc.files import atomic_output
 from dvc.rd.markdown import table
 from dvc.rd.points import Point, expand
+from dvc.rd.preface import measured_text
+from dvc.rd.provenance import values_digest
 from dvc.rd.results import PointResult
+from dvc.rd.sources import source_name
 from dvc.rd.thesis.chapter import Chapter, Preset
 from dvc.rd.thesis.chapter5 import CHAPTER_5
 
@@ -92,7 +94,9 @@ def plan(preset: Preset, sequences: Sequence[str]) -> list[Point]:
     return expand([sweep for chapter in chapters() for sweep in chapter.sweeps(preset, sequences)])
 
 
-def write_reproduction(folder: Path, command: str) -> list[Path]:
+def write_reproduction(
+    folder: Path, command: str, points: Sequence[Point], *, page: bool = True
+) -> list[Path]:
     """Write the report, the page and the document of the thesis from what has been measured.
 
     Parameters
@@ -101,6 +105,10 @@ def write_reproduction(folder: Path, command: str) -> list[Path]:
         Of the experiment.
     command : str
         What made the results, for the document.
+    points : sequence of Point
+        The plan; other results in the folder are left out.
+    page : bool, optional
+        Whether to write the page, too; else the document refers to the report instead.
 
     Returns
     -------
@@ -117,17 +125,43 @@ def write_reproduction(folder: Path, command: str) -> list[Path]:
     from dvc.rd.report import write_reports
 
     collection = read_folders([folder])
-    results = [*collection.results, *reference_results(collection.results, None)]
+    planned = planned_results(collection.results, points)
+    if not planned:
+        raise DvcError(f"{folder}: none of the points of the plan has a result")
+    results = [*planned, *reference_results(planned, None)]
     document = folder / DOCUMENT
-    text = document_text(results, folder, command)
+    text = document_text(results, folder, command, page=page)
     with atomic_output(document) as temporary:
         temporary.write_text(text, encoding="utf-8")
-    reports = [folder / PAGE, folder / REPORT]
+    reports = [folder / PAGE, folder / REPORT] if page else [folder / REPORT]
     write_reports(results, reports, notes=collection.notes)
     return [document, *reports]
 
 
-def document_text(results: Sequence[PointResult], folder: Path, command: str) -> str:
+def planned_results(results: Sequence[PointResult], points: Sequence[Point]) -> list[PointResult]:
+    """Return the results of planned points.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        Any.
+    points : sequence of Point
+        The plan.
+
+    Returns
+    -------
+    list of PointResult
+        Those of the same sequence and options.
+    """
+    wanted = {(source_name(point.sequence), values_digest([point.to_dict()])) for point in points}
+    return [
+        result
+        for result in results
+        if (result.data["sequence"]["name"], values_digest([result.data["options"]])) in wanted
+    ]
+
+
+def document_text(results: Sequence[PointResult], folder: Path, command: str, *, page: bool = True) -> str:
     """Return the document of the thesis; its pictures are written beside it.
 
     Parameters
@@ -138,24 +172,22 @@ def document_text(results: Sequence[PointResult], folder: Path, command: str) ->
         Of the pictures.
     command : str
         What made the results.
+    page : bool, optional
+        Whether there is a page beside the report.
 
     Returns
     -------
     str
         Markdown.
     """
-    codes = sorted(
-        {(r.data["code"]["version"], r.data["code"].get("commit") or "no commit") for r in results}
-    )
-    versions = ", ".join(f"dvc3d {version} ({commit})" for version, commit in codes)
+    there = f"[the page]({PAGE})" if page else f"[the report]({REPORT})"
+    also = f", or [{REPORT}]({REPORT})" if page else ""
     parts = [
         "# The thesis, reproduced\n",
-        f"Made by `{command}` from {len(results)} points of {versions}, "
-        f"{datetime.now(UTC).date().isoformat()}. All curves, points and commands: "
-        f"[the page]({PAGE}), or [{REPORT}]({REPORT}).\n",
+        f"Made by `{command}`: {measured_text(results)} All curves, points and commands: {there}{also}.\n",
     ]
     for chapter in chapters():
-        rows = [[figure.number, figure.shows, figure.place] for figure in chapter.figures]
+        rows = [[figure.number, figure.shows, figure.place.format(page=there)] for figure in chapter.figures]
         parts += [f"## {chapter.title}\n", table(["in the thesis", "shows", "here"], rows)]
         parts.append(chapter.section(results, folder))
     return "\n".join(parts)
