@@ -61,6 +61,8 @@ MODULES = (
     tracks_rd_figures,
 )
 AREAS_BY_FRAMES = ("rd", "tracks")
+ROWS_BY_FRAMES = frozenset(figure.name for figure in anchor_rd_figures.FIGURES)
+"""What depends on the number of frames of CIF clips."""
 Row = dict[str, Any]
 Key = tuple[str, str, str | None]
 
@@ -163,7 +165,8 @@ def with_frames(row: Row, frames: int) -> Row:
     dict
         The row.
     """
-    if row["area"] not in AREAS_BY_FRAMES or row["clip"] == FOREMAN or frames == Setting.frames:
+    varies = row["area"] in AREAS_BY_FRAMES or row["name"] in ROWS_BY_FRAMES
+    if not varies or row["clip"] == FOREMAN or frames == Setting.frames:
         return row
     return row | {"command": f"{row['command']} --frames {frames}", "note": f"{frames} frames"}
 
@@ -175,14 +178,16 @@ class Campaign:
     ----------
     path : Path
         The file; it need not exist.
+    frames : int
+        Of CIF curves; rows of other numbers do not count.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, frames: int) -> None:
         self._path = path
         self._rows: dict[Key, Row] = {}
-        code = code_version().digest
+        self._made_by = {"code": code_version().digest, "frames": frames}
         for row in read_rows(path):
-            if row.get("code") == code:
+            if self._made_by.items() <= row.items():
                 self._rows[row_key(row)] = row
 
     def __contains__(self, key: Key) -> bool:
@@ -197,7 +202,7 @@ class Campaign:
         row : dict
             The row.
         """
-        self._rows[row_key(row)] = {**row, "code": code_version().digest}
+        self._rows[row_key(row)] = {**row, **self._made_by}
         write_rows(self._path, list(self._rows.values()))
 
     def close(self, keys: Sequence[Key]) -> None:
@@ -394,7 +399,7 @@ def _run(arguments: argparse.Namespace) -> int:
     state = folder / "state.json"
     if arguments.again:
         state.unlink(missing_ok=True)
-    campaign = Campaign(state)
+    campaign = Campaign(state, arguments.frames)
     failed = 0
     for row, finished in _measured(units, campaign, setting):
         _show(row)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dvc.errors import ConfigError, DvcError, VideoError
-from dvc.rd.anchors import zero_motion
+from dvc.rd.anchors import decoding, zero_motion
 from dvc.rd.anchors.__main__ import main
 from dvc.rd.anchors.codecs import ANCHOR_CODECS, AnchorCodec
 from dvc.rd.anchors.decoding import decode_file, measure_file
@@ -116,6 +116,20 @@ def test_motion_is_found_and_refused(clip: Path, tmp_path: Path) -> None:
     assert sum(picture.num_moving for picture in decode_file(file, vectors=True)) > 0
     with pytest.raises(VideoError, match="motion vectors are not zero"):
         measure_file(file, clip, zero_motion=True)
+
+
+def test_vectors_that_cannot_be_read_are_no_proof(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where FFmpeg exports no vectors the file is refused."""
+    file = tmp_path / "still.264"
+    encode_file(clip, file, ANCHOR_CODECS["x264-ippp-zero"], 24)
+    assert decoding._exports_vectors()
+    monkeypatch.setattr(decoding, "_count_vectors", lambda _: (0, 0))
+    decoding._exports_vectors.cache_clear()
+    with pytest.raises(VideoError, match="no motion vectors, so that none can be checked"):
+        measure_file(file, clip, zero_motion=True)
+    decoding._exports_vectors.cache_clear()
 
 
 @pytest.mark.parametrize(

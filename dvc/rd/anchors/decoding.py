@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -124,7 +126,7 @@ def measure_file(
     ------
     VideoError, BitstreamError
         If the file is damaged, is of another size or longer than the original, or has a motion vector
-        that must not be.
+        that must not be, or that cannot be read.
     """
     rows, moved, num_vectors = [], 0, 0
     with open_video(reference, start=start) as original:
@@ -142,6 +144,8 @@ def measure_file(
                 raise VideoError(f"{path.name}: no pictures")
             if moved:
                 raise VideoError(f"{path.name}: {moved} of {num_vectors} motion vectors are not zero")
+            if zero_motion and not num_vectors and not _exports_vectors():
+                raise VideoError(f"{path.name}: FFmpeg tells no motion vectors, so that none can be checked")
     measured = {
         "width": info.width,
         "height": info.height,
@@ -205,6 +209,28 @@ def _count_vectors(picture: "av.VideoFrame") -> tuple[int, int]:
     vectors = found.to_ndarray()
     moving = (vectors["motion_x"] != 0) | (vectors["motion_y"] != 0)
     return len(vectors), int(np.count_nonzero(moving))
+
+
+@cache
+def _exports_vectors() -> bool:
+    """Tell whether FFmpeg shows the vectors of pictures that surely have some: a still one, coded twice."""
+    import av
+
+    encoder = av.CodecContext.create("libx264", "w")
+    encoder.width = encoder.height = 64
+    encoder.pix_fmt, encoder.time_base = "yuv420p", Fraction(1, 25)
+    encoder.options = {"bf": "0", "x264-params": "rc-lookahead=0:sync-lookahead=0"}
+    decoder = av.CodecContext.create("h264", "r")
+    decoder.options = {"flags2": "+export_mvs"}
+    packets = []
+    for index in range(2):
+        picture = av.VideoFrame.from_ndarray(np.tile(np.arange(64, dtype=np.uint8), (96, 1)), "yuv420p")
+        picture.pts = index
+        packets += encoder.encode(picture)
+    decoded = [
+        picture for packet in (*packets, *encoder.encode(), None) for picture in decoder.decode(packet)
+    ]
+    return sum(_count_vectors(picture)[0] for picture in decoded) > 0
 
 
 def _row(index: int, picture: DecodedPicture, original: Plane) -> dict[str, Any]:
