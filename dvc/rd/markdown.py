@@ -1,5 +1,6 @@
 """Tables in Markdown."""
 
+import re
 from collections.abc import Sequence
 
 NOTHING = "–"
@@ -22,9 +23,38 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         Lines, the last one with its end.
     """
     lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(map(_escaped, line)) + " |\n" for line in lines)
+    return "".join("| " + " | ".join(map(escaped, line)) + " |\n" for line in lines)
 
 
-def _escaped(cell: str) -> str:
-    """Write a text so that it is neither the end of a cell nor markup."""
-    return cell.replace("|", "\\|").replace("<", "&lt;")
+def escaped(text: str) -> str:
+    """Write a text so that it is neither markup nor the end of a cell or line.
+
+    Parameters
+    ----------
+    text : str
+        Any.
+
+    Returns
+    -------
+    str
+        One line.
+    """
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+
+
+def fenced(lines: Sequence[str]) -> str:
+    """Write lines as a block that is shown as it is.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Any; what would end the block makes its fence longer.
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
+    text = "".join(f"{line}\n" for line in lines)
+    fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
+    return f"{fence}\n{text}{fence}\n"

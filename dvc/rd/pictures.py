@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dvc.errors import VideoError
 from dvc.files import atomic_output
 from dvc.rd.results import Task
@@ -10,6 +12,8 @@ from dvc.video import open_video
 from dvc.video.frames import Plane
 
 PICTURES_FOLDER = "pictures"
+MAX_SIDE_PX = 8192
+MAX_FILE_BYTES = 2**27
 
 
 def picture_index(frames: int) -> int:
@@ -89,6 +93,34 @@ def _key_before(per_frame: list[dict[str, Any]], index: int) -> int | None:
     if per_frame[index]["type"] != "wz":
         return None
     return next((i for i in range(index - 1, -1, -1) if per_frame[i]["type"] == "key"), None)
+
+
+def read_picture(path: Path) -> Plane | None:
+    """Read a picture of a point.
+
+    Parameters
+    ----------
+    path : Path
+        Its file.
+
+    Returns
+    -------
+    ndarray of shape (H, W), uint8, or None
+        None if it is not there, damaged, no PNG, or larger than any that is written here.
+    """
+    import cv2
+
+    try:
+        with path.open("rb") as file:
+            head = file.read(24)
+            width, height = (int.from_bytes(head[i : i + 4], "big") for i in (16, 20))
+            if not head.startswith(b"\x89PNG") or not 0 < max(width, height) <= MAX_SIDE_PX:
+                return None
+            coded = head + file.read(MAX_FILE_BYTES)
+        plane: Any = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except (OSError, cv2.error):
+        return None
+    return None if plane is None else np.asarray(plane, dtype=np.uint8)
 
 
 def _luma(video: Path, index: int) -> Plane:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.markdown import escaped
 from dvc.rd.reference_rows import REFERENCE_LABELS
 from dvc.rd.results import PointResult
 
@@ -46,7 +47,7 @@ def measured_text(results: Sequence[PointResult]) -> str:
     )
     digests = code_digests(results)
     dates = sorted(str(r.data.get("date", ""))[:10] for r in results)
-    code = ", ".join(f"dvc3d {version} ({commit})" for version, commit in codes)
+    code = escaped(", ".join(f"dvc3d {version} ({commit})" for version, commit in codes))
     mixed = f" The points come from {len(digests)} versions of the code." if len(digests) > 1 else ""
     period = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
     return f"{len(results)} points, measured {period} with {code}.{mixed}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from dvc.errors import DvcError
 from dvc.files import atomic_output
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
-from dvc.rd.markdown import NOTHING, table
+from dvc.rd.markdown import NOTHING, escaped, fenced, table
 from dvc.rd.plots import SUFFIXES, curve_styles, render_experiment
 from dvc.rd.point_columns import points_cells
 from dvc.rd.preface import preface
@@ -113,10 +113,11 @@ def report_text(
     """
     parts = ["# Rate-distortion report\n", preface(results), "## BD-rate\n", bd_table(found, anchor)]
     for experiment in found:
-        parts += [f"## {experiment.name}\n", f"{experiment.title}.\n"]
-        parts.append(f"![Rate-distortion curves of {experiment.name}]({pictures[experiment.slug]})\n")
+        name = escaped(experiment.name)
+        parts += [f"## {name}\n", f"{escaped(experiment.title)}.\n"]
+        parts.append(f"![Rate-distortion curves of {name}]({pictures[experiment.slug]})\n")
         for curve in experiment.curves:
-            parts += [f"### {experiment.name}, {curve.label}\n", points_table(curve)]
+            parts += [f"### {name}, {escaped(curve.label)}\n", points_table(curve)]
         parts += ["<details><summary>Commands</summary>\n", _commands(experiment), "</details>\n"]
     return "\n".join(parts)
 
@@ -172,4 +173,4 @@ def _commands(experiment: Experiment) -> str:
         for point in curve.points
         for line in point.data.get("commands", ())
     ]
-    return "```\n" + "".join(f"{line}\n" for line in lines) + "```\n"
+    return fenced(lines)

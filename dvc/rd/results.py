@@ -2,7 +2,6 @@
 
 import json
 import logging
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,8 @@ SCHEMA = "dvc3d-rd-point/2"
 _FIRST_SCHEMA = "dvc3d-rd-point/1"
 POINTS_FOLDER = "points"
 
+MOST = 1e15
+"""Numbers of results are below."""
 _NUMBER = (int, float)
 _REQUIRED: dict[str, dict[str, type | tuple[type, ...]]] = {
     "sequence": {"name": str, "digest": str, "width": int, "height": int, "frames_per_s": _NUMBER},
@@ -134,17 +135,20 @@ def read_result(path: Path) -> PointResult:
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
+        is_sound = _is_sound(data)
     except (ValueError, OSError, RecursionError) as err:
         raise DvcError(f"{path.name}: damaged result: {err}") from err
     if not isinstance(data, dict) or data.get("schema") not in (SCHEMA, _FIRST_SCHEMA):
         raise DvcError(f"{path.name}: not a result of schema {SCHEMA}")
     if not isinstance(data.get("identity"), str) or not isinstance(data.get("codec"), str):
         raise DvcError(f"{path.name}: damaged result: no identity or codec")
+    if not is_sound:
+        raise DvcError(f"{path.name}: damaged result: a number without bounds, or text that is none")
     for section, entries in _REQUIRED.items():
         values = data.get(section)
         for name, kind in entries.items():
             value = values.get(name) if isinstance(values, dict) else None
-            if not isinstance(value, kind) or (isinstance(value, float) and not math.isfinite(value)):
+            if not isinstance(value, kind) or isinstance(value, bool) is not (kind is bool):
                 raise DvcError(f"{path.name}: damaged result: {section}.{name} is missing or wrong")
     if data["totals"]["rate_kbps"] <= 0:
         raise DvcError(f"{path.name}: damaged result: no rate")
@@ -264,10 +268,22 @@ def _details(data: dict[str, Any]) -> dict[str, bool]:
         "times": all(_is_number(value) for value in data["times"].values()),
         "sequence": min(data["sequence"]["width"], data["sequence"]["height"]) > 0,
         "per_frame": isinstance(frames, list)
-        and all(isinstance(frame, dict) and isinstance(frame.get("type"), str) for frame in frames),
+        and all(isinstance(frame, dict) and isinstance(frame.get("type"), str) for frame in frames)
+        and all(type(frame.get("index", 0)) is int for frame in frames),
         "commands": _is_list_of_text(data.get("commands", [])),
         "pictures": data.get("pictures") is None or isinstance(data["pictures"], dict),
     }
+
+
+def _is_sound(value: object) -> bool:
+    """Tell whether all numbers in a JSON value are finite and can be written, and all text as well."""
+    if isinstance(value, dict):
+        return all(_is_sound(part) for pair in value.items() for part in pair)
+    if isinstance(value, list):
+        return all(_is_sound(part) for part in value)
+    if isinstance(value, str):
+        return not any("\ud800" <= letter <= "\udfff" for letter in value)
+    return not isinstance(value, (int, float)) or -MOST < value < MOST
 
 
 def _is_list_of_text(value: object) -> bool:

@@ -19,6 +19,7 @@ from dvc.rd.page import MAX_PAGE_BYTES, write_page
 from dvc.rd.page.pictures import build_gallery
 from dvc.rd.page.tables import cost_table, side_information_table
 from dvc.rd.page.verdict import verdicts
+from dvc.rd.pictures import read_picture
 from dvc.rd.results import POINTS_FOLDER, PointResult
 from tests.rd.made_up import result_data, write_results
 from tests.rd.made_up_page import HOSTILE, write_many
@@ -229,3 +230,20 @@ def test_page_into_a_folder_that_is_not_there(tmp_path: Path) -> None:
     """It is refused with a line that says so."""
     with pytest.raises(DvcError, match="does not exist"):
         write_page([PointResult("a", result_data(60.0, 30.0))], tmp_path / "none" / "page.html")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\x89PNG",
+        b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + (2**20).to_bytes(4, "big") * 2,
+        b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + (8).to_bytes(4, "big") * 2 + b"nothing more",
+        b"GIF89a" + bytes(99),
+    ],
+)
+def test_files_that_are_no_pictures_of_points(tmp_path: Path, data: bytes) -> None:
+    """What is damaged, of another kind, or huge by its own account is no picture."""
+    (tmp_path / "p.png").write_bytes(data)
+    assert read_picture(tmp_path / "p.png") is None
+    assert read_picture(tmp_path / "none.png") is None

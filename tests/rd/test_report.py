@@ -8,6 +8,7 @@ from dvc.rd.markdown import table
 from dvc.rd.report import points_table, write_reports
 from dvc.rd.results import PointResult, read_results
 from tests.rd.made_up import result_data, write_results
+from tests.rd.made_up_page import HOSTILE
 
 PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 
@@ -93,6 +94,20 @@ def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
     assert any("H.264 intra" in (element.text or "") for element in svg.iter())
     before = [path.read_bytes() for path in written]
     assert [path.read_bytes() for path in write_reports(results, [tmp_path / "report.md"])] == before
+
+
+def test_names_and_commands_are_no_markup(tmp_path: Path) -> None:
+    """Nothing that a result says becomes an element, a heading or the end of a block."""
+    data = result_data(60.0, 30.0, commands=["````", "# title", HOSTILE])
+    data["sequence"]["name"] = f"{HOSTILE}\n# title"
+    data["code"]["commit"] = HOSTILE
+    (report, *_) = write_reports([PointResult("a", data)], [tmp_path / "r.md"])
+    shown, block = report.read_text(encoding="utf-8").split("<details>")
+    assert "<" not in shown
+    assert "\n# title" not in shown
+    fence = "`" * 5
+    assert block.count(fence) == 2
+    assert HOSTILE in block.split(fence)[1]
 
 
 def test_report_of_single_points(tmp_path: Path) -> None:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from dvc.rd.curves import Curve, Experiment
 from dvc.rd.frames import frame_rows, number
+from dvc.rd.pictures import read_picture
 from dvc.rd.results import PointResult
 
 MAX_POINTS = 40
 NOISE_GAIN = 4
 WEBP_QUALITY = 90
 LEAST_QUALITY = 60
-MAX_SIDE_PX = 8192
 Picture = NDArray[np.uint8]
 
 
@@ -136,19 +136,7 @@ def _place(plane: Picture, quality: int, gallery: Gallery, places: dict[bytes, i
 
 
 def _read(name: object) -> Picture | None:
-    """Read a picture as luma; None if there is none that can be shown."""
-    import cv2
-
-    if not isinstance(name, str):
-        return None
-    try:
-        coded = np.frombuffer(Path(name).read_bytes(), np.uint8)
-        plane: Any = cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE) if coded.size else None
-    except (OSError, cv2.error):
-        return None
-    if plane is None or max(plane.shape) > MAX_SIDE_PX:
-        return None
-    return np.asarray(plane, dtype=np.uint8)
+    return read_picture(Path(name)) if isinstance(name, str) else None
 
 
 def _noise(original: Picture, predicted: Picture | None) -> Picture | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from dvc.rd.compare import bd_cell, crossing_text
 from dvc.rd.curves import Curve, Experiment, experiments
-from dvc.rd.markdown import NOTHING, table
+from dvc.rd.markdown import NOTHING, escaped, table
 from dvc.rd.points import ANCHORS, Sweep
 from dvc.rd.results import PointResult
 from dvc.rd.thesis.chapter import Chapter, Figure, Preset
@@ -346,7 +346,9 @@ def _pictures(experiment: Experiment, folder: Path) -> str:
             draw_qualities(_seen_point(experiment), folder, folder / f"{stem}-5.14")
         ),
     }
-    return "\n".join(f"![{title}]({path.name})\n" for title, path in drawn.items() if path is not None)
+    return "\n".join(
+        f"![{escaped(title)}]({path.name})\n" for title, path in drawn.items() if path is not None
+    )
 
 
 CHAPTER_5 = Chapter(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.files import atomic_output
+from dvc.rd.pictures import read_picture
 from dvc.rd.plots import ANCHOR_COLOURS, ANCHOR_MARKERS, COLOURS, DPI, MARKERS
 from dvc.rd.results import PointResult
 
@@ -181,13 +182,11 @@ def _noise(point: PointResult, folder: Path) -> NDArray[np.int16] | None:
 
 def _planes(point: PointResult, folder: Path, names: tuple[str, str]) -> list[NDArray[np.int16]] | None:
     """Return two pictures of a point, if both are there and of one size."""
-    import cv2
-
     pictures: dict[str, Any] = point.data.get("pictures") or {}
     planes = []
     for name in names:
         path = pictures.get(name)
-        plane = cv2.imread(str(folder / path), cv2.IMREAD_GRAYSCALE) if isinstance(path, str) else None
+        plane = read_picture(folder / path) if isinstance(path, str) else None
         if plane is None:
             return None
         planes.append(np.asarray(plane, dtype=np.int16))
