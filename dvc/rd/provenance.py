@@ -66,6 +66,7 @@ def codec_digest() -> str:
     return files_digest(path for path in files if experiments not in path.parents)
 
 
+@cache
 def library_versions() -> dict[str, str]:
     """List the libraries that take part in coding.
 

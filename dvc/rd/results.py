@@ -12,7 +12,7 @@ from dvc.errors import DvcError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.anchors.version import anchors_digest
 from dvc.rd.points import Point
-from dvc.rd.provenance import CodeVersion, values_digest
+from dvc.rd.provenance import CodeVersion, library_versions, values_digest
 from dvc.rd.sources import Source
 
 SCHEMA = "dvc3d-rd-point/2"
@@ -61,11 +61,12 @@ class Task:
 
     @property
     def identity(self) -> str:
-        """Digest of configuration, input and code: equal if the result would be."""
+        """Digest of configuration, input, code and libraries: equal if the result would be."""
         code = (self.code.version, self.code.digest)
         if self.point.codec in ANCHOR_CODECS:
             code = ("anchors", self.code_digest)
-        return values_digest([SCHEMA, self.point.to_dict(), self.source.digest, code])
+        made_by = [*code, library_versions()]
+        return values_digest([SCHEMA, self.point.to_dict(), self.source.digest, made_by])
 
     @property
     def code_digest(self) -> str:

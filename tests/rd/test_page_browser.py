@@ -127,6 +127,7 @@ def test_anchor_changes_the_verdict(page: Page) -> None:
     assert visible.count() == 1
     assert "against 2D-DVC, GOP 2" in visible.locator("caption").inner_text()
     assert visible.locator("tbody").inner_text() != before
+    assert page.get_by_role("status").inner_text() == "The tables compare with 2D-DVC, GOP 2."
     page.get_by_label("Compare with").select_option(label="H.264 intra")
 
 

@@ -247,7 +247,11 @@
   const anchor = document.getElementById("anchor");
   if (anchor) {
     const choose = () => some(".verdict").forEach((part) => { part.hidden = part.dataset.anchor !== anchor.value; });
-    anchor.addEventListener("change", choose);
+    anchor.addEventListener("change", () => {
+      choose();
+      const label = anchor.options[anchor.selectedIndex].text;
+      document.getElementById("compared").textContent = `The tables compare with ${label}.`;
+    });
     choose();
   }
 
