@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 
@@ -125,7 +126,8 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
         first_index, around, key = keys.add(gop.number, gop.record)
         frames: list[DecodedWynerZiv] = []
         if around is not None:
-            frames = decoder.decode_live(around, gop.record, source.answer)
+            with _named(gop.number):
+                frames = decoder.decode_live(around, gop.record, source.answer)
         yield _finished(first_index, frames, key, gop.record)
 
 
@@ -143,10 +145,8 @@ class _KeyFrames:
         self, number: int, record: GopRecord
     ) -> tuple[int, tuple[ReferenceFrame, ReferenceFrame] | None, Frame]:
         """Decode the next group's key frame; return first index, references (None: not needed), key frame."""
-        try:
+        with _named(number, "key frame: "):
             key = self._decoder.decode(record.key)
-        except BitstreamError as err:
-            raise BitstreamError(f"group of pictures {number}: key frame: {err}") from err
         first_index = 0 if self._previous is None else self._previous.index + 1
         current = ReferenceFrame(first_index + record.num_frames - 1, key)
         around = None if self._previous is None else (self._previous, current)
@@ -156,6 +156,15 @@ class _KeyFrames:
             raise BitstreamError(f"group of pictures {number}: tracks, but no Wyner-Ziv frames")
         self._previous = current
         return first_index, around if record.num_frames > 1 else None, key
+
+
+@contextmanager
+def _named(number: int, part: str = "") -> Iterator[None]:
+    """Say of damage in which group of pictures it is."""
+    try:
+        yield
+    except BitstreamError as err:
+        raise BitstreamError(f"group of pictures {number}: {part}{err}") from err
 
 
 def _tasks(config: CodecConfig, reader: StreamReader) -> Iterator[_Task]:
@@ -169,10 +178,8 @@ def _tasks(config: CodecConfig, reader: StreamReader) -> Iterator[_Task]:
 def _decode_task(task: _Task) -> DecodedGroup:
     frames: list[DecodedWynerZiv] = []
     if task.keys is not None:
-        try:
+        with _named(task.number):
             frames = _group_decoder(task.config).decode_payloads(task.keys, task.record, task.form)
-        except BitstreamError as err:
-            raise BitstreamError(f"group of pictures {task.number}: {err}") from err
     return _finished(task.first_index, frames, task.key, task.record)
 
 

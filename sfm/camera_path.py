@@ -41,10 +41,11 @@ def regular_cameras(
 
         sum_t  mean_n rho(|P_t X_n - x_tn|)  +  W sum_t  h(rms_m |P_(t-1) X_m - 2 P_t X_m + P_(t+1) X_m|)
 
-    where P X is the image point in pixels, x_tn the track of point n, X_m the points that were tracked from
-    key frame to key frame, rho the robust squared distance of `resection`, and h(d) = d^2 up to `JERK_PX`,
-    linear above. Second differences are those of image points, not of matrices, so that neither the
-    projective basis nor the scale of the matrices matters. The key frames' cameras stay.
+    and what `resection` adds for each camera to tie it, weakly, to that of an even motion. P X is the image
+    point in pixels, x_tn the track of point n, X_m the points that were tracked from key frame to key frame,
+    rho the robust squared distance of `resection`, and h(d) = d^2 up to `JERK_PX`, linear above. Second
+    differences are those of image points, not of matrices, so that neither the projective basis nor the
+    scale of the matrices matters. The key frames' cameras stay.
 
     One camera after the other is found again with its neighbours held: the three second differences that it
     takes part in are least squares of its distances from points that the neighbours let be expected, so

@@ -30,6 +30,7 @@ from decoder.side_information.planes import (
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.refinement import BLOCK, BlockRefiner, compensate_chroma
 from dvc.config import SideInformationConfig
+from dvc.tracks import FeaturePoints, PointTracks
 
 NUM_COARSE_LEVELS = 2
 
@@ -49,7 +50,10 @@ class BlockMotionInterpolation:
         self._settings = settings
 
     def predict(
-        self, references: Sequence[ReferenceFrame], points: object, instants: Sequence[int]
+        self,
+        references: Sequence[ReferenceFrame],
+        points: PointTracks | FeaturePoints | None,
+        instants: Sequence[int],
     ) -> list[Prediction]:
         """Predict the frames at some instants; see `SideInformationMethod.predict`.
 
@@ -57,7 +61,7 @@ class BlockMotionInterpolation:
         ----------
         references : sequence of ReferenceFrame
             Decoded frames, by increasing index.
-        points : object
+        points : PointTracks, FeaturePoints or None
             Ignored.
         instants : sequence of int
             Display positions wanted.

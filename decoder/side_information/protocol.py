@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 
 
@@ -96,16 +97,20 @@ class SideInformationMethod(Protocol):
     name: str
 
     def predict(
-        self, references: Sequence[ReferenceFrame], points: object, instants: Sequence[int]
+        self,
+        references: Sequence[ReferenceFrame],
+        points: PointTracks | FeaturePoints | None,
+        instants: Sequence[int],
     ) -> list[Prediction]:
         """Predict the frames at some instants.
 
         Parameters
         ----------
         references : sequence of ReferenceFrame
-            Decoded frames, by increasing index: two key frames or more.
-        points : object
-            Tracked points received for these instants; None for methods that need none.
+            Decoded frames, by increasing index; the first and the last are the key frames of the group.
+        points : PointTracks, FeaturePoints or None
+            What was received for all frames of the group, whatever the instants: tracks from key frame to
+            key frame, or corners of the frames between them; None where the codec sends none.
         instants : sequence of int
             Display positions wanted, between the first and the last reference.
 

@@ -25,6 +25,7 @@ from decoder.side_information.refinement import BLOCK, BlockRefiner
 from decoder.side_information.rendering import Interpolation, block_offsets, warp_chroma
 from decoder.side_information.surfaces import KeySurface, Known
 from dvc.config import CodecConfig
+from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from sfm.model import Model
 
@@ -113,7 +114,10 @@ class SceneInterpolation:
         self._scene: _Scene | None = None
 
     def predict(
-        self, references: Sequence[ReferenceFrame], points: object, instants: Sequence[int]
+        self,
+        references: Sequence[ReferenceFrame],
+        points: PointTracks | FeaturePoints | None,
+        instants: Sequence[int],
     ) -> list[Prediction]:
         """Predict the frames at some instants; see `SideInformationMethod.predict`.
 
@@ -121,7 +125,7 @@ class SceneInterpolation:
         ----------
         references : sequence of ReferenceFrame
             Decoded frames, by increasing index.
-        points : object
+        points : PointTracks, FeaturePoints or None
             Ignored: points are taken to move evenly, (5.8).
         instants : sequence of int
             Display positions wanted.

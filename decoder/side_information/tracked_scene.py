@@ -51,10 +51,11 @@ class _Pair(NamedTuple):
 
 
 class _Group(NamedTuple):
-    """Geometry between two frames."""
+    """Geometry between two frames, and the depth of frames between them as far as it was found by it."""
 
     ends: tuple[ReferenceFrame, ReferenceFrame]
     geometry: GroupGeometry
+    seen: dict[int, DepthMap]
 
 
 class TrackedSceneInterpolation:
@@ -78,10 +79,12 @@ class TrackedSceneInterpolation:
         self._remembers = config.gop.references == "all"
         self._groups: dict[tuple[int, int], _Group] = {}
         self._pair: _Pair | None = None
-        self._seen: dict[int, DepthMap] = {}
 
     def predict(
-        self, references: Sequence[ReferenceFrame], points: object, instants: Sequence[int]
+        self,
+        references: Sequence[ReferenceFrame],
+        points: PointTracks | FeaturePoints | None,
+        instants: Sequence[int],
     ) -> list[Prediction]:
         """Predict the frames at some instants; see `SideInformationMethod.predict`.
 
@@ -99,59 +102,60 @@ class TrackedSceneInterpolation:
         list of Prediction
             One for each instant.
         """
-        if not isinstance(points, PointTracks | FeaturePoints):
+        if points is None:
             return self._untracked.predict(references, None, instants)
-        geometry = self._geometry((references[0], references[-1]), points)
-        if len(geometry.tracks) == 0:
+        group = self._group((references[0], references[-1]), points)
+        if len(group.geometry.tracks) == 0:
             return self._untracked.predict(references, None, instants)
         return [
-            self._predict_one(geometry, references_around(references, instant), instant)
-            for instant in instants
+            self._predict_one(group, references_around(references, instant), instant) for instant in instants
         ]
 
-    def _geometry(
+    def _group(
         self, ends: tuple[ReferenceFrame, ReferenceFrame], points: PointTracks | FeaturePoints
-    ) -> GroupGeometry:
-        """Return the geometry of a group of pictures; the last one is kept, with its parts."""
+    ) -> _Group:
+        """Return what is known of a group of pictures; the last one is kept, with its parts."""
         known = self._groups.get((ends[0].index, ends[1].index))
         if known is not None and known.ends[0] is ends[0] and known.ends[1] is ends[1]:
-            return known.geometry
+            return known
         self._groups.clear()
         self._pair = None
-        self._seen.clear()
         return self._estimated(ends, points)
 
     def _estimated(
         self, ends: tuple[ReferenceFrame, ReferenceFrame], points: PointTracks | FeaturePoints
-    ) -> GroupGeometry:
+    ) -> _Group:
         from sfm.pipeline import reconstruct
 
         keys = ends[0].frame.luma, ends[1].frame.luma
         backend, regularity = self._geometry_config.backend, self._geometry_config.path_regularity
         reconstruction = reconstruct(*keys, backend=backend, seed=self._seed)
         geometry = estimate_geometry(reconstruction, keys, points, ends[0].index, regularity)
-        self._groups[ends[0].index, ends[1].index] = _Group(ends, geometry)
-        return geometry
+        group = _Group(ends, geometry, {})
+        self._groups[ends[0].index, ends[1].index] = group
+        return group
 
-    def _part(self, geometry: GroupGeometry, around: tuple[ReferenceFrame, ReferenceFrame]) -> GroupGeometry:
-        """Return the geometry of a part of a group that has none as a whole."""
+    def _part(self, group: _Group, around: tuple[ReferenceFrame, ReferenceFrame]) -> _Group:
+        """Return a part of a group that has no geometry as a whole."""
         place = around[0].index, around[1].index
         if place in self._groups:
-            return self._groups[place].geometry
-        return self._estimated(around, geometry.part(*place))
+            return self._groups[place]
+        return self._estimated(around, group.geometry.part(*place))
 
     def _predict_one(
-        self, geometry: GroupGeometry, around: tuple[ReferenceFrame, ReferenceFrame], instant: int
+        self, group: _Group, around: tuple[ReferenceFrame, ReferenceFrame], instant: int
     ) -> Prediction:
         before, after = around
+        geometry = group.geometry
         where = geometry.positions
         tracks = where(before.index), where(instant), where(after.index)
         flat = self._aligned.predict(around, instant, tracks)
         reason = geometry.missing(before.index, instant, after.index)
         if reason and geometry.hopeful:
-            geometry = self._part(geometry, around)
+            group = self._part(group, around)
+            geometry = group.geometry
             reason = geometry.missing(before.index, instant, after.index)
-        camera, pair = geometry.camera(instant), None if reason else self._between(geometry, around)
+        camera, pair = geometry.camera(instant), None if reason else self._between(group, around)
         camera = None if pair is None or camera is None else pair.rebased.camera(camera)
         if pair is None or camera is None:
             return replace(flat, success=False, reason=reason or "a camera lies at infinity")
@@ -160,30 +164,19 @@ class TrackedSceneInterpolation:
         if self._corrects:
             rendered = corrected(rendered, (before.frame.luma, after.frame.luma), tracks)
         if self._remembers:
-            self._remember(pair, camera, instant)
+            _remember(group, pair, camera, instant)
         return self._joined(flat, rendered, (before.frame, after.frame))
 
-    def _remember(self, pair: _Pair, camera: Floats, instant: int) -> None:
-        """Keep the depth of three frames for those that are decoded later."""
-        surfaces = pair.interpolator.surfaces
-        if surfaces is None:
-            return
-        for reference, surface in zip((pair.before, pair.after), surfaces, strict=True):
-            self._seen[reference.index] = DepthMap(surface.inverse_depth, surface.state == RELIABLE)
-        self._seen[instant] = render_view(surfaces, camera, pair.rebased.model.pixel_frame)
-
-    def _between(
-        self, geometry: GroupGeometry, around: tuple[ReferenceFrame, ReferenceFrame]
-    ) -> _Pair | None:
+    def _between(self, group: _Group, around: tuple[ReferenceFrame, ReferenceFrame]) -> _Pair | None:
         before, after = around
         known = self._pair
         if known is not None and known.before is before and known.after is after:
             return known
-        rebased = geometry.between(before.index, after.index)
+        rebased = group.geometry.between(before.index, after.index)
         if rebased is None:
             return None
         depths = tuple(
-            geometry.known_depth(index)._replace(surface=self._seen.get(index))
+            group.geometry.known_depth(index)._replace(surface=group.seen.get(index))
             for index in (before.index, after.index)
         )
         interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma, (depths[0], depths[1]))
@@ -204,3 +197,13 @@ class TrackedSceneInterpolation:
             refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), self.name),
             alternatives=(flat.luma, *rendered.hypotheses),
         )
+
+
+def _remember(group: _Group, pair: _Pair, camera: Floats, instant: int) -> None:
+    """Keep the depth of three frames for those that are decoded later."""
+    surfaces = pair.interpolator.surfaces
+    if surfaces is None:
+        return
+    for reference, surface in zip((pair.before, pair.after), surfaces, strict=True):
+        group.seen[reference.index] = DepthMap(surface.inverse_depth, surface.state == RELIABLE)
+    group.seen[instant] = render_view(surfaces, camera, pair.rebased.model.pixel_frame)

@@ -1,26 +1,55 @@
 """What every side-information method must do, whatever it is given."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from decoder.side_information import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
-from dvc.config import CodecConfig, VideoConfig
+from dvc.config import CodecConfig, TracksConfig, VideoConfig
 from dvc.metrics import psnr_db
+from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame, chroma_shape
 from dvc.wynerziv.transform import to_uint8
+from encoder.corners import CornerDetector
+from encoder.tracking import PointTracker
 from tests.clips import moving_texture
 
 SHAPES = [(1, 1), (1, 17), (3, 5), (4, 4), (16, 16), (17, 23), (40, 56)]
-Build = Callable[[], SideInformationMethod]
+CODECS = {"3d": "none", "3d-te": "encoder", "3d-td": "decoder"}
+"""Codecs by the kind of points that they send."""
+Points = PointTracks | FeaturePoints | None
 
 
-@pytest.fixture(params=METHODS)
+class Build(NamedTuple):
+    """Builds a method with default settings, and points as its codec sends them."""
+
+    method: Callable[[], SideInformationMethod]
+    kind: str
+
+    def points(self, frames: list[Frame], num_points: int = 40) -> Points:
+        """Return points of all frames: tracked at the encoder, corners of each frame, or none."""
+        if self.kind == "none":
+            return None
+        lumas = [frame.luma for frame in frames]
+        if self.kind == "decoder":
+            return CornerDetector(num_points).detect(lumas[1:-1])
+        tracker = PointTracker(num_points, 1)
+        tracker.start(lumas[0])
+        for luma in lumas[1:]:
+            tracker.step(luma)
+        return tracker.tracks(len(lumas))
+
+
+@pytest.fixture(params=[(name, codec) for name in METHODS for codec in CODECS], ids="-".join)
 def build(request: pytest.FixtureRequest) -> Build:
-    """Return what builds a method with default settings."""
-    return lambda: METHODS[request.param](CodecConfig("3d", VideoConfig(56, 40, 25, 1)))
+    """Return what builds a method for a codec."""
+    name, codec = request.param
+    kind = CODECS[codec]
+    config = CodecConfig(codec, VideoConfig(56, 40, 25, 1), tracks=TracksConfig(kind))
+    return Build(lambda: METHODS[name](config), kind)
 
 
 def references_of(frames: list[Frame]) -> list[ReferenceFrame]:
@@ -56,7 +85,7 @@ def test_predictions_have_the_shape_of_the_frame(build: Build, shape: tuple[int,
     """Frames of any size, in colour or grey, give predictions of that size for every instant, in order."""
     frames = moving_texture(4, *shape)
     frames = frames if colour else [frame.without_chroma() for frame in frames]
-    predictions = build().predict(references_of(frames), None, [11, 12])
+    predictions = build.method().predict(references_of(frames), build.points(frames), [11, 12])
     assert len(predictions) == 2
     for prediction in predictions:
         check(prediction, frames[0])
@@ -67,7 +96,7 @@ def test_predictions_have_the_shape_of_the_frame(build: Build, shape: tuple[int,
 def test_refinement_keeps_the_contract(build: Build, shape: tuple[int, int]) -> None:
     """A refiner takes partly decoded luma any number of times, and knows chroma at the end."""
     frames = moving_texture(3, *shape)
-    [prediction] = build().predict(references_of(frames), None, [11])
+    [prediction] = build.method().predict(references_of(frames), build.points(frames), [11])
     refiner = prediction.refiner
     for _ in range(7):
         if refiner is None:
@@ -85,7 +114,7 @@ def test_predictions_are_deterministic(build: Build) -> None:
     kept = [frame.luma.copy() for frame in frames]
     outcomes = []
     for _ in range(2):
-        [prediction] = build().predict(references_of(frames), None, [11])
+        [prediction] = build.method().predict(references_of(frames), build.points(frames), [11])
         refined = prediction.refiner.refine(frames[1].luma) if prediction.refiner else prediction
         outcomes.append((prediction.luma.tobytes(), refined.luma.tobytes()))
     assert outcomes[0] == outcomes[1]
@@ -94,17 +123,18 @@ def test_predictions_are_deterministic(build: Build) -> None:
 
 def test_earlier_predictions_leave_no_trace(build: Build) -> None:
     """What a method predicted before does not change what it predicts next."""
-    method, frames = build(), moving_texture(5, 20, 28)
-    method.predict(references_of(moving_texture(3, 33, 9, seed=5)), None, [11])
-    [used] = method.predict(references_of(frames), None, [12])
-    [fresh] = build().predict(references_of(frames), None, [12])
+    method, frames, others = build.method(), moving_texture(5, 20, 28), moving_texture(3, 33, 9, seed=5)
+    method.predict(references_of(others), build.points(others), [11])
+    [used] = method.predict(references_of(frames), build.points(frames), [12])
+    [fresh] = build.method().predict(references_of(frames), build.points(frames), [12])
     np.testing.assert_array_equal(used.luma, fresh.luma)
 
 
 def test_identical_references_are_the_prediction(build: Build) -> None:
     """Where nothing moves, nothing changes."""
     frame = moving_texture(1, 24, 32)[0]
-    [prediction] = build().predict(references_of([frame, frame, frame]), None, [11])
+    frames = [frame, frame, frame]
+    [prediction] = build.method().predict(references_of(frames), build.points(frames), [11])
     np.testing.assert_array_equal(to_uint8(prediction.luma), frame.luma)
 
 
@@ -112,7 +142,8 @@ def test_identical_references_are_the_prediction(build: Build) -> None:
 def test_constant_frames_are_predicted(build: Build, values: tuple[int, int]) -> None:
     """Frames without any texture give values between theirs, without failing."""
     frames = [Frame(np.full((20, 24), value, np.uint8)) for value in values]
-    [prediction] = build().predict(references_of([frames[0], frames[0], frames[1]]), None, [11])
+    sequence = [frames[0], frames[0], frames[1]]
+    [prediction] = build.method().predict(references_of(sequence), build.points(sequence), [11])
     check(prediction, frames[0])
     assert min(values) <= to_uint8(prediction.luma).min()
     assert to_uint8(prediction.luma).max() <= max(values)
@@ -121,7 +152,7 @@ def test_constant_frames_are_predicted(build: Build, values: tuple[int, int]) ->
 def test_noise_and_scene_cuts_are_survived(build: Build) -> None:
     """References that have nothing in common give a prediction all the same."""
     a, b = moving_texture(1, 24, 32, seed=1)[0], moving_texture(1, 24, 32, seed=2)[0]
-    [prediction] = build().predict(references_of([a, a, b]), None, [11])
+    [prediction] = build.method().predict(references_of([a, a, b]), build.points([a, a, b]), [11])
     check(prediction, a)
     assert psnr_db(to_uint8(prediction.luma), a.luma) < 40
 
@@ -130,5 +161,5 @@ def test_more_references_than_two_are_accepted(build: Build) -> None:
     """Decoded frames inside the group serve as references beside the key frames."""
     frames = moving_texture(5, 24, 32)
     references = [ReferenceFrame(index, frames[index]) for index in (0, 2, 4)]
-    for prediction in build().predict(references, None, [1, 3]):
+    for prediction in build.method().predict(references, build.points(frames), [1, 3]):
         check(prediction, frames[0])

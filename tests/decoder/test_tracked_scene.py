@@ -36,7 +36,11 @@ def true_tracks(number: int = 90) -> PointTracks:
     return PointTracks(np.round(np.stack(seen, axis=1)))
 
 
-def quality(method: TrackedSceneInterpolation | SceneInterpolation, points: object, instant: int) -> float:
+def quality(
+    method: TrackedSceneInterpolation | SceneInterpolation,
+    points: PointTracks | FeaturePoints | None,
+    instant: int,
+) -> float:
     """Return the PSNR of a prediction from the key frames."""
     [prediction] = method.predict(KEYS, points, [instant])
     return psnr_db(to_uint8(prediction.luma), FRAMES[instant - 8].luma)
