@@ -4,7 +4,6 @@ import copy
 import os
 import shutil
 import statistics
-import tempfile
 import time
 from functools import cache
 from pathlib import Path
@@ -47,7 +46,7 @@ def report(folder: Path) -> tuple[float, int, Path]:
 
     Returns
     -------
-    elapsed_s : float
+    cpu_s : float
         CPU time.
     size_bytes : int
         Of the page.
@@ -61,7 +60,8 @@ def report(folder: Path) -> tuple[float, int, Path]:
     """
     from dvc.rd.report import write_reports
 
-    target = Path(tempfile.mkdtemp(prefix="report-"))
+    target = folder / "report"
+    target.mkdir(parents=True, exist_ok=True)
     results = _with_pictures(_points(folder), target)
     start = time.process_time()
     page, *_ = write_reports(results, [target / "report.html", target / "report.md"])
@@ -83,8 +83,8 @@ def making(setting: Setting, _clip: str | None) -> Measured:
     Measured
         Seconds of CPU time.
     """
-    elapsed_s, _, _ = report(setting.folder)
-    return Measured(f"{elapsed_s:.1f} s", elapsed_s <= MOST_S, {"elapsed_s": elapsed_s})
+    cpu_s, _, _ = report(setting.folder)
+    return Measured(f"{cpu_s:.1f} s", cpu_s <= MOST_S, {"cpu_s": cpu_s})
 
 
 def size(setting: Setting, _clip: str | None) -> Measured:

@@ -106,6 +106,8 @@ def test_points_of_several_sweeps_are_listed_once() -> None:
 def test_key_frames_alone_have_no_presets() -> None:
     """With GOP 1 a sweep has one point."""
     assert [point.wz_q for point in Sweep(("clip",), gop=1, key_qp=("30",)).points()] == [None]
+    several = list(Sweep(("clip",), gop=1, key_qp=("30", "34", "38")).points())
+    assert [(point.wz_q, point.key_qp) for point in several] == [(None, "30"), (None, "34"), (None, "38")]
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,14 @@ def test_other_frames_and_options_are_told_apart() -> None:
     assert short.slug != long.slug
 
 
+def test_chosen_key_qps_make_another_curve() -> None:
+    """Points whose key frames do not follow from the preset do not join the curve of those that do."""
+    data = result_data(70.0, 30.5)
+    chosen = {**data, "options": {**data["options"], "key_qp": "30"}}
+    (experiment,) = experiments([PointResult("a", result_data(60.0, 30.0)), PointResult("b", chosen)])
+    assert [curve.label for curve in experiment.curves] == ["2D-DVC, GOP 2", "2D-DVC, GOP 2, chosen key QPs"]
+
+
 def test_bd_rate_is_that_of_the_rates(tmp_path: Path) -> None:
     """A curve that needs four fifths of the rate everywhere has a BD-rate of -20 %."""
     (experiment,) = experiments(read_results(write_results(tmp_path / "a")))

@@ -26,7 +26,7 @@ from dvc.rd.thesis.reproduce import (
 )
 from tests.rd.made_up import result_data
 
-TINY = Preset("a test", 5, (1, 8), ("intra", "x264-ippp-zero", "x264-ippp"), (30,), ("street",), ())
+TINY = Preset(5, (1, 8), ("intra", "x264-ippp-zero", "x264-ippp"), (30,), ("street",), ())
 SHAPE = (32, 48)
 SIDE_INFORMATION_DB = {"2d": 22.0, "3d": 23.0, "3d-td": 28.0, "3d-te": 29.0}
 GAIN_DB = {"2d": 0.0, "3d": -1.0, "3d-td": 0.5, "3d-te": 1.0, "h264-intra": -2.0, "x264-ippp": 3.0}

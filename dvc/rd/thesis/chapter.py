@@ -14,8 +14,6 @@ class Preset:
 
     Attributes
     ----------
-    about : str
-        What it is for, and how long it takes.
     frames : int
         Most frames of each sequence.
     wz_q : tuple of int
@@ -30,7 +28,6 @@ class Preset:
         Real sequences, of which those are taken that the folder of video files has.
     """
 
-    about: str
     frames: int
     wz_q: tuple[int, ...]
     anchors: tuple[str, ...]

@@ -21,9 +21,8 @@ PAGE = "report.html"
 
 _H264 = ("intra", "x264-ippp-zero", "x264-ippp")
 PRESETS = {
-    "quick": Preset("minutes", 9, (1, 4, 7), _H264, (20, 28, 36, 44), ("street",), ("box",)),
+    "quick": Preset(9, (1, 4, 7), _H264, (20, 28, 36, 44), ("street",), ("box",)),
     "full": Preset(
-        "hours",
         17,
         (1, 2, 4, 6, 8),
         (*_H264, "x265", "svtav1"),
