@@ -112,6 +112,7 @@ def report_text(
         Markdown.
     """
     parts = ["# Rate-distortion report\n", preface(results), "## BD-rate\n", bd_table(found, anchor)]
+    parts.append(all_pairs(found))
     for experiment in found:
         name = escaped(experiment.name)
         parts += [f"## {name}\n", f"{escaped(experiment.title)}.\n"]
@@ -148,6 +149,38 @@ def bd_table(found: Sequence[Experiment], anchor: str = ANCHOR_LABEL) -> str:
     head = ["sequence", "codec", f"BD-rate against {anchor} (overlap, points)"]
     note = "Mean difference in rate at equal PSNR (PCHIP on the logarithm of the rate); negative is better.\n"
     return note + "\n" + table(head, rows)
+
+
+def all_pairs(found: Sequence[Experiment]) -> str:
+    """Return the BD-rates of every curve against every other, and their means.
+
+    Parameters
+    ----------
+    found : sequence of Experiment
+        The curves.
+
+    Returns
+    -------
+    str
+        Markdown: a table for every curve to compare with; nothing where there are no two.
+    """
+    from dvc.rd.page.verdict import verdicts
+
+    judged = verdicts(found)
+    if not judged:
+        return ""
+    parts = [
+        "## Every curve against every other\n",
+        "BD-rates; the number beside a mean is that of the sequences that have a figure for both curves.\n",
+    ]
+    for verdict in judged:
+        rows = [[name, *(cell.text for cell in cells)] for name, cells in verdict.matrix]
+        parts += [
+            f"<details><summary>Against {escaped(verdict.anchor)}</summary>\n",
+            table(["sequence", *verdict.codecs], rows),
+            "</details>\n",
+        ]
+    return "\n".join(parts)
 
 
 def points_table(curve: Curve) -> str:

@@ -96,6 +96,9 @@ def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
     text = written[0].read_text(encoding="utf-8")
     assert "(report-clip.png)" in text
     assert "-20.0 %" in text
+    pairs = text.split("## Every curve against every other")[1].split("\n## ")[0]
+    assert "<summary>Against 2D-DVC, GOP 2</summary>\n\n| sequence | H.264 intra |" in pairs
+    assert "| clip | +25.0 % |" in pairs
     assert "python -m encoder clip.mkv stream.dvc" in text
     assert written[1].read_bytes().startswith(PNG_MAGIC)
     svg = ET.parse(written[2]).getroot()
