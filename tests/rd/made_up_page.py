@@ -62,7 +62,9 @@ def _point(
     width, height = SIDES_PX[name]
     data["identity"] = f"{name}{codec}{sorted(options.items())}{level}"
     data["sequence"] |= {"name": name, "digest": f"d-{name}", "width": width, "height": height}
-    data["options"] |= {"options": options, "key_qp": str(44 - 3 * level), "frames": NUM_FRAMES}
+    data["options"] |= {"options": options, "frames": NUM_FRAMES}
+    if codec == "h264-intra":
+        data["options"]["key_qp"] = str(44 - 3 * level)
     data["key"]["qp"] = 44 - 3 * level
     data["totals"] |= {"frames": NUM_FRAMES, "refined_si_psnr_y_db": 32.0}
     if codec == "h264-intra":
