@@ -137,7 +137,7 @@ def first_paint(setting: Setting, _clip: str | None) -> Measured:
         for _ in range(setting.choose(5, 1)):
             browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
             opened = browser.new_page()
-            opened.goto(page.as_uri())
+            opened.goto(page.resolve().as_uri())
             entry = "performance.getEntriesByName('first-contentful-paint')[0]"
             opened.wait_for_function(f"{entry} !== undefined")
             paints_ms.append(float(opened.evaluate(f"{entry}.startTime")))
