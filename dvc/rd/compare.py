@@ -264,7 +264,10 @@ def crossings_kbps(reference: Curve, other: Curve) -> list[tuple[float, bool]]:
         Rate in kbit/s from which on, up to the next entry, `other` has the higher PSNR (true) or not; the
         first is the lowest rate that both curves reach. Empty where they have no rates in common.
     """
-    samples, gains_db = _gains(reference, other)
+    return _pieces(*_gains(reference, other))
+
+
+def _pieces(samples: NDArray[np.float64], gains_db: NDArray[np.float64]) -> list[tuple[float, bool]]:
     if not samples.size:
         return []
     better = gains_db > EQUAL_DB
@@ -285,12 +288,13 @@ def crossing_text(reference: Curve, other: Curve) -> str:
     str
         Such as ``better up to 890 kbit/s``.
     """
-    pieces = crossings_kbps(reference, other)
-    if not pieces:
+    samples, gains_db = _gains(reference, other)
+    if not samples.size:
         single = min(len(reference.points), len(other.points)) < 2
         return "a curve of one point" if single else "no rates in common"
-    if (np.abs(_gains(reference, other)[1]) <= EQUAL_DB).all():
+    if (np.abs(gains_db) <= EQUAL_DB).all():
         return "equal at all common rates"
+    pieces = _pieces(samples, gains_db)
     if len(pieces) == 1:
         return f"{'better' if pieces[0][1] else 'worse'} at all common rates"
     spans = []
@@ -399,9 +403,9 @@ def _means(comparisons: Sequence[Comparison]) -> list[list[str]]:
         groups.setdefault((one.other.label, one.reference.label), []).append(one)
     rows = []
     for (label, reference), members in groups.items():
-        known = [one for one in members if not isinstance(one.rate, str)]
-        rates = [one.rate.value for one in known if not isinstance(one.rate, str)]
-        psnrs = [one.psnr.value for one in known if not isinstance(one.psnr, str)]
+        known = [(one.rate, one.psnr) for one in members if not isinstance(one.rate, str)]
+        rates = [rate.value for rate, _ in known]
+        psnrs = [psnr.value for _, psnr in known if not isinstance(psnr, str)]
         if len(rates) > 1:
             count = f"{len(rates)} of {len(members)} sequences"
             spread = f"{min(rates):+.1f} to {max(rates):+.1f} %"

@@ -74,7 +74,8 @@ def _located(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     if not isinstance(pictures, dict):
         return data
     root = folder.resolve()
-    located: dict[str, Any] = {name: pictures.get(name) for name in ("index", "key_index")}
+    numbers = {name: pictures.get(name) for name in ("index", "key_index")}
+    located: dict[str, Any] = {name: n if type(n) is int else None for name, n in numbers.items()}
     for kind in PICTURE_KINDS:
         name = pictures.get(kind)
         path = (root / name).resolve() if isinstance(name, str) and "\0" not in name else root

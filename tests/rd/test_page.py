@@ -190,11 +190,11 @@ def test_pictures_outside_the_folder_are_not_read(tmp_path: Path) -> None:
     path = next((folder / POINTS_FOLDER).glob("codec-*.json"))
     data = json.loads(path.read_text(encoding="utf-8"))
     names = {"original": "../secret.png", "decoded": str(outside), "predicted": None, "key": "/etc/passwd"}
-    data["pictures"] = {"index": 1, "key_index": 0, **names}
+    data["pictures"] = {"index": 1, "key_index": [0], **names}
     path.write_text(json.dumps(data), encoding="utf-8")
     results = read_folders([folder]).results
     located = [result.data["pictures"] for result in results if "pictures" in result.data]
-    assert located == [{"index": 1, "key_index": 0, **dict.fromkeys(names)}]
+    assert located == [{"index": 1, "key_index": None, **dict.fromkeys(names)}]
     assert build_gallery(experiments(results), 10**6).sources == []
 
 

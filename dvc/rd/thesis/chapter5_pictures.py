@@ -108,17 +108,11 @@ def draw_noise(methods: Mapping[str, PointResult], folder: Path, path: Path) -> 
     found = {name: noise for name, noise in noises.items() if noise is not None}
     if not found:
         return None
-    columns = min(len(found), 2)
-    rows = -(-len(found) // columns)
-    with _figure(path.with_name(path.name + ".png"), (4.2 * columns, 3.7 * rows)) as figure:
-        for number, (name, noise) in enumerate(found.items()):
-            axes = figure.add_subplot(rows, columns, number + 1)
-            shown = np.clip(128 + NOISE_GAIN * noise, 0, 255).astype(np.uint8)
-            axes.imshow(shown, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
-            error = float(np.sqrt(np.mean(np.square(noise, dtype=np.float64))))
-            axes.set_title(f"{name}, rms {error:.1f}", fontsize=9)
-            axes.set_axis_off()
-    return path.with_name(path.name + ".png")
+    panels = []
+    for name, noise in found.items():
+        error = float(np.sqrt(np.mean(np.square(noise, dtype=np.float64))))
+        panels.append((f"{name}, rms {error:.1f}", np.clip(128 + NOISE_GAIN * noise, 0, 255)))
+    return _draw_panels(panels, path)
 
 
 def draw_qualities(point: PointResult | None, folder: Path, path: Path) -> Path | None:
@@ -149,15 +143,27 @@ def draw_qualities(point: PointResult | None, folder: Path, path: Path) -> Path 
     pictures = point.data["pictures"]
     frames = (
         (pictures.get("key_index"), _keys(point), "key"),
-        (pictures["index"], _predicted(point), "predicted"),
+        (pictures.get("index"), _predicted(point), "predicted"),
     )
-    with _figure(path.with_name(path.name + ".png"), (8.4, 3.7)) as figure:
-        for number, (plane, (index, psnrs_db, kind)) in enumerate(zip(planes, frames, strict=True)):
-            axes = figure.add_subplot(1, 2, number + 1)
+    panels = [
+        (f"{kind} frame {index}, {psnrs_db.get(index, np.nan):.1f} dB", plane)
+        for plane, (index, psnrs_db, kind) in zip(planes, frames, strict=True)
+    ]
+    return _draw_panels(panels, path)
+
+
+def _draw_panels(panels: Sequence[tuple[str, NDArray[np.int16]]], path: Path) -> Path:
+    """Draw pictures under their titles, two in a row."""
+    columns = min(len(panels), 2)
+    rows = -(-len(panels) // columns)
+    file = path.with_name(path.name + ".png")
+    with _figure(file, (4.2 * columns, 3.7 * rows)) as figure:
+        for number, (title, plane) in enumerate(panels, 1):
+            axes = figure.add_subplot(rows, columns, number)
             axes.imshow(plane, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
-            axes.set_title(f"{kind} frame {index}, {psnrs_db.get(index, np.nan):.1f} dB", fontsize=9)
+            axes.set_title(title, fontsize=9)
             axes.set_axis_off()
-    return path.with_name(path.name + ".png")
+    return file
 
 
 def _predicted(point: PointResult) -> dict[int, float]:
