@@ -4,13 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from dvc.config import CODECS, tracks_for
 from dvc.rd.results import PointResult
 
 SHARES = ("key", "intra", "inter", "parity", "crc", "tracks", "header", "stream")
 """What bits can be, in the order in which shares are shown."""
 LETTERS = {"key": "k", "intra": "k", "wz": "w", "inter": "p"}
-TRACKING_CODECS = ("3d-td", "3d-te")
-"""Whose encoder looks for points or follows them."""
 DECIMALS = {"psnr": 2, "initial": 2, "refined": 2, "requests": 0, "decode": 3, "kbits": 3}
 
 
@@ -104,10 +103,31 @@ def encoding_times_s(point: PointResult) -> list[float] | None:
     else:
         names = ["key_encode_cpu_s"]
         names += ["wz_encode_cpu_s"] if num_of_types(point, "wz") else []
-        names += ["tracking_cpu_s"] if point.data["codec"] in TRACKING_CODECS else []
+        codec = point.data["codec"]
+        tracks = codec in CODECS and tracks_for(codec).kind != "none"
+        names += ["tracking_cpu_s"] if tracks else []
     parts = [number(times.get(name)) for name in names]
     known = [part for part in parts if part is not None]
     return known if len(known) == len(parts) else None
+
+
+def type_ms(point: PointResult, kind: str) -> float | None:
+    """Return the processor time of encoding a frame of one type.
+
+    Parameters
+    ----------
+    point : PointResult
+        The point.
+    kind : str
+        ``key`` or ``wz``.
+
+    Returns
+    -------
+    float or None
+        Mean in milliseconds; None if it was not measured, or there is no such frame.
+    """
+    total, count = number(point.data["times"].get(f"{kind}_encode_cpu_s")), num_of_types(point, kind)
+    return None if total is None or not count else 1000 * total / count
 
 
 def frame_columns(point: PointResult) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from dvc.rd.curves import Curve
-from dvc.rd.frames import bit_shares, num_of_types
+from dvc.rd.frames import bit_shares, num_of_types, type_ms
 from dvc.rd.markdown import NOTHING
 from dvc.rd.results import PointResult
 
@@ -64,12 +64,10 @@ def _preset(point: PointResult) -> str:
     return NOTHING if preset is None else str(preset)
 
 
-def _encode_ms(name: str, wyner_ziv: bool) -> Cell:
+def _encode_ms(kind: str) -> Cell:
     def cell(point: PointResult) -> str:
-        count = _num_wyner_ziv(point)
-        count = count if wyner_ziv else point.data["totals"]["frames"] - count
-        value = point.data["times"].get(name)
-        return NOTHING if not count or value is None else f"{1000 * value / count:.1f}"
+        value = type_ms(point, kind)
+        return NOTHING if value is None else f"{value:.1f}"
 
     return cell
 
@@ -92,7 +90,7 @@ COLUMNS: dict[str, Cell] = {
     "header %": _share("header"),
     "requests per WZ frame": _per_wyner_ziv("num_requests", "{:.0f}"),
     "decode s per WZ frame": _per_wyner_ziv("decode_s", "{:.2f}"),
-    "encode CPU ms per key frame": _encode_ms("key_encode_cpu_s", False),
-    "per WZ frame": _encode_ms("wz_encode_cpu_s", True),
+    "encode CPU ms per key frame": _encode_ms("key"),
+    "per WZ frame": _encode_ms("wz"),
 }
 """Columns of the table of a curve, by title."""

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from dvc.errors import DvcError
 from dvc.files import atomic_output
@@ -12,6 +13,9 @@ from dvc.rd.plots import SUFFIXES, curve_styles, render_experiment
 from dvc.rd.point_columns import points_cells
 from dvc.rd.preface import preface
 from dvc.rd.results import PointResult
+
+if TYPE_CHECKING:
+    from dvc.rd.page.verdict import Verdict
 
 
 def write_reports(
@@ -51,14 +55,16 @@ def write_reports(
         If they cannot be written.
     """
     from dvc.rd.page import write_page
+    from dvc.rd.page.verdict import verdicts
 
     found = experiments(results)
+    judged = verdicts(found)
     styles = curve_styles(found)
     texts = [path for path in outputs if path.suffix == ".md"]
     suffixes = SUFFIXES if texts or figures else (".svg",)
     drawn = {one.slug: render_experiment(one, styles, suffixes, anchor) for one in found}
     for path in set(outputs) - set(texts):
-        write_page(results, path, anchor, notes=notes, pictures=pictures, drawn=drawn)
+        write_page(results, path, anchor, notes=notes, pictures=pictures, drawn=drawn, judged=judged)
     if not texts and figures is None:
         return list(outputs)
     folder = texts[0].parent if figures is None else figures
@@ -67,7 +73,7 @@ def write_reports(
     for path in texts:
         names = {slug: os.path.relpath(paths[0], path.parent) for slug, paths in written.items()}
         with atomic_output(path) as temporary:
-            temporary.write_text(report_text(found, results, names, anchor), encoding="utf-8")
+            temporary.write_text(report_text(found, results, names, judged, anchor), encoding="utf-8")
     return [*outputs, *(file for paths in written.values() for file in paths)]
 
 
@@ -91,6 +97,7 @@ def report_text(
     found: Sequence[Experiment],
     results: Sequence[PointResult],
     pictures: dict[str, str],
+    judged: Sequence["Verdict"] = (),
     anchor: str = ANCHOR_LABEL,
 ) -> str:
     """Return the report.
@@ -103,6 +110,8 @@ def report_text(
         The points that they are made of.
     pictures : dict of str to str
         Name of the picture of each experiment, by its slug.
+    judged : sequence of Verdict, optional
+        Every curve against every other; left out by default.
     anchor : str, optional
         Label of the curve that all others are compared with.
 
@@ -112,7 +121,7 @@ def report_text(
         Markdown.
     """
     parts = ["# Rate-distortion report\n", preface(results), "## BD-rate\n", bd_table(found, anchor)]
-    parts.append(all_pairs(found))
+    parts.append(all_pairs(judged))
     for experiment in found:
         name = escaped(experiment.name)
         parts += [f"## {name}\n", f"{escaped(experiment.title)}.\n"]
@@ -151,22 +160,19 @@ def bd_table(found: Sequence[Experiment], anchor: str = ANCHOR_LABEL) -> str:
     return note + "\n" + table(head, rows)
 
 
-def all_pairs(found: Sequence[Experiment]) -> str:
+def all_pairs(judged: Sequence["Verdict"]) -> str:
     """Return the BD-rates of every curve against every other, and their means.
 
     Parameters
     ----------
-    found : sequence of Experiment
-        The curves.
+    judged : sequence of Verdict
+        From `dvc.rd.page.verdict.verdicts`.
 
     Returns
     -------
     str
         Markdown: a table for every curve to compare with; nothing where there are no two.
     """
-    from dvc.rd.page.verdict import verdicts
-
-    judged = verdicts(found)
     if not judged:
         return ""
     parts = [

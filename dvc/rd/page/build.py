@@ -13,7 +13,7 @@ from dvc.files import atomic_output
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.page.pictures import MAX_POINTS, NOISE_GAIN, Gallery, build_gallery
 from dvc.rd.page.tables import SHARE_TITLES, chart_points, cost_table, shares, side_information_table
-from dvc.rd.page.verdict import verdicts
+from dvc.rd.page.verdict import Verdict, verdicts
 from dvc.rd.plots import (
     MATPLOTLIB_DASHES,
     Style,
@@ -45,6 +45,7 @@ def write_page(
     notes: Sequence[str] = (),
     pictures: bool = True,
     drawn: dict[str, dict[str, bytes]] | None = None,
+    judged: Sequence[Verdict] | None = None,
 ) -> None:
     """Write the report as one HTML file, which needs no other file and no network.
 
@@ -62,6 +63,8 @@ def write_page(
         Whether to show decoded frames, where the results have any.
     drawn : dict of str to dict, optional
         Curves by slug, as `dvc.rd.plots.render_experiment` draws them, if that has been done already.
+    judged : sequence of Verdict, optional
+        What `verdicts` says of them, if that has been found already.
 
     Raises
     ------
@@ -72,7 +75,7 @@ def write_page(
     styles = curve_styles(found)
     drawn = drawn or {one.slug: render_experiment(one, styles, (".svg",), anchor) for one in found}
     page = {
-        **_texts(results, found, anchor),
+        **_texts(results, found, anchor, verdicts(found) if judged is None else judged),
         "styles": {label: _style(style) for label, style in styles.items()},
         "sequences": [_sequence(one, drawn[one.slug][".svg"], styles) for one in found],
     }
@@ -126,8 +129,9 @@ def _render(page: dict[str, Any], data: dict[str, Any], gallery: Gallery, notes:
     )
 
 
-def _texts(results: Sequence[PointResult], found: Sequence[Experiment], anchor: str) -> dict[str, Any]:
-    judged = verdicts(found)
+def _texts(
+    results: Sequence[PointResult], found: Sequence[Experiment], anchor: str, judged: Sequence[Verdict]
+) -> dict[str, Any]:
     names = [verdict.anchor for verdict in judged]
     return {
         "preface": preface(results),

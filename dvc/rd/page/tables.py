@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
-from dvc.rd.frames import bit_shares, encoding_times_s, frame_columns, mean, num_of_types, number
+from dvc.rd.frames import bit_shares, encoding_times_s, frame_columns, mean, number, type_ms
+from dvc.rd.markdown import NOTHING
 from dvc.rd.plots import point_name
 from dvc.rd.results import PointResult
 
-NOTHING = "–"
 SHARE_TITLES = {
     "key": "key frames",
     "intra": "intra frames",
@@ -97,8 +97,8 @@ def cost_table(found: Sequence[Experiment]) -> Table:
             encode = mean([_frames_ms(point) for point in curve.points])
             ratio = None if encode is None or not intra else encode / intra
             numbers = [
-                _format(mean([_type_ms(point, "key") for point in curve.points]), 2),
-                _format(mean([_type_ms(point, "wz") for point in curve.points]), 2),
+                _format(mean([type_ms(point, "key") for point in curve.points]), 2),
+                _format(mean([type_ms(point, "wz") for point in curve.points]), 2),
                 _format(encode, 2),
                 _format(ratio, 2),
                 _format(mean([_process_ms(point, "encode") for point in curve.points]), 1),
@@ -170,13 +170,6 @@ def _side_information(point: PointResult) -> str:
 def _preset_name(point: PointResult) -> str:
     preset = point.data["options"].get("wz_q")
     return f"QP {point.data['key']['qp']}" if preset is None else f"Q{preset}"
-
-
-def _type_ms(point: PointResult, kind: str) -> float | None:
-    """Return the encoding time of a frame of one type."""
-    total = number(point.data["times"].get(f"{kind}_encode_cpu_s"))
-    count = num_of_types(point, kind)
-    return None if total is None or not count else 1000 * total / count
 
 
 def _frames_ms(point: PointResult) -> float | None:
