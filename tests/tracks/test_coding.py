@@ -1,5 +1,7 @@
 """Coding of tracks and points: exact inverse, cost, damaged and hostile payloads."""
 
+import hashlib
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -290,6 +292,31 @@ def test_payload_is_frozen() -> None:
 
 
 FROZEN = "5c731d9278ddd4a79d1f72035d890d96"
+
+
+@pytest.mark.parametrize(
+    ("size", "bits", "counts", "num_instants", "spread", "frozen"),
+    [
+        ((352, 288), 1, (128, 48), 11, 0.3, "f954693e125969bb16e45064ed053296"),
+        ((352, 288), 0, (60, 0), 4, 3.0, "47cbc424e36a6d88cc353131f84df2f1"),
+        ((33, 7), 3, (0, 40), 9, 0.5, "d89743859d1e3ebb18576910b2ab35bb"),
+        ((16384, 1024), 2, (40, 40), 5, 90.0, "cad08761b4ad19d72818ba8a8325c0b9"),
+    ],
+)
+def test_payloads_are_frozen(
+    size: tuple[int, int],
+    bits: int,
+    counts: tuple[int, int],
+    num_instants: int,
+    spread: float,
+    frozen: str,
+) -> None:
+    """The bytes of many tracks, and of their places in the first frames as points, stay what they are."""
+    config = config_of(*size, subpixel_bits=bits)
+    tracks = with_births(7, config, counts, num_instants, spread)
+    frames = (tracks.forward[:, 0], tracks.backward[:, -1])
+    payloads = encode(tracks, config), encode_points(FeaturePoints(frames), config)
+    assert hashlib.sha256(b"".join(payloads)).hexdigest()[:32] == frozen
 
 
 @pytest.mark.parametrize("twin", [False, True])
