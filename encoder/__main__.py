@@ -28,8 +28,8 @@ from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
     from dvc.video import VideoInfo, VideoReader
+    from encoder.block_matching import PointTrackerSettings
     from encoder.groups import KeyFrameRule
-    from encoder.pursuit import TrackingSettings
     from encoder.session import EncoderSession, EncoderStatistics, Progress
 
 PROG = "dvc-encode"
@@ -352,14 +352,14 @@ def _tracks_bpp(arguments: argparse.Namespace) -> float:
     return given
 
 
-def _births(arguments: argparse.Namespace) -> "TrackingSettings":
-    from encoder.pursuit import TrackingSettings
+def _births(arguments: argparse.Namespace) -> "PointTrackerSettings":
+    from encoder.block_matching import PointTrackerSettings
 
     if arguments.births is None:
-        return TrackingSettings()
+        return PointTrackerSettings()
     if arguments.codec != "3d-te":
         raise ConfigError("--births is for 3d-te")
-    return TrackingSettings(max_births=arguments.births)
+    return PointTrackerSettings(max_births=arguments.births)
 
 
 def _report(statistics: "EncoderStatistics", config: CodecConfig) -> dict[str, object]:

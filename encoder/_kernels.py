@@ -48,17 +48,19 @@ def cut_blocks(image, points, blocks):
 
 
 @kernel
-def least_shift_sads(image, points, blocks, shift, least, counts):
-    """Least SAD of each block against itself, moved to the left, right, up and down; inside the image.
+def min_shift_sads(image, points, blocks, shift, min_sads, counts):
+    """Smallest SAD of each block against itself, moved to the left, right, up and down; inside the image.
 
     `counts` adds up blocks compared and samples compared.
     """
     half = blocks.shape[1] // 2
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
-        least[i] = block_sad(image, x - shift, y, half, blocks[i], UNKNOWN, counts)
+        min_sads[i] = block_sad(image, x - shift, y, half, blocks[i], UNKNOWN, counts)
         for dx, dy in ((shift, 0), (0, -shift), (0, shift)):
-            least[i] = min(least[i], block_sad(image, x + dx, y + dy, half, blocks[i], least[i], counts))
+            min_sads[i] = min(
+                min_sads[i], block_sad(image, x + dx, y + dy, half, blocks[i], min_sads[i], counts)
+            )
 
 
 @kernel
@@ -139,12 +141,12 @@ def spiral_search(image, x, y, half, block, small, spiral, counts):
 @kernel
 def nearest_found(first, found, i):
     """Return which of the points found already in this frame started nearest to point `i`; -1 if none."""
-    least, nearest = UNKNOWN, -1
+    min_distance, nearest = UNKNOWN, -1
     for j in range(found.size):
         if found[j]:
             distance = (first[i, 0] - first[j, 0]) ** 2 + (first[i, 1] - first[j, 1]) ** 2
-            if distance < least:
-                least, nearest = distance, j
+            if distance < min_distance:
+                min_distance, nearest = distance, j
     return nearest
 
 
@@ -165,7 +167,9 @@ def best_candidate(image, half, block, candidates, counts):
 
 
 @kernel
-def far_search(image, quarter, block, quarter_block, last_x, last_y, spiral, quarter_spiral, counts):
+def coarse_to_fine_search(
+    image, quarter, block, quarter_block, last_x, last_y, spiral, quarter_spiral, counts
+):
     """Search in images of a quarter of the size, then around what was found there."""
     x, y, sad = spiral_search(
         quarter,
@@ -195,7 +199,7 @@ def track_frame(
     quarter,
     quarter_blocks,
     quarter_spiral,
-    max_far_searches,
+    max_coarse_searches,
     position,
     sads,
     found,
@@ -204,13 +208,13 @@ def track_frame(
     """Find each live point in a frame; `position`, `sads` and `found` receive what came of it.
 
     `small` bounds the SAD of a point that is found. `last` and `velocity` are positions in the frame before
-    and the motion into it. Points that are `found` already show the others where to look. Far searches are
-    for points whose neighbours do not tell the motion. A minimum at the border of the image is none: it may
-    go on outside.
+    and the motion into it. Points that are `found` already show the others where to look. Coarse-to-fine
+    searches are for points whose neighbours do not tell the motion. A minimum at the border of the image is
+    none: it may go on outside.
     """
     half = blocks.shape[1] // 2
     candidates = np.empty((3, 2), np.int64)
-    far_searches = 0
+    coarse_searches = 0
     for i in range(alive.size):
         if found[i] or not alive[i]:
             continue
@@ -227,9 +231,9 @@ def track_frame(
             x, y, sad = spiral_search(image, x, y, half, blocks[i], small[i], spiral, counts)
         if sad < UNKNOWN:
             x, y, sad = descend(image, x, y, half, blocks[i], sad, spiral.shape[0], counts)
-        if sad > small[i] and far_searches < max_far_searches:
-            far_searches += 1
-            x, y, sad = far_search(
+        if sad > small[i] and coarse_searches < max_coarse_searches:
+            coarse_searches += 1
+            x, y, sad = coarse_to_fine_search(
                 image,
                 quarter,
                 blocks[i],

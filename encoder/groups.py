@@ -7,7 +7,7 @@ from dvc.errors import ConfigError
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from encoder.corners import CornerDetector
-from encoder.division import first_length, group_costs
+from encoder.gop_segmentation import first_length, group_costs
 from encoder.tracking import PointTracker
 
 KEY_FRAME_CHOICES = ("tracks", "rate")

@@ -13,9 +13,9 @@ from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import PointTracks, encode_points, encode_tracks
 from dvc.video import Frame
 from dvc.wynerziv.frame import EncodedFrame
+from encoder.block_matching import PointTrackerSettings
 from encoder.corners import CornerDetector
 from encoder.groups import Group, KeyFrameRule, cornered_groups, groups, tracked_groups
-from encoder.pursuit import TrackingSettings
 from encoder.tracking import PointTracker, thinned
 from encoder.wyner_ziv import WynerZivEncoder
 
@@ -105,7 +105,7 @@ class EncoderSession:
         When tracks ask for a key frame.
     max_tracks_bpp : float, optional
         Bits of tracks that a Wyner-Ziv frame may cost, per pixel; a group with more of them keeps the best.
-    tracking : TrackingSettings, optional
+    tracking : PointTrackerSettings, optional
         How points are followed.
     """
 
@@ -114,7 +114,7 @@ class EncoderSession:
         config: CodecConfig,
         rule: KeyFrameRule | None = None,
         max_tracks_bpp: float = MAX_TRACKS_BPP,
-        tracking: TrackingSettings | None = None,
+        tracking: PointTrackerSettings | None = None,
     ) -> None:
         video, key = config.video, config.key
         self._key_encoder = KeyFrameEncoder(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dvc.tracks import PointTracks
 from dvc.video.frames import Plane
 from encoder import _kernels
-from encoder.pursuit import KeyPoints, Pursuit, TrackingSettings
+from encoder.block_matching import BlockMatchingTracker, KeyPoints, PointTrackerSettings
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -48,16 +48,16 @@ class PointTracker:
         Most points to follow from the first key frame of a group on.
     subpixel_bits : int
         Binary digits of the positions after the point.
-    settings : TrackingSettings, optional
+    settings : PointTrackerSettings, optional
         How they are followed.
     """
 
     def __init__(
-        self, num_points: int, subpixel_bits: int = 0, settings: TrackingSettings | None = None
+        self, num_points: int, subpixel_bits: int = 0, settings: PointTrackerSettings | None = None
     ) -> None:
         self._num_points = num_points
         self._subpixel_bits = subpixel_bits
-        self._settings = settings or TrackingSettings()
+        self._settings = settings or PointTrackerSettings()
         self._motion = np.zeros(2, np.int64)
         self._num_before = 0
         self.counts = TrackingCounts()
@@ -76,7 +76,7 @@ class PointTracker:
         self._count(operations)
         count = len(points.positions)
         velocity = np.tile(self._motion, (count, 1))
-        self._pursuit = Pursuit(points, velocity, self._subpixel_bits, self._settings)
+        self._matching = BlockMatchingTracker(points, velocity, self._subpixel_bits, self._settings)
         self._num_before = count
         self.counts.num_corners += count
         self.counts.cpu_s += time.process_time() - started
@@ -90,11 +90,11 @@ class PointTracker:
             The frame.
         """
         started = time.process_time()
-        pursuit = self._pursuit
-        self._num_before = int(pursuit.alive.sum())
-        self._count(pursuit.step(luma, self._settings.max_far_searches))
-        if pursuit.alive.any():
-            _kernels.median_motion(pursuit.velocity, pursuit.alive, self._motion)
+        matching = self._matching
+        self._num_before = int(matching.alive.sum())
+        self._count(matching.step(luma, self._settings.max_coarse_searches))
+        if matching.alive.any():
+            _kernels.median_motion(matching.velocity, matching.alive, self._motion)
         self.counts.num_frames += 1
         self.counts.cpu_s += time.process_time() - started
 
@@ -112,7 +112,7 @@ class PointTracker:
             Points of the first key frame that were found after it; then those of the last that no track is
             near, followed back in time, that were found in enough frames.
         """
-        before = self._pursuit
+        before = self._matching
         forward = self.tracks(len(frames) + 1)
         self.start(frames[-1])
         started = time.process_time()
@@ -123,27 +123,27 @@ class PointTracker:
     @property
     def longest_px(self) -> float:
         """Largest distance of a live point from where it started, in pixels; 0 if none is left."""
-        pursuit = self._pursuit
-        if not pursuit.alive.any():
+        matching = self._matching
+        if not matching.alive.any():
             return 0.0
-        return float(np.hypot(*(pursuit.last - pursuit.points.positions)[pursuit.alive].T).max())
+        return float(np.hypot(*(matching.last - matching.points.positions)[matching.alive].T).max())
 
     @property
     def lost_share(self) -> float:
         """Share of the points of the key frame that are lost; 0 if there were none."""
-        alive = self._pursuit.alive
+        alive = self._matching.alive
         return 1.0 - float(alive.mean()) if len(alive) else 0.0
 
     @property
     def last_lost_share(self) -> float:
         """Share of the points of the last frame but one that were lost in the last; 0 if there were none."""
-        alive = self._pursuit.alive
+        alive = self._matching.alive
         return 1.0 - float(alive.sum()) / self._num_before if self._num_before else 0.0
 
     @property
     def change(self) -> float:
         """How much the blocks of the points have changed since the key frame, in grey levels a sample."""
-        return self._pursuit.change
+        return self._matching.change
 
     def tracks(self, num_instants: int) -> PointTracks:
         """Return the tracks up to an instant.
@@ -158,7 +158,7 @@ class PointTracker:
         PointTracks
             Those that were found at least once after the key frame.
         """
-        positions = np.stack(self._pursuit.path[:num_instants], axis=1)
+        positions = np.stack(self._matching.path[:num_instants], axis=1)
         return PointTracks(positions[np.isfinite(positions[:, 1, 0])])
 
     def _births(self, forward: PointTracks, frames: Sequence[Plane]) -> Floats:
@@ -166,27 +166,27 @@ class PointTracker:
         settings = self._settings
         if len(frames) - 2 < settings.min_birth_frames:
             return np.empty((0, len(frames), 2))
-        pursuit = self._uncovered(forward.positions[:, -2:])
+        matching = self._uncovered(forward.positions[:, -2:])
         for luma in reversed(frames[:-1]):
-            if not pursuit.alive.any():
+            if not matching.alive.any():
                 break
-            self._count(pursuit.step(luma, 0))
-        positions = np.full((len(pursuit.alive), len(frames), 2), np.nan)
-        positions[:, len(frames) - len(pursuit.path) :] = np.stack(pursuit.path[::-1], axis=1)
+            self._count(matching.step(luma, 0))
+        positions = np.full((len(matching.alive), len(frames), 2), np.nan)
+        positions[:, len(frames) - len(matching.path) :] = np.stack(matching.path[::-1], axis=1)
         num_found = np.isfinite(positions[:, 1:-1, 0]).sum(axis=1)
         lasting: Floats = positions[num_found >= settings.min_birth_frames]
         return lasting
 
-    def _uncovered(self, ends: Floats) -> Pursuit:
+    def _uncovered(self, ends: Floats) -> BlockMatchingTracker:
         """Choose points far from the tracks, whose last two positions are given; they move as the nearest."""
-        settings, points = self._settings, self._pursuit.points
+        settings, points = self._settings, self._matching.points
         known = ends[np.isfinite(ends).all(axis=(1, 2))]
         distance, nearest = _nearest(points.positions, known[:, 1])
         chosen = np.flatnonzero(distance >= settings.birth_distance_px)[: settings.max_births]
         velocity = np.zeros((len(chosen), 2), np.int64)
         if len(known):
             velocity = np.rint(known[:, 0] - known[:, 1]).astype(np.int64)[nearest[chosen]]
-        return Pursuit(points[chosen], velocity, self._subpixel_bits, settings)
+        return BlockMatchingTracker(points[chosen], velocity, self._subpixel_bits, settings)
 
     def _count(self, operations: Integers) -> None:
         self.counts.num_blocks += int(operations[0])

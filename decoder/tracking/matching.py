@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.tracking.carriers import choose_carriers
+from decoder.tracking.anchor_corners import choose_anchor_corners
 from decoder.tracking.registration import ReceivedPoints, RegistrationSettings, register
 from decoder.tracking.snakes import SnakeSettings, fit_snakes
 from dvc.tracks.points import FeaturePoints, PointTracks
@@ -91,21 +91,21 @@ def match_points(
     frames = [ReceivedPoints(_inside(frame, first.shape)) for frame in points.frames]
     num_instants = len(frames) + 2
     known = _known(reconstruction, settings)
-    carriers = choose_carriers(
+    anchors = choose_anchor_corners(
         known, first, second, settings.num_snakes, settings.separation_px, settings.window_px
     )
-    if not frames or not len(carriers):
+    if not frames or not len(anchors):
         return PointTracks.none(num_instants)
-    late = np.arange(1, num_instants - 1) / (num_instants - 1)
-    deviation = register(carriers.first, carriers.second, frames, settings.registration)
-    expected = carriers.corners(late) + np.swapaxes(deviation, 0, 1)
-    snakes = fit_snakes(carriers.first, carriers.second, expected, frames, settings.snakes)
+    temporal_positions = np.arange(1, num_instants - 1) / (num_instants - 1)
+    deviation = register(anchors.first, anchors.second, frames, settings.registration)
+    expected = anchors.corners(temporal_positions) + np.swapaxes(deviation, 0, 1)
+    snakes = fit_snakes(anchors.first, anchors.second, expected, frames, settings.snakes)
     seen = np.isfinite(snakes.received[..., 0])
     seen &= _beyond_chance(seen, frames, first.size, settings)
-    positions = np.where(seen[..., None], snakes.positions - carriers.offsets(late), np.nan)
+    positions = np.where(seen[..., None], snakes.positions - anchors.offsets(temporal_positions), np.nan)
     needed = max(1.0, settings.support * np.count_nonzero(seen.any(axis=0)))
     supported = np.count_nonzero(seen, axis=1) >= needed
-    ends = carriers.pairs.first[:, None], carriers.pairs.second[:, None]
+    ends = anchors.pairs.first[:, None], anchors.pairs.second[:, None]
     return PointTracks(np.concatenate([ends[0], positions, ends[1]], axis=1)[supported])
 
 
@@ -116,8 +116,8 @@ def _beyond_chance(
     disc_px2 = math.pi * settings.snakes.radii_px[-1] ** 2
     density = np.array([len(frame) for frame in frames]) / num_pixels
     expected = len(seen) * disc_px2 * density
-    least = expected + settings.significance * np.sqrt(expected) + settings.min_matches
-    return np.asarray(np.count_nonzero(seen, axis=0) >= least)
+    min_found = expected + settings.significance * np.sqrt(expected) + settings.min_matches
+    return np.asarray(np.count_nonzero(seen, axis=0) >= min_found)
 
 
 def _inside(points: Floats, shape: tuple[int, ...]) -> Floats:

@@ -38,10 +38,10 @@ class RegistrationSettings:
         Largest shift that is looked for.
     blur_px : float
         Standard deviation of the window under which equal differences are counted.
-    pace : float
+    temporal_offset : float
         How much of the motion between the key frames a frame may be ahead or behind.
-    pace_step_px : float
-        Paces that move half of the points less than this, relative to the others, are not told apart.
+    offset_step_px : float
+        Offsets that move half of the points less than this, relative to the others, are not told apart.
     num_candidates : int
         Shifts from which the map of a frame is refined.
     jitter_px : float
@@ -58,8 +58,8 @@ class RegistrationSettings:
 
     range_px: int = 32
     blur_px: float = 1.5
-    pace: float = 0.3
-    pace_step_px: float = 2.0
+    temporal_offset: float = 0.3
+    offset_step_px: float = 2.0
     num_candidates: int = 4
     jitter_px: float = 6.0
     num_sweeps: int = 1
@@ -155,10 +155,10 @@ def register(
     ndarray of shape (T, N, 2), float64
         Deviation of each point in each frame; 0 where nothing was received.
     """
-    late = np.arange(1, len(frames) + 1) / (len(frames) + 1)
+    temporal_positions = np.arange(1, len(frames) + 1) / (len(frames) + 1)
     searches = [
         _FrameSearch(first, second, float(t), received, settings)
-        for t, received in zip(late, frames, strict=True)
+        for t, received in zip(temporal_positions, frames, strict=True)
     ]
     hypotheses = [[search.refine(start) for start in search.starts()] for search in searches]
     path = _best_path(hypotheses, settings.jitter_px)
@@ -181,12 +181,12 @@ class _FrameSearch:
         self,
         first: Floats,
         second: Floats,
-        late: float,
+        temporal_position: float,
         received: ReceivedPoints,
         settings: RegistrationSettings,
     ) -> None:
         self._terms = affine_terms(first, second)
-        self._even = (1.0 - late) * first + late * second
+        self._even = (1.0 - temporal_position) * first + temporal_position * second
         self._motion = (second - first) - np.median(second - first, axis=0)
         self._received, self._settings = received, settings
 
@@ -197,9 +197,9 @@ class _FrameSearch:
             return [nothing]
         settings, found = self._settings, []
         spread = float(np.quantile(np.hypot(self._motion[:, 0], self._motion[:, 1]), 0.75))
-        num_paces = int(np.clip(settings.pace * spread / settings.pace_step_px, 0, 4))
-        for step in range(-num_paces, num_paces + 1):
-            ahead = settings.pace * step / max(num_paces, 1) * self._motion
+        num_offsets = int(np.clip(settings.temporal_offset * spread / settings.offset_step_px, 0, 4))
+        for step in range(-num_offsets, num_offsets + 1):
+            ahead = settings.temporal_offset * step / max(num_offsets, 1) * self._motion
             counts = self._counts(ahead)
             peaks = np.argwhere((counts == maximum_filter(counts, size=5)) & (counts > 0))
             found += [(-counts[y, x], abs(step), step, y, x, ahead) for y, x in peaks]

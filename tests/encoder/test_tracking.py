@@ -6,8 +6,8 @@ import pytest
 from dvc._jit import python_twin
 from dvc.video import Frame
 from encoder import _kernels
+from encoder.block_matching import PointTrackerSettings, spiral
 from encoder.corners import TRACKED_CORNERS, CornerDetector, CornerSettings, find_corners
-from encoder.pursuit import TrackingSettings, spiral
 from encoder.tracking import PointTracker
 from tests.clips import moving_texture
 from tests.reference import block_tracking as reference
@@ -134,7 +134,7 @@ def test_parts_of_a_pixel_are_found() -> None:
 
 
 def test_fast_motion_is_reached() -> None:
-    """A jump far beyond the spiral is found by the far search, within the operations allowed."""
+    """A jump far beyond the spiral is found by the coarse-to-fine search, within the operations allowed."""
     frames = moving_texture(20, 120, 240, (0.5, 3.0))
     tracker = PointTracker(40)
     tracker.start(frames[0].luma)
@@ -181,7 +181,7 @@ def test_points_are_lost_for_good() -> None:
 def test_odd_frames_are_followed_or_not(name: str) -> None:
     """Flat, tiny and noisy frames make tracks or none, without a warning."""
     luma = np.ascontiguousarray(odd_frames()[name])
-    tracker = PointTracker(20, 1, TrackingSettings())
+    tracker = PointTracker(20, 1, PointTrackerSettings())
     tracker.start(luma)
     tracker.step(luma)
     tracker.step(np.ascontiguousarray(luma[::-1]))
@@ -210,7 +210,7 @@ def test_same_tracks_for_any_number_of_threads() -> None:
     assert np.array_equal(*found, equal_nan=True)
 
 
-def followed(frames: list[Frame], settings: TrackingSettings, subpixel_bits: int = 0) -> PointTracker:
+def followed(frames: list[Frame], settings: PointTrackerSettings, subpixel_bits: int = 0) -> PointTracker:
     tracker = PointTracker(40, subpixel_bits, settings)
     tracker.start(frames[0].luma)
     for frame in frames[1:]:
@@ -222,7 +222,7 @@ def followed(frames: list[Frame], settings: TrackingSettings, subpixel_bits: int
 def test_points_that_appear_are_followed_back(motion_px: tuple[float, float]) -> None:
     """Points that enter the frame move as they did before, and are not known before they were there."""
     frames = moving_texture(7, 120, 160, motion_px)
-    tracker = followed(frames, TrackingSettings())
+    tracker = followed(frames, PointTrackerSettings())
     tracks = tracker.close([frame.luma for frame in frames[1:]])
     births = tracks.backward
     assert tracks.num_backward == len(births) >= 4
@@ -237,13 +237,13 @@ def test_points_that_appear_are_followed_back(motion_px: tuple[float, float]) ->
 def test_births_are_where_no_track_is() -> None:
     """Points followed back keep away from all tracks that reach the key frame, and from each other."""
     frames = moving_texture(7, 120, 160, (0.0, 6.0))
-    settings = TrackingSettings(birth_distance_px=20.0, max_births=5)
+    settings = PointTrackerSettings(birth_distance_px=20.0, max_births=5)
     tracks = followed(frames, settings).close([frame.luma for frame in frames[1:]])
     assert 0 < tracks.num_backward <= 5
     ends = tracks.forward[:, -1]
     distances = np.hypot(*(tracks.backward[:, None, -1] - ends[np.isfinite(ends[:, 0])]).transpose(2, 0, 1))
     assert distances.min() >= 20.0
-    none = followed(frames, TrackingSettings(max_births=0)).close([frame.luma for frame in frames[1:]])
+    none = followed(frames, PointTrackerSettings(max_births=0)).close([frame.luma for frame in frames[1:]])
     assert none.num_backward == 0
     assert np.array_equal(none.positions, tracks.forward, equal_nan=True)
 
@@ -252,7 +252,7 @@ def test_births_need_frames_between_the_key_frames() -> None:
     """Where a single frame lies between the key frames, none is followed back."""
     frames = moving_texture(3, 120, 160, (0.0, 9.0))
     for num_frames, expected in ((2, False), (1, True)):
-        settings = TrackingSettings(min_birth_frames=num_frames)
+        settings = PointTrackerSettings(min_birth_frames=num_frames)
         tracks = followed(frames, settings).close([frame.luma for frame in frames[1:]])
         assert (tracks.num_backward > 0) == expected
 
@@ -260,7 +260,7 @@ def test_births_need_frames_between_the_key_frames() -> None:
 def test_nothing_appears_at_rest() -> None:
     """Where all points are still there, none is followed back."""
     frames = moving_texture(1, 120, 160) * 4
-    tracks = followed(frames, TrackingSettings()).close([frame.luma for frame in frames[1:]])
+    tracks = followed(frames, PointTrackerSettings()).close([frame.luma for frame in frames[1:]])
     assert len(tracks) > 20
     assert tracks.num_backward == 0
 
@@ -268,12 +268,12 @@ def test_nothing_appears_at_rest() -> None:
 def test_closing_starts_the_next_group() -> None:
     """The corners of the closing key frame are found once, and are those of the next group."""
     frames = moving_texture(9, 120, 160, (0.0, 6.0))
-    tracker = followed(frames[:7], TrackingSettings())
+    tracker = followed(frames[:7], PointTrackerSettings())
     before = tracker.counts.num_blocks
     tracker.close([frame.luma for frame in frames[1:7]])
     assert tracker.counts.num_blocks > before
     assert tracker.counts.num_corners == 80
-    fresh = followed(frames[6:], TrackingSettings())
+    fresh = followed(frames[6:], PointTrackerSettings())
     for frame in frames[7:]:
         tracker.step(frame.luma)
     assert np.array_equal(tracker.tracks(3).positions, fresh.tracks(3).positions, equal_nan=True)
@@ -285,7 +285,7 @@ def test_odd_frames_close_a_group(name: str) -> None:
     luma = np.ascontiguousarray(odd_frames()[name])
     other = np.ascontiguousarray(luma[::-1])
     for last in (luma, other, np.zeros_like(luma)):
-        tracker = followed([Frame(luma), Frame(other), Frame(last)], TrackingSettings())
+        tracker = followed([Frame(luma), Frame(other), Frame(last)], PointTrackerSettings())
         tracks = tracker.close([other, last])
         assert tracks.num_instants == 3
         assert np.isfinite(tracks.backward[:, -2:]).all()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from decoder.tracking import TrackingSettings, match_points
-from decoder.tracking.carriers import HARRIS_SENSITIVITY
+from decoder.tracking.anchor_corners import HARRIS_SENSITIVITY
 from decoder.tracking.drawing import draw_snakes
 from dvc.tracks.points import FeaturePoints, PointTracks
 from encoder.corners import CornerSettings
@@ -47,14 +47,14 @@ def hand_held_clip(seed: int, num_frames: int = 9, jitter_px: float = 5.0, clutt
     columns, rows = np.meshgrid(np.arange(24, WIDTH - 24, 20), np.arange(24, HEIGHT - 24, 20))
     first = np.column_stack([columns.ravel(), rows.ravel()]) + rng.uniform(-4, 4, (columns.size, 2))
     motion = np.array([14.0, -3.0]) * rng.uniform(0.4, 1.2, (len(first), 1))
-    late = np.linspace(0, 1, num_frames + 2)
+    temporal_positions = np.linspace(0, 1, num_frames + 2)
     shake = np.cumsum(rng.uniform(-1, 1, (num_frames + 2, 2)) * jitter_px, axis=0)
     shake[[0, -1]] = 0
     turn = np.radians(rng.uniform(-1, 1, num_frames + 2))
     turn[[0, -1]] = 0
     centred = first - [WIDTH / 2, HEIGHT / 2]
     turned = turn[None, :, None] * np.column_stack([-centred[:, 1], centred[:, 0]])[:, None]
-    truth = first[:, None] + late[:, None] * motion[:, None] + shake + turned
+    truth = first[:, None] + temporal_positions[:, None] * motion[:, None] + shake + turned
     frames = []
     for k in range(1, num_frames + 1):
         seen = truth[rng.random(len(first)) < 0.65, k]

@@ -1,4 +1,4 @@
-"""What the motion of a frame has in common: shifts, turns and paces among clutter."""
+"""What the motion of a frame has in common: shifts, turns and temporal offsets among clutter."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ def received(points: Floats, seed: int) -> ReceivedPoints:
     return ReceivedPoints(np.unique(np.rint([*seen, *rng.uniform(0, 280, seen.shape)]), axis=0))
 
 
-def test_shift_turn_and_pace_are_found() -> None:
+def test_shift_turn_and_temporal_offset_are_found() -> None:
     """A frame that is shifted, turned and late deviates as it should, all over the image."""
     first, second = scattered(200, 1)
     turn = 0.01 * np.column_stack([-(first[:, 1] - 140), first[:, 0] - 170])

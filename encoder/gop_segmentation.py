@@ -1,4 +1,4 @@
-"""Division of frames into groups of pictures at the least estimated rate.
+"""Segmentation of frames into groups of pictures at the least estimated rate.
 
 A Wyner-Ziv frame is taken to cost a share of a key frame that grows with how much the blocks of tracked
 points have changed over its distance from its references, and with how many are lost. Nothing is decoded
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-_LEAST_SHARE = 0.056
+_MIN_SHARE = 0.056
 _CHANGE_WEIGHT = 0.0062
 _LOSS_WEIGHT = 0.095
 """Least squares over Wyner-Ziv frames of box, desk, stone and tree at preset 4, in groups of 2 to 16 frames;
@@ -35,7 +35,7 @@ def wyner_ziv_share(change: float, lost_share: float) -> float:
     float
         The share.
     """
-    return _LEAST_SHARE + _CHANGE_WEIGHT * change**2 + _LOSS_WEIGHT * lost_share**2
+    return _MIN_SHARE + _CHANGE_WEIGHT * change**2 + _LOSS_WEIGHT * lost_share**2
 
 
 def group_costs(changes: Sequence[float], lost_shares: Sequence[float], hierarchical: bool) -> Floats:
@@ -77,7 +77,7 @@ def _distances(length: int, hierarchical: bool) -> list[tuple[int, int]]:
 
 
 def first_length(costs: Floats, min_length: int) -> int:
-    """Return the length of the first group of the cheapest division of all frames.
+    """Return the length of the first group of the cheapest segmentation of all frames.
 
     Parameters
     ----------
@@ -92,14 +92,14 @@ def first_length(costs: Floats, min_length: int) -> int:
         From 1 to L; the longest of equally cheap ones.
     """
     total = len(costs) - 1
-    least = np.full(total + 1, np.inf)
-    least[0] = 0.0
+    min_costs = np.full(total + 1, np.inf)
+    min_costs[0] = 0.0
     chosen = np.zeros(total + 1, np.int64)
     for num_frames in range(1, total + 1):
         for length in range(num_frames, 0, -1):
             if length < min(min_length, total):
                 break
-            cost = costs[length] + least[num_frames - length]
-            if cost < least[num_frames]:
-                least[num_frames], chosen[num_frames] = cost, length
+            cost = costs[length] + min_costs[num_frames - length]
+            if cost < min_costs[num_frames]:
+                min_costs[num_frames], chosen[num_frames] = cost, length
     return int(chosen[total])

@@ -20,7 +20,7 @@ Indices = NDArray[np.int64]
 HARRIS_SENSITIVITY = 0.04
 
 
-class Carriers(NamedTuple):
+class AnchorCorners(NamedTuple):
     """Correspondences, and the corners beside them.
 
     Attributes
@@ -36,15 +36,15 @@ class Carriers(NamedTuple):
     second: Floats
 
     def __len__(self) -> int:
-        """Return the number of carriers."""
+        """Return the number of corners."""
         return len(self.pairs)
 
-    def corners(self, late: Floats) -> Floats:
+    def corners(self, temporal_positions: Floats) -> Floats:
         """Move the corners evenly from key frame to key frame.
 
         Parameters
         ----------
-        late : ndarray of shape (T,), float64
+        temporal_positions : ndarray of shape (T,), float64
             Instants, 0 at the first and 1 at the second key frame.
 
         Returns
@@ -52,14 +52,14 @@ class Carriers(NamedTuple):
         ndarray of shape (N, T, 2), float64
             Their places, in pixels.
         """
-        return _evenly(self.first, self.second, late)
+        return _evenly(self.first, self.second, temporal_positions)
 
-    def offsets(self, late: Floats) -> Floats:
+    def offsets(self, temporal_positions: Floats) -> Floats:
         """Return how far the corners are from their points.
 
         Parameters
         ----------
-        late : ndarray of shape (T,), float64
+        temporal_positions : ndarray of shape (T,), float64
             Instants, 0 at the first and 1 at the second key frame.
 
         Returns
@@ -67,17 +67,17 @@ class Carriers(NamedTuple):
         ndarray of shape (N, T, 2), float64
             Distances in x and y, in pixels.
         """
-        return _evenly(self.first - self.pairs.first, self.second - self.pairs.second, late)
+        return _evenly(self.first - self.pairs.first, self.second - self.pairs.second, temporal_positions)
 
 
-def _evenly(first: Floats, second: Floats, late: Floats) -> Floats:
-    t = late[None, :, None]
+def _evenly(first: Floats, second: Floats, temporal_positions: Floats) -> Floats:
+    t = temporal_positions[None, :, None]
     return (1.0 - t) * first[:, None] + t * second[:, None]
 
 
-def choose_carriers(
-    pairs: Correspondences, first: Luma, second: Luma, num_carriers: int, separation_px: float, window_px: int
-) -> Carriers:
+def choose_anchor_corners(
+    pairs: Correspondences, first: Luma, second: Luma, num_corners: int, separation_px: float, window_px: int
+) -> AnchorCorners:
     """Choose correspondences that are corners in both key frames, the strongest first, spread out.
 
     Parameters
@@ -86,7 +86,7 @@ def choose_carriers(
         What there is to choose from.
     first, second : ndarray of shape (H, W), uint8
         Luma of the key frames.
-    num_carriers : int
+    num_corners : int
         Most that are wanted.
     separation_px : float
         Least distance of two corners in the first key frame.
@@ -95,8 +95,8 @@ def choose_carriers(
 
     Returns
     -------
-    Carriers
-        At most `num_carriers`.
+    AnchorCorners
+        At most `num_corners`.
     """
     ends = [
         strongest_nearby(corner_response(luma, window_px), places, search_radius_px(window_px))
@@ -109,8 +109,8 @@ def choose_carriers(
     # Of points that share a corner the one that is nearest to it comes first.
     distance = np.hypot(*(corner0 - pairs.first)[usable].T) + np.hypot(*(corner1 - pairs.second)[usable].T)
     order = usable[np.lexsort((distance, -strength[usable]))]
-    chosen = _spread(corner0, order, num_carriers, separation_px)
-    return Carriers(pairs[chosen], corner0[chosen], corner1[chosen])
+    chosen = _spread(corner0, order, num_corners, separation_px)
+    return AnchorCorners(pairs[chosen], corner0[chosen], corner1[chosen])
 
 
 MAX_DRIFT_PX = 1.5
@@ -206,12 +206,12 @@ def _vertex(before: Floats, after: Floats, centre: Floats, defined: NDArray[np.b
     return np.asarray(0.5 * (after - before) / np.where(curvature > 0, curvature, 1.0))
 
 
-def _spread(places: Floats, order: Indices, most: int, separation_px: float) -> Indices:
+def _spread(places: Floats, order: Indices, max_points: int, separation_px: float) -> Indices:
     """Take points in order, except those near one that was taken."""
     chosen: list[int] = []
-    taken = np.empty((most, 2))
+    taken = np.empty((max_points, 2))
     for index in order:
-        if len(chosen) == most:
+        if len(chosen) == max_points:
             break
         offset = taken[: len(chosen)] - places[index]
         if not ((offset**2).sum(axis=1) < separation_px**2).any():

@@ -21,15 +21,15 @@ Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class TrackingSettings:
+class PointTrackerSettings:
     """How points are found and followed."""
 
     corners: CornerSettings = TRACKED_CORNERS
     half_block_px: int = 5  # of the blocks that are compared: 11 x 11 samples
     spiral_px: int = 5  # reach of the spiral
-    far_px: int = 48  # reach of the search for points whose motion nothing tells
-    max_far_searches: int = 4  # of these, in one frame
-    far_share: float = 0.3  # they are made when more of the points are lost from one frame to the next
+    coarse_reach_px: int = 48  # reach of the search for points whose motion nothing tells
+    max_coarse_searches: int = 4  # of these, in one frame
+    coarse_search_share: float = 0.3  # they are made when more of the points are lost in one frame
     # A SAD is small below this share of what a shift of the block by `shift_px` makes, or below so many
     # grey levels a sample.
     small_share: float = 0.65
@@ -85,7 +85,7 @@ class KeyPoints:
     small: Integers
 
     @classmethod
-    def find(cls, luma: Plane, num_points: int, settings: TrackingSettings, operations: Integers) -> Self:
+    def find(cls, luma: Plane, num_points: int, settings: PointTrackerSettings, operations: Integers) -> Self:
         """Find the corners of a key frame.
 
         Parameters
@@ -94,7 +94,7 @@ class KeyPoints:
             The key frame.
         num_points : int
             Most corners wanted.
-        settings : TrackingSettings
+        settings : PointTrackerSettings
             How they are chosen and compared.
         operations : ndarray of shape (2,), int64
             Blocks whose SAD was begun, and samples compared in them: added to.
@@ -108,11 +108,11 @@ class KeyPoints:
         positions = find_corners(luma, num_points, half + 1, settings.corners)
         blocks = np.empty((len(positions), 2 * half + 1, 2 * half + 1), np.uint8)
         _kernels.cut_blocks(luma, positions, blocks)
-        least = np.empty(len(positions), np.int64)
-        _kernels.least_shift_sads(luma, positions, blocks, settings.shift_px, least, operations)
+        min_sads = np.empty(len(positions), np.int64)
+        _kernels.min_shift_sads(luma, positions, blocks, settings.shift_px, min_sads, operations)
         num_samples = (2 * half + 1) ** 2
         small = np.clip(
-            settings.small_share * np.minimum(least, 255 * num_samples),
+            settings.small_share * np.minimum(min_sads, 255 * num_samples),
             settings.small_noise * num_samples,
             settings.large_noise * num_samples,
         )
@@ -123,7 +123,7 @@ class KeyPoints:
         return KeyPoints(self.luma, self.positions[chosen], self.blocks[chosen], self.small[chosen])
 
 
-class Pursuit:
+class BlockMatchingTracker:
     """Follows the points of one key frame from frame to frame, forward or back in time.
 
     Parameters
@@ -134,12 +134,12 @@ class Pursuit:
         Motion into the next frame that is to be tried.
     subpixel_bits : int
         Binary digits of the positions after the point.
-    settings : TrackingSettings
+    settings : PointTrackerSettings
         How they are followed.
     """
 
     def __init__(
-        self, points: KeyPoints, velocity: Integers, subpixel_bits: int, settings: TrackingSettings
+        self, points: KeyPoints, velocity: Integers, subpixel_bits: int, settings: PointTrackerSettings
     ) -> None:
         self.points = points
         self.last = points.positions.copy()
@@ -151,14 +151,14 @@ class Pursuit:
         self._subpixel_bits = subpixel_bits
         self._settings = settings
 
-    def step(self, luma: Plane, max_far_searches: int) -> Integers:
+    def step(self, luma: Plane, max_coarse_searches: int) -> Integers:
         """Follow the points into the next frame.
 
         Parameters
         ----------
         luma : ndarray of shape (H, W), uint8
             The frame.
-        max_far_searches : int
+        max_coarse_searches : int
             Most searches for points whose motion nothing tells.
 
         Returns
@@ -172,8 +172,9 @@ class Pursuit:
         operations = np.zeros(2, np.int64)
         found = np.zeros(count, np.bool_)
         self._search(luma, 0, position, sads, found, operations)
-        if max_far_searches and found.sum() < (1.0 - self._settings.far_share) * self.alive.sum():
-            self._search(luma, max_far_searches, position, sads, found, operations)
+        enough = (1.0 - self._settings.coarse_search_share) * self.alive.sum()
+        if max_coarse_searches and found.sum() < enough:
+            self._search(luma, max_coarse_searches, position, sads, found, operations)
         self.alive = found
         offsets = np.zeros((count, 2))
         if self._subpixel_bits:
@@ -205,14 +206,14 @@ class Pursuit:
     def _search(
         self,
         luma: Plane,
-        max_far_searches: int,
+        max_coarse_searches: int,
         position: Integers,
         sads: Integers,
         found: NDArray[np.bool_],
         operations: Integers,
     ) -> None:
         points, settings = self.points, self._settings
-        if max_far_searches and len(self._quarter_blocks) == 0:
+        if max_coarse_searches and len(self._quarter_blocks) == 0:
             self._quarter_blocks = np.empty((len(self.last), 9, 9), np.uint8)
             _kernels.cut_blocks(_quarter(points.luma), points.positions // 4, self._quarter_blocks)
         _kernels.track_frame(
@@ -224,10 +225,10 @@ class Pursuit:
             self.velocity,
             self.alive,
             spiral(settings.spiral_px),
-            _quarter(luma) if max_far_searches else luma,
+            _quarter(luma) if max_coarse_searches else luma,
             self._quarter_blocks,
-            spiral(settings.far_px // 4),
-            max_far_searches,
+            spiral(settings.coarse_reach_px // 4),
+            max_coarse_searches,
             position,
             sads,
             found,

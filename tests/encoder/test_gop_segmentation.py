@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from encoder.division import first_length, group_costs, wyner_ziv_share
+from encoder.gop_segmentation import first_length, group_costs, wyner_ziv_share
 
 
 def least_cost(costs: list[float], total: int, min_length: int) -> tuple[float, int]:
-    """Try all divisions; the second value is the longest first group of the cheapest."""
+    """Try all segmentations; the second value is the longest first group of the cheapest."""
     best = (np.inf, 0)
     for borders in itertools.product([False, True], repeat=total - 1):
         edges = [0, *(i + 1 for i, border in enumerate(borders) if border), total]
@@ -22,8 +22,8 @@ def least_cost(costs: list[float], total: int, min_length: int) -> tuple[float, 
 
 
 @given(st.lists(st.integers(0, 20), min_size=1, max_size=8), st.integers(1, 5))
-def test_first_group_is_that_of_the_cheapest_division(values: list[int], min_length: int) -> None:
-    """Dynamic programming finds what the trial of all divisions finds."""
+def test_first_group_is_that_of_the_cheapest_segmentation(values: list[int], min_length: int) -> None:
+    """Dynamic programming finds what the trial of all segmentations finds."""
     costs = [0.0, *map(float, values)]
     assert first_length(np.array(costs), min_length) == least_cost(costs, len(values), min_length)[1]
 
