@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 
+from sfm.cameras.projective_basis import camera_basis
 from sfm.model import Correspondences, PixelFrame
 from sfm.projection import homogeneous, project
-from sfm.projective_basis import camera_basis
 
 Floats = NDArray[np.float64]
 

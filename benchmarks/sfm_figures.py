@@ -17,8 +17,8 @@ from sequences.correspondences import correspondences, pixel_grid
 from sequences.renderer import render_frame
 from sequences.scenes import Scene, scene
 from sfm.backends import BACKENDS
-from sfm.bundle_adjustment import bundle_adjustment
-from sfm.epipolar import symmetric_distances
+from sfm.cameras.bundle_adjustment import bundle_adjustment
+from sfm.estimation.epipolar import symmetric_distances
 from sfm.model import Reconstruction
 from sfm.pipeline import reconstruct
 

@@ -21,11 +21,11 @@ from dvc.config import SideInformationConfig
 from dvc.metrics import psnr_db
 from dvc.video import Frame, open_video
 from dvc.wynerziv.transform import to_uint8
-from sfm.drawing import draw_correspondences, side_by_side
-from sfm.features import detect_corners
+from sfm.cameras.resection import intermediate_cameras, linear_points
+from sfm.correspondences.features import detect_corners
 from sfm.model import Correspondences, Model, Reconstruction
+from sfm.output.drawing import draw_correspondences, side_by_side
 from sfm.pipeline import reconstruct
-from sfm.resection import intermediate_cameras, linear_points
 
 PROG = "python -m benchmarks.walkthrough"
 EXAMPLES = """\

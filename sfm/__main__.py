@@ -104,8 +104,8 @@ def _luma(path: str, index: int) -> "NDArray[np.uint8]":
 def _write(folder: Path, reconstruction: "Reconstruction", first: Any, second: Any) -> None:
     import cv2
 
-    from sfm.drawing import draw_correspondences, side_by_side
-    from sfm.export import point_colours, write_colmap, write_json, write_ply
+    from sfm.output.drawing import draw_correspondences, side_by_side
+    from sfm.output.export import point_colours, write_colmap, write_json, write_ply
 
     write_json(folder / "model.json", reconstruction)
     model = reconstruction.model

@@ -6,14 +6,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm import outliers, pycolmap_bridge
-from sfm.bundle_adjustment import bundle_adjustment
-from sfm.epipolar import sampson_distances
+from sfm import pycolmap_bridge
+from sfm.cameras.bundle_adjustment import bundle_adjustment
+from sfm.cameras.self_calibration import self_calibration
+from sfm.correspondences import outliers
+from sfm.estimation.epipolar import sampson_distances
+from sfm.estimation.weak_calibration import WeakCalibration, weak_calibration
 from sfm.model import Correspondences, PixelFrame
 from sfm.projection import homogeneous, project, triangulate_depth
-from sfm.self_calibration import self_calibration
 from sfm.settings import SfmSettings
-from sfm.weak_calibration import WeakCalibration, weak_calibration
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -66,7 +67,7 @@ class NativeBackend:
     def calibrate(
         self, matches: Correspondences, settings: SfmSettings, rng: np.random.Generator
     ) -> WeakCalibration:
-        """Find the fundamental matrix; see `sfm.weak_calibration`.
+        """Find the fundamental matrix; see `sfm.estimation.weak_calibration`.
 
         Parameters
         ----------

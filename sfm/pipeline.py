@@ -8,17 +8,17 @@ References
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm import outliers
 from sfm.backends import BACKENDS, CameraPair
-from sfm.degeneracy import classify_motion
-from sfm.densification import densify
-from sfm.features import detect_corners
-from sfm.matching import match_corners
+from sfm.correspondences import outliers
+from sfm.correspondences.densification import densify
+from sfm.correspondences.features import detect_corners
+from sfm.correspondences.matching import match_corners
+from sfm.correspondences.propagation import propagate, settle_on_surfaces
+from sfm.estimation.degeneracy import classify_motion
+from sfm.estimation.weak_calibration import WeakCalibration
 from sfm.model import Correspondences, Model, PixelFrame, Reconstruction
 from sfm.projection import triangulate_depth
-from sfm.propagation import propagate, settle_on_surfaces
 from sfm.settings import SfmSettings
-from sfm.weak_calibration import WeakCalibration
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]

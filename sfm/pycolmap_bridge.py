@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.epipolar import fundamental_from_camera, fundamental_to_pixels, sampson_distances, unit_norm
+from sfm.estimation.epipolar import (
+    fundamental_from_camera,
+    fundamental_to_pixels,
+    sampson_distances,
+    unit_norm,
+)
 from sfm.model import Correspondences, PixelFrame
 
 Floats = NDArray[np.float64]

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, field
 
-from sfm.bundle_adjustment import BundleAdjustmentOptions
-from sfm.degeneracy import DegeneracyOptions
-from sfm.densification import DensificationSettings
-from sfm.features import FeatureSettings
-from sfm.matching import MatchingSettings
-from sfm.propagation import PropagationSettings
-from sfm.self_calibration import SelfCalibrationOptions
-from sfm.weak_calibration import WeakCalibrationOptions
+from sfm.cameras.bundle_adjustment import BundleAdjustmentOptions
+from sfm.cameras.self_calibration import SelfCalibrationOptions
+from sfm.correspondences.densification import DensificationSettings
+from sfm.correspondences.features import FeatureSettings
+from sfm.correspondences.matching import MatchingSettings
+from sfm.correspondences.propagation import PropagationSettings
+from sfm.estimation.degeneracy import DegeneracyOptions
+from sfm.estimation.weak_calibration import WeakCalibrationOptions
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from decoder.side_information.surfaces import KnownDepth
 from decoder.side_information.track_depths import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
+from sfm.cameras.rebasing import Rebased, rebase
 from sfm.model import Model, Reconstruction
-from sfm.rebasing import Rebased, rebase
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
@@ -187,8 +187,8 @@ def estimate_geometry(
     [Maitre2008] Sec. 5.4: (5.7) with real tracks instead of (5.8).
     """
     from decoder.tracking import match_points
-    from sfm.camera_path import regular_cameras
-    from sfm.resection import tracked_points
+    from sfm.cameras.camera_path import regular_cameras
+    from sfm.cameras.resection import tracked_points
 
     tracks = points
     if isinstance(tracks, FeaturePoints):

@@ -30,7 +30,7 @@ from decoder.side_information.surfaces import RELIABLE
 from dvc.config import CodecConfig
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
-from sfm.rebasing import Rebased
+from sfm.cameras.rebasing import Rebased
 
 Floats = NDArray[np.float64]
 

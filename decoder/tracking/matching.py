@@ -131,7 +131,7 @@ def _inside(points: Floats, shape: tuple[int, ...]) -> Floats:
 
 def _known(reconstruction: Reconstruction, settings: TrackingSettings) -> Correspondences:
     """Return the correspondences of a model that can be trusted, or those matched that move alike."""
-    from sfm import outliers
+    from sfm.correspondences import outliers
 
     if reconstruction.model is not None and reconstruction.success:
         return reconstruction.model.correspondences

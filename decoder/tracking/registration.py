@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from sfm.normal_equations import solve_damped
+from sfm.least_squares import solve_damped
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sfm.__main__ import main
-from sfm.drawing import ZOOM, draw_correspondences, side_by_side
 from sfm.model import Correspondences, PixelFrame
+from sfm.output.drawing import ZOOM, draw_correspondences, side_by_side
 from tests.scenes_3d import render
 
 FRAME = PixelFrame(176, 144)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfm.backends import BACKENDS
-from sfm.epipolar import (
+from sfm.estimation.epipolar import (
     fundamental_from_camera,
     fundamental_to_pixels,
     symmetric_distances,

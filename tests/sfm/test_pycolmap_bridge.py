@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sfm.epipolar import symmetric_distances
+from sfm.estimation.epipolar import symmetric_distances
 from sfm.model import Correspondences
 from sfm.pycolmap_bridge import estimate_fundamental, estimate_pair
 from tests.sfm.euclidean import FOCAL_LENGTH, FRAME, euclidean_scene

@@ -1,0 +1,216 @@
+"""The projective basis: a minimal parametrisation of a camera that keeps two points where they are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfm.estimation.epipolar import distances_to_epipole, epipoles, fundamental_from_camera
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+CAMERA_NORM = 3.0**0.5  # Frobenius norm of all projection matrices
+
+
+@dataclass(frozen=True)
+class FixedPointOptions:
+    """Which two points may fix the projective basis.
+
+    Attributes
+    ----------
+    error_quantile : float
+        Their reprojection errors are in this lowest part.
+    epipole_distance : float
+        Their distance to the epipoles is at least this part of the extent of the points.
+    mutual_distance : float
+        The distance between them is at least this part of the extent of the points.
+    num_trials : int
+        Random pairs to try before the demands on distance are halved.
+    """
+
+    error_quantile: float = 0.25
+    epipole_distance: float = 0.15
+    mutual_distance: float = 0.4
+    num_trials: int = 100
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense."""
+        if not 0 < self.error_quantile <= 1:
+            raise ValueError(f"`error_quantile` must be in (0, 1], got {self.error_quantile}")
+
+
+def basis_constraints(points: Floats, image: Floats) -> Floats:
+    """Write "this camera sees these points there" as linear equations in its twelve entries.
+
+    Parameters
+    ----------
+    points : ndarray of shape (K, 4), float64
+        Homogeneous 3D points.
+    image : ndarray of shape (K, 2), float64
+        Where they are seen.
+
+    Returns
+    -------
+    ndarray of shape (2 K, 12), float64
+        A with ``A P = 0`` for the entries of P, row by row.
+
+    References
+    ----------
+    [Maitre2008] Eq. (A.1).
+    """
+    zero = np.zeros_like(points)
+    horizontal = np.hstack([points, zero, -image[:, :1] * points])
+    vertical = np.hstack([zero, points, -image[:, 1:] * points])
+    return np.stack([horizontal, vertical], axis=1).reshape(-1, 12)
+
+
+def camera_basis(points: Floats, image: Floats) -> Floats:
+    """Find the cameras that see two points at given places.
+
+    Parameters
+    ----------
+    points : ndarray of shape (2, 4), float64
+        The fixed 3D points, homogeneous.
+    image : ndarray of shape (2, 2), float64
+        Where the camera sees them.
+
+    Returns
+    -------
+    ndarray of shape (12, 8), float64
+        W with orthonormal columns: every such camera is ``sqrt(3) W r`` with r of unit norm.
+
+    Raises
+    ------
+    ValueError
+        If the two points coincide, or are not two.
+
+    References
+    ----------
+    [Maitre2008] Eq. (A.2).
+    """
+    if points.shape != (2, 4) or image.shape != (2, 2):
+        raise ValueError(f"two points are needed, got shapes {points.shape} and {image.shape}")
+    _, singular, vt = np.linalg.svd(basis_constraints(points, image))
+    if not singular[3] > 1e-12 * singular[0]:
+        raise ValueError("the two fixed points must differ")
+    basis: Floats = vt[4:].T.copy()
+    return basis
+
+
+def camera_from_coordinates(basis: Floats, r: Floats) -> Floats:
+    """Return the camera with coordinates r in a basis.
+
+    Parameters
+    ----------
+    basis : ndarray of shape (12, 8), float64
+        W, from `camera_basis`.
+    r : ndarray of shape (8,), float64
+        Coordinates, of any norm but zero.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        Projection matrix, Frobenius norm sqrt(3).
+    """
+    unit = r / np.sqrt((r * r).sum())
+    camera: Floats = CAMERA_NORM * (basis @ unit).reshape(3, 4)
+    return camera
+
+
+def coordinates_of_camera(basis: Floats, camera: Floats) -> Floats:
+    """Project a camera on a basis; inverse of `camera_from_coordinates` for cameras that obey it.
+
+    Parameters
+    ----------
+    basis : ndarray of shape (12, 8), float64
+        W, from `camera_basis`.
+    camera : ndarray of shape (3, 4), float64
+        Projection matrix.
+
+    Returns
+    -------
+    ndarray of shape (8,), float64
+        r, of unit norm.
+    """
+    r = basis.T @ camera.ravel()
+    unit: Floats = r / np.sqrt((r * r).sum())
+    return unit
+
+
+def choose_fixed_points(
+    first: Floats,
+    second: Floats,
+    camera: Floats,
+    errors: Floats,
+    rng: np.random.Generator,
+    options: FixedPointOptions | None = None,
+) -> Indices | None:
+    """Draw two points with small errors, far from the epipoles and from each other.
+
+    Parameters
+    ----------
+    first, second : ndarray of shape (N, 2), float64
+        Points of both images.
+    camera : ndarray of shape (3, 4), float64
+        The second camera, in the same coordinates.
+    errors : ndarray of shape (N,), float64
+        Reprojection errors; a point that must not be chosen has inf.
+    rng : Generator
+        Source of randomness.
+    options : FixedPointOptions, optional
+        The demands; the defaults if None.
+
+    Returns
+    -------
+    ndarray of shape (2,), int64, or None
+        Which points; None if no two of them differ.
+
+    References
+    ----------
+    [Maitre2008] Sec. 5.2.3.
+    """
+    options = options or FixedPointOptions()
+    finite = np.flatnonzero(np.isfinite(errors))
+    if len(finite) < 2:
+        return None
+    limit = np.quantile(errors[finite], options.error_quantile)
+    candidates = finite[errors[finite] <= limit]
+    if len(candidates) < 2:
+        candidates = finite
+    extent = float(np.hypot(*np.ptp(first[finite], axis=0)))
+    if not extent > 0:
+        return None
+    in_first, in_second = epipoles(fundamental_from_camera(camera))
+    epipole_distances = np.minimum(
+        distances_to_epipole(in_first, first), distances_to_epipole(in_second, second)
+    )
+    share = 1.0
+    for _ in range(8):
+        away = epipole_distances[candidates] >= share * options.epipole_distance * extent
+        pair = _draw_pair(candidates[away], first, share * options.mutual_distance * extent, rng, options)
+        if pair is not None:
+            return pair
+        share *= 0.5
+    return _farthest_pair(finite, first)
+
+
+def _draw_pair(
+    candidates: Indices, first: Floats, least: float, rng: np.random.Generator, options: FixedPointOptions
+) -> Indices | None:
+    if len(candidates) < 2:
+        return None
+    pairs = rng.integers(0, len(candidates), (options.num_trials, 2))
+    offset = first[candidates[pairs[:, 0]]] - first[candidates[pairs[:, 1]]]
+    apart = np.flatnonzero(np.hypot(offset[:, 0], offset[:, 1]) >= least)
+    return candidates[pairs[apart[0]]] if len(apart) else None
+
+
+def _farthest_pair(candidates: Indices, first: Floats) -> Indices:
+    """Return the two ends of the points along the axis in which they spread most."""
+    points = first[candidates]
+    axis = int(np.argmax(np.ptp(points, axis=0)))
+    ends = [int(np.argmin(points[:, axis])), int(np.argmax(points[:, axis]))]
+    pair: Indices = candidates[np.array(ends)]
+    return pair

@@ -1,0 +1,94 @@
+"""Change of basis: the model of two other views of the same scene, whose cameras are known."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
+from sfm.model import Correspondences, Model
+from sfm.projection import project
+
+Floats = NDArray[np.float64]
+
+LEAST_DETERMINANT = 1e-9
+"""Of the left part of a camera, relative to its entries: below it the centre is at infinity."""
+
+
+class Rebased(NamedTuple):
+    """A model in another basis.
+
+    Attributes
+    ----------
+    model : Model
+        Of the two views; its correspondences are where they see the points of the scene.
+    from_basis : ndarray of shape (4, 4), float64
+        A camera of the old basis times this matrix is the same camera in the new one.
+    """
+
+    model: Model
+    from_basis: Floats
+
+    def camera(self, camera: Floats) -> Floats | None:
+        """Convert a camera to the basis of the model.
+
+        Parameters
+        ----------
+        camera : ndarray of shape (3, 4), float64
+            In the old basis.
+
+        Returns
+        -------
+        ndarray of shape (3, 4), float64, or None
+            In the new one, to the same scale: inverse depths of a view are the same in both. None where its
+            centre is at infinity there.
+        """
+        converted: Floats = camera @ self.from_basis
+        return None if _oriented(converted) is None else converted
+
+
+def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased | None:
+    """Describe the scene of a model by two other views of it.
+
+    Parameters
+    ----------
+    model : Model
+        The scene.
+    first_camera, second_camera : ndarray of shape (3, 4), float64
+        Cameras of the two views, in normalised coordinates and the basis of the model.
+
+    Returns
+    -------
+    Rebased or None
+        The first camera becomes ``[I | 0]``, the plane at infinity and the scales of the cameras stay; None
+        where a centre is at infinity or no point of the scene lies before both cameras.
+    """
+    first, second = _oriented(first_camera), _oriented(second_camera)
+    if first is None or second is None:
+        return None
+    to_basis = np.vstack([first, [0.0, 0.0, 0.0, 1.0]])
+    from_basis = np.linalg.inv(to_basis)
+    points = model.points @ to_basis.T
+    camera = second @ from_basis
+    if _oriented(camera) is None:
+        return None
+    x0, depth0 = project(np.eye(3, 4), points)
+    x1, depth1 = project(camera, points)
+    ahead = (depth0 > 0) & (depth1 > 0) & np.isfinite(x0).all(axis=1) & np.isfinite(x1).all(axis=1)
+    if not ahead.any():
+        return None
+    frame = model.pixel_frame
+    seen = Correspondences(
+        frame.to_pixels(x0[ahead]), frame.to_pixels(x1[ahead]), model.correspondences.error[ahead]
+    )
+    fundamental = fundamental_to_pixels(fundamental_from_camera(camera), frame)
+    depths = depth0[ahead] / points[ahead, 3]
+    return Rebased(Model(frame, fundamental, camera, seen, depths), from_basis)
+
+
+def _oriented(camera: Floats) -> Floats | None:
+    """Return the camera with the sign that gives points before it a positive depth."""
+    determinant = float(np.linalg.det(camera[:, :3]))
+    if abs(determinant) < LEAST_DETERMINANT * max(float(np.abs(camera).max()), 1e-300) ** 3:
+        return None
+    return camera if determinant > 0 else -camera

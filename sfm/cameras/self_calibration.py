@@ -1,0 +1,277 @@
+"""Quasi-Euclidean self-calibration: from a fundamental matrix to cameras and depths that look Euclidean."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfm.estimation.epipolar import epipoles, fundamental_to_normalized, skew
+from sfm.model import Correspondences, PixelFrame
+from sfm.projection import homogeneous, inverse_depths
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NUM_ENTRIES = 9  # of R, each with the absolute value of its difference from I as a variable
+LEAST_UNIT = 1e-9  # of the inverse unit of depth, which must be positive
+TOLERANCE = 1e-7  # of the linear program
+OUTWEIGH = 3.0  # a change of a by 1 changes R by at most sqrt(3), and an inverse depth by about 1
+
+
+@dataclass(frozen=True)
+class SelfCalibrationOptions:
+    """Parameters of the self-calibration.
+
+    Attributes
+    ----------
+    first_depth_ratio : float
+        M, the ratio of the largest to the smallest depth, starts here, or at its lower bound if that is more.
+    depth_ratio_factor : float
+        Growth of M while there is no solution.
+    max_depth_ratio : float
+        Largest M to try.
+    dropped_share : float
+        Share of the points that may be dropped rather than let M grow.
+    max_dropped_share : float
+        Share of the points that may be dropped at all.
+    min_num_points : int
+        Points that must remain.
+    """
+
+    first_depth_ratio: float = 16.0
+    depth_ratio_factor: float = 2.0
+    max_depth_ratio: float = 4096.0
+    dropped_share: float = 0.05
+    max_dropped_share: float = 0.25
+    min_num_points: int = 8
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense."""
+        if not self.depth_ratio_factor > 1:
+            raise ValueError(f"`depth_ratio_factor` must be above 1, got {self.depth_ratio_factor}")
+        if not 1 <= self.first_depth_ratio <= self.max_depth_ratio:
+            raise ValueError(f"`first_depth_ratio` must be in [1, max], got {self.first_depth_ratio}")
+
+
+@dataclass(frozen=True, eq=False)
+class SelfCalibration:
+    """What came of an attempt to find cameras and depths.
+
+    Attributes
+    ----------
+    camera : ndarray of shape (3, 4), float64
+        The second camera in normalised coordinates, Frobenius norm sqrt(3); the first is ``[I | 0]``.
+    depths : ndarray of shape (N,), float64
+        Depth of each point in the first camera, in [1, `depth_ratio`]; 1 where the point was dropped.
+    kept : ndarray of shape (N,), bool
+        Points that were not dropped.
+    depth_ratio : float
+        M, the bound on the depths.
+    reason : str
+        Why there is no solution; empty if there is one.
+    dropped : str
+        Which points were dropped and why; empty if none.
+    """
+
+    camera: Floats
+    depths: Floats
+    kept: Mask
+    depth_ratio: float
+    reason: str
+    dropped: str
+
+    @property
+    def success(self) -> bool:
+        """Whether there are cameras."""
+        return not self.reason
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points before or behind both cameras: homogeneous, with inverse depths and quotients of depths."""
+
+    first: Floats
+    inverse: Floats
+    quotient: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """What a linear program found: the sign of t, a, q, the cost, and the points within their bounds."""
+
+    sign: float
+    a: Floats
+    q: float
+    cost: float
+    kept: Mask
+
+
+def projective_camera(fundamental: Floats, plane: Floats | None = None) -> Floats:
+    """Make a second camera that agrees with a fundamental matrix, the first being ``[I | 0]``.
+
+    Parameters
+    ----------
+    fundamental : ndarray of shape (3, 3), float64
+        F of rank 2.
+    plane : ndarray of shape (3,), float64, optional
+        The arbitrary vector a; the epipole of the first image if None.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        ``[R | t]`` with ``R = [t]x F - t a'`` and t of unit norm. ``[t]x R = -F``.
+
+    References
+    ----------
+    [Maitre2008] Eq. (5.2).
+    """
+    first, second = epipoles(fundamental)
+    a = first if plane is None else plane
+    return np.column_stack([skew(second) @ fundamental - np.outer(second, a), second])
+
+
+def self_calibration(
+    fundamental: Floats,
+    correspondences: Correspondences,
+    frame: PixelFrame,
+    options: SelfCalibrationOptions | None = None,
+) -> SelfCalibration:
+    """Find cameras as close as possible to ``[I | 0]`` and ``[I | t]``, with all depths positive and bounded.
+
+    The unit of depth is a variable of the linear program beside the three entries of a: otherwise the
+    arbitrary norm of t would decide what depths are allowed.
+
+    Parameters
+    ----------
+    fundamental : ndarray of shape (3, 3), float64
+        F in pixels.
+    correspondences : Correspondences
+        Reliable points in pixels.
+    frame : PixelFrame
+        Size of the images.
+    options : SelfCalibrationOptions, optional
+        Parameters; the defaults if None.
+
+    Returns
+    -------
+    SelfCalibration
+        Cameras and depths, or the reason why there are none.
+
+    References
+    ----------
+    [Maitre2008] Sec. 5.2.3, Eqs. (5.2) to (5.4), the last with corrected signs.
+    """
+    options = options or SelfCalibrationOptions()
+    num = len(correspondences)
+    if not np.isfinite(fundamental).all() or np.linalg.matrix_rank(fundamental, rtol=1e-12) < 2:
+        return _failure(num, "the fundamental matrix has not rank 2")
+    if num < options.min_num_points:
+        return _failure(num, f"{num} points, {options.min_num_points} are needed")
+    camera, inverse, depth_quotient = _projective_depths(fundamental, correspondences, frame)
+    same_side = np.isfinite(inverse) & (depth_quotient > 0)
+    least = max(options.min_num_points, math.ceil((1.0 - options.max_dropped_share) * num))
+    wrong = num - int(np.count_nonzero(same_side))
+    if num - wrong < least:
+        return _failure(num, f"{wrong} of {num} points are on the wrong side of a camera")
+    x = homogeneous(frame.to_normalized(correspondences.first))[same_side]
+    points = _Points(x, inverse[same_side], depth_quotient[same_side])
+    solved = _solve(camera, points, least, options)
+    if solved is None:
+        return _failure(num, f"no plane at infinity bounds the depths by {options.max_depth_ratio:g}")
+    return _apply(camera, points, same_side, *solved)
+
+
+def _failure(num: int, reason: str) -> SelfCalibration:
+    return SelfCalibration(np.eye(3, 4), np.ones(num), np.zeros(num, dtype=bool), 1.0, reason, "")
+
+
+def _projective_depths(
+    fundamental: Floats, correspondences: Correspondences, frame: PixelFrame
+) -> tuple[Floats, Floats, Floats]:
+    """Return a camera with R of unit size, inverse depths, and quotients of depths, most of them positive."""
+    normalized = fundamental_to_normalized(fundamental, frame)
+    singular = np.linalg.svd(normalized)[1]
+    camera = projective_camera(normalized / math.sqrt(singular[0] * singular[1]))
+    first = frame.to_normalized(correspondences.first)
+    second = frame.to_normalized(correspondences.second)
+    with np.errstate(invalid="ignore", over="ignore"):  # points that are not finite
+        inverse, depth_quotient = inverse_depths(first, camera, second)
+    if np.count_nonzero(depth_quotient < 0) > np.count_nonzero(depth_quotient > 0):
+        return -camera, inverse, -depth_quotient
+    return camera, inverse, depth_quotient
+
+
+def _solve(
+    camera: Floats, points: _Points, least: int, options: SelfCalibrationOptions
+) -> tuple[_Solution, float] | None:
+    """Let M grow until few enough points stand in the way of a solution."""
+    # The ratio of a point's two depths does not depend on the plane at infinity: it bounds M from below.
+    bounds = np.maximum(points.quotient, 1.0 / points.quotient)
+    ratio = max(options.first_depth_ratio, float(np.quantile(bounds, 1.0 - options.dropped_share)))
+    while True:
+        last = ratio * options.depth_ratio_factor > options.max_depth_ratio
+        share = options.max_dropped_share if last else options.dropped_share
+        enough = max(least, math.ceil((1.0 - share) * len(points.inverse)))
+        candidates = [_linear_program(camera, points, sign, ratio, options) for sign in (1.0, -1.0)]
+        solutions = [s for s in candidates if s is not None and np.count_nonzero(s.kept) >= enough]
+        if solutions:
+            return min(solutions, key=lambda solution: solution.cost), ratio
+        if last:
+            return None
+        ratio *= options.depth_ratio_factor
+
+
+def _linear_program(
+    camera: Floats, points: _Points, sign: float, ratio: float, options: SelfCalibrationOptions
+) -> _Solution | None:
+    """Minimise the sum of the magnitudes of R - t a' - I under (5.4), for one sign of t.
+
+    Variables: a (3), q, the inverse of the unit of depth (1), magnitudes of entries (9), and how far each
+    point is from its bounds (N). (5.4) is divided by the magnitude of the first depth.
+    """
+    from scipy.optimize import linprog
+    from scipy.sparse import csr_array, eye_array, hstack, vstack
+
+    num = len(points.inverse)
+    t, inverse = sign * camera[:, 3], sign * points.inverse
+    smallest, largest = np.minimum(1.0, points.quotient), np.maximum(1.0, points.quotient)
+    lower = np.column_stack([-points.first, largest / ratio])
+    upper = np.column_stack([points.first, -smallest])
+    # Entry (i, j) of R - t a' is R_ij - t_i a_j.
+    entries = np.hstack([-np.kron(t[:, None], np.eye(3)), np.zeros((NUM_ENTRIES, 1))])
+    away = (np.eye(3) - camera[:, :3]).ravel()
+    shared = csr_array(np.vstack([lower, upper, entries, -entries]))
+    slack = vstack([eye_array(num), eye_array(num), csr_array((2 * NUM_ENTRIES, num))])
+    identity = vstack([csr_array((2 * num, NUM_ENTRIES)), eye_array(NUM_ENTRIES), eye_array(NUM_ENTRIES)])
+    matrix = hstack([shared, -identity, -slack]).tocsr()
+    limit = np.concatenate([inverse, -inverse, away, -away])
+    # Less than `dropped_share` of the points together cannot outweigh the entries of R.
+    price = OUTWEIGH / (options.dropped_share * num)
+    cost = np.concatenate([np.zeros(4), np.ones(NUM_ENTRIES), np.full(num, price)])
+    ranges = [(None, None)] * 3 + [(LEAST_UNIT, None)] + [(0.0, None)] * (NUM_ENTRIES + num)
+    solved = linprog(cost, A_ub=matrix, b_ub=limit, bounds=ranges, method="highs")
+    if solved.x is None or not solved.success:
+        return None
+    a, q = solved.x[:3], float(solved.x[3])
+    return _Solution(sign, a, q, float(solved.fun), solved.x[4 + NUM_ENTRIES :] <= TOLERANCE)
+
+
+def _apply(
+    camera: Floats, points: _Points, same_side: Mask, solution: _Solution, ratio: float
+) -> SelfCalibration:
+    """Change the projective frame, in units of depth that make the least depth about 1."""
+    t = solution.sign * camera[:, 3]
+    inverse = (points.first @ solution.a + solution.sign * points.inverse) / solution.q
+    kept, depths = same_side.copy(), np.ones(len(same_side))
+    kept[np.flatnonzero(same_side)[~solution.kept]] = False
+    depths[kept] = np.clip(1.0 / inverse[solution.kept], 1.0, ratio)
+    # P is only defined up to scale: the unit of depth scales t alone, the norm scales all of P.
+    found = np.column_stack([camera[:, :3] - np.outer(t, solution.a), solution.q * t])
+    found *= math.sqrt(3.0 / float((found * found).sum()))
+    causes = [
+        (len(kept) - int(np.count_nonzero(same_side)), "on the wrong side of a camera"),
+        (int(np.count_nonzero(~solution.kept)), "without bounded depth"),
+    ]
+    dropped = ", ".join(f"{count} {cause}" for count, cause in causes if count)
+    return SelfCalibration(found, depths, kept, ratio, "", dropped)

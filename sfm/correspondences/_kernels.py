@@ -1,0 +1,658 @@
+"""Compiled loops of features, matching, refinement, propagation; validated and described by their callers.
+
+Images are float64 arrays [row, column]; points are (x, y). `coefficients` are those of the cubic B-spline
+that interpolates an image, `sfm.correspondences.refinement.spline_coefficients`.
+"""
+
+import numpy as np
+
+from dvc._jit import kernel
+
+# ---- features ----
+
+
+@kernel
+def suppression_radii(x, y, strength, robustness, radii_px2):
+    """Squared distance of each maximum to the nearest clearly stronger one; `strength` falls."""
+    for i in range(x.size):
+        nearest = np.int64(1) << 40
+        for j in range(i):
+            if strength[j] * robustness <= strength[i]:
+                break
+            nearest = min(nearest, (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)
+        radii_px2[i] = nearest
+
+
+# ---- matching ----
+
+
+@kernel
+def parzen_histograms(patches, bin_width, histograms):
+    """Densities of deviations from the mean by triangular windows two bins wide, sampled at bin centres."""
+    num_bins = histograms.shape[1]
+    for i in range(patches.shape[0]):
+        for k in range(num_bins):
+            histograms[i, k] = 0.0
+        for value in patches[i]:
+            position = min(max(value / bin_width + 0.5 * (num_bins - 1), 0.0), num_bins - 1.0)
+            k = min(int(position), num_bins - 2)
+            histograms[i, k] += k + 1 - position
+            histograms[i, k + 1] += position - k
+
+
+@kernel
+def chi_square(a, b):
+    """Half the sum of (a - b)^2 / (a + b): from 0 (the same) to the number of samples (nothing shared)."""
+    total = 0.0
+    for k in range(a.size):
+        both = a[k] + b[k]
+        if both > 0.0:
+            total += (a[k] - b[k]) ** 2 / both
+    return 0.5 * total
+
+
+@kernel
+def squared_difference(a, b, limit):
+    """Sum of squared differences; stops, above `limit`, once it exceeds it."""
+    total = 0.0
+    for k in range(a.size):
+        total += (a[k] - b[k]) ** 2
+        if total > limit:
+            break
+    return total
+
+
+@kernel
+def best_candidates(
+    corners_a,
+    corners_b,
+    max_motion_px,
+    patches_a,
+    patches_b,
+    means_a,
+    means_b,
+    histograms_a,
+    histograms_b,
+    max_brightness_change,
+    max_chi_square,
+    limits,
+    chosen,
+    errors,
+):
+    """List, by rising error, the most similar corners within the motion bound; -1 where there are fewer.
+
+    `limits` are the largest sums of squared differences, `errors` receives the sums.
+    """
+    count = chosen.shape[1]
+    for i in range(corners_a.shape[0]):
+        found = 0
+        for j in range(corners_b.shape[0]):
+            dx, dy = corners_b[j, 0] - corners_a[i, 0], corners_b[j, 1] - corners_a[i, 1]
+            if dx * dx + dy * dy > max_motion_px * max_motion_px:
+                continue
+            if abs(means_a[i] - means_b[j]) > max_brightness_change:
+                continue
+            if chi_square(histograms_a[i], histograms_b[j]) > max_chi_square:
+                continue
+            limit = min(limits[i], errors[i, count - 1]) if found == count else limits[i]
+            error = squared_difference(patches_a[i], patches_b[j], limit)
+            if error > limit:
+                continue
+            place = min(found, count - 1)
+            while place > 0 and errors[i, place - 1] > error:
+                errors[i, place] = errors[i, place - 1]
+                chosen[i, place] = chosen[i, place - 1]
+                place -= 1
+            errors[i, place] = error
+            chosen[i, place] = j
+            found = min(found + 1, count)
+
+
+# ---- refinement ----
+
+
+@kernel
+def spline_weights(fraction, weights, slopes):
+    """Cubic B-spline at the four samples around a position, and its derivative."""
+    t = fraction
+    s = 1.0 - t
+    weights[0] = s * s * s / 6.0
+    weights[1] = (4.0 - 6.0 * t * t + 3.0 * t * t * t) / 6.0
+    weights[2] = (4.0 - 6.0 * s * s + 3.0 * s * s * s) / 6.0
+    weights[3] = t * t * t / 6.0
+    slopes[0] = -0.5 * s * s
+    slopes[1] = 0.5 * (3.0 * t * t - 4.0 * t)
+    slopes[2] = -0.5 * (3.0 * s * s - 4.0 * s)
+    slopes[3] = 0.5 * t * t
+
+
+@kernel
+def fits(x, y, radius, width, height):
+    """Tell whether the square neighbourhood of a point lies inside the image."""
+    return radius <= x <= width - 1 - radius and radius <= y <= height - 1 - radius
+
+
+@kernel
+def at_border(index, length):
+    """Reflect an index about the first or last sample."""
+    if index < 0:
+        return -index
+    if index >= length:
+        return 2 * (length - 1) - index
+    return index
+
+
+@kernel
+def sample_square(coefficients, x, y, radius, values, dx, dy):
+    """Interpolate a square neighbourhood and its gradient; rows first, then columns."""
+    height, width = coefficients.shape
+    size = 2 * radius + 1
+    column, row = int(np.floor(x)), int(np.floor(y))
+    across, across_slope = np.empty(4), np.empty(4)
+    down, down_slope = np.empty(4), np.empty(4)
+    spline_weights(x - column, across, across_slope)
+    spline_weights(y - row, down, down_slope)
+    line, line_slope = np.empty((size + 3, size)), np.empty((size + 3, size))
+    for i in range(size + 3):
+        source = coefficients[at_border(row - radius - 1 + i, height)]
+        for j in range(size):
+            value, slope = 0.0, 0.0
+            for k in range(4):
+                c = source[at_border(column - radius - 1 + j + k, width)]
+                value += across[k] * c
+                slope += across_slope[k] * c
+            line[i, j] = value
+            line_slope[i, j] = slope
+    for i in range(size):
+        for j in range(size):
+            value, slope_x, slope_y = 0.0, 0.0, 0.0
+            for k in range(4):
+                value += down[k] * line[i + k, j]
+                slope_x += down[k] * line_slope[i + k, j]
+                slope_y += down_slope[k] * line[i + k, j]
+            values[i, j] = value
+            dx[i, j] = slope_x
+            dy[i, j] = slope_y
+
+
+@kernel
+def sample_affine(coefficients, x, y, affine, radius, values, dx, dy):
+    """Interpolate the neighbourhood that an affine map makes of a square, and its gradient."""
+    height, width = coefficients.shape
+    across, across_slope = np.empty(4), np.empty(4)
+    down, down_slope = np.empty(4), np.empty(4)
+    for i in range(2 * radius + 1):
+        for j in range(2 * radius + 1):
+            u = x + affine[0, 0] * (j - radius) + affine[0, 1] * (i - radius)
+            v = y + affine[1, 0] * (j - radius) + affine[1, 1] * (i - radius)
+            u, v = min(max(u, 0.0), width - 1.0), min(max(v, 0.0), height - 1.0)
+            column, row = int(u), int(v)
+            spline_weights(u - column, across, across_slope)
+            spline_weights(v - row, down, down_slope)
+            value, slope_x, slope_y = 0.0, 0.0, 0.0
+            for k in range(4):
+                source = coefficients[at_border(row - 1 + k, height)]
+                line, line_slope = 0.0, 0.0
+                for m in range(4):
+                    c = source[at_border(column - 1 + m, width)]
+                    line += across[m] * c
+                    line_slope += across_slope[m] * c
+                value += down[k] * line
+                slope_x += down[k] * line_slope
+                slope_y += down_slope[k] * line
+            values[i, j] = value
+            dx[i, j] = slope_x
+            dy[i, j] = slope_y
+
+
+@kernel
+def normal_equations(target, values, dx, dy, weights, num_parameters, matrix, vector):
+    """Set up the step of least squares in the neighbourhood's parameters, the mean difference being free.
+
+    Parameters are (x, y) and, if there are 6, the affine map row by row. Returns the weighted mean squared
+    error; `weights` sum to 1.
+    """
+    size = target.shape[0]
+    radius = size // 2
+    jacobian, mean = np.empty(num_parameters), np.zeros(num_parameters)
+    mean_difference, error = 0.0, 0.0
+    matrix[:] = 0.0
+    vector[:] = 0.0
+    for i in range(size):
+        for j in range(size):
+            w = weights[i, j]
+            difference = values[i, j] - target[i, j]
+            jacobian[0], jacobian[1] = dx[i, j], dy[i, j]
+            if num_parameters == 6:
+                jacobian[2], jacobian[3] = dx[i, j] * (j - radius), dx[i, j] * (i - radius)
+                jacobian[4], jacobian[5] = dy[i, j] * (j - radius), dy[i, j] * (i - radius)
+            mean_difference += w * difference
+            error += w * difference * difference
+            for a in range(num_parameters):
+                scaled = w * jacobian[a]
+                mean[a] += scaled
+                vector[a] += scaled * difference
+                for b in range(a + 1):
+                    matrix[a, b] += scaled * jacobian[b]
+    for a in range(num_parameters):
+        vector[a] -= mean[a] * mean_difference
+        for b in range(a + 1):
+            matrix[a, b] -= mean[a] * mean[b]
+            matrix[b, a] = matrix[a, b]
+    return error - mean_difference * mean_difference
+
+
+@kernel
+def solve_damped(matrix, vector, damping, step):
+    """Solve ``(A + damping diag(A)) step = -vector`` by Cholesky factors; False if A is not definite."""
+    n = vector.size
+    lower = np.zeros((n, n))
+    for a in range(n):
+        for b in range(a + 1):
+            total = matrix[a, b] * (1.0 + damping) if a == b else matrix[a, b]
+            for k in range(b):
+                total -= lower[a, k] * lower[b, k]
+            if a == b:
+                if not total > 1e-9 * matrix[a, a] or matrix[a, a] <= 1e-9:
+                    return False
+                lower[a, a] = np.sqrt(total)
+            else:
+                lower[a, b] = total / lower[b, b]
+    for a in range(n):
+        total = -vector[a]
+        for k in range(a):
+            total -= lower[a, k] * step[k]
+        step[a] = total / lower[a, a]
+    for a in range(n - 1, -1, -1):
+        total = step[a]
+        for k in range(a + 1, n):
+            total -= lower[k, a] * step[k]
+        step[a] = total / lower[a, a]
+    return True
+
+
+@kernel
+def sample_neighbourhood(coefficients, parameters, radius, values, dx, dy):
+    """Interpolate the second neighbourhood that 2 or 6 parameters describe."""
+    if parameters.size == 2:
+        sample_square(coefficients, parameters[0], parameters[1], radius, values, dx, dy)
+    else:
+        affine = parameters[2:].reshape((2, 2))
+        sample_affine(coefficients, parameters[0], parameters[1], affine, radius, values, dx, dy)
+
+
+@kernel
+def minimize_neighbourhood(
+    target, coefficients, parameters, weights, max_iterations, least_step_px, max_shift_px
+):
+    """Run Levenberg-Marquardt on one neighbourhood from `parameters`, which receive the minimum.
+
+    Returns the weighted mean squared error, or -1 if the point moves too far, leaves the image or has no
+    texture.
+    """
+    height, width = coefficients.shape
+    size, count = target.shape[0], parameters.size
+    radius = size // 2
+    values, dx, dy = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
+    matrix, vector, step = np.empty((count, count)), np.empty(count), np.empty(count)
+    trial_matrix, trial_vector = np.empty((count, count)), np.empty(count)
+    x, y = parameters[0], parameters[1]
+    if not fits(x, y, radius, width, height):
+        return -1.0
+    sample_neighbourhood(coefficients, parameters, radius, values, dx, dy)
+    error = normal_equations(target, values, dx, dy, weights, count, matrix, vector)
+    damping = 1e-3
+    for _ in range(max_iterations):
+        if not solve_damped(matrix, vector, damping, step):
+            return -1.0
+        trial = parameters + step
+        length = np.sqrt(step[0] * step[0] + step[1] * step[1])
+        trial_error = np.inf
+        if fits(trial[0], trial[1], radius, width, height) and length <= 2.0 * max_shift_px:
+            sample_neighbourhood(coefficients, trial, radius, values, dx, dy)
+            trial_error = normal_equations(target, values, dx, dy, weights, count, trial_matrix, trial_vector)
+        if trial_error <= error:
+            parameters[:] = trial
+            matrix[:] = trial_matrix
+            vector[:] = trial_vector
+            error = trial_error
+            damping = max(damping * 0.1, 1e-7)
+        else:
+            damping *= 10.0
+        if length < least_step_px or damping > 1e6:
+            break
+    moved = (parameters[0] - x) ** 2 + (parameters[1] - y) ** 2
+    return error if moved <= max_shift_px * max_shift_px else -1.0
+
+
+@kernel
+def refine_points(
+    image, coefficients, first, parameters, weights, max_iterations, least_step_px, max_shift_px, errors
+):
+    """Refine every row of `parameters`; `first` are whole pixels of `image` with room around them."""
+    radius = weights.shape[0] // 2
+    for i in range(first.shape[0]):
+        x, y = first[i, 0], first[i, 1]
+        target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
+        errors[i] = minimize_neighbourhood(
+            target, coefficients, parameters[i], weights, max_iterations, least_step_px, max_shift_px
+        )
+
+
+# ---- propagation ----
+
+
+@kernel
+def neighbourhood_error(target, coefficients, x, y, affine, weights):
+    """Weighted mean squared error, the mean difference being free; infinite outside the image."""
+    height, width = coefficients.shape
+    radius = target.shape[0] // 2
+    reach_x = radius * (abs(affine[0, 0]) + abs(affine[0, 1]))
+    reach_y = radius * (abs(affine[1, 0]) + abs(affine[1, 1]))
+    if x < reach_x or y < reach_y or x + reach_x > width - 1 or y + reach_y > height - 1:
+        return np.inf
+    across, down, slopes = np.empty(4), np.empty(4), np.empty(4)
+    mean, error = 0.0, 0.0
+    for i in range(target.shape[0]):
+        for j in range(target.shape[1]):
+            u = max(x + affine[0, 0] * (j - radius) + affine[0, 1] * (i - radius), 0.0)
+            v = max(y + affine[1, 0] * (j - radius) + affine[1, 1] * (i - radius), 0.0)
+            column, row = int(u), int(v)
+            spline_weights(u - column, across, slopes)
+            spline_weights(v - row, down, slopes)
+            difference = -target[i, j]
+            for k in range(4):
+                source = coefficients[at_border(row - 1 + k, height)]
+                line = 0.0
+                for m in range(4):
+                    line += across[m] * source[at_border(column - 1 + m, width)]
+                difference += down[k] * line
+            mean += weights[i, j] * difference
+            error += weights[i, j] * difference * difference
+    return error - mean * mean
+
+
+@kernel
+def epipolar_frame(fundamental, epipole, x, y, near_x, near_y, foot, direction, affine):
+    """Set up the search for a point on its epipolar line, around the foot of the perpendicular from `near`.
+
+    `direction` receives the unit tangent of the line, `affine` the similarity that turns the epipolar line
+    of the first image into that of the second and scales as neighbouring epipolar lines move apart: what a
+    surface that faces the cameras does. False where there is no line.
+    """
+    along_x, along_y = epipole[0] - x * epipole[2], epipole[1] - y * epipole[2]
+    length = np.sqrt(along_x * along_x + along_y * along_y)
+    a = fundamental[0, 0] * x + fundamental[0, 1] * y + fundamental[0, 2]
+    b = fundamental[1, 0] * x + fundamental[1, 1] * y + fundamental[1, 2]
+    c = fundamental[2, 0] * x + fundamental[2, 1] * y + fundamental[2, 2]
+    norm = np.sqrt(a * a + b * b)
+    if not length > 0.0 or not norm > 0.0:
+        return False
+    along_x, along_y, a, b, c = along_x / length, along_y / length, a / norm, b / norm, c / norm
+    distance = a * near_x + b * near_y + c
+    foot[0], foot[1] = near_x - distance * a, near_y - distance * b
+    da = (fundamental[0, 1] * along_x - fundamental[0, 0] * along_y) / norm
+    db = (fundamental[1, 1] * along_x - fundamental[1, 0] * along_y) / norm
+    dc = (fundamental[2, 1] * along_x - fundamental[2, 0] * along_y) / norm
+    scale = -(da * foot[0] + db * foot[1] + dc)
+    if scale < 0.0:
+        scale, a, b = -scale, -a, -b
+    scale = min(max(scale, 0.5), 2.0)
+    direction[0], direction[1] = b, -a
+    affine[0, 0] = affine[1, 1] = scale * (b * along_x + a * -along_y)
+    affine[1, 0] = scale * (-a * along_x + b * -along_y)
+    affine[0, 1] = -affine[1, 0]
+    return True
+
+
+@kernel
+def similarities(fundamental, epipole, first, second, affines):
+    """Fill in the similarity of `epipolar_frame` for every correspondence; the identity without lines."""
+    foot, direction = np.empty(2), np.empty(2)
+    for i in range(first.shape[0]):
+        x, y = first[i, 0], first[i, 1]
+        if not epipolar_frame(
+            fundamental, epipole, x, y, second[i, 0], second[i, 1], foot, direction, affines[i]
+        ):
+            affines[i, 0, 0] = affines[i, 1, 1] = 1.0
+            affines[i, 0, 1] = affines[i, 1, 0] = 0.0
+
+
+@kernel
+def error_on_line(target, coefficients, foot, direction, position_px, affine, weights):
+    """Error at a position on an epipolar line."""
+    x, y = foot[0] + position_px * direction[0], foot[1] + position_px * direction[1]
+    return neighbourhood_error(target, coefficients, x, y, affine, weights)
+
+
+@kernel
+def golden_section(target, coefficients, foot, direction, affine, weights, low, high, tolerance_px):
+    """Find the least error on an epipolar line between two positions; returns position and error."""
+    ratio = 0.6180339887498949
+    a, b = high - ratio * (high - low), low + ratio * (high - low)
+    error_a = error_on_line(target, coefficients, foot, direction, a, affine, weights)
+    error_b = error_on_line(target, coefficients, foot, direction, b, affine, weights)
+    while high - low > tolerance_px:
+        if error_a <= error_b:
+            high, b, error_b = b, a, error_a
+            a = high - ratio * (high - low)
+            error_a = error_on_line(target, coefficients, foot, direction, a, affine, weights)
+        else:
+            low, a, error_a = a, b, error_b
+            b = low + ratio * (high - low)
+            error_b = error_on_line(target, coefficients, foot, direction, b, affine, weights)
+    if error_a <= error_b:
+        return a, error_a
+    return b, error_b
+
+
+@kernel
+def search_line(target, coefficients, foot, direction, affine, weights, half_range_px, step_px, tolerance_px):
+    """Full search on an epipolar line around its foot, and golden-section search around the best.
+
+    Returns position and error; the error is infinite if the best lies at an end of the range, or at the
+    edge of the image.
+    """
+    half = int(np.ceil(half_range_px / step_px))
+    errors = np.empty(2 * half + 1)
+    for k in range(2 * half + 1):
+        position = (k - half) * step_px
+        errors[k] = error_on_line(target, coefficients, foot, direction, position, affine, weights)
+    best = np.argmin(errors)
+    if best in (0, 2 * half) or not max(errors[best - 1], errors[best + 1]) < np.inf:
+        return 0.0, np.inf
+    low, high = (best - half - 1) * step_px, (best - half + 1) * step_px
+    return golden_section(target, coefficients, foot, direction, affine, weights, low, high, tolerance_px)
+
+
+@kernel
+def weighted_variance(values, weights):
+    """Variance of a neighbourhood; `weights` sum to 1."""
+    mean, square = 0.0, 0.0
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            mean += weights[i, j] * values[i, j]
+            square += weights[i, j] * values[i, j] * values[i, j]
+    return square - mean * mean
+
+
+@kernel
+def follow(
+    image, coefficients, fundamental, epipole, x, y, near, weights, search, least_error, error_share, found
+):
+    """Search the point at whole pixels (x, y) on its epipolar line, starting where `near` says.
+
+    `search` holds half range, step and tolerance in pixels. `found` receives the second point. Returns the
+    error, infinite if the point leaves the range or is not similar enough.
+    """
+    radius = weights.shape[0] // 2
+    foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
+    if not epipolar_frame(fundamental, epipole, x, y, near[0], near[1], foot, direction, affine):
+        return np.inf
+    target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
+    position, error = search_line(
+        target, coefficients, foot, direction, affine, weights, search[0], search[1], search[2]
+    )
+    if error > least_error + error_share * weighted_variance(target, weights):
+        return np.inf
+    found[0], found[1] = foot[0] + position * direction[0], foot[1] + position * direction[1]
+    return error
+
+
+@kernel
+def nearest_owners(first, begin, end, reach_px, radius, open_tries, owner, distance_px2, columns, rows):
+    """List the open pixels within reach of points [begin, end); `owner` receives the nearest of these."""
+    height, width = open_tries.shape
+    count = 0
+    for p in range(begin, end):
+        for y in range(max(first[p, 1] - reach_px, radius), min(first[p, 1] + reach_px + 1, height - radius)):
+            for x in range(
+                max(first[p, 0] - reach_px, radius), min(first[p, 0] + reach_px + 1, width - radius)
+            ):
+                square = (x - first[p, 0]) ** 2 + (y - first[p, 1]) ** 2
+                if open_tries[y, x] <= 0 or square > reach_px * reach_px:
+                    continue
+                if owner[y, x] < 0:
+                    columns[count], rows[count] = x, y
+                    count += 1
+                elif square >= distance_px2[y, x]:
+                    continue
+                owner[y, x], distance_px2[y, x] = p, square
+    return count
+
+
+@kernel
+def propagate(
+    image,
+    coefficients,
+    fundamental,
+    epipole,
+    open_tries,
+    reach_px,
+    weights,
+    search,
+    least_error,
+    error_share,
+    num_seeds,
+    first,
+    second,
+    errors,
+):
+    """Follow open pixels around known points until nothing is added; returns how many points are known then.
+
+    `open_tries` says how often each pixel may still be tried; the arrays of points begin with the seeds and
+    have room for all pixels.
+    """
+    owner = np.full(open_tries.shape, -1, dtype=np.int64)
+    distance_px2 = np.zeros(open_tries.shape, dtype=np.int64)
+    columns, rows = np.empty(open_tries.size, dtype=np.int64), np.empty(open_tries.size, dtype=np.int64)
+    near, found = np.empty(2), np.empty(2)
+    radius = weights.shape[0] // 2
+    begin, end = 0, num_seeds
+    while begin < end:
+        count = nearest_owners(
+            first, begin, end, reach_px, radius, open_tries, owner, distance_px2, columns, rows
+        )
+        begin = end
+        for k in range(count):
+            x, y = columns[k], rows[k]
+            p = owner[y, x]
+            owner[y, x] = -1
+            open_tries[y, x] -= 1
+            near[0], near[1] = x + second[p, 0] - first[p, 0], y + second[p, 1] - first[p, 1]
+            error = follow(
+                image, coefficients, fundamental, epipole, x, y, near, weights, search,
+                least_error, error_share, found,
+            )  # fmt: skip
+            if error < np.inf:
+                open_tries[y, x] = 0
+                first[end, 0], first[end, 1] = x, y
+                second[end], errors[end] = found, error
+                end += 1
+    return end
+
+
+@kernel
+def follow_all(
+    image,
+    coefficients,
+    fundamental,
+    epipole,
+    first,
+    second,
+    weights,
+    search,
+    least_error,
+    error_share,
+    errors,
+):
+    """Search every point again from where it is; `second` and `errors` are replaced where one is found."""
+    found = np.empty(2)
+    height, width = image.shape
+    for i in range(first.shape[0]):
+        x, y = first[i, 0], first[i, 1]
+        errors[i] = np.inf
+        if fits(x, y, weights.shape[0] // 2, width, height):
+            errors[i] = follow(
+                image, coefficients, fundamental, epipole, x, y, second[i], weights, search,
+                least_error, error_share, found,
+            )  # fmt: skip
+        if errors[i] < np.inf:
+            second[i] = found
+
+
+@kernel
+def disagreement(
+    image,
+    coefficients,
+    fundamental,
+    epipole,
+    first,
+    second,
+    normals,
+    distance_px,
+    weights,
+    half_range_px,
+    scores,
+):
+    """Tell how badly what lies on either side of an edge point moves like it.
+
+    Each score compares the error of the neighbourhood at `distance_px` along plus or minus the normal, moved
+    like the point, with the least error at 1 to `half_range_px` from there on the epipolar line: above 1 if
+    it moves otherwise. Nan where one of them leaves the image.
+    """
+    height, width = image.shape
+    radius = weights.shape[0] // 2
+    foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
+    half = int(2 * half_range_px)
+    for p in range(first.shape[0]):
+        x, y = first[p, 0], first[p, 1]
+        known = epipolar_frame(
+            fundamental, epipole, x, y, second[p, 0], second[p, 1], foot, direction, affine
+        )
+        for side in range(2):
+            sign = 1.0 - 2.0 * side
+            dx = int(np.rint(sign * distance_px * normals[p, 0]))
+            dy = int(np.rint(sign * distance_px * normals[p, 1]))
+            scores[p, side] = np.nan
+            if not known or not fits(x + dx, y + dy, radius, width, height):
+                continue
+            target = image[y + dy - radius : y + dy + radius + 1, x + dx - radius : x + dx + radius + 1]
+            u = second[p, 0] + affine[0, 0] * dx + affine[0, 1] * dy
+            v = second[p, 1] + affine[1, 0] * dx + affine[1, 1] * dy
+            same, other = np.inf, np.inf
+            for k in range(-half, half + 1):
+                error = neighbourhood_error(
+                    target,
+                    coefficients,
+                    u + 0.5 * k * direction[0],
+                    v + 0.5 * k * direction[1],
+                    affine,
+                    weights,
+                )
+                if abs(k) <= 1:
+                    same = min(same, error)
+                else:
+                    other = min(other, error)
+            if same < np.inf and other < np.inf:
+                scores[p, side] = (same + 2.0) / (other + 2.0)

@@ -1,0 +1,146 @@
+"""Matches for corners that were not similar enough at first, where geometry and neighbours expect them."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfm.correspondences import outliers
+from sfm.correspondences.propagation import facing_similarities, far_from, settle_on_surfaces, usable
+from sfm.correspondences.refinement import RefinementSettings, check_pair, inside, refine
+from sfm.model import Correspondences
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class DensificationSettings:
+    """When two corners match that were not similar enough at first.
+
+    Attributes
+    ----------
+    num_neighbours : int
+        Correspondences whose weighted median predicts a motion.
+    reach_px : float
+        How far from the predicted position a corner may always be.
+    reach_spreads : float
+        How much farther where the neighbours disagree, in weighted medians of their differences.
+    max_reach_px : float
+        Bound on both.
+    epipolar_px : float
+        Largest symmetric epipolar distance after refinement.
+    least_error : float
+        Mean squared error that noise and sampling alone can cause, squared luma levels.
+    error_share : float
+        Largest error beyond, as a share of the variance of the neighbourhood.
+    refinement : RefinementSettings
+        Sub-pixel refinement.
+    """
+
+    num_neighbours: int = 8
+    reach_px: float = 3.0
+    reach_spreads: float = 1.5
+    max_reach_px: float = 10.0
+    epipolar_px: float = 0.7
+    least_error: float = 5.0
+    error_share: float = 0.1
+    refinement: RefinementSettings = field(default_factory=lambda: RefinementSettings(affine=True))
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.num_neighbours < 2 or not 0 < self.reach_px <= self.max_reach_px:
+            raise ValueError(f"`num_neighbours`, `reach_px` or `max_reach_px` is out of range: {self}")
+
+
+def densify(
+    luma0: Image,
+    luma1: Image,
+    corners0: Floats,
+    corners1: Floats,
+    fundamental: Floats,
+    correspondences: Correspondences,
+    settings: DensificationSettings | None = None,
+) -> Correspondences:
+    """Match the corners that are left, where their neighbours' motion and the epipolar geometry expect them.
+
+    Parameters
+    ----------
+    luma0, luma1 : ndarray of shape (H, W), uint8
+        Key frames.
+    corners0, corners1 : ndarray of shape (N, 2) and (M, 2), float64
+        All their corners, whole pixels.
+    fundamental : ndarray of shape (3, 3), float64
+        F with ``x1' F x0 = 0`` in pixels.
+    correspondences : Correspondences
+        Reliable ones.
+    settings : DensificationSettings, optional
+        Tolerances.
+
+    Returns
+    -------
+    Correspondences
+        The given ones, then the new ones.
+
+    References
+    ----------
+    [Maitre2008] Sec. 5.2.4, Correspondence propagation.
+    """
+    settings = settings or DensificationSettings()
+    check_pair(luma0, luma1)
+    if len(correspondences) < settings.num_neighbours or not usable(fundamental):
+        return correspondences
+    free0 = corners0[far_from(corners0, correspondences.first, 1.5)]
+    free1 = corners1[far_from(corners1, correspondences.second, settings.refinement.max_shift_px)]
+    if len(free0) == 0 or len(free1) == 0:
+        return correspondences
+    i, j = _expected_pairs(free0, free1, correspondences, settings)
+    first, start = free0[i], free1[j]
+    shapes = facing_similarities(fundamental, first, start)
+    second, error, success = refine(luma0, luma1, first, start, settings.refinement, shapes)
+    limit = settings.least_error + settings.error_share * _variances(
+        luma0, first, settings.refinement.radius_px
+    )
+    candidates = Correspondences(first, second, error)
+    success &= outliers.mse(error, limit)
+    success &= outliers.epipolar(candidates, fundamental, settings.epipolar_px)
+    kept = np.flatnonzero(success)
+    kept = kept[outliers.unicity(i[kept], j[kept], error[kept], limit[kept])]
+    new = settle_on_surfaces(luma0, luma1, fundamental, candidates[kept])
+    return Correspondences.concatenate([correspondences, new])
+
+
+def _expected_pairs(
+    free0: Floats, free1: Floats, known: Correspondences, settings: DensificationSettings
+) -> tuple[Indices, Indices]:
+    """Pair corners with those around the position that the weighted median of known motions predicts."""
+    from scipy.spatial import cKDTree
+
+    distance, nearest = cKDTree(known.first).query(free0, k=settings.num_neighbours)
+    point = np.repeat(np.arange(len(free0)), settings.num_neighbours)
+    weight = 1.0 / np.maximum(distance.ravel(), 1e-9)
+    motions = known.motion[nearest.ravel()]
+
+    def median(values: Floats) -> Floats:
+        return outliers.weighted_median(values, point, weight, len(free0))
+
+    predicted = np.stack([median(column) for column in motions.T], axis=1)
+    difference = motions - predicted[point]
+    spread = median(np.sqrt((difference**2).sum(axis=1)))
+    reach = np.minimum(settings.reach_px + settings.reach_spreads * spread, settings.max_reach_px)
+    lists = cKDTree(free1).query_ball_point(free0 + predicted, reach, return_sorted=True)
+    i = np.repeat(np.arange(len(free0)), [len(found) for found in lists])
+    j = np.array([k for found in lists for k in found], dtype=np.int64)
+    return i, j
+
+
+def _variances(luma: Image, points: Floats, radius_px: int) -> Floats:
+    """Variances of neighbourhoods around whole pixels; zero where they leave the frame."""
+    variances = np.zeros(len(points))
+    room = inside(points, luma, radius_px)
+    offset = np.arange(-radius_px, radius_px + 1)
+    x, y = points[room].astype(np.int64).T
+    square = luma[y[:, None, None] + offset[:, None], x[:, None, None] + offset].astype(np.float64)
+    variances[room] = square.var(axis=(1, 2))
+    return variances

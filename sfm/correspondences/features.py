@@ -1,0 +1,150 @@
+"""Corners of a key frame, spread over the whole frame by adapting the detector's sensitivity locally."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+SOBEL_GAIN = 8.0  # of OpenCV's 3x3 operator: luma levels per pixel times this
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """What makes a corner.
+
+    Attributes
+    ----------
+    num_corners : int
+        Most corners that are returned.
+    sensitivity : float
+        Harris's k in ``det - k trace^2``.
+    integration_radius_px : int
+        Half size of the binomial window over which the structure tensor is averaged.
+    separation_px : int
+        A corner is the strongest within this distance, by rows and by columns.
+    border_px : int
+        Corners keep this distance from the frame's edge, so that neighbourhoods fit.
+    least_gradient : float
+        Below ``least_gradient ** 4`` a response is noise, luma levels per pixel.
+    robustness : float
+        A corner is suppressed only by others whose response times this is larger.
+    """
+
+    num_corners: int = 2400
+    sensitivity: float = 0.04
+    integration_radius_px: int = 1
+    separation_px: int = 1
+    border_px: int = 8
+    least_gradient: float = 1.0
+    robustness: float = 0.9
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if min(self.num_corners, self.integration_radius_px, self.separation_px, self.border_px) < 1:
+            raise ValueError(f"`num_corners`, radii and distances must be at least 1, got {self}")
+        if not (0 < self.sensitivity < 0.25 and 0 < self.robustness <= 1 and self.least_gradient > 0):
+            raise ValueError(f"`sensitivity`, `robustness` or `least_gradient` is out of range: {self}")
+
+
+def detect_corners(luma: Image, settings: FeatureSettings | None = None) -> Floats:
+    """Find Harris-Stephens corners by adaptive non-maximal suppression.
+
+    Of all local maxima of the response, those are kept that are the strongest of the largest
+    neighbourhoods: weak texture gets its corners as well as strong texture.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        Key frame.
+    settings : FeatureSettings, optional
+        What makes a corner.
+
+    Returns
+    -------
+    ndarray of shape (N, 2), float64
+        Corners (x, y) in whole pixels, best spread first; none in flat or tiny frames.
+
+    Raises
+    ------
+    ValueError
+        If `luma` is not a plane of bytes.
+
+    References
+    ----------
+    [Maitre2008] Sec. 5.2.4, Feature point detection.
+    """
+    from sfm.correspondences import _kernels
+
+    if luma.ndim != 2 or luma.dtype != np.uint8:
+        raise ValueError(f"`luma` must have shape (H, W) and dtype uint8, got {luma.shape}, {luma.dtype}")
+    settings = settings or FeatureSettings()
+    response = harris_response(luma, settings)
+    rows, columns = _local_maxima(response, settings)
+    strength = response[rows, columns]
+    order = np.argsort(-strength, kind="stable")
+    x, y, strength = columns[order], rows[order], strength[order]
+    radii_px2 = np.empty(len(x), dtype=np.int64)
+    _kernels.suppression_radii(x, y, strength, settings.robustness, radii_px2)
+    kept = np.argsort(-radii_px2, kind="stable")[: settings.num_corners]
+    return np.column_stack([x[kept], y[kept]]).astype(np.float64)
+
+
+def harris_response(luma: Image, settings: FeatureSettings | None = None) -> Floats:
+    """Compute the Harris-Stephens response ``det(A) - k trace(A)^2`` of the structure tensor A.
+
+    All sums are of whole numbers and thus exact, whatever the order in which a machine adds them.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        Key frame.
+    settings : FeatureSettings, optional
+        Window and sensitivity.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Response, in (luma levels per pixel) to the power of four.
+    """
+    import cv2
+
+    settings = settings or FeatureSettings()
+    dx = cv2.Sobel(luma, cv2.CV_64F, 1, 0)
+    dy = cv2.Sobel(luma, cv2.CV_64F, 0, 1)
+    xx, xy, yy = (
+        _average(product, settings.integration_radius_px) for product in (dx * dx, dx * dy, dy * dy)
+    )
+    response: Floats = xx * yy - xy * xy - settings.sensitivity * (xx + yy) ** 2
+    return response
+
+
+def _average(product: NDArray[np.floating], radius_px: int) -> Floats:
+    """Average products of Sobel gradients under a binomial window."""
+    import cv2
+
+    taps = np.array(_binomial(2 * radius_px), dtype=np.float64)
+    averaged: Floats = cv2.sepFilter2D(product, cv2.CV_64F, taps, taps) / (SOBEL_GAIN * taps.sum()) ** 2
+    return averaged
+
+
+def _binomial(order: int) -> list[int]:
+    taps = [1]
+    for _ in range(order):
+        taps = [a + b for a, b in zip([0, *taps], [*taps, 0], strict=True)]
+    return taps
+
+
+def _local_maxima(response: Floats, settings: FeatureSettings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    import cv2
+
+    size = 2 * settings.separation_px + 1
+    strongest = cv2.dilate(response, np.ones((size, size), dtype=np.uint8))
+    corner = (response == strongest) & (response >= settings.least_gradient**4)
+    inside = np.zeros_like(corner)
+    border = settings.border_px
+    inside[border : max(len(inside) - border, border), border : max(inside.shape[1] - border, border)] = True
+    rows, columns = np.nonzero(corner & inside)
+    return rows, columns

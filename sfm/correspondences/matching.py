@@ -1,0 +1,203 @@
+"""Corners matched between two key frames: similar neighbourhoods, refined below the pixel, one to one."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfm.correspondences import outliers
+from sfm.correspondences.refinement import RefinementSettings, check_pair, inside, refine
+from sfm.model import Correspondences
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class MatchingSettings:
+    """When two corners are similar.
+
+    Attributes
+    ----------
+    max_motion_share : float
+        Largest motion, as a share of the frame's larger side.
+    radius_px : int
+        Half size of the neighbourhoods compared at whole pixels.
+    max_brightness_change : float
+        Largest difference of the mean luma of two neighbourhoods, levels.
+    bin_width : float
+        Distance of the samples of intensity distributions, luma levels.
+    num_bins : int
+        Number of samples; what lies outside counts for the outermost.
+    max_chi_square_share : float
+        Largest chi-square of two distributions, as a share of that of distributions without overlap.
+    num_candidates : int
+        Most similar corners of the second frame that are refined, per corner of the first.
+    least_error : float
+        Mean squared error that noise and sampling alone can cause, squared luma levels.
+    error_share : float
+        Largest mean squared error at whole pixels beyond, as a share of the neighbourhood's variance.
+    shifted_error_share : float
+        The same after refinement of the position.
+    refined_error_share : float
+        The same after refinement of position and shape.
+    max_ambiguity : float
+        Largest quotient of the errors of the most similar corner and the next one, both beyond `least_error`.
+    refinement : RefinementSettings
+        Sub-pixel refinement.
+    """
+
+    max_motion_share: float = 0.25
+    radius_px: int = 6
+    max_brightness_change: float = 40.0
+    bin_width: float = 12.0
+    num_bins: int = 16
+    max_chi_square_share: float = 0.2
+    num_candidates: int = 3
+    least_error: float = 4.0
+    error_share: float = 0.6
+    shifted_error_share: float = 0.4
+    refined_error_share: float = 0.12
+    max_ambiguity: float = 0.7
+    refinement: RefinementSettings = field(default_factory=RefinementSettings)
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if min(self.radius_px, self.num_candidates) < 1 or self.num_bins < 2:
+            raise ValueError(f"`radius_px`, `num_candidates` or `num_bins` is too small: {self}")
+        if self.max_motion_share <= 0 or self.bin_width <= 0:
+            raise ValueError(f"`max_motion_share` and `bin_width` must be positive, got {self}")
+
+
+def match_corners(
+    luma0: Image,
+    luma1: Image,
+    corners0: Floats,
+    corners1: Floats,
+    settings: MatchingSettings | None = None,
+) -> Correspondences:
+    """Match the corners of two key frames.
+
+    All pairs within the motion bound whose neighbourhoods have similar intensity distributions are
+    compared; the most similar ones are refined below the pixel, and the assignment with the least mean
+    squared errors is chosen among them.
+
+    Parameters
+    ----------
+    luma0, luma1 : ndarray of shape (H, W), uint8
+        Key frames.
+    corners0, corners1 : ndarray of shape (N, 2) and (M, 2), float64
+        Their corners, whole pixels.
+    settings : MatchingSettings, optional
+        When two corners are similar.
+
+    Returns
+    -------
+    Correspondences
+        In the order of `corners0`, whose points are kept as they are.
+
+    Raises
+    ------
+    ValueError
+        If the frames differ in size or corners are not whole pixels.
+
+    References
+    ----------
+    [Maitre2008] Sec. 5.2.4, Feature point matching, Subpixel refinement, tests of MSE and unicity.
+    """
+    settings = settings or MatchingSettings()
+    check_pair(luma0, luma1)
+    corners0 = corners0[inside(corners0, luma0, settings.radius_px)]
+    corners1 = corners1[inside(corners1, luma1, settings.radius_px)]
+    if len(corners0) == 0 or len(corners1) == 0:
+        return Correspondences.empty()
+    i, j, variance = _candidates(luma0, luma1, corners0, corners1, settings)
+    second = corners1[j]
+    for affine, share in ((False, settings.shifted_error_share), (True, settings.refined_error_share)):
+        largest = settings.least_error + share * variance
+        how = replace(settings.refinement, affine=affine)
+        second, error, success = refine(luma0, luma1, corners0[i], second, how)
+        success &= outliers.mse(error, largest)
+        i, j, variance = i[success], j[success], variance[success]
+        second, error, largest = second[success], error[success], largest[success]
+    chosen = outliers.unicity(i, j, error, largest)
+    chosen &= _unambiguous(i, error, settings)
+    return Correspondences(corners0[i[chosen]], second[chosen], error[chosen])
+
+
+def _candidates(
+    luma0: Image, luma1: Image, corners0: Floats, corners1: Floats, settings: MatchingSettings
+) -> tuple[Indices, Indices, Floats]:
+    """Return pairs of indices, and the variance of each first neighbourhood."""
+    from sfm.correspondences import _kernels
+
+    patches0, means0, histograms0 = describe(luma0, corners0, settings)
+    patches1, means1, histograms1 = describe(luma1, corners1, settings)
+    num_samples = patches0.shape[1]
+    variance = (patches0 * patches0).mean(axis=1)
+    chosen = np.full((len(corners0), settings.num_candidates), -1, dtype=np.int64)
+    errors = np.empty(chosen.shape)
+    _kernels.best_candidates(
+        corners0,
+        corners1,
+        settings.max_motion_share * max(luma0.shape),
+        patches0,
+        patches1,
+        means0,
+        means1,
+        histograms0,
+        histograms1,
+        settings.max_brightness_change,
+        settings.max_chi_square_share * num_samples,
+        num_samples * (settings.least_error + settings.error_share * variance),
+        chosen,
+        errors,
+    )
+    i, k = np.nonzero(chosen >= 0)
+    return i, chosen[i, k], variance[i]
+
+
+def _unambiguous(i: Indices, error: Floats, settings: MatchingSettings) -> NDArray[np.bool_]:
+    """Tell which pairs are clearly more similar than any other pair of the same first corner."""
+    order = np.lexsort((error, i))
+    i, error = i[order], error[order] + settings.least_error
+    best = np.diff(i, prepend=-1) != 0
+    second = np.append(np.where(i[1:] == i[:-1], error[1:], np.inf), np.inf)
+    clear = np.empty(len(i), dtype=bool)
+    clear[order] = best & (error <= settings.max_ambiguity * second)
+    return clear
+
+
+def describe(luma: Image, corners: Floats, settings: MatchingSettings) -> tuple[Floats, Floats, Floats]:
+    """Cut out the neighbourhoods of corners and estimate their distributions of intensity.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        Key frame.
+    corners : ndarray of shape (N, 2), float64
+        Corners in whole pixels, at least the neighbourhood's radius inside.
+    settings : MatchingSettings
+        Neighbourhoods and distributions.
+
+    Returns
+    -------
+    patches : ndarray of shape (N, S), float64
+        Luma less its mean.
+    means : ndarray of shape (N,), float64
+        Mean luma.
+    histograms : ndarray of shape (N, num_bins), float64
+        Parzen estimates of the distribution of `patches`, sum S.
+    """
+    from sfm.correspondences import _kernels
+
+    offset = np.arange(-settings.radius_px, settings.radius_px + 1)
+    x, y = corners.astype(np.int64).T
+    square = luma[y[:, None, None] + offset[:, None], x[:, None, None] + offset]
+    patches = square.reshape(len(corners), -1).astype(np.float64)
+    means = patches.mean(axis=1)
+    patches -= means[:, None]
+    histograms = np.empty((len(corners), settings.num_bins))
+    _kernels.parzen_histograms(patches, settings.bin_width, histograms)
+    return patches, means, histograms

@@ -1,0 +1,350 @@
+"""The eight tests that remove wrong correspondences; each tells which ones to keep.
+
+They run where the reconstruction knows enough for them: `mse`, `unicity` and `motion` need the images only,
+`epipolar` and `epipole` a fundamental matrix, `reprojection`, `chirality` and `depth` cameras and depths.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfm.estimation.epipolar import distances_to_epipole, epipoles, symmetric_distances
+from sfm.model import Correspondences
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+MOSTLY = 0.9  # share of the neighbours around a group, by weight, that counts as all
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Pairs of neighbouring points; every pair occurs in both directions, ordered by point.
+
+    Attributes
+    ----------
+    point, neighbour : ndarray of shape (P,), int64
+        Indices.
+    weight : ndarray of shape (P,), float64
+        Inverse distances.
+    """
+
+    point: Indices
+    neighbour: Indices
+    weight: Floats
+
+
+def mse(error: Floats, limit: Floats | float) -> Mask:
+    """Keep correspondences whose neighbourhoods are similar.
+
+    Parameters
+    ----------
+    error : ndarray of shape (N,), float64
+        Mean squared errors, squared luma levels.
+    limit : ndarray of shape (N,), float64, or float
+        Largest error.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    return np.asarray(error <= limit)
+
+
+def unicity(i: Indices, j: Indices, error: Floats, limit: Floats | float) -> Mask:
+    """Keep pairs so that no point occurs twice, by the Hungarian algorithm.
+
+    Of all such choices, the one with the largest sum of ``limit - error``: a point is left alone
+    rather than forced into a pair that is not worth it.
+
+    Parameters
+    ----------
+    i, j : ndarray of shape (P,), int64
+        First and second point of each pair.
+    error : ndarray of shape (P,), float64
+        Mean squared errors, at most `limit`.
+    limit : ndarray of shape (P,), float64, or float
+        Error of a pair that is worth nothing.
+
+    Returns
+    -------
+    ndarray of shape (P,), bool
+        True for those to keep.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    rows, row = np.unique(i, return_inverse=True)
+    columns, column = np.unique(j, return_inverse=True)
+    gain, pair = np.zeros((len(rows), len(columns))), np.full((len(rows), len(columns)), -1)
+    gain[row, column] = limit - error
+    pair[row, column] = np.arange(len(i))
+    chosen = pair[linear_sum_assignment(gain, maximize=True)]
+    keep = np.zeros(len(i), dtype=bool)
+    keep[chosen[chosen >= 0]] = True
+    return keep
+
+
+def epipolar(correspondences: Correspondences, fundamental: Floats, limit_px: float) -> Mask:
+    """Keep correspondences that are near each other's epipolar lines.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Candidates.
+    fundamental : ndarray of shape (3, 3), float64
+        F with ``x1' F x0 = 0`` in pixels.
+    limit_px : float
+        Largest symmetric distance.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    distance = symmetric_distances(fundamental, correspondences.first, correspondences.second)
+    return np.asarray(distance <= limit_px)
+
+
+def motion(correspondences: Correspondences, limit_px: float, num_spreads: float) -> Mask:
+    """Keep correspondences that move like their neighbours.
+
+    A motion may differ from the weighted median of its Delaunay neighbours' by `limit_px` plus
+    `num_spreads` times the weighted median of their own differences from that median. Those that do not
+    leave the triangulation, and the rest is tested again until nothing changes.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Candidates, no first point twice.
+    limit_px : float
+        Difference that is always allowed.
+    num_spreads : float
+        Tolerance where the neighbours themselves disagree, as at borders of objects.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    return _like_neighbours(correspondences.first, correspondences.motion, limit_px, num_spreads)
+
+
+def reprojection(second: Floats, projected: Floats, limit_px: float) -> Mask:
+    """Keep correspondences whose 3D points project near the second points.
+
+    Parameters
+    ----------
+    second, projected : ndarray of shape (N, 2), float64
+        Second points, and projections of the 3D points; these may be not finite.
+    limit_px : float
+        Largest distance.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    finite = np.asarray(np.isfinite(projected).all(axis=1))
+    offset = np.where(finite[:, None], projected, second) - second
+    return finite & (np.hypot(offset[:, 0], offset[:, 1]) <= limit_px)
+
+
+def chirality(depth_first: Floats, depth_second: Floats) -> Mask:
+    """Keep correspondences whose product of projective depths has the sign of most.
+
+    Parameters
+    ----------
+    depth_first, depth_second : ndarray of shape (N,), float64
+        Projective depths in both cameras; may be not finite.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    sign = np.sign(depth_first) * np.sign(depth_second)
+    sign = np.where(np.isfinite(depth_first) & np.isfinite(depth_second), sign, 0.0)
+    return np.asarray(sign == (1.0 if sign.sum() >= 0 else -1.0))
+
+
+def epipole(correspondences: Correspondences, fundamental: Floats, distance_px: float) -> Mask:
+    """Keep correspondences that are far from both epipoles, around which triangulation is singular.
+
+    Parameters
+    ----------
+    correspondences : Correspondences
+        Candidates.
+    fundamental : ndarray of shape (3, 3), float64
+        F with ``x1' F x0 = 0`` in pixels.
+    distance_px : float
+        Least distance.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    in_first, in_second = epipoles(fundamental)
+    far_in_first = distances_to_epipole(in_first, correspondences.first) >= distance_px
+    far_in_second = distances_to_epipole(in_second, correspondences.second) >= distance_px
+    return np.asarray(far_in_first & far_in_second)
+
+
+def depth(
+    first: Floats,
+    depths: Floats,
+    share: float,
+    num_spreads: float,
+    island_share: float = 0.02,
+    island_gap: float = 0.2,
+) -> Mask:
+    """Keep points whose depth is like that of their neighbours.
+
+    Compared are inverse depths, which are proportional to motion along the epipolar line, in units of
+    the median one; the test is that of `motion`. Wrong matches of repeated structure support each other:
+    so small groups of points that lie behind nearly all their surroundings are removed as well. What
+    stands alone before its surroundings, such as a post, stays.
+
+    Parameters
+    ----------
+    first : ndarray of shape (N, 2), float64
+        First points in pixels.
+    depths : ndarray of shape (N,), float64
+        Projective depths, positive for most; may be not finite.
+    share : float
+        Difference that is always allowed, as a share of the median inverse depth.
+    num_spreads : float
+        Tolerance where the neighbours themselves disagree.
+    island_share : float
+        Largest group that may be removed, as a share of all points; 0 to remove none.
+    island_gap : float
+        Least difference between neighbours in different groups, as a share of the median inverse depth.
+
+    Returns
+    -------
+    ndarray of shape (N,), bool
+        True for those to keep.
+    """
+    keep = np.asarray(np.isfinite(depths) & (depths != 0))
+    if not keep.any():
+        return keep
+    inverse = 1.0 / depths[keep]
+    inverse /= np.median(np.abs(inverse))
+    points = first[keep]
+    usual = _like_neighbours(points, inverse[:, None], share, num_spreads)
+    max_size = int(island_share * np.count_nonzero(usual))
+    usual[usual] = ~_farther_islands(points[usual], inverse[usual], island_gap, max_size)
+    keep[keep] = usual
+    return keep
+
+
+def _farther_islands(points: Floats, inverse_depths: Floats, gap: float, max_size: int) -> Mask:
+    """Tell which points belong to small groups that lie behind nearly all the points around them."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    num = len(points)
+    around = delaunay_neighbours(points)
+    a, b = around.point, around.neighbour
+    together = np.abs(inverse_depths[a] - inverse_depths[b]) <= gap
+    links = coo_array((together[together], (a[together], b[together])), shape=(num, num))
+    group = connected_components(links, directed=False)[1].astype(np.int64)
+    small = np.bincount(group) <= max_size
+    shore = group[a] != group[b]
+    group_a, weight = group[a[shore]], around.weight[shore]
+    nearer = inverse_depths[b[shore]] > inverse_depths[a[shore]]
+    total = np.bincount(group_a, weight, len(small))
+    behind = np.bincount(group_a, weight * nearer, len(small)) >= MOSTLY * np.maximum(total, 1e-300)
+    return np.asarray((small & behind)[group])
+
+
+def _like_neighbours(points: Floats, values: Floats, limit: float, num_spreads: float) -> Mask:
+    keep = np.ones(len(points), dtype=bool)
+    while True:
+        neighbours = delaunay_neighbours(points[keep])
+        aberrant = _aberrant(values[keep], neighbours, limit, num_spreads)
+        if not aberrant.any():
+            return keep
+        keep[np.flatnonzero(keep)[aberrant]] = False
+
+
+def _aberrant(values: Floats, neighbours: Neighbours, limit: float, num_spreads: float) -> Mask:
+    """Tell which values (N, D) differ too much from the median of their neighbours."""
+    point, neighbour, weight = neighbours.point, neighbours.neighbour, neighbours.weight
+
+    def median_around(of_neighbours: Floats) -> Floats:
+        return weighted_median(of_neighbours, point, weight, len(values))
+
+    median = np.stack([median_around(column[neighbour]) for column in values.T], axis=1)
+    difference = np.sqrt(((values - median) ** 2).sum(axis=1))
+    spread = median_around(np.sqrt(((values[neighbour] - median[point]) ** 2).sum(axis=1)))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(difference > limit + num_spreads * spread)
+
+
+def delaunay_neighbours(points: Floats) -> Neighbours:
+    """Find the neighbours of points on Delaunay triangles.
+
+    Parameters
+    ----------
+    points : ndarray of shape (N, 2), float64
+        Image points. Without triangles (fewer than three points, or all on one line) neighbours are those
+        before and after in order of the coordinates.
+
+    Returns
+    -------
+    Neighbours
+        Pairs; a point that occurs twice has neighbours once only.
+    """
+    from scipy.spatial import Delaunay, QhullError
+
+    try:
+        starts, neighbour = Delaunay(points).vertex_neighbor_vertices
+        point = np.repeat(np.arange(len(points)), np.diff(starts))
+    except (QhullError, ValueError):
+        order = np.lexsort(points.T)
+        point = np.concatenate([order[:-1], order[1:]])
+        neighbour = np.concatenate([order[1:], order[:-1]])
+    by_point = np.lexsort((neighbour, point))
+    point, neighbour = point[by_point].astype(np.int64), neighbour[by_point].astype(np.int64)
+    offset = points[neighbour] - points[point]
+    return Neighbours(point, neighbour, 1.0 / np.maximum(np.sqrt((offset**2).sum(axis=1)), 1e-9))
+
+
+def weighted_median(values: Floats, point: Indices, weight: Floats, num_points: int) -> Floats:
+    """Compute weighted medians of values that are listed with the point they count for.
+
+    Parameters
+    ----------
+    values : ndarray of shape (P,), float64
+        Values.
+    point : ndarray of shape (P,), int64
+        Point of each.
+    weight : ndarray of shape (P,), float64
+        Positive weights.
+    num_points : int
+        Number of points.
+
+    Returns
+    -------
+    ndarray of shape (num_points,), float64
+        The least value that, with those below it, has half the weight; nan for a point without values.
+    """
+    medians = np.full(num_points, np.nan)
+    order = np.lexsort((values, point))
+    point, values, weight = point[order], values[order], weight[order]
+    starts = np.flatnonzero(np.diff(point, prepend=-1))
+    if len(starts) == 0:
+        return medians
+    lengths = np.diff(starts, append=len(point))
+    summed = np.cumsum(weight)
+    before = np.repeat(summed[starts] - weight[starts], lengths)
+    total = np.repeat(np.add.reduceat(weight, starts), lengths)
+    half = np.flatnonzero(2.0 * (summed - before) >= total * (1.0 - 1e-9))
+    which, position = np.unique(point[half], return_index=True)
+    medians[which] = values[half[position]]
+    return medians

@@ -1,0 +1,1 @@
+"""What is made of a model: files for other programs, and pictures."""

@@ -1,0 +1,57 @@
+"""More corners matched, where the motion of their neighbours and the epipolar geometry expect them."""
+
+import numpy as np
+import pytest
+
+from sfm.correspondences.densification import DensificationSettings, densify
+from sfm.correspondences.features import FeatureSettings, detect_corners
+from sfm.correspondences.matching import match_corners
+from sfm.model import Correspondences
+from tests.sfm.textures import picture, shifted, sideways, texture
+
+HEIGHT, WIDTH = 120, 160
+TEXTURE = texture(31, 6.0, 20.0, 30.0)
+A = picture(TEXTURE, HEIGHT, WIDTH)
+B = shifted(TEXTURE, HEIGHT, WIDTH, (7.3, 0.0))
+FEW = FeatureSettings(num_corners=200)
+CORNERS = detect_corners(A, FEW), detect_corners(B, FEW)
+
+
+def test_left_out_corners_come_back() -> None:
+    """From every fifth match most others are found again, all but a few right; the given come first."""
+    matches = match_corners(A, B, *CORNERS)
+    matches = matches[np.abs(matches.motion - [7.3, 0.0]).max(axis=1) < 0.15]
+    given = matches[np.arange(0, len(matches), 5)]
+    found = densify(A, B, *CORNERS, sideways(), given)
+    np.testing.assert_array_equal(found.first[: len(given)], given.first)
+    assert len(found) > 0.75 * len(matches)
+    assert (np.abs(found.motion - [7.3, 0.0]).max(axis=1) < 0.15).mean() > 0.98
+
+
+def test_epipolar_geometry_is_enforced() -> None:
+    """Nothing is added that contradicts F."""
+    matches = match_corners(A, B, *CORNERS)
+    given = matches[np.arange(0, len(matches), 5)]
+    assert len(densify(A, B, *CORNERS, sideways((0.0, 1.0)), given)) == len(given)
+
+
+def test_nothing_to_go_by() -> None:
+    """Too few matches, no usable F or no corners left give back what was given."""
+    matches = match_corners(A, B, *CORNERS)
+    few = matches[np.arange(3)]
+    assert densify(A, B, *CORNERS, sideways(), few) is few
+    assert densify(A, B, *CORNERS, np.zeros((3, 3)), matches) is matches
+    none = np.empty((0, 2))
+    assert densify(A, B, none, CORNERS[1], sideways(), matches) is matches
+    assert densify(A, B, CORNERS[0], none, sideways(), matches) is matches
+    flat = np.full((HEIGHT, WIDTH), 9, dtype=np.uint8)
+    assert len(densify(flat, flat, *CORNERS, sideways(), matches)) == len(matches)
+    assert len(densify(A, B, *CORNERS, sideways(), Correspondences.empty())) == 0
+
+
+def test_wrong_settings_are_refused() -> None:
+    """Ranges that make no sense raise ValueError."""
+    with pytest.raises(ValueError, match="num_neighbours"):
+        DensificationSettings(num_neighbours=1)
+    with pytest.raises(ValueError, match="reach_px"):
+        DensificationSettings(reach_px=20.0)

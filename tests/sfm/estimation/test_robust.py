@@ -1,0 +1,122 @@
+"""The loop of robust estimation, on straight lines."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sfm.estimation import robust
+from sfm.estimation.robust import Floats, Indices, Mask
+
+
+class LineEstimator:
+    """Lines y = a x + b: the smallest estimator there is."""
+
+    min_num_samples = 2
+
+    def __init__(self, points: Floats) -> None:
+        self.num_data = len(points)
+        self.points = points
+
+    def estimate(self, samples: Indices) -> Floats:
+        """Join first and last point of each sample."""
+        a, b = self.points[samples[:, 0]], self.points[samples[:, -1]]
+        step = np.where(b[:, 0] == a[:, 0], 1e-9, b[:, 0] - a[:, 0])
+        slope = (b[:, 1] - a[:, 1]) / step
+        return np.stack([slope, a[:, 1] - slope * a[:, 0]], axis=1)
+
+    def residuals(self, models: Floats) -> Floats:
+        """Measure along y."""
+        line = models[:, :1] * self.points[:, 0] + models[:, 1:]
+        return np.abs(line - self.points[:, 1])
+
+    def refine(self, model: Floats, inliers: Mask) -> Floats:
+        """Fit by least squares."""
+        del model
+        x, y = self.points[inliers].T
+        matrix = np.column_stack([x, np.ones_like(x)])
+        return np.linalg.lstsq(matrix, y, rcond=None)[0]
+
+
+def line_with_outliers(num: int, seed: int) -> tuple[LineEstimator, Mask]:
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-10.0, 10.0, num)
+    y = 0.5 * x + 2.0 + rng.normal(0.0, 0.05, num)
+    wrong = rng.random(num) < 0.4
+    y[wrong] = rng.uniform(-20.0, 20.0, np.count_nonzero(wrong))
+    return LineEstimator(np.column_stack([x, y])), wrong
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_line_among_outliers(seed: int) -> None:
+    """Consensus finds the line, and local optimisation never makes it worse."""
+    estimator, wrong = line_with_outliers(200, seed)
+    options = robust.RobustOptions(threshold_px=0.2)
+    rng = np.random.default_rng(seed)
+    found = robust.sample_consensus(estimator, options, rng)
+    better = robust.optimize_locally(estimator, found, options, rng)
+    assert better.model is not None
+    np.testing.assert_allclose(better.model, [0.5, 2.0], atol=0.02)
+    assert better.score_px2 <= found.score_px2
+    assert better.inliers[~wrong].mean() > 0.98
+    assert found.num_trials <= options.max_num_trials
+
+
+def test_the_same_generator_gives_the_same_result() -> None:
+    """All randomness comes from the generator."""
+    estimator, _ = line_with_outliers(100, 1)
+    options = robust.RobustOptions()
+    runs = [robust.sample_consensus(estimator, options, np.random.default_rng(7)) for _ in range(2)]
+    assert runs[0].model is not None
+    assert runs[1].model is not None
+    np.testing.assert_array_equal(runs[0].model, runs[1].model)
+
+
+@pytest.mark.parametrize("num", [0, 1])
+def test_too_few_data_give_no_model(num: int) -> None:
+    """With fewer data than a sample needs there is no model, and nothing is tried."""
+    estimator = LineEstimator(np.zeros((num, 2)))
+    rng = np.random.default_rng(0)
+    found = robust.sample_consensus(estimator, robust.RobustOptions(), rng)
+    assert found.model is None
+    assert found.num_trials == 0
+    assert robust.optimize_locally(estimator, found, robust.RobustOptions(), rng) is found
+
+
+@given(st.integers(7, 300), st.integers(1, 7), st.integers(0, 5))
+def test_samples_are_distinct(num: int, size: int, seed: int) -> None:
+    """No sample holds a datum twice, and all are in range."""
+    samples = robust.draw_samples(num, size, 50, np.random.default_rng(seed))
+    assert samples.shape[1] == size
+    assert len(samples) >= 20
+    assert samples.min() >= 0
+    assert samples.max() < num
+    assert all(len(set(sample)) == size for sample in samples.tolist())
+
+
+def test_number_of_trials() -> None:
+    """The number of samples follows log(1 - p) / log(1 - w^n), and its limits."""
+    assert robust.trials_needed(0.5, 7, 0.99) == pytest.approx(math.log(0.01) / math.log(1 - 0.5**7))
+    assert robust.trials_needed(0.0, 7, 0.99) == math.inf
+    assert robust.trials_needed(1.0, 7, 0.99) < 1.0
+
+
+def test_noise_scale() -> None:
+    """The scale is that of the good residuals, and 0 if the fit has used all of them up."""
+    rng = np.random.default_rng(0)
+    residuals = rng.normal(0.0, 0.3, 20_000)
+    residuals[:4000] = 50.0
+    assert 0.3 < robust.noise_scale(residuals) < 0.45
+    assert robust.noise_scale(residuals[4000:]) == pytest.approx(0.3, rel=0.03)
+    assert robust.noise_scale(np.ones(7), 7) == 0.0
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"threshold_px": 0.0}, {"confidence": 1.0}, {"min_num_trials": 10, "max_num_trials": 5}]
+)
+def test_wrong_options_are_refused(wrong: dict[str, float]) -> None:
+    """Options that make no sense name themselves."""
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        robust.RobustOptions(**wrong)  # type: ignore[arg-type]

@@ -1,0 +1,109 @@
+"""Robust weak calibration: accuracy, outliers, failure as a value."""
+
+import numpy as np
+import pytest
+
+from sfm.estimation.epipolar import symmetric_distances
+from sfm.estimation.weak_calibration import (
+    WeakCalibrationOptions,
+    refine_fundamental,
+    residual_rms_px,
+    weak_calibration,
+)
+from sfm.model import Correspondences
+from tests.sfm.two_views import odd_correspondences, two_views
+
+
+@pytest.mark.parametrize("kind", ["general", "planar"])
+@pytest.mark.parametrize("outlier_share", [0.0, 0.2, 0.5])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_accuracy_among_outliers(kind: str, outlier_share: float, seed: int) -> None:
+    """True matches are within a tenth of a pixel of the lines of a matrix found in noise and outliers."""
+    scene = two_views(500, kind, noise_px=0.1, outlier_share=outlier_share, seed=seed)  # type: ignore[arg-type]
+    found = weak_calibration(scene.measured, np.random.default_rng(seed))
+    assert found.success
+    distances = symmetric_distances(found.fundamental, scene.exact.first, scene.exact.second)
+    assert np.median(distances) <= 0.05
+    assert np.quantile(distances, 0.95) <= 0.2
+    assert found.inliers[~scene.outliers].mean() > 0.98
+    if outlier_share:
+        assert found.inliers[scene.outliers].mean() < 0.12
+    assert 0.08 < found.noise_px < 0.13
+
+
+def test_exact_matches_give_the_exact_matrix() -> None:
+    """Without noise the matrix is the true one, of rank 2 and unit norm."""
+    scene = two_views(100)
+    found = weak_calibration(scene.exact, np.random.default_rng(0))
+    truth = scene.fundamental
+    assert min(np.abs(found.fundamental - truth).max(), np.abs(found.fundamental + truth).max()) < 1e-9
+    assert np.linalg.norm(found.fundamental) == pytest.approx(1.0)
+    assert np.linalg.svd(found.fundamental)[1][2] < 1e-15
+    assert found.inliers.all()
+
+
+def test_the_same_generator_gives_the_same_matrix() -> None:
+    """The result depends on data and generator alone."""
+    scene = two_views(100, noise_px=0.2, outlier_share=0.3)
+    runs = [weak_calibration(scene.measured, np.random.default_rng(4)) for _ in range(2)]
+    np.testing.assert_array_equal(runs[0].fundamental, runs[1].fundamental)
+
+
+@pytest.mark.parametrize(("name", "pairs"), odd_correspondences().items())
+def test_odd_inputs_are_values(name: str, pairs: Correspondences) -> None:
+    """No input raises or warns; whatever comes is finite, and a failure says why."""
+    found = weak_calibration(pairs, np.random.default_rng(0))
+    assert np.isfinite(found.fundamental).all()
+    assert found.inliers.shape == found.residuals_px.shape == (len(pairs),)
+    assert not np.isnan(found.residuals_px).any()
+    assert found.success == (not found.reason)
+    if name.endswith("points") or name in {"random", "nan", "huge"}:
+        assert not found.success
+
+
+def test_points_that_are_not_finite_are_outliers() -> None:
+    """Good points among infinite ones are used, the others are marked."""
+    scene = two_views(100, noise_px=0.1)
+    first = scene.measured.first.copy()
+    first[::5, 0] = np.nan
+    found = weak_calibration(
+        Correspondences(first, scene.measured.second, np.zeros(100)), np.random.default_rng(0)
+    )
+    assert found.success
+    assert not found.inliers[::5].any()
+    assert np.isinf(found.residuals_px[::5]).all()
+
+
+def test_refinement_over_many_points() -> None:
+    """Thousands of points, a few wrong, improve a matrix found from a hundred."""
+    scene = two_views(5000, noise_px=0.15, outlier_share=0.05)
+    rough = weak_calibration(scene.measured[np.arange(100)], np.random.default_rng(0))
+    fine = refine_fundamental(rough.fundamental, scene.measured)
+    medians = [
+        np.median(symmetric_distances(f, scene.exact.first, scene.exact.second))
+        for f in (rough.fundamental, fine)
+    ]
+    assert medians[1] < 0.02
+    assert medians[1] < medians[0]
+
+
+def test_refinement_follows_weights() -> None:
+    """Points of no weight do not count, and too few points leave the matrix alone."""
+    scene = two_views(200, noise_px=0.1, outlier_share=0.3)
+    weights = (~scene.outliers).astype(float)
+    weighted = refine_fundamental(scene.fundamental, scene.measured, weights, loss="squared")
+    chosen = refine_fundamental(scene.fundamental, scene.measured[~scene.outliers], loss="squared")
+    assert residual_rms_px(weighted, scene.measured[~scene.outliers]) == pytest.approx(
+        residual_rms_px(chosen, scene.measured[~scene.outliers]), rel=1e-6
+    )
+    few = refine_fundamental(scene.fundamental, scene.measured[np.arange(5)])
+    np.testing.assert_allclose(few, scene.fundamental)
+    assert residual_rms_px(few, Correspondences.empty()) == 0.0
+    with pytest.raises(ValueError, match="weights"):
+        refine_fundamental(scene.fundamental, scene.measured, np.ones(3))
+
+
+def test_too_few_inliers_to_confirm_are_refused_as_an_option() -> None:
+    """Seven points fit any matrix: fewer than eight confirm nothing."""
+    with pytest.raises(ValueError, match="min_num_inliers"):
+        WeakCalibrationOptions(min_num_inliers=7)
