@@ -177,9 +177,10 @@ def _record_live(frames: list[Frame], config: CodecConfig) -> tuple[list[bytes],
 
 
 def _serve(frames: list[Frame], config: CodecConfig, connection: Any) -> None:
+    from encoder.live import serve
     from encoder.session import EncoderSession
 
-    EncoderSession(config).serve(frames, connection, lambda _: None)
+    serve(EncoderSession(config), frames, connection, lambda _: None)
 
 
 def _decode_live(connection: Any) -> None:

@@ -2,11 +2,10 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
@@ -14,10 +13,8 @@ from dvc.config import SFM_BACKENDS
 from dvc.errors import BitstreamError, ConfigError, DvcError, FeedbackError
 
 if TYPE_CHECKING:
-    from decoder.session import DecodedGroup
+    from decoder.output import DecodedOutput
     from dvc.config import CodecConfig
-    from dvc.stream import StreamWriter
-    from dvc.video import VideoWriter
 
 PROG = "dvc-decode"
 EXAMPLES = """\
@@ -161,7 +158,8 @@ def _decode_file(arguments: argparse.Namespace) -> int:
                 f"a punctured stream can only be decoded as it was made, with {_choices(reader.config)}"
             )
         with ExitStack() as stack:
-            failure = _Output(config, arguments, stack).consume(decode_stream(config, reader, arguments.jobs))
+            groups = decode_stream(config, reader, arguments.jobs)
+            failure = _output(config, arguments, stack).consume(groups, arguments.quiet, arguments.salvage)
         if failure is not None:
             raise failure
     return 0
@@ -186,7 +184,10 @@ def _decode_live(arguments: argparse.Namespace) -> int:
         config = _with_choices(source.config, arguments)
         try:
             with connection.kept_alive(KEEP_ALIVE), ExitStack() as stack:
-                failure = _Output(config, arguments, stack).consume(decode_live(config, source))
+                groups = decode_live(config, source)
+                failure = _output(config, arguments, stack).consume(
+                    groups, arguments.quiet, arguments.salvage
+                )
         except FeedbackError:
             raise
         except DvcError as err:
@@ -227,93 +228,27 @@ def _choices(config: "CodecConfig") -> str:
     )
 
 
-class _Output:
-    """Everything a run writes: videos, punctured stream, report; all of it or nothing."""
+def _output(config: "CodecConfig", arguments: argparse.Namespace, stack: ExitStack) -> "DecodedOutput":
+    from decoder.output import DecodedOutput
+    from dvc.video import open_video
 
-    def __init__(self, config: "CodecConfig", arguments: argparse.Namespace, stack: ExitStack) -> None:
-        from decoder.report import DecodeReport
-        from dvc.video import open_video
-
+    reference = None
+    if arguments.reference:
         video = config.video
         rate = Fraction(video.frame_rate_num, video.frame_rate_den)
-        reference = None
-        if arguments.reference:
-            reference = stack.enter_context(
-                open_video(
-                    arguments.reference, size=arguments.size, frame_rate=rate, start=arguments.reference_start
-                )
-            )
-        self._arguments = arguments
-        self._report: DecodeReport = DecodeReport(config, reference)
-        self._stream: StreamWriter = _punctured_writer(config, arguments.punctured, stack)
-        self._video: VideoWriter = _video_writer(config, arguments.files[-1], video.luma_only, stack)
-        self._side_information: VideoWriter | None = None
-        if arguments.side_information_video is not None:
-            self._side_information = _video_writer(config, arguments.side_information_video, True, stack)
-
-    def consume(self, groups: Iterable["DecodedGroup"]) -> DvcError | None:
-        """Write all groups; with --salvage, return the damage that ended them instead of raising it."""
-        failure: DvcError | None = None
-        num_frames = 0
-        with cli.progress_bar("decoding", None, self._arguments.quiet) as progress:
-            try:
-                for group in groups:
-                    self._add(group, progress)
-                    num_frames += group.record.num_frames
-            except (BitstreamError, FeedbackError) as err:
-                if not self._arguments.salvage or num_frames == 0:
-                    raise
-                failure = type(err)(f"{err} (frames kept: {num_frames})")
-        self._finish()
-        return failure
-
-    def _add(self, group: "DecodedGroup", progress: Callable[[int], None]) -> None:
-        from dvc.video import Frame
-
-        for frame in group.wyner_ziv:
-            self._video.write(frame.decoded.frame)
-        self._video.write(group.key)
-        if self._side_information is not None:
-            for frame in group.wyner_ziv:
-                self._side_information.write(Frame(frame.decoded.side_information))
-            self._side_information.write(group.key)
-        self._stream.write_gop(group.record)
-        self._report.add(group)
-        progress(group.record.num_frames)
-
-    def _finish(self) -> None:
-        self._stream.close()
-        self._video.close()
-        if self._side_information is not None:
-            self._side_information.close()
-        if self._arguments.json is not None:
-            cli.write_json(self._arguments.json, self._report.to_dict(self._stream.num_bytes))
-
-
-def _video_writer(config: "CodecConfig", path: str, luma_only: bool, stack: ExitStack) -> "VideoWriter":
-    from dvc.video import create_video
-
-    video = config.video
-    rate = Fraction(video.frame_rate_num, video.frame_rate_den)
-    return stack.enter_context(create_video(path, (video.width, video.height), rate, luma_only=luma_only))
-
-
-class _NullFile:
-    """Counts for nothing and keeps nothing; `StreamWriter` knows how much it wrote."""
-
-    def write(self, data: bytes) -> int:
-        return len(data)
-
-
-def _punctured_writer(config: "CodecConfig", path: str | None, stack: ExitStack) -> "StreamWriter":
-    from dvc.files import atomic_output
-    from dvc.stream import Form, StreamWriter
-
-    if path is None:
-        return StreamWriter(_NullFile(), config, Form.PUNCTURED)  # type: ignore[arg-type]
-    temporary: Path = stack.enter_context(atomic_output(path))
-    file = stack.enter_context(temporary.open("wb"))
-    return StreamWriter(file, config, Form.PUNCTURED)
+        original = open_video(
+            arguments.reference, size=arguments.size, frame_rate=rate, start=arguments.reference_start
+        )
+        reference = stack.enter_context(original)
+    return DecodedOutput(
+        config,
+        stack,
+        video=arguments.files[-1],
+        side_information=arguments.side_information_video,
+        punctured=arguments.punctured,
+        report=arguments.json,
+        reference=reference,
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures between two decoded key frames."""
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from dvc.errors import BitstreamError
 from dvc.feedback import ParityRequest
 from dvc.stream import GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
+from dvc.video import Frame
 from dvc.wynerziv.frame import BufferedFrame, PuncturedFrame, PunctureRecorder
 
 Bits = NDArray[np.uint8]
@@ -48,6 +50,72 @@ class DecodedWynerZiv:
     header_bits: int
     punctured: bytes
     decode_s: float
+
+
+@dataclass(frozen=True)
+class DecodedGroup:
+    """One decoded group of pictures.
+
+    Attributes
+    ----------
+    first_index : int
+        Display position of its first frame.
+    wyner_ziv : tuple of DecodedWynerZiv
+        Its Wyner-Ziv frames, in display order.
+    key : Frame
+        The key frame that ends it.
+    record : GopRecord
+        The record of the punctured form: what was really needed.
+    """
+
+    first_index: int
+    wyner_ziv: tuple[DecodedWynerZiv, ...]
+    key: Frame
+    record: GopRecord
+
+    @classmethod
+    def of(
+        cls, first_index: int, wyner_ziv: Sequence[DecodedWynerZiv], key: Frame, record: GopRecord
+    ) -> "DecodedGroup":
+        """Return a group with the record of what was needed.
+
+        Parameters
+        ----------
+        first_index : int
+            Display position of its first frame.
+        wyner_ziv : sequence of DecodedWynerZiv
+            Its Wyner-Ziv frames.
+        key : Frame
+            Its key frame.
+        record : GopRecord
+            What the stream, or the encoder, sent of it.
+
+        Returns
+        -------
+        DecodedGroup
+            The group.
+        """
+        needed = GopRecord(
+            record.num_frames, record.key, record.tracks, tuple(frame.punctured for frame in wyner_ziv)
+        )
+        return cls(first_index, tuple(wyner_ziv), key, needed)
+
+
+@contextmanager
+def naming_group(number: int, part: str = "") -> Iterator[None]:
+    """Say of damage in which group of pictures it is.
+
+    Parameters
+    ----------
+    number : int
+        Number of the group, from 0.
+    part : str, optional
+        What comes before the reason.
+    """
+    try:
+        yield
+    except BitstreamError as err:
+        raise BitstreamError(f"group of pictures {number}: {part}{err}") from err
 
 
 def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[int, tuple[int, int]]]:

@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from dvc.video import VideoInfo, VideoReader
     from encoder.block_matching import PointTrackerSettings
     from encoder.groups import KeyFrameRule
-    from encoder.session import EncoderSession, EncoderStatistics, Progress
+    from encoder.report import EncoderStatistics
+    from encoder.session import EncoderSession, Progress
 
 PROG = "dvc-encode"
 EXAMPLES = """\
@@ -270,13 +271,14 @@ def _serve(
     session: "EncoderSession", reader: "VideoReader", arguments: argparse.Namespace, progress: "Progress"
 ) -> None:
     from dvc.feedback import KEEP_ALIVE, listen, parse_address
+    from encoder.live import serve
 
     with listen(*parse_address(arguments.serve)) as listener:
         sys.stderr.write(f"{PROG}: waiting for a decoder on {listener.name}\n")
         sys.stderr.flush()
         connection = listener.accept(silence_timeout_s=arguments.timeout)
     with connection, connection.kept_alive(KEEP_ALIVE):
-        session.serve(reader, connection, progress)
+        serve(session, reader, connection, progress)
 
 
 def _configure(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
@@ -340,7 +342,7 @@ def _rule(arguments: argparse.Namespace) -> "KeyFrameRule":
 
 
 def _tracks_bpp(arguments: argparse.Namespace) -> float:
-    from encoder.session import MAX_TRACKS_BPP
+    from encoder.track_budget import MAX_TRACKS_BPP
 
     given: float | None = arguments.tracks_bpp
     if given is None:

@@ -1,0 +1,118 @@
+"""What a decoding run writes: videos, punctured stream, report; all of it or nothing."""
+
+import os
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from fractions import Fraction
+
+from decoder.group import DecodedGroup
+from decoder.report import DecodeReport
+from dvc import cli
+from dvc.config import CodecConfig
+from dvc.errors import BitstreamError, DvcError, FeedbackError
+from dvc.files import atomic_output
+from dvc.stream import Form, StreamWriter
+from dvc.video import Frame, VideoReader, VideoWriter, create_video
+
+
+class DecodedOutput:
+    """Writes decoded groups of pictures.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        Configuration that the run decodes with.
+    stack : ExitStack
+        What leaving it completes, or removes after an exception.
+    video : str
+        File of the decoded frames.
+    side_information : str, optional
+        File of what they were predicted as.
+    punctured : str, optional
+        File of the stream that was really needed.
+    report : str, optional
+        File of the report; ``-`` for standard output.
+    reference : VideoReader, optional
+        The original, for the report.
+    """
+
+    def __init__(
+        self,
+        config: CodecConfig,
+        stack: ExitStack,
+        *,
+        video: str,
+        side_information: str | None = None,
+        punctured: str | None = None,
+        report: str | None = None,
+        reference: VideoReader | None = None,
+    ) -> None:
+        self._report_path = report
+        self._report = DecodeReport(config, reference)
+        self._stream = _punctured_writer(config, punctured, stack)
+        self._video = _video_writer(config, video, config.video.luma_only, stack)
+        self._side_information: VideoWriter | None = None
+        if side_information is not None:
+            self._side_information = _video_writer(config, side_information, True, stack)
+
+    def consume(self, groups: Iterable[DecodedGroup], quiet: bool, salvage: bool) -> DvcError | None:
+        """Write all groups.
+
+        Parameters
+        ----------
+        groups : iterable of DecodedGroup
+            In display order.
+        quiet : bool
+            Whether to show no progress.
+        salvage : bool
+            Whether frames before damage are kept.
+
+        Returns
+        -------
+        DvcError or None
+            The damage after which frames were kept.
+        """
+        failure: DvcError | None = None
+        num_frames = 0
+        with cli.progress_bar("decoding", None, quiet) as progress:
+            try:
+                for group in groups:
+                    self._add(group, progress)
+                    num_frames += group.record.num_frames
+            except (BitstreamError, FeedbackError) as err:
+                if not salvage or num_frames == 0:
+                    raise
+                failure = type(err)(f"{err} (frames kept: {num_frames})")
+        self._finish()
+        return failure
+
+    def _add(self, group: DecodedGroup, progress: Callable[[int], None]) -> None:
+        for frame in group.wyner_ziv:
+            self._video.write(frame.decoded.frame)
+        self._video.write(group.key)
+        if self._side_information is not None:
+            for frame in group.wyner_ziv:
+                self._side_information.write(Frame(frame.decoded.side_information))
+            self._side_information.write(group.key)
+        self._stream.write_gop(group.record)
+        self._report.add(group)
+        progress(group.record.num_frames)
+
+    def _finish(self) -> None:
+        self._stream.close()
+        self._video.close()
+        if self._side_information is not None:
+            self._side_information.close()
+        if self._report_path is not None:
+            cli.write_json(self._report_path, self._report.to_dict(self._stream.num_bytes))
+
+
+def _video_writer(config: CodecConfig, path: str, luma_only: bool, stack: ExitStack) -> VideoWriter:
+    video = config.video
+    rate = Fraction(video.frame_rate_num, video.frame_rate_den)
+    return stack.enter_context(create_video(path, (video.width, video.height), rate, luma_only=luma_only))
+
+
+def _punctured_writer(config: CodecConfig, path: str | None, stack: ExitStack) -> StreamWriter:
+    temporary = stack.enter_context(atomic_output(path or os.devnull))
+    return StreamWriter(stack.enter_context(temporary.open("wb")), config, Form.PUNCTURED)

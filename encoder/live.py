@@ -1,0 +1,87 @@
+"""The encoder's end of a live run: sends groups while the decoder has room, answers its requests."""
+
+from collections.abc import Iterable
+
+from dvc.errors import VideoError
+from dvc.feedback import Connection, EncoderEndpoint, GopDone, ParityRequest
+from dvc.video import Frame
+from dvc.wynerziv.frame import EncodedFrame
+from encoder.session import EncoderSession, Progress
+
+
+def serve(
+    session: EncoderSession, frames: Iterable[Frame], connection: Connection, progress: Progress
+) -> None:
+    """Encode a sequence for a decoder at the other end of a connection, answering its requests.
+
+    Parameters
+    ----------
+    session : EncoderSession
+        Encoder of the sequence.
+    frames : iterable of Frame
+        The sequence; encoded as the decoder gets to it.
+    connection : Connection
+        The peer.
+    progress : callable
+        Called with the number of frames just finished.
+
+    Raises
+    ------
+    FeedbackError
+        If the peer breaks the protocol, falls silent or goes away.
+    """
+    live = _LiveEncoder(session, frames, connection, progress)
+    try:
+        live.run()
+    except VideoError as err:
+        live.give_up(str(err))
+        raise
+
+
+class _LiveEncoder:
+    """State of a live run."""
+
+    def __init__(
+        self, session: EncoderSession, frames: Iterable[Frame], connection: Connection, progress: Progress
+    ) -> None:
+        self._session = session
+        self._source = session.groups(frames)
+        self._connection = connection
+        self._progress = progress
+        self._endpoint = EncoderEndpoint(session.config)
+        self._num_frames = 0
+        self._ended = False
+        self._open: dict[int, dict[int, EncodedFrame]] = {}
+
+    def run(self) -> None:
+        while True:
+            while self._endpoint.num_credits and not self._ended:
+                self._send_group()
+            self._connection.send(self._endpoint.bytes_to_send())
+            if self._endpoint.finished:
+                return
+            for event in self._endpoint.receive(self._connection.receive()):
+                if isinstance(event, ParityRequest):
+                    self._answer(event)
+                elif isinstance(event, GopDone):
+                    self._progress(len(self._open.pop(event.number)) + 1)
+
+    def give_up(self, reason: str) -> None:
+        self._endpoint.send_failure(reason)
+        self._connection.send(self._endpoint.bytes_to_send())
+
+    def _send_group(self) -> None:
+        group = next(self._source, None)
+        if group is None:
+            self._endpoint.send_end()
+            self._ended = True
+            return
+        encoded = self._session.encode(group)
+        record = encoded.record(frame.header for frame in encoded.frames)
+        number = self._endpoint.send_gop(record)
+        self._open[number] = dict(enumerate(encoded.frames, self._num_frames))
+        self._num_frames += record.num_frames
+
+    def _answer(self, request: ParityRequest) -> None:
+        frame = next(frames[request.frame] for frames in self._open.values() if request.frame in frames)
+        self._endpoint.send_answer(request.frame, request.plane, frame.answer(request))
