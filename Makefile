@@ -52,8 +52,8 @@ reproduce: $(INSTALLED)  ## measure the tables and figures of the thesis, quickl
 	$(BIN)/python -m dvc.rd reproduce thesis --out results/thesis --jobs $(JOBS)
 
 pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real clips in results/
-	$(BIN)/python -m benchmarks.walkthrough
-	$(BIN)/python -m benchmarks.tracks_pictures
+	$(BIN)/python -m benchmarks.pictures.scene
+	$(BIN)/python -m benchmarks.pictures.tracks
 
 format: $(INSTALLED)  ## format the code
 	$(BIN)/ruff format .

@@ -1,1 +1,1 @@
-"""Measurements: every figure that is asked of the project, and scripts for single ones."""
+"""What is measured and drawn with the codec, and a demonstration of it."""

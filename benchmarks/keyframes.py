@@ -1,6 +1,6 @@
 """Measure key frames: bytes against a plain x264 file, and processor time per frame.
 
-Usage: ``python benchmarks/keyframes.py VIDEO [NUM_FRAMES]``
+Usage: ``python -m benchmarks.keyframes VIDEO [NUM_FRAMES]``
 """
 
 import io

@@ -1,0 +1,185 @@
+"""Measure the figures that are asked of the project, and write `docs/figures.json` and `docs/figures.md`.
+
+A run that was interrupted goes on where it stopped; once it is through, the next run measures everything
+again. With ``--quick`` the measurements are only tried out, and nothing is written to `docs`.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from benchmarks.figures.definitions import Unit, selected_units, with_frames
+from benchmarks.figures.document import read_rows, row_key, write_document, write_rows
+from benchmarks.figures.harness import RESULTS, Key, MissingClip, Row, Setting
+from dvc import cli
+from dvc.errors import DvcError
+from dvc.rd.provenance import code_version
+
+PROG = "python -m benchmarks.figures"
+EXAMPLES = """\
+  python -m benchmarks.figures                        all figures; hours
+  python -m benchmarks.figures --area turbo           those of one area
+  python -m benchmarks.figures --area rd --clip box   one sequence
+  python -m benchmarks.figures --quick                try every measurement out; minutes
+  python -m benchmarks.figures --list                 what there is
+"""
+
+
+def measure(unit: Unit, setting: Setting) -> tuple[Row, bool]:
+    """Measure one row.
+
+    Parameters
+    ----------
+    unit : Unit
+        The row.
+    setting : Setting
+        How thoroughly.
+
+    Returns
+    -------
+    row : dict
+        As it stands in the document.
+    finished : bool
+        False if the measurement failed.
+    """
+    try:
+        row = unit.figure.row(unit.clip, unit.figure.measure(setting, unit.clip))
+        return with_frames(row, setting.frames), True
+    except MissingClip as err:
+        return unit.figure.row(unit.clip, None, str(err)), True
+    except (DvcError, OSError) as err:
+        return unit.figure.row(unit.clip, None, f"the measurement failed: {cli.one_line(err)}"), False
+
+
+class Campaign:
+    """Rows that were measured since the last complete run, in a file, so that an interrupted run goes on.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it need not exist.
+    frames : int
+        Of CIF curves; rows of other numbers do not count.
+    """
+
+    def __init__(self, path: Path, frames: int) -> None:
+        self._path = path
+        self._rows: dict[Key, Row] = {}
+        self._made_by = {"code": code_version().digest, "frames": frames}
+        for row in read_rows(path):
+            if self._made_by.items() <= row.items():
+                self._rows[row_key(row)] = row
+
+    def __contains__(self, key: Key) -> bool:
+        """Tell whether a row is done."""
+        return key in self._rows
+
+    def add(self, row: Row) -> None:
+        """Enter a row that is done.
+
+        Parameters
+        ----------
+        row : dict
+            The row.
+        """
+        self._rows[row_key(row)] = {**row, **self._made_by}
+        write_rows(self._path, list(self._rows.values()))
+
+    def close(self, keys: Sequence[Key]) -> None:
+        """Forget rows, because all that were to be measured are.
+
+        Parameters
+        ----------
+        keys : sequence of tuple
+            Of the rows.
+        """
+        self._rows = {key: row for key, row in self._rows.items() if key not in keys}
+        write_rows(self._path, list(self._rows.values()))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = cli.ArgumentParser(PROG, "Measure the figures that are asked of the project.", EXAMPLES)
+    parser.add_argument("--area", help="only the figures of this area")
+    parser.add_argument("--name", help="only the figures of this name")
+    parser.add_argument("--clip", help="only on this sequence")
+    parser.add_argument("--quick", action="store_true", help="try out; nothing is written to docs")
+    parser.add_argument(
+        "--frames", type=cli.integer(3, 10**6), default=51, metavar="N", help="of CIF curves; default: 51"
+    )
+    parser.add_argument(
+        "--jobs",
+        type=cli.integer(1, 64),
+        default=1,
+        metavar="N",
+        help="points of a curve at a time; default: 1",
+    )
+    parser.add_argument(
+        "--any-version", action="store_true", help="keep points that other versions of the code have measured"
+    )
+    parser.add_argument("--again", action="store_true", help="forget what an interrupted run has measured")
+    parser.add_argument("--list", action="store_true", help="list the figures")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status: 0, or 2 for bad input and for measurements that failed.
+    """
+    arguments = _parser().parse_args(argv)
+    return cli.run(PROG, lambda: _run(arguments))
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    units = selected_units(arguments.area, arguments.name, arguments.clip, arguments.quick)
+    if arguments.list:
+        for unit in units:
+            print(f"{unit.figure.area:12}{unit.figure.name:28}{unit.clip or '':18}{unit.figure.asked}")
+        return 0
+    folder = RESULTS / "quick" if arguments.quick else RESULTS
+    setting = Setting(arguments.quick, arguments.frames, arguments.jobs, folder, arguments.any_version)
+    state = folder / "state.json"
+    if arguments.again:
+        state.unlink(missing_ok=True)
+    campaign = Campaign(state, arguments.frames)
+    failed = 0
+    for row, finished in _measured(units, campaign, setting):
+        _show(row)
+        failed += not finished
+        if finished:
+            campaign.add(row)
+        if not arguments.quick:
+            write_document([row])
+    if not failed:
+        campaign.close([unit.key for unit in units])
+    return cli.EXIT_BAD_INPUT if failed else 0
+
+
+def _measured(units: Sequence[Unit], campaign: Campaign, setting: Setting) -> Iterator[tuple[Row, bool]]:
+    for number, unit in enumerate(units, start=1):
+        if unit.key in campaign:
+            continue
+        where = f" on {unit.clip}" if unit.clip else ""
+        print(f"[{number}/{len(units)}] {unit.figure.area}: {unit.figure.title}{where}", file=sys.stderr)
+        yield measure(unit, setting)
+
+
+def _show(row: Row) -> None:
+    verdict = {True: "holds", False: "DOES NOT HOLD", None: "-"}[row["holds"]]
+    got = row["got"] if row["got"] is not None else row["note"]
+    print(
+        f"{row['area']}/{row['name']} {row['clip'] or ''}: {got}; asked {row['asked']}: {verdict}", flush=True
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

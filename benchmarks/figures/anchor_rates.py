@@ -1,0 +1,134 @@
+"""Tracked coding against H.264 with prediction between frames, without motion and with motion search."""
+
+from functools import cache, partial
+
+import numpy as np
+
+from benchmarks.figures import rates as rd_figures
+from benchmarks.figures.harness import SCENES, Figure, Measured, Setting
+from benchmarks.figures.tracks.quality import REAL_CLIPS, listed
+from benchmarks.figures.tracks.rates import HIERARCHICAL, MEANS, PRESETS, te_curve
+from dvc.errors import DvcError
+from dvc.metrics import BdResult
+from dvc.rd.compare import crossing_text
+from dvc.rd.curves import Curve, bd_text, compare_curves, experiments
+from dvc.rd.points import ANCHORS, Sweep, expand
+
+AREA = "anchors"
+_TITLES = {
+    "x264-ippp-zero": "TE (hierarchical) against H.264 IPPP without motion, Q1 to Q8: BD-rate",
+    "x264-ippp": "TE (hierarchical) against H.264 IPPP with motion search, Q1 to Q8: BD-rate",
+}
+_ASKED = {"x264-ippp-zero": "negative", "x264-ippp": "negative at low rates; where the curves cross"}
+_THESIS = {"x264-ippp-zero": "better up to 0.9 to 1.4 Mbit/s", "x264-ippp": "worse"}
+
+
+@cache
+def anchor_curve(setting: Setting, clip: str, anchor: str) -> Curve:
+    """Measure the curve of an anchor on the frames that the codecs are measured on; what is there is kept.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    anchor : str
+        A key of `ANCHORS`.
+
+    Returns
+    -------
+    Curve
+        Its points.
+
+    Raises
+    ------
+    DvcError
+        If a point fails.
+    """
+    frames = rd_figures.QUICK_FRAMES if setting.quick else setting.frames
+    sweep = Sweep((clip,), frames=frames, anchors=(anchor,))
+    points = [point for point in expand([sweep]) if point.codec == ANCHORS[anchor]]
+    return experiments(rd_figures.measured(setting, clip, points))[0].curves[0]
+
+
+def _difference(setting: Setting, clip: str, anchor: str) -> tuple[BdResult, str]:
+    """Return the mean difference in rate of tracked coding, and where it is better."""
+    reference = anchor_curve(setting, clip, anchor)
+    curve = te_curve(setting, clip, HIERARCHICAL, PRESETS)
+    found = compare_curves(reference, curve)
+    if isinstance(found, str):
+        raise DvcError(found)
+    return found, crossing_text(reference, curve)
+
+
+def against_anchor(setting: Setting, clip: str | None, anchor: str) -> Measured:
+    """Compare tracked coding with an anchor on one clip.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    anchor : str
+        A key of `ANCHORS`.
+
+    Returns
+    -------
+    Measured
+        BD-rate, and where the curves cross.
+    """
+    assert clip is not None
+    found, crossing = _difference(setting, clip, anchor)
+    values = {"bd_rate_percent": found.value, "overlap_db": list(found.overlap), "crossing": crossing}
+    return Measured(f"{bd_text(found)}; {crossing}", None, values)
+
+
+def mean_against_anchor(setting: Setting, clip: str | None, anchor: str, clips: tuple[str, ...]) -> Measured:
+    """Average the BD-rates against an anchor over clips.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : None
+        Not used.
+    anchor : str
+        A key of `ANCHORS`.
+    clips : tuple of str
+        Sequences.
+
+    Returns
+    -------
+    Measured
+        Mean over clips.
+    """
+    del clip
+    chosen = clips[: setting.choose(len(clips), 1)]
+    found = {name: _difference(setting, name, anchor)[0].value for name in chosen}
+    mean = float(np.mean(list(found.values())))
+    return Measured(f"{mean:+.1f} % over {listed(found)}", mean < 0.0, {"bd_rate_percent": found})
+
+
+def _figures(anchor: str) -> tuple[Figure, ...]:
+    """Return the rows of an anchor: one per clip, and the mean over each group of clips."""
+    name, thesis = f"te-{anchor}", _THESIS[anchor]
+    each = partial(against_anchor, anchor=anchor)
+    return (
+        Figure(AREA, name, _TITLES[anchor], _ASKED[anchor], each, (*REAL_CLIPS, *SCENES), thesis),
+        *(
+            Figure(
+                AREA,
+                f"{name}-{suffix}",
+                f"the same, mean over {', '.join(clips)}",
+                "negative",
+                partial(mean_against_anchor, anchor=anchor, clips=clips),
+            )
+            for suffix, clips in MEANS.items()
+        ),
+    )
+
+
+FIGURES = tuple(figure for anchor in _TITLES for figure in _figures(anchor))
+"""The figures of this module."""

@@ -1,0 +1,110 @@
+"""All figures that are defined, and the rows that they make."""
+
+from dataclasses import dataclass
+from types import ModuleType
+
+from benchmarks.figures import anchor_rates, anchors, codec, rates, report, reproduction, robustness, turbo
+from benchmarks.figures.geometry import reconstruction, side_information
+from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
+from benchmarks.figures.tracks import costs, limits, options, quality
+from benchmarks.figures.tracks import rates as tracks_rates
+from dvc.errors import ConfigError
+
+MODULES: tuple[ModuleType, ...] = (
+    turbo,
+    codec,
+    rates,
+    report,
+    reproduction,
+    anchors,
+    anchor_rates,
+    robustness,
+    reconstruction,
+    side_information,
+    quality,
+    limits,
+    options,
+    costs,
+    tracks_rates,
+)
+AREAS_BY_FRAMES = ("rd", "tracks")
+ROWS_BY_FRAMES = frozenset(figure.name for figure in anchor_rates.FIGURES)
+"""What depends on the number of frames of CIF clips."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One row to measure: a figure on one clip."""
+
+    figure: Figure
+    clip: str | None
+
+    @property
+    def key(self) -> Key:
+        """What tells it from all other rows."""
+        return self.figure.area, self.figure.name, self.clip
+
+
+def all_units() -> list[Unit]:
+    """List the rows that there are.
+
+    Returns
+    -------
+    list of Unit
+        In the order of the document.
+    """
+    return [Unit(figure, clip) for module in MODULES for figure in module.FIGURES for clip in figure.clips]
+
+
+def selected_units(area: str | None, name: str | None, clip: str | None, quick: bool) -> list[Unit]:
+    """Choose rows.
+
+    Parameters
+    ----------
+    area, name, clip : str or None
+        All that have these; None accepts any.
+    quick : bool
+        Only the first clip of every figure, unless one is named.
+
+    Returns
+    -------
+    list of Unit
+        At least one.
+
+    Raises
+    ------
+    ConfigError
+        If there is none.
+    """
+    units = [
+        unit
+        for unit in all_units()
+        if area in (None, unit.figure.area) and name in (None, unit.figure.name) and clip in (None, unit.clip)
+    ]
+    if quick and clip is None:
+        units = [unit for unit in units if unit.clip == unit.figure.clips[0]]
+    if not units:
+        areas = ", ".join(dict.fromkeys(unit.figure.area for unit in all_units()))
+        raise ConfigError(f"no figure of that area, name and clip; areas are {areas}; see --list")
+    return units
+
+
+def with_frames(row: Row, frames: int) -> Row:
+    """Say in the command of a row how many frames of CIF clips it covers, where that is not the default.
+
+    Parameters
+    ----------
+    row : dict
+        Row of a figure.
+    frames : int
+        Frames of CIF curves.
+
+    Returns
+    -------
+    dict
+        The row.
+    """
+    varies = row["area"] in AREAS_BY_FRAMES or row["name"] in ROWS_BY_FRAMES
+    if not varies or row["clip"] == FOREMAN or frames == Setting.frames:
+        return row
+    return row | {"command": f"{row['command']} --frames {frames}", "note": f"{frames} frames"}

@@ -1,0 +1,355 @@
+"""Side information by the geometry of the scene: against 2D block motion, with true cameras, and its time."""
+
+import filecmp
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.figures.codec import encode
+from benchmarks.figures.geometry.key_pairs import HEIGHT, WIDTH, scene_pairs
+from benchmarks.figures.harness import (
+    FOREMAN,
+    SCENES,
+    STATIC_CLIPS,
+    Figure,
+    Measured,
+    Setting,
+    clip_source,
+    run_module,
+)
+from decoder.side_information import METHODS
+from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
+from decoder.side_information.scene import INTERPOLATORS
+from dvc.config import CodecConfig, VideoConfig
+from dvc.metrics import psnr_db
+from dvc.video import Frame, open_video
+from dvc.wynerziv.transform import to_uint8
+from sequences.cameras import Camera, intrinsics
+from sequences.renderer import render_frame
+from sequences.scenes import descriptions, scene
+from sfm.model import Correspondences, Model, PixelFrame
+from sfm.pipeline import reconstruct
+from sfm.projection import triangulate_depth
+
+GOP = 10
+LEAST_DB = {"mesh": 32.0, "blocks": 31.0}
+LIMIT_S = {"mesh": 0.15, "blocks": 0.5}
+Luma = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
+
+def _method(name: str, frame: Luma) -> SideInformationMethod:
+    height, width = frame.shape
+    return METHODS[name](CodecConfig("3d", VideoConfig(width, height, 25, 1)))
+
+
+def _mean_psnr(originals: Sequence[Luma], predictions: Sequence[Prediction]) -> float:
+    pairs = zip(originals, predictions, strict=True)
+    return float(np.mean([psnr_db(luma, to_uint8(found.luma)) for luma, found in pairs]))
+
+
+@cache
+def blind_gain(clip: str, method: str, max_gops: int) -> tuple[float, float, int, int]:
+    """Predict all frames of all groups of pictures from lossless key frames, in 2D and from the scene.
+
+    Parameters
+    ----------
+    clip : str
+        Sequence.
+    method : str
+        Method that needs the scene.
+    max_gops : int
+        Groups of pictures to predict.
+
+    Returns
+    -------
+    flat_db, scene_db : float
+        Mean PSNR of the side information of all frames.
+    num_served, num_gops : int
+        Groups that the scene served, and all.
+    """
+    flat_db, scene_db, served = [], [], 0
+    frames: list[Luma] = []
+    with open_video(clip_source(clip).path) as reader:
+        for frame in reader:
+            frames.append(frame.luma)
+            if len(frames) <= GOP:
+                continue
+            keys = [ReferenceFrame(0, Frame(frames[0], None)), ReferenceFrame(GOP, Frame(frames[GOP], None))]
+            instants = list(range(1, GOP))
+            flat = _method("mci", frames[0]).predict(keys, None, instants)
+            found = _method(method, frames[0]).predict(keys, None, instants)
+            served += found[0].success
+            flat_db.append(_mean_psnr(frames[1:GOP], flat))
+            scene_db.append(_mean_psnr(frames[1:GOP], found))
+            frames = frames[GOP:]
+            if len(flat_db) == max_gops:
+                break
+    return float(np.mean(flat_db)), float(np.mean(scene_db)), served, len(flat_db)
+
+
+def blind(setting: Setting, clip: str | None) -> Measured:
+    """Compare the scene's prediction of one clip with that of 2D block motion.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+
+    Returns
+    -------
+    Measured
+        Difference of the mean PSNRs.
+    """
+    assert clip is not None
+    flat, found, served, num = blind_gain(clip, "mesh", setting.choose(10**6, 1))
+    text = f"{found - flat:+.2f} dB ({flat:.2f} → {found:.2f}; the scene served {served} of {num} GOPs)"
+    values = {"mci_db": flat, "mesh_db": found, "num_served": served, "num_gops": num}
+    return Measured(text, found - flat >= -0.2, values)
+
+
+def blind_mean(setting: Setting, clip: str | None) -> Measured:
+    """Average the difference over the real static clips.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : None
+        Not used.
+
+    Returns
+    -------
+    Measured
+        Mean over clips.
+    """
+    del clip
+    clips = STATIC_CLIPS[: setting.choose(len(STATIC_CLIPS), 1)]
+    gains = {}
+    for name in clips:
+        flat, found, _, _ = blind_gain(name, "mesh", setting.choose(10**6, 1))
+        gains[name] = found - flat
+    mean = float(np.mean(list(gains.values())))
+    return Measured(f"{mean:+.2f} dB over {len(gains)} clips", mean >= 0.3, gains)
+
+
+def _camera(name: str, index: int) -> Camera:
+    description = descriptions()[name]
+    k = intrinsics(WIDTH, HEIGHT, description.field_of_view_deg)
+    return Camera(k, description.pose(float(index), 0), WIDTH, HEIGHT)
+
+
+def _in_frame_of(first: Camera, camera: Camera, frame: PixelFrame) -> Floats:
+    """Express a true camera in normalised coordinates of the first one, Frobenius norm sqrt(3)."""
+    to_normalized = frame.normalized_from_pixel
+    rotation = camera.cam_from_world[:, :3] @ first.cam_from_world[:, :3].T
+    shift = camera.cam_from_world[:, 3] - rotation @ first.cam_from_world[:, 3]
+    k = to_normalized @ camera.K
+    matrix = np.column_stack([k @ rotation @ np.linalg.inv(to_normalized @ first.K), k @ shift])
+    unit: Floats = matrix * np.sqrt(3.0) / np.linalg.norm(matrix)
+    return unit
+
+
+def _model_with_true_cameras(matches: Correspondences, second: Floats, frame: PixelFrame) -> Model:
+    """Triangulate estimated correspondences with the true second camera."""
+    points = frame.to_normalized(matches.first), frame.to_normalized(matches.second)
+    depth_first, depth_second = triangulate_depth(points[0], second, points[1])
+    good = np.isfinite(depth_first) & (np.nan_to_num(depth_first) > 0) & (np.nan_to_num(depth_second) > 0)
+    return Model(frame, np.eye(3), second, matches[good], depth_first[good])
+
+
+def _true_cameras(setting: Setting, clip: str | None, method: str) -> Measured:
+    assert clip is not None
+    built, frame = scene(clip), PixelFrame(WIDTH, HEIGHT)
+    per_gop = []
+    for pair in scene_pairs(clip, setting.choose(5, 1)):
+        first = _camera(clip, pair.index)
+        found = reconstruct(pair.first, pair.second)
+        second = _in_frame_of(first, _camera(clip, pair.index + GOP), frame)
+        model = _model_with_true_cameras(found.stages["propagation"], second, frame)
+        interpolator = INTERPOLATORS[method](model, pair.first, pair.second)
+        psnrs = []
+        for step in range(1, GOP, setting.choose(1, 4)):
+            original = render_frame(built, pair.index + step, WIDTH, HEIGHT).frame.luma
+            camera = _in_frame_of(first, _camera(clip, pair.index + step), frame)
+            psnrs.append(psnr_db(original, to_uint8(interpolator.interpolate(camera, step / GOP).luma)))
+        per_gop.append(float(np.mean(psnrs)))
+    mean = float(np.mean(per_gop))
+    text = f"{mean:.2f} dB (GOPs {min(per_gop):.1f} to {max(per_gop):.1f})"
+    return Measured(text, mean >= LEAST_DB[method], {"per_gop_db": per_gop})
+
+
+def mesh_with_true_cameras(setting: Setting, clip: str | None) -> Measured:
+    """Predict by the mesh from the true cameras of all frames.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Scene.
+
+    Returns
+    -------
+    Measured
+        Mean PSNR of the side information.
+    """
+    return _true_cameras(setting, clip, "mesh")
+
+
+def blocks_with_true_cameras(setting: Setting, clip: str | None) -> Measured:
+    """Predict by epipolar blocks from the true cameras of all frames.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Scene.
+
+    Returns
+    -------
+    Measured
+        Mean PSNR of the side information.
+    """
+    return _true_cameras(setting, clip, "blocks")
+
+
+def frame_time(setting: Setting, clip: str | None) -> Measured:
+    """Time both motion models, per frame and per key pair, on one core.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Scene.
+
+    Returns
+    -------
+    Measured
+        Processor times.
+    """
+    assert clip is not None
+    pair = scene_pairs(clip, 1)[0]
+    model = reconstruct(pair.first, pair.second).model
+    assert model is not None
+    values: dict[str, float] = {}
+    for name, build in INTERPOLATORS.items():
+        build(model, pair.first, pair.second).interpolate(model.second_camera, 0.9)  # loads the kernels
+        began = time.process_time()
+        interpolator = build(model, pair.first, pair.second)
+        values[f"{name}_pair_s"] = time.process_time() - began
+        count = setting.choose(5, 1)
+        began = time.process_time()
+        for step in range(count):
+            late = (step + 1) / (count + 1)
+            interpolator.interpolate((1 - late) * model.first_camera + late * model.second_camera, late)
+        values[f"{name}_s"] = (time.process_time() - began) / count
+    text = ", ".join(
+        f"{name} {values[f'{name}_s']:.2f} s (and {values[f'{name}_pair_s']:.1f} s once per key pair)"
+        for name in INTERPOLATORS
+    )
+    return Measured(text, all(values[f"{name}_s"] <= limit for name, limit in LIMIT_S.items()), values)
+
+
+def determinism(setting: Setting, clip: str | None) -> Measured:
+    """Decode a 3D stream with one and two jobs, again, and with an empty cache of compiled kernels.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+
+    Returns
+    -------
+    Measured
+        Whether all wrote the same bytes.
+    """
+    assert clip is not None
+    frames = setting.choose(21, 11)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        encode(clip, folder / "s.dvc", "--codec", "3d", "--gop", 5, "--wz-q", 3, "--frames", frames)
+        runs = {"one": 1, "again": 1, "two jobs": 2, "cold cache": 1}
+        before = os.environ.get("NUMBA_CACHE_DIR")
+        for number, (name, jobs) in enumerate(runs.items()):
+            if name == "cold cache":
+                os.environ["NUMBA_CACHE_DIR"] = str(folder / "cache")
+            outputs = [folder / f"{number}.y4m", "--punctured", folder / f"{number}.dvc", "--jobs", jobs]
+            run_module("decoder", [folder / "s.dvc", *outputs, "--quiet"])
+        os.environ.pop("NUMBA_CACHE_DIR")
+        if before is not None:
+            os.environ["NUMBA_CACHE_DIR"] = before
+        same = [
+            filecmp.cmp(folder / f"0{end}", folder / f"{number}{end}", shallow=False)
+            for number in range(1, len(runs))
+            for end in (".y4m", ".dvc")
+        ]
+    values = {"runs": list(runs), "frames": frames}
+    text = "the same bytes: " if all(same) else "OTHER bytes: "
+    return Measured(text + ", ".join(runs), all(same), values)
+
+
+FIGURES = (
+    Figure(
+        "side information",
+        "blind",
+        "3D without tracks (mesh) against our 2D, lossless keys, GOP 10, all frames, mean PSNR",
+        "no clip below −0.2 dB",
+        blind,
+        (*STATIC_CLIPS, "cube", FOREMAN),
+    ),
+    Figure(
+        "side information",
+        "blind-mean",
+        "the same, mean over the real static clips",
+        "≥ +0.3 dB",
+        blind_mean,
+        thesis="+1.0 dB",
+    ),
+    Figure(
+        "side information",
+        "mesh-true-cameras",
+        "mesh, lossless keys 10 apart, true cameras given",
+        "≥ 32 dB",
+        mesh_with_true_cameras,
+        SCENES,
+        "29 dB with tracks",
+    ),
+    Figure(
+        "side information",
+        "blocks-true-cameras",
+        "epipolar blocks, lossless keys 10 apart, true cameras given",
+        "≥ 31 dB",
+        blocks_with_true_cameras,
+        SCENES,
+    ),
+    Figure(
+        "side information",
+        "time",
+        "prediction of a CIF frame, one core",
+        "mesh ≤ 0.15 s, blocks ≤ 0.5 s",
+        frame_time,
+        SCENES,
+    ),
+    Figure(
+        "side information",
+        "determinism",
+        "3D decoding with any number of jobs, again, warm and cold kernel cache",
+        "the same bytes",
+        determinism,
+        ("box",),
+    ),
+)
+"""The figures of this module."""

@@ -1,0 +1,238 @@
+"""What all figures share: their definition, what a measurement returns, and timed child processes."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from dvc.errors import ConfigError, DvcError
+from dvc.rd.processes import ProcessGroup
+from dvc.rd.sources import Source, default_cache, find_source
+
+RESULTS = Path("results") / "figures"
+STATIC_CLIPS = ("box", "desk", "river", "stone", "tree")
+SCENES = ("street", "stairway", "statue")
+FOREMAN = "foreman_qcif15"
+Row = dict[str, Any]
+"""A row of the document."""
+Key = tuple[str, str, str | None]
+"""What tells a row from all others: area, name and clip."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How thoroughly to measure.
+
+    Attributes
+    ----------
+    quick : bool
+        Only prove that the measurement works: few frames, few repetitions; such figures are not kept.
+    frames : int
+        Frames of the rate-distortion curves of CIF clips.
+    jobs : int
+        Points of a rate-distortion curve that are measured at the same time.
+    folder : Path
+        For intermediate results.
+    any_version : bool
+        Keep points that other versions of the code have measured, after changes that leave streams alone.
+    """
+
+    quick: bool = False
+    frames: int = 51
+    jobs: int = 1
+    folder: Path = RESULTS
+    any_version: bool = False
+
+    def choose(self, full: int, quick: int) -> int:
+        """Return one of two numbers.
+
+        Parameters
+        ----------
+        full, quick : int
+            For the figures that are kept, and for a quick run.
+
+        Returns
+        -------
+        int
+            The one that applies.
+        """
+        return quick if self.quick else full
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a measurement found.
+
+    Attributes
+    ----------
+    got : str
+        The figure as text.
+    holds : bool or None
+        Whether what is asked holds; None where nothing is asked but the true figure.
+    values : dict
+        The numbers behind the text, with units in their names.
+    note : str
+        What a reader must know beside it.
+    """
+
+    got: str
+    holds: bool | None
+    values: dict[str, Any] = field(default_factory=dict)
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure that is asked of the project.
+
+    Attributes
+    ----------
+    area : str
+        Part of the project.
+    name : str
+        Unique in its area.
+    title : str
+        What is measured.
+    asked : str
+        What it must reach.
+    measure : callable
+        Takes the setting and the name of a clip (None for figures without one).
+    clips : tuple of (str or None)
+        Sequences to measure it on.
+    thesis : str
+        What the thesis reports, if anything.
+    """
+
+    area: str
+    name: str
+    title: str
+    asked: str
+    measure: Callable[[Setting, str | None], Measured]
+    clips: tuple[str | None, ...] = (None,)
+    thesis: str = ""
+
+    def row(self, clip: str | None, measured: Measured | None, note: str = "") -> Row:
+        """Return the row of `docs/figures.json`.
+
+        Parameters
+        ----------
+        clip : str or None
+            What it was measured on.
+        measured : Measured or None
+            What was found; None if it was not measured.
+        note : str, optional
+            Why not.
+
+        Returns
+        -------
+        dict
+            JSON-safe values.
+        """
+        command = f"python -m benchmarks.figures --area {self.area} --name {self.name}"
+        found = (
+            {"got": None, "holds": None, "values": {}, "note": note} if measured is None else asdict(measured)
+        )
+        return {
+            "area": self.area,
+            "name": self.name,
+            "title": self.title,
+            "clip": clip,
+            "asked": self.asked,
+            "thesis": self.thesis or None,
+            "got": found["got"],
+            "holds": found["holds"],
+            "values": found["values"],
+            "note": found["note"],
+            "command": command if clip is None else f"{command} --clip {clip}",
+            "date": None if measured is None else datetime.now(UTC).date().isoformat(),
+        }
+
+
+class MissingClip(Exception):
+    """A sequence that a figure is measured on is not there."""
+
+
+def clip_source(clip: str) -> Source:
+    """Find a sequence.
+
+    Parameters
+    ----------
+    clip : str
+        Name of the catalogue.
+
+    Returns
+    -------
+    Source
+        The sequence; a scene is rendered on first use.
+
+    Raises
+    ------
+    MissingClip
+        If it is not there.
+    """
+    try:
+        return find_source(clip, default_cache(), ProcessGroup())
+    except ConfigError as err:
+        raise MissingClip(f"not measured: no sequence {clip!r} in the data folder") from err
+
+
+@dataclass(frozen=True)
+class Usage:
+    """Resources of a finished process.
+
+    Attributes
+    ----------
+    wall_s, cpu_s : float
+        Seconds; the latter of all its processes together.
+    peak_bytes : int
+        Largest resident size that one of its processes had.
+    """
+
+    wall_s: float
+    cpu_s: float
+    peak_bytes: int
+
+
+# A process inherits the peak of the one that started it until it has loaded its program, so a small one does.
+_LAUNCHER = """
+import json, resource, subprocess, sys, time
+started = time.perf_counter()
+status = subprocess.call(sys.argv[1:], stdout=subprocess.DEVNULL)
+wall = time.perf_counter() - started
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps([status, wall, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024]))
+"""
+
+
+def run_module(module: str, arguments: Sequence[object]) -> Usage:
+    """Run a module of the project in a fresh process.
+
+    Parameters
+    ----------
+    module : str
+        Name, as after ``python -m``.
+    arguments : sequence
+        Arguments; paths and numbers as they are.
+
+    Returns
+    -------
+    Usage
+        What it took, start-up included.
+
+    Raises
+    ------
+    DvcError
+        If it fails.
+    """
+    command = [sys.executable, "-m", module, *map(str, arguments)]
+    launched = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", _LAUNCHER, *command], capture_output=True, text=True, check=True
+    )
+    status, wall_s, cpu_s, peak_bytes = json.loads(launched.stdout)
+    if status != 0:
+        raise DvcError(f"python -m {module} ended with status {status}: {launched.stderr.strip()[-300:]}")
+    return Usage(wall_s, cpu_s, peak_bytes)

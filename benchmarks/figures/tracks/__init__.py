@@ -1,0 +1,1 @@
+"""Figures of tracked coding: the `tracks` area."""

@@ -1,0 +1,285 @@
+"""Side information by tracked points against a prototype, against its ceiling, and from lossy key frames."""
+
+from collections.abc import Sequence
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, clip_source
+from benchmarks.figures.tracks.prediction import TE_MESH, Run, mean_db, received_groups
+from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS, fixed_gop, listed
+from dvc.metrics import psnr_db
+from dvc.video import open_video
+from dvc.wynerziv.transform import to_uint8
+
+PROTOTYPE_DB = {"tree": 27.4, "box": 33.4, "stone": 27.9}
+"""What a quick prototype reached, and on how many frames, at `fixed_gop`, every second frame."""
+PROTOTYPE_FRAMES = {"tree": 31, "box": 31, "stone": 51}
+KEY_QPS = (26, 34, 42)
+LOSSY_FRAMES = 21
+Luma = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
+
+def prototype_run(setting: Setting, clip: str) -> Run:
+    """Return the run that the prototype was measured on.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        A key of `PROTOTYPE_DB`.
+
+    Returns
+    -------
+    Run
+        By tracked points, mesh.
+    """
+    frames = setting.choose(min(setting.frames, PROTOTYPE_FRAMES[clip]), QUICK_FRAMES)
+    return Run(clip, TE_MESH, frames, fixed_gop(clip), every=2)
+
+
+def against_prototype(setting: Setting, clip: str | None) -> Measured:
+    """Measure what the prototype was measured on.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+
+    Returns
+    -------
+    Measured
+        Mean PSNR.
+    """
+    assert clip is not None
+    found = mean_db(prototype_run(setting, clip), setting.folder)
+    text = f"{found:.2f} dB, prototype {PROTOTYPE_DB[clip]:.1f} dB"
+    return Measured(text, found >= PROTOTYPE_DB[clip], {"si_psnr_db": found})
+
+
+def against_prototype_mean(setting: Setting, clip: str | None) -> Measured:
+    """Average the difference from the prototype.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : None
+        Not used.
+
+    Returns
+    -------
+    Measured
+        Mean over clips.
+    """
+    del clip
+    clips = tuple(PROTOTYPE_DB)[: setting.choose(3, 1)]
+    gains = {
+        name: mean_db(prototype_run(setting, name), setting.folder) - PROTOTYPE_DB[name] for name in clips
+    }
+    mean = float(np.mean(list(gains.values())))
+    return Measured(f"{mean:+.2f} dB over {listed(gains)}", mean >= 1.0, gains)
+
+
+def motion_ceiling(original: Luma, keys: tuple[Luma, Luma], late: float) -> Floats:
+    """Warp both key frames by the motion measured on the original frame itself, which no decoder has.
+
+    Parameters
+    ----------
+    original : ndarray of shape (H, W), uint8
+        The frame.
+    keys : tuple of two ndarray of shape (H, W), uint8
+        Key frames around it.
+    late : float
+        Its instant from 0, that of the first key frame, to 1.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Mean of the warped key frames, weighted by time.
+    """
+    flow_between = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    flow_between.setFinestScale(0)  # these find more than any preset on tree and box, by 1 to 2 dB
+    flow_between.setPatchStride(2)
+    flow_between.setGradientDescentIterations(50)
+    flow_between.setVariationalRefinementAlpha(5.0)
+    rows, columns = np.indices(original.shape, dtype=np.float32)
+    warped = []
+    for key in keys:
+        flow = flow_between.calc(original, key, np.zeros((*original.shape, 2), np.float32))
+        columns_there, rows_there = columns + flow[..., 0], rows + flow[..., 1]
+        warped.append(
+            cv2.remap(
+                key.astype(np.float32),
+                columns_there,
+                rows_there,
+                cv2.INTER_CUBIC,
+                borderMode=cv2.BORDER_REPLICATE,
+            ).astype(np.float64)
+        )
+    blended: Floats = (1.0 - late) * warped[0] + late * warped[1]
+    return blended
+
+
+@cache
+def ceiling_db(run: Run) -> float:
+    """Return the mean PSNR of the frames of a run, predicted by their own motion.
+
+    Parameters
+    ----------
+    run : Run
+        Which frames, from which key frames.
+
+    Returns
+    -------
+    float
+        In dB.
+    """
+    values = []
+    for group in received_groups(run):
+        first, last = group.keys
+        for index in range(first.index + 1, last.index, run.every):
+            original = group.originals[index - first.index - 1].luma
+            late = (index - first.index) / (last.index - first.index)
+            predicted = motion_ceiling(original, (first.frame.luma, last.frame.luma), late)
+            values.append(psnr_db(original, to_uint8(predicted)))
+    return float(np.mean(values))
+
+
+def below_ceiling(setting: Setting, clip: str | None) -> Measured:
+    """Compare with both key frames warped by the motion measured on the original frame.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+
+    Returns
+    -------
+    Measured
+        Distance to the ceiling.
+    """
+    assert clip is not None
+    run = prototype_run(setting, clip)
+    found, highest = mean_db(run, setting.folder), ceiling_db(run)
+    values = {"si_psnr_db": found, "ceiling_db": highest}
+    return Measured(f"{highest - found:.2f} dB ({found:.2f}, ceiling {highest:.2f})", None, values)
+
+
+def below_ceiling_mean(setting: Setting, clip: str | None) -> Measured:
+    """Average the distance to the ceiling.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : None
+        Not used.
+
+    Returns
+    -------
+    Measured
+        Mean over clips.
+    """
+    del clip
+    runs = {name: prototype_run(setting, name) for name in tuple(PROTOTYPE_DB)[: setting.choose(3, 1)]}
+    gaps = {name: ceiling_db(run) - mean_db(run, setting.folder) for name, run in runs.items()}
+    mean = float(np.mean(list(gaps.values())))
+    return Measured(f"{mean:.2f} dB over {listed(gaps)}", mean <= 4.0, gaps)
+
+
+def key_frames_by_index(run: Run) -> dict[int, float]:
+    """Return the PSNR of the key frames around predicted frames.
+
+    Parameters
+    ----------
+    run : Run
+        Sequence and coding.
+
+    Returns
+    -------
+    dict of int to float
+        In dB by display position; infinite where they are lossless.
+    """
+    keys = {key.index: key.frame.luma for group in received_groups(run) for key in group.keys}
+    with open_video(clip_source(run.clip).path, num_frames=run.num_frames) as reader:
+        return {
+            index: psnr_db(frame.luma, keys[index]) for index, frame in enumerate(reader) if index in keys
+        }
+
+
+def lossy_keys(setting: Setting, clip: str | None) -> Measured:
+    """Coarsen the key frames, and compare what they and the side information lose.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+
+    Returns
+    -------
+    Measured
+        PSNRs by quantisation parameter.
+    """
+    assert clip is not None
+    qps = KEY_QPS if not setting.quick else (KEY_QPS[0], KEY_QPS[-1])
+    frames = setting.choose(min(setting.frames, LOSSY_FRAMES), QUICK_FRAMES)
+    runs = [Run(clip, TE_MESH, frames, fixed_gop(clip), qp, every=2) for qp in qps]
+    keys_db = [float(np.mean(list(key_frames_by_index(run).values()))) for run in runs]
+    found_db = [mean_db(run, setting.folder) for run in runs]
+    lost_keys, lost = keys_db[0] - keys_db[-1], found_db[0] - found_db[-1]
+    text = f"QP {qps[0]} to {qps[-1]}: key frames −{lost_keys:.1f} dB ({_spaced(keys_db)}), "
+    text += f"side information −{lost:.1f} dB ({_spaced(found_db)})".replace("−-", "+")
+    return Measured(text, lost < lost_keys, {"key_qp": qps, "key_db": keys_db, "si_psnr_db": found_db})
+
+
+def _spaced(values_db: Sequence[float]) -> str:
+    return " → ".join(f"{value:.1f}" for value in values_db)
+
+
+def _prototype_asked() -> str:
+    return ", ".join(f"{name} {value} dB" for name, value in PROTOTYPE_DB.items())
+
+
+_CEILING = "below both lossless keys warped by the motion of the original, GOP 10 (stone 2)"
+_PROTOTYPE = "TE (mesh), lossless keys, GOP 10 (frames 0–30), stone GOP 2 (0–50), every second frame"
+_LOSSY = "TE (mesh) from lossy keys, GOP 10 (stone 2)"
+FIGURES = (
+    Figure(
+        AREA,
+        "te-prototype",
+        _PROTOTYPE,
+        f"≥ prototype: {_prototype_asked()}",
+        against_prototype,
+        tuple(PROTOTYPE_DB),
+    ),
+    Figure(
+        AREA,
+        "te-prototype-mean",
+        "the same, above the prototype on the mean",
+        "≥ +1 dB",
+        against_prototype_mean,
+    ),
+    Figure(
+        AREA,
+        "lossy-keys",
+        _LOSSY,
+        "falls more slowly than the key frames' PSNR",
+        lossy_keys,
+        (*REAL_CLIPS, *SCENES),
+        "figure 5.13",
+    ),
+    Figure(AREA, "ceiling", _CEILING, "≤ 4 dB on the mean", below_ceiling, tuple(PROTOTYPE_DB)),
+    Figure(AREA, "ceiling-mean", "the same, mean", "≤ 4 dB", below_ceiling_mean),
+)
+"""The figures of this module."""

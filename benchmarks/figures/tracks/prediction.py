@@ -1,0 +1,354 @@
+"""Side information as a decoder makes it from what an encoder sent: tracks or points through their payloads.
+
+What figures and pictures of tracked coding have in common. The encoder chooses the key frames and follows or
+finds the points on original frames; the decoder gets decoded key frames and what the payload says.
+"""
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.figures.harness import clip_source
+from decoder.side_information import METHODS
+from decoder.side_information.protocol import Prediction, ReferenceFrame
+from dvc import cli
+from dvc.config import (
+    CodecConfig,
+    GeometryConfig,
+    GopConfig,
+    KeyFrameConfig,
+    VideoConfig,
+    side_information_for,
+    tracks_for,
+)
+from dvc.keyframes import KeyFrameDecoder
+from dvc.metrics import psnr_db
+from dvc.rd.provenance import code_version
+from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
+from dvc.video import Frame, open_video
+from dvc.wynerziv.transform import to_uint8
+from encoder.groups import KeyFrameRule
+from encoder.session import EncoderSession
+
+GOP = {"3d-te": 8, "3d-td": 10}
+"""Largest distance of key frames, as the encoder chooses it where only they are references."""
+HIERARCHICAL_GOP = 16
+"""The same for 3d-te where decoded frames are references, too."""
+FIXED_GOP = 10
+"""Distance of key frames in the thesis."""
+FAST_CLIPS = {"stone": 2}
+"""Distance of key frames on clips whose motion leaves no choice."""
+FOLDER = "tracks"
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to predict.
+
+    Attributes
+    ----------
+    codec, method : str
+        Codec, and the method of side information.
+    track_corrections : bool
+        Whether tracks correct what is rendered.
+    path_regularity : float
+        Weight of second differences of the camera's path.
+    subpixel_bits : int or None
+        Precision of the tracks; None: the encoder's default.
+    """
+
+    codec: str
+    method: str
+    track_corrections: bool = False
+    path_regularity: float = 0.0
+    subpixel_bits: int | None = None
+
+    @property
+    def name(self) -> str:
+        """As it is called in tables, such as ``3D-DVC-TE (mesh)``."""
+        variant = {"2d": "2D-DVC", "3d": "3D-DVC", "3d-td": "3D-DVC-TD", "3d-te": "3D-DVC-TE"}[self.codec]
+        return f"{variant} ({'block motion' if self.method == 'mci' else self.method})"
+
+
+FLAT = Way("2d", "mci")
+BLIND_BLOCKS, BLIND_MESH = Way("3d", "blocks"), Way("3d", "mesh")
+TD_BLOCKS, TD_MESH = Way("3d-td", "blocks"), Way("3d-td", "mesh")
+TE_BLOCKS, TE_MESH = Way("3d-te", "blocks"), Way("3d-te", "mesh")
+WAYS = (FLAT, BLIND_BLOCKS, BLIND_MESH, TD_BLOCKS, TD_MESH, TE_BLOCKS, TE_MESH)
+"""All, in the order of table 5.1."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is predicted, from what, and how.
+
+    Attributes
+    ----------
+    clip : str
+        Sequence.
+    way : Way
+        How the frames are predicted.
+    num_frames : int
+        Frames of the sequence, from its first.
+    gop : int or None
+        Fixed distance of the key frames; None where the tracks choose them.
+    key_qp : int or None
+        Quantisation parameter of the key frames; None: lossless.
+    every : int
+        2: only every second frame of a group, from its first.
+    """
+
+    clip: str
+    way: Way
+    num_frames: int
+    gop: int | None = None
+    key_qp: int | None = None
+    every: int = 1
+
+    @property
+    def coding(self) -> str:
+        """Codec that chooses the key frames."""
+        return self.way.codec if self.way.codec in GOP else "3d-te"
+
+    @property
+    def stem(self) -> str:
+        """Name for a file."""
+        keys = "adaptive" if self.gop is None else f"gop{self.gop}"
+        quality = "lossless" if self.key_qp is None else f"qp{self.key_qp}"
+        way = self.way
+        parts = [self.clip, way.codec, way.method, keys, quality, self.num_frames, self.every]
+        if replace(way, codec=FLAT.codec, method=FLAT.method) != FLAT:
+            parts += [int(way.track_corrections), way.path_regularity, way.subpixel_bits]
+        return "_".join(map(str, parts))
+
+
+@dataclass(frozen=True, eq=False)
+class ReceivedGroup:
+    """A group of pictures at the decoder, and the originals to compare with.
+
+    Attributes
+    ----------
+    keys : tuple of two ReferenceFrame
+        Decoded key frames around it.
+    originals : tuple of Frame
+        Its Wyner-Ziv frames.
+    points : PointTracks, FeaturePoints or None
+        As decoded from the payload; None if there is none.
+    tracks_bits : int
+        Length of the payload.
+    """
+
+    keys: tuple[ReferenceFrame, ReferenceFrame]
+    originals: tuple[Frame, ...]
+    points: PointTracks | FeaturePoints | None
+    tracks_bits: int
+
+    @property
+    def num_points(self) -> list[int]:
+        """Number of points that are known of each Wyner-Ziv frame."""
+        if self.points is None:
+            return [0] * len(self.originals)
+        if isinstance(self.points, FeaturePoints):
+            return [len(points) for points in self.points.frames]
+        known = np.isfinite(self.points.positions[:, 1:-1, 0])
+        return [int(count) for count in known.sum(axis=0)]
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """What the side information of a frame was worth.
+
+    Attributes
+    ----------
+    index : int
+        Display position.
+    psnr_db : float
+        Of its luma.
+    success : bool
+        False where the method fell back.
+    """
+
+    index: int
+    psnr_db: float
+    success: bool
+
+
+def configuration(run: Run, video: VideoConfig) -> CodecConfig:
+    """Return the configuration that the key frames and points of a run are coded with.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    video : VideoConfig
+        Format of the frames.
+
+    Returns
+    -------
+    CodecConfig
+        That of the codec that sends points, also for ways to predict that need none.
+    """
+    codec, bits = run.coding, run.way.subpixel_bits
+    tracks = tracks_for(codec)
+    return CodecConfig(
+        codec,
+        video,
+        gop=GopConfig(run.gop or GOP[codec]),
+        key=KeyFrameConfig(lossless=True) if run.key_qp is None else KeyFrameConfig(run.key_qp),
+        side_information=side_information_for(codec),
+        tracks=tracks if bits is None else replace(tracks, subpixel_bits=bits),
+    )
+
+
+def key_frame_rule(gop: int | None) -> KeyFrameRule:
+    """Return the rule that the tracks choose key frames by.
+
+    Parameters
+    ----------
+    gop : int or None
+        Distance to keep whatever the tracks say; None: that of the encoder.
+
+    Returns
+    -------
+    KeyFrameRule
+        The rule.
+    """
+    if gop is None:
+        return KeyFrameRule()
+    return KeyFrameRule(longest_track_px=math.inf, lost_share=1.0, min_length=gop, cut_share=1.0)
+
+
+def received_groups(run: Run) -> Iterator[ReceivedGroup]:
+    """Encode a sequence, and decode key frames and points.
+
+    Parameters
+    ----------
+    run : Run
+        Sequence and coding; how it is predicted plays no part but for the kind of points.
+
+    Yields
+    ------
+    ReceivedGroup
+        Every group that has frames to predict.
+    """
+    with open_video(clip_source(run.clip).path, num_frames=run.num_frames) as reader:
+        rate = reader.info.frame_rate
+        video = VideoConfig(
+            reader.info.width, reader.info.height, rate.numerator, rate.denominator, luma_only=True
+        )
+        session = EncoderSession(configuration(run, video), key_frame_rule(run.gop))
+        config = session.config
+        decoder = KeyFrameDecoder(video.width, video.height, config.key.parameter_sets, luma_only=True)
+        before: ReferenceFrame | None = None
+        for group in session.groups(frame.without_chroma() for frame in reader):
+            encoded = session.encode(group)
+            index = 0 if before is None else before.index + len(group.wyner_ziv) + 1
+            key = ReferenceFrame(index, decoder.decode(encoded.key))
+            if before is not None and group.wyner_ziv:
+                points = _received(encoded.tracks, len(group.wyner_ziv), config)
+                yield ReceivedGroup((before, key), group.wyner_ziv, points, 8 * len(encoded.tracks))
+            before = key
+
+
+def _received(payload: bytes, num_frames: int, config: CodecConfig) -> PointTracks | FeaturePoints | None:
+    if not payload:
+        return None
+    if config.tracks.kind == "encoder":
+        return decode_tracks(payload, num_frames + 2, config)
+    return decode_points(payload, num_frames, config)
+
+
+def predictions(run: Run) -> Iterator[tuple[ReceivedGroup, list[tuple[int, Prediction]]]]:
+    """Predict the frames of a sequence from key frames alone.
+
+    Parameters
+    ----------
+    run : Run
+        What, from what, and how.
+
+    Yields
+    ------
+    group : ReceivedGroup
+        A group of pictures.
+    predicted : list of (int, Prediction)
+        Display position and side information of its frames.
+    """
+    method = None
+    for group in received_groups(run):
+        if method is None:
+            luma = group.keys[0].frame.luma
+            codec = run.way.codec
+            config = CodecConfig(
+                codec,
+                VideoConfig(luma.shape[1], luma.shape[0], 25, 1, luma_only=True),
+                side_information=replace(
+                    side_information_for(codec),
+                    method=run.way.method,
+                    track_corrections=run.way.track_corrections,
+                ),
+                geometry=GeometryConfig(path_regularity=run.way.path_regularity),
+                tracks=tracks_for(codec),
+            )
+            method = METHODS[run.way.method](config)
+        points = group.points if run.way.codec == run.coding else None
+        instants = list(range(group.keys[0].index + 1, group.keys[1].index, run.every))
+        yield group, list(zip(instants, method.predict(group.keys, points, instants), strict=True))
+
+
+def frame_results(run: Run, folder: Path) -> tuple[FrameResult, ...]:
+    """Measure the side information of every frame of a run, unless this version of the code has done so.
+
+    Parameters
+    ----------
+    run : Run
+        What, from what, and how.
+    folder : Path
+        For results; they are kept there.
+
+    Returns
+    -------
+    tuple of FrameResult
+        In display order.
+    """
+    return _frame_results(run, folder / FOLDER / f"{run.stem}.json")
+
+
+@cache
+def _frame_results(run: Run, path: Path) -> tuple[FrameResult, ...]:
+    identity = {"run": asdict(run), "code": code_version().digest}
+    if path.exists():
+        known = json.loads(path.read_text(encoding="utf-8"))
+        if all(known[name] == value for name, value in identity.items()):
+            return tuple(FrameResult(**frame) for frame in known["frames"])
+    found = []
+    for group, predicted in predictions(run):
+        for index, prediction in predicted:
+            original = group.originals[index - group.keys[0].index - 1]
+            quality_db = psnr_db(original.luma, to_uint8(prediction.luma))
+            found.append(FrameResult(index, quality_db, prediction.success))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cli.write_json(path, {**identity, "frames": [asdict(frame) for frame in found]})
+    return tuple(found)
+
+
+def mean_db(run: Run, folder: Path) -> float:
+    """Return the mean PSNR of the side information of a run.
+
+    Parameters
+    ----------
+    run : Run
+        What, from what, and how.
+    folder : Path
+        For results.
+
+    Returns
+    -------
+    float
+        Mean over frames, in dB.
+    """
+    return float(np.mean([frame.psnr_db for frame in frame_results(run, folder)]))

@@ -1,0 +1,385 @@
+"""Tracked points, rate and quality: against 2D and H.264 intra, and frames predicted hierarchically."""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from benchmarks.figures import rates as rd_figures
+from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting
+from benchmarks.figures.tracks.prediction import FAST_CLIPS
+from benchmarks.figures.tracks.quality import AREA, REAL_CLIPS, listed
+from dvc.metrics import BdResult, bd_rate
+from dvc.rd.curves import Curve, bd_text, experiments
+from dvc.rd.points import Sweep, expand
+
+HIERARCHICAL = "hierarchical"
+FAR_KEYS = "far keys"
+"""Predicted from the key frames alone, which are those of hierarchical prediction."""
+LONGEST_GOP = {"keys": 8, HIERARCHICAL: 16, FAR_KEYS: 16}
+"""The encoder's defaults."""
+OPTIONS = {
+    "keys": (("references", "keys"),),
+    HIERARCHICAL: (("references", HIERARCHICAL),),
+    FAR_KEYS: (("longest-track", "64"), ("lost-tracks", "0.6"), ("references", "keys")),
+}
+"""Options of the encoder by what frames are predicted from."""
+HIGHEST_DB = 36.0
+"""Upper end of the range of the thesis's curves (20 to 36 dB)."""
+FINEST = 8
+Limits = dict[str, float]
+
+
+def te_sweep(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]) -> Sweep:
+    """Return the points of a curve of tracked coding.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    references : str
+        What frames are predicted from: a key of `OPTIONS`.
+    wz_q : tuple of int
+        Quantiser presets; a quick run takes few.
+
+    Returns
+    -------
+    Sweep
+        On the same frames as `rd_figures.experiment`.
+    """
+    return Sweep(
+        (clip,),
+        codec="3d-te",
+        gop=LONGEST_GOP[references],
+        frames=rd_figures.QUICK_FRAMES if setting.quick else setting.frames,
+        wz_q=wz_q if not setting.quick else wz_q[::7],
+        options=OPTIONS[references],
+    )
+
+
+@cache
+def te_curve(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]) -> Curve:
+    """Measure a curve of tracked coding; what is there already is kept.
+
+    Parameters
+    ----------
+    setting, clip, references, wz_q
+        As in `te_sweep`.
+
+    Returns
+    -------
+    Curve
+        Its points.
+
+    Raises
+    ------
+    DvcError
+        If a point fails.
+    """
+    points = expand([te_sweep(setting, clip, references, wz_q)])
+    return experiments(rd_figures.measured(setting, clip, points))[0].curves[0]
+
+
+def up_to(
+    rates: Sequence[float], psnrs_db: Sequence[float], highest_db: float
+) -> tuple[list[float], list[float]]:
+    """Cut a curve off at a quality, where its rate is interpolated.
+
+    Parameters
+    ----------
+    rates, psnrs_db : sequence of float
+        The curve.
+    highest_db : float
+        Where to cut it; a curve that ends below it, or rises from above it, stays as it is.
+
+    Returns
+    -------
+    rates, psnrs_db : list of float
+        The points below, and one at `highest_db`.
+    """
+    order = np.argsort(psnrs_db)
+    quality, rate = np.asarray(psnrs_db)[order], np.asarray(rates)[order]
+    if not quality[0] < highest_db < quality[-1] or (np.diff(quality) <= 0).any():
+        return list(rates), list(psnrs_db)
+    at_end = math.exp(float(PchipInterpolator(quality, np.log(rate))(highest_db)))
+    below = quality < highest_db
+    return [*rate[below].tolist(), at_end], [*quality[below].tolist(), highest_db]
+
+
+def difference(reference: Curve, other: Curve, highest_db: float | None = None) -> BdResult:
+    """Return the mean difference in rate of two curves.
+
+    Parameters
+    ----------
+    reference, other : Curve
+        Of the same frames.
+    highest_db : float, optional
+        Upper end of the range.
+
+    Returns
+    -------
+    BdResult
+        Negative if `other` needs less.
+
+    Raises
+    ------
+    RdCurveError
+        If they cannot be compared.
+    """
+    curves = [(curve.rates_kbps, curve.psnrs_y_db) for curve in (reference, other)]
+    if highest_db is not None:
+        curves = [up_to(*curve, highest_db) for curve in curves]
+    return bd_rate(*curves[0], *curves[1])
+
+
+PRESETS = tuple(range(1, FINEST + 1))
+
+
+def _against_flat(setting: Setting, clip: str, references: str) -> BdResult:
+    flat = next(curve for curve in rd_figures.experiment(setting, clip).curves if not curve.is_anchor)
+    return difference(flat, te_curve(setting, clip, references, PRESETS), HIGHEST_DB)
+
+
+def _against_intra(setting: Setting, clip: str, references: str) -> BdResult:
+    anchor = rd_figures.experiment(setting, clip).anchor()
+    assert anchor is not None
+    return difference(anchor, te_curve(setting, clip, references, PRESETS))
+
+
+def _against_keys(setting: Setting, clip: str) -> BdResult:
+    keys, levels = (te_curve(setting, clip, references, PRESETS) for references in ("keys", HIERARCHICAL))
+    return difference(keys, levels)
+
+
+_DIFFERENCES: dict[str, Callable[[Setting, str], BdResult]] = {
+    "2d": partial(_against_flat, references="keys"),
+    "hierarchical-2d": partial(_against_flat, references=HIERARCHICAL),
+    "intra": partial(_against_intra, references="keys"),
+    "hierarchical-intra": partial(_against_intra, references=HIERARCHICAL),
+    "keys": _against_keys,
+}
+"""What is compared, by name."""
+
+
+def rate_difference(setting: Setting, clip: str | None, against: str, limits: Limits) -> Measured:
+    """Compare the curves of one clip.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    against : str
+        A key of `_DIFFERENCES`.
+    limits : dict
+        Largest BD-rate in per cent by sequence; nothing is asked of others.
+
+    Returns
+    -------
+    Measured
+        BD-rate.
+    """
+    assert clip is not None
+    found = _DIFFERENCES[against](setting, clip)
+    values = {"bd_rate_percent": found.value, "overlap_db": list(found.overlap)}
+    holds = found.value < limits[clip] if clip in limits else None
+    return Measured(bd_text(found), holds, values)
+
+
+def mean_rate_difference(
+    setting: Setting, clip: str | None, against: str, clips: tuple[str, ...], limit: float
+) -> Measured:
+    """Average the BD-rates of clips.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : None
+        Not used.
+    against : str
+        A key of `_DIFFERENCES`.
+    clips : tuple of str
+        Sequences.
+    limit : float
+        What is asked, in per cent.
+
+    Returns
+    -------
+    Measured
+        Mean over clips.
+    """
+    del clip
+    chosen = clips[: setting.choose(len(clips), 1)]
+    found = {name: _DIFFERENCES[against](setting, name).value for name in chosen}
+    mean = float(np.mean(list(found.values())))
+    return Measured(f"{mean:+.1f} % over {listed(found)}", mean <= limit, {"bd_rate_percent": found})
+
+
+def _si_psnrs_db(setting: Setting, clip: str, baseline: str) -> tuple[float, float]:
+    """Return the mean PSNR of the side information at the finest quantiser: of `baseline`, hierarchical."""
+    values = []
+    for references in (baseline, HIERARCHICAL):
+        [point] = te_curve(setting, clip, references, (FINEST,)).points
+        found = point.total("si_psnr_y_db")
+        assert found is not None
+        values.append(found)
+    return values[0], values[1]
+
+
+def hierarchical_gain(setting: Setting, clip: str | None, baseline: str) -> Measured:
+    """Compare side information from key frames and from all levels of a hierarchy, as decoded.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : str
+        Sequence.
+    baseline : str
+        A key of `OPTIONS`: which key frames.
+
+    Returns
+    -------
+    Measured
+        Difference of the mean PSNRs.
+    """
+    assert clip is not None
+    keys_db, levels_db = _si_psnrs_db(setting, clip, baseline)
+    values = {"keys_db": keys_db, "hierarchical_db": levels_db}
+    return Measured(f"{levels_db - keys_db:+.2f} dB ({keys_db:.2f} → {levels_db:.2f})", None, values)
+
+
+def hierarchical_gain_mean(setting: Setting, clip: str | None, baseline: str) -> Measured:
+    """Average the gain of the hierarchy over the real static clips.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clip : None
+        Not used.
+    baseline : str
+        As in `hierarchical_gain`.
+
+    Returns
+    -------
+    Measured
+        Mean over clips.
+    """
+    del clip
+    pairs = {name: _si_psnrs_db(setting, name, baseline) for name in STATIC_CLIPS[: setting.choose(5, 1)]}
+    gains = {name: levels - keys for name, (keys, levels) in pairs.items()}
+    mean = float(np.mean(list(gains.values())))
+    return Measured(f"{mean:+.2f} dB over {listed(gains)}", mean >= 3.0, gains)
+
+
+_SLOW_CLIPS = tuple(clip for clip in STATIC_CLIPS if clip not in FAST_CLIPS)
+MEANS = {"mean": STATIC_CLIPS, "slow-mean": _SLOW_CLIPS}
+"""Clips to average over, by what ends the name of the row: all, and those without stone's 40 px a frame."""
+_ALL = (*REAL_CLIPS, *SCENES)
+_FLAT = "TE against 2D (GOP 2), key-only, Q1 to Q8, up to 36 dB: BD-rate"
+_LEVELS_FLAT = "TE against 2D (GOP 2), hierarchical, Q1 to Q8, up to 36 dB: BD-rate"
+_INTRA = "TE against H.264 intra, key-only, Q1 to Q8: BD-rate"
+_LEVELS_INTRA = "TE against H.264 intra, hierarchical, Q1 to Q8: BD-rate"
+_LEVELS = "TE, hierarchical against key-only references, Q1 to Q8: BD-rate"
+
+
+def _figures(
+    name: str,
+    against: str,
+    title: str,
+    asked: tuple[str, str],
+    limits: Limits,
+    limit: float,
+    means: dict[str, tuple[str, ...]],
+) -> tuple[Figure, ...]:
+    """Return the rows of a comparison: one per clip, and the mean over each of some groups of clips."""
+    each = partial(rate_difference, against=against, limits=limits)
+    averages = {
+        suffix: partial(mean_rate_difference, against=against, clips=clips, limit=limit)
+        for suffix, clips in means.items()
+    }
+    return (
+        Figure(AREA, name, title, asked[0], each, _ALL),
+        *(
+            Figure(AREA, f"{name}-{suffix}", f"the same, mean over {', '.join(means[suffix])}", asked[1], one)
+            for suffix, one in averages.items()
+        ),
+    )
+
+
+FIGURES = (
+    Figure(
+        AREA,
+        "hierarchical-si",
+        "TE, hierarchical against key-only references, with key frames of its own, Q8: PSNR predicted",
+        "≥ +3 dB on the mean",
+        partial(hierarchical_gain, baseline="keys"),
+        _ALL,
+    ),
+    Figure(
+        AREA,
+        "hierarchical-si-mean",
+        "the same, mean over the real static clips",
+        "≥ +3 dB",
+        partial(hierarchical_gain_mean, baseline="keys"),
+    ),
+    Figure(
+        AREA,
+        "hierarchical-si-same-keys",
+        "TE, hierarchical against key-only references with the same key frames, Q8: PSNR predicted",
+        "≥ +3 dB on the mean",
+        partial(hierarchical_gain, baseline=FAR_KEYS),
+        _ALL,
+    ),
+    Figure(
+        AREA,
+        "hierarchical-si-same-keys-mean",
+        "the same, mean over the real static clips",
+        "≥ +3 dB",
+        partial(hierarchical_gain_mean, baseline=FAR_KEYS),
+    ),
+    *_figures("hierarchical", "keys", _LEVELS, ("≤ −20 % on the mean", "≤ −20 %"), {}, -20.0, MEANS),
+    *_figures(
+        "te-2d",
+        "2d",
+        _FLAT,
+        ("negative on every clip but stone", "≤ −30 %"),
+        dict.fromkeys(_SLOW_CLIPS, 0.0),
+        -30.0,
+        MEANS,
+    ),
+    *_figures(
+        "te-hierarchical-2d",
+        "hierarchical-2d",
+        _LEVELS_FLAT,
+        ("negative on every clip but stone", "≤ −30 %"),
+        dict.fromkeys(_SLOW_CLIPS, 0.0),
+        -30.0,
+        MEANS,
+    ),
+    Figure(
+        AREA,
+        "te-intra",
+        _INTRA,
+        "negative on every static clip",
+        partial(rate_difference, against="intra", limits=dict.fromkeys(STATIC_CLIPS, 0.0)),
+        _ALL,
+    ),
+    *_figures(
+        "te-hierarchical-intra",
+        "hierarchical-intra",
+        _LEVELS_INTRA,
+        ("≤ −35 % on the mean", "≤ −35 %"),
+        {},
+        -35.0,
+        {"mean": _SLOW_CLIPS},
+    ),
+)
+"""The figures of this module."""

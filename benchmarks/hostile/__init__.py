@@ -1,0 +1,1 @@
+"""Hostile input: mutations of streams and live messages, and what they do."""

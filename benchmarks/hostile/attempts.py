@@ -1,0 +1,141 @@
+"""Who must bear mutations: the decoder of a stream, and both ends of a live run."""
+
+import io
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from benchmarks.hostile.material import Luma, decode_live, decoded_groups, material, serve, tracked_material
+from benchmarks.hostile.mutations import mutate, mutate_record, mutate_tracks, record_spans
+from dvc.errors import BitstreamError, FeedbackError
+from dvc.stream import StreamReader
+from dvc.stream.records import RecordType
+
+
+def try_tracked(codec: str, number: int) -> str:
+    """Decode a mutation of a stream with tracks or points; most damage these.
+
+    Parameters
+    ----------
+    codec : str
+        As `tracked_material` takes it.
+    number : int
+        Of the mutation.
+
+    Returns
+    -------
+    str
+        The outcome.
+    """
+    stream, groups = tracked_material(codec)
+    rng = np.random.default_rng(number)
+    damaged = mutate_record(stream, rng) if number % 4 == 0 else mutate_tracks(stream, rng)
+    return _judged(stream, damaged, groups)
+
+
+def try_stream(stream: bytes, number: int) -> str:
+    """Decode a mutation of a stream.
+
+    Parameters
+    ----------
+    stream : bytes
+        A good stream of `material`.
+    number : int
+        Of the mutation.
+
+    Returns
+    -------
+    str
+        The outcome.
+    """
+    rng = np.random.default_rng(number)
+    damaged = mutate(stream, rng) if number % 2 else mutate_record(stream, rng)
+    return _judged(stream, damaged, material().groups)
+
+
+def _judged(stream: bytes, damaged: bytes, groups: list[list[Luma]]) -> str:
+    """Decode a damaged stream; groups before the damage must be those of the good one."""
+    same = next((i for i, (a, b) in enumerate(zip(stream, damaged, strict=False)) if a != b), len(damaged))
+    gops = [end for kind, _, end in record_spans(stream) if kind == RecordType.GOP]
+    intact = sum(end <= same for end in gops)
+    done, outcome = 0, "decoded"
+    try:
+        with StreamReader(io.BytesIO(damaged)) as reader:
+            for (group, _), expected in zip(decoded_groups(reader), groups, strict=False):
+                if done < intact and not all(map(np.array_equal, group, expected)):
+                    return "an undamaged group decodes to other frames"
+                done += 1
+    except BitstreamError:
+        outcome = "refused"
+    return outcome if done >= intact else f"an undamaged group is lost: {done} of {intact} decoded"
+
+
+class _Replay:
+    """A connection whose peer sends what was recorded, and then goes away."""
+
+    def __init__(self, chunks: Sequence[bytes]) -> None:
+        self._chunks = iter(chunks)
+
+    def send(self, data: bytes) -> None:
+        """Throw away."""
+
+    def receive(self) -> bytes:
+        for chunk in self._chunks:
+            if chunk:
+                return chunk
+        raise FeedbackError("the other side closed the connection")
+
+
+def try_messages(chunks: Sequence[bytes], receive: Callable[[Any], None], number: int) -> str:
+    """Let one end of a live run receive a mutation of what it once received.
+
+    Parameters
+    ----------
+    chunks : sequence of bytes
+        What it received.
+    receive : callable
+        Runs that end on a connection.
+    number : int
+        Of the mutation.
+
+    Returns
+    -------
+    str
+        The outcome.
+    """
+    rng = np.random.default_rng(number)
+    damaged = list(chunks)
+    place = int(rng.integers(len(damaged)))
+    match number % 8:
+        case 0:
+            damaged.insert(place, damaged[int(rng.integers(len(damaged)))])
+        case 1:
+            del damaged[place]
+        case _:
+            damaged[place] = mutate(damaged[place], rng)
+    try:
+        receive(_Replay(damaged))
+    except (BitstreamError, FeedbackError):
+        return "refused"
+    return "decoded"
+
+
+def kinds() -> dict[str, Callable[[int], str]]:
+    """Return what can be mutated.
+
+    Returns
+    -------
+    dict of str to callable
+        Takes the number of a mutation, returns its outcome.
+    """
+    made = material()
+    return {
+        "buffered": partial(try_stream, made.buffered),
+        "punctured": partial(try_stream, made.punctured),
+        "tracks": partial(try_tracked, "3d-te"),
+        "points": partial(try_tracked, "3d-td"),
+        "to-decoder": partial(try_messages, made.to_decoder, decode_live),
+        "to-encoder": partial(try_messages, made.to_encoder, partial(serve, made.frames, made.config)),
+    }

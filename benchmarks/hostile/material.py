@@ -1,0 +1,176 @@
+"""What hostile input is made of: good streams, and the messages of a live run."""
+
+import io
+import queue
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.config import (
+    CodecConfig,
+    GopConfig,
+    KeyFrameConfig,
+    VideoConfig,
+    WynerZivConfig,
+    side_information_for,
+    tracks_for,
+)
+from dvc.stream import GopRecord, StreamReader, StreamWriter
+from dvc.video import Frame
+
+PATIENCE_S = 20
+"""How long one end of a recorded live run waits for the other."""
+Luma = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Material:
+    """A short sequence and everything that is made of it.
+
+    Attributes
+    ----------
+    frames : list of Frame
+        The sequence.
+    config : CodecConfig
+        Configuration of the encoder.
+    buffered, punctured : bytes
+        Both forms of the stream.
+    groups : list of list of ndarray
+        Luma of the decoded frames of each group of pictures.
+    to_decoder, to_encoder : list of bytes
+        Bytes that each end of a live run received, one entry per time that the other end sent some.
+    """
+
+    frames: list[Frame]
+    config: CodecConfig
+    buffered: bytes
+    punctured: bytes
+    groups: list[list[Luma]]
+    to_decoder: list[bytes]
+    to_encoder: list[bytes]
+
+
+@cache
+def material() -> Material:
+    """Make the material; this also loads all compiled kernels.
+
+    Returns
+    -------
+    Material
+        The same in every process.
+    """
+    from encoder.session import EncoderSession
+
+    noise = np.random.default_rng(1).integers(40, 216, (9, 40, 56))
+    texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
+    frames = [Frame(texture[t : t + 24, t : t + 32].astype(np.uint8)) for t in range(7)]
+    video = VideoConfig(32, 24, 25, 1, luma_only=True)
+    config = CodecConfig("2d", video, GopConfig(2), KeyFrameConfig(36), WynerZivConfig.preset(2))
+    file = io.BytesIO()
+    EncoderSession(config).write(frames, file, lambda _: None)
+    groups, punctured = [], io.BytesIO()
+    with StreamReader(io.BytesIO(file.getvalue())) as reader:
+        writer = StreamWriter(punctured, reader.config, "punctured")
+        for group, record in decoded_groups(reader):
+            groups.append(group)
+            writer.write_gop(record)
+        writer.close()
+    to_decoder, to_encoder = _record_live(frames, config)
+    return Material(frames, config, file.getvalue(), punctured.getvalue(), groups, to_decoder, to_encoder)
+
+
+@cache
+def tracked_material(codec: str) -> tuple[bytes, list[list[Luma]]]:
+    """Make a stream whose groups of pictures carry tracks or points.
+
+    Parameters
+    ----------
+    codec : str
+        ``3d-te`` or ``3d-td``.
+
+    Returns
+    -------
+    stream : bytes
+        Its buffered form.
+    groups : list of list of ndarray
+        Luma of the decoded frames of each group.
+    """
+    from encoder.session import EncoderSession
+
+    noise = np.random.default_rng(1).integers(0, 256, (9, 80, 96))
+    texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
+    frames = [Frame(texture[t : t + 48, t : t + 64].astype(np.uint8)) for t in range(7)]
+    config = CodecConfig(
+        codec,
+        VideoConfig(64, 48, 25, 1, luma_only=True),
+        GopConfig(3, "hierarchical"),
+        KeyFrameConfig(36),
+        WynerZivConfig.preset(1),
+        side_information=side_information_for(codec),
+        tracks=tracks_for(codec),
+    )
+    file = io.BytesIO()
+    EncoderSession(config).write(frames, file, lambda _: None)
+    with StreamReader(io.BytesIO(file.getvalue())) as reader:
+        return file.getvalue(), [group for group, _ in decoded_groups(reader)]
+
+
+def decoded_groups(reader: StreamReader) -> Iterator[tuple[list[Luma], GopRecord]]:
+    """Decode a stream: luma of the frames of each group, and its record with what was needed of it."""
+    from decoder.session import decode_stream
+
+    for group in decode_stream(reader.config, reader):
+        lumas = [frame.decoded.frame.luma for frame in group.wyner_ziv]
+        yield [*lumas, group.key.luma], group.record
+
+
+class _Pipe:
+    """One end of a connection within this process; keeps what it received."""
+
+    def __init__(self) -> None:
+        self.inbox: queue.Queue[bytes] = queue.Queue()
+        self.received: list[bytes] = []
+        self.other: _Pipe | None = None
+
+    def send(self, data: bytes) -> None:
+        assert self.other is not None
+        if data:
+            self.other.inbox.put(data)
+
+    def receive(self) -> bytes:
+        data = self.inbox.get(timeout=PATIENCE_S)
+        self.received.append(data)
+        return data
+
+
+def _record_live(frames: list[Frame], config: CodecConfig) -> tuple[list[bytes], list[bytes]]:
+    ends = _Pipe(), _Pipe()
+    ends[0].other, ends[1].other = ends[1], ends[0]
+    serving = threading.Thread(target=serve, args=(frames, config, ends[0]))
+    serving.start()
+    decode_live(ends[1])
+    serving.join()
+    return ends[1].received, ends[0].received
+
+
+def serve(frames: list[Frame], config: CodecConfig, connection: Any) -> None:
+    """Run the encoder on a connection."""
+    from encoder import live
+    from encoder.session import EncoderSession
+
+    live.serve(EncoderSession(config), frames, connection, lambda _: None)
+
+
+def decode_live(connection: Any) -> None:
+    """Run the decoder on a connection."""
+    from decoder.live import LiveSource
+    from decoder.session import decode_live
+
+    source = LiveSource(connection)
+    for _ in decode_live(source.config, source):
+        pass

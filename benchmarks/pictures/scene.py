@@ -1,0 +1,221 @@
+"""Draw every stage from a key pair to a predicted frame, for `docs/scene.md` (figures 5.3, 5.7, 5.10)."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.figures.harness import SCENES, MissingClip, clip_source
+from decoder.side_information.block_motion import BlockMotionInterpolation
+from decoder.side_information.protocol import ReferenceFrame
+from decoder.side_information.rendering import Interpolation
+from decoder.side_information.scene import INTERPOLATORS
+from decoder.side_information.surfaces import SurfaceSettings, estimate_surfaces
+from dvc import cli
+from dvc.config import SideInformationConfig
+from dvc.metrics import psnr_db
+from dvc.video import Frame, open_video
+from dvc.wynerziv.transform import to_uint8
+from sfm.cameras.resection import intermediate_cameras, linear_points
+from sfm.correspondences.features import detect_corners
+from sfm.model import Correspondences, Model, Reconstruction
+from sfm.output.drawing import draw_correspondences, side_by_side
+from sfm.pipeline import reconstruct
+
+PROG = "python -m benchmarks.pictures.scene"
+EXAMPLES = """\
+  python -m benchmarks.pictures.scene              rendered scenes to docs/scene, real clips to results/scene
+  python -m benchmarks.pictures.scene --clip box   one sequence
+"""
+FOLDER = Path("docs") / "scene"
+FOLDER_OF_REAL_CLIPS = Path("results") / "scene"
+CLIPS = (*SCENES, "box", "desk", "tree")
+GOP = 10
+QUALITY = 80
+PANEL_WIDTH = 528
+Picture = NDArray[np.uint8]
+Luma = NDArray[np.uint8]
+Floats = NDArray[np.float64]
+
+
+def _write(path: Path, picture: Picture) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+
+
+def _panel(plane: Picture, title: str) -> Picture:
+    """Scale a grey or coloured picture to the panel's width and put a title above it."""
+    colour = plane if plane.ndim == 3 else np.repeat(plane[:, :, None], 3, axis=2)
+    height = round(PANEL_WIDTH * colour.shape[0] / colour.shape[1])
+    scaled = cv2.resize(colour, (PANEL_WIDTH, height), interpolation=cv2.INTER_CUBIC)
+    banner = np.full((30, PANEL_WIDTH, 3), 255, dtype=np.uint8)
+    cv2.putText(banner, title, (4, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.52, (30, 30, 30), 1, cv2.LINE_AA)
+    panel: Picture = np.vstack([banner, scaled])
+    return panel
+
+
+def _coloured(values: Floats, highest: float) -> Picture:
+    """Colour a plane from 0 (dark) to `highest` (bright), readable without colour vision."""
+    scaled = np.clip(255.0 * values / max(highest, 1e-12), 0, 255).astype(np.uint8)
+    return np.asarray(cv2.applyColorMap(scaled, cv2.COLORMAP_VIRIDIS), dtype=np.uint8)
+
+
+def _error(prediction: Floats, original: Luma) -> Picture:
+    return np.clip(128.0 + 2.0 * (prediction - original), 0, 255).astype(np.uint8)
+
+
+def _correspondences(found: Reconstruction, second: Luma, clip: str) -> Picture:
+    """Figures 5.3 and 5.10: after weak calibration, and after propagation."""
+    assert found.model is not None
+    return side_by_side(
+        [
+            draw_correspondences(
+                second, matches, found.model.fundamental, f"{clip}, {name}: {len(matches)} correspondences"
+            )
+            for name, matches in found.stages.items()
+            if name in ("weak calibration", "propagation")
+        ]
+    )
+
+
+def _stages(frames: list[Luma], found: Reconstruction) -> Picture:
+    """Key frames, corners, matches, depth, prediction and error, in rows of three."""
+    assert found.model is not None
+    first, middle, second = frames[0], frames[GOP // 2], frames[GOP]
+    corners = detect_corners(first)
+    dots = Correspondences(corners, corners, np.zeros(len(corners)))
+    matched = found.stages["matching"]
+    surfaces = estimate_surfaces(found.model, first, second, SurfaceSettings())
+    depth = surfaces[0].inverse_depth
+    rendered = _interpolations(found.model, first, second)["mesh"]
+    flat = _block_motion(first, second)
+    doubt = _coloured(rendered.expected_error, 25.0)
+    panels = [
+        _panel(first, "first key frame"),
+        _panel(middle, "frame in the middle, which the decoder does not have"),
+        _panel(second, "second key frame"),
+        _panel(draw_correspondences(first, dots, None, "")[36:], f"{len(corners)} corners"),
+        _panel(draw_correspondences(second, matched, None, "")[36:], f"{len(matched)} matches"),
+        _panel(_coloured(depth, float(np.percentile(depth, 99.5))), "inverse depth of the first key frame"),
+        _panel(to_uint8(rendered.luma), f"mesh: {psnr_db(middle, to_uint8(rendered.luma)):.1f} dB"),
+        _panel(_error(rendered.luma, middle), "its error, twice"),
+        _panel(doubt, "its expected error (bright: 25 levels)"),
+        _panel(to_uint8(flat), f"2D block motion: {psnr_db(middle, to_uint8(flat)):.1f} dB"),
+        _panel(_error(flat, middle), "its error, twice"),
+    ]
+    panels.append(np.full_like(panels[0], 255))
+    rows = [side_by_side(panels[k : k + 3]) for k in range(0, len(panels), 3)]
+    picture: Picture = np.vstack(rows)
+    return picture
+
+
+def _interpolations(model: Model, first: Luma, second: Luma) -> dict[str, Interpolation]:
+    """Predict the frame in the middle by every motion model, the camera moving evenly."""
+    [camera] = intermediate_cameras(model, [linear_points(model, 0.5)])
+    return {
+        name: build(model, first, second).interpolate(camera.camera, 0.5)
+        for name, build in INTERPOLATORS.items()
+    }
+
+
+def _block_motion(first: Luma, second: Luma) -> Floats:
+    keys = [ReferenceFrame(0, Frame(first, None)), ReferenceFrame(GOP, Frame(second, None))]
+    [prediction] = BlockMotionInterpolation(SideInformationConfig()).predict(keys, None, [GOP // 2])
+    return prediction.luma
+
+
+def _motion_norms(found: Reconstruction, first: Luma, second: Luma) -> Picture:
+    """Figure 5.7: norm of the motion between the key frames, by each motion model."""
+    from decoder.side_information.block_motion import estimate_motion
+
+    assert found.model is not None
+    norms = {}
+    for name, rendered in _interpolations(found.model, first, second).items():
+        motion = rendered.positions[1] - rendered.positions[0]
+        norms[f"3D {name}"] = np.hypot(motion[..., 0], motion[..., 1])
+    field = estimate_motion(first, second, GOP // 2, GOP, SideInformationConfig()) / 4.0
+    norms["2D block motion"] = np.kron(np.hypot(field[..., 0], field[..., 1]), np.ones((8, 8)))
+    highest = float(np.percentile(norms["3D mesh"], 99.5))
+    height, width = first.shape
+    return side_by_side(
+        [
+            _panel(_coloured(norm[:height, :width], highest), f"{name} (bright: {highest:.0f} px)")
+            for name, norm in norms.items()
+        ]
+    )
+
+
+def draw(clip: str, folder: Path) -> list[Path]:
+    """Draw the pictures of one sequence.
+
+    Parameters
+    ----------
+    clip : str
+        Name of the catalogue.
+    folder : Path
+        Where to write them.
+
+    Returns
+    -------
+    list of Path
+        JPEG files; none where there is no model.
+
+    Raises
+    ------
+    MissingClip
+        If the sequence is not there.
+    """
+    with open_video(clip_source(clip).path, start=GOP, num_frames=GOP + 1) as reader:
+        frames = [frame.luma for frame in islice(reader, GOP + 1)]
+    found = reconstruct(frames[0], frames[GOP])
+    if not found.success:
+        return []
+    pictures = {
+        "correspondences": _correspondences(found, frames[GOP], clip),
+        "stages": _stages(frames, found),
+        "motion": _motion_norms(found, frames[0], frames[GOP]),
+    }
+    paths = [folder / f"{clip}_{name}.jpg" for name in pictures]
+    for path, picture in zip(paths, pictures.values(), strict=True):
+        _write(path, picture)
+    return paths
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    parser: argparse.ArgumentParser = cli.ArgumentParser(
+        PROG, "Draw every stage from a key pair to a predicted frame.", EXAMPLES
+    )
+    parser.add_argument("--clip", choices=CLIPS, help="only of this sequence")
+    parser.add_argument(
+        "--out", type=Path, help=f"folder; default: {FOLDER}, and for real clips {FOLDER_OF_REAL_CLIPS}"
+    )
+    arguments = parser.parse_args(argv)
+    for clip in [arguments.clip] if arguments.clip else CLIPS:
+        try:
+            paths = draw(clip, arguments.out or (FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS))
+        except MissingClip as err:
+            print(f"{clip}: {err}", file=sys.stderr)
+            continue
+        print(f"{clip}: " + (", ".join(map(str, paths)) or "no model that can be trusted"))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,346 @@
+"""Draw the pictures of tracked coding: figures 5.11 to 5.14, tracks, snakes; and fill in table 5.1."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from benchmarks.figures.harness import RESULTS, SCENES, STATIC_CLIPS, MissingClip, Setting
+from benchmarks.figures.tracks.limits import KEY_QPS, LOSSY_FRAMES, key_frames_by_index
+from benchmarks.figures.tracks.prediction import (
+    BLIND_MESH,
+    FLAT,
+    TD_BLOCKS,
+    TD_MESH,
+    TE_BLOCKS,
+    TE_MESH,
+    WAYS,
+    ReceivedGroup,
+    Run,
+    Way,
+    frame_results,
+    mean_db,
+    predictions,
+    received_groups,
+)
+from benchmarks.figures.tracks.quality import fixed_gop
+from benchmarks.pictures.drawing import (
+    Line,
+    Picture,
+    correlation_noise,
+    draw_tracks,
+    in_pairs,
+    panel,
+    plot_by_frame,
+    write_picture,
+)
+from decoder.side_information.protocol import Prediction
+from decoder.tracking import match_points
+from decoder.tracking.drawing import draw_snakes
+from dvc import cli
+from dvc.files import atomic_output
+from dvc.metrics import psnr_db
+from dvc.tracks import FeaturePoints, PointTracks
+from dvc.wynerziv.transform import to_uint8
+from sfm.pipeline import reconstruct
+
+PROG = "python -m benchmarks.pictures.tracks"
+EXAMPLES = """\
+  python -m benchmarks.pictures.tracks               scenes to docs/tracks, real clips to results/tracks
+  python -m benchmarks.pictures.tracks --clip tree   one sequence
+"""
+FOLDER = Path("docs") / "tracks"
+FOLDER_OF_REAL_CLIPS = Path("results") / "tracks"
+PAGE = Path("docs") / "side_information_tracks.md"
+BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
+CLIPS = (*SCENES, *STATIC_CLIPS)
+SUBJECTIVE_QP = 26
+NOISE_WAYS = (FLAT, BLIND_MESH, TE_MESH, TD_MESH)
+PLOTTED = (
+    (FLAT, 5, "-"),
+    (BLIND_MESH, 4, "-"),
+    (TD_BLOCKS, 2, ":"),
+    (TD_MESH, 2, "-"),
+    (TE_BLOCKS, 0, ":"),
+    (TE_MESH, 0, "-"),
+)
+"""Ways of figure 5.11, each with its colour and style."""
+
+
+def _run(clip: str, way: Way, frames: int) -> Run:
+    return Run(clip, way, frames, fixed_gop(clip), every=2)
+
+
+def _psnrs_db(run: Run, folder: Path) -> dict[int, float]:
+    return {frame.index: frame.psnr_db for frame in frame_results(run, folder)}
+
+
+def quality_by_frame(clip: str, frames: int, results: Path) -> list[Line]:
+    """Measure figure 5.11: side information by frame, lossless key frames.
+
+    Parameters
+    ----------
+    clip : str
+        Sequence.
+    frames : int
+        Its frames.
+    results : Path
+        Folder of results.
+
+    Returns
+    -------
+    list of Line
+        Every way at a fixed distance of key frames, and TE with key frames that the tracks choose.
+    """
+    lines = [
+        Line(way.name, _psnrs_db(_run(clip, way, frames), results), colour, style, gop=fixed_gop(clip))
+        for way, colour, style in PLOTTED
+    ]
+    chosen = _psnrs_db(Run(clip, TE_MESH, frames), results)
+    return [*lines, Line(f"{TE_MESH.name}, keys by tracks", chosen, 1, "-")]
+
+
+def quality_from_lossy_keys(clip: str, frames: int, results: Path) -> list[Line]:
+    """Measure figure 5.13: key frames and side information by frame, for several quantisers.
+
+    Parameters
+    ----------
+    clip : str
+        Sequence.
+    frames : int
+        Its frames.
+    results : Path
+        Folder of results.
+
+    Returns
+    -------
+    list of Line
+        One for each quantisation parameter, with peaks at the key frames.
+    """
+    lines = []
+    for number, qp in enumerate(KEY_QPS):
+        run = Run(clip, TE_MESH, min(frames, LOSSY_FRAMES), fixed_gop(clip), qp, every=2)
+        points = _psnrs_db(run, results)
+        lines.append(Line(f"keys at QP {qp}", points, number, peaks=key_frames_by_index(run)))
+    return lines
+
+
+def _middle(run: Run) -> tuple[ReceivedGroup, int, Prediction]:
+    """Predict the frame in the middle of the first group."""
+    group, predicted = next(iter(predictions(run)))
+    index, prediction = predicted[len(predicted) // 2]
+    return group, index, prediction
+
+
+def noise_pictures(clip: str) -> Picture:
+    """Draw figure 5.12: correlation noise of one frame by four codecs.
+
+    Parameters
+    ----------
+    clip : str
+        Sequence.
+
+    Returns
+    -------
+    ndarray of shape (h, w, 3), uint8
+        Four panels.
+    """
+    panels = []
+    for way in NOISE_WAYS:
+        group, index, prediction = _middle(_run(clip, way, fixed_gop(clip) + 1))
+        original = group.originals[index - 1].luma
+        quality_db = psnr_db(original, to_uint8(prediction.luma))
+        title = f"{way.name}, frame {index}: {quality_db:.1f} dB"
+        panels.append(panel(correlation_noise(prediction.luma, original), title))
+    return in_pairs(panels)
+
+
+def subjective_pictures(clip: str) -> Picture:
+    """Draw figure 5.14: a decoded key frame and a frame that is interpolated.
+
+    Parameters
+    ----------
+    clip : str
+        Sequence.
+
+    Returns
+    -------
+    ndarray of shape (h, w, 3), uint8
+        Two panels.
+    """
+    run = Run(clip, TE_MESH, fixed_gop(clip) + 1, fixed_gop(clip), SUBJECTIVE_QP, every=2)
+    group, index, prediction = _middle(run)
+    interpolated = to_uint8(prediction.luma)
+    quality_db = psnr_db(group.originals[index - 1].luma, interpolated)
+    key_db = key_frames_by_index(run)[0]
+    first = f"key frame 0 at QP {SUBJECTIVE_QP}: {key_db:.1f} dB"
+    second = f"interpolated frame {index}: {quality_db:.1f} dB"
+    return in_pairs([panel(group.keys[0].frame.luma, first), panel(interpolated, second)])
+
+
+def track_pictures(clip: str) -> dict[str, Picture]:
+    """Draw the tracks of TE and the snakes of TD in the first group of each.
+
+    Parameters
+    ----------
+    clip : str
+        Sequence.
+
+    Returns
+    -------
+    dict of str to ndarray
+        By name; empty where nothing was tracked.
+    """
+    pictures = {}
+    tracked = next(iter(received_groups(Run(clip, TE_MESH, fixed_gop(clip) + 1))), None)
+    if tracked is not None and isinstance(tracked.points, PointTracks):
+        pictures["tracks"] = draw_tracks(tracked.keys[0].frame.luma, tracked.points)
+    run = Run(clip, TD_MESH, fixed_gop(clip) + 1, fixed_gop(clip))
+    found = next(iter(received_groups(run)), None)
+    if found is not None and isinstance(found.points, FeaturePoints):
+        first, second = (key.frame.luma for key in found.keys)
+        tracks = match_points(reconstruct(first, second), first, second, found.points)
+        pictures["snakes"] = draw_snakes(first, tracks)
+    return pictures
+
+
+def table_row(clip: str, frames: int, results: Path) -> str:
+    """Measure a row of table 5.1.
+
+    Parameters
+    ----------
+    clip : str
+        Sequence.
+    frames : int
+        Its frames.
+    results : Path
+        Folder of results.
+
+    Returns
+    -------
+    str
+        Of a Markdown table: the name, and the mean PSNR by every way.
+    """
+    values = [f"{mean_db(_run(clip, way, frames), results):.1f}" for way in WAYS]
+    name = clip if fixed_gop(clip) == fixed_gop("") else f"{clip} (GOP {fixed_gop(clip)})"
+    return "| " + " | ".join([name, *values]) + " |"
+
+
+def with_rows(page: str, rows: Sequence[str]) -> str:
+    """Put rows into the table of a page, in the place of older ones of the same sequences.
+
+    Parameters
+    ----------
+    page : str
+        Markdown with `BEGIN` and `END`.
+    rows : sequence of str
+        From `table_row`.
+
+    Returns
+    -------
+    str
+        The page.
+    """
+    before, rest = page.split(BEGIN)
+    table, after = rest.split(END)
+    known = {_sequence(row): row for row in table.strip().splitlines()[2:]}
+    known |= {_sequence(row): row for row in rows}
+    ordered = [known[clip] for clip in CLIPS if clip in known]
+    heads = "| sequence | " + " | ".join(way.name for way in WAYS) + " |"
+    lines = [heads, "| --- |" + " --- |" * len(WAYS), *ordered]
+    return "\n".join([before + BEGIN, *lines, END + after])
+
+
+def _sequence(row: str) -> str:
+    return row.split("|")[1].split(maxsplit=1)[0]
+
+
+def draw(clip: str, folder: Path, frames: int) -> list[Path]:
+    """Draw all pictures of a sequence.
+
+    Parameters
+    ----------
+    clip : str
+        Sequence.
+    folder : Path
+        Where to write them.
+    frames : int
+        Frames of the plots.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    MissingClip
+        If the sequence is not there.
+    """
+    pictures = {
+        **track_pictures(clip),
+        "noise": noise_pictures(clip),
+        "subjective": subjective_pictures(clip),
+    }
+    paths = [folder / f"{clip}_{name}.jpg" for name in pictures]
+    for path, picture in zip(paths, pictures.values(), strict=True):
+        write_picture(path, picture)
+    plots = {
+        "psnr": (f"{clip}: side information, lossless key frames", quality_by_frame),
+        "lossy_keys": (
+            f"{clip}: {TE_MESH.name}, key frames (diamonds) and side information",
+            quality_from_lossy_keys,
+        ),
+    }
+    for name, (title, measure) in plots.items():
+        paths.append(folder / f"{clip}_{name}.png")
+        plot_by_frame(paths[-1], title, measure(clip, frames, RESULTS))
+    return paths
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    parser: argparse.ArgumentParser = cli.ArgumentParser(
+        PROG, "Draw figures 5.11 to 5.14, tracks and snakes, and fill in table 5.1.", EXAMPLES
+    )
+    parser.add_argument("--clip", choices=CLIPS, help="only of this sequence")
+    parser.add_argument(
+        "--frames", type=cli.integer(3, 10**6), default=Setting.frames, metavar="N", help="of plots and table"
+    )
+    parser.add_argument(
+        "--out", type=Path, help=f"folder; default: {FOLDER}, and for real clips {FOLDER_OF_REAL_CLIPS}"
+    )
+    parser.add_argument("--no-table", action="store_true", help=f"leave {PAGE} as it is")
+    return cli.run(PROG, lambda: _draw_all(parser.parse_args(argv)))
+
+
+def _draw_all(arguments: argparse.Namespace) -> int:
+    for clip in [arguments.clip] if arguments.clip else CLIPS:
+        try:
+            paths = draw(
+                clip, arguments.out or (FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS), arguments.frames
+            )
+        except MissingClip as err:
+            print(f"{clip}: {err}", file=sys.stderr)
+            continue
+        print(f"{clip}: " + ", ".join(map(str, paths)), flush=True)
+        if not arguments.no_table:
+            page = with_rows(PAGE.read_text(encoding="utf-8"), [table_row(clip, arguments.frames, RESULTS)])
+            with atomic_output(PAGE) as temporary:
+                temporary.write_text(page, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

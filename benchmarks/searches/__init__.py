@@ -1,0 +1,1 @@
+"""Searches for parameters that the code holds as tables."""

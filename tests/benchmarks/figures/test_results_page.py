@@ -1,0 +1,31 @@
+"""The table of the results page says what the figures say."""
+
+import json
+import re
+from pathlib import Path
+
+DOCS = Path(__file__).parents[3] / "docs"
+ROWS = {
+    "H.264 intra": ("tracks", "te-hierarchical-intra"),
+    "2D-DVC, GOP 2 (up to 36 dB)": ("tracks", "te-hierarchical-2d"),
+    "H.264 IPPP, no motion": ("anchors", "te-x264-ippp-zero"),
+    "H.264 IPPP, motion search": ("anchors", "te-x264-ippp"),
+}
+"""Area and name of the figures, by the first cell of the row."""
+
+
+def test_table_has_the_figures() -> None:
+    """Every BD-rate of the table is that of its figure, rounded to a per cent."""
+    figures = json.loads((DOCS / "figures.json").read_text(encoding="utf-8"))
+    found = {(row["area"], row["name"], row["clip"]): row["values"] for row in figures}
+    text = (DOCS / "results.md").read_text(encoding="utf-8")
+    head, _, *rows = re.findall(
+        r"^\| .* \|$", text.split("## Where it wins")[1].split("\n* ")[0], re.MULTILINE
+    )
+    clips = [cell.strip() for cell in head.strip("| ").split("|")][1:]
+    assert len(rows) == len(ROWS)
+    for row in rows:
+        title, *cells = (cell.strip() for cell in row.strip("| ").split("|"))
+        for clip, cell in zip(clips, cells, strict=True):
+            value = found[*ROWS[title], clip]["bd_rate_percent"]
+            assert cell == f"{value:+.0f} %".replace("-", "\N{MINUS SIGN}")
