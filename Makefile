@@ -8,7 +8,7 @@ PACKAGES := dvc encoder decoder sequences sfm
 SOURCES = $(shell find $(PACKAGES) -name '*.py')
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test test-slow test-nojit check bench figures reproduce pictures format clean
+.PHONY: help venv browser demo test test-slow test-nojit check bench figures reproduce pictures format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -24,10 +24,13 @@ $(INSTALLED): pyproject.toml
 demo: $(INSTALLED)  ## render a moving camera, code it between two processes, show rates and quality
 	$(BIN)/python -m benchmarks.demo --out out/demo
 
-test: $(INSTALLED)  ## run the tests (they need a browser: apt-get install chromium)
+browser: $(INSTALLED)  ## find a browser for the tests of the report page, or install one (tests do it)
+	$(BIN)/python -m tests.browser
+
+test: browser  ## run the tests
 	$(BIN)/python -m pytest -m "not slow" -n $(JOBS)
 
-test-slow: $(INSTALLED)  ## run the long studies too
+test-slow: browser  ## run the long studies too
 	$(BIN)/python -m pytest
 
 test-nojit: $(INSTALLED)  ## run the tests of the kernels as plain Python

@@ -1,8 +1,6 @@
 """The report: time to make it, size of its page, time until a browser shows it, BD figures against a peer."""
 
 import copy
-import os
-import shutil
 import statistics
 import time
 from functools import cache
@@ -15,6 +13,7 @@ from benchmarks.figures.harness import Figure, Measured, Setting
 from dvc.errors import DvcError
 from dvc.metrics import bd_psnr, bd_rate
 from dvc.rd.results import PointResult, read_results
+from tests import browser
 
 NUM_POINTS = 100
 MOST_S = 20.0
@@ -24,13 +23,6 @@ MOST_DIFFERENCE = 1e-6
 CURVE_POINTS = (5, 7)
 SEED = 515
 NOISE = 5.0
-ARGUMENTS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--no-first-run",
-    "--disable-background-networking",
-)
 Values = NDArray[np.float64]
 
 
@@ -128,20 +120,20 @@ def first_paint(setting: Setting, _clip: str | None) -> Measured:
     """
     from playwright.sync_api import sync_playwright
 
-    path = os.environ.get("DVC_CHROMIUM") or shutil.which("chromium")
+    path = browser.find()
     if path is None:
-        raise DvcError("no browser: install Debian's package chromium, or name one in DVC_CHROMIUM")
+        raise DvcError(browser.missing())
     _, _, page = report(setting.folder)
     paints_ms = []
     with sync_playwright() as playwright:
         for _ in range(setting.choose(5, 1)):
-            browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
-            opened = browser.new_page()
+            started = playwright.chromium.launch(executable_path=path, args=list(browser.ARGUMENTS))
+            opened = started.new_page()
             opened.goto(page.resolve().as_uri())
             entry = "performance.getEntriesByName('first-contentful-paint')[0]"
             opened.wait_for_function(f"{entry} !== undefined")
             paints_ms.append(float(opened.evaluate(f"{entry}.startTime")))
-            browser.close()
+            started.close()
     paint_ms = statistics.median(paints_ms)
     return Measured(f"{paint_ms / 1000:.2f} s", paint_ms <= MOST_PAINT_MS, {"paints_ms": paints_ms})
 

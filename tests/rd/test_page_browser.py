@@ -1,7 +1,5 @@
 """The page in a real browser: charts, controls, a phone, the dark, paper, and no request to anywhere."""
 
-import os
-import shutil
 from collections.abc import Iterator
 
 import pytest
@@ -9,31 +7,26 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from dvc.rd.folders import read_folders
 from dvc.rd.page import write_page
+from tests import browser as browsers
 from tests.rd.made_up_page import write_many
 
-ARGUMENTS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
 PHONE_PX = {"width": 360, "height": 740}
 DESKTOP_PX = {"width": 1280, "height": 900}
 TIMEOUT_MS = 60_000
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """Start the browser; without one these tests fail, for a page that nobody has opened is not tested."""
-    path = os.environ.get("DVC_CHROMIUM") or shutil.which("chromium")
+def browser(request: pytest.FixtureRequest) -> Iterator[Browser]:
+    """Start the browser; without one these tests are skipped, or fail where it is required."""
+    path = browsers.find()
+    if path is None and browsers.is_required():
+        pytest.fail(browsers.missing())
     if path is None:
-        pytest.fail("no browser: install Debian's package `chromium`, or name one in DVC_CHROMIUM")
+        request.node.add_marker(pytest.mark.skip(browsers.missing()))  # of the module: one line for all tests
+        pytest.skip(browsers.missing())
+    arguments = list(browsers.ARGUMENTS)
     with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS), timeout=TIMEOUT_MS)
+        started = playwright.chromium.launch(executable_path=path, args=arguments, timeout=TIMEOUT_MS)
         yield started
         started.close()
 
@@ -107,7 +100,7 @@ def test_chart_zooms(page: Page) -> None:
     """The buttons change the range of the axes, the box their scale."""
     block = page.locator('[data-zoom="street"]')
     range_of = "document.querySelector('[data-rd=\"street\"]')._fullLayout.xaxis"
-    page.locator('[data-rd="street"]').scroll_into_view_if_needed()
+    page.locator('figure.chart:has([data-rd="street"])').scroll_into_view_if_needed()
     page.wait_for_function(f"{range_of} !== undefined")
     near = page.evaluate(f"{range_of}.range[1]")
     block.get_by_role("button", name="Show all points").click()
