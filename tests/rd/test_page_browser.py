@@ -99,7 +99,7 @@ def test_legend_hides_a_curve(page: Page) -> None:
 def test_chart_zooms(page: Page) -> None:
     """The buttons change the range of the axes, the box their scale."""
     block = page.locator('[data-zoom="street"]')
-    range_of = "document.querySelector('[data-rd=\"street\"]')._fullLayout.xaxis"
+    range_of = "document.querySelector('[data-rd=\"street\"]')._fullLayout?.xaxis"
     page.locator('figure.chart:has([data-rd="street"])').scroll_into_view_if_needed()
     page.wait_for_function(f"{range_of} !== undefined")
     near = page.evaluate(f"{range_of}.range[1]")
