@@ -6,8 +6,13 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
 
 NAMED = "DVC_CHROMIUM"
 """Variable that names the browser; no other is tried then."""
@@ -26,6 +31,7 @@ ARGUMENTS = (
     "--disable-sync",
 )
 START_LIMIT_S = 30
+WAIT_LIMIT_S = 60
 INSTALL_LIMIT_S = 600
 _APT_GET = ("apt-get", "-q", "-o", "Acquire::http::Timeout=10", "-o", "DPkg::Lock::Timeout=60")
 PACKAGE_MANAGERS: dict[str, tuple[tuple[str, ...], ...]] = {
@@ -87,6 +93,15 @@ def main() -> int:
         return 0
     sys.stderr.write(f"{missing()}; tests of the report page {'fail' if is_required() else 'are skipped'}\n")
     return int(is_required())
+
+
+def wait_until(page: "Page", condition: str) -> None:
+    """Wait until an expression is true in a page; its policy forbids what Playwright's own waiting needs."""
+    deadline = time.monotonic() + WAIT_LIMIT_S
+    while not page.evaluate(condition):
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"still not true after {WAIT_LIMIT_S} s: {condition}")
+        page.wait_for_timeout(20)
 
 
 def _candidates() -> Iterator[str]:

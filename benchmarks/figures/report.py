@@ -131,7 +131,7 @@ def first_paint(setting: Setting, _clip: str | None) -> Measured:
             opened = started.new_page()
             opened.goto(page.resolve().as_uri())
             entry = "performance.getEntriesByName('first-contentful-paint')[0]"
-            opened.wait_for_function(f"{entry} !== undefined")
+            browser.wait_until(opened, f"{entry} !== undefined")
             paints_ms.append(float(opened.evaluate(f"{entry}.startTime")))
             started.close()
     paint_ms = statistics.median(paints_ms)

@@ -69,8 +69,8 @@ def test_page_opens_without_an_error_or_a_request(browser: Browser, address: str
     opened.wait_for_selector("[data-rd] .scatterlayer path.js-line", state="attached", timeout=TIMEOUT_MS)
     for figure in opened.locator("figure.chart").all():
         figure.scroll_into_view_if_needed()
-    opened.wait_for_function(
-        "document.querySelectorAll('.plot.rd:not([hidden]), .plots:not([hidden])').length == 6"
+    browsers.wait_until(
+        opened, "document.querySelectorAll('.plot.rd:not([hidden]), .plots:not([hidden])').length == 6"
     )
     assert logged == []
     assert {url.split(":", 1)[0] for url in requests} <= {"file", "data", "blob"}
@@ -87,12 +87,12 @@ def test_legend_hides_a_curve(page: Page) -> None:
     assert num_lines(page, "street") == 5
     box.focus()
     page.keyboard.press("Space")
-    page.wait_for_function(
-        "document.querySelectorAll('[data-rd=\"street\"] .scatterlayer path.js-line').length == 4"
+    browsers.wait_until(
+        page, "document.querySelectorAll('[data-rd=\"street\"] .scatterlayer path.js-line').length == 4"
     )
     page.keyboard.press("Space")
-    page.wait_for_function(
-        "document.querySelectorAll('[data-rd=\"street\"] .scatterlayer path.js-line').length == 5"
+    browsers.wait_until(
+        page, "document.querySelectorAll('[data-rd=\"street\"] .scatterlayer path.js-line').length == 5"
     )
 
 
@@ -101,7 +101,7 @@ def test_chart_zooms(page: Page) -> None:
     block = page.locator('[data-zoom="street"]')
     range_of = "document.querySelector('[data-rd=\"street\"]')._fullLayout?.xaxis"
     page.locator('figure.chart:has([data-rd="street"])').scroll_into_view_if_needed()
-    page.wait_for_function(f"{range_of} !== undefined")
+    browsers.wait_until(page, f"{range_of} !== undefined")
     near = page.evaluate(f"{range_of}.range[1]")
     block.get_by_role("button", name="Show all points").click()
     assert page.evaluate(f"{range_of}.range[1]") > near
@@ -149,8 +149,8 @@ def test_slider_moves_the_border(page: Page) -> None:
     page.keyboard.press("ArrowRight")
     assert page.evaluate(split) == "1%"
     image = block.locator("img.decoded")
-    page.wait_for_function(
-        "document.querySelector('[data-pictures=\"street\"] img.decoded').naturalWidth == 64"
+    browsers.wait_until(
+        page, "document.querySelector('[data-pictures=\"street\"] img.decoded').naturalWidth == 64"
     )
     before = image.get_attribute("src")
     block.locator("select").select_option(index=1)
