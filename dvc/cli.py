@@ -5,7 +5,7 @@ import contextlib
 import json
 import logging
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, NoReturn
@@ -94,6 +94,36 @@ def run(prog: str, command: Callable[[], int]) -> int:
         return EXIT_INTERRUPTED
     sys.stderr.write(f"{prog}: {message}\n")
     return EXIT_BAD_INPUT
+
+
+def command(
+    prog: str,
+    parser: Callable[[], argparse.ArgumentParser],
+    work: Callable[[argparse.Namespace], int],
+) -> Callable[..., int]:
+    """Make the `main` of a command.
+
+    Parameters
+    ----------
+    prog : str
+        Name shown before messages.
+    parser : callable
+        Builds the parser; options and file names may stand in any order.
+    work : callable
+        Does what the arguments say and returns the exit status.
+
+    Returns
+    -------
+    callable
+        Takes the arguments, by default those of the process, and returns the exit status: that of `work`, or
+        2 for bad input.
+    """
+
+    def _main(argv: Sequence[str] | None = None) -> int:
+        arguments = parser().parse_intermixed_args(argv)
+        return run(prog, lambda: work(arguments))
+
+    return _main
 
 
 @contextlib.contextmanager
@@ -214,6 +244,89 @@ def integer(low: int, high: int) -> Callable[[str], int]:
         return value
 
     return _read
+
+
+def choice(names: Sequence[str]) -> Callable[[str], str]:
+    """Return a reader of one of several names, for `add_argument(type=...)`.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Those accepted.
+
+    Returns
+    -------
+    callable
+        Text to the same text; raises `argparse.ArgumentTypeError` for others.
+    """
+
+    def _read(text: str) -> str:
+        if text not in names:
+            raise argparse.ArgumentTypeError(f"expected {' or '.join(names)}, got {text!r}")
+        return text
+
+    return _read
+
+
+def add_integer(
+    group: argparse._ActionsContainer,
+    option: str,
+    bounds: tuple[int, int],
+    text: str,
+    *,
+    default: int | None = None,
+    metavar: str = "N",
+) -> None:
+    """Add an option that is a whole number.
+
+    Parameters
+    ----------
+    group : ArgumentParser or group of one
+        Where to add it.
+    option : str
+        Its name with dashes.
+    bounds : tuple of two int
+        Smallest and largest value accepted.
+    text : str
+        Help; the default is told after it.
+    default : int, optional
+        Value where the option is not given.
+    metavar : str, optional
+        Name of the number in the help.
+    """
+    told = text if default is None else f"{text}; default: %(default)s"
+    group.add_argument(option, type=integer(*bounds), default=default, metavar=metavar, help=told)
+
+
+def add_live(group: argparse._ActionsContainer, option: str, text: str) -> None:
+    """Add the options of a live run: the address, and how long to wait for the other end.
+
+    Parameters
+    ----------
+    group : ArgumentParser or group of one
+        Where to add them.
+    option : str
+        Option of the address, with dashes.
+    text : str
+        Its help.
+    """
+    group.add_argument(option, metavar="HOST:PORT", help=text)
+    patience = "patience with a silent peer, in seconds"
+    add_integer(group, "--timeout", (1, 86400), patience, default=30, metavar="S")
+
+
+def add_report(group: argparse._ActionsContainer, contents: str) -> None:
+    """Add the options that say what is written about a run.
+
+    Parameters
+    ----------
+    group : ArgumentParser or group of one
+        Where to add them.
+    contents : str
+        What the JSON report holds.
+    """
+    group.add_argument("--json", metavar="FILE", help=f"write {contents} (-: standard output)")
+    group.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
 def write_json(path: str | Path, values: object) -> None:

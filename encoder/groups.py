@@ -3,15 +3,12 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from dvc.errors import ConfigError
+from dvc.config import KeyFrameRule
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from encoder.corners import CornerDetector
 from encoder.gop_segmentation import first_length, group_costs
 from encoder.tracking import PointTracker
-
-KEY_FRAME_CHOICES = ("tracks", "rate")
-"""What decides where a group ends."""
 
 
 @dataclass(frozen=True)
@@ -34,51 +31,6 @@ class Group:
     key: Frame
     tracks: PointTracks | None = None
     points: FeaturePoints | None = None
-
-
-@dataclass(frozen=True)
-class KeyFrameRule:
-    """When the tracks ask for a key frame."""
-
-    longest_track_px: float = 40.0  # a point has moved so far since the key frame
-    lost_share: float = 0.5  # so many of the points are lost since then
-    min_length: int = 2  # frames from one key frame to the next, unless the scene changes
-    cut_share: float = 0.9  # so many points that are lost from one frame to the next are another scene
-    # How groups end but for cuts: "tracks", by the first two bounds, or "rate", at the least estimated rate.
-    choice: str = "tracks"
-    hierarchical: bool = False  # Wyner-Ziv frames are references, too
-
-    @classmethod
-    def for_references(cls, references: str) -> "KeyFrameRule":
-        """Return the rule that suits what frames are predicted from.
-
-        Parameters
-        ----------
-        references : str
-            One of `dvc.config.REFERENCES`.
-
-        Returns
-        -------
-        KeyFrameRule
-            The defaults for key frames alone; longer groups where decoded frames are references, too.
-        """
-        if references == "keys":
-            return cls()
-        return cls(longest_track_px=64.0, lost_share=0.6, hierarchical=True)
-
-    def __post_init__(self) -> None:
-        """Refuse values that make no sense."""
-        if not self.longest_track_px > 0:
-            raise ConfigError(f"the longest track must be above 0 pixels, got {self.longest_track_px}")
-        for share in (self.lost_share, self.cut_share):
-            if not 0 < share <= 1:
-                raise ConfigError(f"the share of lost tracks must be above 0 and at most 1, got {share}")
-        if self.choice not in KEY_FRAME_CHOICES:
-            raise ConfigError(
-                f"key frames are chosen by {' or '.join(KEY_FRAME_CHOICES)}, not {self.choice!r}"
-            )
-        if self.min_length < 1:
-            raise ConfigError(f"the shortest group must have at least 1 frame, got {self.min_length}")
 
 
 def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import BinaryIO
 
-from dvc.config import CodecConfig
+from dvc.config import MAX_TRACKS_BPP, VARIANTS, CodecConfig, KeyFrameRule
 from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import encode_points
@@ -13,9 +13,9 @@ from dvc.video import Frame
 from dvc.wynerziv.frame import EncodedFrame
 from encoder.block_matching import PointTrackerSettings
 from encoder.corners import CornerDetector
-from encoder.groups import Group, KeyFrameRule, cornered_groups, groups, tracked_groups
+from encoder.groups import Group, cornered_groups, groups, tracked_groups
 from encoder.report import EncoderStatistics
-from encoder.track_budget import MAX_TRACKS_BPP, encode_within_budget
+from encoder.track_budget import encode_within_budget
 from encoder.tracking import PointTracker
 from encoder.wyner_ziv import WynerZivEncoder
 
@@ -85,7 +85,7 @@ class EncoderSession:
         )
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)
-        self._rule = rule or KeyFrameRule.for_references(config.gop.references)
+        self._rule = rule or VARIANTS[config.codec].groups(config.gop.references).key_frames
         self._max_tracks_bpp = max_tracks_bpp
         self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits, tracking)
         self._detector = CornerDetector(config.tracks.num_points)

@@ -4,8 +4,6 @@ from dvc.config import CodecConfig
 from dvc.tracks import PointTracks, encode_tracks
 from encoder.tracking import thinned
 
-MAX_TRACKS_BPP = 0.01
-"""Most bits that tracks cost, per pixel of the Wyner-Ziv frames, unless told otherwise."""
 MIN_TRACKS = 32
 """Tracks that a group keeps at any cost: cameras have eleven unknowns."""
 

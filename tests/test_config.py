@@ -14,13 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.config import (
-    CODECS,
     FIELD_NUMBERS,
     PRESET_LEVELS,
     REFERENCES,
     SFM_BACKENDS,
     TRACKS_KINDS,
     TURBO_FAMILIES,
+    VARIANTS,
     ZIGZAG,
     CodecConfig,
     GeometryConfig,
@@ -33,8 +33,8 @@ from dvc.config import (
     WynerZivConfig,
     decode_config,
     encode_config,
-    gop_for,
     key_qp_for,
+    variant_of,
 )
 from dvc.errors import BitstreamError, ConfigError
 
@@ -52,7 +52,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     rate = st.integers(1, 2**31 - 1)
     level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
     return CodecConfig(
-        draw(st.sampled_from(CODECS)),
+        draw(st.sampled_from(list(VARIANTS))),
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
         GopConfig(draw(st.integers(1, 256)), draw(st.sampled_from(REFERENCES))),
         KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
@@ -265,12 +265,12 @@ def test_importing_the_configuration_is_quick() -> None:
 
 def test_groups_of_pictures_follow_from_the_codec() -> None:
     """Codecs have their own groups; what is given goes before, and what makes no sense is refused."""
-    assert gop_for("2d") == GopConfig(2, "keys")
-    assert gop_for("3d-te") == GopConfig(16, "hierarchical")
-    assert gop_for("3d-te", references="keys") == GopConfig(8, "keys")
-    assert gop_for("3d-td", 4, "all") == GopConfig(4, "all")
+    assert VARIANTS["2d"].gop() == GopConfig(2, "keys")
+    assert VARIANTS["3d-te"].gop() == GopConfig(16, "hierarchical")
+    assert VARIANTS["3d-te"].gop(references="keys") == GopConfig(8, "keys")
+    assert VARIANTS["3d-td"].gop(4, "all") == GopConfig(4, "all")
     for wrong in ({"length": 0}, {"references": "none"}):
         with pytest.raises(ConfigError):
-            gop_for("2d", **wrong)
+            VARIANTS["2d"].gop(**wrong)
     with pytest.raises(ConfigError, match="codec"):
-        gop_for("4d")
+        variant_of("4d")

@@ -17,8 +17,6 @@ from dvc.config import (
     KeyFrameConfig,
     VideoConfig,
     WynerZivConfig,
-    side_information_for,
-    tracks_for,
 )
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
@@ -105,14 +103,12 @@ def tracked_material(codec: str) -> tuple[bytes, list[list[Luma]]]:
     noise = np.random.default_rng(1).integers(0, 256, (9, 80, 96))
     texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
     frames = [Frame(texture[t : t + 48, t : t + 64].astype(np.uint8)) for t in range(7)]
-    config = CodecConfig(
+    config = CodecConfig.preset(
         codec,
         VideoConfig(64, 48, 25, 1, luma_only=True),
-        GopConfig(3, "hierarchical"),
-        KeyFrameConfig(36),
-        WynerZivConfig.preset(1),
-        side_information=side_information_for(codec),
-        tracks=tracks_for(codec),
+        gop=GopConfig(3, "hierarchical"),
+        key=KeyFrameConfig(36),
+        wyner_ziv=WynerZivConfig.preset(1),
     )
     file = io.BytesIO()
     EncoderSession(config).write(frames, file, lambda _: None)

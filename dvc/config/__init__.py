@@ -1,8 +1,14 @@
 """The codec configuration: everything that changes the decoded frames, and its form in a stream header."""
 
-from dvc.config.header import FIELD_NUMBERS, decode_config, encode_config
+from dvc.config.codec import (
+    CodecConfig,
+)
+from dvc.config.header import (
+    FIELD_NUMBERS,
+    decode_config,
+    encode_config,
+)
 from dvc.config.sections import (
-    CODECS,
     CRC_BITS,
     MAX_AREA_PX,
     MAX_GOP_LENGTH,
@@ -17,7 +23,6 @@ from dvc.config.sections import (
     TRACKS_KINDS,
     TURBO_FAMILIES,
     ZIGZAG,
-    CodecConfig,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
@@ -26,21 +31,32 @@ from dvc.config.sections import (
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
-    gop_for,
     key_qp_for,
-    side_information_for,
-    tracks_for,
+)
+from dvc.config.variants import (
+    DEFAULT_CODEC,
+    KEY_FRAME_CHOICES,
+    MAX_BIRTHS,
+    MAX_TRACKS_BPP,
+    VARIANTS,
+    CodecVariant,
+    GroupPreset,
+    KeyFrameRule,
+    variant_of,
 )
 
 __all__ = [
-    "CODECS",
     "CRC_BITS",
+    "DEFAULT_CODEC",
     "FIELD_NUMBERS",
+    "KEY_FRAME_CHOICES",
     "MAX_AREA_PX",
+    "MAX_BIRTHS",
     "MAX_GOP_LENGTH",
     "MAX_PARAMETER_SETS_BYTES",
     "MAX_POINTS",
     "MAX_SIDE_PX",
+    "MAX_TRACKS_BPP",
     "NOISE_MODELS",
     "NUM_BANDS",
     "PRESET_LEVELS",
@@ -48,11 +64,15 @@ __all__ = [
     "SFM_BACKENDS",
     "TRACKS_KINDS",
     "TURBO_FAMILIES",
+    "VARIANTS",
     "ZIGZAG",
     "CodecConfig",
+    "CodecVariant",
     "GeometryConfig",
     "GopConfig",
+    "GroupPreset",
     "KeyFrameConfig",
+    "KeyFrameRule",
     "SideInformationConfig",
     "TracksConfig",
     "TurboConfig",
@@ -60,8 +80,6 @@ __all__ = [
     "WynerZivConfig",
     "decode_config",
     "encode_config",
-    "gop_for",
     "key_qp_for",
-    "side_information_for",
-    "tracks_for",
+    "variant_of",
 ]

@@ -11,7 +11,9 @@ from functools import cache
 from operator import attrgetter
 from typing import Any
 
-from dvc.config.sections import MAX_PARAMETER_SETS_BYTES, CodecConfig, type_hints_of
+from dvc.config.codec import CodecConfig
+from dvc.config.fields import type_hints_of
+from dvc.config.sections import MAX_PARAMETER_SETS_BYTES
 from dvc.errors import BitstreamError, ConfigError
 
 FIELD_NUMBERS = {

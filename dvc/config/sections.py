@@ -1,19 +1,12 @@
-"""The codec configuration: one frozen dataclass per part of the codec, nested in `CodecConfig`.
+"""The sections of the codec configuration: one frozen dataclass per part of the codec."""
 
-It travels as JSON-safe dictionaries (`CodecConfig.to_dict`, `CodecConfig.from_dict`) in results, and as bytes
-(`dvc.config.header`) in streams.
-"""
-
-import base64
-import binascii
-import math
 import re
-from dataclasses import MISSING, dataclass, fields, is_dataclass
-from typing import Any, Self, get_type_hints
+from dataclasses import dataclass
+from typing import Self
 
+from dvc.config.fields import Section, check_choice, check_range, shown
 from dvc.errors import ConfigError
 
-CODECS = ("2d", "3d", "3d-td", "3d-te")
 REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
 SFM_BACKENDS = ("native", "colmap")
@@ -43,78 +36,11 @@ PRESET_LEVELS = (
 """Levels of each band for Q1 to Q8, in raster order of the 4x4 block; 0 where a band is not sent."""
 
 _KEY_QP = (40, 39, 38, 34, 34, 32, 29, 25)  # for Q1 to Q8: the published choice for the foreman sequence
-_METHOD_OF_CODEC = {"2d": "mci", "3d": "mesh", "3d-td": "mesh", "3d-te": "mesh"}
-_TRACKS_OF_CODEC = {"2d": "none", "3d": "none", "3d-td": "decoder", "3d-te": "encoder"}
-_POINTS_OF_CODEC = {"3d-td": 176}  # of each frame, as many as there are in the thesis
-_SUBPIXEL_BITS_OF_CODEC = {"3d-te": 1}  # half pixels: what they cost is less than what they save
 _NAME = re.compile(r"[a-z0-9_-]{1,32}")
 
 
-def _shown(value: object) -> str:
-    if isinstance(value, int) and value.bit_length() > 64:
-        return f"a number of {value.bit_length()} bits"
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _check_range(name: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:
-        raise ConfigError(f"`{name}` must be from {low} to {high}, got {_shown(value)}")
-
-
-def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise ConfigError(f"`{name}` must be one of {', '.join(choices)}, got {_shown(value)}")
-
-
-def type_hints_of(section: Any) -> dict[str, Any]:
-    """Return the types of a section's fields.
-
-    Parameters
-    ----------
-    section : type
-        A section's class.
-
-    Returns
-    -------
-    dict
-        Type by name, in the order of the fields.
-    """
-    return get_type_hints(section)
-
-
-def _check_type(name: str, value: object, hint: Any) -> None:
-    if hint == tuple[int, ...]:
-        good = isinstance(value, tuple) and all(type(item) is int for item in value)
-        expected = "a sequence of integers"
-    elif hint is float:
-        good = type(value) is float and math.isfinite(value)
-        expected = "a finite number"
-    else:
-        good = type(value) is hint
-        expected = f"of type {hint.__name__}"
-    if not good:
-        raise ConfigError(f"`{name}` must be {expected}, got {_shown(value)}")
-
-
-class _Section:
-    """Check the type of every field, then what the section itself demands of the values."""
-
-    def __post_init__(self) -> None:
-        for name, hint in type_hints_of(type(self)).items():
-            value = getattr(self, name)
-            if hint is float and type(value) is int and abs(value) < 2**53:
-                value = float(value)
-                object.__setattr__(self, name, value)
-            _check_type(name, value, hint)
-        self._check_values()
-
-    def _check_values(self) -> None:
-        """Raise `ConfigError` for values that make no sense; the types are right already."""
-
-
 @dataclass(frozen=True)
-class VideoConfig(_Section):
+class VideoConfig(Section):
     """Format of the frames that are coded."""
 
     width: int  # in pixels
@@ -124,14 +50,14 @@ class VideoConfig(_Section):
     luma_only: bool = False  # no chroma is coded
 
     def _check_values(self) -> None:
-        _check_range("width", self.width, 1, MAX_SIDE_PX)
-        _check_range("height", self.height, 1, MAX_SIDE_PX)
+        check_range("width", self.width, 1, MAX_SIDE_PX)
+        check_range("height", self.height, 1, MAX_SIDE_PX)
         if self.width * self.height > MAX_AREA_PX:
             raise ConfigError(
                 f"a frame must have {MAX_AREA_PX} pixels or fewer, got {self.width}x{self.height}"
             )
-        _check_range("frame_rate_num", self.frame_rate_num, 1, 2**31 - 1)
-        _check_range("frame_rate_den", self.frame_rate_den, 1, 2**31 - 1)
+        check_range("frame_rate_num", self.frame_rate_num, 1, 2**31 - 1)
+        check_range("frame_rate_den", self.frame_rate_den, 1, 2**31 - 1)
 
     @property
     def num_blocks(self) -> int:
@@ -140,7 +66,7 @@ class VideoConfig(_Section):
 
 
 @dataclass(frozen=True)
-class GopConfig(_Section):
+class GopConfig(Section):
     """Spacing of the key frames."""
 
     length: int = 2  # frames from one key frame to the next; 1: key frames only
@@ -149,12 +75,12 @@ class GopConfig(_Section):
     references: str = "keys"
 
     def _check_values(self) -> None:
-        _check_range("length", self.length, 1, MAX_GOP_LENGTH)
-        _check_choice("references", self.references, REFERENCES)
+        check_range("length", self.length, 1, MAX_GOP_LENGTH)
+        check_choice("references", self.references, REFERENCES)
 
 
 @dataclass(frozen=True)
-class KeyFrameConfig(_Section):
+class KeyFrameConfig(Section):
     """H.264 intra coding of the key frames."""
 
     qp: int = 34  # quantisation parameter
@@ -162,14 +88,14 @@ class KeyFrameConfig(_Section):
     parameter_sets: bytes = b""  # what the H.264 decoder needs once, before the first key frame
 
     def _check_values(self) -> None:
-        _check_range("qp", self.qp, 1, 51)
+        check_range("qp", self.qp, 1, 51)
         size = len(self.parameter_sets)
         if size > MAX_PARAMETER_SETS_BYTES:
             raise ConfigError(f"`parameter_sets` is limited to {MAX_PARAMETER_SETS_BYTES} bytes, got {size}")
 
 
 @dataclass(frozen=True)
-class WynerZivConfig(_Section):
+class WynerZivConfig(Section):
     """Quantisation of the Wyner-Ziv frames and decoding of their bands."""
 
     levels: tuple[int, ...] = tuple(
@@ -187,19 +113,17 @@ class WynerZivConfig(_Section):
             raise ConfigError(f"`levels` must have {NUM_BANDS} entries, got {len(self.levels)}")
         for number in self.levels:
             if number != 0 and (not 2 <= number <= 256 or number & (number - 1)):
-                raise ConfigError(
-                    f"`levels` must hold 0 or powers of two from 2 to 256, got {_shown(number)}"
-                )
+                raise ConfigError(f"`levels` must hold 0 or powers of two from 2 to 256, got {shown(number)}")
         if not any(self.levels):
             raise ConfigError("`levels` must send at least one band")
         if len(self.refine_after) > NUM_BANDS or any(not 0 <= n < NUM_BANDS for n in self.refine_after):
             raise ConfigError(f"`refine_after` must hold numbers of bands below {NUM_BANDS}")
         if any(b <= a for a, b in zip(self.refine_after, self.refine_after[1:], strict=False)):
-            raise ConfigError(f"`refine_after` must increase, got {_shown(self.refine_after)}")
+            raise ConfigError(f"`refine_after` must increase, got {shown(self.refine_after)}")
         if not 0 < self.max_llr <= 100:
             raise ConfigError(f"`max_llr` must be above 0 and at most 100, got {self.max_llr}")
-        _check_choice("noise_model", self.noise_model, NOISE_MODELS)
-        _check_range("initial_gain", self.initial_gain, 0.01, 100.0)
+        check_choice("noise_model", self.noise_model, NOISE_MODELS)
+        check_range("initial_gain", self.initial_gain, 0.01, 100.0)
 
     @classmethod
     def preset(cls, q: int) -> Self:
@@ -230,7 +154,7 @@ class WynerZivConfig(_Section):
 
 
 @dataclass(frozen=True)
-class TurboConfig(_Section):
+class TurboConfig(Section):
     """Slepian-Wolf coding of the bit planes."""
 
     family: str = "adaptive"  # set of turbo codes that the decoder chooses from
@@ -239,15 +163,15 @@ class TurboConfig(_Section):
     first_crc_bits: int = 8  # of these, how many the decoder asks for at once; more only where it is in doubt
 
     def _check_values(self) -> None:
-        _check_choice("family", self.family, TURBO_FAMILIES)
-        _check_range("interleaver_seed", self.interleaver_seed, 0, 2**31 - 1)
+        check_choice("family", self.family, TURBO_FAMILIES)
+        check_range("interleaver_seed", self.interleaver_seed, 0, 2**31 - 1)
         if self.crc_bits not in CRC_BITS:
-            raise ConfigError(f"`crc_bits` must be one of {CRC_BITS}, got {_shown(self.crc_bits)}")
-        _check_range("first_crc_bits", self.first_crc_bits, 1, self.crc_bits)
+            raise ConfigError(f"`crc_bits` must be one of {CRC_BITS}, got {shown(self.crc_bits)}")
+        check_range("first_crc_bits", self.first_crc_bits, 1, self.crc_bits)
 
 
 @dataclass(frozen=True)
-class SideInformationConfig(_Section):
+class SideInformationConfig(Section):
     """Prediction of the Wyner-Ziv frames at the decoder."""
 
     method: str = "mci"  # name of the method; the decoder knows which there are
@@ -259,28 +183,28 @@ class SideInformationConfig(_Section):
     def _check_values(self) -> None:
         if not _NAME.fullmatch(self.method):
             raise ConfigError(
-                f"`method` must be 1 to 32 of the characters a-z 0-9 _ -, got {_shown(self.method)}"
+                f"`method` must be 1 to 32 of the characters a-z 0-9 _ -, got {shown(self.method)}"
             )
         if self.block_size not in (4, 8, 16):
-            raise ConfigError(f"`block_size` must be 4, 8 or 16, got {_shown(self.block_size)}")
-        _check_range("search_radius", self.search_radius, 0, 64)
-        _check_range("smoothness", self.smoothness, 0, 1000)
+            raise ConfigError(f"`block_size` must be 4, 8 or 16, got {shown(self.block_size)}")
+        check_range("search_radius", self.search_radius, 0, 64)
+        check_range("smoothness", self.smoothness, 0, 1000)
 
 
 @dataclass(frozen=True)
-class GeometryConfig(_Section):
+class GeometryConfig(Section):
     """Structure from motion at the decoder, for methods of side information that need it."""
 
     backend: str = "native"  # whose estimators: the project's own, or COLMAP's
     path_regularity: float = 0.0  # weight of second differences of the camera's path, with respect to tracks
 
     def _check_values(self) -> None:
-        _check_choice("backend", self.backend, SFM_BACKENDS)
-        _check_range("path_regularity", self.path_regularity, 0.0, 100.0)
+        check_choice("backend", self.backend, SFM_BACKENDS)
+        check_range("path_regularity", self.path_regularity, 0.0, 100.0)
 
 
 @dataclass(frozen=True)
-class TracksConfig(_Section):
+class TracksConfig(Section):
     """Feature points that the encoder sends."""
 
     kind: str = "none"  # nothing; tracks of points of the key frame; or points, to be matched at the decoder
@@ -288,143 +212,14 @@ class TracksConfig(_Section):
     subpixel_bits: int = 0  # binary digits of their coordinates after the point
 
     def _check_values(self) -> None:
-        _check_choice("kind", self.kind, TRACKS_KINDS)
-        _check_range("num_points", self.num_points, 1, MAX_POINTS)
-        _check_range("subpixel_bits", self.subpixel_bits, 0, 3)
-
-
-@dataclass(frozen=True)
-class CodecConfig(_Section):
-    """All that encoder and decoder must agree on."""
-
-    codec: str  # one of `CODECS`
-    video: VideoConfig
-    gop: GopConfig = GopConfig()
-    key: KeyFrameConfig = KeyFrameConfig()
-    wyner_ziv: WynerZivConfig = WynerZivConfig()
-    turbo: TurboConfig = TurboConfig()
-    side_information: SideInformationConfig = SideInformationConfig()
-    geometry: GeometryConfig = GeometryConfig()
-    tracks: TracksConfig = TracksConfig()
-    seed: int = 0  # of all randomness but the interleavers
-
-    def _check_values(self) -> None:
-        _check_choice("codec", self.codec, CODECS)
-        _check_range("seed", self.seed, 0, 2**31 - 1)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the configuration as JSON-safe values; inverse of `from_dict`.
-
-        Returns
-        -------
-        dict
-            One entry per field, sections as dictionaries, bytes in base64.
-        """
-        return _to_json(self)
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Rebuild a configuration from JSON-safe values; fields that are left out take their defaults.
-
-        Parameters
-        ----------
-        values : dict
-            As `to_dict` returns it.
-
-        Returns
-        -------
-        CodecConfig
-            The configuration.
-
-        Raises
-        ------
-        ConfigError
-            If a name is unknown, a value is missing, of the wrong type or out of range.
-        """
-        built = _build(cls, values, "configuration")
-        assert isinstance(built, cls)
-        return built
+        check_choice("kind", self.kind, TRACKS_KINDS)
+        check_range("num_points", self.num_points, 1, MAX_POINTS)
+        check_range("subpixel_bits", self.subpixel_bits, 0, 3)
 
 
 def _check_preset(q: int) -> None:
     if type(q) is not int or not 1 <= q <= len(PRESET_LEVELS):
-        raise ConfigError(f"the quantiser must be from 1 to {len(PRESET_LEVELS)}, got {_shown(q)}")
-
-
-def side_information_for(codec: str) -> SideInformationConfig:
-    """Return the side information that a codec predicts with unless told otherwise.
-
-    Parameters
-    ----------
-    codec : str
-        One of `CODECS`.
-
-    Returns
-    -------
-    SideInformationConfig
-        Its method; all else at the defaults.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such codec.
-    """
-    _check_choice("codec", codec, CODECS)
-    return SideInformationConfig(method=_METHOD_OF_CODEC[codec])
-
-
-def gop_for(codec: str, length: int | None = None, references: str | None = None) -> GopConfig:
-    """Return the groups of pictures of a codec, as far as nothing else is wanted.
-
-    Parameters
-    ----------
-    codec : str
-        One of `CODECS`.
-    length : int, optional
-        Frames from one key frame to the next, with tracks that set key frames the most of them.
-    references : str, optional
-        One of `REFERENCES`.
-
-    Returns
-    -------
-    GopConfig
-        Codecs with tracked points predict from decoded frames, and have longer groups.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such codec, or a value makes no sense.
-    """
-    kind = tracks_for(codec).kind
-    chosen = references or ("keys" if kind == "none" else "hierarchical")
-    usual = {"none": 2, "decoder": 10, "encoder": 8 if chosen == "keys" else 16}
-    return GopConfig(usual[kind] if length is None else length, chosen)
-
-
-def tracks_for(codec: str) -> TracksConfig:
-    """Return the feature points that a codec sends unless told otherwise.
-
-    Parameters
-    ----------
-    codec : str
-        One of `CODECS`.
-
-    Returns
-    -------
-    TracksConfig
-        Their kind, number and precision; all else at the defaults.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such codec.
-    """
-    _check_choice("codec", codec, CODECS)
-    return TracksConfig(
-        _TRACKS_OF_CODEC[codec],
-        _POINTS_OF_CODEC.get(codec, TracksConfig.num_points),
-        _SUBPIXEL_BITS_OF_CODEC.get(codec, TracksConfig.subpixel_bits),
-    )
+        raise ConfigError(f"the quantiser must be from 1 to {len(PRESET_LEVELS)}, got {shown(q)}")
 
 
 def key_qp_for(wz_q: int) -> int:
@@ -447,47 +242,3 @@ def key_qp_for(wz_q: int) -> int:
     """
     _check_preset(wz_q)
     return _KEY_QP[wz_q - 1]
-
-
-def _to_json(section: _Section) -> dict[str, Any]:
-    values: dict[str, Any] = {}
-    for name in type_hints_of(type(section)):
-        value = getattr(section, name)
-        if isinstance(value, _Section):
-            value = _to_json(value)
-        elif isinstance(value, bytes):
-            value = base64.b64encode(value).decode("ascii")
-        elif isinstance(value, tuple):
-            value = list(value)
-        values[name] = value
-    return values
-
-
-def _from_json(name: str, value: Any, hint: Any) -> Any:
-    if hint is bytes and isinstance(value, str):
-        try:
-            return base64.b64decode(value, validate=True)
-        except (binascii.Error, ValueError) as err:
-            raise ConfigError(f"`{name}` must be base64, got {_shown(value)}") from err
-    return tuple(value) if isinstance(value, list) else value
-
-
-def _build(section: Any, values: Any, name: str) -> Any:
-    """Build a section from a dictionary of JSON values or of the fields themselves."""
-    if not isinstance(values, dict):
-        raise ConfigError(f"`{name}` must be a table of fields, got {_shown(values)}")
-    hints = type_hints_of(section)
-    unknown = [key for key in values if key not in hints]
-    if unknown:
-        raise ConfigError(f"`{name}` has no field {_shown(unknown[0])}; fields are {', '.join(hints)}")
-    arguments: dict[str, Any] = {}
-    for field in fields(section):
-        if field.name not in values:
-            if field.default is MISSING:
-                raise ConfigError(f"`{name}` lacks the field `{field.name}`")
-            continue
-        hint, value = hints[field.name], values[field.name]
-        arguments[field.name] = (
-            _build(hint, value, field.name) if is_dataclass(hint) else _from_json(field.name, value, hint)
-        )
-    return section(**arguments)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dvc import cli
-from dvc.config import CODECS
+from dvc.config import VARIANTS
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.points import ANCHORS
 
@@ -143,7 +143,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument(
         "--spec", type=Path, metavar="FILE.toml", help="sweeps; options given here override the file"
     )
-    run.add_argument("--codec", choices=CODECS, help="default: 2d")
+    run.add_argument("--codec", choices=VARIANTS, help="default: 2d")
     run.add_argument("--wz-q", metavar="LIST", help="quantiser presets, such as 1,4,8; default: 1-8")
     run.add_argument("--key-qp", metavar="LIST", help="auto, one QP, or one for each preset; default: auto")
     run.add_argument("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")

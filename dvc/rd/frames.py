@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from dvc.config import CODECS, tracks_for
+from dvc.config import VARIANTS
 from dvc.rd.results import PointResult
 
 SHARES = ("key", "intra", "inter", "parity", "crc", "tracks", "header", "stream")
@@ -104,7 +104,7 @@ def encoding_times_s(point: PointResult) -> list[float] | None:
         names = ["key_encode_cpu_s"]
         names += ["wz_encode_cpu_s"] if num_of_types(point, "wz") else []
         codec = point.data["codec"]
-        tracks = codec in CODECS and tracks_for(codec).kind != "none"
+        tracks = codec in VARIANTS and VARIANTS[codec].tracks.kind != "none"
         names += ["tracking_cpu_s"] if tracks else []
     parts = [number(times.get(name)) for name in names]
     known = [part for part in parts if part is not None]

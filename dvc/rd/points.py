@@ -7,15 +7,14 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from dvc.config import CODECS as STREAM_CODECS
-from dvc.config import gop_for, key_qp_for
+from dvc.config import VARIANTS, key_qp_for, variant_of
 from dvc.errors import ConfigError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 
 INTRA = "h264-intra"
 ANCHORS = {"intra": INTRA, **{name: name for name in ANCHOR_CODECS}}
 """Codecs to compare with, by the names that the command line knows."""
-CODECS = (*STREAM_CODECS, *ANCHORS.values())
+CODECS = (*VARIANTS, *ANCHORS.values())
 MAX_NUMBERS = 1000
 _RANGE = re.compile(r"(\d{1,9})(?:-(\d{1,9})(?::(\d{1,9}))?)?")
 _OPTION_NAME = re.compile(r"[a-z][a-z0-9-]{0,40}")
@@ -71,7 +70,7 @@ class Point:
         list of str
             Arguments of ``python -m encoder`` after input and output.
         """
-        words = ["--codec", STREAM_CODECS[0] if self.codec == INTRA else self.codec]
+        words = ["--codec", "2d" if self.codec == INTRA else self.codec]
         words += ["--gop", str(self.gop), "--key-qp", self.key_qp, "--start", str(self.start)]
         if self.wz_q is not None:
             words += ["--wz-q", str(self.wz_q)]
@@ -118,7 +117,7 @@ class Sweep:
     sequences : tuple of str
         Names of the catalogue, or paths.
     codec : str
-        One of `dvc.config.CODECS`.
+        One of `dvc.config.VARIANTS`.
     wz_q : tuple of int
         Quantiser presets.
     key_qp : tuple of str
@@ -149,10 +148,7 @@ class Sweep:
     def __post_init__(self) -> None:
         if not self.sequences:
             raise ConfigError("a sweep needs at least one sequence")
-        if self.codec not in STREAM_CODECS:
-            raise ConfigError(f"the codec must be one of {', '.join(STREAM_CODECS)}, got {self.codec!r}")
-        gop = gop_for(self.codec, self.gop, dict(self.options).get("references")).length
-        if gop > 1 and len(self.key_qp) not in (1, len(self.wz_q)):
+        if self._gop_length() > 1 and len(self.key_qp) not in (1, len(self.wz_q)):
             raise ConfigError(
                 f"{len(self.key_qp)} key QPs for {len(self.wz_q)} presets; give one, or one each"
             )
@@ -174,7 +170,7 @@ class Sweep:
         Point
             All different.
         """
-        gop = gop_for(self.codec, self.gop, dict(self.options).get("references")).length
+        gop = self._gop_length()
         presets = self.wz_q if gop > 1 else (None,) * len(self.key_qp)
         key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(presets)
         for sequence in self.sequences:
@@ -194,6 +190,9 @@ class Sweep:
                 gop_length = 1 if is_intra(ANCHORS[anchor]) else 0
                 for qp in self.anchor_qps():
                     yield Point(sequence, ANCHORS[anchor], None, str(qp), gop_length, **common)  # type: ignore[arg-type]
+
+    def _gop_length(self) -> int:
+        return variant_of(self.codec).gop(self.gop, dict(self.options).get("references")).length
 
     def anchor_qps(self) -> list[int]:
         """Return the QPs of the anchors: their own, and those of the sweep's key frames.

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.config import CodecConfig, GopConfig, VideoConfig, WynerZivConfig, side_information_for, tracks_for
+from dvc.config import KEY_FRAME_CHOICES, CodecConfig, GopConfig, KeyFrameRule, VideoConfig, WynerZivConfig
 from dvc.errors import ConfigError
 from dvc.stream import StreamReader
 from dvc.tracks import PointTracks, decode_points, decode_tracks
 from dvc.video import Frame, open_video
 from encoder.__main__ import main
 from encoder.corners import CornerDetector
-from encoder.groups import KEY_FRAME_CHOICES, Group, KeyFrameRule, cornered_groups, tracked_groups
+from encoder.groups import Group, cornered_groups, tracked_groups
 from encoder.session import EncoderSession
 from encoder.tracking import PointTracker, thinned
 from tests.clips import moving_texture, write_clip
@@ -189,13 +189,11 @@ def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
 
 def session_of(codec: str, width: int, height: int, length: int) -> EncoderSession:
     return EncoderSession(
-        CodecConfig(
-            codec=codec,
-            video=VideoConfig(width, height, 25, 1, True),
+        CodecConfig.preset(
+            codec,
+            VideoConfig(width, height, 25, 1, True),
             gop=GopConfig(length),
             wyner_ziv=WynerZivConfig.preset(1),
-            side_information=side_information_for(codec),
-            tracks=tracks_for(codec),
         )
     )
 

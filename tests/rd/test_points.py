@@ -114,7 +114,7 @@ def test_key_frames_alone_have_no_presets() -> None:
     ("given_values", "message"),
     [
         ({}, "at least one sequence"),
-        ({"sequences": ["a"], "codec": "4d"}, "the codec must be one of"),
+        ({"sequences": ["a"], "codec": "4d"}, "`codec` must be one of"),
         ({"sequences": ["a"], "wz_q": "1-9"}, "expected numbers from 1 to 8"),
         ({"sequences": ["a"], "wz_q": [1.5]}, "`wz_q` must be a list"),
         ({"sequences": []}, "`sequences` must be a list"),

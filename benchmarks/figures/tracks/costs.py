@@ -10,7 +10,6 @@ from benchmarks.figures.codec import FINEST, encode
 from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, clip_source, run_module
 from benchmarks.figures.tracks.prediction import (
     GOP,
-    HIERARCHICAL_GOP,
     TD_MESH,
     TE_MESH,
     Run,
@@ -20,17 +19,13 @@ from benchmarks.figures.tracks.prediction import (
 from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS
 from dvc.config import (
     CodecConfig,
-    GopConfig,
     KeyFrameConfig,
     VideoConfig,
     WynerZivConfig,
     key_qp_for,
-    side_information_for,
-    tracks_for,
 )
 from dvc.keyframes import KeyFrameEncoder
 from dvc.video import Frame, open_video
-from encoder.groups import KeyFrameRule
 from encoder.session import EncoderSession
 
 SEARCH_REACHES_PX = (16, 7)
@@ -87,19 +82,14 @@ def encoder_session(frames: list[Frame]) -> EncoderSession:
     EncoderSession
         The encoder.
     """
-    codec, references = "3d-te", "hierarchical"
     video = VideoConfig(frames[0].width, frames[0].height, 25, 1, luma_only=True)
     return EncoderSession(
-        CodecConfig(
-            codec,
+        CodecConfig.preset(
+            "3d-te",
             video,
-            gop=GopConfig(HIERARCHICAL_GOP, references),
             key=KeyFrameConfig(key_qp_for(FINEST)),
             wyner_ziv=WynerZivConfig.preset(FINEST),
-            side_information=side_information_for(codec),
-            tracks=tracks_for(codec),
-        ),
-        KeyFrameRule.for_references(references),
+        )
     )
 
 

@@ -18,13 +18,13 @@ from decoder.side_information import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from dvc import cli
 from dvc.config import (
+    VARIANTS,
     CodecConfig,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
+    KeyFrameRule,
     VideoConfig,
-    side_information_for,
-    tracks_for,
 )
 from dvc.keyframes import KeyFrameDecoder
 from dvc.metrics import psnr_db
@@ -32,12 +32,11 @@ from dvc.rd.provenance import code_version
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
 from dvc.video import Frame, open_video
 from dvc.wynerziv.transform import to_uint8
-from encoder.groups import KeyFrameRule
 from encoder.session import EncoderSession
 
-GOP = {"3d-te": 8, "3d-td": 10}
+GOP = {name: VARIANTS[name].groups("keys").length for name in ("3d-te", "3d-td")}
 """Largest distance of key frames, as the encoder chooses it where only they are references."""
-HIERARCHICAL_GOP = 16
+HIERARCHICAL_GOP = VARIANTS["3d-te"].groups("hierarchical").length
 """The same for 3d-te where decoded frames are references, too."""
 FIXED_GOP = 10
 """Distance of key frames in the thesis."""
@@ -194,13 +193,12 @@ def configuration(run: Run, video: VideoConfig) -> CodecConfig:
         That of the codec that sends points, also for ways to predict that need none.
     """
     codec, bits = run.coding, run.way.subpixel_bits
-    tracks = tracks_for(codec)
-    return CodecConfig(
+    tracks = VARIANTS[codec].tracks
+    return CodecConfig.preset(
         codec,
         video,
         gop=GopConfig(run.gop or GOP[codec]),
         key=KeyFrameConfig(lossless=True) if run.key_qp is None else KeyFrameConfig(run.key_qp),
-        side_information=side_information_for(codec),
         tracks=tracks if bits is None else replace(tracks, subpixel_bits=bits),
     )
 
@@ -283,16 +281,16 @@ def predictions(run: Run) -> Iterator[tuple[ReceivedGroup, list[tuple[int, Predi
         if method is None:
             luma = group.keys[0].frame.luma
             codec = run.way.codec
-            config = CodecConfig(
+            config = CodecConfig.preset(
                 codec,
                 VideoConfig(luma.shape[1], luma.shape[0], 25, 1, luma_only=True),
+                gop=GopConfig(),
                 side_information=replace(
-                    side_information_for(codec),
+                    VARIANTS[codec].side_information,
                     method=run.way.method,
                     track_corrections=run.way.track_corrections,
                 ),
                 geometry=GeometryConfig(path_regularity=run.way.path_regularity),
-                tracks=tracks_for(codec),
             )
             method = METHODS[run.way.method](config)
         points = group.points if run.way.codec == run.coding else None

@@ -13,7 +13,7 @@ from dvc.rd.processes import ProcessGroup
 from dvc.rd.sources import Source, find_source
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import open_video
-from encoder.__main__ import _configure, _parser
+from encoder.options import parser, session
 from sequences.__main__ import main as render
 
 FRAMES = 5
@@ -37,9 +37,9 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 )
 def test_distances_are_those_of_the_encoder(clip: Path, options: list[str], length: int) -> None:
     """Key frames are as far apart as the encoder puts them by itself."""
-    arguments = _parser().parse_args([str(clip), "s.dvc", "--codec", *options])
+    arguments = parser().parse_args([str(clip), "s.dvc", "--codec", *options])
     with open_video(clip) as reader:
-        assert _configure(arguments, reader.info).gop.length == length
+        assert session(arguments, reader.info).config.gop.length == length
 
 
 @pytest.mark.parametrize(("way", "kind"), [(TE_MESH, PointTracks), (TD_MESH, FeaturePoints)])

@@ -1,0 +1,317 @@
+"""The options of `dvc-encode`: defaults are those of the codec's variant, and a session comes out of them."""
+
+import argparse
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from dvc import cli
+from dvc.config import (
+    KEY_FRAME_CHOICES,
+    MAX_BIRTHS,
+    MAX_GOP_LENGTH,
+    MAX_POINTS,
+    MAX_TRACKS_BPP,
+    NOISE_MODELS,
+    REFERENCES,
+    TURBO_FAMILIES,
+    VARIANTS,
+    CodecConfig,
+    CodecVariant,
+    GroupPreset,
+    KeyFrameConfig,
+    KeyFrameRule,
+    TurboConfig,
+    VideoConfig,
+    WynerZivConfig,
+    key_qp_for,
+)
+from dvc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from dvc.video import VideoInfo
+    from encoder.session import EncoderSession
+
+PROG = "dvc-encode"
+EXAMPLES = """\
+  dvc-encode street.mkv street.dvc --wz-q 4           every second frame Wyner-Ziv coded, quantiser preset 4
+  dvc-encode video.mp4 out.dvc --gop 4 --references hierarchical --luma-only --frames 101
+  dvc-encode video.mp4 out.dvc --codec 3d-te --gop 10 --points 100 --lost-tracks 0.4
+  dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
+  dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
+"""
+
+
+Value = Callable[[CodecVariant], object]
+"""A setting of a variant."""
+
+
+class _TrackOption(NamedTuple):
+    """An option for codecs that send points of the geometry; where it is not given the variant decides."""
+
+    name: str
+    read: Callable[[str], object]
+    metavar: str
+    text: str
+    default: Value
+    of_rule: str = ""  # field of the rule by which tracks set key frames
+    tracked: bool = True  # only for codecs whose encoder tracks points
+
+
+def _of_groups(value: Callable[[GroupPreset], object]) -> Value:
+    """Tell a setting that depends on the references."""
+
+    def _told(variant: CodecVariant) -> str:
+        usual, keys = (
+            str(value(groups)).removesuffix(".0") for groups in (variant.groups(), variant.groups("keys"))
+        )
+        return usual if usual == keys else f"{usual} ({keys} if only key frames are references)"
+
+    return _told
+
+
+def _rule_option(
+    name: str, field: str, read: Callable[[str], object], metavar: str, text: str
+) -> _TrackOption:
+    return _TrackOption(
+        name, read, metavar, text, _of_groups(lambda groups: getattr(groups.key_frames, field)), field
+    )
+
+
+_TRACK_OPTIONS = (
+    _TrackOption(
+        "points",
+        cli.integer(1, MAX_POINTS),
+        "N",
+        "most tracks of a GOP, or corners of a frame",
+        lambda variant: variant.tracks.num_points,
+        tracked=False,
+    ),
+    _TrackOption(
+        "subpixel",
+        cli.integer(0, 3),
+        "BITS",
+        "track to 1/2, 1/4 or 1/8 of a pixel, or to whole ones (0)",
+        lambda variant: variant.tracks.subpixel_bits,
+        tracked=False,
+    ),
+    _rule_option(
+        "longest-track", "longest_track_px", float, "PX", "set a key frame when a point has moved so far"
+    ),
+    _rule_option(
+        "lost-tracks", "lost_share", float, "SHARE", "set a key frame when this share of the points is lost"
+    ),
+    _rule_option(
+        "min-gop",
+        "min_length",
+        cli.integer(1, MAX_GOP_LENGTH),
+        "N",
+        "least frames from one key frame to the next, but where the scene changes",
+    ),
+    _rule_option(
+        "key-frames",
+        "choice",
+        cli.choice(KEY_FRAME_CHOICES),
+        f"{{{','.join(KEY_FRAME_CHOICES)}}}",
+        "end a GOP where tracks are long or lost, or where the estimated rate becomes least",
+    ),
+    _rule_option(
+        "scene-change",
+        "cut_share",
+        float,
+        "SHARE",
+        "points lost from one frame to the next that make both key frames",
+    ),
+    _TrackOption(
+        "tracks-bpp",
+        float,
+        "BITS",
+        "most bits of tracks per pixel of the Wyner-Ziv frames: the best are kept",
+        lambda _: MAX_TRACKS_BPP,
+    ),
+    _TrackOption(
+        "births",
+        cli.integer(0, MAX_POINTS),
+        "N",
+        "most points that are followed back from the closing key frame of a GOP",
+        lambda _: MAX_BIRTHS,
+    ),
+)
+
+
+def parser() -> argparse.ArgumentParser:
+    """Build the parser.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+        For the arguments of the command.
+    """
+    top = cli.ArgumentParser(PROG, "Encode a video for distributed decoding.", EXAMPLES)
+    top.add_argument(
+        "input", metavar="INPUT", help="any video that FFmpeg reads, raw 4:2:0, or a folder of images"
+    )
+    top.add_argument("output", metavar="OUTPUT", nargs="?", help="stream to write (.dvc)")
+    _add_coding(top.add_argument_group("coding"))
+    _add_tracks(top.add_argument_group(f"points and tracks ({', '.join(_with_points(tracked=False))})"))
+    _add_source(top.add_argument_group("input"))
+    cli.add_live(
+        top.add_argument_group("live"),
+        "--serve",
+        "answer one decoder over TCP instead of writing a file (port 0: any free one)",
+    )
+    cli.add_report(top, "counts, bits and processor times")
+    return top
+
+
+def _with_points(tracked: bool) -> list[str]:
+    """List the codecs that send points, or only those whose encoder tracks them."""
+    kinds = ("encoder",) if tracked else ("encoder", "decoder")
+    return [name for name, variant in VARIANTS.items() if variant.tracks.kind in kinds]
+
+
+def _defaults(value: Value, codecs: Iterable[str]) -> str:
+    """Tell the default of an option, codec by codec where they differ."""
+    names: dict[object, list[str]] = {}
+    for codec in codecs:
+        names.setdefault(value(VARIANTS[codec]), []).append(codec)
+    if len(names) == 1:
+        return f"default: {next(iter(names))}"
+    return "default: " + "; ".join(f"{default} with {' and '.join(of)}" for default, of in names.items())
+
+
+def _add_coding(group: argparse._ArgumentGroup) -> None:
+    add = group.add_argument
+    add(
+        "--codec",
+        choices=VARIANTS,
+        default="2d",
+        help="what predicts frames: "
+        + "; ".join(f"{name}: {variant.summary}" for name, variant in VARIANTS.items())
+        + "; default: %(default)s",
+    )
+    cli.add_integer(
+        group,
+        "--gop",
+        (1, MAX_GOP_LENGTH),
+        f"frames from one key frame to the next, with {', '.join(_with_points(tracked=True))} the most; "
+        + _defaults(_of_groups(lambda groups: groups.length), VARIANTS),
+    )
+    add(
+        "--references",
+        choices=REFERENCES,
+        help="what frames are predicted from: the key frames; the middle one too, decoded first, and so on;"
+        " or all frames of the GOP that are decoded; "
+        + _defaults(lambda variant: variant.references, VARIANTS),
+    )
+    preset = "quantiser preset of the Wyner-Ziv frames, 1 (coarse) to 8 (fine)"
+    cli.add_integer(group, "--wz-q", (1, 8), preset, default=4, metavar="Q")
+    add(
+        "--key-qp",
+        default="auto",
+        metavar="QP",
+        help="1 to 51, lossless, or auto: whatever suits preset Q; default: %(default)s",
+    )
+    add("--luma-only", action="store_true", help="code no chroma")
+    for option, choices, default, what in (
+        ("--turbo", TURBO_FAMILIES, TurboConfig.family, "family of turbo codes"),
+        ("--noise-model", NOISE_MODELS, WynerZivConfig.noise_model, "correlation noise model of the decoder"),
+    ):
+        add(option, choices=choices, default=default, help=f"{what}; default: %(default)s")
+    cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
+
+
+def _add_tracks(group: argparse._ArgumentGroup) -> None:
+    for option in _TRACK_OPTIONS:
+        default = _defaults(option.default, _with_points(option.tracked))
+        group.add_argument(
+            f"--{option.name}", type=option.read, metavar=option.metavar, help=f"{option.text}; {default}"
+        )
+
+
+def _add_source(group: argparse._ArgumentGroup) -> None:
+    cli.add_integer(group, "--start", (0, 10**9), "first frame to code", default=0, metavar="K")
+    cli.add_integer(group, "--frames", (1, 10**9), "number of frames to code; default: all")
+    group.add_argument("--size", type=cli.parse_size, metavar="WxH", help="picture size of raw files")
+    group.add_argument(
+        "--frame-rate",
+        type=cli.parse_frame_rate,
+        metavar="R",
+        help="frames per second, such as 30 or 30000/1001; needed for raw files",
+    )
+
+
+def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession":
+    """Set up an encoder as the arguments say.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        As parsed.
+    info : VideoInfo
+        Format of the video.
+
+    Returns
+    -------
+    EncoderSession
+        What is not given is as the codec's variant has it.
+
+    Raises
+    ------
+    ConfigError
+        If an option makes no sense, or is for another codec.
+    """
+    from encoder.block_matching import PointTrackerSettings
+    from encoder.session import EncoderSession
+
+    for option in _TRACK_OPTIONS:
+        codecs = _with_points(option.tracked)
+        if _value(arguments, option) is not None and arguments.codec not in codecs:
+            raise ConfigError(f"--{option.name} is for {' and '.join(codecs)}, not {arguments.codec}")
+    bits_per_pixel = MAX_TRACKS_BPP if arguments.tracks_bpp is None else arguments.tracks_bpp
+    if not bits_per_pixel > 0:
+        raise ConfigError(f"--tracks-bpp must be above 0, got {bits_per_pixel}")
+    tracking = PointTrackerSettings(**_given(max_births=arguments.births))
+    return EncoderSession(_configuration(arguments, info), _rule(arguments), bits_per_pixel, tracking)
+
+
+def _configuration(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
+    rate, variant = info.frame_rate, VARIANTS[arguments.codec]
+    tracks = _given(num_points=arguments.points, subpixel_bits=arguments.subpixel)
+    return CodecConfig.preset(
+        arguments.codec,
+        VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
+        gop=variant.gop(arguments.gop, arguments.references),
+        key=_key(arguments),
+        wyner_ziv=replace(WynerZivConfig.preset(arguments.wz_q), noise_model=arguments.noise_model),
+        turbo=TurboConfig(family=arguments.turbo, interleaver_seed=arguments.seed),
+        tracks=replace(variant.tracks, **tracks),
+        seed=arguments.seed,
+    )
+
+
+def _key(arguments: argparse.Namespace) -> KeyFrameConfig:
+    if arguments.key_qp in ("lossless", "0"):
+        return KeyFrameConfig(lossless=True)
+    if arguments.key_qp == "auto":
+        return KeyFrameConfig(key_qp_for(arguments.wz_q))
+    if arguments.key_qp.isdecimal():
+        return KeyFrameConfig(int(arguments.key_qp))
+    raise ConfigError(f"--key-qp must be 1 to 51, lossless or auto, got {arguments.key_qp!r}")
+
+
+def _rule(arguments: argparse.Namespace) -> KeyFrameRule:
+    given = _given(
+        **{option.of_rule: _value(arguments, option) for option in _TRACK_OPTIONS if option.of_rule}
+    )
+    if arguments.key_frames == "rate" and not {"longest_track_px", "lost_share"}.isdisjoint(given):
+        raise ConfigError("--longest-track and --lost-tracks are bounds of --key-frames tracks")
+    return replace(VARIANTS[arguments.codec].groups(arguments.references).key_frames, **given)
+
+
+def _value(arguments: argparse.Namespace, option: _TrackOption) -> object:
+    return getattr(arguments, option.name.replace("-", "_"))
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
