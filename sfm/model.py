@@ -6,6 +6,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import PixelFrame, ViewPair, inverse_depth_range, oriented
+
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -65,75 +67,6 @@ class Correspondences:
         return cls(np.empty((0, 2)), np.empty((0, 2)), np.empty(0))
 
 
-@dataclass(frozen=True)
-class PixelFrame:
-    """Coordinates in which a whole image has about unit size: what the algebra of the cameras works in.
-
-    Attributes
-    ----------
-    width_px, height_px : int
-        Size of the image.
-    """
-
-    width_px: int
-    height_px: int
-
-    @property
-    def scale_px(self) -> float:
-        """Pixels per unit."""
-        return float(max(self.width_px, self.height_px))
-
-    @property
-    def normalized_from_pixel(self) -> Floats:
-        """Homography (3, 3) from pixels to normalised coordinates."""
-        s = 1.0 / self.scale_px
-        x, y = 0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)
-        return np.array([[s, 0.0, -s * x], [0.0, s, -s * y], [0.0, 0.0, 1.0]])
-
-    @property
-    def pixel_from_normalized(self) -> Floats:
-        """Homography (3, 3) from normalised coordinates to pixels."""
-        s = self.scale_px
-        x, y = 0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)
-        return np.array([[s, 0.0, x], [0.0, s, y], [0.0, 0.0, 1.0]])
-
-    def to_normalized(self, points: Floats) -> Floats:
-        """Convert points from pixels.
-
-        Parameters
-        ----------
-        points : ndarray of shape (N, 2), float64
-            Image points (x, y) in pixels.
-
-        Returns
-        -------
-        ndarray of shape (N, 2), float64
-            Normalised coordinates.
-        """
-        normalized: Floats = (points - self._centre) / self.scale_px
-        return normalized
-
-    def to_pixels(self, points: Floats) -> Floats:
-        """Convert points to pixels; inverse of `to_normalized`.
-
-        Parameters
-        ----------
-        points : ndarray of shape (N, 2), float64
-            Normalised coordinates.
-
-        Returns
-        -------
-        ndarray of shape (N, 2), float64
-            Image points (x, y) in pixels.
-        """
-        pixels: Floats = points * self.scale_px + self._centre
-        return pixels
-
-    @property
-    def _centre(self) -> Floats:
-        return np.array([0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)])
-
-
 @dataclass(frozen=True, eq=False)
 class Model:
     """Two cameras and a cloud of points, in a projective frame that is nearly Euclidean.
@@ -171,6 +104,17 @@ class Model:
         """Homogeneous 3D points, shape (N, 4)."""
         normalized = self.pixel_frame.to_normalized(self.correspondences.first)
         return np.column_stack([self.depths[:, None] * normalized, self.depths, np.ones(len(self.depths))])
+
+    @property
+    def view_pair(self) -> ViewPair:
+        """The two views, and the range of depth that the points before them tell."""
+        usable = np.isfinite(self.depths) & (self.depths > 0)
+        in_second = self.points[usable] @ oriented(self.second_camera)[2]
+        ranges = (
+            inverse_depth_range(1.0 / self.depths[usable]),
+            inverse_depth_range(1.0 / in_second[in_second > 0]),
+        )
+        return ViewPair(self.pixel_frame, (self.first_camera, self.second_camera), ranges)
 
 
 @dataclass(frozen=True, eq=False)

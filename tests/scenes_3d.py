@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.model import Correspondences, Model, PixelFrame
-from sfm.projection import project
+from dvc.multiview.cameras import PixelFrame, project
+from sfm.model import Correspondences, Model
 
 Floats = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ import pytest
 
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello, ParityRequest
 from dvc.metrics import psnr_db
+from dvc.multiview.cameras import PixelFrame
 from dvc.stream import StreamReader
 from dvc.video import Frame, open_video
-from sfm.model import PixelFrame
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render
 

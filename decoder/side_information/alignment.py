@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
-from decoder.side_information.rendering import sample
 from dvc.config import SideInformationConfig
+from dvc.multiview.cameras import homogeneous
+from dvc.multiview.sampling import sample
 from dvc.video import Frame
 
 Floats = NDArray[np.float64]
@@ -73,7 +74,7 @@ def _is_sane(homography: Floats, points: Floats) -> bool:
     """Tell whether a map neither turns a frame over nor shrinks parts of it beyond reason."""
     if not np.isfinite(homography).all():
         return False
-    third = np.column_stack([points, np.ones(len(points))]) @ homography[2]
+    third = homogeneous(points) @ homography[2]
     if third.min() <= 0.0 or third.max() > MAX_CONDITION * third.min():
         return False
     scales = np.linalg.svd(homography[:2, :2] / third.mean(), compute_uv=False)
@@ -82,7 +83,7 @@ def _is_sane(homography: Floats, points: Floats) -> bool:
 
 
 def _apply(homography: Floats, points: Floats) -> Floats:
-    image = np.column_stack([points, np.ones(len(points))]) @ homography.T
+    image = homogeneous(points) @ homography.T
     third = np.where(np.abs(image[:, 2:]) > 1e-9, image[:, 2:], 1e-9)
     mapped: Floats = image[:, :2] / third
     return mapped

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from decoder.side_information.protocol import Prediction
-from decoder.side_information.rendering import Interpolation
+from decoder.side_information.synthesis import Interpolation
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from decoder.side_information import _kernels
-from decoder.side_information.rendering import Interpolation, sample
+from decoder.side_information.synthesis import Interpolation
+from dvc.multiview.sampling import sample
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]

@@ -1,88 +1,53 @@
-"""Epipolar block matching: blocks of the wanted frame, each with a depth searched along its epipolar lines.
+"""Method `blocks`: blocks of the wanted frame, each with a depth searched along its epipolar lines.
 
-A candidate depth puts a block into both key frames by trifocal transfer, and the two are compared. The search
-covers all depths of the scene, pays for leaving its start, is kept smooth by semi-global matching on the
-lattice of blocks, and ends with a golden section, except where depth does not move the block. It starts from
-the nearest correspondence, or from the surfaces that the key frames show, which also tell what is hidden:
-blocks that one key frame does not see have nothing to compare and keep their start.
+A candidate depth puts a block into both key frames, and the two are compared. The search covers all depths of
+the scene, pays for leaving its start, is kept smooth by semi-global inference on the grid of blocks, and ends
+with a golden section, except where depth does not move the block. It starts from the depth of the key frames,
+which also tells what is occluded: blocks that one key frame does not see have nothing to compare and keep
+their start.
+
+References
+----------
+[Maitre2008] Sec. 5.3.2; there blocks start from the nearest correspondence.
 """
-
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information import _kernels_3d
-from decoder.side_information.plane_sweep import (
-    DepthMap,
-    LabelRange,
+from decoder.side_information.synthesis import Interpolation, interpolate
+from dvc.multiview.cameras import homogeneous, inverse_depth_range
+from dvc.multiview.depth_maps import DepthMap, DepthView, Known, estimate_depths
+from dvc.multiview.inference import semi_global
+from dvc.multiview.plane_sweep import (
+    DepthHypotheses,
     SweepSettings,
-    choose_labels,
-    label_range,
+    VirtualView,
+    block_costs,
+    depth_hypotheses,
     luma_features,
+    refine_blocks,
 )
-from decoder.side_information.rendering import Interpolation, interpolate, render_view
-from decoder.side_information.surfaces import (
-    OUTSIDE,
-    RELIABLE,
-    KeySurface,
-    SurfaceSettings,
-    estimate_surfaces,
-    tear,
-)
-from decoder.side_information.trifocal import transfer_matrix, transfer_surface
+from dvc.multiview.rendering import render_depth
+from dvc.multiview.warping import warp_matrix
 from sfm.model import Model
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
 
-GOLDEN_STEPS = 6
-"""Each leaves 0.618 of the interval."""
-LEAST_PARALLAX_PX = 0.05
-"""A block that a search over two labels moves by less keeps its depth."""
-
-
-@dataclass(frozen=True)
-class BlockSettings:
-    """How blocks are matched.
-
-    Attributes
-    ----------
-    block_px : int
-        Side of the blocks.
-    spacing_px : float
-        Distance of the 4x4 samples of a block's window in the full search.
-    window_radius_px : int
-        Radius of the window of the golden section.
-    start_weight : float
-        Cost per label of leaving the depth of the nearest correspondence.
-    start_limit : float
-        Largest such cost.
-    tear_px : float
-        Neighbouring pixels whose motions differ by more belong to different surfaces.
-    dense_start : bool
-        Start from the surfaces of the key frames, not from the nearest correspondences.
-    surfaces : SurfaceSettings
-        How those are made.
-    sweep : SweepSettings
-        Labels, costs, and smoothness.
-    """
-
-    block_px: int = 4
-    spacing_px: float = 2.0
-    window_radius_px: int = 3
-    start_weight: float = 4.0
-    start_limit: float = 40.0
-    tear_px: float = 1.5
-    dense_start: bool = True
-    surfaces: SurfaceSettings = field(default_factory=SurfaceSettings)
-    sweep: SweepSettings = field(
-        default_factory=lambda: SweepSettings(label_step_px=0.8, max_labels=96, small_jump=10, large_jump=100)
-    )
+BLOCK_PX = 4
+"""Side of the blocks: that of the transform, and of the blocks that are refined later."""
+SPACING_PX = 2.0
+"""Distance of the 4x4 samples of a block's window in the full search: it is twice as wide as the block."""
+WINDOW_RADIUS_PX = 3
+"""Of the window of the golden section."""
+START_WEIGHT, START_LIMIT = 4.0, 40.0
+"""Cost per hypothesis of leaving the start, and its limit: above it a block may go anywhere."""
+SWEEP = SweepSettings(step_px=0.8, max_hypotheses=96, small_jump=10, large_jump=100)
+"""Coarser than the sweep of a key frame, for the golden section follows."""
 
 
 class BlockInterpolator:
-    """Predicts frames between two key frames by epipolar blocks.
+    """Predicts frames between two key frames by epipolar blocks; see `SceneInterpolator`.
 
     Parameters
     ----------
@@ -90,10 +55,10 @@ class BlockInterpolator:
         Cameras of the key frames, and correspondences.
     first, second : ndarray of shape (H, W), uint8
         Luma of the key frames.
-    settings : BlockSettings
-        Sizes, costs and weights.
-    surfaces : tuple of two KeySurface, optional
-        What both key frames show, to start from; estimated if None and the settings ask for them.
+    known : tuple of two (KnownDepth or None), optional
+        Ignored: blocks search their depth anew.
+    views : tuple of two DepthView, optional
+        Both key frames with their depth, to start from; estimated if None.
     """
 
     def __init__(
@@ -101,162 +66,81 @@ class BlockInterpolator:
         model: Model,
         first: Luma,
         second: Luma,
-        settings: BlockSettings,
-        surfaces: tuple[KeySurface, KeySurface] | None = None,
+        known: Known = (None, None),
+        views: tuple[DepthView, DepthView] | None = None,
     ) -> None:
-        self._model, self._settings = model, settings
-        self._keys = (first, second)
-        self._cameras = (model.first_camera, model.second_camera)
-        if surfaces is None and settings.dense_start:
-            surfaces = estimate_surfaces(model, first, second, settings.surfaces)
-        self._surfaces = surfaces
-        self._features = [luma_features(key, settings.sweep.gradient_weight) for key in self._keys]
+        del known
+        self._model = model
+        self.views = views or estimate_depths(model.view_pair, first, second)
+        self._features = (luma_features(first), luma_features(second))
 
-    @property
-    def surfaces(self) -> tuple[KeySurface, KeySurface] | None:
-        """What both key frames show; None if the blocks start from correspondences."""
-        return self._surfaces
-
-    def interpolate(self, camera: Floats, late: float) -> Interpolation:
-        """Predict one frame.
+    def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
+        """Predict one frame; see `SceneInterpolator.interpolate`.
 
         Parameters
         ----------
         camera : ndarray of shape (3, 4), float64
             Its camera, in normalised coordinates.
-        late : float
-            Instant between the first key frame (0) and the second (1).
+        temporal_position : float
+            Between the first key frame (0) and the second (1).
 
         Returns
         -------
         Interpolation
             The predicted frame.
         """
-        frame, shape = self._model.pixel_frame, self._keys[0].shape
-        rendered = render_view(self._surfaces, camera, frame) if self._surfaces else None
-        depth = spread_blocks(self.block_depths(camera, rendered), self._settings.block_px, shape)
-        view = DepthMap(depth, rendered.reliable if rendered else np.ones(shape, dtype=bool))
-        surfaces = self._surfaces or self._key_surfaces(view, camera)
-        return interpolate(surfaces, view, camera, late, frame)
+        frame = self._model.pixel_frame
+        rendered = render_depth(self.views, camera, frame)
+        blocks = self._block_depths(camera, rendered)
+        depth = DepthMap(spread_blocks(blocks, BLOCK_PX, rendered.inverse_depth.shape), rendered.visibility)
+        return interpolate(self.views, depth, camera, temporal_position, frame)
 
-    def block_depths(self, camera: Floats, rendered: DepthMap | None = None) -> Floats:
-        """Search the depth of every block of a view.
-
-        Parameters
-        ----------
-        camera : ndarray of shape (3, 4), float64
-            The view, in normalised coordinates.
-        rendered : DepthMap, optional
-            Depth of the view to start from; that of the nearest correspondences if None.
-
-        Returns
-        -------
-        ndarray of shape (ceil(H / block), ceil(W / block)), float64
-            Inverse depth in the view.
-        """
-        settings, frame = self._settings, self._model.pixel_frame
-        to_keys = [transfer_matrix(camera, key, frame) for key in self._cameras]
-        _, known = self._known_points(camera)
-        reference = self._reference_key(camera)
-        labels = label_range(known, to_keys[reference], self._keys[0].shape, settings.sweep)
-        rows, columns = (-(-side // settings.block_px) for side in self._keys[0].shape)
-        cost = np.empty((rows, columns, labels.num_labels), np.int16)
-        sweep = settings.sweep
-        limits = np.array([sweep.level_limit, sweep.gradient_limit, sweep.gradient_limit], np.float32)
-        _kernels_3d.block_cost(
-            self._features[0],
-            self._features[1],
-            to_keys[0],
-            to_keys[1],
-            labels.lowest,
-            labels.step,
-            settings.block_px,
-            settings.spacing_px,
-            limits,
-            sweep.unseen_cost,
-            cost,
+    def _block_depths(self, camera: Floats, rendered: DepthMap) -> Floats:
+        """Search the inverse depth of every block of a view, from what was rendered there."""
+        frame = self._model.pixel_frame
+        first, second = (warp_matrix(camera, view.camera, frame) for view in self.views)
+        view = VirtualView(self._features, (first, second), BLOCK_PX)
+        reference = max(view.warps, key=_relative_motion)
+        hypotheses = depth_hypotheses(
+            inverse_depth_range(self._known_inverse_depths(camera)),
+            reference,
+            rendered.inverse_depth.shape,
+            SWEEP,
         )
-        start, seen = self._start(camera, rendered)
-        cost[~seen] = 0
-        cost += self._start_cost(start, labels)
-        chosen, _ = choose_labels(cost, np.zeros((rows, columns), np.uint8), sweep)
-        depth = labels.lowest + labels.step * chosen
-        refined = depth.copy()
-        _kernels_3d.golden_search(
-            self._features[0][0],
-            self._features[1][0],
-            to_keys[0],
-            to_keys[1],
-            settings.block_px,
-            settings.window_radius_px,
-            labels.step,
-            LEAST_PARALLAX_PX,
-            GOLDEN_STEPS,
-            refined,
-        )
-        return np.where(seen, refined, depth)
+        cost = block_costs(view, hypotheses, SPACING_PX)
+        start = _block_medians(rendered.inverse_depth, BLOCK_PX)
+        visible = _block_medians(rendered.reliable.astype(np.float64), BLOCK_PX) >= 0.5
+        cost[~visible] = 0
+        cost += _start_cost(start, hypotheses)
+        plain = np.zeros(cost.shape[:2], np.uint8)
+        chosen, _ = semi_global(cost, plain, SWEEP.small_jump, SWEEP.large_jump)
+        depth = hypotheses.inverse_depth(chosen)
+        refined = refine_blocks(view, depth, hypotheses.step, WINDOW_RADIUS_PX)
+        return np.where(visible, refined, depth)
 
-    def _start(self, camera: Floats, rendered: DepthMap | None) -> tuple[Floats, NDArray[np.bool_]]:
-        """Inverse depth where each block starts, and whether both key frames see the block."""
-        block = self._settings.block_px
-        if rendered is not None:
-            seen = _block_medians(rendered.reliable.astype(np.float64), block) >= 0.5
-            return _block_medians(rendered.inverse_depth, block), seen
-        rows, columns = (-(-side // block) for side in self._keys[0].shape)
-        start = _nearest(*self._known_points(camera), block, (rows, columns))
-        return start, np.ones((rows, columns), dtype=bool)
-
-    def _known_points(self, camera: Floats) -> tuple[Floats, Floats]:
-        """Correspondences in the wanted view: image points and inverse depths."""
+    def _known_inverse_depths(self, camera: Floats) -> Floats:
+        """Inverse depths of the correspondences in the wanted view."""
         model = self._model
         usable = np.isfinite(model.depths) & (model.depths > 0)
-        to_view = transfer_matrix(model.first_camera, camera, model.pixel_frame)
-        first = np.column_stack([model.correspondences.first, np.ones(len(model.depths))])[usable]
+        to_view = warp_matrix(model.first_camera, camera, model.pixel_frame)
         inverse_depth = 1.0 / model.depths[usable]
-        image = np.column_stack([first, inverse_depth]) @ to_view.T
-        before = image[:, 2] > 1e-6
-        depth = image[before, 2]
-        return image[before, :2] / depth[:, None], inverse_depth[before] / depth
-
-    def _reference_key(self, camera: Floats) -> int:
-        """Return the key frame whose centre is farther from the wanted one: it moves most."""
-        to_keys = [transfer_matrix(camera, key, self._model.pixel_frame) for key in self._cameras]
-        distances = [np.linalg.norm(t[:, 3]) / np.linalg.norm(t[:, :3]) for t in to_keys]
-        return int(distances[1] > distances[0])
-
-    def _start_cost(self, start: Floats, labels: LabelRange) -> NDArray[np.int16]:
-        """Cost of leaving where a block starts, per block and label."""
-        distance = np.abs(labels.lowest + labels.step * np.arange(labels.num_labels) - start[..., None])
-        cost = np.minimum(self._settings.start_weight * distance / labels.step, self._settings.start_limit)
-        return np.floor(cost + 0.5).astype(np.int16)
-
-    def _key_surfaces(self, view: DepthMap, camera: Floats) -> list[KeySurface]:
-        """Draw the depth of the wanted view into the key frames: what it shows there hides the rest."""
-        frame = self._model.pixel_frame
-        surfaces = []
-        for k in (0, 1):
-            transfer = transfer_matrix(camera, self._cameras[k], frame)
-            drawn = np.full(view.inverse_depth.shape, _kernels_3d.EMPTY)
-            torn = tear(view.inverse_depth, transfer, self._settings.tear_px)
-            _kernels_3d.rasterise(transfer_surface(transfer, view.inverse_depth), torn, drawn)
-            state = np.where(drawn > _kernels_3d.EMPTY, RELIABLE, OUTSIDE).astype(np.int8)
-            to_other = transfer_matrix(self._cameras[k], self._cameras[1 - k], frame)
-            depth = np.where(state == RELIABLE, drawn, 0.0)
-            surfaces.append(KeySurface(self._keys[k], self._cameras[k], depth, state, torn, to_other))
-        return surfaces
+        points = homogeneous(model.correspondences.first)[usable]
+        third = (np.column_stack([points, inverse_depth]) @ to_view.T)[:, 2]
+        before = third > 1e-6
+        known: Floats = inverse_depth[before] / third[before]
+        return known
 
 
-def _nearest(points: Floats, known: Floats, block_px: int, shape: tuple[int, int]) -> Floats:
-    """Inverse depth of the point nearest to each block; 0 if there is none."""
-    from scipy.spatial import cKDTree
+def _relative_motion(warp: Floats) -> float:
+    """How much depth moves points: the key frame whose centre is farther from the wanted one moves most."""
+    return float(np.linalg.norm(warp[:, 3]) / np.linalg.norm(warp[:, :3]))
 
-    if not len(points):
-        return np.zeros(shape)
-    rows, columns = np.indices(shape)
-    centres = (np.stack([columns.ravel(), rows.ravel()], axis=-1) + 0.5) * block_px - 0.5
-    _, nearest = cKDTree(points).query(centres)
-    start: Floats = known[nearest].reshape(shape)
-    return start
+
+def _start_cost(start: Floats, hypotheses: DepthHypotheses) -> NDArray[np.int16]:
+    """Cost of leaving where a block starts, per block and hypothesis."""
+    distance = np.abs(hypotheses.inverse_depth(np.arange(hypotheses.count)) - start[..., None])
+    cost = np.minimum(START_WEIGHT * distance / hypotheses.step, START_LIMIT)
+    return np.floor(cost + 0.5).astype(np.int16)
 
 
 def _block_medians(plane: Floats, block_px: int) -> Floats:

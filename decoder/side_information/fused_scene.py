@@ -1,7 +1,7 @@
-"""Mesh and blocks together: two predictions from one scene, weighed by the errors that each expects.
+"""Method `fused`: depth and blocks, two predictions from one scene weighed by the errors that each expects.
 
-Both know the surfaces of the key frames; the mesh draws them into the wanted view, blocks search a depth
-there anew. What they do not agree on is uncertain, whatever either expects of itself.
+Both know the depth of the key frames; one renders it into the wanted view, blocks search a depth there anew.
+What they do not agree on is uncertain, whatever either expects of itself.
 
 References
 ----------
@@ -13,22 +13,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.blending import neighbourhood
-from decoder.side_information.epipolar_blocks import BlockInterpolator, BlockSettings
-from decoder.side_information.mesh import MeshInterpolator, MeshSettings
-from decoder.side_information.rendering import Interpolation
-from decoder.side_information.surfaces import KeySurface, Known
+from decoder.side_information.depth import DepthInterpolator
+from decoder.side_information.epipolar_blocks import BlockInterpolator
+from decoder.side_information.synthesis import Interpolation
+from dvc.multiview.depth_maps import Known
 from sfm.model import Model
 
 Floats = NDArray[np.float64]
 
 BLOCK_WEIGHT = 0.5
-"""Of blocks, where they expect the same error as the mesh: they are mostly a little worse."""
+"""Of blocks, where they expect the same error as rendered depth: they are mostly a little worse."""
 DISAGREEMENT = 0.5
 """Part of the squared difference of the two that is added to their squared error."""
 
 
 class FusedInterpolator:
-    """Predicts frames between two key frames by the dense mesh and by epipolar blocks.
+    """Predicts frames between two key frames by their depth and by epipolar blocks; see `SceneInterpolator`.
 
     Parameters
     ----------
@@ -47,38 +47,35 @@ class FusedInterpolator:
         second: NDArray[np.uint8],
         known: Known = (None, None),
     ) -> None:
-        self._mesh = MeshInterpolator(model, first, second, MeshSettings(), known)
-        self._blocks = BlockInterpolator(model, first, second, BlockSettings(), self._mesh.surfaces)
+        self._depth = DepthInterpolator(model, first, second, known)
+        self.views = self._depth.views
+        self._blocks = BlockInterpolator(model, first, second, views=self.views)
 
-    @property
-    def surfaces(self) -> tuple[KeySurface, KeySurface]:
-        """What both key frames show."""
-        return self._mesh.surfaces
-
-    def interpolate(self, camera: Floats, late: float) -> Interpolation:
-        """Predict one frame.
+    def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
+        """Predict one frame; see `SceneInterpolator.interpolate`.
 
         Parameters
         ----------
         camera : ndarray of shape (3, 4), float64
             Its camera, in normalised coordinates.
-        late : float
-            Instant between the first key frame (0) and the second (1).
+        temporal_position : float
+            Between the first key frame (0) and the second (1).
 
         Returns
         -------
         Interpolation
-            The fused frame; positions and weights are those of the mesh.
+            The fused frame; positions and weights are those of the depth.
         """
-        return fuse_scenes(self._mesh.interpolate(camera, late), self._blocks.interpolate(camera, late))
+        wanted = camera, temporal_position
+        return fuse_scenes(self._depth.interpolate(*wanted), self._blocks.interpolate(*wanted))
 
 
-def fuse_scenes(mesh: Interpolation, blocks: Interpolation) -> Interpolation:
+def fuse_scenes(depth: Interpolation, blocks: Interpolation) -> Interpolation:
     """Fuse two predictions of a frame by the errors that they expect.
 
     Parameters
     ----------
-    mesh, blocks : Interpolation
+    depth, blocks : Interpolation
         The predictions, from the same key frames.
 
     Returns
@@ -86,15 +83,15 @@ def fuse_scenes(mesh: Interpolation, blocks: Interpolation) -> Interpolation:
     Interpolation
         Their mean by inverse squared errors, with both as hypotheses.
     """
-    ours, theirs = (neighbourhood(one.expected_error) ** 2 for one in (mesh, blocks))
+    ours, theirs = (neighbourhood(one.expected_error) ** 2 for one in (depth, blocks))
     share = BLOCK_WEIGHT * ours / (BLOCK_WEIGHT * ours + theirs)
-    distance = neighbourhood((mesh.luma - blocks.luma) ** 2)
-    return mesh._replace(
-        luma=mesh.luma + share * (blocks.luma - mesh.luma),
+    distance = neighbourhood((depth.luma - blocks.luma) ** 2)
+    return depth._replace(
+        luma=depth.luma + share * (blocks.luma - depth.luma),
         compensated=tuple(
             one + share * (other - one)
-            for one, other in zip(mesh.compensated, blocks.compensated, strict=True)
+            for one, other in zip(depth.compensated, blocks.compensated, strict=True)
         ),
-        expected_error=np.sqrt(mesh.expected_error**2 + DISAGREEMENT * distance),
-        hypotheses=(mesh.luma, blocks.luma),
+        expected_error=np.sqrt(depth.expected_error**2 + DISAGREEMENT * distance),
+        hypotheses=(depth.luma, blocks.luma),
     )

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information.surfaces import KnownDepth
-from decoder.side_information.track_depths import track_depths
+from dvc.multiview.depth_maps import KnownDepth
+from dvc.multiview.triangulation import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased, rebase
 from sfm.model import Model, Reconstruction

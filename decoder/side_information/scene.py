@@ -20,11 +20,14 @@ from scipy.ndimage import map_coordinates
 
 from decoder.side_information.blending import scene_share, shared
 from decoder.side_information.block_motion import BlockMotionInterpolation, references_around
+from decoder.side_information.depth import DepthInterpolator
+from decoder.side_information.epipolar_blocks import BlockInterpolator
+from decoder.side_information.fused_scene import FusedInterpolator
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.refinement import BLOCK, BlockRefiner
-from decoder.side_information.rendering import Interpolation, block_offsets, warp_chroma
-from decoder.side_information.surfaces import KeySurface, Known
+from decoder.side_information.synthesis import Interpolation, block_offsets, warp_chroma
 from dvc.config import CodecConfig
+from dvc.multiview.depth_maps import DepthView, Known
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from sfm.model import Model
@@ -42,34 +45,15 @@ LARGEST_SHARE = 0.5
 """Of the scene in the prediction where its camera is a guess."""
 
 
-class FrameInterpolator(Protocol):
+class SceneInterpolator(Protocol):
     """Predicts frames between two key frames from a model of the scene."""
 
     @property
-    def surfaces(self) -> tuple[KeySurface, KeySurface] | None:
-        """What both key frames show; None if the method does not ask."""
+    def views(self) -> tuple[DepthView, DepthView]:
+        """Both key frames with their depth."""
 
-    def interpolate(self, camera: Floats, late: float) -> Interpolation:
-        """Predict the view of a camera at an instant."""
-
-
-def _mesh(model: Model, first: Luma, second: Luma, known: Known = (None, None)) -> FrameInterpolator:
-    from decoder.side_information.mesh import MeshInterpolator, MeshSettings
-
-    return MeshInterpolator(model, first, second, MeshSettings(), known)
-
-
-def _blocks(model: Model, first: Luma, second: Luma, known: Known = (None, None)) -> FrameInterpolator:
-    del known
-    from decoder.side_information.epipolar_blocks import BlockInterpolator, BlockSettings
-
-    return BlockInterpolator(model, first, second, BlockSettings())
-
-
-def _fused(model: Model, first: Luma, second: Luma, known: Known = (None, None)) -> FrameInterpolator:
-    from decoder.side_information.fused_scene import FusedInterpolator
-
-    return FusedInterpolator(model, first, second, known)
+    def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
+        """Predict the view of a camera at a temporal position between the key frames (0 to 1)."""
 
 
 class Build(Protocol):
@@ -77,11 +61,15 @@ class Build(Protocol):
 
     def __call__(
         self, model: Model, first: Luma, second: Luma, known: Known = (None, None)
-    ) -> FrameInterpolator:
+    ) -> SceneInterpolator:
         """Build it."""
 
 
-INTERPOLATORS: dict[str, Build] = {"mesh": _mesh, "blocks": _blocks, FUSED: _fused}
+INTERPOLATORS: dict[str, Build] = {
+    "mesh": DepthInterpolator,
+    "blocks": BlockInterpolator,
+    FUSED: FusedInterpolator,
+}
 """How the motion between the key frames is modelled, by the name of the method."""
 
 
@@ -91,7 +79,7 @@ class _Scene(NamedTuple):
     before: ReferenceFrame
     after: ReferenceFrame
     model: Model | None
-    interpolator: FrameInterpolator | None
+    interpolator: SceneInterpolator | None
     reason: str
 
 

@@ -21,13 +21,13 @@ from decoder.side_information.blending import inconsistency, neighbourhood, scen
 from decoder.side_information.block_motion import references_around
 from decoder.side_information.corrections import corrected
 from decoder.side_information.group_geometry import GroupGeometry, estimate_geometry
-from decoder.side_information.plane_sweep import DepthMap
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.refinement import BLOCK, BlockRefiner
-from decoder.side_information.rendering import Interpolation, block_offsets, render_view, warp_chroma
-from decoder.side_information.scene import INTERPOLATORS, FrameInterpolator, SceneInterpolation
-from decoder.side_information.surfaces import RELIABLE
+from decoder.side_information.scene import INTERPOLATORS, SceneInterpolation, SceneInterpolator
+from decoder.side_information.synthesis import Interpolation, block_offsets, warp_chroma
 from dvc.config import CodecConfig
+from dvc.multiview.depth_maps import DepthMap
+from dvc.multiview.rendering import render_depth
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from sfm.cameras.rebasing import Rebased
@@ -47,7 +47,7 @@ class _Pair(NamedTuple):
     before: ReferenceFrame
     after: ReferenceFrame
     rebased: Rebased
-    interpolator: FrameInterpolator
+    interpolator: SceneInterpolator
 
 
 class _Group(NamedTuple):
@@ -55,7 +55,7 @@ class _Group(NamedTuple):
 
     ends: tuple[ReferenceFrame, ReferenceFrame]
     geometry: GroupGeometry
-    seen: dict[int, DepthMap]
+    depths: dict[int, DepthMap]
 
 
 class TrackedSceneInterpolation:
@@ -176,7 +176,7 @@ class TrackedSceneInterpolation:
         if rebased is None:
             return None
         depths = tuple(
-            group.geometry.known_depth(index)._replace(surface=group.seen.get(index))
+            group.geometry.known_depth(index)._replace(depth=group.depths.get(index))
             for index in (before.index, after.index)
         )
         interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma, (depths[0], depths[1]))
@@ -201,9 +201,7 @@ class TrackedSceneInterpolation:
 
 def _remember(group: _Group, pair: _Pair, camera: Floats, instant: int) -> None:
     """Keep the depth of three frames for those that are decoded later."""
-    surfaces = pair.interpolator.surfaces
-    if surfaces is None:
-        return
-    for reference, surface in zip((pair.before, pair.after), surfaces, strict=True):
-        group.seen[reference.index] = DepthMap(surface.inverse_depth, surface.state == RELIABLE)
-    group.seen[instant] = render_view(surfaces, camera, pair.rebased.model.pixel_frame)
+    views = pair.interpolator.views
+    for reference, view in zip((pair.before, pair.after), views, strict=True):
+        group.depths[reference.index] = view.depth
+    group.depths[instant] = render_depth(views, camera, pair.rebased.model.pixel_frame)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from decoder.side_information.rendering import Interpolation, sample
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
@@ -15,7 +16,6 @@ from decoder.side_information.corrections import (
     correction_field,
     track_residuals,
 )
-from decoder.side_information.rendering import Interpolation, sample
 from dvc._jit import python_twin
 from tests.clips import moving_texture
 

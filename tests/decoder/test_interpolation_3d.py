@@ -6,38 +6,36 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from decoder.side_information.epipolar_blocks import BlockInterpolator, BlockSettings, spread_blocks
-from decoder.side_information.mesh import MeshInterpolator, MeshSettings, fit_mesh
-from decoder.side_information.mesh_equations import barycentric, epipolar_lines, roughness_matrix
-from decoder.side_information.plane_sweep import SweepSettings, label_range
-from decoder.side_information.rendering import (
-    Interpolation,
-    blend,
-    block_offsets,
-    fill_holes,
-    render_view,
-    warp_chroma,
+from decoder.side_information.depth import DepthInterpolator
+from decoder.side_information.epipolar_blocks import BlockInterpolator, spread_blocks
+from decoder.side_information.mesh import (
+    MeshInterpolator,
+    MeshSettings,
+    barycentric,
+    epipolar_lines,
+    fit_mesh,
+    roughness_matrix,
 )
-from decoder.side_information.surfaces import RELIABLE, SurfaceSettings, estimate_surfaces
-from decoder.side_information.trifocal import transfer_matrix, transfer_surface
+from decoder.side_information.synthesis import Interpolation, blend, block_offsets, warp_chroma
 from dvc.metrics import psnr_db
+from dvc.multiview.cameras import PixelFrame
+from dvc.multiview.warping import warp_matrix
 from dvc.wynerziv.transform import to_uint8
-from sfm.model import Correspondences, Model, PixelFrame
+from sfm.model import Correspondences, Model
 from tests.scenes_3d import camera_at, render, two_planes
 
 MODEL = two_planes()
 FRAME = MODEL.pixel_frame
 FIRST, SECOND = (render(late, FRAME)[0] for late in (0.0, 1.0))
 SHAPE = FIRST.shape
-SPARSE = MeshSettings(dense=False, cell_px=8)
-Make = Callable[[Model, np.ndarray, np.ndarray], MeshInterpolator | BlockInterpolator]
+FINE_MESH = MeshSettings(cell_px=8)
+Make = Callable[[Model, np.ndarray, np.ndarray], DepthInterpolator | MeshInterpolator | BlockInterpolator]
 METHODS: dict[str, Make] = {
-    "dense mesh": lambda *keys: MeshInterpolator(*keys, MeshSettings()),
-    "sparse mesh": lambda *keys: MeshInterpolator(*keys, SPARSE),
-    "blocks": lambda *keys: BlockInterpolator(*keys, BlockSettings()),
-    "blocks from points": lambda *keys: BlockInterpolator(*keys, BlockSettings(dense_start=False)),
+    "depth": DepthInterpolator,
+    "mesh": lambda *keys: MeshInterpolator(*keys, settings=FINE_MESH),
+    "blocks": BlockInterpolator,
 }
-LEAST_DB = {"dense mesh": 33.0, "sparse mesh": 24.0, "blocks": 32.0, "blocks from points": 27.0}
+LEAST_DB = {"depth": 33.0, "mesh": 24.0, "blocks": 32.0}
 
 
 def check_complete(prediction: Interpolation, shape: tuple[int, int]) -> None:
@@ -62,22 +60,10 @@ def test_the_frame_between_is_predicted(method: str, late: float) -> None:
 
 def test_expected_error_is_larger_where_the_error_is() -> None:
     """The worst tenth of the pixels, by what is expected, are worse than the rest."""
-    prediction = METHODS["dense mesh"](MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
+    prediction = METHODS["depth"](MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
     error = np.abs(prediction.luma - render(0.5, FRAME)[0])
     doubtful = prediction.expected_error > np.quantile(prediction.expected_error, 0.9)
     assert error[doubtful].mean() > 2 * error[~doubtful].mean()
-
-
-def test_surfaces_have_the_true_depth() -> None:
-    """What is called reliable is right to a tenth of the parallax, nearly everywhere."""
-    surfaces = estimate_surfaces(MODEL, FIRST, SECOND, SurfaceSettings())
-    for surface, late in zip(surfaces, (0.0, 1.0), strict=True):
-        scale = np.sqrt(3.0) / np.linalg.norm(np.eye(3)) if late == 0.0 else 1.0
-        truth = render(late, FRAME)[1] / scale
-        moved, true = (transfer_surface(surface.to_other, depth) for depth in (surface.inverse_depth, truth))
-        wrong = np.hypot(*(moved - true)[..., :2].transpose(2, 0, 1)) > 0.5
-        assert (surface.state == RELIABLE).mean() > 0.6
-        assert wrong[surface.state == RELIABLE].mean() < 0.06
 
 
 ODD = {
@@ -122,7 +108,7 @@ def test_forward_motion_with_the_epipole_in_the_picture() -> None:
         check_complete(make(model, FIRST, FIRST).interpolate(forward, 0.5), SHAPE)
 
 
-@pytest.mark.parametrize("method", ["dense mesh", "blocks"])
+@pytest.mark.parametrize("method", ["depth", "blocks"])
 def test_the_same_every_time_and_for_any_number_of_threads(method: str) -> None:
     """Predictions are equal to the bit."""
     import cv2
@@ -137,38 +123,13 @@ def test_the_same_every_time_and_for_any_number_of_threads(method: str) -> None:
     np.testing.assert_array_equal(*results)
 
 
-def test_label_range_covers_the_scene() -> None:
-    """Labels span all known depths with a margin, in steps of the wanted parallax."""
-    transfer = transfer_matrix(MODEL.first_camera, MODEL.second_camera, FRAME)
-    known, settings = 1.0 / MODEL.depths, SweepSettings()
-    labels = label_range(known, transfer, (80, 96), settings)
-    assert labels.lowest < np.quantile(known, 0.01)
-    assert labels.lowest + labels.step * (labels.num_labels - 1) > known.max()
-    fine = label_range(known, transfer, (80, 96), replace(settings, label_step_px=0.3))
-    assert fine.num_labels == pytest.approx(2 * labels.num_labels, abs=3)
-    huge = label_range(known, transfer, (4000, 4000), settings)
-    assert huge.num_labels == 4
-
-
-def test_holes_take_the_depth_behind() -> None:
-    """A hole between near and far becomes far, and the farthest corner is reached."""
-    depth = np.full((9, 12), 0.2)
-    depth[:, 8:] = 0.9
-    depth[:, 5:8] = -1e30
-    assert (fill_holes(depth)[:, 5:8] == 0.2).all()
-    lonely = np.full((9, 12), -1e30)
-    lonely[0, 1] = 0.4
-    assert (fill_holes(lonely) == 0.4).all()
-    assert (fill_holes(np.full((3, 3), -1e30)) == 0.0).all()
-
-
 def test_a_key_that_does_not_see_has_no_say() -> None:
-    """Blending follows time where both keys see, and sight where one does."""
+    """Blending follows time where both key frames see a point, and visibility where one does."""
     planes = [np.full((4, 6), 10.0), np.full((4, 6), 90.0)]
-    sights = [np.ones((4, 6)), np.ones((4, 6))]
-    sights[1][:, 3:] = 1e-4
+    visibility = [np.ones((4, 6)), np.ones((4, 6))]
+    visibility[1][:, 3:] = 1e-4
     positions = [np.zeros((4, 6, 2))] * 2
-    luma = blend(planes, sights, positions, np.ones((4, 6), bool), 0.25).luma
+    luma = blend(planes, visibility, positions, np.ones((4, 6), bool), 0.25).luma
     np.testing.assert_allclose(luma[:, :3], 30.0)
     np.testing.assert_allclose(luma[:, 3:], 10.0, atol=0.01)
 
@@ -192,14 +153,6 @@ def test_chroma_and_offsets_follow_the_positions() -> None:
     assert (second == 0).all()
 
 
-def test_rendering_from_the_own_camera_gives_the_own_depth() -> None:
-    """The view of a key frame is its surface where that is reliable."""
-    surfaces = estimate_surfaces(MODEL, FIRST, SECOND, SurfaceSettings())
-    view = render_view(surfaces[:1], MODEL.first_camera, FRAME)
-    inside = view.reliable & (surfaces[0].state == RELIABLE)
-    np.testing.assert_allclose(view.inverse_depth[inside], surfaces[0].inverse_depth[inside], rtol=1e-6)
-
-
 def test_spread_blocks() -> None:
     """Slopes are interpolated, jumps are kept."""
     depth = np.array([[0.0, 0.02, 0.04, 1.0, 1.02]])
@@ -216,7 +169,7 @@ def test_mesh_reproduces_a_translation() -> None:
     matches = Correspondences(points, points + np.array([3.2, 0.0]), np.zeros(60))
     image = np.zeros((48, 64), np.uint8)
     model = Model(frame, np.eye(3), sideways, matches, np.full(60, 2.0))
-    mesh = fit_mesh(model, image, image, MeshSettings(dense=False))
+    mesh = fit_mesh(model, image, image, MeshSettings())
     rows, columns = np.indices(mesh.second.shape[:2])
     grid = np.stack([columns, rows], -1) * 16.0 - 16.0
     np.testing.assert_allclose(mesh.second - grid, np.broadcast_to([3.2, 0.0], grid.shape), atol=1e-3)
@@ -233,7 +186,7 @@ def test_mesh_drops_outliers() -> None:
     right = np.setdiff1d(np.arange(len(second)), wrong)
     errors = []
     for max_fits in (1, 8):
-        mesh = fit_mesh(model, FIRST, SECOND, replace(SPARSE, max_fits=max_fits))
+        mesh = fit_mesh(model, FIRST, SECOND, replace(FINE_MESH, max_fits=max_fits))
         where = barycentric(MODEL.correspondences.first[right], mesh.second.shape[:2], 8.0)
         moved = where.interpolate(mesh.second.reshape(-1, 2))
         errors.append(np.median(np.abs(moved - second[right])))
@@ -253,10 +206,10 @@ def test_mesh_equations() -> None:
     np.testing.assert_allclose(where.interpolate(grid), points, atol=1e-12)
     assert where.weights.min() >= -1e-12
     assert np.abs(roughness_matrix((6, 6)) @ (grid @ [0.3, -0.2] + 1.0)).max() < 1e-12
-    transfer = transfer_matrix(MODEL.first_camera, MODEL.second_camera, FRAME)
-    place, direction = epipolar_lines(transfer, grid)
-    at_infinity = np.column_stack([grid, np.ones(36)]) @ transfer[:, :3].T
-    lines = np.cross(transfer[:, 3], at_infinity)
+    warp = warp_matrix(MODEL.first_camera, MODEL.second_camera, FRAME)
+    place, direction = epipolar_lines(warp, grid)
+    at_infinity = np.column_stack([grid, np.ones(36)]) @ warp[:, :3].T
+    lines = np.cross(warp[:, 3], at_infinity)
     for step in (0.0, 7.0):
         on_line = np.column_stack([place + step * direction, np.ones(36)])
         np.testing.assert_allclose((on_line * lines).sum(1) / np.linalg.norm(lines, axis=1), 0.0, atol=1e-9)

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from decoder.side_information.rendering import Interpolation
 
 from decoder.side_information.blending import scene_share
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
-from decoder.side_information.rendering import Interpolation
 from decoder.side_information.scene import INTERPOLATORS, LARGEST_SHARE, SceneInterpolation, hedged
 from dvc.config import CodecConfig, GeometryConfig, VideoConfig
 from dvc.metrics import psnr_db
+from dvc.multiview.cameras import PixelFrame
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
-from sfm.model import PixelFrame
 from tests.scenes_3d import render
 
 FRAME = PixelFrame(176, 144)

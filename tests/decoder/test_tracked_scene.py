@@ -11,12 +11,11 @@ from decoder.side_information.scene import SceneInterpolation
 from decoder.side_information.tracked_scene import TrackedSceneInterpolation
 from dvc.config import CodecConfig, SideInformationConfig, TracksConfig, VideoConfig
 from dvc.metrics import psnr_db
+from dvc.multiview.cameras import PixelFrame, project
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
 from encoder.corners import CornerDetector
-from sfm.model import PixelFrame
-from sfm.projection import project
 from tests.scenes_3d import camera_at, render, two_planes
 
 PIXELS = PixelFrame(176, 144)

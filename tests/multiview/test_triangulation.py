@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from decoder.side_information.track_depths import track_depths
-from sfm.model import PixelFrame
-from sfm.projection import project
+from dvc.multiview.cameras import PixelFrame, project
+from dvc.multiview.triangulation import track_depths
 from tests.scenes_3d import camera_at, two_planes
 
 FRAME = PixelFrame(96, 80)

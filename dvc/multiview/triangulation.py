@@ -1,4 +1,4 @@
-"""Depth of tracked points, from all frames that see them and whose cameras are known."""
+"""Triangulation: depths of points that two views see, or many."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -6,15 +6,83 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information.trifocal import transfer_matrix
-from sfm.model import PixelFrame
+from dvc.multiview.cameras import PixelFrame, homogeneous
+from dvc.multiview.warping import warp_matrix
 
 Floats = NDArray[np.float64]
 
 NUM_STEPS = 6
 """Gauss-Newton steps; the problem has one unknown a point, and is nearly linear."""
-LEAST_DEPTH = 1e-6
+MIN_DEPTH = 1e-6
 """Smallest third coordinate of a point that a view sees."""
+
+
+def triangulate_depth(first: Floats, camera: Floats, second: Floats) -> tuple[Floats, Floats]:
+    """Find the projective depths of correspondences, by least squares of (5.3).
+
+    Parameters
+    ----------
+    first : ndarray of shape (N, 2), float64
+        Points seen by the camera ``[I | 0]``, normalised.
+    camera : ndarray of shape (3, 4), float64
+        The other camera, ``[R | t]``.
+    second : ndarray of shape (N, 2), float64
+        Points seen by it, normalised.
+
+    Returns
+    -------
+    depth_first, depth_second : ndarray of shape (N,), float64
+        Depths in ``depth_second * x1 = depth_first * R x0 + t``; not finite where the rays are parallel.
+
+    References
+    ----------
+    [Maitre2008] Eq. (5.3).
+    """
+    a = homogeneous(first) @ camera[:, :3].T
+    b, t = homogeneous(second), camera[:, 3]
+    aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
+    at, bt = a @ t, b @ t
+    determinant = aa * bb - ab * ab
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (ab * bt - bb * at) / determinant, (aa * bt - ab * at) / determinant
+
+
+def inverse_depths(first: Floats, camera: Floats, second: Floats) -> tuple[Floats, Floats]:
+    """Find the inverse depths that project points of the first image nearest to points of the second.
+
+    Unlike `triangulate_depth` this minimises a distance in the second image, and points at infinity are
+    no exception: the nearest point of the epipolar line is found, then the depth that projects there.
+
+    Parameters
+    ----------
+    first : ndarray of shape (N, 2), float64
+        Points seen by the camera ``[I | 0]``, normalised.
+    camera : ndarray of shape (3, 4), float64
+        The other camera, ``[R | t]``.
+    second : ndarray of shape (N, 2), float64
+        Points seen by it, normalised.
+
+    Returns
+    -------
+    inverse : ndarray of shape (N,), float64
+        Inverse depth in the first camera: ``R x0 + inverse * t`` is what the second camera sees; 0 for a
+        point on the epipole, where all depths are as good.
+    ratio : ndarray of shape (N,), float64
+        Depth in the second camera over depth in the first.
+
+    References
+    ----------
+    [Maitre2008] The minimum of (5.6) over the depth.
+    """
+    a, t = homogeneous(first) @ camera[:, :3].T, camera[:, 3]
+    lines = np.cross(t, a)
+    norm2 = (lines[:, :2] ** 2).sum(axis=1)
+    offset = (lines[:, :2] * second).sum(axis=1) + lines[:, 2]
+    foot = homogeneous(second - (offset / np.where(norm2 > 0, norm2, np.inf))[:, None] * lines[:, :2])
+    along, across = np.cross(foot, t), np.cross(foot, a)
+    along2 = (along * along).sum(axis=1)
+    inverse = -(along * across).sum(axis=1) / np.where(along2 > 0, along2, np.inf)
+    return inverse, a[:, 2] + inverse * t[2]
 
 
 class TrackDepths(NamedTuple):
@@ -73,22 +141,22 @@ def track_depths(
     known: NDArray[np.bool_] = np.asarray(np.isfinite(points).all(axis=1))
     rays = np.column_stack([np.where(known[:, None], points, 0.0), np.ones(len(points))])
     others = [(k, camera) for k, camera in enumerate(cameras) if camera is not None and k != view]
-    transfers = [transfer_matrix(source, camera, frame) for _, camera in others]
+    warps = [warp_matrix(source, camera, frame) for _, camera in others]
     seen = [positions[:, k] for k, _ in others]
     size = np.array([frame.width_px, frame.height_px])
     inverse = np.zeros(len(points))
     for step in range(NUM_STEPS + 1):
         sums = np.zeros((4, len(points)))
         farthest = np.zeros(len(points))
-        for transfer, there in zip(transfers, seen, strict=True):
-            image = rays @ transfer[:, :3].T + inverse[:, None] * transfer[:, 3]
-            depth = np.maximum(image[:, 2:], LEAST_DEPTH)
+        for warp, there in zip(warps, seen, strict=True):
+            image = rays @ warp[:, :3].T + inverse[:, None] * warp[:, 3]
+            depth = np.maximum(image[:, 2:], MIN_DEPTH)
             place = image[:, :2] / depth
-            change = (transfer[:2, 3] - place * transfer[2, 3]) / depth
+            change = (warp[:2, 3] - place * warp[2, 3]) / depth
             used: NDArray[np.bool_] = known & np.asarray(np.isfinite(there).all(axis=1))
             offset = np.where(used[:, None], there - place, 0.0)
             squares = (change * change).sum(axis=1)
-            inside = (image[:, 2] > LEAST_DEPTH) & ((place >= 0) & (place < size)).all(axis=1)
+            inside = (image[:, 2] > MIN_DEPTH) & ((place >= 0) & (place < size)).all(axis=1)
             farthest = np.where(used | inside, np.maximum(farthest, squares), farthest)
             sums += np.stack(
                 [used * squares, (change * offset).sum(axis=1), (offset * offset).sum(axis=1), 1.0 * used]

@@ -1,7 +1,8 @@
-"""Compiled loops of the 3D methods; validated and described by their callers.
+"""Compiled loops of the geometry of several views; validated and described by their callers.
 
-A *transfer* is a 3x4 matrix ``[A | b]`` in pixels: the point x of one view with inverse depth rho lies at
-``A x + rho b`` (homogeneous) in another. A *surface* is an inverse depth at every point of a regular grid.
+A *warp* is a 3x4 matrix ``[H | e]`` in pixels, infinite homography and epipole: the point x of one view with
+inverse depth rho lies at ``H x + rho e`` (homogeneous) in another. A *depth map* is an inverse depth at every
+point of a regular grid.
 """
 
 import numpy as np
@@ -10,38 +11,40 @@ from dvc._jit import kernel
 
 EMPTY = -1e30
 """Inverse depth where nothing was drawn."""
-OUTSIDE, HIDDEN, EDGE = 1e-6, 1e-4, 0.02
-"""Trust in a key for a point outside it, behind something, or at the edge of something."""
+CONSISTENT, OUTSIDE, OCCLUDED = 0, 1, 2
+"""Visibility of a point in another view: see `dvc.multiview.depth_maps.Visibility`."""
+OUTSIDE_WEIGHT, OCCLUDED_WEIGHT, EDGE_WEIGHT = 1e-6, 1e-4, 0.02
+"""Weight of a view for a point outside it, behind something, or beside something nearer; 1 elsewhere."""
 
 
 @kernel
-def transfer_point(transfer, x, y, rho):
+def warp_point(warp, x, y, rho):
     """Position in the other view, and the third homogeneous coordinate (positive before the camera)."""
-    u = transfer[0, 0] * x + transfer[0, 1] * y + transfer[0, 2] + rho * transfer[0, 3]
-    v = transfer[1, 0] * x + transfer[1, 1] * y + transfer[1, 2] + rho * transfer[1, 3]
-    w = transfer[2, 0] * x + transfer[2, 1] * y + transfer[2, 2] + rho * transfer[2, 3]
+    u = warp[0, 0] * x + warp[0, 1] * y + warp[0, 2] + rho * warp[0, 3]
+    v = warp[1, 0] * x + warp[1, 1] * y + warp[1, 2] + rho * warp[1, 3]
+    w = warp[2, 0] * x + warp[2, 1] * y + warp[2, 2] + rho * warp[2, 3]
     if w < 1e-6:
         return -1e9, -1e9, w
     return u / w, v / w, w
 
 
 @kernel
-def transfer_grid(transfer, surface, origin, step, positions):
-    """Move the vertices of a surface to another view: (x, y, inverse depth there); far away if behind."""
-    for i in range(surface.shape[0]):
-        for j in range(surface.shape[1]):
-            x, y, w = transfer_point(transfer, origin + j * step, origin + i * step, surface[i, j])
+def warp_grid(warp, depth, origin, step, positions):
+    """Move the vertices of a depth map to another view: (x, y, inverse depth there); far away if behind."""
+    for i in range(depth.shape[0]):
+        for j in range(depth.shape[1]):
+            x, y, w = warp_point(warp, origin + j * step, origin + i * step, depth[i, j])
             positions[i, j, 0] = x
             positions[i, j, 1] = y
-            positions[i, j, 2] = surface[i, j] / w if w >= 1e-6 else EMPTY
+            positions[i, j, 2] = depth[i, j] / w if w >= 1e-6 else EMPTY
 
 
 @kernel
-def rasterise(positions, torn, nearest):
-    """Draw the triangles of a grid that are not torn; `nearest` keeps the largest inverse depth."""
+def rasterise(positions, skipped, nearest):
+    """Draw the triangles of a grid but for skipped cells; `nearest` keeps the largest inverse depth."""
     for i in range(positions.shape[0] - 1):
         for j in range(positions.shape[1] - 1):
-            if torn[i, j]:
+            if skipped[i, j]:
                 continue
             rasterise_triangle(positions[i, j], positions[i, j + 1], positions[i + 1, j], nearest)
             rasterise_triangle(positions[i + 1, j + 1], positions[i + 1, j], positions[i, j + 1], nearest)
@@ -107,46 +110,46 @@ def sample_image(image, positions, samples):
 
 
 @kernel
-def matching_cost(base, other, transfer, low, step, limits, unseen, cost):
-    """Truncated difference of levels and gradients of a base view and another, per pixel and label.
+def matching_cost(base, other, warp, low, step, limits, outside_cost, cost):
+    """Truncated difference of levels and gradients of a base view and another, per pixel and hypothesis.
 
     `base`, `other`: (3, H, W) level, horizontal and vertical gradient; `limits`: truncation of each.
     """
     height, width = base.shape[1:]
     for y in range(height):
         for x in range(width):
-            for label in range(cost.shape[2]):
-                u, v, _ = transfer_point(transfer, x, y, low + label * step)
+            for k in range(cost.shape[2]):
+                u, v, _ = warp_point(warp, x, y, low + k * step)
                 if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
-                    cost[y, x, label] = unseen
+                    cost[y, x, k] = outside_cost
                     continue
                 u0, v0 = min(int(u), width - 2), min(int(v), height - 2)
                 fu, fv = np.float32(u - u0), np.float32(v - v0)
                 total = np.float32(0.0)
-                for k in range(3):
-                    upper = other[k, v0, u0] + fu * (other[k, v0, u0 + 1] - other[k, v0, u0])
-                    lower = other[k, v0 + 1, u0] + fu * (other[k, v0 + 1, u0 + 1] - other[k, v0 + 1, u0])
-                    total += min(abs(upper + fv * (lower - upper) - base[k, y, x]), limits[k])
-                cost[y, x, label] = np.int16(total)
+                for m in range(3):
+                    upper = other[m, v0, u0] + fu * (other[m, v0, u0 + 1] - other[m, v0, u0])
+                    lower = other[m, v0 + 1, u0] + fu * (other[m, v0 + 1, u0 + 1] - other[m, v0 + 1, u0])
+                    total += min(abs(upper + fv * (lower - upper) - base[m, y, x]), limits[m])
+                cost[y, x, k] = np.int16(total)
 
 
 @kernel
 def add_prior(expected, known, low, step, weight, limit, cost):
-    """Add the truncated distance of each label from an expected inverse depth, where there is one."""
-    height, width, labels = cost.shape
+    """Add the truncated distance of each hypothesis from an expected inverse depth, where there is one."""
+    height, width, count = cost.shape
     for y in range(height):
         for x in range(width):
             if not known[y, x]:
                 continue
             place = (expected[y, x] - low) / step
-            for k in range(labels):
+            for k in range(count):
                 cost[y, x, k] += np.int16(min(weight * abs(k - place), limit))
 
 
 @kernel
 def aggregate_path(cost, image, dy, dx, small, large, previous, current, total):
     """Add the costs of the best paths that reach each pixel along one direction (semi-global matching)."""
-    height, width, labels = cost.shape
+    height, width, count = cost.shape
     first_y, end_y, step_y = (0, height, 1) if dy > 0 or (dy == 0 and dx > 0) else (height - 1, -1, -1)
     first_x, end_x, step_x = (0, width, 1) if dx >= 0 else (width - 1, -1, -1)
     for y in range(first_y, end_y, step_y):
@@ -154,88 +157,88 @@ def aggregate_path(cost, image, dy, dx, small, large, previous, current, total):
             here = current[x]
             ny, nx = y - dy, x - dx
             if not (0 <= ny < height and 0 <= nx < width):
-                for k in range(labels):
+                for k in range(count):
                     here[k + 1] = cost[y, x, k]
             else:
                 line = current[nx] if dy == 0 else previous[nx]
-                lowest = line[labels + 2]
+                lowest = line[count + 2]
                 jump = np.int16(max(small, large / (1.0 + 0.1 * abs(image[y, x] - image[ny, nx]))))
                 limit = np.int16(lowest + jump)
                 one = np.int16(small)
-                for k in range(labels):
+                for k in range(count):
                     best = min(line[k + 1], limit, min(line[k], line[k + 2]) + one)
                     here[k + 1] = cost[y, x, k] + best - lowest
             lowest_here = here[1]
-            for k in range(labels):
+            for k in range(count):
                 lowest_here = min(lowest_here, here[k + 1])
                 total[y, x, k] += here[k + 1]
-            here[labels + 2] = lowest_here
+            here[count + 2] = lowest_here
         if dy != 0:
             previous, current = current, previous
 
 
 @kernel
-def best_label(total, label, certainty):
-    """Choose the label of least cost with a parabola through its neighbours."""
-    height, width, labels = total.shape
+def best_hypothesis(total, hypothesis, confidence):
+    """Choose the hypothesis of least cost with a parabola through its neighbours."""
+    height, width, count = total.shape
     for y in range(height):
         for x in range(width):
             best = 0
-            for k in range(1, labels):
+            for k in range(1, count):
                 if total[y, x, k] < total[y, x, best]:
                     best = k
-            label[y, x] = best
-            if 0 < best < labels - 1:
+            hypothesis[y, x] = best
+            if 0 < best < count - 1:
                 left = float(total[y, x, best - 1]) - total[y, x, best]
                 right = float(total[y, x, best + 1]) - total[y, x, best]
                 if max(left, right) > 0:
-                    label[y, x] += 0.5 * (left - right) / max(left, right)
+                    hypothesis[y, x] += 0.5 * (left - right) / max(left, right)
             second = np.int64(1) << 30
-            for k in range(labels):
+            for k in range(count):
                 if abs(k - best) > 2:
                     second = min(second, np.int64(total[y, x, k]))
-            certainty[y, x] = second - total[y, x, best]
+            confidence[y, x] = second - total[y, x, best]
 
 
 @kernel
-def bilinear(surface, x, y):
-    """Interpolate a surface inside the image."""
-    height, width = surface.shape
+def bilinear(plane, x, y):
+    """Interpolate a plane inside the image."""
+    height, width = plane.shape
     x0, y0 = min(int(x), width - 2), min(int(y), height - 2)
     fx, fy = x - x0, y - y0
-    upper = surface[y0, x0] + fx * (surface[y0, x0 + 1] - surface[y0, x0])
-    lower = surface[y0 + 1, x0] + fx * (surface[y0 + 1, x0 + 1] - surface[y0 + 1, x0])
+    upper = plane[y0, x0] + fx * (plane[y0, x0 + 1] - plane[y0, x0])
+    lower = plane[y0 + 1, x0] + fx * (plane[y0 + 1, x0 + 1] - plane[y0 + 1, x0])
     return upper + fy * (lower - upper)
 
 
 @kernel
-def check_consistency(surface, other, there, back, tolerance, state):
-    """Compare a surface with that of another view: 0 consistent, 1 outside it, 2 hidden or wrong.
+def check_consistency(depth, other, there, back, tolerance, visibility):
+    """Compare a depth map with that of another view: consistent, outside it, or occluded (or wrong).
 
-    `there` leads from the surface's view to the other and `back` home, where the distance is measured.
+    `there` leads to the other view and `back` home, where the distance is measured.
     """
-    height, width = surface.shape
+    height, width = depth.shape
     for y in range(height):
         for x in range(width):
-            u, v, _ = transfer_point(there, x, y, surface[y, x])
+            u, v, _ = warp_point(there, x, y, depth[y, x])
             if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
-                state[y, x] = 1
+                visibility[y, x] = OUTSIDE
                 continue
-            state[y, x] = 2
+            visibility[y, x] = OCCLUDED
             column, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
             for i in range(max(row - 1, 0), min(row + 2, height)):
                 for j in range(max(column - 1, 0), min(column + 2, width)):
                     if abs(i - v) + abs(j - u) > 1.5:
                         continue
-                    a, b, _ = transfer_point(back, u, v, other[i, j])
+                    a, b, _ = warp_point(back, u, v, other[i, j])
                     if abs(a - x) + abs(b - y) <= tolerance:
-                        state[y, x] = 0
+                        visibility[y, x] = CONSISTENT
 
 
 @kernel
-def local_slopes(surface, reliable, wanted, radius, limit, slopes):
+def local_slopes(depth, reliable, wanted, radius, limit, slopes):
     """Slope (x, y) of the plane through the reliable neighbours of like depth, around each wanted point."""
-    height, width = surface.shape
+    height, width = depth.shape
     for y in range(height):
         for x in range(width):
             slopes[y, x, 0] = 0.0
@@ -246,8 +249,8 @@ def local_slopes(surface, reliable, wanted, radius, limit, slopes):
             sx, sy, sr, n = 0.0, 0.0, 0.0, 0.0
             for i in range(max(y - radius, 0), min(y + radius + 1, height)):
                 for j in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    if reliable[i, j] and abs(surface[i, j] - surface[y, x]) <= limit:
-                        dx, dy, dr = j - x, i - y, surface[i, j] - surface[y, x]
+                    if reliable[i, j] and abs(depth[i, j] - depth[y, x]) <= limit:
+                        dx, dy, dr = j - x, i - y, depth[i, j] - depth[y, x]
                         n += 1.0
                         sx += dx
                         sy += dy
@@ -271,62 +274,74 @@ def local_slopes(surface, reliable, wanted, radius, limit, slopes):
 
 
 @kernel
-def fill_surface(
-    surface, state, image, slopes, sigma, reach, quantiles, other, other_state, there, back, slack, filled
+def fill_depth(
+    depth,
+    visibility,
+    image,
+    slopes,
+    sigma,
+    reach,
+    quantile,
+    other,
+    other_visibility,
+    there,
+    back,
+    slack,
+    filled,
 ):
     """Continue the planes of reliable points in eight directions into what is not reliable.
 
-    A continued depth through which the other view looks is refused while there is another one. `quantiles`:
-    which of the continued depths wins, by state.
+    A continued depth through which the other view looks is refused while there is another one. `quantile`:
+    which of the continued depths wins; 0 is the farthest.
     """
     values, weights = np.empty(8), np.empty(8)
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
-    for y in range(surface.shape[0]):
-        for x in range(surface.shape[1]):
-            filled[y, x] = surface[y, x]
-            if state[y, x] == 0:
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            filled[y, x] = depth[y, x]
+            if visibility[y, x] == CONSISTENT:
                 continue
             count = 0
             for dy, dx in steps:
-                i, j, crossed = nearest_reliable(state, image, y, x, dy, dx)
+                i, j, crossed = nearest_reliable(visibility, image, y, x, dy, dx)
                 if i < 0:
                     continue
                 length = float(max(abs(i - y), abs(j - x)))
                 slope = slopes[i, j, 0] * (x - j) + slopes[i, j, 1] * (y - i)
-                values[count] = surface[i, j] + min(1.0, reach / length) * slope
+                values[count] = depth[i, j] + min(1.0, reach / length) * slope
                 crossed /= sigma
                 weights[count] = 1.0 / ((1.0 + crossed * crossed) * (length + 1.0))
-                if is_transparent(there, back, x, y, values[count], other, other_state, slack):
+                if is_transparent(there, back, x, y, values[count], other, other_visibility, slack):
                     weights[count] *= 0.001
                 count += 1
             if count > 0:
-                filled[y, x] = weighted_quantile(values, weights, count, quantiles[state[y, x]])
+                filled[y, x] = weighted_quantile(values, weights, count, quantile)
 
 
 @kernel
-def nearest_reliable(state, image, y, x, dy, dx):
-    """Walk to the nearest point of state 0: its row and column (-1 if none), and the highest step crossed."""
+def nearest_reliable(visibility, image, y, x, dy, dx):
+    """Walk to the nearest consistent point: its row and column (-1 if none), and the highest step crossed."""
     crossed = 0.0
     i, j = y + dy, x + dx
-    while 0 <= i < state.shape[0] and 0 <= j < state.shape[1]:
+    while 0 <= i < visibility.shape[0] and 0 <= j < visibility.shape[1]:
         crossed = max(crossed, abs(image[i, j] - image[i - dy, j - dx]))
-        if state[i, j] == 0:
+        if visibility[i, j] == CONSISTENT:
             return i, j, crossed
         i, j = i + dy, j + dx
     return -1, -1, crossed
 
 
 @kernel
-def is_transparent(there, back, x, y, rho, other, other_state, slack):
-    """Tell whether another view looks through a point: reliably sees something behind it."""
+def is_transparent(there, back, x, y, rho, other, other_visibility, slack):
+    """Tell whether another view looks through a point: sees something consistent behind it."""
     height, width = other.shape
-    u, v, w = transfer_point(there, x, y, rho)
+    u, v, w = warp_point(there, x, y, rho)
     if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
         return False
     column, row = int(u + 0.5), int(v + 0.5)
-    if other_state[row, column] != 0 or other[row, column] >= rho / w:
+    if other_visibility[row, column] != CONSISTENT or other[row, column] >= rho / w:
         return False
-    a, b, _ = transfer_point(back, u, v, other[row, column])
+    a, b, _ = warp_point(back, u, v, other[row, column])
     return abs(a - x) + abs(b - y) > slack
 
 
@@ -350,45 +365,45 @@ def weighted_quantile(values, weights, count, quantile):
 
 
 @kernel
-def see(positions, surface, state, back, halo, tolerance, visible):
-    """Rate how well a key sees points (x, y, inverse depth in the key): 1, halo, hidden or outside."""
-    height, width = surface.shape
+def visibility_weights(positions, depth, visibility, back, halo, tolerance, weights):
+    """Weigh how well a view sees points (x, y, inverse depth in it): 1, edge, occluded or outside."""
+    height, width = depth.shape
     for i in range(positions.shape[0]):
         for j in range(positions.shape[1]):
             u, v, rho = positions[i, j, 0], positions[i, j, 1], positions[i, j, 2]
-            visible[i, j] = OUTSIDE
+            weights[i, j] = OUTSIDE_WEIGHT
             if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
                 continue
-            a, b, _ = transfer_point(back, u, v, rho)
+            a, b, _ = warp_point(back, u, v, rho)
             column, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
             free, near = 0, 0
             for y in range(max(row - halo, 0), min(row + halo + 1, height)):
                 for x in range(max(column - halo, 0), min(column + halo + 1, width)):
                     blocked = False
-                    if surface[y, x] > rho and state[y, x] == 0:
-                        c, d, _ = transfer_point(back, u, v, surface[y, x])
+                    if depth[y, x] > rho and visibility[y, x] == CONSISTENT:
+                        c, d, _ = warp_point(back, u, v, depth[y, x])
                         blocked = abs(c - a) + abs(d - b) > tolerance
                     if blocked:
                         near = 1
                     elif abs(y - row) <= 1 and abs(x - column) <= 1:
                         free += 1
             if free == 0:
-                visible[i, j] = HIDDEN
+                weights[i, j] = OCCLUDED_WEIGHT
             else:
-                visible[i, j] = EDGE if near else 1.0
+                weights[i, j] = EDGE_WEIGHT if near else 1.0
 
 
 @kernel
 def guided_median(
-    surface, trust, image, chosen, radius, sigma, low, step, there, back, other, other_state, slack, median
+    depth, trust, image, chosen, radius, sigma, low, step, there, back, other, other_visibility, slack, median
 ):
     """Replace the chosen depths by the median of their neighbourhood, weighted by likeness of level."""
-    height, width = surface.shape
+    height, width = depth.shape
     bins = np.zeros(256)
     sums = np.zeros(256)
     for y in range(height):
         for x in range(width):
-            median[y, x] = surface[y, x]
+            median[y, x] = depth[y, x]
             if not chosen[y, x]:
                 continue
             bins[:] = 0.0
@@ -401,9 +416,9 @@ def guided_median(
                     weight = trust[i, j] / (
                         (1.0 + r * r) * (1.0 + r * r) * (1.0 + 2.0 * far / (radius * radius))
                     )
-                    k = min(max(int((surface[i, j] - low) / step), 0), 255)
+                    k = min(max(int((depth[i, j] - low) / step), 0), 255)
                     bins[k] += weight
-                    sums[k] += weight * surface[i, j]
+                    sums[k] += weight * depth[i, j]
                     total += weight
             reached, k = bins[0], 0
             while reached < 0.5 * total and k < 255:
@@ -411,13 +426,13 @@ def guided_median(
                 reached += bins[k]
             if bins[k] > 0.0:
                 value = sums[k] / bins[k]
-                if not is_transparent(there, back, x, y, value, other, other_state, slack):
+                if not is_transparent(there, back, x, y, value, other, other_visibility, slack):
                     median[y, x] = value
 
 
 @kernel
-def rasterise_torn(transfer, surface, chosen, reach, nearest):
-    """Draw the pieces of torn cells, each at the depth of its own corner and `reach` of a cell wide."""
+def rasterise_discontinuities(warp, depth, chosen, reach, nearest):
+    """Draw the pieces of discontinuous cells: each at its own corner's depth, `reach` of a cell wide."""
     corners = np.empty((4, 3))
     for i in range(chosen.shape[0]):
         for j in range(chosen.shape[1]):
@@ -425,13 +440,13 @@ def rasterise_torn(transfer, surface, chosen, reach, nearest):
                 continue
             for k in range(4):
                 y, x = i + k // 2, j + k % 2
-                rho = surface[y, x]
+                rho = depth[y, x]
                 dy, dx = reach * (1 - 2 * (k // 2)), reach * (1 - 2 * (k % 2))
                 top, bottom = y + min(0.0, dy), y + max(0.0, dy)
                 left, right = x + min(0.0, dx), x + max(0.0, dx)
                 for m in range(4):
-                    u, v, w = transfer_point(
-                        transfer, right if m % 2 == 1 else left, bottom if m // 2 == 1 else top, rho
+                    u, v, w = warp_point(
+                        warp, right if m % 2 == 1 else left, bottom if m // 2 == 1 else top, rho
                     )
                     corners[m, 0], corners[m, 1] = u, v
                     corners[m, 2] = rho / w if w >= 1e-6 else EMPTY
@@ -446,8 +461,8 @@ def inside(x, y, width, height):
 
 
 @kernel
-def block_cost(first, second, to_first, to_second, low, step, block, spacing, limits, unseen, cost):
-    """Compare both keys along the epipolar lines through each block of a view, for every label.
+def block_cost(first, second, to_first, to_second, low, step, block, spacing, limits, outside_cost, cost):
+    """Compare two pictures along the epipolar lines through each block of a view, per hypothesis.
 
     `first`, `second`: (3, H, W) level and gradients; a window is 4x4 samples, `spacing` apart.
     """
@@ -456,30 +471,31 @@ def block_cost(first, second, to_first, to_second, low, step, block, spacing, li
         for j in range(cost.shape[1]):
             left = (j + 0.5) * block - 0.5 - 1.5 * spacing
             top = (i + 0.5) * block - 0.5 - 1.5 * spacing
-            for label in range(cost.shape[2]):
+            for hypothesis in range(cost.shape[2]):
                 total = 0.0
+                rho = low + hypothesis * step
                 for k in range(16):
                     x, y = left + (k % 4) * spacing, top + (k // 4) * spacing
-                    a, b, _ = transfer_point(to_first, x, y, low + label * step)
-                    c, d, _ = transfer_point(to_second, x, y, low + label * step)
+                    a, b, _ = warp_point(to_first, x, y, rho)
+                    c, d, _ = warp_point(to_second, x, y, rho)
                     if not (inside(a, b, width, height) and inside(c, d, width, height)):
-                        total += unseen
+                        total += outside_cost
                         continue
                     for m in range(3):
                         difference = bilinear(first[m], a, b) - bilinear(second[m], c, d)
                         total += min(abs(difference), limits[m])
-                cost[i, j, label] = np.int16(total / 16.0)
+                cost[i, j, hypothesis] = np.int16(total / 16.0)
 
 
 @kernel
 def block_error(first, second, to_first, to_second, x, y, rho, half):
-    """Mean squared difference of both keys over a window around a point; huge where it leaves a key."""
+    """Mean squared difference of two pictures over a window around a point; huge where it leaves one."""
     height, width = first.shape
     total = 0.0
     for dy in range(-half, half + 1):
         for dx in range(-half, half + 1):
-            a, b, _ = transfer_point(to_first, x + dx, y + dy, rho)
-            c, d, _ = transfer_point(to_second, x + dx, y + dy, rho)
+            a, b, _ = warp_point(to_first, x + dx, y + dy, rho)
+            c, d, _ = warp_point(to_second, x + dx, y + dy, rho)
             if not (inside(a, b, width, height) and inside(c, d, width, height)):
                 return 1e9
             difference = bilinear(first, a, b) - bilinear(second, c, d)
@@ -516,9 +532,9 @@ def golden_search(first, second, to_first, to_second, block, half, reach, least_
 
 @kernel
 def parallax(to_first, to_second, x, y, low, high):
-    """How far a change of depth moves the point in one key against the other, at most."""
-    a, b, _ = transfer_point(to_first, x, y, low)
-    c, d, _ = transfer_point(to_first, x, y, high)
-    e, f, _ = transfer_point(to_second, x, y, low)
-    g, h, _ = transfer_point(to_second, x, y, high)
+    """How far a change of depth moves the point in one picture against the other, at most."""
+    a, b, _ = warp_point(to_first, x, y, low)
+    c, d, _ = warp_point(to_first, x, y, high)
+    e, f, _ = warp_point(to_second, x, y, low)
+    g, h, _ = warp_point(to_second, x, y, high)
     return abs(c - a) + abs(d - b) + abs(g - e) + abs(h - f)

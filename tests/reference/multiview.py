@@ -1,4 +1,4 @@
-"""Plain twins of the 3D kernels, written from their definitions; slow and without care for speed."""
+"""Plain twins of the kernels of several views, written from their definitions; slow."""
 
 import itertools
 
@@ -10,9 +10,9 @@ EMPTY = -1e30
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 
 
-def moved(transfer: Floats, x: float, y: float, rho: float) -> tuple[float, float, float]:
+def moved(warp: Floats, x: float, y: float, rho: float) -> tuple[float, float, float]:
     """Return where a point goes; far away if behind."""
-    u, v, w = transfer @ [x, y, 1.0, rho]
+    u, v, w = warp @ [x, y, 1.0, rho]
     return (u / w, v / w, w) if w >= 1e-6 else (-1e9, -1e9, w)
 
 
@@ -24,10 +24,10 @@ def bilinear(image: Floats, x: float, y: float) -> float:
     return total
 
 
-def rasterise(positions: Floats, torn: NDArray[np.bool_], shape: tuple[int, int]) -> Floats:
+def rasterise(positions: Floats, skipped: NDArray[np.bool_], shape: tuple[int, int]) -> Floats:
     """Return the largest inverse depth at every pixel, from barycentric coordinates solved anew."""
     nearest = np.full(shape, EMPTY)
-    for i, j in np.argwhere(~torn):
+    for i, j in np.argwhere(~skipped):
         a, b, c, d = positions[i, j], positions[i, j + 1], positions[i + 1, j], positions[i + 1, j + 1]
         for triangle in ((a, b, c), (d, c, b)):
             corners = np.array(triangle)
@@ -45,15 +45,15 @@ def rasterise(positions: Floats, torn: NDArray[np.bool_], shape: tuple[int, int]
 
 
 def matching_cost(
-    base: Floats, other: Floats, transfer: Floats, rhos: Floats, limits: Floats, unseen: int
+    base: Floats, other: Floats, warp: Floats, rhos: Floats, limits: Floats, outside_cost: int
 ) -> NDArray[np.int16]:
-    """Return the truncated differences of every pixel and label."""
+    """Return the truncated differences of every pixel and hypothesis."""
     height, width = base.shape[1:]
     cost = np.empty((height, width, len(rhos)), np.int16)
     for y, x, k in np.ndindex(cost.shape):
-        u, v, _ = moved(transfer, x, y, rhos[k])
+        u, v, _ = moved(warp, x, y, rhos[k])
         if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
-            cost[y, x, k] = unseen
+            cost[y, x, k] = outside_cost
             continue
         parts = [min(abs(bilinear(other[m], u, v) - base[m, y, x]), limits[m]) for m in range(3)]
         cost[y, x, k] = int(sum(parts))
@@ -62,7 +62,7 @@ def matching_cost(
 
 def aggregate(cost: NDArray[np.int16], image: Floats, small: int, large: int) -> NDArray[np.int64]:
     """Return the path costs of all eight directions, by recursion over pixels."""
-    height, width, labels = cost.shape
+    height, width, count = cost.shape
     total = np.zeros(cost.shape, np.int64)
     for dy, dx in DIRECTIONS:
         known: dict[tuple[int, int], NDArray[np.int64]] = {}
@@ -82,9 +82,9 @@ def aggregate(cost: NDArray[np.int16], image: Floats, small: int, large: int) ->
                     ways = [
                         min(
                             before[m] + (0 if m == k else small if abs(m - k) == 1 else jump)
-                            for m in range(labels)
+                            for m in range(count)
                         )
-                        for k in range(labels)
+                        for k in range(count)
                     ]
                     here = here + np.minimum(ways, before.min() + jump) - before.min()
                 known[y, x] = here
@@ -95,31 +95,31 @@ def aggregate(cost: NDArray[np.int16], image: Floats, small: int, large: int) ->
     return total
 
 
-def best_label(total: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Return the label of least cost, refined by a V through its neighbours, and its lead."""
+def best_hypothesis(total: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    """Return the hypothesis of least cost, refined by a V through its neighbours, and its lead."""
     shape = total.shape[:2]
-    label, certainty = np.empty(shape), np.empty(shape)
+    hypothesis, confidence = np.empty(shape), np.empty(shape)
     for at in np.ndindex(shape):
         line = total[at]
         best = int(line.argmin())
-        label[at] = best
+        hypothesis[at] = best
         if 0 < best < len(line) - 1:
             left, right = line[best - 1] - line[best], line[best + 1] - line[best]
             if max(left, right) > 0:
-                label[at] += 0.5 * (left - right) / max(left, right)
+                hypothesis[at] += 0.5 * (left - right) / max(left, right)
         others = [int(line[k]) for k in range(len(line)) if abs(k - best) > 2]
-        certainty[at] = min([*others, 1 << 30]) - line[best]
-    return label, certainty
+        confidence[at] = min([*others, 1 << 30]) - line[best]
+    return hypothesis, confidence
 
 
 def consistency(
-    surface: Floats, other: Floats, there: Floats, back: Floats, tolerance: float
+    depth: Floats, other: Floats, there: Floats, back: Floats, tolerance: float
 ) -> NDArray[np.int8]:
-    """Return 0 where both surfaces agree, 1 outside, 2 elsewhere."""
-    height, width = surface.shape
-    state = np.empty(surface.shape, np.int8)
-    for y, x in np.ndindex(surface.shape):
-        u, v, _ = moved(there, x, y, surface[y, x])
+    """Return 0 where both depth maps agree, 1 outside, 2 elsewhere."""
+    height, width = depth.shape
+    state = np.empty(depth.shape, np.int8)
+    for y, x in np.ndindex(depth.shape):
+        u, v, _ = moved(there, x, y, depth[y, x])
         if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):
             state[y, x] = 1
             continue
@@ -141,11 +141,11 @@ def weighted_quantile(values: Floats, weights: Floats, quantile: float) -> float
     return float(values[order][np.flatnonzero(reached >= quantile * weights.sum())[0]])
 
 
-def sights(
-    positions: Floats, surface: Floats, state: NDArray[np.int8], back: Floats, halo: int, tolerance: float
+def visibility(
+    positions: Floats, depth: Floats, state: NDArray[np.int8], back: Floats, halo: int, tolerance: float
 ) -> NDArray[np.object_]:
-    """Return, per point, one of outside, hidden, edge and seen."""
-    height, width = surface.shape
+    """Return, per point, one of outside, occluded, edge and seen."""
+    height, width = depth.shape
     found = np.empty(positions.shape[:2], object)
     for at in np.ndindex(found.shape):
         u, v, rho = positions[at]
@@ -159,11 +159,11 @@ def sights(
             range(row - halo, row + halo + 1), range(column - halo, column + halo + 1)
         ):
             if 0 <= y < height and 0 <= x < width:
-                c, d, _ = moved(back, u, v, surface[y, x])
+                c, d, _ = moved(back, u, v, depth[y, x])
                 far = abs(c - a) + abs(d - b) > tolerance
-                blocked[y, x] = bool(surface[y, x] > rho and state[y, x] == 0 and far)
+                blocked[y, x] = bool(depth[y, x] > rho and state[y, x] == 0 and far)
         close = [value for (y, x), value in blocked.items() if max(abs(y - row), abs(x - column)) <= 1]
-        found[at] = "hidden" if all(close) else "edge" if any(blocked.values()) else "seen"
+        found[at] = "occluded" if all(close) else "edge" if any(blocked.values()) else "seen"
     return found
 
 
@@ -174,7 +174,7 @@ def window_error(
     total, count = 0.0, 0
     height, width = first.shape
     for dy, dx in itertools.product(range(-half, half + 1), repeat=2):
-        (a, b, _), (c, d, _) = (moved(transfer, x + dx, y + dy, rho) for transfer in to_keys)
+        (a, b, _), (c, d, _) = (moved(warp, x + dx, y + dy, rho) for warp in to_keys)
         if not all(0 <= p <= width - 1 and 0 <= q <= height - 1 for p, q in ((a, b), (c, d))):
             return 1e9
         total += (bilinear(first, a, b) - bilinear(second, c, d)) ** 2

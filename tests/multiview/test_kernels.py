@@ -1,4 +1,4 @@
-"""The compiled 3D loops, compiled and as Python, against their plain twins."""
+"""The compiled loops of several views, compiled and as Python, against their plain twins."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,20 +6,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from decoder.side_information import _kernels_3d as kernels
-from decoder.side_information.trifocal import inverse_transfer, transfer_matrix
 from dvc._jit import python_twin
-from sfm.model import PixelFrame
-from tests.reference import side_information_3d as reference
+from dvc.multiview import _kernels as kernels
+from dvc.multiview.cameras import PixelFrame
+from dvc.multiview.warping import inverse_warp, warp_matrix
+from tests.reference import multiview as reference
 from tests.scenes_3d import camera_at
 
 pytestmark = pytest.mark.nojit
 Choose = Callable[[Any], Any]
 SHAPE = (7, 9)
 FRAME = PixelFrame(SHAPE[1], SHAPE[0])
-THERE = transfer_matrix(camera_at(0.0), camera_at(1.0), FRAME)
-BACK = inverse_transfer(THERE)
-TO_KEYS = [transfer_matrix(camera_at(0.4), camera_at(late), FRAME) for late in (0.0, 1.0)]
+THERE = warp_matrix(camera_at(0.0), camera_at(1.0), FRAME)
+BACK = inverse_warp(THERE)
+TO_KEYS = [warp_matrix(camera_at(0.4), camera_at(late), FRAME) for late in (0.0, 1.0)]
 
 
 @pytest.fixture(params=["compiled", "python"])
@@ -34,18 +34,18 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(5)
 
 
-def test_transfer_grid(choose: Choose, rng: np.random.Generator) -> None:
+def test_warp_grid(choose: Choose, rng: np.random.Generator) -> None:
     """Every vertex goes where its point goes; those behind the camera are marked."""
-    surface = rng.uniform(-40, 10, (4, 5))
+    depth = rng.uniform(-40, 10, (4, 5))
     got = np.empty((4, 5, 3))
-    choose(kernels.transfer_grid)(BACK, surface, -3.0, 2.5, got)
+    choose(kernels.warp_grid)(BACK, depth, -3.0, 2.5, got)
     behind = 0
-    for i, j in np.ndindex(surface.shape):
-        x, y, w = reference.moved(BACK, -3.0 + 2.5 * j, -3.0 + 2.5 * i, surface[i, j])
+    for i, j in np.ndindex(depth.shape):
+        x, y, w = reference.moved(BACK, -3.0 + 2.5 * j, -3.0 + 2.5 * i, depth[i, j])
         behind += w < 1e-6
-        depth = surface[i, j] / w if w >= 1e-6 else kernels.EMPTY
-        np.testing.assert_allclose(got[i, j], [x, y, depth], rtol=1e-12)
-    assert 0 < behind < surface.size
+        there = depth[i, j] / w if w >= 1e-6 else kernels.EMPTY
+        np.testing.assert_allclose(got[i, j], [x, y, there], rtol=1e-12)
+    assert 0 < behind < depth.size
 
 
 def test_rasterise(choose: Choose, rng: np.random.Generator) -> None:
@@ -53,20 +53,20 @@ def test_rasterise(choose: Choose, rng: np.random.Generator) -> None:
     rows, columns = np.indices((5, 5))
     positions = np.stack([columns * 2.6, rows * 2.1, 0.2 * rows], -1) + rng.normal(0, 0.9, (5, 5, 3))
     positions[4, 4, 2] = kernels.EMPTY
-    torn = rng.random((4, 4)) < 0.2
+    skipped = rng.random((4, 4)) < 0.2
     nearest = np.full(SHAPE, kernels.EMPTY)
-    choose(kernels.rasterise)(positions, torn, nearest)
-    np.testing.assert_allclose(nearest, reference.rasterise(positions, torn, SHAPE), rtol=1e-9)
+    choose(kernels.rasterise)(positions, skipped, nearest)
+    np.testing.assert_allclose(nearest, reference.rasterise(positions, skipped, SHAPE), rtol=1e-9)
     assert (nearest == kernels.EMPTY).any()
 
 
-def test_rasterise_torn(choose: Choose) -> None:
-    """The pieces of a torn cell reach half way from each corner, at the corner's own depth."""
+def test_rasterise_discontinuities(choose: Choose) -> None:
+    """The pieces of a discontinuous cell reach half way from each corner, at the corner's own depth."""
     stay = np.eye(3, 4)
-    surface = np.array([[1.0, 2.0], [3.0, 4.0]])
+    depth = np.array([[1.0, 2.0], [3.0, 4.0]])
     fine = np.full((5, 5), kernels.EMPTY)
     enlarged = np.diag([4.0, 4.0, 1.0]) @ stay
-    choose(kernels.rasterise_torn)(enlarged, surface, np.ones((1, 1), bool), 0.5, fine)
+    choose(kernels.rasterise_discontinuities)(enlarged, depth, np.ones((1, 1), bool), 0.5, fine)
     expected = np.array([[1, 1, 2, 2, 2]] * 2 + [[3, 3, 4, 4, 4]] * 3, dtype=float)
     np.testing.assert_allclose(fine, expected)
 
@@ -96,7 +96,7 @@ def test_matching_cost(choose: Choose, rng: np.random.Generator) -> None:
 
 
 def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> None:
-    """Path costs and the labels chosen from them are those of a plain recursion."""
+    """Path costs and the hypotheses chosen from them are those of a plain recursion."""
     cost = rng.integers(0, 90, (*SHAPE, 6)).astype(np.int16)
     image = rng.uniform(0, 255, SHAPE).astype(np.float32)
     total = np.zeros(cost.shape, np.int16)
@@ -105,19 +105,19 @@ def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> Non
         choose(kernels.aggregate_path)(cost, image, dy, dx, 8, 60, lines[0], lines[1], total)
     expected = reference.aggregate(cost, image, 8, 60)
     np.testing.assert_array_equal(total, expected)
-    label, certainty = np.empty(SHAPE), np.empty(SHAPE)
-    choose(kernels.best_label)(total, label, certainty)
-    np.testing.assert_allclose(label, reference.best_label(expected)[0])
-    np.testing.assert_allclose(certainty, reference.best_label(expected)[1])
+    hypothesis, confidence = np.empty(SHAPE), np.empty(SHAPE)
+    choose(kernels.best_hypothesis)(total, hypothesis, confidence)
+    np.testing.assert_allclose(hypothesis, reference.best_hypothesis(expected)[0])
+    np.testing.assert_allclose(confidence, reference.best_hypothesis(expected)[1])
 
 
 def test_check_consistency(choose: Choose, rng: np.random.Generator) -> None:
     """All three states are met and told apart."""
-    surface, other = rng.uniform(0.2, 0.9, (2, *SHAPE))
-    state = np.empty(SHAPE, np.int8)
-    choose(kernels.check_consistency)(surface, other, THERE, BACK, 0.4, state)
-    np.testing.assert_array_equal(state, reference.consistency(surface, other, THERE, BACK, 0.4))
-    assert set(np.unique(state)) == {0, 1, 2}
+    depth, other = rng.uniform(0.2, 0.9, (2, *SHAPE))
+    visibility = np.empty(SHAPE, np.int8)
+    choose(kernels.check_consistency)(depth, other, THERE, BACK, 0.4, visibility)
+    np.testing.assert_array_equal(visibility, reference.consistency(depth, other, THERE, BACK, 0.4))
+    assert set(np.unique(visibility)) == {0, 1, 2}
 
 
 def test_weighted_quantile(choose: Choose, rng: np.random.Generator) -> None:
@@ -133,35 +133,35 @@ def test_planes_are_continued_across_gaps(choose: Choose) -> None:
     """A slanted surface with a gap is filled by its own plane."""
     rows, columns = np.indices((14, 14))
     plane = 0.3 + 0.01 * columns - 0.004 * rows
-    state = np.zeros(plane.shape, np.int8)
-    state[5:8, 6:14] = 1
+    visibility = np.zeros(plane.shape, np.int8)
+    visibility[5:8, 6:14] = 1
     slopes, filled = np.empty((*plane.shape, 2)), np.empty_like(plane)
-    damaged = np.where(state == 0, plane, 9.0)
-    choose(kernels.local_slopes)(damaged, state == 0, state == 0, 3, 0.1, slopes)
+    damaged = np.where(visibility == 0, plane, 9.0)
+    choose(kernels.local_slopes)(damaged, visibility == 0, visibility == 0, 3, 0.1, slopes)
     np.testing.assert_allclose(slopes[2, 3], [0.01, -0.004], rtol=1e-6)
-    nowhere, quantiles = np.ones(plane.shape, np.int8), np.full(3, 0.5)
-    arguments = (damaged, state, np.zeros(plane.shape), slopes, 10.0, 30.0, quantiles)
-    choose(kernels.fill_surface)(*arguments, plane, nowhere, THERE, BACK, 1.0, filled)
+    nowhere, quantile = np.ones(plane.shape, np.int8), 0.5
+    arguments = (damaged, visibility, np.zeros(plane.shape), slopes, 10.0, 30.0, quantile)
+    choose(kernels.fill_depth)(*arguments, plane, nowhere, THERE, BACK, 1.0, filled)
     np.testing.assert_allclose(filled, plane, rtol=1e-4)
 
 
-def test_depths_that_the_other_key_looks_through_are_refused(choose: Choose) -> None:
-    """Between near and far, what the other key sees through becomes far."""
+def test_depths_that_the_other_view_looks_through_are_refused(choose: Choose) -> None:
+    """Between near and far, what the other view looks through becomes far."""
     near, far = 0.9, 0.1
-    surface = np.full((1, 9), near)
-    surface[0, :3] = far
-    state = np.zeros((1, 9), np.int8)
-    state[0, 3:6] = 2
+    depth = np.full((1, 9), near)
+    depth[0, :3] = far
+    visibility = np.zeros((1, 9), np.int8)
+    visibility[0, 3:6] = 2
     stay = np.eye(3, 4)
     stay[0, 3] = 2.0
     back = stay.copy()
     back[0, 3] = -2.0
     seen = np.full((1, 9), far)
-    arguments = (surface, state, np.zeros((1, 9)), np.zeros((1, 9, 2)), 10.0, 30.0, np.full(3, 0.9))
+    arguments = (depth, visibility, np.zeros((1, 9)), np.zeros((1, 9, 2)), 10.0, 30.0, 0.9)
     for other_state, expected in ((0, far), (1, near)):
-        filled = np.empty_like(surface)
+        filled = np.empty_like(depth)
         others = np.full((1, 9), other_state, np.int8)
-        choose(kernels.fill_surface)(*arguments, seen, others, stay, back, 0.5, filled)
+        choose(kernels.fill_depth)(*arguments, seen, others, stay, back, 0.5, filled)
         assert filled[0, 5] == expected
 
 
@@ -169,33 +169,38 @@ def test_guided_median(choose: Choose) -> None:
     """A ragged jump of depth moves to the edge of the image; what is not chosen stays."""
     image = np.zeros((9, 12))
     image[:, 6:] = 100.0
-    surface = np.where(image > 0, 0.8, 0.2)
-    ragged = surface.copy()
+    depth = np.where(image > 0, 0.8, 0.2)
+    ragged = depth.copy()
     ragged[3:5, 6] = 0.2
     ragged[6, 5] = 0.8
     chosen = np.ones(image.shape, bool)
     chosen[6, 5] = False
     nowhere = np.ones(image.shape, np.int8)
-    median = np.empty_like(surface)
+    median = np.empty_like(depth)
     arguments = (ragged, np.ones(image.shape), image, chosen, 3, 8.0, 0.2, 0.6 / 255)
-    choose(kernels.guided_median)(*arguments, THERE, BACK, surface, nowhere, 1.0, median)
-    expected = surface.copy()
+    choose(kernels.guided_median)(*arguments, THERE, BACK, depth, nowhere, 1.0, median)
+    expected = depth.copy()
     expected[6, 5] = 0.8
     np.testing.assert_allclose(median, expected, atol=1e-12)
 
 
-def test_sight(choose: Choose, rng: np.random.Generator) -> None:
-    """Points outside, hidden, at an edge and in plain sight are told apart."""
-    surface = np.where(np.indices(SHAPE)[1] < 4, 0.8, 0.1)
-    state = (rng.random(SHAPE) < 0.1).astype(np.int8)
+def test_visibility_weights(choose: Choose, rng: np.random.Generator) -> None:
+    """Points outside, occluded, at an edge and in plain sight are told apart."""
+    depth = np.where(np.indices(SHAPE)[1] < 4, 0.8, 0.1)
+    visibility = (rng.random(SHAPE) < 0.1).astype(np.int8)
     positions = np.stack(
         [rng.uniform(-2, 10, SHAPE), rng.uniform(-2, 8, SHAPE), rng.uniform(0, 0.9, SHAPE)], -1
     )
-    trust = np.empty(SHAPE)
-    choose(kernels.see)(positions, surface, state, BACK, 1, 0.3, trust)
-    values = {"outside": kernels.OUTSIDE, "hidden": kernels.HIDDEN, "edge": kernels.EDGE, "seen": 1.0}
-    expected = reference.sights(positions, surface, state, BACK, 1, 0.3)
-    np.testing.assert_array_equal(trust, np.vectorize(values.get)(expected))
+    weights = np.empty(SHAPE)
+    choose(kernels.visibility_weights)(positions, depth, visibility, BACK, 1, 0.3, weights)
+    values = {
+        "outside": kernels.OUTSIDE_WEIGHT,
+        "occluded": kernels.OCCLUDED_WEIGHT,
+        "edge": kernels.EDGE_WEIGHT,
+        "seen": 1.0,
+    }
+    expected = reference.visibility(positions, depth, visibility, BACK, 1, 0.3)
+    np.testing.assert_array_equal(weights, np.vectorize(values.get)(expected))
     assert set(expected.ravel()) == set(values)
 
 

@@ -1,0 +1,213 @@
+"""View synthesis: a frame predicted from its depth and two key frames, by backward warps and blending.
+
+Every pixel fetches its level from both key frames. A key frame that does not see the point, outside the frame
+or behind something, has no say where the other one does.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.cameras import PixelFrame
+from dvc.multiview.depth_maps import DepthMap, DepthView
+from dvc.multiview.rendering import OCCLUDED_WEIGHT, render_depth, visibility_weights
+from dvc.multiview.sampling import sample
+from dvc.multiview.warping import inverse_warp, warp_grid, warp_matrix
+
+Floats = NDArray[np.float64]
+Luma = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+SOFTENING = 0.3
+"""Share of the 3x3 mean where depth is not reliable: blur costs less there than a sharp misplaced edge."""
+
+
+class Interpolation(NamedTuple):
+    """A predicted frame.
+
+    Attributes
+    ----------
+    luma : ndarray of shape (H, W), float64
+        Prediction.
+    compensated : tuple of ndarray of shape (H, W), float64
+        What each key frame says, whether it sees the point or not.
+    weights : tuple of ndarray of shape (H, W), float64
+        Share of each key frame in the prediction; they sum to 1.
+    positions : tuple of ndarray of shape (H, W, 2), float64
+        Where each pixel lies in each key frame, (x, y) in pixels; may be outside.
+    expected_error : ndarray of shape (H, W), float64
+        Expected absolute error, in luma levels.
+    hypotheses : tuple of ndarray of shape (H, W), float64
+        The predictions that it was fused from; none where there was only one.
+    """
+
+    luma: Floats
+    compensated: tuple[Floats, ...]
+    weights: tuple[Floats, ...]
+    positions: tuple[Floats, ...]
+    expected_error: Floats
+    hypotheses: tuple[Floats, ...] = ()
+
+
+def render_between(
+    keys: Sequence[DepthView], camera: Floats, temporal_position: float, frame: PixelFrame
+) -> Interpolation:
+    """Predict a view from the depth of two key frames.
+
+    Parameters
+    ----------
+    keys : sequence of two DepthView
+        Key frames with their depth.
+    camera : ndarray of shape (3, 4), float64
+        Camera of the wanted view, in normalised coordinates.
+    temporal_position : float
+        Of the wanted view between the first key frame (0) and the second (1).
+    frame : PixelFrame
+        Size of the images.
+
+    Returns
+    -------
+    Interpolation
+        The predicted frame.
+    """
+    return interpolate(keys, render_depth(keys, camera, frame), camera, temporal_position, frame)
+
+
+def interpolate(
+    keys: Sequence[DepthView], depth: DepthMap, camera: Floats, temporal_position: float, frame: PixelFrame
+) -> Interpolation:
+    """Predict a view from two key frames and its depth.
+
+    Parameters
+    ----------
+    keys : sequence of two DepthView
+        Key frames with their depth.
+    depth : DepthMap
+        Depth of the wanted view.
+    camera : ndarray of shape (3, 4), float64
+        Its camera, in normalised coordinates.
+    temporal_position : float
+        Of the wanted view between the first key frame (0) and the second (1).
+    frame : PixelFrame
+        Size of the images.
+
+    Returns
+    -------
+    Interpolation
+        The predicted frame.
+    """
+    compensated, weights, positions = [], [], []
+    for key in keys:
+        warped = warp_grid(inverse_warp(warp_matrix(key.camera, camera, frame)), depth.inverse_depth)
+        compensated.append(sample(key.luma, warped))
+        weights.append(visibility_weights(key, warped))
+        positions.append(warped[..., :2])
+    return blend(compensated, weights, positions, depth.reliable, temporal_position)
+
+
+def blend(
+    compensated: Sequence[Floats],
+    visibility: Sequence[Floats],
+    positions: Sequence[Floats],
+    reliable: Mask,
+    temporal_position: float,
+) -> Interpolation:
+    """Blend what the key frames say, by time and by what they see.
+
+    Parameters
+    ----------
+    compensated : sequence of two ndarray of shape (H, W), float64
+        Warped key frames.
+    visibility : sequence of two ndarray of shape (H, W), float64
+        Positive weight of each, see `dvc.multiview.rendering.visibility_weights`.
+    positions : sequence of two ndarray of shape (H, W, 2), float64
+        Where each pixel lies in each key frame.
+    reliable : ndarray of shape (H, W), bool
+        Where the depth is reliable.
+    temporal_position : float
+        Of the frame between the first key frame (0) and the second (1).
+
+    Returns
+    -------
+    Interpolation
+        The predicted frame.
+    """
+    first = (1.0 - temporal_position) * visibility[0] + 1e-12
+    second = temporal_position * visibility[1] + 1e-12
+    share = second / (first + second)
+    mean = compensated[0] + share * (compensated[1] - compensated[0])
+    activity = _box(np.abs(mean - _box(mean, 5)), 5)
+    soft = mean + SOFTENING * (_box(mean, 3) - mean)
+    luma = np.where(reliable, mean, soft)
+    both = np.minimum(*visibility) > OCCLUDED_WEIGHT
+    visible = np.maximum(*visibility) > OCCLUDED_WEIGHT
+    difference = _box(np.abs(compensated[0] - compensated[1]), 3)
+    confident = np.where(both, 1.0 + 0.4 * difference, 1.0 + 0.6 * activity)
+    error = np.where(visible, np.where(reliable, confident, 2.0 + 1.0 * activity), 3.0 + 1.5 * activity)
+    return Interpolation(luma, tuple(compensated), (1.0 - share, share), tuple(positions), error)
+
+
+def _box(plane: Floats, side: int) -> Floats:
+    return np.asarray(cv2.blur(plane, (side, side), borderType=cv2.BORDER_REPLICATE), dtype=np.float64)
+
+
+def warp_chroma(
+    interpolation: Interpolation, chroma: Sequence[tuple[Luma, Luma] | None]
+) -> tuple[Luma, Luma] | None:
+    """Predict the chroma planes of a predicted frame.
+
+    Parameters
+    ----------
+    interpolation : Interpolation
+        What `interpolate` returned.
+    chroma : sequence of two (tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None)
+        Cb and Cr of each key frame.
+
+    Returns
+    -------
+    tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
+        Predicted Cb and Cr; None if a key frame has no chroma.
+    """
+    # A chroma sample lies half a pixel right of and below its luma sample, in all three frames alike.
+    halved = [np.ascontiguousarray(position[::2, ::2]) / 2.0 for position in interpolation.positions]
+    predicted = []
+    for component in (0, 1):
+        planes = [pair[component] for pair in chroma if pair is not None]
+        if len(planes) < len(halved):
+            return None
+        warped = [sample(plane, position) for plane, position in zip(planes, halved, strict=True)]
+        share = interpolation.weights[1][::2, ::2]
+        predicted.append(np.floor(warped[0] + share * (warped[1] - warped[0]) + 0.5).astype(np.uint8))
+    return predicted[0], predicted[1]
+
+
+def block_offsets(interpolation: Interpolation, block: int = 4) -> tuple[NDArray[np.int64], ...]:
+    """Summarise the positions as block offsets, for methods that refine by blocks.
+
+    Parameters
+    ----------
+    interpolation : Interpolation
+        What `interpolate` returned.
+    block : int
+        Side of the blocks.
+
+    Returns
+    -------
+    tuple of ndarray of shape (ceil(H / block), ceil(W / block), 2), int64
+        Per key frame, where each block lies in it: (vertical, horizontal) in quarter samples.
+    """
+    return tuple(_offsets(position, block) for position in interpolation.positions)
+
+
+def _offsets(position: Floats, block: int) -> NDArray[np.int64]:
+    height, width = position.shape[:2]
+    rows, columns = np.indices((height, width))
+    limit = 4.0 * max(height, width)
+    motion = np.clip(np.stack([position[..., 1] - rows, position[..., 0] - columns], axis=-1), -limit, limit)
+    spare = ((0, -height % block), (0, -width % block), (0, 0))
+    padded = np.pad(motion, spare, mode="edge")
+    cells = padded.reshape(padded.shape[0] // block, block, padded.shape[1] // block, block, 2)
+    return np.floor(4.0 * np.median(cells, axis=(1, 3)) + 0.5).astype(np.int64)

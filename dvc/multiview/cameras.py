@@ -1,0 +1,180 @@
+"""Projective cameras: pixels and normalised coordinates, projection, and pairs of views.
+
+Convention
+----------
+A camera is a 3x4 matrix in *normalised coordinates* of the image (`PixelFrame`), of any scale and sign. Pixel
+centres are at whole numbers. Depth is projective: positive before the camera once the matrix has the sign
+that gives its left part a positive determinant; inverse depth is 0 at infinity and grows towards the camera.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+RANGE_QUANTILES = (0.005, 0.995)
+"""Of the known inverse depths, what the range of a view spans: a few wrong points do not stretch it."""
+
+
+def homogeneous(points: Floats) -> Floats:
+    """Append a third coordinate 1.
+
+    Parameters
+    ----------
+    points : ndarray of shape (N, 2), float64
+        Points of a plane.
+
+    Returns
+    -------
+    ndarray of shape (N, 3), float64
+        The same points.
+    """
+    return np.column_stack([points, np.ones(len(points))])
+
+
+def project(camera: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Project 3D points.
+
+    Parameters
+    ----------
+    camera : ndarray of shape (3, 4), float64
+        Projection matrix.
+    points : ndarray of shape (N, 4), float64
+        Homogeneous 3D points.
+
+    Returns
+    -------
+    xy : ndarray of shape (N, 2), float64
+        Image points; not finite on the focal plane.
+    depth : ndarray of shape (N,), float64
+        Projective depth; its sign tells on which side of the camera a point lies.
+    """
+    image = points @ camera.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return image[:, :2] / image[:, 2:], image[:, 2]
+
+
+@dataclass(frozen=True)
+class PixelFrame:
+    """Coordinates in which a whole image has about unit size: what the algebra of the cameras works in.
+
+    Attributes
+    ----------
+    width_px, height_px : int
+        Size of the image.
+    """
+
+    width_px: int
+    height_px: int
+
+    @property
+    def scale_px(self) -> float:
+        """Pixels per unit."""
+        return float(max(self.width_px, self.height_px))
+
+    @property
+    def normalized_from_pixel(self) -> Floats:
+        """Homography (3, 3) from pixels to normalised coordinates."""
+        s = 1.0 / self.scale_px
+        x, y = 0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)
+        return np.array([[s, 0.0, -s * x], [0.0, s, -s * y], [0.0, 0.0, 1.0]])
+
+    @property
+    def pixel_from_normalized(self) -> Floats:
+        """Homography (3, 3) from normalised coordinates to pixels."""
+        s = self.scale_px
+        x, y = 0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)
+        return np.array([[s, 0.0, x], [0.0, s, y], [0.0, 0.0, 1.0]])
+
+    def to_normalized(self, points: Floats) -> Floats:
+        """Convert points from pixels.
+
+        Parameters
+        ----------
+        points : ndarray of shape (N, 2), float64
+            Image points (x, y) in pixels.
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            Normalised coordinates.
+        """
+        normalized: Floats = (points - self._centre) / self.scale_px
+        return normalized
+
+    def to_pixels(self, points: Floats) -> Floats:
+        """Convert points to pixels; inverse of `to_normalized`.
+
+        Parameters
+        ----------
+        points : ndarray of shape (N, 2), float64
+            Normalised coordinates.
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            Image points (x, y) in pixels.
+        """
+        pixels: Floats = points * self.scale_px + self._centre
+        return pixels
+
+    @property
+    def _centre(self) -> Floats:
+        return np.array([0.5 * (self.width_px - 1), 0.5 * (self.height_px - 1)])
+
+
+def oriented(camera: Floats) -> Floats:
+    """Give a camera the sign that gives points before it a positive depth.
+
+    Parameters
+    ----------
+    camera : ndarray of shape (3, 4), float64
+        Projection matrix.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        The matrix or its negative.
+    """
+    return -camera if np.linalg.det(camera[:, :3]) < 0 else camera
+
+
+def inverse_depth_range(known: Floats) -> tuple[float, float]:
+    """Return the range of the inverse depths of known points.
+
+    Parameters
+    ----------
+    known : ndarray of shape (N,), float64
+        Inverse depths in one view; those that are not finite are left out.
+
+    Returns
+    -------
+    lowest, highest : float
+        Quantiles `RANGE_QUANTILES`; 0 and 0 where nothing is known.
+    """
+    finite = known[np.isfinite(known)]
+    if not finite.size:
+        return 0.0, 0.0
+    lowest, highest = np.quantile(finite, RANGE_QUANTILES)
+    return float(lowest), float(highest)
+
+
+@dataclass(frozen=True, eq=False)
+class ViewPair:
+    """Two views of a static scene: what a search for their depth must know.
+
+    Attributes
+    ----------
+    pixel_frame : PixelFrame
+        Size of both pictures.
+    cameras : tuple of two ndarray of shape (3, 4), float64
+        In normalised coordinates.
+    inverse_depth_ranges : tuple of two (float, float)
+        Lowest and highest inverse depth of the scene in each view.
+    """
+
+    pixel_frame: PixelFrame
+    cameras: tuple[Floats, Floats]
+    inverse_depth_ranges: tuple[tuple[float, float], tuple[float, float]]

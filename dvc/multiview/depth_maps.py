@@ -1,0 +1,284 @@
+"""Depth maps of two views: dense inverse depth, its discontinuities, and what the other view sees of it.
+
+The plane sweep gives both views a depth. What the two agree on is consistent; what lies outside the other
+view or disagrees is continued from consistent neighbours by their planes, across as few edges as possible,
+and not to a place that the other view looks through: a point that it does not see must be occluded there.
+"""
+
+import enum
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+
+from dvc.multiview import _kernels
+from dvc.multiview.cameras import ViewPair
+from dvc.multiview.plane_sweep import SweepSettings, depth_hypotheses, sweep
+from dvc.multiview.warping import inverse_warp, warp_grid, warp_matrix
+
+Floats = NDArray[np.float64]
+Luma = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+AGREEMENT_PX = 1.5
+"""Largest distance, there and back, between points on which two maps agree: a pixel, and both errors."""
+MIN_CONFIDENCE = 20.0
+"""Of a consistent depth, in units of the sweep's costs: about what noise makes over eight directions."""
+MIN_REGION_PX = 40
+"""Consistent regions with fewer pixels are speckles: accidental matches."""
+TRACK_RADIUS_PX = 8.0
+"""How far around a known point its depth is taken where the views do not agree on one: half a macroblock."""
+SLOPE_RADIUS_PX = 8
+"""Radius in which the slope of a surface is measured: wide against the steps of the hypotheses."""
+MAX_CONTINUATION_PX = 40.0
+"""How far slopes are continued; farther away their error would be larger than that of constant depth."""
+EDGE_LEVELS = 15.0
+"""A step in luma that halves the weight of what lies behind it: well above the noise of a decoded frame."""
+CONTINUED_QUANTILE = 0.5
+"""Which of the continued inverse depths is taken, 0 being the farthest: wrong ones come from either side."""
+MEDIAN_RADIUS_PX = 5
+"""Radius of the median that aligns depth with edges of the image: what the sweep's box and jumps blur."""
+MEDIAN_LEVELS = 8.0
+"""Difference in luma that quarters a neighbour's weight in this median."""
+DISCONTINUITY_PX = 1.5
+"""Neighbours whose motions differ by more belong to different surfaces."""
+
+
+class Visibility(enum.IntEnum):
+    """What another view sees of a point."""
+
+    CONSISTENT = _kernels.CONSISTENT
+    """It sees the point: both depth maps agree."""
+    OUTSIDE = _kernels.OUTSIDE
+    """The point lies outside its frame."""
+    OCCLUDED = _kernels.OCCLUDED
+    """It shows something else there, or one of both depths is wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Depth of a view.
+
+    Attributes
+    ----------
+    inverse_depth : ndarray of shape (H, W), float64
+        Inverse depth of every pixel.
+    visibility : ndarray of shape (H, W), int8
+        A `Visibility` of every pixel, in the view that the map was checked with.
+    """
+
+    inverse_depth: Floats
+    visibility: NDArray[np.int8]
+
+    @property
+    def reliable(self) -> Mask:
+        """Where two views agree on the depth, shape (H, W)."""
+        reliable: Mask = self.visibility == Visibility.CONSISTENT
+        return reliable
+
+
+@dataclass(frozen=True, eq=False)
+class DepthView:
+    """A picture with its camera and its depth.
+
+    Attributes
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        The picture.
+    camera : ndarray of shape (3, 4), float64
+        In normalised coordinates.
+    depth : DepthMap
+        Of the picture, checked with the other view.
+    discontinuities : ndarray of shape (H - 1, W - 1), bool
+        Cells between four pixels that do not belong to one surface.
+    to_other : ndarray of shape (3, 4), float64
+        Warp to the other view.
+    """
+
+    luma: Luma
+    camera: Floats
+    depth: DepthMap
+    discontinuities: Mask
+    to_other: Floats
+
+
+class KnownDepth(NamedTuple):
+    """What is known of the depth of a view from others than the two that are compared.
+
+    Attributes
+    ----------
+    depth : DepthMap or None
+        As earlier pairs of views have shown it.
+    points : ndarray of shape (N, 2), float64
+        Known points (x, y) in pixels, inside the frame.
+    inverse_depth : ndarray of shape (N,), float64
+        Inverse depth of each.
+    """
+
+    depth: DepthMap | None
+    points: Floats
+    inverse_depth: Floats
+
+
+Known = tuple[KnownDepth | None, KnownDepth | None]
+
+
+class _Side(NamedTuple):
+    """One view while its depth map is being made, and the warps to the other and back."""
+
+    luma: Luma
+    there: Floats
+    back: Floats
+
+
+def estimate_depths(
+    pair: ViewPair, first: Luma, second: Luma, known: Known = (None, None)
+) -> tuple[DepthView, DepthView]:
+    """Estimate the depth of two views.
+
+    Parameters
+    ----------
+    pair : ViewPair
+        Their cameras, and the range of depth.
+    first, second : ndarray of shape (H, W), uint8
+        Luma of the views.
+    known : tuple of two (KnownDepth or None), optional
+        What is known of the depth of each already, from other views.
+
+    Returns
+    -------
+    tuple of two DepthView
+        Both views with their depth, without holes.
+    """
+    there = warp_matrix(*pair.cameras, pair.pixel_frame)
+    back = inverse_warp(there)
+    sides = (_Side(first, there, back), _Side(second, back, there))
+    swept = [_swept(sides[k], sides[1 - k].luma, pair.inverse_depth_ranges[k], known[k]) for k in (0, 1)]
+    visible = [_checked(sides[k], swept[k], swept[1 - k][0]) for k in (0, 1)]
+    maps = [_with_points(swept[k][0], visible[k], known[k]) for k in (0, 1)]
+    for _ in range(2):  # the second time, what is continued in one view limits the other
+        maps = [_continued(sides[k], maps[k], maps[1 - k]) for k in (0, 1)]
+    maps = [_aligned(sides[k], maps[k], maps[1 - k]) for k in (0, 1)]
+    first_view, second_view = (
+        DepthView(side.luma, camera, depth, discontinuities(depth.inverse_depth, side.there), side.there)
+        for side, camera, depth in zip(sides, pair.cameras, maps, strict=True)
+    )
+    return first_view, second_view
+
+
+def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
+    """Find the cells of a grid of pixels whose corners do not move together.
+
+    Parameters
+    ----------
+    inverse_depth : ndarray of shape (H, W), float64
+        Of the pixels.
+    warp : ndarray of shape (3, 4), float64
+        To another view.
+
+    Returns
+    -------
+    ndarray of shape (H - 1, W - 1), bool
+        True where motion varies by more than `DISCONTINUITY_PX`.
+    """
+    moved = warp_grid(warp, inverse_depth)
+    rows, columns = np.indices(inverse_depth.shape)
+    motion = moved[..., :2] - np.stack([columns, rows], axis=-1)
+    corners = np.stack([motion[:-1, :-1], motion[:-1, 1:], motion[1:, :-1], motion[1:, 1:]])
+    found: Mask = (corners.max(axis=0) - corners.min(axis=0)).max(axis=-1) > DISCONTINUITY_PX
+    return found
+
+
+def _swept(
+    side: _Side, other: Luma, inverse_depth_range: tuple[float, float], known: KnownDepth | None
+) -> tuple[Floats, Floats]:
+    """Inverse depth and its confidence."""
+    settings = SweepSettings()
+    hypotheses = depth_hypotheses(inverse_depth_range, side.there, side.luma.shape, settings)
+    expected = known.depth if known else None
+    prior = (expected.inverse_depth, expected.reliable) if expected else None
+    return sweep(side.luma, other, side.there, hypotheses, settings, prior)
+
+
+def _checked(side: _Side, own: tuple[Floats, Floats], other: Floats) -> NDArray[np.int8]:
+    """Tell what the other view sees: consistent in both, confident, and not a speckle."""
+    depth, confidence = own
+    visibility = np.empty(depth.shape, np.int8)
+    _kernels.check_consistency(depth, other, side.there, side.back, AGREEMENT_PX, visibility)
+    visibility[(visibility == Visibility.CONSISTENT) & (confidence < MIN_CONFIDENCE)] = Visibility.OCCLUDED
+    span = float(np.ptp(depth)) + 1e-300
+    levels = ((depth - depth.min()) / span * 30000.0).astype(np.int16)
+    levels[visibility != Visibility.CONSISTENT] = -1
+    cv2.filterSpeckles(levels, -1, MIN_REGION_PX, 600)
+    visibility[(levels == -1) & (visibility == Visibility.CONSISTENT)] = Visibility.OCCLUDED
+    return visibility
+
+
+def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth | None) -> DepthMap:
+    """Take the depth of known points around them, where the views agree on none; call it consistent."""
+    if known is None or not len(known.points):
+        return DepthMap(depth, visibility)
+    column, row = np.floor(known.points + 0.5).astype(np.int64).T
+    at_points = np.full(depth.shape, np.nan)
+    at_points[row, column] = known.inverse_depth
+    distance, nearest = distance_transform_edt(np.isnan(at_points), return_indices=True)
+    taken = (visibility != Visibility.CONSISTENT) & (distance <= TRACK_RADIUS_PX)
+    return DepthMap(
+        np.where(taken, at_points[nearest[0], nearest[1]], depth),
+        np.where(taken, np.int8(Visibility.CONSISTENT), visibility),
+    )
+
+
+def _continued(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
+    """Continue the consistent planes over the rest."""
+    depth, reliable = own.inverse_depth, own.reliable
+    slopes, filled = np.empty((*depth.shape, 2)), np.empty_like(depth)
+    limit = 0.03 * float(np.ptp(depth))
+    # only the rim of what is consistent is continued
+    rim = reliable & (cv2.dilate((~reliable).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+    _kernels.local_slopes(depth, reliable, rim, SLOPE_RADIUS_PX, limit, slopes)
+    _kernels.fill_depth(
+        depth,
+        own.visibility,
+        side.luma.astype(np.float64),
+        slopes,
+        EDGE_LEVELS,
+        MAX_CONTINUATION_PX,
+        CONTINUED_QUANTILE,
+        other.inverse_depth,
+        other.visibility,
+        side.there,
+        side.back,
+        AGREEMENT_PX,
+        filled,
+    )
+    return DepthMap(filled, own.visibility)
+
+
+def _aligned(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
+    """Align what was continued, and the discontinuities, with the edges of the image."""
+    depth, reliable = own.inverse_depth, own.reliable
+    span = float(np.ptp(depth)) + 1e-300
+    around = np.ones((5, 5), np.uint8)
+    jump = cv2.dilate(depth, around) - cv2.erode(depth, around) > 0.04 * span
+    aligned = np.empty_like(depth)
+    _kernels.guided_median(
+        depth,
+        np.where(reliable, 1.0, 0.3),
+        side.luma.astype(np.float64),
+        jump | ~reliable,
+        MEDIAN_RADIUS_PX,
+        MEDIAN_LEVELS,
+        depth.min(),
+        span / 255.0,
+        side.there,
+        side.back,
+        other.inverse_depth,
+        other.visibility,
+        AGREEMENT_PX,
+        aligned,
+    )
+    return DepthMap(aligned, own.visibility)

@@ -1,0 +1,287 @@
+"""Plane sweep: the inverse depth of every pixel of a view, or of every block of a virtual one.
+
+For every pixel and every depth hypothesis (a plane of constant inverse depth) the levels and gradients of two
+pictures are compared where the warp puts the point; semi-global inference favours depths without jumps, and a
+parabola refines the best hypothesis. A virtual view has no picture: both pictures are warped into it.
+
+References
+----------
+[Maitre2008] Sec. 5.3.2: blocks of the virtual view are matched along their epipolar lines.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview import _kernels
+from dvc.multiview.inference import semi_global
+from dvc.multiview.warping import warp_points
+
+Floats = NDArray[np.float64]
+Costs = NDArray[np.int16]
+Luma = NDArray[np.uint8]
+
+MAX_CELLS = 48_000_000
+"""Pixels times hypotheses of a cost volume: what memory it may take."""
+LEVEL_LIMIT, GRADIENT_LIMIT = 30.0, 60.0
+"""Truncation of differences of levels, and of gradients, in luma levels: more is a wrong or hidden point."""
+GRADIENT_WEIGHT = 3.0
+"""Of a gradient against a level; gradients survive changes of exposure, and quantisation damps them."""
+OUTSIDE_COST = 30
+"""Cost of a point outside the other picture: that of a wrong one, so that borders do not attract it."""
+PRIOR_WEIGHT, PRIOR_LIMIT = 8.0, 24.0
+"""Cost of the distance from an expected depth, per hypothesis, and its truncation: below a wrong match."""
+GOLDEN_STEPS = 6
+"""Steps of the golden-section search; each leaves 0.618 of the interval."""
+MIN_PARALLAX_PX = 0.05
+"""A block that a search over two hypotheses moves by less keeps its depth."""
+
+
+@dataclass(frozen=True)
+class SweepSettings:
+    """How finely the planes are swept, and how smooth the result is.
+
+    Attributes
+    ----------
+    step_px : float
+        Parallax between neighbouring hypotheses where it is largest, apart from the last twentieth.
+    max_hypotheses : int
+        Most hypotheses.
+    small_jump, large_jump : int
+        Cost of a change of depth by one hypothesis, and of a larger one across equal levels.
+    """
+
+    step_px: float = 0.6
+    max_hypotheses: int = 160
+    small_jump: int = 8
+    large_jump: int = 100
+
+
+class DepthHypotheses(NamedTuple):
+    """Inverse depths to try: ``lowest + k * step``.
+
+    Attributes
+    ----------
+    lowest, step : float
+        First inverse depth, and distance to the next.
+    count : int
+        Number of hypotheses, at least 2.
+    """
+
+    lowest: float
+    step: float
+    count: int
+
+    def inverse_depth(self, hypothesis: Floats) -> Floats:
+        """Return the inverse depths of hypotheses.
+
+        Parameters
+        ----------
+        hypothesis : ndarray, float64
+            Numbers of hypotheses, or between them.
+
+        Returns
+        -------
+        ndarray of the same shape, float64
+            Inverse depths.
+        """
+        return self.lowest + self.step * hypothesis
+
+
+def depth_hypotheses(
+    inverse_depth_range: tuple[float, float], warp: Floats, shape: tuple[int, int], settings: SweepSettings
+) -> DepthHypotheses:
+    """Choose the hypotheses from the range of the inverse depths of known points.
+
+    Parameters
+    ----------
+    inverse_depth_range : tuple of float
+        Lowest and highest, in the view that is swept.
+    warp : ndarray of shape (3, 4), float64
+        To the view that it is compared with.
+    shape : tuple of int
+        Height and width.
+    settings : SweepSettings
+        Step and number of hypotheses.
+
+    Returns
+    -------
+    DepthHypotheses
+        They cover the range with a margin.
+    """
+    lowest, highest = inverse_depth_range
+    span = max(highest - lowest, 1e-6 * max(abs(lowest), abs(highest), 1e-3))
+    lowest, highest = lowest - 0.1 * span, highest + 0.2 * span
+    height, width = shape
+    x, y = np.meshgrid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9))
+    points = np.column_stack([x.ravel(), y.ravel()])
+    (far, far_seen), (near, near_seen) = (
+        warp_points(warp, points, np.full(81, rho)) for rho in (lowest, highest)
+    )
+    both = far_seen & near_seen
+    parallax = np.hypot(*(near - far)[both].T) if both.any() else np.zeros(1)
+    wanted = float(np.quantile(np.minimum(parallax, max(shape)), 0.95)) / settings.step_px
+    most = min(settings.max_hypotheses, MAX_CELLS // (height * width))
+    count = int(np.clip(np.ceil(wanted) + 1, 4, max(most, 4)))
+    return DepthHypotheses(float(lowest), float((highest - lowest) / (count - 1)), count)
+
+
+def sweep(
+    base: Luma,
+    other: Luma,
+    warp: Floats,
+    hypotheses: DepthHypotheses,
+    settings: SweepSettings,
+    prior: tuple[Floats, NDArray[np.bool_]] | None = None,
+) -> tuple[Floats, Floats]:
+    """Find the inverse depth of every pixel of a view.
+
+    Parameters
+    ----------
+    base, other : ndarray of shape (H, W), uint8
+        The picture that is swept, and the one that it is compared with.
+    warp : ndarray of shape (3, 4), float64
+        From the first to the second.
+    hypotheses : DepthHypotheses
+        Inverse depths to try.
+    settings : SweepSettings
+        Cost of jumps.
+    prior : tuple of ndarray of shape (H, W), float64 and bool, optional
+        Inverse depth that is expected, and where it is.
+
+    Returns
+    -------
+    inverse_depth : ndarray of shape (H, W), float64
+        Best inverse depth.
+    confidence : ndarray of shape (H, W), float64
+        By how much the best hypothesis beats all that are not its neighbours.
+    """
+    cost = np.empty((*base.shape, hypotheses.count), np.int16)
+    _kernels.matching_cost(
+        luma_features(base),
+        luma_features(other),
+        warp,
+        hypotheses.lowest,
+        hypotheses.step,
+        _limits(),
+        OUTSIDE_COST,
+        cost,
+    )
+    cost = _box(cost)
+    if prior is not None:
+        _kernels.add_prior(*prior, hypotheses.lowest, hypotheses.step, PRIOR_WEIGHT, PRIOR_LIMIT, cost)
+    chosen, confidence = semi_global(cost, base, settings.small_jump, settings.large_jump)
+    return hypotheses.inverse_depth(chosen), confidence
+
+
+def luma_features(luma: Luma) -> NDArray[np.float32]:
+    """Return what is compared of a picture.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        The picture.
+
+    Returns
+    -------
+    ndarray of shape (3, H, W), float32
+        Level, and weighted horizontal and vertical central difference.
+    """
+    padded = np.pad(luma.astype(np.float32), 1, mode="edge")
+    horizontal = padded[1:-1, 2:] - padded[1:-1, :-2]
+    vertical = padded[2:, 1:-1] - padded[:-2, 1:-1]
+    weight = np.float32(0.5 * GRADIENT_WEIGHT)
+    return np.stack([padded[1:-1, 1:-1], weight * horizontal, weight * vertical])
+
+
+def _limits() -> NDArray[np.float32]:
+    return np.array([LEVEL_LIMIT, GRADIENT_LIMIT, GRADIENT_LIMIT], np.float32)
+
+
+def _box(cost: Costs) -> Costs:
+    """Mean over 3x3 pixels."""
+    padded = np.pad(cost, ((1, 1), (0, 0), (0, 0)), mode="edge")
+    rows = padded[:-2] + padded[1:-1] + padded[2:]
+    padded = np.pad(rows, ((0, 0), (1, 1), (0, 0)), mode="edge")
+    total: Costs = padded[:, :-2] + padded[:, 1:-1] + padded[:, 2:]
+    return total // np.int16(9)
+
+
+class VirtualView(NamedTuple):
+    """A view without a picture, and two pictures that show its scene.
+
+    Attributes
+    ----------
+    features : tuple of two ndarray of shape (3, H, W), float32
+        `luma_features` of the pictures.
+    warps : tuple of two ndarray of shape (3, 4), float64
+        From the view to each of them.
+    block_px : int
+        Side of the view's blocks.
+    """
+
+    features: tuple[NDArray[np.float32], NDArray[np.float32]]
+    warps: tuple[Floats, Floats]
+    block_px: int
+
+
+def block_costs(view: VirtualView, hypotheses: DepthHypotheses, spacing_px: float) -> Costs:
+    """Compare two pictures along the epipolar lines through each block of a virtual view.
+
+    Parameters
+    ----------
+    view : VirtualView
+        The view.
+    hypotheses : DepthHypotheses
+        Inverse depths to try, in that view.
+    spacing_px : float
+        Distance of the 4x4 samples of a block's window.
+
+    Returns
+    -------
+    ndarray of shape (ceil(H / block), ceil(W / block), hypotheses), int16
+        Mean truncated difference.
+    """
+    height, width = view.features[0].shape[1:]
+    cost = np.empty((-(-height // view.block_px), -(-width // view.block_px), hypotheses.count), np.int16)
+    _kernels.block_cost(
+        *view.features,
+        *view.warps,
+        hypotheses.lowest,
+        hypotheses.step,
+        view.block_px,
+        spacing_px,
+        _limits(),
+        OUTSIDE_COST,
+        cost,
+    )
+    return cost
+
+
+def refine_blocks(view: VirtualView, depth: Floats, reach: float, window_radius_px: int) -> Floats:
+    """Refine the depths of the blocks of a virtual view by golden sections.
+
+    Parameters
+    ----------
+    view : VirtualView
+        The view.
+    depth : ndarray of shape (rows, columns), float64
+        Inverse depth of its blocks.
+    reach : float
+        Largest change of inverse depth.
+    window_radius_px : int
+        Radius of the window that is compared.
+
+    Returns
+    -------
+    ndarray of shape (rows, columns), float64
+        Depths of smaller squared difference; the same where a change hardly moves the block.
+    """
+    refined = depth.copy()
+    levels = [features[0] for features in view.features]
+    _kernels.golden_search(
+        *levels, *view.warps, view.block_px, window_radius_px, reach, MIN_PARALLAX_PX, GOLDEN_STEPS, refined
+    )
+    return refined

@@ -1,0 +1,147 @@
+"""Rendering of depth views into another view: forward with z-test, hole filling, and what each view sees.
+
+Depth maps are drawn into the wanted view with depth order, reliable parts first; what nothing reaches takes
+the depth behind it. Its pixels may then be fetched from every view that sees them (a backward warp).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview import _kernels
+from dvc.multiview.cameras import PixelFrame
+from dvc.multiview.depth_maps import DepthMap, DepthView, Visibility
+from dvc.multiview.warping import warp_grid, warp_matrix
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+EMPTY = _kernels.EMPTY
+"""Inverse depth where nothing was drawn."""
+OCCLUDED_WEIGHT = _kernels.OCCLUDED_WEIGHT
+"""Weight of a view for a point that it does not see; above it, the view sees at least something beside it."""
+PIECE = 0.5
+"""How far each pixel beside a discontinuity extends, in pixels."""
+VISIBILITY_TOLERANCE_PX = 1.0
+"""Largest parallax between a point and what a view shows there, if it sees the point."""
+HALO_PX = 1
+"""Pixels beside something nearer mix both, and are avoided."""
+
+
+def render_depth(views: Sequence[DepthView], camera: Floats, frame: PixelFrame) -> DepthMap:
+    """Draw the depth of some views into another one.
+
+    Parameters
+    ----------
+    views : sequence of DepthView
+        The views.
+    camera : ndarray of shape (3, 4), float64
+        Wanted view, in normalised coordinates.
+    frame : PixelFrame
+        Size of the images.
+
+    Returns
+    -------
+    DepthMap
+        Depth without holes; consistent where consistent parts were drawn, occluded elsewhere.
+    """
+    reliable = np.full((frame.height_px, frame.width_px), EMPTY)
+    rest = reliable.copy()
+    for view in views:
+        warp = warp_matrix(view.camera, camera, frame)
+        inverse_depth, jumps = view.depth.inverse_depth, view.discontinuities
+        vertices = warp_grid(warp, inverse_depth)
+        doubtful = _cells(~view.depth.reliable)
+        for buffer, chosen in ((reliable, ~doubtful), (rest, doubtful)):
+            _kernels.rasterise(vertices, jumps | ~chosen, buffer)
+            _kernels.rasterise_discontinuities(warp, inverse_depth, jumps & chosen, PIECE, buffer)
+    drawn = reliable > EMPTY
+    visibility = np.where(drawn, Visibility.CONSISTENT, Visibility.OCCLUDED).astype(np.int8)
+    return DepthMap(fill_holes(np.where(drawn, reliable, rest)), visibility)
+
+
+def render_grid(vertices: Floats, shape: tuple[int, ...]) -> Floats:
+    """Draw a grid of vertices that is one piece.
+
+    Parameters
+    ----------
+    vertices : ndarray of shape (rows, columns, 3), float64
+        (x, y) in pixels and inverse depth, as `warp_grid` returns them.
+    shape : tuple of int
+        Height and width of the picture.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Inverse depth without holes.
+    """
+    drawn = np.full(shape, EMPTY)
+    _kernels.rasterise(vertices, np.zeros((vertices.shape[0] - 1, vertices.shape[1] - 1), dtype=bool), drawn)
+    return fill_holes(drawn)
+
+
+def _cells(points: Mask) -> Mask:
+    """Cells with at least one of their four corners in a set."""
+    cells: Mask = points[:-1, :-1] | points[:-1, 1:] | points[1:, :-1] | points[1:, 1:]
+    return cells
+
+
+def fill_holes(inverse_depth: Floats) -> Floats:
+    """Give what nothing was drawn on the depth of what is around and behind it.
+
+    Parameters
+    ----------
+    inverse_depth : ndarray of shape (H, W), float64
+        `EMPTY` in holes.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        The same without holes; 0 if there is nothing at all.
+    """
+    empty = inverse_depth <= EMPTY
+    if empty.all():
+        return np.zeros_like(inverse_depth)
+    filled = inverse_depth
+    nowhere = np.full(empty.shape, Visibility.OUTSIDE, np.int8)
+    # what no ray reaches in eight directions is reached from what has been filled
+    while empty.any():
+        visibility = np.where(empty, Visibility.OUTSIDE, Visibility.CONSISTENT).astype(np.int8)
+        even, slopes, none = np.zeros(empty.shape), np.zeros((*empty.shape, 2)), np.zeros((3, 4))
+        source, filled = filled, np.empty(empty.shape)
+        _kernels.fill_depth(
+            source, visibility, even, slopes, 1.0, 0.0, 0.0, source, nowhere, none, none, 0.0, filled
+        )
+        empty = filled <= EMPTY
+    return filled
+
+
+def visibility_weights(view: DepthView, positions: Floats) -> Floats:
+    """Weigh how well a view sees points.
+
+    Parameters
+    ----------
+    view : DepthView
+        The view.
+    positions : ndarray of shape (rows, columns, 3), float64
+        (x, y) in pixels and inverse depth in the view, as `warp_grid` returns them.
+
+    Returns
+    -------
+    ndarray of shape (rows, columns), float64
+        1 for points in plain sight, less beside something nearer, at most `OCCLUDED_WEIGHT` for points
+        behind something, and still less for points outside the view.
+    """
+    weights = np.empty(positions.shape[:2])
+    depth = view.depth
+    _kernels.visibility_weights(
+        positions,
+        depth.inverse_depth,
+        depth.visibility,
+        view.to_other,
+        HALO_PX,
+        VISIBILITY_TOLERANCE_PX,
+        weights,
+    )
+    return weights

@@ -1,0 +1,122 @@
+"""Warping: where points and pixels of one view with known depth lie in another.
+
+Convention
+----------
+Between two views (pixels, first pixel centre at 0) cameras become a *warp*, the 3x4 matrix ``[H | e]`` of the
+infinite homography H and the epipole e: the homogeneous point x of the source view with inverse depth rho
+lies at ``H x + rho e`` in the target view, and its inverse depth there is rho over the third coordinate.
+Planes are affine in inverse depth, whatever the camera; it is 0 at infinity and grows towards the camera.
+
+References
+----------
+[Maitre2008] Sec. 5.3.2, Fig. 5.4: trifocal transfer is triangulation in two views and a warp to the third.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview import _kernels
+from dvc.multiview.cameras import PixelFrame, homogeneous, oriented
+
+Floats = NDArray[np.float64]
+
+SINGULAR = 1e-9
+"""Determinant of a camera's left part, relative to its entries, below which its centre is at infinity."""
+
+
+def warp_matrix(source: Floats, target: Floats, frame: PixelFrame) -> Floats:
+    """Return the warp from one camera's view to another's.
+
+    Parameters
+    ----------
+    source, target : ndarray of shape (3, 4), float64
+        Cameras in normalised coordinates.
+    frame : PixelFrame
+        Size of the images.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        ``[H | e]`` in pixels. Warps of one set of cameras agree: going from a to b and on to c, with the
+        inverse depth divided by the third coordinate at b, is going from a to c.
+
+    Raises
+    ------
+    ValueError
+        If a camera has another shape, is not finite, or the source has its centre at infinity.
+    """
+    for name, camera in (("source", source), ("target", target)):
+        if camera.shape != (3, 4) or not np.isfinite(camera).all():
+            raise ValueError(f"`{name}` must be a finite 3x4 matrix, got shape {camera.shape}")
+    if abs(np.linalg.det(source[:, :3])) < SINGULAR * max(np.abs(source).max(), 1e-300) ** 3:
+        raise ValueError("`source` has its centre at infinity")
+    to_pixels = frame.pixel_from_normalized
+    basis = np.vstack([to_pixels @ oriented(source), [0.0, 0.0, 0.0, 1.0]])
+    matrix: Floats = np.ascontiguousarray(to_pixels @ oriented(target) @ np.linalg.inv(basis))
+    return matrix
+
+
+def inverse_warp(warp: Floats) -> Floats:
+    """Return the warp of the way back.
+
+    Parameters
+    ----------
+    warp : ndarray of shape (3, 4), float64
+        From a to b.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        From b to a.
+    """
+    inverse = np.linalg.inv(warp[:, :3])
+    return np.column_stack([inverse, -inverse @ warp[:, 3]])
+
+
+def warp_grid(warp: Floats, inverse_depth: Floats, origin_px: float = 0.0, step_px: float = 1.0) -> Floats:
+    """Warp every point of a regular grid, by default every pixel.
+
+    Parameters
+    ----------
+    warp : ndarray of shape (3, 4), float64
+        From the grid's view to another.
+    inverse_depth : ndarray of shape (rows, columns), float64
+        Of the grid's points.
+    origin_px : float
+        x and y of the first point.
+    step_px : float
+        Distance of the points.
+
+    Returns
+    -------
+    ndarray of shape (rows, columns, 3), float64
+        (x, y) in pixels and inverse depth in the other view; (-1e9, -1e9, `EMPTY`) behind it.
+    """
+    warped = np.empty((*inverse_depth.shape, 3))
+    _kernels.warp_grid(warp, inverse_depth, origin_px, step_px, warped)
+    return warped
+
+
+def warp_points(warp: Floats, points: Floats, inverse_depth: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Warp points of known inverse depth.
+
+    Parameters
+    ----------
+    warp : ndarray of shape (3, 4), float64
+        From the points' view to another.
+    points : ndarray of shape (N, 2), float64
+        Image points in pixels.
+    inverse_depth : ndarray of shape (N,), float64
+        Inverse depth of each.
+
+    Returns
+    -------
+    warped : ndarray of shape (N, 2), float64
+        Image points in the other view; the point itself where it has none.
+    visible : ndarray of shape (N,), bool
+        Whether the depth is known and the point lies before the other camera.
+    """
+    image = np.column_stack([homogeneous(points), np.nan_to_num(inverse_depth)]) @ warp.T
+    before = (image[:, 2] > 1e-6) & np.isfinite(inverse_depth)
+    warped = np.where(before[:, None], image[:, :2] / np.where(before, image[:, 2], 1.0)[:, None], points)
+    return warped, before
