@@ -6,14 +6,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import PixelFrame, homogeneous, project
+from dvc.multiview.triangulation import triangulate_depth
 from sfm import pycolmap_bridge
 from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.cameras.self_calibration import self_calibration
 from sfm.correspondences import outliers
 from sfm.estimation.epipolar import sampson_distances
 from sfm.estimation.weak_calibration import WeakCalibration, weak_calibration
-from sfm.model import Correspondences, PixelFrame
-from sfm.projection import homogeneous, project, triangulate_depth
+from sfm.model import Correspondences
 from sfm.settings import SfmSettings
 
 Floats = NDArray[np.float64]

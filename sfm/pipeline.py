@@ -8,6 +8,8 @@ References
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import PixelFrame
+from dvc.multiview.triangulation import triangulate_depth
 from sfm.backends import BACKENDS, CameraPair
 from sfm.correspondences import outliers
 from sfm.correspondences.densification import densify
@@ -16,8 +18,7 @@ from sfm.correspondences.matching import match_corners
 from sfm.correspondences.propagation import propagate, settle_on_surfaces
 from sfm.estimation.degeneracy import classify_motion
 from sfm.estimation.weak_calibration import WeakCalibration
-from sfm.model import Correspondences, Model, PixelFrame, Reconstruction
-from sfm.projection import triangulate_depth
+from sfm.model import Correspondences, Model, Reconstruction
 from sfm.settings import SfmSettings
 
 Floats = NDArray[np.float64]

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import PixelFrame
 from sfm.estimation.epipolar import (
     fundamental_from_camera,
     fundamental_to_pixels,
     sampson_distances,
     unit_norm,
 )
-from sfm.model import Correspondences, PixelFrame
+from sfm.model import Correspondences
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -16,8 +16,8 @@ import pytest
 
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
+from dvc.multiview.cameras import PixelFrame
 from dvc.video import Frame
-from sfm.model import PixelFrame
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render
 

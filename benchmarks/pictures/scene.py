@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from benchmarks.figures.harness import SCENES, MissingClip, clip_source
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.side_information.rendering import Interpolation
 from decoder.side_information.scene import INTERPOLATORS
-from decoder.side_information.surfaces import SurfaceSettings, estimate_surfaces
+from decoder.side_information.synthesis import Interpolation
 from dvc import cli
 from dvc.config import SideInformationConfig
 from dvc.metrics import psnr_db
+from dvc.multiview.depth_maps import estimate_depths
 from dvc.video import Frame, open_video
 from dvc.wynerziv.transform import to_uint8
 from sfm.cameras.resection import intermediate_cameras, linear_points
@@ -90,8 +90,7 @@ def _stages(frames: list[Luma], found: Reconstruction) -> Picture:
     corners = detect_corners(first)
     dots = Correspondences(corners, corners, np.zeros(len(corners)))
     matched = found.stages["matching"]
-    surfaces = estimate_surfaces(found.model, first, second, SurfaceSettings())
-    depth = surfaces[0].inverse_depth
+    depth = estimate_depths(found.model.view_pair, first, second)[0].depth.inverse_depth
     rendered = _interpolations(found.model, first, second)["mesh"]
     flat = _block_motion(first, second)
     doubt = _coloured(rendered.expected_error, 25.0)

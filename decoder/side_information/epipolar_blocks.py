@@ -138,7 +138,9 @@ def _relative_motion(warp: Floats) -> float:
 
 def _start_cost(start: Floats, hypotheses: DepthHypotheses) -> NDArray[np.int16]:
     """Cost of leaving where a block starts, per block and hypothesis."""
-    distance = np.abs(hypotheses.inverse_depth(np.arange(hypotheses.count)) - start[..., None])
+    distance = np.abs(
+        hypotheses.inverse_depth(np.arange(float(hypotheses.num_hypotheses))) - start[..., None]
+    )
     cost = np.minimum(START_WEIGHT * distance / hypotheses.step, START_LIMIT)
     return np.floor(cost + 0.5).astype(np.int16)
 

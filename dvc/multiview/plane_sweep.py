@@ -66,13 +66,13 @@ class DepthHypotheses(NamedTuple):
     ----------
     lowest, step : float
         First inverse depth, and distance to the next.
-    count : int
+    num_hypotheses : int
         Number of hypotheses, at least 2.
     """
 
     lowest: float
     step: float
-    count: int
+    num_hypotheses: int
 
     def inverse_depth(self, hypothesis: Floats) -> Floats:
         """Return the inverse depths of hypotheses.
@@ -158,7 +158,7 @@ def sweep(
     confidence : ndarray of shape (H, W), float64
         By how much the best hypothesis beats all that are not its neighbours.
     """
-    cost = np.empty((*base.shape, hypotheses.count), np.int16)
+    cost = np.empty((*base.shape, hypotheses.num_hypotheses), np.int16)
     _kernels.matching_cost(
         luma_features(base),
         luma_features(other),
@@ -245,7 +245,9 @@ def block_costs(view: VirtualView, hypotheses: DepthHypotheses, spacing_px: floa
         Mean truncated difference.
     """
     height, width = view.features[0].shape[1:]
-    cost = np.empty((-(-height // view.block_px), -(-width // view.block_px), hypotheses.count), np.int16)
+    cost = np.empty(
+        (-(-height // view.block_px), -(-width // view.block_px), hypotheses.num_hypotheses), np.int16
+    )
     _kernels.block_cost(
         *view.features,
         *view.warps,
@@ -280,8 +282,7 @@ def refine_blocks(view: VirtualView, depth: Floats, reach: float, window_radius_
         Depths of smaller squared difference; the same where a change hardly moves the block.
     """
     refined = depth.copy()
-    levels = [features[0] for features in view.features]
-    _kernels.golden_search(
-        *levels, *view.warps, view.block_px, window_radius_px, reach, MIN_PARALLAX_PX, GOLDEN_STEPS, refined
-    )
+    (first, *_), (second, *_) = view.features
+    search = MIN_PARALLAX_PX, GOLDEN_STEPS, refined
+    _kernels.golden_search(first, second, *view.warps, view.block_px, window_radius_px, reach, *search)
     return refined

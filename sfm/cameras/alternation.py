@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import homogeneous
 from sfm.cameras.projective_basis import CAMERA_NORM
-from sfm.projection import homogeneous
 
 Floats = NDArray[np.float64]
 

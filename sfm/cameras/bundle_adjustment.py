@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import PixelFrame, homogeneous, project
+from dvc.multiview.triangulation import inverse_depths
 from sfm.cameras.alternation import camera_step, denominators, depth_step, nonzero
 from sfm.cameras.projective_basis import (
     CAMERA_NORM,
@@ -21,8 +23,7 @@ from sfm.cameras.projective_basis import (
 )
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.least_squares import solve_damped
-from sfm.model import Correspondences, PixelFrame
-from sfm.projection import homogeneous, inverse_depths, project
+from sfm.model import Correspondences
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import project
 from sfm.cameras.resection import (
     ExpectedPoints,
     Resection,
@@ -15,7 +16,6 @@ from sfm.cameras.resection import (
     resection,
 )
 from sfm.model import Model
-from sfm.projection import project
 
 Floats = NDArray[np.float64]
 

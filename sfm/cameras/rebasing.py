@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import project
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.model import Correspondences, Model
-from sfm.projection import project
 
 Floats = NDArray[np.float64]
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import PixelFrame, homogeneous
+from dvc.multiview.triangulation import inverse_depths
 from sfm.cameras.projective_basis import CAMERA_NORM
 from sfm.least_squares import solve_damped
-from sfm.model import Model, PixelFrame
-from sfm.projection import homogeneous, inverse_depths
+from sfm.model import Model
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import PixelFrame, homogeneous
+from dvc.multiview.triangulation import inverse_depths
 from sfm.estimation.epipolar import epipoles, fundamental_to_normalized, skew
-from sfm.model import Correspondences, PixelFrame
-from sfm.projection import homogeneous, inverse_depths
+from sfm.model import Correspondences
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import homogeneous
 from sfm.estimation.fundamental import SharedScale
 from sfm.estimation.robust import (
     Indices,
@@ -18,7 +19,6 @@ from sfm.estimation.robust import (
 )
 from sfm.estimation.weak_calibration import WeakCalibration
 from sfm.model import Correspondences
-from sfm.projection import homogeneous
 
 Floats = NDArray[np.float64]
 MotionKind = Literal["general", "rotation", "none", "unknown"]

@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sfm.model import PixelFrame
-from sfm.projection import homogeneous
+from dvc.multiview.cameras import PixelFrame, homogeneous
 
 Floats = NDArray[np.float64]
 

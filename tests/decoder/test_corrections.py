@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from decoder.side_information.rendering import Interpolation, sample
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
@@ -16,7 +15,9 @@ from decoder.side_information.corrections import (
     correction_field,
     track_residuals,
 )
+from decoder.side_information.synthesis import Interpolation
 from dvc._jit import python_twin
+from dvc.multiview.sampling import sample
 from tests.clips import moving_texture
 
 Floats = NDArray[np.float64]

@@ -1,13 +1,13 @@
 """Mesh, blocks and block motion as one prediction."""
 
 import numpy as np
-from decoder.side_information.rendering import Interpolation
 from numpy.typing import NDArray
 
 from decoder.side_information import METHODS
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.fused_scene import fuse_scenes
 from decoder.side_information.protocol import ReferenceFrame
+from decoder.side_information.synthesis import Interpolation
 from dvc.config import CodecConfig, TracksConfig, VideoConfig
 from dvc.multiview.cameras import PixelFrame, project
 from dvc.tracks import PointTracks

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from decoder.side_information.rendering import Interpolation
 
 from decoder.side_information.blending import scene_share
 from decoder.side_information.block_motion import BlockMotionInterpolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.side_information.scene import INTERPOLATORS, LARGEST_SHARE, SceneInterpolation, hedged
+from decoder.side_information.synthesis import Interpolation
 from dvc.config import CodecConfig, GeometryConfig, VideoConfig
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame

@@ -35,11 +35,11 @@ def test_hypotheses_cover_the_scene() -> None:
     limits = inverse_depth_range(known)
     found = depth_hypotheses(limits, warp, (80, 96), settings)
     assert found.lowest < np.quantile(known, 0.01)
-    assert found.lowest + found.step * (found.count - 1) > known.max()
+    assert found.lowest + found.step * (found.num_hypotheses - 1) > known.max()
     fine = depth_hypotheses(limits, warp, (80, 96), replace(settings, step_px=0.3))
-    assert fine.count == pytest.approx(2 * found.count, abs=3)
+    assert fine.num_hypotheses == pytest.approx(2 * found.num_hypotheses, abs=3)
     huge = depth_hypotheses(limits, warp, (4000, 4000), settings)
-    assert huge.count == 4
+    assert huge.num_hypotheses == 4
 
 
 def test_rendering_from_the_own_camera_gives_the_own_depth() -> None:

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dvc.multiview.cameras import PixelFrame
 from sfm.__main__ import main
-from sfm.model import Correspondences, PixelFrame
+from sfm.model import Correspondences
 from sfm.output.drawing import ZOOM, draw_correspondences, side_by_side
 from tests.scenes_3d import render
 

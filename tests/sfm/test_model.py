@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from sfm.model import Correspondences, PixelFrame, Reconstruction
-from sfm.projection import project, triangulate_depth
+from dvc.multiview.cameras import PixelFrame, project
+from dvc.multiview.triangulation import triangulate_depth
+from sfm.model import Correspondences, Reconstruction
 from tests.sfm.euclidean import euclidean_scene
 
 

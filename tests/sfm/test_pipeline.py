@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dvc.multiview.cameras import PixelFrame, project
 from sfm.backends import BACKENDS
 from sfm.estimation.epipolar import (
     fundamental_from_camera,
@@ -12,9 +13,8 @@ from sfm.estimation.epipolar import (
     symmetric_distances,
     unit_norm,
 )
-from sfm.model import PixelFrame, Reconstruction
+from sfm.model import Reconstruction
 from sfm.pipeline import coverage, reconstruct
-from sfm.projection import project
 from sfm.settings import SfmSettings
 from tests.clips import moving_texture
 from tests.scenes_3d import camera_at, render

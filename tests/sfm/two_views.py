@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from dvc.multiview.cameras import PixelFrame, homogeneous, project
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
-from sfm.model import Correspondences, Model, PixelFrame
-from sfm.projection import homogeneous, project
+from sfm.model import Correspondences, Model
 
 Floats = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 
+from dvc.multiview.cameras import PixelFrame, homogeneous, project
 from sfm.cameras.projective_basis import camera_basis
-from sfm.model import Correspondences, PixelFrame
-from sfm.projection import homogeneous, project
+from sfm.model import Correspondences
 
 Floats = NDArray[np.float64]
 

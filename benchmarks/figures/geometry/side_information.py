@@ -28,14 +28,15 @@ from decoder.side_information.protocol import Prediction, ReferenceFrame, SideIn
 from decoder.side_information.scene import INTERPOLATORS
 from dvc.config import CodecConfig, VideoConfig
 from dvc.metrics import psnr_db
+from dvc.multiview.cameras import PixelFrame
+from dvc.multiview.triangulation import triangulate_depth
 from dvc.video import Frame, open_video
 from dvc.wynerziv.transform import to_uint8
 from sequences.cameras import Camera, intrinsics
 from sequences.renderer import render_frame
 from sequences.scenes import descriptions, scene
-from sfm.model import Correspondences, Model, PixelFrame
+from sfm.model import Correspondences, Model
 from sfm.pipeline import reconstruct
-from sfm.projection import triangulate_depth
 
 GOP = 10
 LEAST_DB = {"mesh": 32.0, "blocks": 31.0}

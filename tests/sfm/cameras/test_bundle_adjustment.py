@@ -5,12 +5,12 @@ import time
 import numpy as np
 import pytest
 
+from dvc.multiview.cameras import project
 from sfm.cameras import alternation
 from sfm.cameras.bundle_adjustment import BundleAdjustment, BundleAdjustmentOptions, bundle_adjustment
 from sfm.cameras.projective_basis import camera_basis, camera_from_coordinates, coordinates_of_camera
 from sfm.estimation.epipolar import sampson_distances
 from sfm.model import Correspondences
-from sfm.projection import project
 from tests.reference import sfm_cameras as reference
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, odd_correspondences, two_views
 

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from dvc.multiview.cameras import project
 from sfm.cameras.camera_path import regular_cameras
 from sfm.cameras.resection import Resection, TrackedPoints, intermediate_cameras, tracked_points
-from sfm.projection import project
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, two_views
 
 NUM_STEPS = 6

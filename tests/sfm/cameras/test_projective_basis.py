@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.multiview.cameras import project
 from sfm.cameras import projective_basis as pb
-from sfm.projection import project
 from tests.sfm.two_views import FRAME, two_views
 
 SCENE = two_views(60)

@@ -2,10 +2,9 @@
 
 import numpy as np
 
+from dvc.multiview.cameras import PixelFrame, project
 from sfm.cameras.rebasing import rebase
 from sfm.estimation.epipolar import symmetric_distances
-from sfm.model import PixelFrame
-from sfm.projection import project
 from tests.scenes_3d import camera_at, two_planes
 
 FRAME = PixelFrame(96, 80)

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.multiview.cameras import project
 from sfm.cameras.resection import (
     Resection,
     ResectionOptions,
@@ -17,7 +18,6 @@ from sfm.cameras.resection import (
     tracked_points,
 )
 from sfm.least_squares import solve_damped
-from sfm.projection import project
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, two_views
 
 TIME, SHAKE = 0.4, 0.012

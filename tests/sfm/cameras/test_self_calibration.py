@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
+from dvc.multiview.cameras import homogeneous, project
+from dvc.multiview.triangulation import inverse_depths, triangulate_depth
 from sfm.cameras.self_calibration import SelfCalibration, SelfCalibrationOptions, self_calibration
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.estimation.weak_calibration import refine_fundamental
 from sfm.model import Correspondences
-from sfm.projection import homogeneous, inverse_depths, project, triangulate_depth
 from tests.sfm.two_views import FRAME, odd_correspondences, two_views
 
 
