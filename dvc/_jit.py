@@ -27,15 +27,26 @@ def kernel(function: Function) -> Function:
         The compiled function; with ``NUMBA_DISABLE_JIT=1`` the function itself.
     """
     compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
-    _lock_cache(compiled)
+    cache = getattr(compiled, "_cache", None)
+    if cache is not None and hasattr(cache, "cache_path"):
+        _lock_cache(cache)
+        _stamp_cache(cache, function)
     return cast(Function, compiled)
 
 
-def _lock_cache(compiled: Any) -> None:
+def _stamp_cache(cache: Any, function: Callable[..., Any]) -> None:
+    """Let edits of the kernels that a kernel calls outdate its code, too: numba looks at one file alone."""
+    file = cache._cache_file
+    stamps = {file._source_stamp}
+    for name in function.__code__.co_names:
+        called: Any = getattr(function.__globals__.get(name), "_cache", None)
+        if hasattr(called, "_cache_file"):
+            stamps.update(called._cache_file._source_stamp)
+    file._source_stamp = sorted(stamps)
+
+
+def _lock_cache(cache: Any) -> None:
     """Let one process at a time read or write a kernel's cache: numba's index and code are separate files."""
-    cache = getattr(compiled, "_cache", None)
-    if cache is None or not hasattr(cache, "cache_path"):
-        return
     for name in ("load_overload", "save_overload"):
         setattr(cache, name, _locked(getattr(cache, name), Path(cache.cache_path)))
 

@@ -7,6 +7,9 @@ position, velocity and last residual of each track in 1/256 units.
 import numpy as np
 
 from dvc._jit import kernel
+from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS, code_exp_golomb
+from dvc.entropy.contexts import code_adaptive
+from dvc.entropy.range_coder import code_decision, code_uniform
 
 LOST = -1
 
@@ -14,17 +17,14 @@ LOSS = 0
 # Contexts: one for the loss of a track, then as many as `CONTEXTS_PER_CLASS` for each class of magnitudes
 # that are expected, in x and in y.
 NUM_CLASSES = 10
-NUM_EXPONENTS = 12
 ZERO = 0  # whether the residual is not 0, where the prediction is near a whole number
 ZERO_FAR = NUM_EXPONENTS  # the same where it is not
 MANTISSA = NUM_EXPONENTS + 2
 SIGN = MANTISSA + NUM_EXPONENTS
 CONTEXTS_PER_CLASS = SIGN + 3
 NUM_CONTEXTS = 1 + 2 * NUM_CLASSES * CONTEXTS_PER_CLASS
-MAX_DECISIONS = 1 + 2 * 48  # of one track at one instant
+MAX_SYMBOLS = 1 + 2 * MAX_DECISIONS  # of one track at one instant
 
-_COUNT_STEP = 16
-_MAX_COUNT = 64 * _COUNT_STEP
 _CLASS_BOUNDS = np.array([64, 102, 164, 262, 524, 1048, 2096, 4192, 8384])
 
 # ---- point sets ----
@@ -33,36 +33,15 @@ _CLASS_BOUNDS = np.array([64, 102, 164, 262, 524, 1048, 2096, 4192, 8384])
 @kernel
 def min_distance(points, limit):
     """Largest whole number, up to `limit`, that no distance of two points falls below."""
-    least = np.int64(limit) * limit
+    square = np.int64(limit) * limit
     for i in range(points.shape[0]):
         for j in range(i):
             dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
-            least = min(least, dx * dx + dy * dy)
+            square = min(square, dx * dx + dy * dy)
     root = 0
-    while (root + 1) * (root + 1) <= least:
+    while (root + 1) * (root + 1) <= square:
         root += 1
     return root
-
-
-@kernel
-def column_decisions(columns, num_columns):
-    """Steps to the next column (1) and points (0), with their probabilities by what is left of both."""
-    count = columns.size
-    decisions = np.empty(count + num_columns, np.int32)
-    probabilities = np.empty(count + num_columns, np.float64)
-    n, column = 0, 0
-    for k in range(count):
-        while True:
-            steps_left = num_columns - 1 - column
-            if steps_left == 0:
-                break
-            probabilities[n] = steps_left / (steps_left + count - k)
-            decisions[n] = column < columns[k]
-            n += 1
-            if column == columns[k]:
-                break
-            column += 1
-    return decisions[:n], probabilities[:n]
 
 
 @kernel
@@ -83,15 +62,33 @@ def free_rows(points, k, distance, free):
 
 
 @kernel
-def row_ranks(points, distance, num_rows):
-    """Rank of the row of each point among those that are free, and how many these are."""
-    ranks = np.empty(points.shape[0], np.int32)
-    bounds = np.empty(points.shape[0], np.int32)
+def code_points(coder, points, num_columns, num_rows, distance):
+    """Code points in column scan: steps to the next column and points, then rows among those that are free.
+
+    When reading, `points` (N, 2) receives them. Return whether there is room for all.
+    """
+    count, column = points.shape[0], 0
+    for k in range(count):
+        steps_left = num_columns - 1 - column
+        while steps_left > 0 and code_decision(
+            coder, steps_left / (steps_left + count - k), int(column < points[k, 0])
+        ):
+            column += 1
+            steps_left -= 1
+        points[k, 0] = column
     free = np.empty(num_rows, np.bool_)
-    for k in range(points.shape[0]):
-        bounds[k] = free_rows(points, k, distance, free)
-        ranks[k] = free[: points[k, 1]].sum()
-    return ranks, bounds
+    for k in range(count):
+        num_free = free_rows(points, k, distance, free)
+        if num_free == 0:
+            return False
+        rank = code_uniform(coder, num_free, free[: points[k, 1]].sum())
+        row = -1
+        for _ in range(rank + 1):
+            row += 1
+            while not free[row]:
+                row += 1
+        points[k, 1] = row
+    return True
 
 
 # ---- tracks ----
@@ -111,15 +108,7 @@ def neighbour_weights(points, reach):
 
 
 @kernel
-def predict(
-    position,
-    motion,
-    i,
-    weights,
-    sides,
-    started,
-    prediction,
-):
+def predict(position, motion, i, weights, sides, started, prediction):
     """Predict track `i` from its past and from those before it at the same instant, of known `position`.
 
     The prediction stays inside the frame, whose `sides` are given. `prediction` (2, 3) receives, for x and
@@ -151,20 +140,7 @@ def predict(
 
 
 @kernel
-def follow(position, motion, i, prediction):
-    """Note the residual of track `i`, whose position is known now."""
-    for axis in range(2):
-        motion[i, 2, axis] = position[i, axis] * 256 - prediction[axis, 0]
-
-
-@kernel
-def advance(
-    position,
-    motion,
-    predictions,
-    sides,
-    started,
-):
+def advance(position, motion, predictions, sides, started):
     """Filter positions and velocities once all tracks of an instant are known."""
     for i in range(position.shape[0]):
         if position[i, 0] != LOST:
@@ -178,113 +154,38 @@ def advance(
 
 
 @kernel
-def first_context(axis, prediction):
-    """Return where the contexts of a residual begin."""
-    return 1 + (axis * NUM_CLASSES + prediction[axis, 2]) * CONTEXTS_PER_CLASS
+def code_coordinate(coder, counts, axis, prediction, coordinate):
+    """Code a coordinate as its difference from the `prediction` (3,) of it, and return it."""
+    base = 1 + (axis * NUM_CLASSES + prediction[2]) * CONTEXTS_PER_CLASS
+    nearest = (prediction[0] + 128) >> 8
+    fraction = prediction[0] - (nearest << 8)
+    zero = base + (ZERO_FAR if abs(fraction) > 64 else ZERO)
+    sign = base + SIGN + (fraction > -38) + (fraction > 38)
+    residual = coordinate - nearest
+    return nearest + code_exp_golomb(coder, counts, zero, sign, base, base + MANTISSA, residual)
 
 
 @kernel
-def zero_context(base, predicted):
-    """Return the context of whether a residual is 0."""
-    fraction = ((predicted + 128) & 255) - 128
-    return base + (ZERO_FAR if abs(fraction) > 64 else ZERO)
+def code_instant(coder, position, live, num_given, motion, weights, sides, started, counts):
+    """Code where the tracks are that were `live` in the instant before, and go on to the next.
 
-
-@kernel
-def sign_context(base, predicted):
-    """Return the context of the sign of a residual."""
-    fraction = ((predicted + 128) & 255) - 128
-    return base + SIGN + (fraction > -38) + (fraction > 38)
-
-
-@kernel
-def exponent_context(base, exponent):
-    """Return the context of whether the exponent of a magnitude is larger than this, at least 1."""
-    return base + min(exponent, NUM_EXPONENTS - 1)
-
-
-@kernel
-def mantissa_context(base, exponent):
-    """Return the context of the first digit after the leading one."""
-    return base + MANTISSA + min(exponent, NUM_EXPONENTS - 1)
-
-
-@kernel
-def probability(counts, context):
-    """Probability of a 1."""
-    return counts[context, 1] / (counts[context, 0] + counts[context, 1])
-
-
-@kernel
-def adapt(counts, context, decision):
-    """Count a decision; old ones fade."""
-    counts[context, decision] += _COUNT_STEP
-    if counts[context, 0] + counts[context, 1] > _MAX_COUNT:
-        counts[context, 0] = (counts[context, 0] + 1) >> 1
-        counts[context, 1] = (counts[context, 1] + 1) >> 1
-
-
-@kernel
-def _note(counts, context, decision, decisions, probabilities, n):
-    decisions[n] = decision
-    probabilities[n] = probability(counts, context)
-    adapt(counts, context, decision)
-    return n + 1
-
-
-@kernel
-def _note_residual(counts, residual, base, predicted, decisions, probabilities, n):
-    magnitude, exponent = abs(residual) + 1, 0
-    while magnitude >> (exponent + 1):
-        exponent += 1
-    n = _note(counts, zero_context(base, predicted), int(exponent > 0), decisions, probabilities, n)
-    if exponent == 0:
-        return n
-    n = _note(counts, sign_context(base, predicted), int(residual > 0), decisions, probabilities, n)
-    for k in range(1, exponent + 1):
-        more = int(k < exponent)
-        n = _note(counts, exponent_context(base, k), more, decisions, probabilities, n)
-    digit = magnitude >> (exponent - 1) & 1
-    n = _note(counts, mantissa_context(base, exponent), digit, decisions, probabilities, n)
-    for k in range(exponent - 2, -1, -1):
-        decisions[n], probabilities[n] = magnitude >> k & 1, 0.5
-        n += 1
-    return n
-
-
-@kernel
-def instant_decisions(
-    position,
-    live,
-    num_given,
-    motion,
-    weights,
-    sides,
-    started,
-    counts,
-):
-    """Decisions that code one instant of the tracks that were `live` in the one before.
-
-    The first `num_given` are known to the other side: they only help to predict.
+    The first `num_given` are known to both sides: they only help to predict. When reading, `position` (N, 2),
+    which is `LOST` but for these, receives the others. Return whether all are inside the frame.
     """
-    decisions = np.empty(position.shape[0] * MAX_DECISIONS, np.int32)
-    probabilities = np.empty(decisions.size, np.float64)
     predictions = np.zeros((position.shape[0], 2, 3), np.int64)
-    n = 0
     for i in range(position.shape[0]):
         if not live[i]:
             continue
-        if i >= num_given:
-            lost = int(position[i, 0] == LOST)
-            n = _note(counts, LOSS, lost, decisions, probabilities, n)
-            if lost:
-                continue
+        given = i < num_given
+        if not given and code_adaptive(coder, counts, LOSS, int(position[i, 0] == LOST)):
+            continue
         predict(position, motion, i, weights, sides, started, predictions[i])
-        for axis in range(2 if i >= num_given else 0):
-            predicted = predictions[i, axis, 0]
-            residual = position[i, axis] - ((predicted + 128) >> 8)
-            base = first_context(axis, predictions[i])
-            n = _note_residual(counts, residual, base, predicted, decisions, probabilities, n)
-        follow(position, motion, i, predictions[i])
+        for axis in range(2):
+            prediction = predictions[i, axis]
+            if not given:
+                position[i, axis] = code_coordinate(coder, counts, axis, prediction, position[i, axis])
+                if not 0 <= position[i, axis] < sides[axis]:
+                    return False
+            motion[i, 2, axis] = position[i, axis] * 256 - prediction[0]
     advance(position, motion, predictions, sides, started)
-    return decisions[:n], probabilities[:n]
+    return True
