@@ -94,7 +94,13 @@ def test_numba_has_one_door() -> None:
 def test_algorithms_do_no_input_and_output() -> None:
     """Codes, transforms, prediction and the feedback state machines know neither files nor sockets."""
     pure = importers(
-        "dvc.turbo", "dvc.wynerziv", "dvc.multiview", "decoder.side_information", "dvc.bits", "dvc.metrics"
+        "dvc.turbo",
+        "dvc.wynerziv",
+        "dvc.entropy",
+        "dvc.multiview",
+        "decoder.side_information",
+        "dvc.bits",
+        "dvc.metrics",
     )
     pure |= importers("decoder.wyner_ziv", "encoder.wyner_ziv", "encoder.groups")
     pure |= {f"dvc.feedback.{name}": IMPORTS[f"dvc.feedback.{name}"] for name in ("endpoints", "messages")}
