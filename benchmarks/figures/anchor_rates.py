@@ -12,7 +12,8 @@ from dvc.errors import DvcError
 from dvc.metrics import BdResult
 from dvc.rd.compare import crossing_text
 from dvc.rd.curves import Curve, bd_text, compare_curves, experiments
-from dvc.rd.points import ANCHORS, Sweep, expand
+from dvc.rd.points import ANCHORS
+from dvc.rd.specification import Sweep, expand
 
 AREA = "anchors"
 _TITLES = {

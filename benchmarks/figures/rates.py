@@ -10,9 +10,10 @@ from benchmarks.figures.harness import FOREMAN, SCENES, STATIC_CLIPS, Figure, Me
 from dvc.errors import DvcError, RdCurveError
 from dvc.metrics import BdResult, bd_rate
 from dvc.rd.curves import Curve, Experiment, bd_text, compare_curves, experiments
-from dvc.rd.points import Point, Sweep, expand
+from dvc.rd.points import Point
 from dvc.rd.results import PointResult, read_results
 from dvc.rd.sources import default_cache
+from dvc.rd.specification import Sweep, expand
 from dvc.rd.sweep import run_points
 
 OPENDVC = Path(__file__).with_name("opendvc.json")

@@ -207,7 +207,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from dvc.rd.points import expand
+    from dvc.rd.specification import expand
 
     return _measure(expand(_sweeps(arguments)), arguments)
 
@@ -234,7 +234,7 @@ def _measure(points: list[Any], arguments: argparse.Namespace) -> int:
 
 
 def _sweeps(arguments: argparse.Namespace) -> list[Any]:
-    from dvc.rd.points import build_sweep, parse_options, read_spec
+    from dvc.rd.specification import build_sweep, parse_options, read_spec
 
     names = ("codec", "wz_q", "key_qp", "gop", "start", "frames", "luma_only", "anchors", "anchor_qp")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
@@ -251,9 +251,9 @@ def _sweeps(arguments: argparse.Namespace) -> list[Any]:
 def _report(arguments: argparse.Namespace) -> int:
     from dvc.rd.compare import find_label
     from dvc.rd.curves import ANCHOR_LABEL
-    from dvc.rd.folders import read_folders
     from dvc.rd.reference_rows import reference_results
     from dvc.rd.report import write_reports
+    from dvc.rd.results import read_folders
 
     outputs = (
         [arguments.out] if arguments.out else [arguments.folders[0] / f"report.{end}" for end in REPORTS]
@@ -295,7 +295,7 @@ def _compare(arguments: argparse.Namespace) -> int:
 def _show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Write a table on standard output: drawn on a terminal, as Markdown elsewhere."""
     if not sys.stdout.isatty():
-        from dvc.rd.markdown import table
+        from dvc.rd.tables import table
 
         sys.stdout.write(table(head, rows))
         return
@@ -330,12 +330,13 @@ def _write(name: str, text: str) -> None:
 
 
 def _reproduce(arguments: argparse.Namespace) -> int:
+    from dvc.rd.processes import ProcessGroup
     from dvc.rd.thesis.reproduce import PRESETS, plan, preset_sequences, write_reproduction
 
     preset = PRESETS[arguments.preset]
     if arguments.frames is not None:
         preset = replace(preset, frames=arguments.frames)
-    chosen = arguments.sequences or preset_sequences(preset)
+    chosen = arguments.sequences or preset_sequences(preset, ProcessGroup())
     points = plan(preset, chosen)
     status = _measure(points, arguments)
     words = ["dvc-rd", "reproduce", arguments.what, "--preset", arguments.preset]

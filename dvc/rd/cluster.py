@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from dvc import cli
 from dvc.errors import DvcError
 from dvc.rd.measure import measure
+from dvc.rd.points import Task
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.provenance import codec_digest, input_digest
-from dvc.rd.results import Task
 from dvc.rd.sources import default_cache, find_source
 
 if TYPE_CHECKING:

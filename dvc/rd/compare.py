@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError, DvcError, RdCurveError
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
-from dvc.rd.markdown import NOTHING
 from dvc.rd.results import PointResult
+from dvc.rd.tables import NOTHING
 
 if TYPE_CHECKING:
     from dvc.metrics import BdResult

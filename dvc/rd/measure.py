@@ -11,9 +11,9 @@ from typing import Any
 from dvc.errors import DvcError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.pictures import save_pictures
+from dvc.rd.points import SCHEMA, Task
 from dvc.rd.processes import ProcessGroup, ProcessTimes
 from dvc.rd.provenance import library_versions
-from dvc.rd.results import SCHEMA, Task
 
 _STREAM, _PUNCTURED = "stream.dvc", "punctured.dvc"
 _VIDEO, _AGAIN, _PREDICTED = "decoded.y4m", "again.y4m", "predicted.y4m"

@@ -7,7 +7,7 @@ import numpy as np
 
 from dvc.errors import VideoError
 from dvc.files import atomic_output
-from dvc.rd.results import Task
+from dvc.rd.points import Task
 from dvc.video import open_video
 from dvc.video.frames import Plane
 

@@ -1,26 +1,21 @@
-"""Points of an experiment: a sequence, a codec and its options; and the sweeps that they come from."""
+"""Points of an experiment: a sequence, a codec and its options; and what identifies the result of one."""
 
 import re
-import tomllib
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, fields
-from pathlib import Path
+from dataclasses import asdict, dataclass
 from typing import Any
 
-from dvc.config import VARIANTS, key_qp_for, variant_of
-from dvc.errors import ConfigError
+from dvc.config import VARIANTS
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.anchors.version import anchors_digest
+from dvc.rd.provenance import CodeVersion, library_versions, values_digest
+from dvc.rd.sources import Source
 
+SCHEMA = "dvc3d-rd-point/2"
+"""Of the result of a point."""
 INTRA = "h264-intra"
 ANCHORS = {"intra": INTRA, **{name: name for name in ANCHOR_CODECS}}
 """Codecs to compare with, by the names that the command line knows."""
 CODECS = (*VARIANTS, *ANCHORS.values())
-MAX_NUMBERS = 1000
-_RANGE = re.compile(r"(\d{1,9})(?:-(\d{1,9})(?::(\d{1,9}))?)?")
-_OPTION_NAME = re.compile(r"[a-z][a-z0-9-]{0,40}")
-_RESERVED = frozenset(
-    {"codec", "gop", "wz-q", "key-qp", "luma-only", "start", "frames", "serve", "timeout", "json", "quiet"}
-)
 
 
 @dataclass(frozen=True)
@@ -109,106 +104,44 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """Points that differ in sequence and rate.
+class Task:
+    """A point with everything that identifies its result.
 
     Attributes
     ----------
-    sequences : tuple of str
-        Names of the catalogue, or paths.
-    codec : str
-        One of `dvc.config.VARIANTS`.
-    wz_q : tuple of int
-        Quantiser presets.
-    key_qp : tuple of str
-        One QP for all presets, or one per preset.
-    gop : int or None
-        As in `Point`; None for the codec's own.
-    start, frames, luma_only, options, side_information
-        As in `Point`.
-    anchors : tuple of str
-        Names in `ANCHORS`.
-    anchor_qp : tuple of int
-        QPs of the anchors beside those of the sweep itself.
+    point : Point
+        What to measure.
+    source : Source
+        On what.
+    code : CodeVersion
+        With which code.
     """
 
-    sequences: tuple[str, ...] = ()
-    codec: str = "2d"
-    wz_q: tuple[int, ...] = tuple(range(1, 9))
-    key_qp: tuple[str, ...] = ("auto",)
-    gop: int | None = None
-    start: int = 0
-    frames: int | None = None
-    luma_only: bool = True
-    options: tuple[tuple[str, str], ...] = ()
-    side_information: str | None = None
-    anchors: tuple[str, ...] = ()
-    anchor_qp: tuple[int, ...] = field(default=tuple(range(20, 45, 4)))
+    point: Point
+    source: Source
+    code: CodeVersion
 
-    def __post_init__(self) -> None:
-        if not self.sequences:
-            raise ConfigError("a sweep needs at least one sequence")
-        if self._gop_length() > 1 and len(self.key_qp) not in (1, len(self.wz_q)):
-            raise ConfigError(
-                f"{len(self.key_qp)} key QPs for {len(self.wz_q)} presets; give one, or one each"
-            )
-        for name in self.anchors:
-            if name not in ANCHORS:
-                raise ConfigError(f"the anchor must be one of {', '.join(ANCHORS)}, got {name!r}")
-            if name in ANCHOR_CODECS and not self.luma_only:
-                raise ConfigError(f"the anchor {name} codes luma only; in colour there is only intra")
-        if self.side_information is not None:
-            check_option(self.side_information)
-        for name, _ in self.options:
-            check_option(name)
+    @property
+    def name(self) -> str:
+        """Name of the result file without suffix: what a reader looks for, then what makes it unique."""
+        point = self.point
+        preset = "" if point.wz_q is None else f"-q{point.wz_q}"
+        unique = values_digest([point.to_dict(), self.source.digest])[:8]
+        return f"{self.source.name}-{point.codec}{preset}-qp{_plain(point.key_qp)}-{unique}"
 
-    def points(self) -> Iterator[Point]:
-        """Yield the points, sequence by sequence, anchors last.
+    @property
+    def identity(self) -> str:
+        """Digest of configuration, input, code and libraries: equal if the result would be."""
+        code = (self.code.version, self.code.digest)
+        if self.point.codec in ANCHOR_CODECS:
+            code = ("anchors", self.code_digest)
+        made_by = [*code, library_versions()]
+        return values_digest([SCHEMA, self.point.to_dict(), self.source.digest, made_by])
 
-        Yields
-        ------
-        Point
-            All different.
-        """
-        gop = self._gop_length()
-        presets = self.wz_q if gop > 1 else (None,) * len(self.key_qp)
-        key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(presets)
-        for sequence in self.sequences:
-            common = {"start": self.start, "frames": self.frames, "luma_only": self.luma_only}
-            for wz_q, key_qp in zip(presets, key_qps, strict=False):
-                yield Point(
-                    sequence,
-                    self.codec,
-                    wz_q,
-                    key_qp,
-                    gop,
-                    options=self.options,
-                    side_information=self.side_information,
-                    **common,  # type: ignore[arg-type]
-                )
-            for anchor in self.anchors:
-                gop_length = 1 if is_intra(ANCHORS[anchor]) else 0
-                for qp in self.anchor_qps():
-                    yield Point(sequence, ANCHORS[anchor], None, str(qp), gop_length, **common)  # type: ignore[arg-type]
-
-    def _gop_length(self) -> int:
-        return variant_of(self.codec).gop(self.gop, dict(self.options).get("references")).length
-
-    def anchor_qps(self) -> list[int]:
-        """Return the QPs of the anchors: their own, and those of the sweep's key frames.
-
-        Returns
-        -------
-        list of int
-            Increasing.
-        """
-        qps = set(self.anchor_qp)
-        for wz_q, key_qp in zip(self.wz_q, self.key_qp * len(self.wz_q), strict=False):
-            if key_qp == "auto":
-                qps.add(key_qp_for(wz_q))
-            elif key_qp.isdecimal():
-                qps.add(int(key_qp))
-        return sorted(qps)
+    @property
+    def code_digest(self) -> str:
+        """Digest of the code that makes the result: of the codec, or of what runs an anchor's encoder."""
+        return anchors_digest() if self.point.codec in ANCHOR_CODECS else self.code.digest
 
 
 def is_intra(codec: str) -> bool:
@@ -227,186 +160,5 @@ def is_intra(codec: str) -> bool:
     return codec == INTRA or ANCHOR_CODECS[codec].structure == "intra"
 
 
-def check_option(name: str) -> None:
-    """Refuse an option of the encoder that the experiment itself sets, or that cannot be one.
-
-    Parameters
-    ----------
-    name : str
-        Without dashes.
-
-    Raises
-    ------
-    ConfigError
-        If it is one of these.
-    """
-    if not _OPTION_NAME.fullmatch(name) or name in _RESERVED:
-        raise ConfigError(f"{name!r} cannot be given as an option of the encoder")
-
-
-def parse_numbers(text: str, low: int, high: int) -> tuple[int, ...]:
-    """Read a list of whole numbers and ranges.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``1,2,8``, ``1-8`` or ``20-44:4`` (steps of 4), and any mixture.
-    low, high : int
-        Smallest and largest number accepted.
-
-    Returns
-    -------
-    tuple of int
-        The numbers in the order given, each once.
-
-    Raises
-    ------
-    ConfigError
-        If the text is something else, or a number is out of range.
-
-    Examples
-    --------
-    >>> parse_numbers("8,1-3", 1, 8)
-    (8, 1, 2, 3)
-    """
-    numbers: dict[int, None] = {}
-    for part in text.split(","):
-        match = _RANGE.fullmatch(part.strip())
-        first = int(match[1]) if match else low - 1
-        last = int(match[2]) if match and match[2] else first
-        step = int(match[3]) if match and match[3] else 1
-        if not low <= first <= last <= high or step < 1 or last - first > MAX_NUMBERS:
-            raise ConfigError(
-                f"expected numbers from {low} to {high} such as {low},{low + 1} or {low}-{high}, got {text!r}"
-            )
-        numbers.update(dict.fromkeys(range(first, last + 1, step)))
-    return tuple(numbers)
-
-
-def parse_options(words: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Read options of the encoder as ``NAME=VALUE``; a flag has the value ``true``.
-
-    Parameters
-    ----------
-    words : sequence of str
-        As they stand on the command line.
-
-    Returns
-    -------
-    tuple of (str, str)
-        Sorted by name.
-
-    Raises
-    ------
-    ConfigError
-        If a word has no name.
-    """
-    options = {}
-    for word in words:
-        name, _, value = word.partition("=")
-        check_option(name)
-        options[name] = value or "true"
-    return tuple(sorted(options.items()))
-
-
-def read_spec(path: Path) -> list[dict[str, Any]]:
-    """Read the sweeps of a specification file.
-
-    Parameters
-    ----------
-    path : Path
-        TOML: tables ``[[sweep]]`` with the fields of `Sweep`, and ``[defaults]`` for all of them; see
-        `docs/results.md`.
-
-    Returns
-    -------
-    list of dict
-        Fields of each sweep, for `build_sweep`.
-
-    Raises
-    ------
-    ConfigError
-        If the file is no TOML, or has other tables or fields.
-    """
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
-        raise ConfigError(f"{path}: {err}") from err
-    unknown = set(document) - {"defaults", "sweep"}
-    sweeps, defaults = document.get("sweep"), document.get("defaults", {})
-    if unknown or not isinstance(sweeps, list) or not sweeps or not isinstance(defaults, dict):
-        raise ConfigError(f"{path}: expected tables [[sweep]] and, if wanted, [defaults]")
-    names = {entry.name for entry in fields(Sweep)}
-    merged = [{**defaults, **sweep} if isinstance(sweep, dict) else {"": sweep} for sweep in sweeps]
-    for given in merged:
-        for name in given:
-            if name not in names:
-                raise ConfigError(f"{path}: no field {name!r}; there are {', '.join(sorted(names))}")
-    return merged
-
-
-def build_sweep(given: dict[str, Any]) -> Sweep:
-    """Build a sweep from plain values.
-
-    Parameters
-    ----------
-    given : dict
-        Fields of `Sweep`; numbers as numbers, lists of them, or text for `parse_numbers`.
-
-    Returns
-    -------
-    Sweep
-        The rest at the defaults.
-
-    Raises
-    ------
-    ConfigError
-        If a value is of the wrong type or out of range.
-    """
-    values = {name: value for name, value in given.items() if value is not None}
-    for name in ("sequences", "key_qp", "anchors"):
-        if name in values:
-            values[name] = tuple(_listed(name, values[name]))
-    for name, low, high in (("wz_q", 1, 8), ("anchor_qp", 1, 51)):
-        if name in values:
-            values[name] = parse_numbers(",".join(_listed(name, values[name])), low, high)
-    for name, low in (("gop", 1), ("start", 0), ("frames", 1)):
-        if name in values and (type(values[name]) is not int or values[name] < low):
-            raise ConfigError(f"`{name}` must be a whole number from {low}, got {values[name]!r}")
-    if not isinstance(values.get("luma_only", True), bool):
-        raise ConfigError(f"`luma_only` must be true or false, got {values['luma_only']!r}")
-    if isinstance(values.get("options"), dict):
-        values["options"] = tuple(sorted((name, _word(value)) for name, value in values["options"].items()))
-    if not isinstance(values.get("side_information", ""), str):
-        raise ConfigError(f"`side_information` must be a name, got {values['side_information']!r}")
-    if not isinstance(values.get("options", ()), tuple):
-        raise ConfigError(f"`options` must be a table of options and values, got {values['options']!r}")
-    return Sweep(**values)
-
-
-def _word(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _listed(name: str, value: object) -> list[str]:
-    """Return the words of a list, or of one value."""
-    items = value if isinstance(value, (list, tuple)) else str(value).split(",")
-    if not items or not all(isinstance(item, (str, int)) and str(item) for item in items):
-        raise ConfigError(f"`{name}` must be a list of names or numbers, got {value!r}")
-    return [str(item) for item in items]
-
-
-def expand(sweeps: Sequence[Sweep]) -> list[Point]:
-    """List the points of several sweeps.
-
-    Parameters
-    ----------
-    sweeps : sequence of Sweep
-        In any order.
-
-    Returns
-    -------
-    list of Point
-        Each once.
-    """
-    return list(dict.fromkeys(point for sweep in sweeps for point in sweep.points()))
+def _plain(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "_", text)[:20]

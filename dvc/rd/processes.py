@@ -50,13 +50,15 @@ class ProcessGroup:
         self._running: set[int] = set()
         self._stopped = False
 
-    def run(self, command: Sequence[str]) -> ProcessTimes:
+    def run(self, command: Sequence[str], output: IO[bytes] | None = None) -> ProcessTimes:
         """Run a command to its end.
 
         Parameters
         ----------
         command : sequence of str
-            Program and arguments; standard output is thrown away.
+            Program and arguments.
+        output : file, optional
+            Takes standard output, which is thrown away without it.
 
         Returns
         -------
@@ -73,7 +75,7 @@ class ProcessGroup:
         """
         with tempfile.TemporaryFile() as errors:
             started = time.perf_counter()
-            process = self._start(command, errors)
+            process = self._start(command, output, errors)
             _, status, usage = os.wait4(process.pid, 0)
             with self._lock:
                 self._running.discard(process.pid)
@@ -92,7 +94,9 @@ class ProcessGroup:
                 with suppress(ProcessLookupError):
                     os.killpg(group, signal.SIGTERM)
 
-    def _start(self, command: Sequence[str], errors: IO[bytes]) -> subprocess.Popen[bytes]:
+    def _start(
+        self, command: Sequence[str], output: IO[bytes] | None, errors: IO[bytes]
+    ) -> subprocess.Popen[bytes]:
         with self._lock:
             if self._stopped:
                 raise Stopped
@@ -100,7 +104,7 @@ class ProcessGroup:
                 process = subprocess.Popen(
                     command,
                     stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
+                    stdout=output or subprocess.DEVNULL,
                     stderr=errors,
                     env={**os.environ, **_ONE_THREAD},
                     start_new_session=True,

@@ -57,11 +57,7 @@ def codec_digest() -> str:
     str
         32 hexadecimal digits.
     """
-    files = []
-    for name in _CODEC_PACKAGES:
-        spec = util.find_spec(name)
-        if spec is not None and spec.origin is not None:
-            files += package_sources(Path(spec.origin).parent)
+    files = [path for name in _CODEC_PACKAGES for path in package_sources(name)]
     experiments = Path(__file__).parent
     return files_digest(path for path in files if experiments not in path.parents)
 
@@ -84,20 +80,21 @@ def library_versions() -> dict[str, str]:
     return versions
 
 
-def package_sources(folder: Path) -> list[Path]:
-    """List the source files of a package.
+def package_sources(name: str) -> list[Path]:
+    """List the source files of a package without importing it.
 
     Parameters
     ----------
-    folder : Path
+    name : str
         Of the package.
 
     Returns
     -------
     list of Path
-        Sorted.
+        Sorted; empty if it is not installed.
     """
-    return sorted(folder.rglob("*.py"))
+    spec = util.find_spec(name)
+    return [] if spec is None or spec.origin is None else sorted(Path(spec.origin).parent.rglob("*.py"))
 
 
 def files_digest(paths: Iterable[Path]) -> str:

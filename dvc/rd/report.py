@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 from dvc.errors import DvcError
 from dvc.files import atomic_output
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
-from dvc.rd.markdown import NOTHING, escaped, fenced, table
 from dvc.rd.plots import SUFFIXES, curve_styles, render_experiment
-from dvc.rd.point_columns import points_cells
-from dvc.rd.preface import preface
 from dvc.rd.results import PointResult
+from dvc.rd.tables import NOTHING, escaped, fenced, points_cells, preface, table
 
 if TYPE_CHECKING:
     from dvc.rd.page.verdict import Verdict

@@ -2,22 +2,19 @@
 
 import json
 import logging
-import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dvc import cli
 from dvc.errors import DvcError
-from dvc.rd.anchors.codecs import ANCHOR_CODECS
-from dvc.rd.anchors.version import anchors_digest
-from dvc.rd.points import Point
-from dvc.rd.provenance import CodeVersion, library_versions, values_digest
-from dvc.rd.sources import Source
+from dvc.rd.points import SCHEMA, Task
+from dvc.rd.provenance import values_digest
 
-SCHEMA = "dvc3d-rd-point/2"
 _FIRST_SCHEMA = "dvc3d-rd-point/1"
 POINTS_FOLDER = "points"
+PICTURE_KINDS = ("original", "decoded", "predicted", "key")
 
 MOST = 1e15
 """Numbers of results are below."""
@@ -31,47 +28,6 @@ _REQUIRED: dict[str, dict[str, type | tuple[type, ...]]] = {
     "times": {"encode_cpu_s": _NUMBER, "decode_cpu_s": _NUMBER},
 }
 _LOG = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Task:
-    """A point with everything that identifies its result.
-
-    Attributes
-    ----------
-    point : Point
-        What to measure.
-    source : Source
-        On what.
-    code : CodeVersion
-        With which code.
-    """
-
-    point: Point
-    source: Source
-    code: CodeVersion
-
-    @property
-    def name(self) -> str:
-        """Name of the result file without suffix: what a reader looks for, then what makes it unique."""
-        point = self.point
-        preset = "" if point.wz_q is None else f"-q{point.wz_q}"
-        unique = values_digest([point.to_dict(), self.source.digest])[:8]
-        return f"{self.source.name}-{point.codec}{preset}-qp{_plain(point.key_qp)}-{unique}"
-
-    @property
-    def identity(self) -> str:
-        """Digest of configuration, input, code and libraries: equal if the result would be."""
-        code = (self.code.version, self.code.digest)
-        if self.point.codec in ANCHOR_CODECS:
-            code = ("anchors", self.code_digest)
-        made_by = [*code, library_versions()]
-        return values_digest([SCHEMA, self.point.to_dict(), self.source.digest, made_by])
-
-    @property
-    def code_digest(self) -> str:
-        """Digest of the code that makes the result: of the codec, or of what runs an anchor's encoder."""
-        return anchors_digest() if self.point.codec in ANCHOR_CODECS else self.code.digest
 
 
 @dataclass(frozen=True)
@@ -246,6 +202,63 @@ def read_results(folder: Path) -> list[PointResult]:
     return results
 
 
+@dataclass(frozen=True)
+class Collection:
+    """What a report is made from.
+
+    Attributes
+    ----------
+    results : tuple of PointResult
+        Each point once; the files of their pictures are absolute.
+    notes : tuple of str
+        What a reader must know: files that were left out, results that newer ones replace.
+    """
+
+    results: tuple[PointResult, ...]
+    notes: tuple[str, ...]
+
+
+def read_folders(folders: Sequence[Path]) -> Collection:
+    """Read the results of several experiments.
+
+    Parameters
+    ----------
+    folders : sequence of Path
+        What ``dvc-rd run --out`` was given.
+
+    Returns
+    -------
+    Collection
+        Of points that were measured several times, the newest.
+
+    Raises
+    ------
+    DvcError
+        If a folder has no results.
+    """
+    newest: dict[str, PointResult] = {}
+    damaged: list[str] = []
+    num_replaced = 0
+    for folder in folders:
+        found = read_results(folder)
+        kept = {result.name for result in found}
+        damaged += [
+            path.name for path in sorted((folder / POINTS_FOLDER).glob("*.json")) if path.stem not in kept
+        ]
+        for result in found:
+            key = values_digest([result.data["codec"], result.data["options"], result.data["sequence"]])
+            other = newest.get(key)
+            num_replaced += other is not None and other.data["identity"] != result.data["identity"]
+            if other is None or str(result.data.get("date", "")) > str(other.data.get("date", "")):
+                newest[key] = replace(result, data=_located(result.data, folder))
+    notes = []
+    if damaged:
+        notes.append(f"{_count(len(damaged), 'damaged file')} left out: {', '.join(damaged)}.")
+    if num_replaced:
+        notes.append(f"{_count(num_replaced, 'result')} of an older measurement left out for a newer one.")
+    return Collection(tuple(newest.values()), tuple(notes))
+
+
 def _upgraded(data: dict[str, Any]) -> dict[str, Any]:
     """Return a sound result of the first schema as one of today's.
 
@@ -295,5 +308,20 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
-def _plain(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9]+", "_", text)[:20]
+def _located(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Make the names of pictures absolute; one that leads out of the folder is dropped."""
+    pictures = data.get("pictures")
+    if not isinstance(pictures, dict):
+        return data
+    root = folder.resolve()
+    numbers = {name: pictures.get(name) for name in ("index", "key_index")}
+    located: dict[str, Any] = {name: n if type(n) is int else None for name, n in numbers.items()}
+    for kind in PICTURE_KINDS:
+        name = pictures.get(kind)
+        path = (root / name).resolve() if isinstance(name, str) and "\0" not in name else root
+        located[kind] = str(path) if root in path.parents else None
+    return {**data, "pictures": located}
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"

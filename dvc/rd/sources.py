@@ -1,13 +1,18 @@
 """Originals of an experiment: files as they are, rendered scenes rendered once into a cache."""
 
+import json
 import os
 import re
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.provenance import files_digest, input_digest, package_sources
+
+_SEQUENCES = (sys.executable, "-m", "sequences")
 
 
 @dataclass(frozen=True)
@@ -62,16 +67,37 @@ def find_source(sequence: str, cache: Path, processes: ProcessGroup) -> Source:
     DvcError
         If there is no such sequence, or it cannot be rendered.
     """
-    from sequences import catalogue
-
-    found = catalogue.resolve(sequence)
-    if isinstance(found, Path):
+    entry = _ask(processes, "info", "--json", "--", sequence)
+    if entry["path"] is not None:
+        found = Path(entry["path"])
         return Source(_short_name(found), found, input_digest(found))
-    path = cache / f"{found.name}-{_renderer_digest()[:12]}.mkv"
+    renderer = files_digest(package_sources("sequences"))
+    path = cache / f"{entry['name']}-{renderer[:12]}.mkv"
     if not path.is_file():
         cache.mkdir(parents=True, exist_ok=True)
-        processes.run([sys.executable, "-m", "sequences", "render", found.name, "--out", str(path)])
-    return Source(found.name, path, input_digest(path))
+        processes.run([*_SEQUENCES, "render", entry["name"], "--out", str(path)])
+    return Source(entry["name"], path, input_digest(path))
+
+
+def available_clips(processes: ProcessGroup) -> list[str]:
+    """List the clips of the folder of video files.
+
+    Parameters
+    ----------
+    processes : ProcessGroup
+        Reads the catalogue.
+
+    Returns
+    -------
+    list of str
+        Names, sorted.
+
+    Raises
+    ------
+    DvcError
+        If the folder is named and is none.
+    """
+    return [entry["name"] for entry in _ask(processes, "list", "--json") if entry["kind"] == "file"]
 
 
 def source_name(sequence: str) -> str:
@@ -90,10 +116,12 @@ def source_name(sequence: str) -> str:
     return _short_name(Path(sequence))
 
 
-def _renderer_digest() -> str:
-    import sequences
-
-    return files_digest(package_sources(Path(sequences.__file__).parent))
+def _ask(processes: ProcessGroup, *arguments: str) -> Any:
+    """Return what the catalogue says."""
+    with tempfile.TemporaryFile() as output:
+        processes.run([*_SEQUENCES, *arguments], output)
+        output.seek(0)
+        return json.load(output)
 
 
 def _short_name(path: Path) -> str:

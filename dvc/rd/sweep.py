@@ -13,10 +13,10 @@ from dvc import cli
 from dvc.errors import DvcError
 from dvc.files import atomic_output
 from dvc.rd.measure import measure
-from dvc.rd.points import Point
+from dvc.rd.points import Point, Task
 from dvc.rd.processes import ProcessGroup, Stopped
 from dvc.rd.provenance import code_version, codec_digest
-from dvc.rd.results import POINTS_FOLDER, Task, finished, write_result
+from dvc.rd.results import POINTS_FOLDER, finished, write_result
 from dvc.rd.sources import Source, find_source
 
 if TYPE_CHECKING:

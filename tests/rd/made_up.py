@@ -4,7 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from dvc.rd.results import POINTS_FOLDER, SCHEMA
+from dvc.rd.points import SCHEMA
+from dvc.rd.results import POINTS_FOLDER
 
 
 def result_data(

@@ -16,10 +16,10 @@ from distributed import Client, LocalCluster
 from dvc.errors import DvcError
 from dvc.rd import cluster
 from dvc.rd.__main__ import main
-from dvc.rd.points import Point
+from dvc.rd.points import Point, Task
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.provenance import CodeVersion, code_version
-from dvc.rd.results import POINTS_FOLDER, Task, read_results
+from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.rd.sources import Source, find_source
 from dvc.rd.sweep import run_points
 from dvc.video import Frame, create_video

@@ -25,8 +25,8 @@ from dvc.rd.compare import (
     find_label,
 )
 from dvc.rd.curves import Curve
-from dvc.rd.markdown import table
 from dvc.rd.results import POINTS_FOLDER, PointResult, read_results
+from dvc.rd.tables import table
 from tests.rd.made_up import result_data, write_results
 
 CODEC, INTRA = "2D-DVC, GOP 2", "H.264 intra"

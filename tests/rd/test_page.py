@@ -13,14 +13,13 @@ from plotly.offline import get_plotlyjs
 from dvc.errors import DvcError
 from dvc.rd import __main__ as command
 from dvc.rd.curves import experiments
-from dvc.rd.folders import read_folders
 from dvc.rd.frames import bit_shares, frame_columns
 from dvc.rd.page import MAX_PAGE_BYTES, write_page
 from dvc.rd.page.pictures import build_gallery
 from dvc.rd.page.tables import cost_table, side_information_table
 from dvc.rd.page.verdict import verdicts
 from dvc.rd.pictures import read_picture
-from dvc.rd.results import POINTS_FOLDER, PointResult
+from dvc.rd.results import POINTS_FOLDER, PointResult, read_folders
 from tests.rd.made_up import result_data, write_results
 from tests.rd.made_up_page import HOSTILE, write_many
 

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from dvc.rd.folders import read_folders
 from dvc.rd.page import write_page
+from dvc.rd.results import read_folders
 from tests import browser as browsers
 from tests.rd.made_up_page import write_many
 

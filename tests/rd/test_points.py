@@ -8,16 +8,8 @@ from hypothesis import strategies as st
 
 from dvc.config import key_qp_for
 from dvc.errors import ConfigError
-from dvc.rd.points import (
-    INTRA,
-    Point,
-    Sweep,
-    build_sweep,
-    expand,
-    parse_numbers,
-    parse_options,
-    read_spec,
-)
+from dvc.rd.points import INTRA, Point
+from dvc.rd.specification import Sweep, build_sweep, expand, parse_numbers, parse_options, read_spec
 
 
 @pytest.mark.parametrize(

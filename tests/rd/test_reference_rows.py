@@ -6,10 +6,10 @@ import pytest
 
 from dvc.errors import DvcError
 from dvc.rd.curves import experiments
-from dvc.rd.preface import preface
 from dvc.rd.reference_rows import ROWS_VARIABLE, read_reference_rows, reference_results
 from dvc.rd.report import report_text
 from dvc.rd.results import PointResult
+from dvc.rd.tables import preface
 from tests.rd.made_up import result_data
 
 HEAD = "# a comment\nclip,codec,entropy,chroma,qp,frames,bits_total,kbps30,psnr_y\n"

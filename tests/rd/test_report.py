@@ -4,9 +4,9 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from dvc.rd.curves import bd_text, compare_curves, experiments
-from dvc.rd.markdown import table
 from dvc.rd.report import points_table, write_reports
 from dvc.rd.results import PointResult, read_results
+from dvc.rd.tables import table
 from tests.rd.made_up import result_data, write_results
 from tests.rd.made_up_page import HOSTILE
 

@@ -11,6 +11,7 @@ from dvc import cli
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.__main__ import main
 from dvc.rd.points import Point
+from dvc.rd.processes import ProcessGroup
 from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.rd.sweep import SweepSummary
 from dvc.rd.thesis import reproduce
@@ -92,11 +93,14 @@ def test_plan_has_every_curve_once() -> None:
         plan(TINY, [])
 
 
-def test_presets_take_the_clips_that_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_presets_take_the_clips_that_are_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Rendered scenes are always there, real clips only where the folder of video files has them."""
-    monkeypatch.setattr("sequences.catalogue.files", lambda: {"tree": Path("tree.mkv"), "other": Path("x")})
-    assert preset_sequences(PRESETS["full"]) == ("street", "stairway", "statue", "tree")
-    assert preset_sequences(PRESETS["quick"]) == ("street",)
+    monkeypatch.setenv("DVC_DATA", str(tmp_path))
+    for name in ("tree.mkv", "other.mkv"):
+        (tmp_path / name).write_bytes(b"x")
+    processes = ProcessGroup()
+    assert preset_sequences(PRESETS["full"], processes) == ("street", "stairway", "statue", "tree")
+    assert preset_sequences(PRESETS["quick"], processes) == ("street",)
 
 
 def test_document_has_table_5_1_beside_the_thesis(folder: Path) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from dvc.errors import DvcError
-from dvc.rd.points import Point
+from dvc.rd.points import SCHEMA, Point, Task
 from dvc.rd.provenance import CodeVersion, code_version, input_digest, values_digest
-from dvc.rd.results import POINTS_FOLDER, SCHEMA, Task, finished, read_result, read_results, write_result
+from dvc.rd.results import POINTS_FOLDER, finished, read_result, read_results, write_result
 from dvc.rd.sources import Source
 from tests.rd.made_up import result_data, write_results
 

@@ -16,9 +16,9 @@ from dvc.metrics import psnr_db
 from dvc.rd import sweep
 from dvc.rd.__main__ import main
 from dvc.rd.pictures import PICTURES_FOLDER
-from dvc.rd.points import Point
+from dvc.rd.points import Point, Task
 from dvc.rd.processes import ProcessGroup, Stopped
-from dvc.rd.results import POINTS_FOLDER, Task, read_results
+from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.video import Frame, create_video, open_video
 from tests.rd.made_up import result_data, write_results
 

@@ -13,7 +13,7 @@ from benchmarks.figures.tracks.prediction import FAST_CLIPS
 from benchmarks.figures.tracks.quality import AREA, REAL_CLIPS, listed
 from dvc.metrics import BdResult, bd_rate
 from dvc.rd.curves import Curve, bd_text, experiments
-from dvc.rd.points import Sweep, expand
+from dvc.rd.specification import Sweep, expand
 
 HIERARCHICAL = "hierarchical"
 FAR_KEYS = "far keys"

@@ -2,7 +2,6 @@
 
 from functools import cache
 from importlib import metadata
-from pathlib import Path
 
 from dvc.rd.provenance import files_digest, package_sources, values_digest
 
@@ -16,5 +15,4 @@ def anchors_digest() -> str:
     str
         32 hexadecimal digits; found once per process.
     """
-    sources = package_sources(Path(__file__).parent)
-    return values_digest([files_digest(sources), metadata.version("av")])
+    return values_digest([files_digest(package_sources(__package__)), metadata.version("av")])

@@ -22,9 +22,8 @@ from dvc.rd.plots import (
     render_experiment,
     render_frames,
 )
-from dvc.rd.point_columns import points_cells
-from dvc.rd.preface import code_digests, preface
 from dvc.rd.results import PointResult
+from dvc.rd.tables import code_digests, points_cells, preface
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -52,7 +51,7 @@ def write_page(
     Parameters
     ----------
     results : sequence of PointResult
-        What was measured; names of pictures are absolute, as `dvc.rd.folders.read_folders` makes them.
+        What was measured; names of pictures are absolute, as `dvc.rd.results.read_folders` makes them.
     path : Path
         The file.
     anchor : str, optional

@@ -6,9 +6,9 @@ from typing import Any
 
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
 from dvc.rd.frames import bit_shares, encoding_times_s, frame_columns, mean, number, type_ms
-from dvc.rd.markdown import NOTHING
 from dvc.rd.plots import point_name
 from dvc.rd.results import PointResult
+from dvc.rd.tables import NOTHING
 
 SHARE_TITLES = {
     "key": "key frames",

@@ -8,7 +8,7 @@ from dvc.metrics import bd_psnr
 from dvc.rd.compare import crossing_text
 from dvc.rd.curves import Curve, Experiment, compare_curves
 from dvc.rd.frames import mean
-from dvc.rd.markdown import NOTHING
+from dvc.rd.tables import NOTHING
 
 LEAST_PERCENT = 0.05
 """Smaller differences in rate are rounded to none."""

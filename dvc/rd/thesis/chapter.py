@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dvc.rd.points import Sweep
 from dvc.rd.results import PointResult
+from dvc.rd.specification import Sweep
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ from typing import Any
 
 from dvc.rd.compare import bd_cell, crossing_text
 from dvc.rd.curves import Curve, Experiment, experiments
-from dvc.rd.markdown import NOTHING, escaped, table
-from dvc.rd.points import ANCHORS, Sweep
+from dvc.rd.points import ANCHORS
 from dvc.rd.results import PointResult
+from dvc.rd.specification import Sweep
+from dvc.rd.tables import NOTHING, escaped, table
 from dvc.rd.thesis.chapter import Chapter, Figure, Preset
 from dvc.rd.thesis.chapter5_pictures import (
     draw_lossy_keys,

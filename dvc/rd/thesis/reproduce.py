@@ -5,12 +5,13 @@ from pathlib import Path
 
 from dvc.errors import ConfigError, DvcError
 from dvc.files import atomic_output
-from dvc.rd.markdown import table
-from dvc.rd.points import Point, expand
-from dvc.rd.preface import measured_text
+from dvc.rd.points import Point
+from dvc.rd.processes import ProcessGroup
 from dvc.rd.provenance import values_digest
 from dvc.rd.results import PointResult
-from dvc.rd.sources import source_name
+from dvc.rd.sources import available_clips, source_name
+from dvc.rd.specification import expand
+from dvc.rd.tables import measured_text, table
 from dvc.rd.thesis.chapter import Chapter, Preset
 from dvc.rd.thesis.chapter5 import CHAPTER_5
 
@@ -49,22 +50,22 @@ def chapters() -> tuple[Chapter, ...]:
     return (CHAPTER_5,)
 
 
-def preset_sequences(preset: Preset) -> tuple[str, ...]:
+def preset_sequences(preset: Preset, processes: ProcessGroup) -> tuple[str, ...]:
     """List the sequences of a preset that are there.
 
     Parameters
     ----------
     preset : Preset
         The preset.
+    processes : ProcessGroup
+        Reads the catalogue.
 
     Returns
     -------
     tuple of str
         Its rendered scenes, and those of its real clips that the folder of video files has.
     """
-    from sequences import catalogue
-
-    available = catalogue.files()
+    available = available_clips(processes)
     return (*preset.scenes, *(name for name in preset.clips if name in available))
 
 
@@ -119,9 +120,9 @@ def write_reproduction(
     DvcError
         If there are no results, or a file cannot be written.
     """
-    from dvc.rd.folders import read_folders
     from dvc.rd.reference_rows import reference_results
     from dvc.rd.report import write_reports
+    from dvc.rd.results import read_folders
 
     collection = read_folders([folder])
     planned = planned_results(collection.results, points)

@@ -1,0 +1,215 @@
+"""Tables of results, and what stands above them: Markdown, the columns of points, what was measured when."""
+
+import re
+from collections.abc import Callable, Sequence
+
+from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.curves import Curve
+from dvc.rd.frames import bit_shares, num_of_types, type_ms
+from dvc.rd.reference_rows import REFERENCE_LABELS
+from dvc.rd.results import PointResult
+
+Cell = Callable[[PointResult], str]
+NOTHING = "–"
+"""What a cell without a value shows."""
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table.
+
+    Parameters
+    ----------
+    head : sequence of str
+        Titles.
+    rows : sequence of sequence of str
+        Cells.
+
+    Returns
+    -------
+    str
+        Lines, the last one with its end.
+    """
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join("| " + " | ".join(map(escaped, line)) + " |\n" for line in lines)
+
+
+def escaped(text: str) -> str:
+    """Write a text so that it is neither markup nor the end of a cell or line.
+
+    Parameters
+    ----------
+    text : str
+        Any.
+
+    Returns
+    -------
+    str
+        One line.
+    """
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+
+
+def fenced(lines: Sequence[str]) -> str:
+    """Write lines as a block that is shown as it is.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Any; what would end the block makes its fence longer.
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
+    text = "".join(f"{line}\n" for line in lines)
+    fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
+    return f"{fence}\n{text}{fence}\n"
+
+
+def preface(results: Sequence[PointResult]) -> str:
+    """Say what a report rests on.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured.
+
+    Returns
+    -------
+    str
+        Number of points, dates, versions of the code with a warning if there are several, what a rate is.
+    """
+    return (
+        f"{measured_text(results)} "
+        "Rates of distributed codecs are sizes of punctured streams, each decoded to the same frames "
+        "by a fresh process, rates of others are sizes of whole files; PSNRs are of luma, means of frames.\n"
+    )
+
+
+def measured_text(results: Sequence[PointResult]) -> str:
+    """Say what was measured, when, and by which code.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        Points; those that were read from a table of the reference software do not count.
+
+    Returns
+    -------
+    str
+        One or two sentences.
+    """
+    results = [r for r in results if r.data["codec"] not in REFERENCE_LABELS]
+    codes = sorted(
+        {(r.data["code"]["version"], r.data["code"].get("commit") or "no commit") for r in results}
+    )
+    digests = code_digests(results)
+    dates = sorted(str(r.data.get("date", ""))[:10] for r in results)
+    code = escaped(", ".join(f"dvc3d {version} ({commit})" for version, commit in codes))
+    mixed = f" The points come from {len(digests)} versions of the code." if len(digests) > 1 else ""
+    period = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
+    return f"{len(results)} points, measured {period} with {code}.{mixed}"
+
+
+def code_digests(results: Sequence[PointResult]) -> set[str]:
+    """Return the versions of the code that made points of the project's own codecs.
+
+    Parameters
+    ----------
+    results : sequence of PointResult
+        What was measured.
+
+    Returns
+    -------
+    set of str
+        Digests; there should be one.
+    """
+    others = {*ANCHOR_CODECS, *REFERENCE_LABELS}
+    return {result.data["code"]["digest"] for result in results if result.data["codec"] not in others}
+
+
+def points_cells(curve: Curve) -> tuple[list[str], list[list[str]]]:
+    """Return what a table of the points of a curve says.
+
+    Parameters
+    ----------
+    curve : Curve
+        The curve.
+
+    Returns
+    -------
+    head : list of str
+        Titles of the columns that any point has something for.
+    rows : list of list of str
+        Cells of each point.
+    """
+    rows = [[cell(point) for cell in COLUMNS.values()] for point in curve.points]
+    kept = [i for i in range(len(COLUMNS)) if any(row[i] != NOTHING for row in rows)]
+    return [list(COLUMNS)[i] for i in kept], [[row[i] for i in kept] for row in rows]
+
+
+def _total(name: str, form: str) -> Cell:
+    def cell(point: PointResult) -> str:
+        value = point.total(name)
+        return NOTHING if value is None else form.format(value)
+
+    return cell
+
+
+def _share(*names: str) -> Cell:
+    def cell(point: PointResult) -> str:
+        shares = bit_shares(point)
+        known = [shares[name] for name in names if name in shares]
+        return f"{sum(known):.1f}" if known else NOTHING
+
+    return cell
+
+
+def _num_wyner_ziv(point: PointResult) -> int:
+    return num_of_types(point, "wz")
+
+
+def _per_wyner_ziv(name: str, form: str) -> Cell:
+    def cell(point: PointResult) -> str:
+        count, value = _num_wyner_ziv(point), point.total(name)
+        return NOTHING if not count or value is None else form.format(value / count)
+
+    return cell
+
+
+def _preset(point: PointResult) -> str:
+    preset = point.data["options"].get("wz_q")
+    return NOTHING if preset is None else str(preset)
+
+
+def _encode_ms(kind: str) -> Cell:
+    def cell(point: PointResult) -> str:
+        value = type_ms(point, kind)
+        return NOTHING if value is None else f"{value:.1f}"
+
+    return cell
+
+
+COLUMNS: dict[str, Cell] = {
+    "Q": _preset,
+    "key QP": lambda point: "lossless" if point.data["key"].get("lossless") else str(point.data["key"]["qp"]),
+    "rate [kbit/s]": _total("rate_kbps", "{:.1f}"),
+    "PSNR [dB]": _total("psnr_y_db", "{:.2f}"),
+    "key PSNR": _total("key_psnr_y_db", "{:.2f}"),
+    "WZ PSNR": _total("wz_psnr_y_db", "{:.2f}"),
+    "SI initial": _total("si_psnr_y_db", "{:.2f}"),
+    "SI refined": _total("refined_si_psnr_y_db", "{:.2f}"),
+    "key %": _share("key"),
+    "intra %": _share("intra"),
+    "inter %": _share("inter"),
+    "parity %": _share("parity"),
+    "CRC %": _share("crc"),
+    "tracks %": _share("tracks"),
+    "header %": _share("header"),
+    "requests per WZ frame": _per_wyner_ziv("num_requests", "{:.0f}"),
+    "decode s per WZ frame": _per_wyner_ziv("decode_s", "{:.2f}"),
+    "encode CPU ms per key frame": _encode_ms("key"),
+    "per WZ frame": _encode_ms("wz"),
+}
+"""Columns of the table of a curve, by title."""
