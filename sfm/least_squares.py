@@ -1,6 +1,9 @@
-"""Small systems of normal equations, solved the same way on any number of threads."""
+"""Damped least squares: Levenberg and Marquardt's loop, and its small systems of normal equations."""
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +12,139 @@ Floats = NDArray[np.float64]
 
 TINY = 1e-300
 SMALLEST_PIVOT = 1e-13  # relative to the diagonal
+
+State = TypeVar("State")
+
+
+class LeastSquares(Protocol[State]):
+    """A sum of squares that is to be minimised over states of any kind."""
+
+    def cost(self, state: State) -> float:
+        """Return the sum.
+
+        Parameters
+        ----------
+        state : State
+            Where.
+
+        Returns
+        -------
+        float
+            Not negative, or nan where there is none.
+        """
+
+    def linearize(self, state: State, iteration: int) -> tuple[float, Callable[[float], State]]:
+        """Set up the normal equations around a state; weights may change here.
+
+        Parameters
+        ----------
+        state : State
+            Where.
+        iteration : int
+            Number of the step, from 0.
+
+        Returns
+        -------
+        cost : float
+            The sum here.
+        stepped : callable
+            From a damping to the state that the step leads to.
+        """
+
+    def converged(self, before: State, after: State, decrease: float, cost: float) -> bool:
+        """Tell whether the step that was taken is the last.
+
+        Parameters
+        ----------
+        before, after : State
+            Its ends.
+        decrease : float
+            How much less the sum has become.
+        cost : float
+            The sum now.
+
+        Returns
+        -------
+        bool
+            True to end.
+        """
+
+
+@dataclass(frozen=True)
+class Damping:
+    """How the damping of Levenberg-Marquardt steps begins and changes.
+
+    Attributes
+    ----------
+    start : float
+        Of the first step.
+    least : float
+        It falls tenfold after a step that was taken, to this at most.
+    num_tries : int
+        It rises tenfold while a step makes the sum larger, this often at most.
+    """
+
+    start: float
+    least: float
+    num_tries: int
+
+
+def levenberg_marquardt(
+    problem: LeastSquares[State], start: State, damping: Damping, max_iterations: int
+) -> tuple[State, int]:
+    """Minimise a sum of squares by damped steps.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        What is minimised.
+    start : State
+        Where to start.
+    damping : Damping
+        How the damping begins and changes.
+    max_iterations : int
+        Bound on the number of steps.
+
+    Returns
+    -------
+    state : State
+        Where the sum does not become less any more; never worse than the start.
+    num_iterations : int
+        Steps that were taken.
+    """
+    state, factor = start, damping.start
+    for iteration in range(max_iterations):
+        cost, stepped = problem.linearize(state, iteration)
+        for _ in range(damping.num_tries):
+            candidate = stepped(factor)
+            new_cost = problem.cost(candidate)
+            if new_cost <= cost:
+                break
+            factor *= 10.0
+        else:
+            return state, iteration
+        before, state = state, candidate
+        factor = max(0.1 * factor, damping.least)
+        if problem.converged(before, state, cost - new_cost, new_cost):
+            return state, iteration + 1
+    return state, max_iterations
+
+
+def normal_matrix(*equations: Floats) -> Floats:
+    """Sum up the normal equations of linear ones.
+
+    Parameters
+    ----------
+    *equations : ndarray of shape (N, D), float64
+        Coefficients, a row for each equation.
+
+    Returns
+    -------
+    ndarray of shape (D, D), float64
+        Symmetric, positive semidefinite.
+    """
+    products = [np.einsum("ni,nj->ij", rows, rows) for rows in equations]
+    return np.asarray(sum(products[1:], products[0]))
 
 
 def solve_damped(matrix: Floats, right: Floats, damping: float) -> Floats:

@@ -37,6 +37,11 @@ class Correspondences:
         """Displacement from the first to the second key frame, shape (N, 2), in pixels."""
         return self.second - self.first
 
+    @property
+    def finite(self) -> Mask:
+        """Those of which both points are known, shape (N,)."""
+        return np.asarray(np.isfinite(self.first).all(axis=1) & np.isfinite(self.second).all(axis=1))
+
     def __getitem__(self, chosen: Mask | NDArray[np.int64]) -> Self:
         """Return some of the correspondences, chosen by mask or by index."""
         return type(self)(self.first[chosen], self.second[chosen], self.error[chosen])
@@ -115,6 +120,33 @@ class Model:
             inverse_depth_range(1.0 / in_second[in_second > 0]),
         )
         return ViewPair(self.pixel_frame, (self.first_camera, self.second_camera), ranges)
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPair:
+    """The second camera, and the points that agree with it.
+
+    Attributes
+    ----------
+    camera : ndarray of shape (3, 4), float64
+        Second camera in normalised coordinates, Frobenius norm sqrt(3); the first is ``[I | 0]``.
+    fundamental : ndarray of shape (3, 3), float64
+        F in pixels, unit norm.
+    kept : ndarray of shape (N,), bool
+        Correspondences that passed all tests.
+    reason : str
+        Why there is no camera; empty if there is one.
+    """
+
+    camera: Floats
+    fundamental: Floats
+    kept: Mask
+    reason: str = ""
+
+    @classmethod
+    def missing(cls, num_points: int, reason: str) -> Self:
+        """Say why there is no camera."""
+        return cls(np.eye(3, 4), np.zeros((3, 3)), np.zeros(num_points, dtype=bool), reason)
 
 
 @dataclass(frozen=True, eq=False)

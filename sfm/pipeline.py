@@ -5,21 +5,28 @@ References
 [Maitre2008] Sec. 5.2.
 """
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.triangulation import triangulate_depth
-from sfm.backends import BACKENDS, CameraPair
+from sfm import colmap
+from sfm.cameras.bundle_adjustment import bundle_adjustment
+from sfm.cameras.self_calibration import self_calibration
 from sfm.correspondences import outliers
 from sfm.correspondences.densification import densify
 from sfm.correspondences.features import detect_corners
 from sfm.correspondences.matching import match_corners
 from sfm.correspondences.propagation import propagate, settle_on_surfaces
 from sfm.estimation.degeneracy import classify_motion
-from sfm.estimation.weak_calibration import WeakCalibration
-from sfm.model import Correspondences, Model, Reconstruction
-from sfm.settings import SfmSettings
+from sfm.estimation.fundamental import FundamentalEstimator
+from sfm.estimation.sample_consensus import lo_ransac, mapsac
+from sfm.estimation.weak_calibration import WeakCalibration, least_sampson_distance
+from sfm.model import CameraPair, Correspondences, Model, Reconstruction
+from sfm.settings import OutlierSettings, SfmSettings, TrustSettings
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -67,76 +74,168 @@ def reconstruct(
     settings = settings or SfmSettings()
     rng = np.random.default_rng(seed)
     estimators, frame = BACKENDS[backend], PixelFrame(first.shape[1], first.shape[0])
+    how, tests = settings.correspondences, settings.outliers
     stages: dict[str, Correspondences] = {}
 
-    corners = detect_corners(first, settings.features), detect_corners(second, settings.features)
-    matches = match_corners(first, second, corners[0], corners[1], settings.matching)
+    corners = detect_corners(first, how.features), detect_corners(second, how.features)
+    matches = match_corners(first, second, *corners, how.matching)  # tests of MSE and unicity
     stages["matching"] = matches
-    calibration = estimators.calibrate(matches, settings, rng)
+
+    calibration = estimators.weak_calibration(matches, rng, settings)
     motion = classify_motion(matches, calibration, rng, settings.degeneracy)
     if motion.kind != "general":
         return Reconstruction(None, motion.reason, motion.kind, stages)
-    matches = matches[calibration.inliers]
-    matches = matches[outliers.motion(matches, settings.motion_limit_px, settings.motion_spreads)]
+    matches = matches[calibration.inliers]  # the epipolar test
+    matches = _moving_alike(matches, tests)
     stages["weak calibration"] = matches
-    pair = estimators.cameras(matches, calibration, frame, settings, rng)
+
+    pair = estimators.camera_pair(matches, calibration, frame, rng, settings)
     if pair.reason:
         return Reconstruction(None, pair.reason, motion.kind, stages)
-    matches = _tested(matches[pair.kept], pair, frame, settings)
+    matches = _well_triangulated(matches[pair.kept], pair, frame, tests)
     stages["bundle adjustment"] = matches
-    matches = _propagated((first, second), corners, pair.fundamental, matches, settings)
-    model = _model(matches, pair, frame, settings)
-    stages["propagation"] = model.correspondences
-    return Reconstruction(model, _doubt(model, calibration, settings), motion.kind, stages)
+
+    matches = settle_on_surfaces(first, second, pair.fundamental, matches, how.propagation)
+    matches = densify(first, second, *corners, pair.fundamental, matches, how.densification)
+    matches = _moving_alike(matches, tests)
+    matches = propagate(first, second, pair.fundamental, matches, how.propagation)
+    matches = _well_triangulated(matches, pair, frame, tests)
+    stages["propagation"] = matches
+
+    depths, _ = _triangulated(matches, pair.camera, frame)
+    model = Model(frame, pair.fundamental, pair.camera, matches, depths)
+    return Reconstruction(model, _doubt(model, calibration, settings.trust), motion.kind, stages)
 
 
-def _propagated(
-    frames: tuple[Image, Image],
-    corners: tuple[Floats, Floats],
-    fundamental: Floats,
+def weak_calibration(
+    matches: Correspondences, rng: np.random.Generator, settings: SfmSettings
+) -> WeakCalibration:
+    """Find the fundamental matrix in spite of wrong correspondences.
+
+    Parameters
+    ----------
+    matches : Correspondences
+        Outliers included; points that are not finite are outliers.
+    rng : Generator
+        Source of randomness.
+    settings : SfmSettings
+        Parameters.
+
+    Returns
+    -------
+    WeakCalibration
+        The matrix, or the reason why there is none.
+
+    References
+    ----------
+    [Maitre2008] Sec. 5.2.3, Robust weak calibration.
+    """
+    how, known = settings.weak_calibration, matches[matches.finite]
+    estimator = FundamentalEstimator(known.first, known.second)
+    found = mapsac(estimator, how.search, rng)
+    found = lo_ransac(estimator, found, how.search, rng)
+    return least_sampson_distance(matches, estimator, found, how)
+
+
+def camera_pair(
     matches: Correspondences,
+    calibration: WeakCalibration,
+    frame: PixelFrame,
+    rng: np.random.Generator,
     settings: SfmSettings,
-) -> Correspondences:
-    """Densify over the corners that are left, then along edges."""
-    matches = settle_on_surfaces(*frames, fundamental, matches, settings.propagation)
-    matches = densify(*frames, *corners, fundamental, matches, settings.densification)
-    matches = matches[outliers.motion(matches, settings.motion_limit_px, settings.motion_spreads)]
-    return propagate(*frames, fundamental, matches, settings.propagation)
+) -> CameraPair:
+    """Self-calibrate, adjust, remove the outliers that this shows, and adjust again.
+
+    Parameters
+    ----------
+    matches : Correspondences
+        Reliable points, in pixels.
+    calibration : WeakCalibration
+        Their epipolar geometry.
+    frame : PixelFrame
+        Size of the images.
+    rng : Generator
+        Source of randomness.
+    settings : SfmSettings
+        Parameters.
+
+    Returns
+    -------
+    CameraPair
+        The camera, or the reason why there is none.
+
+    References
+    ----------
+    [Maitre2008] Sec. 5.2.3, Quasi-Euclidean self-calibration, Bundle adjustment; test of reprojection.
+    """
+    how, num = settings.cameras, len(matches)
+    start = self_calibration(calibration.fundamental, matches, frame, how.self_calibration)
+    if start.reason:
+        return CameraPair.missing(num, f"self-calibration: {start.reason}")
+    kept, depths = start.kept.copy(), start.depths.copy()
+    camera, fundamental = start.camera, calibration.fundamental
+    for _ in range(how.num_adjustments):
+        chosen = np.flatnonzero(kept)
+        points = matches[chosen]
+        adjusted = bundle_adjustment(points, camera, depths[chosen], frame, rng, how.bundle_adjustment)
+        if adjusted.reason:
+            return CameraPair.missing(num, f"bundle adjustment: {adjusted.reason}")
+        camera, fundamental, depths[chosen] = adjusted.camera, adjusted.fundamental, adjusted.depths
+        near = outliers.reprojection(points.second, adjusted.second, settings.outliers.max_reprojection_px)
+        good = near & adjusted.in_front
+        kept[chosen[~good]] = False
+        if good.all() or np.count_nonzero(kept) < settings.trust.min_num_points:
+            break
+    return CameraPair(camera, fundamental, kept)
 
 
-def _model(matches: Correspondences, pair: CameraPair, frame: PixelFrame, settings: SfmSettings) -> Model:
-    """Triangulate the correspondences that pass the tests that need depths."""
-    usual = _tested(matches, pair, frame, settings)
-    first, second = frame.to_normalized(usual.first), frame.to_normalized(usual.second)
-    depths, _ = triangulate_depth(first, pair.camera, second)
-    return Model(frame, pair.fundamental, pair.camera, usual, depths)
+class Backend(NamedTuple):
+    """Whose estimators take the two steps that COLMAP can take as well."""
+
+    weak_calibration: Callable[[Correspondences, np.random.Generator, SfmSettings], WeakCalibration]
+    camera_pair: Callable[
+        [Correspondences, WeakCalibration, PixelFrame, np.random.Generator, SfmSettings], CameraPair
+    ]
 
 
-def _tested(
-    matches: Correspondences, pair: CameraPair, frame: PixelFrame, settings: SfmSettings
+BACKENDS = {
+    "native": Backend(weak_calibration, camera_pair),
+    "colmap": Backend(colmap.weak_calibration, colmap.camera_pair),
+}
+"""Backends by the name that the configuration uses."""
+
+
+def _moving_alike(matches: Correspondences, tests: OutlierSettings) -> Correspondences:
+    """Apply the test of motion."""
+    return matches[outliers.motion(matches, tests.motion_limit_px, tests.motion_spreads)]
+
+
+def _triangulated(matches: Correspondences, camera: Floats, frame: PixelFrame) -> tuple[Floats, Floats]:
+    first, second = frame.to_normalized(matches.first), frame.to_normalized(matches.second)
+    return triangulate_depth(first, camera, second)
+
+
+def _well_triangulated(
+    matches: Correspondences, pair: CameraPair, frame: PixelFrame, tests: OutlierSettings
 ) -> Correspondences:
     """Apply the tests of chirality, epipole and depth."""
-    first, second = frame.to_normalized(matches.first), frame.to_normalized(matches.second)
-    depth_first, depth_second = triangulate_depth(first, pair.camera, second)
+    depth_first, depth_second = _triangulated(matches, pair.camera, frame)
     keep = outliers.chirality(depth_first, depth_second) & (np.nan_to_num(depth_first) > 0)
-    keep &= outliers.epipole(matches, pair.fundamental, settings.epipole_distance_px)
-    chosen = np.flatnonzero(keep)
-    usual = outliers.depth(
-        matches.first[chosen], depth_first[chosen], settings.depth_share, settings.depth_spreads
-    )
-    return matches[chosen[usual]]
+    keep &= outliers.epipole(matches, pair.fundamental, tests.epipole_distance_px)
+    matches, depths = matches[keep], depth_first[keep]
+    return matches[outliers.depth(matches.first, depths, tests.depth_share, tests.depth_spreads)]
 
 
-def _doubt(model: Model, calibration: WeakCalibration, settings: SfmSettings) -> str:
+def _doubt(model: Model, calibration: WeakCalibration, trust: TrustSettings) -> str:
     """Say why a model cannot be trusted; nothing if it can."""
     count = len(model.correspondences)
-    if count < settings.min_num_points:
-        return f"only {count} correspondences, {settings.min_num_points} are needed"
+    if count < trust.min_num_points:
+        return f"only {count} correspondences, {trust.min_num_points} are needed"
     covered = coverage(model.correspondences.first, model.pixel_frame)
-    if covered < settings.min_coverage:
+    if covered < trust.min_coverage:
         return f"correspondences cover only {100 * covered:.0f} % of the frame"
     share = float(calibration.inliers.mean())
-    if share < settings.min_inlier_share:
+    if share < trust.min_inlier_share:
         return f"only {100 * share:.0f} % of the matched corners agree with one rigid motion"
     return ""
 

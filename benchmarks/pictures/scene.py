@@ -21,7 +21,8 @@ from dvc.metrics import psnr_db
 from dvc.multiview.depth_maps import estimate_depths
 from dvc.video import Frame, open_video
 from dvc.wynerziv.transform import to_uint8
-from sfm.cameras.resection import intermediate_cameras, linear_points
+from sfm.cameras.camera_path import intermediate_cameras
+from sfm.cameras.tracked_points import linear_points
 from sfm.correspondences.features import detect_corners
 from sfm.model import Correspondences, Model, Reconstruction
 from sfm.output.drawing import draw_correspondences, side_by_side

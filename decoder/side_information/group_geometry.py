@@ -188,7 +188,7 @@ def estimate_geometry(
     """
     from decoder.tracking import match_points
     from sfm.cameras.camera_path import regular_cameras
-    from sfm.cameras.resection import tracked_points
+    from sfm.cameras.tracked_points import tracked_points
 
     tracks = points
     if isinstance(tracks, FeaturePoints):

@@ -127,7 +127,8 @@ class SceneInterpolation:
         return [self._predict_one(*references_around(references, instant), instant) for instant in instants]
 
     def _predict_one(self, before: ReferenceFrame, after: ReferenceFrame, instant: int) -> Prediction:
-        from sfm.cameras.resection import intermediate_cameras, linear_points
+        from sfm.cameras.camera_path import intermediate_cameras
+        from sfm.cameras.tracked_points import linear_points
 
         flat = self._flat.predict([before, after], None, [instant])[0]
         scene = self._scene_between(before, after)

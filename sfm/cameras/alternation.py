@@ -4,27 +4,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.cameras import homogeneous
-from sfm.cameras.projective_basis import CAMERA_NORM
+from sfm.cameras.projective_basis import CAMERA_NORM, projection_equations
+from sfm.least_squares import normal_matrix
 
 Floats = NDArray[np.float64]
 
 SMALLEST_DEPTH = 1e-12
 
 
-def nonzero(values: Floats) -> Floats:
+def nonzero(values: Floats, smallest: float = SMALLEST_DEPTH) -> Floats:
     """Replace values too near zero to divide by.
 
     Parameters
     ----------
     values : ndarray, float64
         Any values.
+    smallest : float
+        What takes the place of those whose magnitude is less.
 
     Returns
     -------
     ndarray, float64
-        The same, with `SMALLEST_DEPTH` in the place of those whose magnitude is less.
+        The same otherwise.
     """
-    return np.where(np.abs(values) > SMALLEST_DEPTH, values, SMALLEST_DEPTH)
+    return np.where(np.abs(values) > smallest, values, smallest)
 
 
 def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, basis: Floats) -> Floats:
@@ -53,43 +56,39 @@ def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, 
     [Maitre2008] Eqs. (B.2) and (B.3).
     """
     points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(first))])
-    weighted = kappa[:, None] * points
-    zero = np.zeros_like(weighted)
-    horizontal = np.hstack([-weighted, zero, observed[:, :1] * weighted]) @ basis
-    vertical = np.hstack([zero, -weighted, observed[:, 1:] * weighted]) @ basis
-    normal = np.einsum("ni,nj->ij", horizontal, horizontal) + np.einsum("ni,nj->ij", vertical, vertical)
+    equations = projection_equations(kappa[:, None] * points, observed)
+    normal = normal_matrix(*(rows @ basis for rows in equations))
     camera: Floats = CAMERA_NORM * (basis @ np.linalg.eigh(normal)[1][:, 0]).reshape(3, 4)
     return -camera if np.count_nonzero(points @ camera[2] < 0) > 0.5 * len(points) else camera
 
 
-def depth_step(first: Floats, observed: Floats, cameras: Floats, kappa: Floats) -> Floats:
-    """Find the depths with the least reweighted error while the cameras stay.
+def depth_step(first: Floats, observed: Floats, camera: Floats, kappa: Floats) -> Floats:
+    """Find the depths with the least reweighted error while the camera stays.
 
     Parameters
     ----------
     first : ndarray of shape (N, 2), float64
         Points of the first frame, normalised.
-    observed : ndarray of shape (T, N, 2), float64
-        Where the cameras see them.
-    cameras : ndarray of shape (T, 3, 4), float64
-        Projection matrices.
-    kappa : ndarray of shape (T, N), float64
-        Weights: the inverse denominators of the projections; 0 where a point was not seen.
+    observed : ndarray of shape (N, 2), float64
+        Where the camera sees them.
+    camera : ndarray of shape (3, 4), float64
+        Projection matrix.
+    kappa : ndarray of shape (N,), float64
+        Weights: the inverse denominators of the projections.
 
     Returns
     -------
     ndarray of shape (N,), float64
-        Depths in the first camera; nan where no camera tells.
+        Depths in the first camera; nan where the camera does not tell.
 
     References
     ----------
     [Maitre2008] Eq. (B.4).
     """
-    turned = homogeneous(first) @ cameras[:, :, :3].transpose(0, 2, 1)
-    moved = np.broadcast_to(cameras[:, None, :, 3], turned.shape)
-    a = kappa[:, :, None] * (observed * turned[:, :, 2:] - turned[:, :, :2])
-    b = kappa[:, :, None] * (observed * moved[:, :, 2:] - moved[:, :, :2])
-    aa, ab = (a * a).sum(axis=(0, 2)), (a * b).sum(axis=(0, 2))
+    turned, moved = homogeneous(first) @ camera[:, :3].T, camera[:, 3]
+    a = kappa[:, None] * (observed * turned[:, 2:] - turned[:, :2])
+    b = kappa[:, None] * (observed * moved[2:] - moved[:2])
+    aa, ab = (a * a).sum(axis=1), (a * b).sum(axis=1)
     depths: Floats = np.where(aa > 0, -ab / np.where(aa > 0, aa, 1.0), np.nan)
     return depths
 

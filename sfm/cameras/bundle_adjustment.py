@@ -1,11 +1,13 @@
-"""Bundle adjustment: cameras and depths with the least reprojection error in all frames but the first.
+"""Bundle adjustment: the second camera and the depths with the least reprojection error.
 
 Alternated reweighted least squares, as the thesis has it, brings a rough start close; its convergence is
-slow, so Levenberg-Marquardt steps on the cameras, with the depths eliminated, finish the same problem.
+slow, so Levenberg-Marquardt steps on the camera, with the depths eliminated, finish the same problem.
 """
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +16,16 @@ from dvc.multiview.cameras import PixelFrame, homogeneous, project
 from dvc.multiview.triangulation import inverse_depths
 from sfm.cameras.alternation import camera_step, denominators, depth_step, nonzero
 from sfm.cameras.projective_basis import (
-    CAMERA_NORM,
-    FixedPointOptions,
+    FixedPointSettings,
     camera_basis,
     camera_from_coordinates,
     choose_fixed_points,
     coordinates_of_camera,
+    normalized_camera,
+    projection_equations,
 )
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
-from sfm.least_squares import solve_damped
+from sfm.least_squares import Damping, levenberg_marquardt, solve_damped
 from sfm.model import Correspondences
 
 Floats = NDArray[np.float64]
@@ -30,10 +33,11 @@ Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 TINY = 1e-300
+DAMPING = Damping(start=1e-4, least=1e-12, num_tries=12)
 
 
 @dataclass(frozen=True)
-class BundleAdjustmentOptions:
+class BundleAdjustmentSettings:
     """Parameters of the bundle adjustment.
 
     Attributes
@@ -46,7 +50,7 @@ class BundleAdjustmentOptions:
         Relative decrease of the error below which the adjustment has converged.
     min_num_points : int
         Points that are needed.
-    fixed_points : FixedPointOptions
+    fixed_points : FixedPointSettings
         Which two points fix the projective basis.
     """
 
@@ -54,7 +58,7 @@ class BundleAdjustmentOptions:
     max_iterations: int = 100
     tolerance: float = 1e-10
     min_num_points: int = 9
-    fixed_points: FixedPointOptions = field(default_factory=FixedPointOptions)
+    fixed_points: FixedPointSettings = field(default_factory=FixedPointSettings)
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -66,25 +70,24 @@ class BundleAdjustmentOptions:
 
 @dataclass(frozen=True, eq=False)
 class BundleAdjustment:
-    """Refined cameras and points.
+    """Refined camera and points.
 
     Attributes
     ----------
-    cameras : ndarray of shape (T, 3, 4), float64
-        Cameras of the intermediate frames in order, then of the second key frame; normalised
-        coordinates, Frobenius norm sqrt(3).
+    camera : ndarray of shape (3, 4), float64
+        Camera of the second key frame; normalised coordinates, Frobenius norm sqrt(3).
     depths : ndarray of shape (N,), float64
         Depth of each point in the first camera.
     fundamental : ndarray of shape (3, 3), float64
-        ``[t]x R`` of the second key frame, in pixels, unit norm.
+        ``[t]x R`` in pixels, unit norm.
     second : ndarray of shape (N, 2), float64
         The points projected into the second key frame, in pixels.
     in_front : ndarray of shape (N,), bool
-        Points that are before all cameras.
+        Points that are before both cameras.
     fixed : ndarray of shape (2,), int64
         The points that fix the projective basis.
     rms_px : float
-        Root mean square of the reprojection errors of all points in all frames but the first.
+        Root mean square of the reprojection errors of all points in the second key frame.
     start_rms_px : float
         The same before.
     num_iterations : int
@@ -93,7 +96,7 @@ class BundleAdjustment:
         Why nothing was refined; empty if all is well.
     """
 
-    cameras: Floats
+    camera: Floats
     depths: Floats
     fundamental: Floats
     second: Floats
@@ -109,11 +112,6 @@ class BundleAdjustment:
         """Whether the result is an adjusted one."""
         return not self.reason
 
-    @property
-    def camera(self) -> Floats:
-        """Camera of the second key frame, shape (3, 4)."""
-        return np.asarray(self.cameras[-1])
-
 
 def bundle_adjustment(
     correspondences: Correspondences,
@@ -121,11 +119,9 @@ def bundle_adjustment(
     depths: Floats,
     frame: PixelFrame,
     rng: np.random.Generator,
-    options: BundleAdjustmentOptions | None = None,
-    tracks: Floats | None = None,
-    cameras: Floats | None = None,
+    settings: BundleAdjustmentSettings | None = None,
 ) -> BundleAdjustment:
-    """Minimise the reprojection error over depths and cameras.
+    """Minimise the reprojection error over depths and camera.
 
     The first key frame has no error by construction: its points are taken as they are.
 
@@ -141,12 +137,8 @@ def bundle_adjustment(
         Size of the images.
     rng : Generator
         Source of randomness, for the points that fix the projective basis.
-    options : BundleAdjustmentOptions, optional
+    settings : BundleAdjustmentSettings, optional
         Parameters; the defaults if None.
-    tracks : ndarray of shape (T, N, 2), float64, optional
-        Positions in intermediate frames, in pixels; nan where a point was not seen.
-    cameras : ndarray of shape (T, 3, 4), float64, optional
-        Cameras of these frames, where to start; needed with `tracks`.
 
     Returns
     -------
@@ -156,253 +148,159 @@ def bundle_adjustment(
     Raises
     ------
     ValueError
-        If there are tracks without cameras, or their shapes do not agree.
+        If there is not one depth for each point.
 
     References
     ----------
-    [Maitre2008] Eqs. (5.5) to (5.7), Appendices A and B.
+    [Maitre2008] Eqs. (5.5) and (5.6), Appendices A and B.
     """
-    options = options or BundleAdjustmentOptions()
-    problem, start = _prepare(correspondences, camera, depths, frame, tracks, cameras)
-    usable = (start.inverse != 0) & (problem.weights[-1] > 0)
-    if np.count_nonzero(usable) < options.min_num_points or not usable.all():
-        counts = f"{np.count_nonzero(usable)} of {len(usable)}"
-        reason = f"{counts} points are usable; all must be, and {options.min_num_points} are needed"
-        return _result(problem, start, start, frame, np.zeros(2, dtype=np.int64), 0, reason)
-    state = _triangulated(problem, start)
-    errors = np.sqrt((_errors(problem, state)[-1] ** 2).sum(axis=1))
-    fixed = choose_fixed_points(
-        problem.first, problem.observed[-1], state.cameras[-1], errors, rng, options.fixed_points
-    )
+    settings = settings or BundleAdjustmentSettings()
+    num = len(correspondences)
+    if depths.shape != (num,):
+        raise ValueError(f"expected {num} depths, got {depths.shape}")
+    first, second = frame.to_normalized(correspondences.first), frame.to_normalized(correspondences.second)
+    usable = correspondences.finite & np.isfinite(depths) & (depths != 0)
+    start = _State(normalized_camera(camera), 1.0 / np.where(usable, depths, np.inf))
+    if np.count_nonzero(usable) < settings.min_num_points or not usable.all():
+        counts = f"{np.count_nonzero(usable)} of {num}"
+        reason = f"{counts} points are usable; all must be, and {settings.min_num_points} are needed"
+        return _failure(start, correspondences, depths, reason)
+    state = _triangulated(first, second, start)
+    problem = _Adjustment(first, second, np.ones(num, dtype=bool), np.eye(12), settings.tolerance)
+    errors = np.sqrt((problem.errors(state) ** 2).sum(axis=1))
+    fixed = choose_fixed_points(first, second, state.camera, errors, rng, settings.fixed_points)
     if fixed is None:
-        reason = "no two points differ"
-        return _result(problem, start, start, frame, np.zeros(2, dtype=np.int64), 0, reason)
+        return _failure(start, correspondences, depths, "no two points differ")
     problem, state = _fix_basis(problem, state, fixed)
-    state = _alternate(problem, state, options.num_alternations)
-    state, num_iterations = _minimize(problem, state, options)
-    return _result(problem, start, state, frame, fixed, num_iterations, "")
+    state = _alternate(problem, state, settings.num_alternations)
+    state, num_iterations = levenberg_marquardt(problem, state, DAMPING, settings.max_iterations)
+    return _result(problem, start, state, frame, fixed, num_iterations)
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """What stays: points of the first frame, observed points (T, N, 2) with weights, and the basis."""
+class _State(NamedTuple):
+    """What changes: the camera (3, 4), in the basis, and inverse depths (N,)."""
 
-    first: Floats
-    observed: Floats
-    weights: Floats
-    free: Mask
-    basis: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """What changes: cameras (T, 3, 4), the last in the basis, and inverse depths (N,)."""
-
-    cameras: Floats
+    camera: Floats
     inverse: Floats
 
 
-def _prepare(
-    correspondences: Correspondences,
-    camera: Floats,
-    depths: Floats,
-    frame: PixelFrame,
-    tracks: Floats | None,
-    cameras: Floats | None,
-) -> tuple[_Problem, _State]:
-    num = len(correspondences)
-    between = np.empty((0, num, 2)) if tracks is None else tracks
-    starts = np.empty((0, 3, 4)) if cameras is None else cameras
-    if between.shape != (len(starts), num, 2) or starts.shape[1:] != (3, 4) or depths.shape != (num,):
-        raise ValueError(
-            f"expected {num} depths, tracks (T, {num}, 2) and cameras (T, 3, 4), "
-            f"got {depths.shape}, {between.shape}, {starts.shape}"
-        )
-    observed = np.concatenate([between, correspondences.second[None]])
-    weights = np.isfinite(observed).all(axis=2).astype(np.float64)
-    normalized = np.where(weights[:, :, None] > 0, frame.to_normalized(observed), 0.0)
-    first = frame.to_normalized(correspondences.first)
-    known = np.isfinite(first).all(axis=1) & np.isfinite(depths)
-    weights = weights * known
-    first = np.where(known[:, None], first, 0.0)
-    problem = _Problem(first, normalized, weights, np.ones(num, dtype=bool), np.eye(12))
-    everything = np.concatenate([starts, camera[None]])
-    norms = np.sqrt((everything * everything).sum(axis=(1, 2)))[:, None, None]
-    inverse = 1.0 / np.where(known & (depths != 0), depths, np.inf)
-    return problem, _State(CAMERA_NORM * everything / norms, inverse)
+def _failure(start: _State, pairs: Correspondences, depths: Floats, reason: str) -> BundleAdjustment:
+    none, fixed = np.zeros(len(depths), dtype=bool), np.zeros(2, dtype=np.int64)
+    return BundleAdjustment(
+        start.camera, depths, np.zeros((3, 3)), pairs.second, none, fixed, 0.0, 0.0, 0, reason
+    )
 
 
-def _triangulated(problem: _Problem, start: _State) -> _State:
+def _triangulated(first: Floats, second: Floats, start: _State) -> _State:
     """Move all points to the depths that suit the second key frame best, where these are positive."""
-    camera = start.cameras[-1]
-    inverse, quotient = inverse_depths(problem.first, camera, problem.observed[-1])
-    return _State(start.cameras, np.where((inverse > 0) & (quotient > 0), inverse, start.inverse))
+    inverse, quotient = inverse_depths(first, start.camera, second)
+    return _State(start.camera, np.where((inverse > 0) & (quotient > 0), inverse, start.inverse))
 
 
-def _fix_basis(problem: _Problem, start: _State, fixed: Indices) -> tuple[_Problem, _State]:
+@dataclass(frozen=True, eq=False)
+class _Adjustment:
+    """What stays: points of both frames, those that are free, and the basis of the camera.
+
+    It is an `sfm.least_squares.LeastSquares`: steps on the camera, the depths eliminated (Schur complement).
+    """
+
+    first: Floats
+    observed: Floats
+    free: Mask
+    basis: Floats
+    tolerance: float
+
+    def project(self, state: _State) -> Floats:
+        """Return ``R x + inverse depth * t`` for all points, shape (N, 3)."""
+        turned = homogeneous(self.first) @ state.camera[:, :3].T
+        projected: Floats = turned + state.inverse[:, None] * state.camera[:, 3]
+        return projected
+
+    def errors(self, state: _State) -> Floats:
+        """Return the reprojection errors (N, 2) in normalised units."""
+        p = self.project(state)
+        errors: Floats = p[:, :2] / nonzero(p[:, 2])[:, None] - self.observed
+        return errors
+
+    def cost(self, state: _State) -> float:
+        return float((self.errors(state) ** 2).sum())
+
+    def converged(self, before: _State, after: _State, decrease: float, cost: float) -> bool:
+        del before, after
+        return decrease <= self.tolerance * cost
+
+    def linearize(self, state: _State, iteration: int) -> tuple[float, Callable[[float], _State]]:
+        del iteration
+        p = self.project(state)
+        w = 1.0 / nonzero(p[:, 2])
+        uv = p[:, :2] / nonzero(p[:, 2])[:, None]
+        errors = uv - self.observed
+        t = state.camera[:, 3]
+        by_depth = w[:, None] * (t[:2] - uv * t[2:]) * self.free[:, None]
+        scaled = w[:, None] * np.column_stack([homogeneous(self.first), state.inverse])
+        by_camera = np.stack([rows @ self.basis for rows in projection_equations(scaled, uv)], axis=1)
+        # Normal equations of the camera, of the depths, and mixed.
+        camera = np.einsum("nai,naj->ij", by_camera, by_camera)
+        camera_slope = np.einsum("nai,na->i", by_camera, errors)
+        depths, depths_slope = (by_depth * by_depth).sum(axis=1), (by_depth * errors).sum(axis=1)
+        mixed = np.einsum("nai,na->in", by_camera, by_depth)
+
+        def stepped(damping: float) -> _State:
+            inverse = np.where(depths > TINY, 1.0 / np.maximum((1.0 + damping) * depths, TINY), 0.0)
+            reduced = camera - np.einsum("in,jn->ij", mixed * inverse, mixed)
+            slope = camera_slope - np.einsum("in,n->i", mixed, inverse * depths_slope)
+            step = -solve_damped(reduced, slope, damping)
+            inverse_step = -inverse * (depths_slope + np.einsum("in,i->n", mixed, step))
+            moved = normalized_camera(state.camera + (self.basis @ step).reshape(3, 4))
+            return _State(moved, state.inverse + inverse_step)
+
+        return float((errors**2).sum()), stepped
+
+
+def _fix_basis(problem: _Adjustment, start: _State, fixed: Indices) -> tuple[_Adjustment, _State]:
     """Fix two points and their projections.
 
     The projections, not the observed points, which the start would not obey: in noise, two points without
     any error would outweigh all others.
     """
     points = np.column_stack([homogeneous(problem.first[fixed]), start.inverse[fixed]])
-    basis = camera_basis(points, project(start.cameras[-1], points)[0])
+    basis = camera_basis(points, project(start.camera, points)[0])
     free = problem.free.copy()
     free[fixed] = False
-    cameras = start.cameras.copy()
-    cameras[-1] = camera_from_coordinates(basis, coordinates_of_camera(basis, cameras[-1]))
-    fixed_problem = _Problem(problem.first, problem.observed, problem.weights, free, basis)
-    return fixed_problem, _State(cameras, start.inverse)
+    camera = camera_from_coordinates(basis, coordinates_of_camera(basis, start.camera))
+    return replace(problem, free=free, basis=basis), _State(camera, start.inverse)
 
 
-def _errors(problem: _Problem, state: _State) -> Floats:
-    """Return the reprojection errors (T, N, 2) in normalised units; 0 where a point was not seen."""
-    p = _project(problem, state)
-    errors: Floats = (p[:, :, :2] / nonzero(p[:, :, 2])[:, :, None] - problem.observed) * problem.weights[
-        :, :, None
-    ]
-    return errors
-
-
-def _project(problem: _Problem, state: _State) -> Floats:
-    """Return ``R x + inverse depth * t`` for all cameras and points, shape (T, N, 3)."""
-    x = homogeneous(problem.first)
-    turned = x @ state.cameras[:, :, :3].transpose(0, 2, 1)
-    projected: Floats = turned + state.inverse[None, :, None] * state.cameras[:, None, :, 3]
-    return projected
-
-
-def _cost(problem: _Problem, state: _State) -> float:
-    return float((_errors(problem, state) ** 2).sum())
-
-
-def _alternate(problem: _Problem, state: _State, count: int) -> _State:
+def _alternate(problem: _Adjustment, state: _State, count: int) -> _State:
     """Alternate camera and depth steps (Appendix B) as long as the error becomes less."""
-    depths, kappa, cost = 1.0 / state.inverse, problem.weights, _cost(problem, state)
-    bases = [np.eye(12)] * (len(problem.observed) - 1) + [problem.basis]
+    first, observed = problem.first, problem.observed
+    depths, kappa, cost = 1.0 / state.inverse, np.ones(len(first)), problem.cost(state)
     best = state
     for _ in range(count):
-        steps = zip(problem.observed, kappa, bases, strict=True)
-        cameras = np.stack([camera_step(problem.first, depths, x, k, basis) for x, k, basis in steps])
-        new = depth_step(problem.first, problem.observed, cameras, kappa)
+        camera = camera_step(first, depths, observed, kappa, problem.basis)
+        new = depth_step(first, observed, camera, kappa)
         depths = np.where(problem.free & np.isfinite(new) & (new != 0), new, depths)
-        kappa = problem.weights * np.stack(
-            [denominators(problem.first, depths, camera) for camera in cameras]
-        )
-        found = _State(cameras, 1.0 / depths)
-        new_cost = _cost(problem, found)
+        kappa = denominators(first, depths, camera)
+        found = _State(camera, 1.0 / depths)
+        new_cost = problem.cost(found)
         if new_cost >= cost:
             break
         best, cost = found, new_cost
     return best
 
 
-def _minimize(problem: _Problem, state: _State, options: BundleAdjustmentOptions) -> tuple[_State, int]:
-    """Levenberg-Marquardt steps on the cameras, the depths eliminated (Schur complement)."""
-    cost, damping = _cost(problem, state), 1e-4
-    for iteration in range(options.max_iterations):
-        system = _linearize(problem, state)
-        for _ in range(12):
-            candidate = _stepped(problem, state, system, damping)
-            new_cost = _cost(problem, candidate)
-            if new_cost <= cost:
-                break
-            damping *= 10.0
-        else:
-            return state, iteration
-        decrease, state, cost = cost - new_cost, candidate, new_cost
-        damping = max(0.1 * damping, 1e-12)
-        if decrease <= options.tolerance * cost:
-            return state, iteration + 1
-    return state, options.max_iterations
-
-
-@dataclass(frozen=True, eq=False)
-class _System:
-    """Normal equations: by cameras (D, D) and (D,), by depths (N,) and (N,), and mixed (D, N)."""
-
-    cameras: Floats
-    cameras_slope: Floats
-    depths: Floats
-    depths_slope: Floats
-    mixed: Floats
-
-
-def _linearize(problem: _Problem, state: _State) -> _System:
-    p = _project(problem, state)
-    w = problem.weights / nonzero(p[:, :, 2])
-    uv = p[:, :, :2] / nonzero(p[:, :, 2])[:, :, None]
-    errors = (uv - problem.observed) * problem.weights[:, :, None]
-    t = state.cameras[:, None, :, 3]
-    by_depth = w[:, :, None] * (t[:, :, :2] - uv * t[:, :, 2:]) * problem.free[None, :, None]
-    points = np.column_stack([homogeneous(problem.first), state.inverse])
-    blocks, slopes, mixed = [], [], []
-    for k in range(len(p)):
-        scaled, zero = w[k][:, None] * points, np.zeros_like(points)
-        horizontal = np.hstack([scaled, zero, -uv[k, :, :1] * scaled])
-        vertical = np.hstack([zero, scaled, -uv[k, :, 1:] * scaled])
-        if k == len(p) - 1:
-            horizontal, vertical = horizontal @ problem.basis, vertical @ problem.basis
-        jacobian = np.stack([horizontal, vertical], axis=1)
-        blocks.append(np.einsum("nai,naj->ij", jacobian, jacobian))
-        slopes.append(np.einsum("nai,na->i", jacobian, errors[k]))
-        mixed.append(np.einsum("nai,na->in", jacobian, by_depth[k]))
-    size = sum(len(block) for block in blocks)
-    cameras, at = np.zeros((size, size)), 0
-    for block in blocks:
-        cameras[at : at + len(block), at : at + len(block)] = block
-        at += len(block)
-    depths = (by_depth * by_depth).sum(axis=(0, 2))
-    slope = (by_depth * errors).sum(axis=(0, 2))
-    return _System(cameras, np.concatenate(slopes), depths, slope, np.vstack(mixed))
-
-
-def _stepped(problem: _Problem, state: _State, system: _System, damping: float) -> _State:
-    """Solve the damped normal equations and take the step."""
-    inverse = np.where(system.depths > TINY, 1.0 / np.maximum((1.0 + damping) * system.depths, TINY), 0.0)
-    reduced = system.cameras - np.einsum("in,jn->ij", system.mixed * inverse, system.mixed)
-    slope = system.cameras_slope - np.einsum("in,n->i", system.mixed, inverse * system.depths_slope)
-    step = -solve_damped(reduced, slope, damping)
-    inverse_step = -inverse * (system.depths_slope + np.einsum("in,i->n", system.mixed, step))
-    cameras = state.cameras.copy()
-    for k in range(len(cameras) - 1):
-        cameras[k] = _normalized(cameras[k] + step[12 * k : 12 * k + 12].reshape(3, 4))
-    cameras[-1] = _normalized(cameras[-1] + (problem.basis @ step[12 * (len(cameras) - 1) :]).reshape(3, 4))
-    return _State(cameras, state.inverse + inverse_step)
-
-
-def _normalized(camera: Floats) -> Floats:
-    scaled: Floats = CAMERA_NORM * camera / np.sqrt(max(float((camera * camera).sum()), TINY))
-    return scaled
-
-
 def _result(
-    problem: _Problem,
-    start: _State,
-    state: _State,
-    frame: PixelFrame,
-    fixed: Indices,
-    num_iterations: int,
-    reason: str,
+    problem: _Adjustment, start: _State, state: _State, frame: PixelFrame, fixed: Indices, num_iterations: int
 ) -> BundleAdjustment:
-    seen = max(1.0, float(problem.weights.sum()))
-    rms = [
-        0.0
-        if reason and not len(state.inverse)
-        else frame.scale_px * math.sqrt(_finite_cost(problem, s) / seen)
-        for s in (start, state)
-    ]
-    p = _project(problem, state)
-    fundamental = fundamental_to_pixels(fundamental_from_camera(state.cameras[-1]), frame)
-    second = frame.to_pixels(p[-1, :, :2] / nonzero(p[-1, :, 2])[:, None])
-    in_front = (state.inverse > 0) & ((p[:, :, 2] > 0) | (problem.weights == 0)).all(axis=0)
+    rms, start_rms = (
+        frame.scale_px * math.sqrt(problem.cost(s) / len(problem.first)) for s in (state, start)
+    )
+    p = problem.project(state)
+    fundamental = fundamental_to_pixels(fundamental_from_camera(state.camera), frame)
+    second = frame.to_pixels(p[:, :2] / nonzero(p[:, 2])[:, None])
+    in_front = (state.inverse > 0) & (p[:, 2] > 0)
     tiny = np.where(state.inverse < 0, -TINY, TINY)
     depths = 1.0 / np.where(np.abs(state.inverse) > TINY, state.inverse, tiny)
     return BundleAdjustment(
-        state.cameras, depths, fundamental, second, in_front, fixed, rms[1], rms[0], num_iterations, reason
+        state.camera, depths, fundamental, second, in_front, fixed, rms, start_rms, num_iterations, ""
     )
-
-
-def _finite_cost(problem: _Problem, state: _State) -> float:
-    squared = _errors(problem, state) ** 2
-    return float(squared[np.isfinite(squared)].sum())

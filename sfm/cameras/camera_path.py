@@ -1,4 +1,4 @@
-"""Cameras of all frames between two key frames together, by tracks and by the regularity of their path."""
+"""Cameras of the frames between two key frames: each by itself, or all by the regularity of their path."""
 
 from collections.abc import Sequence
 
@@ -6,15 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.cameras import project
-from sfm.cameras.resection import (
-    ExpectedPoints,
-    Resection,
-    ResectionOptions,
-    TrackedPoints,
-    intermediate_cameras,
-    interpolated_camera,
-    resection,
-)
+from sfm.cameras.camera_prior import ExpectedPoints
+from sfm.cameras.projective_basis import normalized_camera
+from sfm.cameras.resection import Resection, ResectionSettings, resection
+from sfm.cameras.tracked_points import TrackedPoints
 from sfm.model import Model
 
 Floats = NDArray[np.float64]
@@ -29,11 +24,67 @@ _NEAREST = 1e-3
 """Least depth, relative to the median of a camera's points, at which a point tells about the path."""
 
 
+def interpolated_camera(model: Model, temporal_position: float) -> Floats:
+    """Guess the camera of a temporal position: between those of the key frames.
+
+    Parameters
+    ----------
+    model : Model
+        The scene.
+    temporal_position : float
+        0 at the first and 1 at the second key frame.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        Projection matrix in normalised coordinates, Frobenius norm sqrt(3).
+    """
+    first, second = (1.0 - temporal_position) * model.first_camera, temporal_position * model.second_camera
+    return normalized_camera(first + second)
+
+
+def intermediate_cameras(
+    model: Model, instants: Sequence[TrackedPoints], settings: ResectionSettings | None = None
+) -> list[Resection]:
+    """Find the cameras of any instants, from real tracks or from guessed ones alike.
+
+    The points stay; so the cameras do not depend on each other.
+
+    Parameters
+    ----------
+    model : Model
+        The scene.
+    instants : sequence of TrackedPoints
+        From `tracked_points`, or from `linear_points` where there are no tracks.
+    settings : ResectionSettings, optional
+        Parameters; the defaults if None.
+
+    Returns
+    -------
+    list of Resection
+        One for each instant.
+
+    References
+    ----------
+    [Maitre2008] Eq. (5.7) with the depths fixed.
+    """
+    return [
+        resection(
+            instant.points,
+            instant.positions,
+            model.pixel_frame,
+            prior=interpolated_camera(model, instant.temporal_position),
+            settings=settings,
+        )
+        for instant in instants
+    ]
+
+
 def regular_cameras(
     model: Model,
     instants: Sequence[TrackedPoints],
     regularity: float,
-    options: ResectionOptions | None = None,
+    settings: ResectionSettings | None = None,
 ) -> list[Resection]:
     """Find the cameras of evenly spaced instants, and let their path be smooth.
 
@@ -59,7 +110,7 @@ def regular_cameras(
         All instants between the key frames, evenly spaced, in order.
     regularity : float
         W; with 0 the cameras do not depend on each other.
-    options : ResectionOptions, optional
+    settings : ResectionSettings, optional
         Parameters; the defaults if None.
 
     Returns
@@ -78,7 +129,7 @@ def regular_cameras(
     """
     if not regularity >= 0:
         raise ValueError(f"`regularity` must not be negative, got {regularity}")
-    found = intermediate_cameras(model, instants, options)
+    found = intermediate_cameras(model, instants, settings)
     if regularity == 0 or not instants:
         return found
     path = _Path(model, instants[0].points, found)
@@ -90,13 +141,13 @@ def regular_cameras(
             expected = path.expected(t, regularity)
             if expected is None:
                 continue
-            prior = interpolated_camera(model, instant.time)
+            prior = interpolated_camera(model, instant.temporal_position)
             again = resection(
                 instant.points,
                 instant.positions,
                 model.pixel_frame,
                 prior=prior,
-                options=options,
+                settings=settings,
                 expected=expected,
             )
             if again.success:

@@ -15,7 +15,7 @@ CAMERA_NORM = 3.0**0.5  # Frobenius norm of all projection matrices
 
 
 @dataclass(frozen=True)
-class FixedPointOptions:
+class FixedPointSettings:
     """Which two points may fix the projective basis.
 
     Attributes
@@ -41,20 +41,37 @@ class FixedPointOptions:
             raise ValueError(f"`error_quantile` must be in (0, 1], got {self.error_quantile}")
 
 
-def basis_constraints(points: Floats, image: Floats) -> Floats:
+def normalized_camera(camera: Floats) -> Floats:
+    """Scale a camera to the norm of all of them.
+
+    Parameters
+    ----------
+    camera : ndarray of shape (3, 4), float64
+        Projection matrix.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        The same, Frobenius norm sqrt(3); zeros stay.
+    """
+    scaled: Floats = CAMERA_NORM * camera / np.sqrt(max(float((camera * camera).sum()), 1e-300))
+    return scaled
+
+
+def projection_equations(points: Floats, image: Floats) -> tuple[Floats, Floats]:
     """Write "this camera sees these points there" as linear equations in its twelve entries.
 
     Parameters
     ----------
-    points : ndarray of shape (K, 4), float64
+    points : ndarray of shape (N, 4), float64
         Homogeneous 3D points.
-    image : ndarray of shape (K, 2), float64
+    image : ndarray of shape (N, 2), float64
         Where they are seen.
 
     Returns
     -------
-    ndarray of shape (2 K, 12), float64
-        A with ``A P = 0`` for the entries of P, row by row.
+    horizontal, vertical : ndarray of shape (N, 12), float64
+        Coefficients of the entries of P, row by row: their products with P are 0.
 
     References
     ----------
@@ -63,7 +80,7 @@ def basis_constraints(points: Floats, image: Floats) -> Floats:
     zero = np.zeros_like(points)
     horizontal = np.hstack([points, zero, -image[:, :1] * points])
     vertical = np.hstack([zero, points, -image[:, 1:] * points])
-    return np.stack([horizontal, vertical], axis=1).reshape(-1, 12)
+    return horizontal, vertical
 
 
 def camera_basis(points: Floats, image: Floats) -> Floats:
@@ -92,7 +109,7 @@ def camera_basis(points: Floats, image: Floats) -> Floats:
     """
     if points.shape != (2, 4) or image.shape != (2, 2):
         raise ValueError(f"two points are needed, got shapes {points.shape} and {image.shape}")
-    _, singular, vt = np.linalg.svd(basis_constraints(points, image))
+    _, singular, vt = np.linalg.svd(np.stack(projection_equations(points, image), axis=1).reshape(-1, 12))
     if not singular[3] > 1e-12 * singular[0]:
         raise ValueError("the two fixed points must differ")
     basis: Floats = vt[4:].T.copy()
@@ -145,7 +162,7 @@ def choose_fixed_points(
     camera: Floats,
     errors: Floats,
     rng: np.random.Generator,
-    options: FixedPointOptions | None = None,
+    settings: FixedPointSettings | None = None,
 ) -> Indices | None:
     """Draw two points with small errors, far from the epipoles and from each other.
 
@@ -159,7 +176,7 @@ def choose_fixed_points(
         Reprojection errors; a point that must not be chosen has inf.
     rng : Generator
         Source of randomness.
-    options : FixedPointOptions, optional
+    settings : FixedPointSettings, optional
         The demands; the defaults if None.
 
     Returns
@@ -171,11 +188,11 @@ def choose_fixed_points(
     ----------
     [Maitre2008] Sec. 5.2.3.
     """
-    options = options or FixedPointOptions()
+    settings = settings or FixedPointSettings()
     finite = np.flatnonzero(np.isfinite(errors))
     if len(finite) < 2:
         return None
-    limit = np.quantile(errors[finite], options.error_quantile)
+    limit = np.quantile(errors[finite], settings.error_quantile)
     candidates = finite[errors[finite] <= limit]
     if len(candidates) < 2:
         candidates = finite
@@ -188,8 +205,8 @@ def choose_fixed_points(
     )
     share = 1.0
     for _ in range(8):
-        away = epipole_distances[candidates] >= share * options.epipole_distance * extent
-        pair = _draw_pair(candidates[away], first, share * options.mutual_distance * extent, rng, options)
+        away = epipole_distances[candidates] >= share * settings.epipole_distance * extent
+        pair = _draw_pair(candidates[away], first, share * settings.mutual_distance * extent, rng, settings)
         if pair is not None:
             return pair
         share *= 0.5
@@ -197,11 +214,11 @@ def choose_fixed_points(
 
 
 def _draw_pair(
-    candidates: Indices, first: Floats, least: float, rng: np.random.Generator, options: FixedPointOptions
+    candidates: Indices, first: Floats, least: float, rng: np.random.Generator, settings: FixedPointSettings
 ) -> Indices | None:
     if len(candidates) < 2:
         return None
-    pairs = rng.integers(0, len(candidates), (options.num_trials, 2))
+    pairs = rng.integers(0, len(candidates), (settings.num_trials, 2))
     offset = first[candidates[pairs[:, 0]]] - first[candidates[pairs[:, 1]]]
     apart = np.flatnonzero(np.hypot(offset[:, 0], offset[:, 1]) >= least)
     return candidates[pairs[apart[0]]] if len(apart) else None

@@ -21,7 +21,7 @@ OUTWEIGH = 3.0  # a change of a by 1 changes R by at most sqrt(3), and an invers
 
 
 @dataclass(frozen=True)
-class SelfCalibrationOptions:
+class SelfCalibrationSettings:
     """Parameters of the self-calibration.
 
     Attributes
@@ -108,35 +108,33 @@ class _Solution:
     kept: Mask
 
 
-def projective_camera(fundamental: Floats, plane: Floats | None = None) -> Floats:
+def projective_camera(fundamental: Floats) -> Floats:
     """Make a second camera that agrees with a fundamental matrix, the first being ``[I | 0]``.
 
     Parameters
     ----------
     fundamental : ndarray of shape (3, 3), float64
         F of rank 2.
-    plane : ndarray of shape (3,), float64, optional
-        The arbitrary vector a; the epipole of the first image if None.
 
     Returns
     -------
     ndarray of shape (3, 4), float64
-        ``[R | t]`` with ``R = [t]x F - t a'`` and t of unit norm. ``[t]x R = -F``.
+        ``[R | t]`` with ``R = [t]x F - t a'``, t of unit norm, and a the epipole of the first image.
+        ``[t]x R = -F``.
 
     References
     ----------
     [Maitre2008] Eq. (5.2).
     """
     first, second = epipoles(fundamental)
-    a = first if plane is None else plane
-    return np.column_stack([skew(second) @ fundamental - np.outer(second, a), second])
+    return np.column_stack([skew(second) @ fundamental - np.outer(second, first), second])
 
 
 def self_calibration(
     fundamental: Floats,
     correspondences: Correspondences,
     frame: PixelFrame,
-    options: SelfCalibrationOptions | None = None,
+    settings: SelfCalibrationSettings | None = None,
 ) -> SelfCalibration:
     """Find cameras as close as possible to ``[I | 0]`` and ``[I | t]``, with all depths positive and bounded.
 
@@ -151,7 +149,7 @@ def self_calibration(
         Reliable points in pixels.
     frame : PixelFrame
         Size of the images.
-    options : SelfCalibrationOptions, optional
+    settings : SelfCalibrationSettings, optional
         Parameters; the defaults if None.
 
     Returns
@@ -163,23 +161,23 @@ def self_calibration(
     ----------
     [Maitre2008] Sec. 5.2.3, Eqs. (5.2) to (5.4), the last with corrected signs.
     """
-    options = options or SelfCalibrationOptions()
+    settings = settings or SelfCalibrationSettings()
     num = len(correspondences)
     if not np.isfinite(fundamental).all() or np.linalg.matrix_rank(fundamental, rtol=1e-12) < 2:
         return _failure(num, "the fundamental matrix has not rank 2")
-    if num < options.min_num_points:
-        return _failure(num, f"{num} points, {options.min_num_points} are needed")
+    if num < settings.min_num_points:
+        return _failure(num, f"{num} points, {settings.min_num_points} are needed")
     camera, inverse, depth_quotient = _projective_depths(fundamental, correspondences, frame)
     same_side = np.isfinite(inverse) & (depth_quotient > 0)
-    least = max(options.min_num_points, math.ceil((1.0 - options.max_dropped_share) * num))
+    least = max(settings.min_num_points, math.ceil((1.0 - settings.max_dropped_share) * num))
     wrong = num - int(np.count_nonzero(same_side))
     if num - wrong < least:
         return _failure(num, f"{wrong} of {num} points are on the wrong side of a camera")
     x = homogeneous(frame.to_normalized(correspondences.first))[same_side]
     points = _Points(x, inverse[same_side], depth_quotient[same_side])
-    solved = _solve(camera, points, least, options)
+    solved = _solve(camera, points, least, settings)
     if solved is None:
-        return _failure(num, f"no plane at infinity bounds the depths by {options.max_depth_ratio:g}")
+        return _failure(num, f"no plane at infinity bounds the depths by {settings.max_depth_ratio:g}")
     return _apply(camera, points, same_side, *solved)
 
 
@@ -204,27 +202,27 @@ def _projective_depths(
 
 
 def _solve(
-    camera: Floats, points: _Points, least: int, options: SelfCalibrationOptions
+    camera: Floats, points: _Points, least: int, settings: SelfCalibrationSettings
 ) -> tuple[_Solution, float] | None:
     """Let M grow until few enough points stand in the way of a solution."""
     # The ratio of a point's two depths does not depend on the plane at infinity: it bounds M from below.
     bounds = np.maximum(points.quotient, 1.0 / points.quotient)
-    ratio = max(options.first_depth_ratio, float(np.quantile(bounds, 1.0 - options.dropped_share)))
+    ratio = max(settings.first_depth_ratio, float(np.quantile(bounds, 1.0 - settings.dropped_share)))
     while True:
-        last = ratio * options.depth_ratio_factor > options.max_depth_ratio
-        share = options.max_dropped_share if last else options.dropped_share
+        last = ratio * settings.depth_ratio_factor > settings.max_depth_ratio
+        share = settings.max_dropped_share if last else settings.dropped_share
         enough = max(least, math.ceil((1.0 - share) * len(points.inverse)))
-        candidates = [_linear_program(camera, points, sign, ratio, options) for sign in (1.0, -1.0)]
+        candidates = [_linear_program(camera, points, sign, ratio, settings) for sign in (1.0, -1.0)]
         solutions = [s for s in candidates if s is not None and np.count_nonzero(s.kept) >= enough]
         if solutions:
             return min(solutions, key=lambda solution: solution.cost), ratio
         if last:
             return None
-        ratio *= options.depth_ratio_factor
+        ratio *= settings.depth_ratio_factor
 
 
 def _linear_program(
-    camera: Floats, points: _Points, sign: float, ratio: float, options: SelfCalibrationOptions
+    camera: Floats, points: _Points, sign: float, ratio: float, settings: SelfCalibrationSettings
 ) -> _Solution | None:
     """Minimise the sum of the magnitudes of R - t a' - I under (5.4), for one sign of t.
 
@@ -248,7 +246,7 @@ def _linear_program(
     matrix = hstack([shared, -identity, -slack]).tocsr()
     limit = np.concatenate([inverse, -inverse, away, -away])
     # Less than `dropped_share` of the points together cannot outweigh the entries of R.
-    price = OUTWEIGH / (options.dropped_share * num)
+    price = OUTWEIGH / (settings.dropped_share * num)
     cost = np.concatenate([np.zeros(4), np.ones(NUM_ENTRIES), np.full(num, price)])
     ranges = [(None, None)] * 3 + [(LEAST_UNIT, None)] + [(0.0, None)] * (NUM_ENTRIES + num)
     solved = linprog(cost, A_ub=matrix, b_ub=limit, bounds=ranges, method="highs")

@@ -213,10 +213,8 @@ class _View:
 
 def _inside_both(correspondences: Correspondences, luma: Image) -> Mask:
     """Tell which correspondences are finite and inside both frames."""
-    finite = np.isfinite(correspondences.first).all(axis=1) & np.isfinite(correspondences.second).all(axis=1)
-    return np.asarray(
-        finite & inside(correspondences.first, luma, 0.0) & inside(correspondences.second, luma, 0.0)
-    )
+    within = inside(correspondences.first, luma, 0.0) & inside(correspondences.second, luma, 0.0)
+    return correspondences.finite & within
 
 
 def usable(fundamental: Floats) -> bool:

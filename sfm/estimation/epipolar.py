@@ -177,24 +177,6 @@ def fundamental_from_camera(camera: Floats) -> Floats:
     return unit_norm(skew(camera[:, 3]) @ camera[:, :3])
 
 
-def fundamental_from_cameras(first: Floats, second: Floats) -> Floats:
-    """Find the fundamental matrix of any two cameras.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (3, 4), float64
-        Projection matrices of rank 3.
-
-    Returns
-    -------
-    ndarray of shape (3, 3), float64
-        F with ``x1' F x0 = 0`` and unit norm; zeros if the centres coincide.
-    """
-    centre = np.linalg.svd(first)[2][3]
-    epipole = second @ centre
-    return unit_norm(skew(epipole) @ second @ np.linalg.pinv(first))
-
-
 def fundamental_to_normalized(fundamental: Floats, frame: PixelFrame) -> Floats:
     """Convert a fundamental matrix from pixels to normalised coordinates.
 

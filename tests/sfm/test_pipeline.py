@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from dvc.multiview.cameras import PixelFrame, project
-from sfm.backends import BACKENDS
 from sfm.estimation.epipolar import (
     fundamental_from_camera,
     fundamental_to_pixels,
@@ -14,8 +13,8 @@ from sfm.estimation.epipolar import (
     unit_norm,
 )
 from sfm.model import Reconstruction
-from sfm.pipeline import coverage, reconstruct
-from sfm.settings import SfmSettings
+from sfm.pipeline import BACKENDS, coverage, reconstruct
+from sfm.settings import SfmSettings, TrustSettings
 from tests.clips import moving_texture
 from tests.scenes_3d import camera_at, render
 from tests.sfm.textures import picture, texture
@@ -110,7 +109,7 @@ def test_odd_pictures_give_a_reason(name: str, pair: tuple[np.ndarray, np.ndarra
 
 def test_doubt_is_said() -> None:
     """A model that exists but falls short of what is asked of it comes with the reason."""
-    asks_much = replace(SfmSettings(), min_num_points=10**6)
+    asks_much = replace(SfmSettings(), trust=TrustSettings(min_num_points=10**6))
     found = reconstruct(FIRST, SECOND, settings=asks_much)
     assert found.model is not None
     assert not found.success

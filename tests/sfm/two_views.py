@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dvc.multiview.cameras import PixelFrame, homogeneous, project
-from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
+from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels, unit_norm
+from sfm.estimation.two_view import SharedScale
 from sfm.model import Correspondences, Model
 
 Floats = NDArray[np.float64]
@@ -74,6 +75,12 @@ def two_views(
     none = np.zeros(num_points)
     seen = Correspondences(first + rng.normal(0.0, noise_px, first.shape), moved, none)
     return TwoViews(Correspondences(first, second, none), seen, outliers, depths, camera)
+
+
+def in_shared_scale(scale: SharedScale, fundamental: Floats) -> Floats:
+    """Convert a fundamental matrix from pixels: the inverse of `SharedScale.to_pixels`."""
+    a, b = scale.matrices()
+    return unit_norm(np.linalg.inv(b).T @ fundamental @ np.linalg.inv(a))
 
 
 def odd_correspondences() -> dict[str, Correspondences]:

@@ -7,11 +7,10 @@ import numpy as np
 
 from benchmarks.figures.geometry.key_pairs import clip_pairs, scene_pairs, true_correspondences, truth
 from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting
-from sfm.backends import BACKENDS
 from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.estimation.epipolar import symmetric_distances
 from sfm.model import Reconstruction
-from sfm.pipeline import reconstruct
+from sfm.pipeline import BACKENDS, reconstruct
 
 NUM_GOPS = 5
 COARSE_QP = 42

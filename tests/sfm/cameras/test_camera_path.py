@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dvc.multiview.cameras import project
-from sfm.cameras.camera_path import regular_cameras
-from sfm.cameras.resection import Resection, TrackedPoints, intermediate_cameras, tracked_points
+from sfm.cameras.camera_path import intermediate_cameras, regular_cameras
+from sfm.cameras.resection import Resection
+from sfm.cameras.tracked_points import TrackedPoints, tracked_points
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, two_views
 
 NUM_STEPS = 6
@@ -109,7 +110,7 @@ def test_missing_camera_has_no_part() -> None:
     scene = two_views(30)
     instants = tracks(scene, smooth)
     lost = np.full_like(instants[2].positions, np.nan)
-    instants[2] = TrackedPoints(instants[2].time, instants[2].points, lost)
+    instants[2] = TrackedPoints(instants[2].temporal_position, instants[2].points, lost)
     found = regular_cameras(scene.model, instants, 0.1)
     assert [resection.success for resection in found] == [True, True, False, True, True]
     assert found[2].reason
@@ -120,7 +121,7 @@ def test_few_points(num: int) -> None:
     """Any number of points gives one answer for each instant."""
     scene = two_views(30)
     instants = [
-        TrackedPoints(instant.time, instant.points[:num], instant.positions[:num])
+        TrackedPoints(instant.temporal_position, instant.points[:num], instant.positions[:num])
         for instant in tracks(scene, smooth)
     ]
     found = regular_cameras(scene.model, instants, 0.1)

@@ -6,18 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.multiview.cameras import project
-from sfm.cameras.resection import (
-    Resection,
-    ResectionOptions,
-    TrackedPoints,
-    intermediate_cameras,
-    interpolated_camera,
-    linear_points,
-    linear_tracks,
-    resection,
-    tracked_points,
-)
-from sfm.least_squares import solve_damped
+from sfm.cameras.camera_path import intermediate_cameras, interpolated_camera
+from sfm.cameras.camera_prior import PriorSettings
+from sfm.cameras.resection import Resection, ResectionSettings, resection
+from sfm.cameras.tracked_points import TrackedPoints, linear_points, linear_tracks, tracked_points
 from tests.sfm.two_views import FRAME, TwoViews, camera_at, two_views
 
 TIME, SHAKE = 0.4, 0.012
@@ -140,20 +132,11 @@ def test_odd_inputs_are_values(name: str) -> None:
             assert not found.success
 
 
-def test_weights_choose() -> None:
-    """Points of no weight do not count and are not judged; the shapes must agree."""
-    scene = two_views(100)
-    seen = seen_at(scene)
-    seen[::3] += 7.0
-    weights = np.ones(100)
-    weights[::3] = 0.0
-    found = resection(scene.model.points, seen, FRAME, interpolated_camera(scene.model, TIME), weights)
-    chosen = np.flatnonzero(weights)
-    alone = resection(scene.model.points[chosen], seen[chosen], FRAME, interpolated_camera(scene.model, TIME))
-    np.testing.assert_array_equal(found.camera, alone.camera)
-    assert not found.inliers[::3].any()
+def test_shapes_must_agree() -> None:
+    """Each point has its position."""
+    scene = two_views(20)
     with pytest.raises(ValueError, match="positions"):
-        resection(scene.model.points, seen[:-1], FRAME)
+        resection(scene.model.points, seen_at(scene)[:-1], FRAME)
 
 
 @given(st.floats(0.0, 1.0))
@@ -206,19 +189,9 @@ def test_tracked_points_are_triangulated() -> None:
     assert isinstance(placed, TrackedPoints)
 
 
-def test_solve_damped_agrees_with_a_library() -> None:
-    """Regular systems are solved; in singular ones what is not determined stays zero."""
-    rng = np.random.default_rng(0)
-    rows = rng.normal(size=(30, 12))
-    matrix, right = rows.T @ rows, rng.normal(size=12)
-    np.testing.assert_allclose(solve_damped(matrix, right, 0.0), np.linalg.solve(matrix, right), rtol=1e-9)
-    np.testing.assert_array_equal(solve_damped(np.zeros((3, 3)), np.ones(3), 0.1), np.zeros(3))
-    ones = np.ones((2, 2))
-    np.testing.assert_allclose(ones @ solve_damped(ones, np.full(2, 4.0), 0.0), 4.0)
-
-
-@pytest.mark.parametrize("wrong", [{"min_num_points": 5}, {"min_prior_sigma_px": 0.0}])
-def test_wrong_options_are_refused(wrong: dict[str, float]) -> None:
-    """Options that make no sense name themselves."""
-    with pytest.raises(ValueError, match=next(iter(wrong))):
-        ResectionOptions(**wrong)  # type: ignore[arg-type]
+def test_wrong_settings_are_refused() -> None:
+    """Settings that make no sense name themselves."""
+    with pytest.raises(ValueError, match="min_num_points"):
+        ResectionSettings(min_num_points=5)
+    with pytest.raises(ValueError, match="min_sigma_px"):
+        PriorSettings(min_sigma_px=0.0)

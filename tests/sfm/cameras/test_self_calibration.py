@@ -5,10 +5,11 @@ import pytest
 
 from dvc.multiview.cameras import homogeneous, project
 from dvc.multiview.triangulation import inverse_depths, triangulate_depth
-from sfm.cameras.self_calibration import SelfCalibration, SelfCalibrationOptions, self_calibration
+from sfm.cameras.self_calibration import SelfCalibration, SelfCalibrationSettings, self_calibration
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
-from sfm.estimation.weak_calibration import refine_fundamental
 from sfm.model import Correspondences
+from sfm.pipeline import weak_calibration
+from sfm.settings import SfmSettings
 from tests.sfm.two_views import FRAME, odd_correspondences, two_views
 
 
@@ -48,7 +49,7 @@ def test_exact_scenes(kind: str, motion: float, sign: float) -> None:
 def test_depths_keep_their_order_in_noise() -> None:
     """Noise of a few tenths of a pixel leaves near points near and far points far."""
     scene = two_views(300, noise_px=0.3)
-    f = refine_fundamental(scene.fundamental, scene.measured)
+    f = weak_calibration(scene.measured, np.random.default_rng(0), SfmSettings()).fundamental
     found = self_calibration(f, scene.measured, FRAME)
     assert found.success
     assert found.kept.mean() > 0.97
@@ -137,4 +138,4 @@ def test_inverse_depth_is_the_nearest_in_the_image() -> None:
 def test_wrong_options_are_refused(wrong: dict[str, float]) -> None:
     """Options that make no sense name themselves."""
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        SelfCalibrationOptions(**wrong)
+        SelfCalibrationSettings(**wrong)

@@ -6,15 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sfm.estimation.degeneracy import HomographyEstimator, MotionClass, classify_motion, gric
-from sfm.estimation.weak_calibration import weak_calibration
+from sfm.estimation.degeneracy import MotionClass, classify_motion, gric
+from sfm.estimation.homography import HomographyEstimator
 from sfm.model import Correspondences
+from sfm.pipeline import weak_calibration
+from sfm.settings import SfmSettings
 from tests.sfm.two_views import odd_correspondences, two_views
 
 
 def motion_of(pairs: Correspondences, seed: int = 0) -> MotionClass:
     rng = np.random.default_rng(seed)
-    return classify_motion(pairs, weak_calibration(pairs, rng), rng)
+    return classify_motion(pairs, weak_calibration(pairs, rng, SfmSettings()), rng)
 
 
 @pytest.mark.parametrize("noise_px", [0.0, 0.1, 0.3])

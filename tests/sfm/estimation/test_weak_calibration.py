@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
+from sfm import pipeline
 from sfm.estimation.epipolar import symmetric_distances
-from sfm.estimation.weak_calibration import (
-    WeakCalibrationOptions,
-    refine_fundamental,
-    residual_rms_px,
-    weak_calibration,
-)
+from sfm.estimation.weak_calibration import WeakCalibration, WeakCalibrationSettings
 from sfm.model import Correspondences
+from sfm.settings import SfmSettings
 from tests.sfm.two_views import odd_correspondences, two_views
+
+
+def weak_calibration(pairs: Correspondences, rng: np.random.Generator) -> WeakCalibration:
+    return pipeline.weak_calibration(pairs, rng, SfmSettings())
 
 
 @pytest.mark.parametrize("kind", ["general", "planar"])
@@ -74,36 +75,7 @@ def test_points_that_are_not_finite_are_outliers() -> None:
     assert np.isinf(found.residuals_px[::5]).all()
 
 
-def test_refinement_over_many_points() -> None:
-    """Thousands of points, a few wrong, improve a matrix found from a hundred."""
-    scene = two_views(5000, noise_px=0.15, outlier_share=0.05)
-    rough = weak_calibration(scene.measured[np.arange(100)], np.random.default_rng(0))
-    fine = refine_fundamental(rough.fundamental, scene.measured)
-    medians = [
-        np.median(symmetric_distances(f, scene.exact.first, scene.exact.second))
-        for f in (rough.fundamental, fine)
-    ]
-    assert medians[1] < 0.02
-    assert medians[1] < medians[0]
-
-
-def test_refinement_follows_weights() -> None:
-    """Points of no weight do not count, and too few points leave the matrix alone."""
-    scene = two_views(200, noise_px=0.1, outlier_share=0.3)
-    weights = (~scene.outliers).astype(float)
-    weighted = refine_fundamental(scene.fundamental, scene.measured, weights, loss="squared")
-    chosen = refine_fundamental(scene.fundamental, scene.measured[~scene.outliers], loss="squared")
-    assert residual_rms_px(weighted, scene.measured[~scene.outliers]) == pytest.approx(
-        residual_rms_px(chosen, scene.measured[~scene.outliers]), rel=1e-6
-    )
-    few = refine_fundamental(scene.fundamental, scene.measured[np.arange(5)])
-    np.testing.assert_allclose(few, scene.fundamental)
-    assert residual_rms_px(few, Correspondences.empty()) == 0.0
-    with pytest.raises(ValueError, match="weights"):
-        refine_fundamental(scene.fundamental, scene.measured, np.ones(3))
-
-
 def test_too_few_inliers_to_confirm_are_refused_as_an_option() -> None:
     """Seven points fit any matrix: fewer than eight confirm nothing."""
     with pytest.raises(ValueError, match="min_num_inliers"):
-        WeakCalibrationOptions(min_num_inliers=7)
+        WeakCalibrationSettings(min_num_inliers=7)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sfm.estimation import robust
-from sfm.estimation.robust import Floats, Indices, Mask
+from sfm.estimation import sample_consensus
+from sfm.estimation.sample_consensus import Floats, Indices, Mask
 
 
 class LineEstimator:
@@ -53,22 +53,22 @@ def line_with_outliers(num: int, seed: int) -> tuple[LineEstimator, Mask]:
 def test_a_line_among_outliers(seed: int) -> None:
     """Consensus finds the line, and local optimisation never makes it worse."""
     estimator, wrong = line_with_outliers(200, seed)
-    options = robust.RobustOptions(threshold_px=0.2)
+    settings = sample_consensus.RobustSettings(threshold_px=0.2)
     rng = np.random.default_rng(seed)
-    found = robust.sample_consensus(estimator, options, rng)
-    better = robust.optimize_locally(estimator, found, options, rng)
+    found = sample_consensus.mapsac(estimator, settings, rng)
+    better = sample_consensus.lo_ransac(estimator, found, settings, rng)
     assert better.model is not None
     np.testing.assert_allclose(better.model, [0.5, 2.0], atol=0.02)
     assert better.score_px2 <= found.score_px2
     assert better.inliers[~wrong].mean() > 0.98
-    assert found.num_trials <= options.max_num_trials
+    assert found.num_trials <= settings.max_num_trials
 
 
 def test_the_same_generator_gives_the_same_result() -> None:
     """All randomness comes from the generator."""
     estimator, _ = line_with_outliers(100, 1)
-    options = robust.RobustOptions()
-    runs = [robust.sample_consensus(estimator, options, np.random.default_rng(7)) for _ in range(2)]
+    settings = sample_consensus.RobustSettings()
+    runs = [sample_consensus.mapsac(estimator, settings, np.random.default_rng(7)) for _ in range(2)]
     assert runs[0].model is not None
     assert runs[1].model is not None
     np.testing.assert_array_equal(runs[0].model, runs[1].model)
@@ -79,16 +79,16 @@ def test_too_few_data_give_no_model(num: int) -> None:
     """With fewer data than a sample needs there is no model, and nothing is tried."""
     estimator = LineEstimator(np.zeros((num, 2)))
     rng = np.random.default_rng(0)
-    found = robust.sample_consensus(estimator, robust.RobustOptions(), rng)
+    found = sample_consensus.mapsac(estimator, sample_consensus.RobustSettings(), rng)
     assert found.model is None
     assert found.num_trials == 0
-    assert robust.optimize_locally(estimator, found, robust.RobustOptions(), rng) is found
+    assert sample_consensus.lo_ransac(estimator, found, sample_consensus.RobustSettings(), rng) is found
 
 
 @given(st.integers(7, 300), st.integers(1, 7), st.integers(0, 5))
 def test_samples_are_distinct(num: int, size: int, seed: int) -> None:
     """No sample holds a datum twice, and all are in range."""
-    samples = robust.draw_samples(num, size, 50, np.random.default_rng(seed))
+    samples = sample_consensus.draw_samples(num, size, 50, np.random.default_rng(seed))
     assert samples.shape[1] == size
     assert len(samples) >= 20
     assert samples.min() >= 0
@@ -98,9 +98,11 @@ def test_samples_are_distinct(num: int, size: int, seed: int) -> None:
 
 def test_number_of_trials() -> None:
     """The number of samples follows log(1 - p) / log(1 - w^n), and its limits."""
-    assert robust.trials_needed(0.5, 7, 0.99) == pytest.approx(math.log(0.01) / math.log(1 - 0.5**7))
-    assert robust.trials_needed(0.0, 7, 0.99) == math.inf
-    assert robust.trials_needed(1.0, 7, 0.99) < 1.0
+    assert sample_consensus.trials_needed(0.5, 7, 0.99) == pytest.approx(
+        math.log(0.01) / math.log(1 - 0.5**7)
+    )
+    assert sample_consensus.trials_needed(0.0, 7, 0.99) == math.inf
+    assert sample_consensus.trials_needed(1.0, 7, 0.99) < 1.0
 
 
 def test_noise_scale() -> None:
@@ -108,15 +110,15 @@ def test_noise_scale() -> None:
     rng = np.random.default_rng(0)
     residuals = rng.normal(0.0, 0.3, 20_000)
     residuals[:4000] = 50.0
-    assert 0.3 < robust.noise_scale(residuals) < 0.45
-    assert robust.noise_scale(residuals[4000:]) == pytest.approx(0.3, rel=0.03)
-    assert robust.noise_scale(np.ones(7), 7) == 0.0
+    assert 0.3 < sample_consensus.noise_scale(residuals) < 0.45
+    assert sample_consensus.noise_scale(residuals[4000:]) == pytest.approx(0.3, rel=0.03)
+    assert sample_consensus.noise_scale(np.ones(7), 7) == 0.0
 
 
 @pytest.mark.parametrize(
     "wrong", [{"threshold_px": 0.0}, {"confidence": 1.0}, {"min_num_trials": 10, "max_num_trials": 5}]
 )
-def test_wrong_options_are_refused(wrong: dict[str, float]) -> None:
-    """Options that make no sense name themselves."""
+def test_wrong_settings_are_refused(wrong: dict[str, float]) -> None:
+    """Settings that make no sense name themselves."""
     with pytest.raises(ValueError, match=next(iter(wrong))):
-        robust.RobustOptions(**wrong)  # type: ignore[arg-type]
+        sample_consensus.RobustSettings(**wrong)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""Robust estimation: one loop over anything that can be estimated from samples and has residuals."""
+"""MAPSAC and LO-RANSAC over anything that can be estimated from samples and has residuals."""
 
 import math
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ class Estimator(Protocol):
 
 
 @dataclass(frozen=True)
-class RobustOptions:
+class RobustSettings:
     """How long to search, and what an outlier is.
 
     Attributes
@@ -191,14 +191,14 @@ def trials_needed(inlier_fraction: float, sample_size: int, confidence: float) -
     return math.log1p(-confidence) / math.log1p(-min(good, 1 - 1e-12))
 
 
-def sample_consensus(estimator: Estimator, options: RobustOptions, rng: np.random.Generator) -> RobustResult:
-    """Search for the model with the least truncated error over random minimal samples (MAPSAC).
+def mapsac(estimator: Estimator, settings: RobustSettings, rng: np.random.Generator) -> RobustResult:
+    """Search for the model with the least truncated error over random minimal samples.
 
     Parameters
     ----------
     estimator : Estimator
         Model and data.
-    options : RobustOptions
+    settings : RobustSettings
         How long to search.
     rng : Generator
         Source of randomness.
@@ -212,29 +212,29 @@ def sample_consensus(estimator: Estimator, options: RobustOptions, rng: np.rando
     if estimator.num_data < estimator.min_num_samples:
         return best
     trials = 0
-    needed: float = options.max_num_trials
-    while trials < min(max(needed, options.min_num_trials), options.max_num_trials):
-        count = min(options.batch, options.max_num_trials - trials)
+    needed: float = settings.max_num_trials
+    while trials < min(max(needed, settings.min_num_trials), settings.max_num_trials):
+        count = min(settings.batch, settings.max_num_trials - trials)
         trials += count
         samples = draw_samples(estimator.num_data, estimator.min_num_samples, count, rng)
-        best = better(best, best_of(estimator, estimator.estimate(samples), options.threshold_px))
+        best = better(best, best_of(estimator, estimator.estimate(samples), settings.threshold_px))
         share = best.inliers.mean()
-        needed = trials_needed(float(share), estimator.min_num_samples, options.confidence)
+        needed = trials_needed(float(share), estimator.min_num_samples, settings.confidence)
     return RobustResult(best.model, best.score_px2, best.inliers, best.residuals_px, trials)
 
 
-def optimize_locally(
-    estimator: Estimator, start: RobustResult, options: RobustOptions, rng: np.random.Generator
+def lo_ransac(
+    estimator: Estimator, start: RobustResult, settings: RobustSettings, rng: np.random.Generator
 ) -> RobustResult:
-    """Improve a model by larger samples of its inliers and by refinements (the inner loop of LO-RANSAC).
+    """Improve a model by larger samples of its inliers and by refinements.
 
     Parameters
     ----------
     estimator : Estimator
         Model and data.
     start : RobustResult
-        What `sample_consensus` found.
-    options : RobustOptions
+        What `mapsac` found.
+    settings : RobustSettings
         Threshold and number of trials.
     rng : Generator
         Source of randomness.
@@ -248,17 +248,17 @@ def optimize_locally(
     inliers = np.flatnonzero(start.inliers)
     if best.model is None or len(inliers) < estimator.min_num_samples:
         return start
-    size = min(options.local_sample_factor * estimator.min_num_samples, len(inliers) // 2)
-    if size >= estimator.min_num_samples and options.num_local_trials:
-        chosen = inliers[draw_samples(len(inliers), size, options.num_local_trials, rng)]
-        best = better(best, best_of(estimator, estimator.estimate(chosen), options.threshold_px))
-    for factor in np.linspace(2.0, 1.0, options.num_local_refinements):
-        within = best.residuals_px < factor * options.threshold_px
+    size = min(settings.local_sample_factor * estimator.min_num_samples, len(inliers) // 2)
+    if size >= estimator.min_num_samples and settings.num_local_trials:
+        chosen = inliers[draw_samples(len(inliers), size, settings.num_local_trials, rng)]
+        best = better(best, best_of(estimator, estimator.estimate(chosen), settings.threshold_px))
+    for factor in np.linspace(2.0, 1.0, settings.num_local_refinements):
+        within = best.residuals_px < factor * settings.threshold_px
         if best.model is None or np.count_nonzero(within) < estimator.min_num_samples:
             break
         refined = estimator.refine(best.model, within)
-        best = better(best, best_of(estimator, refined[None], options.threshold_px))
-    trials = start.num_trials + options.num_local_trials
+        best = better(best, best_of(estimator, refined[None], settings.threshold_px))
+    trials = start.num_trials + settings.num_local_trials
     return RobustResult(best.model, best.score_px2, best.inliers, best.residuals_px, trials)
 
 

@@ -1,4 +1,4 @@
-"""The same two steps by COLMAP's estimators: fundamental matrix, and a Euclidean pair of cameras.
+"""Two steps of the pipeline by COLMAP's estimators: weak calibration, and a Euclidean pair of cameras.
 
 COLMAP puts the centre of the first pixel at (0.5, 0.5); this module alone converts.
 """
@@ -9,14 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import PixelFrame
+from dvc.multiview.cameras import PixelFrame, homogeneous, project
+from dvc.multiview.triangulation import triangulate_depth
+from sfm.correspondences import outliers
 from sfm.estimation.epipolar import (
     fundamental_from_camera,
     fundamental_to_pixels,
     sampson_distances,
     unit_norm,
 )
-from sfm.model import Correspondences
+from sfm.estimation.weak_calibration import WeakCalibration
+from sfm.model import CameraPair, Correspondences
+from sfm.settings import SfmSettings
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -24,6 +28,82 @@ Mask = NDArray[np.bool_]
 FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 9))
 """Focal lengths tried, in units of the longer side of the image."""
 _PIXEL_CENTRE = 0.5
+
+
+def weak_calibration(
+    matches: Correspondences, rng: np.random.Generator, settings: SfmSettings
+) -> WeakCalibration:
+    """Find the fundamental matrix by COLMAP's LO-RANSAC.
+
+    Parameters
+    ----------
+    matches : Correspondences
+        Outliers included.
+    rng : Generator
+        Source of randomness.
+    settings : SfmSettings
+        Thresholds.
+
+    Returns
+    -------
+    WeakCalibration
+        The matrix, or the reason why there is none.
+    """
+    found = estimate_fundamental(matches, settings.colmap_max_error_px, _seed(rng))
+    if found is None or np.count_nonzero(found[1]) < settings.weak_calibration.min_num_inliers:
+        reason = f"COLMAP finds no epipolar geometry in {len(matches)} correspondences"
+        return WeakCalibration.missing(len(matches), reason)
+    fundamental, inliers = found
+    residuals = sampson_distances(fundamental, matches.first, matches.second)
+    noise_px = float(np.sqrt((residuals[inliers] ** 2).mean()))
+    return WeakCalibration(fundamental, inliers, residuals, noise_px, 0, "")
+
+
+def camera_pair(
+    matches: Correspondences,
+    calibration: WeakCalibration,
+    frame: PixelFrame,
+    rng: np.random.Generator,
+    settings: SfmSettings,
+) -> CameraPair:
+    """Find focal length and relative pose, and refine them, by COLMAP.
+
+    Parameters
+    ----------
+    matches : Correspondences
+        Reliable points, in pixels.
+    calibration : WeakCalibration
+        Not used: the pose is estimated from the points.
+    frame : PixelFrame
+        Size of the images.
+    rng : Generator
+        Source of randomness.
+    settings : SfmSettings
+        Thresholds.
+
+    Returns
+    -------
+    CameraPair
+        The camera, or the reason why there is none.
+    """
+    del calibration
+    pair = estimate_pair(matches, frame, settings.colmap_max_error_px, _seed(rng))
+    if pair is None:
+        return CameraPair.missing(len(matches), "COLMAP finds no relative pose")
+    camera = pair.second_camera
+    first, second = frame.to_normalized(matches.first), frame.to_normalized(matches.second)
+    depth_first, depth_second = triangulate_depth(first, camera, second)
+    finite = np.isfinite(depth_first) & np.isfinite(depth_second)
+    in_front = finite & (depth_first > 0) & (depth_second > 0)
+    depths = np.where(in_front, depth_first, 1.0)
+    points = np.column_stack([depths[:, None] * homogeneous(first), np.ones(len(matches))])
+    projected = frame.to_pixels(project(camera, points)[0])
+    near = outliers.reprojection(matches.second, projected, settings.outliers.max_reprojection_px)
+    return CameraPair(camera, pair.fundamental, in_front & near)
+
+
+def _seed(rng: np.random.Generator) -> int:
+    return int(rng.integers(2**31 - 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +167,8 @@ def estimate_pair(
     frame: PixelFrame,
     max_error_px: float,
     seed: int,
-    focal_length_px: float | None = None,
 ) -> EuclideanPair | None:
-    """Estimate the relative pose, and the focal length if it is not known.
+    """Estimate the relative pose, and of several focal lengths the one under which the points agree best.
 
     Parameters
     ----------
@@ -101,16 +180,12 @@ def estimate_pair(
         Largest error of an inlier, in pixels.
     seed : int
         Of the random samples.
-    focal_length_px : float, optional
-        Focal length; None tries several and keeps the one under which the points agree best.
 
     Returns
     -------
     EuclideanPair or None
         None where nothing can be estimated.
     """
-    if focal_length_px is not None:
-        return _pose(matches, frame, focal_length_px, max_error_px, seed)
     best, best_cost = None, np.inf
     for ratio in FOCAL_LENGTHS:
         pair = _pose(matches, frame, float(ratio) * frame.scale_px, max_error_px, seed)

@@ -1,11 +1,10 @@
 """COLMAP's estimators behind the project's conventions."""
 
 import numpy as np
-import pytest
 
+from sfm.colmap import estimate_fundamental, estimate_pair
 from sfm.estimation.epipolar import symmetric_distances
 from sfm.model import Correspondences
-from sfm.pycolmap_bridge import estimate_fundamental, estimate_pair
 from tests.sfm.euclidean import FOCAL_LENGTH, FRAME, euclidean_scene
 
 
@@ -28,11 +27,10 @@ def test_fundamental_matrix_through_outliers() -> None:
     assert inliers[:60].mean() < 0.2
 
 
-@pytest.mark.parametrize("focal_length_px", [None, FOCAL_LENGTH * FRAME.scale_px])
-def test_calibrated_pair(focal_length_px: float | None) -> None:
-    """The camera explains the points, with the focal length given or tried."""
+def test_calibrated_pair() -> None:
+    """The camera explains the points, and the focal length is about right."""
     exact = euclidean_scene(num_points=300).model.correspondences
-    pair = estimate_pair(with_outliers(0), FRAME, 1.0, 3, focal_length_px)
+    pair = estimate_pair(with_outliers(0), FRAME, 1.0, 3)
     assert pair is not None
     assert np.median(symmetric_distances(pair.fundamental, exact.first, exact.second)) < 0.1
     assert abs(np.linalg.norm(pair.second_camera) - np.sqrt(3)) < 1e-12

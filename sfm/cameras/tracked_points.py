@@ -1,0 +1,105 @@
+"""Points of the scene, and where tracks, or for want of them even motion, see them between key frames."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.cameras import homogeneous
+from dvc.multiview.triangulation import inverse_depths
+from sfm.model import Model
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPoints:
+    """Points of the scene and where they are at one temporal position.
+
+    Attributes
+    ----------
+    temporal_position : float
+        0 at the first and 1 at the second key frame.
+    points : ndarray of shape (N, 4), float64
+        Homogeneous points, as `Model.points` has them.
+    positions : ndarray of shape (N, 2), float64
+        Image points in pixels; nan where a point was not seen.
+    """
+
+    temporal_position: float
+    points: Floats
+    positions: Floats
+
+
+def linear_tracks(first: Floats, second: Floats, temporal_position: float) -> Floats:
+    """Move points evenly from one key frame to the other.
+
+    Parameters
+    ----------
+    first, second : ndarray of shape (N, 2), float64
+        Points of the key frames.
+    temporal_position : float
+        0 at the first and 1 at the second key frame.
+
+    Returns
+    -------
+    ndarray of shape (N, 2), float64
+        Points there.
+
+    References
+    ----------
+    [Maitre2008] Eq. (5.8).
+    """
+    return (1.0 - temporal_position) * first + temporal_position * second
+
+
+def linear_points(model: Model, temporal_position: float) -> TrackedPoints:
+    """Guess where all points of a model are at a temporal position: the tracks of a codec that sends none.
+
+    Parameters
+    ----------
+    model : Model
+        The scene.
+    temporal_position : float
+        0 at the first and 1 at the second key frame.
+
+    Returns
+    -------
+    TrackedPoints
+        All points of the model, moved evenly.
+    """
+    pairs = model.correspondences
+    positions = linear_tracks(pairs.first, pairs.second, temporal_position)
+    return TrackedPoints(temporal_position, model.points, positions)
+
+
+def tracked_points(
+    model: Model, first: Floats, second: Floats, positions: Floats, temporal_position: float
+) -> TrackedPoints:
+    """Place points that were tracked from key frame to key frame in a scene.
+
+    Parameters
+    ----------
+    model : Model
+        The scene.
+    first, second, positions : ndarray of shape (N, 2), float64
+        Where the points are in the key frames and between them, in pixels.
+    temporal_position : float
+        0 at the first and 1 at the second key frame.
+
+    Returns
+    -------
+    TrackedPoints
+        The points, triangulated; nan, with their positions, where they are not known in both key frames or
+        would be behind a camera.
+    """
+    frame = model.pixel_frame
+    known = np.asarray(np.isfinite(np.hstack([first, second])).all(axis=1))
+    x0 = frame.to_normalized(np.where(known[:, None], first, 0.0))
+    x1 = frame.to_normalized(np.where(known[:, None], second, 0.0))
+    inverse, quotient = inverse_depths(x0, model.second_camera, x1)
+    known &= (inverse > 0) & (quotient > 0)
+    depth = 1.0 / np.where(known, inverse, 1.0)
+    points = np.column_stack([depth[:, None] * homogeneous(x0), np.ones(len(x0))])
+    points[~known] = np.nan
+    return TrackedPoints(temporal_position, points, np.where(known[:, None], positions, np.nan))
