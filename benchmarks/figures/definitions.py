@@ -6,6 +6,7 @@ from types import ModuleType
 from benchmarks.figures import anchor_rates, anchors, codec, rates, report, reproduction, robustness, turbo
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
+from benchmarks.figures.house import golden, sources, times
 from benchmarks.figures.tracks import costs, limits, options, quality
 from benchmarks.figures.tracks import rates as tracks_rates
 from dvc.errors import ConfigError
@@ -26,6 +27,9 @@ MODULES: tuple[ModuleType, ...] = (
     options,
     costs,
     tracks_rates,
+    sources,
+    times,
+    golden,
 )
 AREAS_BY_FRAMES = ("rd", "tracks")
 ROWS_BY_FRAMES = frozenset(figure.name for figure in anchor_rates.FIGURES)
@@ -62,7 +66,7 @@ def selected_units(area: str | None, name: str | None, clip: str | None, quick: 
     Parameters
     ----------
     area, name, clip : str or None
-        All that have these; None accepts any.
+        All that have these; None accepts any, but for figures that want to be named.
     quick : bool
         Only the first clip of every figure, unless one is named.
 
@@ -81,6 +85,7 @@ def selected_units(area: str | None, name: str | None, clip: str | None, quick: 
         for unit in all_units()
         if area in (None, unit.figure.area) and name in (None, unit.figure.name) and clip in (None, unit.clip)
     ]
+    units = [unit for unit in units if name is not None or not unit.figure.on_request]
     if quick and clip is None:
         units = [unit for unit in units if unit.clip == unit.figure.clips[0]]
     if not units:

@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -105,6 +105,8 @@ class Figure:
         Sequences to measure it on.
     thesis : str
         What the thesis reports, if anything.
+    on_request : bool
+        Measured only where its name is given, because it takes long.
     """
 
     area: str
@@ -114,6 +116,7 @@ class Figure:
     measure: Callable[[Setting, str | None], Measured]
     clips: tuple[str | None, ...] = (None,)
     thesis: str = ""
+    on_request: bool = False
 
     def row(self, clip: str | None, measured: Measured | None, note: str = "") -> Row:
         """Return the row of `docs/figures.json`.
@@ -208,7 +211,12 @@ print(json.dumps([status, wall, used.ru_utime + used.ru_stime, used.ru_maxrss * 
 """
 
 
-def run_module(module: str, arguments: Sequence[object]) -> Usage:
+def run_module(
+    module: str,
+    arguments: Sequence[object],
+    folder: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Usage:
     """Run a module of the project in a fresh process.
 
     Parameters
@@ -217,6 +225,10 @@ def run_module(module: str, arguments: Sequence[object]) -> Usage:
         Name, as after ``python -m``.
     arguments : sequence
         Arguments; paths and numbers as they are.
+    folder : Path, optional
+        To work in; that of this process by default.
+    environment : mapping, optional
+        Variables of the process; those of this one by default.
 
     Returns
     -------
@@ -228,9 +240,19 @@ def run_module(module: str, arguments: Sequence[object]) -> Usage:
     DvcError
         If it fails.
     """
-    command = [sys.executable, "-m", module, *map(str, arguments)]
+    command = [
+        sys.executable,
+        "-I",
+        "-S",
+        "-c",
+        _LAUNCHER,
+        sys.executable,
+        "-m",
+        module,
+        *map(str, arguments),
+    ]
     launched = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", _LAUNCHER, *command], capture_output=True, text=True, check=True
+        command, capture_output=True, text=True, check=True, cwd=folder, env=environment
     )
     status, wall_s, cpu_s, peak_bytes = json.loads(launched.stdout)
     if status != 0:

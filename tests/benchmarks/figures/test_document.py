@@ -1,6 +1,7 @@
 """The document of figures: which rows there are, what replaces what, how an interrupted run goes on."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -122,3 +123,14 @@ def test_usage_is_that_of_the_process() -> None:
     assert large.wall_s > 0
     with pytest.raises(DvcError, match="ended with status"):
         run_module("timeit", ["--nonsense"])
+
+
+def test_long_measurements_want_to_be_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A figure that takes long is measured only where its name is given; its row is there all the same."""
+    monkeypatch.setattr(
+        definitions.MODULES[0], "FIGURES", (_figure("one"), replace(_figure("two"), on_request=True))
+    )
+    assert command.main([]) == 0
+    assert [row["got"] for row in _document()] == ["one None", None]
+    assert command.main(["--name", "two"]) == 0
+    assert [row["got"] for row in _document()] == ["one None", "two None"]

@@ -1,0 +1,1 @@
+"""Figures of the house itself: its size, its arrows, its speed, and what its streams decode to."""

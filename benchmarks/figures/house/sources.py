@@ -1,0 +1,277 @@
+"""The sources of the packages: lines of code, lengths of files and functions, and who imports whom."""
+
+import ast
+import io
+import tokenize
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.figures.harness import Figure, Measured, Setting
+from benchmarks.figures.house.revisions import BASE, PACKAGES, TREE, base_tree
+
+AREA = "house"
+MAX_FUNCTION_LINES = 40
+MAX_FILE_LINES = 350
+MAX_ENTRIES = 6
+NO_CODE = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENDMARKER,
+    tokenize.ENCODING,
+}
+FORBIDDEN: Mapping[str, tuple[str, ...]] = {
+    "dvc.rd": ("encoder", "decoder", "sfm", "sequences"),
+    "dvc": ("encoder", "decoder", "sfm", "sequences", "dvc.rd"),
+    "sfm": ("encoder", "decoder", "sequences", "dvc.rd"),
+    "encoder": ("decoder", "sfm", "sequences", "dvc.rd", "dvc.multiview"),
+    "decoder": ("encoder", "sequences", "dvc.rd"),
+    "sequences": ("encoder", "decoder", "sfm", "dvc.rd"),
+}
+"""What lies above a package, or beside it behind a wall; a module belongs to the first that it lies in."""
+REASONS: Mapping[str, str] = {}
+"""Why a file is longer than others."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """One file of Python.
+
+    Attributes
+    ----------
+    name : str
+        Path within the tree, with slashes.
+    text : str
+        What it holds.
+    """
+
+    name: str
+    text: str
+
+    def code_lines(self) -> set[int]:
+        """Number the lines of code: those with anything but comments and strings that nobody reads.
+
+        Returns
+        -------
+        set of int
+            From 1.
+        """
+        lines: set[int] = set()
+        for token in tokenize.generate_tokens(io.StringIO(self.text).readline):
+            if token.type not in NO_CODE:
+                lines |= set(range(token.start[0], token.end[0] + 1))
+        for node in ast.walk(ast.parse(self.text)):
+            match node:
+                case ast.Expr(value=ast.Constant(value=str())):
+                    assert node.end_lineno is not None
+                    lines -= set(range(node.lineno, node.end_lineno + 1))
+        return lines
+
+    def functions(self) -> Iterator[tuple[str, int]]:
+        """Measure functions and methods.
+
+        Yields
+        ------
+        name : str
+            With the file.
+        length : int
+            Lines of code from ``def`` to its last one, functions within it included.
+        """
+        code = self.code_lines()
+        for node in ast.walk(ast.parse(self.text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                assert node.end_lineno is not None
+                yield f"{self.name}:{node.name}", len(code & set(range(node.lineno, node.end_lineno + 1)))
+
+    def imports(self) -> set[str]:
+        """Name what is imported, wherever in the file.
+
+        Returns
+        -------
+        set of str
+            Modules, and what may be one.
+        """
+        names: set[str] = set()
+        for node in ast.walk(ast.parse(self.text)):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                names |= {f"{node.module}.{alias.name}" for alias in node.names}
+        return names
+
+
+def sources(tree: Path) -> list[Source]:
+    """Read the packages.
+
+    Parameters
+    ----------
+    tree : Path
+        A checkout.
+
+    Returns
+    -------
+    list of Source
+        All their files.
+    """
+    paths = sorted(path for package in PACKAGES for path in (tree / package).rglob("*.py"))
+    return [Source(path.relative_to(tree).as_posix(), path.read_text(encoding="utf-8")) for path in paths]
+
+
+def _within(name: str, package: str) -> bool:
+    return name == package or name.startswith(f"{package}.")
+
+
+def upward_imports(found: list[Source]) -> list[str]:
+    """List imports of what lies above a package.
+
+    Parameters
+    ----------
+    found : list of Source
+        All files.
+
+    Returns
+    -------
+    list of str
+        One arrow for each module and package above it.
+    """
+    arrows = []
+    for source in found:
+        module = source.name.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+        package = next(package for package in FORBIDDEN if _within(module, package))
+        above = [name for name in FORBIDDEN[package] if any(_within(i, name) for i in source.imports())]
+        arrows += [f"{module} -> {name}" for name in above]
+    return arrows
+
+
+def long_functions(found: list[Source]) -> dict[str, int]:
+    """Find the functions that are too long to be read at once.
+
+    Parameters
+    ----------
+    found : list of Source
+        All files.
+
+    Returns
+    -------
+    dict of str to int
+        Their lines of code.
+    """
+    return {
+        name: length for source in found for name, length in source.functions() if length > MAX_FUNCTION_LINES
+    }
+
+
+def long_files(found: list[Source]) -> dict[str, int]:
+    """Find the files that are too long.
+
+    Parameters
+    ----------
+    found : list of Source
+        All files.
+
+    Returns
+    -------
+    dict of str to int
+        All their lines.
+    """
+    lengths = {source.name: source.text.count("\n") for source in found}
+    return {name: length for name, length in lengths.items() if length > MAX_FILE_LINES}
+
+
+def _code(_setting: Setting, _clip: str | None) -> Measured:
+    def lines(tree: Path) -> int:
+        return sum(len(source.code_lines()) for source in sources(tree))
+
+    with base_tree() as tree:
+        before, now = lines(tree), lines(TREE)
+    change = 100 * (now / before - 1)
+    values = {"lines_before": before, "lines": now}
+    return Measured(f"{before} → {now} ({change:+.1f} %)", now < before, values)
+
+
+def _functions(_setting: Setting, _clip: str | None) -> Measured:
+    with base_tree() as tree:
+        before, now = long_functions(sources(tree)), long_functions(sources(TREE))
+    return Measured(f"{len(before)} → {len(now)}", len(now) < len(before), {"lines_of": now})
+
+
+def _files(_setting: Setting, _clip: str | None) -> Measured:
+    with base_tree() as tree:
+        before, now = long_files(sources(tree)), long_files(sources(TREE))
+    unexplained = [name for name in now if name not in REASONS]
+    named = ", ".join(f"{name} ({length}: {REASONS.get(name, 'no reason')})" for name, length in now.items())
+    return Measured(
+        f"{len(before)} → {len(now)}, {len(unexplained)} without a reason",
+        not unexplained,
+        {"lines_of": now},
+        named,
+    )
+
+
+def _arrows(_setting: Setting, _clip: str | None) -> Measured:
+    with base_tree() as tree:
+        before = upward_imports(sources(tree))
+    now = upward_imports(sources(TREE))
+    return Measured(f"{len(before)} → {len(now)}", not now, {"arrows_before": before, "arrows": now})
+
+
+def entries(folder: Path) -> list[str]:
+    """List what a newcomer sees in a package: modules and packages that are not private.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the package.
+
+    Returns
+    -------
+    list of str
+        Names, sorted.
+    """
+    shown = [path for path in folder.iterdir() if path.is_dir() or path.suffix == ".py"]
+    return sorted(path.name for path in shown if not path.name.startswith(("_", ".")))
+
+
+def _rooms(_setting: Setting, _clip: str | None) -> Measured:
+    room = Path("decoder") / "side_information"
+    with base_tree() as tree:
+        before = entries(tree / room)
+    now = entries(TREE / room)
+    return Measured(f"{len(before)} → {len(now)}", len(now) <= MAX_ENTRIES, {"entries": now}, ", ".join(now))
+
+
+FIGURES = (
+    Figure(
+        AREA,
+        "code-lines",
+        f"lines of code of the packages, comments, docstrings and blank lines apart, since {BASE[:7]}",
+        "fewer",
+        _code,
+    ),
+    Figure(
+        AREA,
+        "long-functions",
+        f"functions above {MAX_FUNCTION_LINES} lines of code, docstring apart, since {BASE[:7]}",
+        "fewer",
+        _functions,
+    ),
+    Figure(
+        AREA,
+        "long-files",
+        f"files above {MAX_FILE_LINES} lines, comments and all, since {BASE[:7]}",
+        "none without a reason",
+        _files,
+    ),
+    Figure(AREA, "upward-imports", f"import arrows that run upward, since {BASE[:7]}", "0", _arrows),
+    Figure(
+        AREA,
+        "side-information-rooms",
+        f"modules and rooms in decoder/side_information, private ones apart, since {BASE[:7]}",
+        f"≤ {MAX_ENTRIES}",
+        _rooms,
+    ),
+)
+"""Figures of this module."""
