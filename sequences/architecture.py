@@ -6,7 +6,7 @@ A facade is built in its own frame: x along the wall, y into the building, z up;
 import numpy as np
 
 from sequences.meshes import Mesh, merge, patch
-from sequences.openings import RECESS_M, Opening, Style, door, frame, on_sheet, reveal, wall, window
+from sequences.openings import RECESS_M, Opening, Style, fill, frame, on_sheet, reveal, wall
 from sequences.shapes import box, extrude
 from sequences.textures import NUMBER
 
@@ -107,8 +107,8 @@ def facade(rng: np.random.Generator, width: float, floors: int, style: Style, de
                 openings.append(Opening(middle - 0.6, 0.15, 1.2, 2.65, "door"))
             elif style.ground != "shop":
                 openings.append(Opening(middle - 0.55, 1.0, 1.1, 1.7))
-    parts += [window(rng, o, style) for o in openings if o.kind == "window"]
-    parts += [door(rng, o, style) for o in openings if o.kind == "door"]
+    for kind in ("window", "door"):
+        parts += [fill(rng, o, style) for o in openings if o.kind == kind]
     parts.append(wall(width, 0.0, top, openings, style.material, style.tint))
     parts.append(_trimmings(width, ground, top, style))
     parts.append(_roof(rng, width, top, depth, style))

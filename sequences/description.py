@@ -1,4 +1,4 @@
-"""What is known of a rendered scene without building it."""
+"""A rendered scene before it is built: what it shows, how the camera moves, how it is made and lit."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,12 +7,15 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from sequences.lighting import LightMaps, Weather
+from sequences.meshes import Mesh
+
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Description:
-    """What is known of a scene without building it.
+    """A scene as data: what is known of it, and the functions that build it.
 
     Attributes
     ----------
@@ -31,7 +34,13 @@ class Description:
     motion_px : tuple of float
         Mean, smallest and largest frame mean of tracked motion at 352x288, in pixels per frame.
     pose : callable
-        Function of frame number (a float) and seed to ``cam_from_world`` (3, 4).
+        Function of frame number (a float) and seed to ``cam_from_world`` (3, 4), metres.
+    geometry : callable
+        Function of a random generator and the share of the leaves, in (0, 1], to everything in the scene.
+    weather : Weather
+        Sun, sky and air.
+    light : LightMaps
+        Where and how finely light is computed.
     """
 
     name: str
@@ -44,3 +53,6 @@ class Description:
     purpose: str
     motion_px: tuple[float, float, float]
     pose: Callable[[float, int], Floats]
+    geometry: Callable[[np.random.Generator, float], Mesh]
+    weather: Weather
+    light: LightMaps

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sequences.meshes import QUAD, Mesh, merge, unit_vectors
+from sequences.meshes import Mesh, merge, quads, unit_vectors
 from sequences.shapes import tube
 from sequences.textures import NUMBER
 
@@ -28,10 +28,8 @@ def leaves(
         Middles of the leaves, metres.
     outwards : ndarray of shape (K, 3), float64
         Direction away from the plant, which the leaves roughly face.
-    length_m : float
-        Mean length.
-    colour : array_like of shape (3,)
-        Linear colour.
+    length_m, colour : float, array_like of shape (3,)
+        Mean length, linear colour.
 
     Returns
     -------
@@ -49,8 +47,7 @@ def leaves(
     shade = np.exp(0.24 * rng.standard_normal((count, 1)))
     hue = np.asarray(colour) * shade * (1 + rng.uniform(-0.14, 0.22, (count, 1)) * np.array([1.0, 0.25, 0.0]))
     uv = rng.uniform(0, 0.8, (count, 1, 2)) + 0.2 * size[:, None] * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    first = 4 * np.arange(count)[:, None]
-    triangles = (first + QUAD).reshape(-1, 3).astype(np.int32)
+    triangles = quads(count)
     return Mesh(
         points,
         np.repeat(unit_vectors(0.5 * normal + 0.5 * outwards), 4, axis=0),
@@ -77,12 +74,8 @@ def clump(
         Source of randomness.
     centre, radii : array_like of shape (3,)
         The ellipsoid, metres.
-    count : int
-        Number of leaves.
-    length_m : float
-        Mean length of a leaf.
-    colour : array_like of shape (3,)
-        Linear colour.
+    count, length_m, colour : int, float, array_like of shape (3,)
+        Number of leaves, their mean length, linear colour.
 
     Returns
     -------
@@ -115,12 +108,8 @@ def tree(
         Where it stands, metres.
     height_m, crown_m : float
         Height, and radius of the crown.
-    count : int
-        Number of leaves.
-    length_m : float
-        Mean length of a leaf.
-    colour : array_like of shape (3,)
-        Linear colour.
+    count, length_m, colour : int, float, array_like of shape (3,)
+        Number of leaves, their mean length, linear colour.
 
     Returns
     -------
@@ -219,8 +208,7 @@ def tufts(rng: np.random.Generator, feet: Floats, height_m: float, blades: int =
     middle = foot + 0.25 * height * lean + 0.7 * height * UP
     tip = foot + 0.6 * height * lean + height * UP
     points = np.stack([foot - side, foot + side, middle + side, tip], axis=1).reshape(-1, 3)
-    first = 4 * np.arange(count)[:, None]
-    triangles = (first + QUAD).reshape(-1, 3).astype(np.int32)
+    triangles = quads(count)
     hue = np.array([0.32, 0.46, 0.14]) * np.exp(0.25 * rng.standard_normal((count, 1)))
     shade = np.tile([0.5, 0.5, 0.9, 1.1], count)[:, None]
     normals = np.repeat(unit_vectors(lean + UP), 4, axis=0)

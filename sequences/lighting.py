@@ -1,7 +1,7 @@
 """Light that does not move: the sun's shadow map, and the share of the sky that each vertex sees."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -74,6 +74,23 @@ class LightMaps:
     shadow_size: int = 1536
     sky_size: int = 512
     directions: int = 40
+
+    def at(self, detail: float) -> "LightMaps":
+        """Return what a scene of less detail gets: fewer directions, and below 0.3 coarser maps.
+
+        Parameters
+        ----------
+        detail : float
+            Share of leaves and of light directions, in (0, 1].
+
+        Returns
+        -------
+        LightMaps
+            Of the same region.
+        """
+        if detail > 0.3:
+            return replace(self, directions=max(8, round(self.directions * detail)))
+        return replace(self, shadow_size=self.shadow_size // 2, sky_size=self.sky_size // 2, directions=8)
 
 
 def sky_directions(count: int) -> Floats:

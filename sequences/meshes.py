@@ -13,8 +13,6 @@ Ids = NDArray[np.int32]
 Colour = tuple[float, float, float]
 
 WHITE: Colour = (1.0, 1.0, 1.0)
-# The two triangles of a quad, to be added to the number of its first vertex.
-QUAD = np.array([0, 1, 2, 0, 2, 3])
 
 
 @dataclass(frozen=True)
@@ -160,26 +158,34 @@ def from_grid(
         Two triangles per cell.
     """
     colour = np.broadcast_to(np.asarray(tint, dtype=np.float64), points.shape)
-    if not smooth:
-        corners = [(slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))]
-        corners += [(slice(1, None), slice(1, None)), (slice(1, None), slice(None, -1))]
-        p, t, c = (
-            np.stack([a[i] for i in corners], axis=2).reshape(-1, a.shape[2]) for a in (points, uv, colour)
-        )
-        normals = np.repeat(unit_vectors(np.cross(p[1::4] - p[0::4], p[3::4] - p[0::4])), 4, axis=0)
-        first = np.arange(0, len(p), 4)
-    else:
+    if smooth:
         across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
         normals = unit_vectors(np.cross(across, down)).reshape(-1, 3)
         p, t, c = points.reshape(-1, 3), uv.reshape(-1, 2), colour.reshape(-1, 3)
-        rows, columns = points.shape[:2]
-        index = np.arange(rows * columns).reshape(rows, columns)
-        quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(
-            -1, 4
-        )
-        return _mesh(p, normals, t, c, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), material)
-    quads = first[:, None] + np.arange(4)
-    return _mesh(p, normals, t, c, np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]), material)
+        return _mesh(p, normals, t, c, _grid_triangles(*points.shape[:2]), material)
+    corners = [(slice(None, -1), slice(None, -1)), (slice(None, -1), slice(1, None))]
+    corners += [(slice(1, None), slice(1, None)), (slice(1, None), slice(None, -1))]
+    p, t, c = (
+        np.stack([a[i] for i in corners], axis=2).reshape(-1, a.shape[2]) for a in (points, uv, colour)
+    )
+    normals = np.repeat(unit_vectors(np.cross(p[1::4] - p[0::4], p[3::4] - p[0::4])), 4, axis=0)
+    return _mesh(p, normals, t, c, _halves(np.arange(len(p)).reshape(-1, 4)), material)
+
+
+def quads(count: int) -> Ids:
+    """Return the triangles of quads that share no vertex.
+
+    Parameters
+    ----------
+    count : int
+        Number of quads, each of four vertices that follow each other round it.
+
+    Returns
+    -------
+    ndarray of shape (2 count, 3), int32
+        Vertex numbers, quad by quad.
+    """
+    return (4 * np.arange(count)[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3).astype(np.int32)
 
 
 def patch(
@@ -227,10 +233,19 @@ def patch(
 def _unit_grid(rows: int, columns: int) -> tuple[Floats, Ids]:
     """Return the vertices (N, 2) of a grid over the unit square, row by row, and its triangles."""
     s, t = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1))
-    index = np.arange((rows + 1) * (columns + 1)).reshape(rows + 1, columns + 1)
-    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1).reshape(-1, 4)
-    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
+    triangles = _grid_triangles(rows + 1, columns + 1).astype(np.int32)
     return np.stack([s.ravel(), t.ravel()], axis=-1), triangles
+
+
+def _grid_triangles(rows: int, columns: int) -> NDArray[np.int64]:
+    """Return the triangles of a grid of vertices: the first halves of all cells, then the second ones."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    corners = [index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]]
+    return _halves(np.stack(corners, axis=-1).reshape(-1, 4))
+
+
+def _halves(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.concatenate([cells[:, [0, 1, 2]], cells[:, [0, 2, 3]]])
 
 
 def _normal(a: Floats, b: Floats) -> Floats:

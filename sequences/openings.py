@@ -178,8 +178,8 @@ def frame(o: Opening, bars: tuple[int, int], paint: ArrayLike, thick: float = 0.
     return merge(parts)
 
 
-def window(rng: np.random.Generator, o: Opening, style: Style) -> Mesh:
-    """Fill a hole with glass, frame, sill, surround and, if the style says so, shutters.
+def fill(rng: np.random.Generator, o: Opening, style: Style) -> Mesh:
+    """Fill a hole with a window or a door.
 
     Parameters
     ----------
@@ -195,6 +195,11 @@ def window(rng: np.random.Generator, o: Opening, style: Style) -> Mesh:
     Mesh
         All but the wall.
     """
+    return (_door if o.kind == "door" else _window)(rng, o, style)
+
+
+def _window(rng: np.random.Generator, o: Opening, style: Style) -> Mesh:
+    """Fill a hole with glass, frame, sill, surround and, if the style says so, shutters."""
     glass = patch((o.x, RECESS_M, o.z), (o.width, 0, 0), (0, 0, o.height), NUMBER["glass"], (1, 1, 1), 0.7)
     parts = [on_sheet(glass, int(rng.integers(4)), int(rng.integers(4)), 4), reveal(o, "plaster", style.trim)]
     parts.append(frame(o, (2, 3 if o.height > 1.5 else 2), style.paint))
@@ -213,23 +218,8 @@ def window(rng: np.random.Generator, o: Opening, style: Style) -> Mesh:
     return merge(parts)
 
 
-def door(rng: np.random.Generator, o: Opening, style: Style) -> Mesh:
-    """Fill a hole with a panelled wooden door under a fanlight, and a doorstep.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    o : Opening
-        The hole.
-    style : Style
-        Look of the facade.
-
-    Returns
-    -------
-    Mesh
-        All but the wall.
-    """
+def _door(rng: np.random.Generator, o: Opening, style: Style) -> Mesh:
+    """Fill a hole with a panelled wooden door under a fanlight, and a doorstep."""
     z1 = o.z + o.height
     leaf = o.height * 0.78
     number, tint = NUMBER["wood"], np.array(style.paint) * rng.uniform(0.8, 1.5)

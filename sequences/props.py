@@ -1,6 +1,7 @@
 """Things that stand about: parked cars, lamps, bollards, signs, balustrades, columns."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -112,21 +113,10 @@ def _wheel(x: float, y: float, radius: float) -> Mesh:
         (0.7, 0.7, 0.72),
         20,
     )
-    both = []
-    for mesh in (tyre, rim):
-        sign = 1.0 if x > 0 else -1.0
-        turn = np.array([[0.0, 0.0, sign], [0.0, sign, 0.0], [-1.0, 0.0, 0.0]])
-        both.append(
-            Mesh(
-                mesh.points @ turn.T,
-                mesh.normals @ turn.T,
-                mesh.uv,
-                mesh.tint,
-                mesh.triangles,
-                mesh.materials,
-            )
-        )
-    return merge(both).moved((x, y, radius))
+    sign = 1.0 if x > 0 else -1.0
+    turn = np.array([[0.0, 0.0, sign], [0.0, sign, 0.0], [-1.0, 0.0, 0.0]])
+    both = merge([tyre, rim])
+    return replace(both, points=both.points @ turn.T, normals=both.normals @ turn.T).moved((x, y, radius))
 
 
 def lamp(foot: ArrayLike, towards: float, height_m: float = 5.2) -> Mesh:
@@ -218,14 +208,9 @@ def sign(foot: ArrayLike, colour: Colour, height_m: float = 2.3) -> Mesh:
         mesh = from_grid(
             disc + base + np.array([0, 0, height_m]), disc[..., [0, 2]], NUMBER["paint"], tint, smooth=False
         )
-        parts.append(
-            Mesh(mesh.points, np.broadcast_to([0.0, -1.0, 0.0], mesh.points.shape).copy(), *_rest(mesh))
-        )
+        normals = np.broadcast_to([0.0, -1.0, 0.0], mesh.points.shape).copy()
+        parts.append(replace(mesh, normals=normals))
     return merge(parts)
-
-
-def _rest(mesh: Mesh) -> tuple[Floats, Floats, NDArray[np.int32], NDArray[np.int32]]:
-    return mesh.uv, mesh.tint, mesh.triangles, mesh.materials
 
 
 def column(foot: ArrayLike, height_m: float, radius_m: float, tint: ArrayLike = (1, 1, 1)) -> Mesh:
@@ -262,10 +247,8 @@ def baluster(foot: ArrayLike, height_m: float, tint: ArrayLike = (1, 1, 1)) -> M
     ----------
     foot : array_like of shape (3,)
         Where it stands, metres.
-    height_m : float
-        Height, metres.
-    tint : array_like of shape (3,)
-        Linear colour.
+    height_m, tint : float, array_like of shape (3,)
+        Height in metres, linear colour.
 
     Returns
     -------
@@ -317,10 +300,8 @@ def planter(low: ArrayLike, high: ArrayLike) -> Mesh:
 
     Parameters
     ----------
-    low : array_like of shape (3,)
-        Lowest corner, metres.
-    high : array_like of shape (3,)
-        Highest corner, metres.
+    low, high : array_like of shape (3,)
+        Lowest and highest corner, metres.
 
     Returns
     -------

@@ -95,7 +95,6 @@ def scene(name: str, seed: int = 0, detail: float = 1.0) -> Scene:
     ValueError
         If `detail` is out of range or `seed` negative.
     """
-    from sequences import stairway, statue, street
     from sequences.lighting import illuminate
     from sequences.textures import build
 
@@ -103,14 +102,13 @@ def scene(name: str, seed: int = 0, detail: float = 1.0) -> Scene:
         raise ValueError(f"`detail` must be in (0, 1], got {detail}")
     if seed < 0:
         raise ValueError(f"`seed` must not be negative, got {seed}")
-    modules = {"street": street, "stairway": stairway, "statue": statue}
-    if name not in modules:
-        raise ConfigError(f"no scene is called {name!r}; there are {', '.join(modules)}")
-    module = modules[name]
-    mesh = module.geometry(np.random.default_rng([seed, 1]), detail)
+    if name not in descriptions():
+        raise ConfigError(f"no scene is called {name!r}; there are {', '.join(descriptions())}")
+    description = descriptions()[name]
+    mesh = description.geometry(np.random.default_rng([seed, 1]), detail)
     textures = build(used_materials(mesh.materials), seed)
-    surface, light = illuminate(mesh, textures, module.WEATHER, module.light_maps(detail))
-    return Scene(module.DESCRIPTION, seed, surface, textures, light)
+    surface, light = illuminate(mesh, textures, description.weather, description.light.at(detail))
+    return Scene(description, seed, surface, textures, light)
 
 
 def used_materials(numbers: NDArray[np.int32]) -> list[str]:

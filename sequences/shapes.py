@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sequences.meshes import QUAD, WHITE, Mesh, from_grid, merge, patch, unit_vectors
+from sequences.meshes import WHITE, Mesh, from_grid, merge, patch, quads, unit_vectors
 
 Floats = NDArray[np.float64]
 Ids = NDArray[np.int32]
@@ -25,16 +25,10 @@ def box(
 
     Parameters
     ----------
-    low : array_like of shape (3,)
-        Lowest corner, metres.
-    high : array_like of shape (3,)
-        Highest corner, metres.
-    material : int
-        Texture number.
-    tint : array_like of shape (3,)
-        Linear colour.
-    cell_m : float
-        Largest side of a cell, metres.
+    low, high : array_like of shape (3,)
+        Lowest and highest corner, metres.
+    material, tint, cell_m : int, array_like of shape (3,), float
+        Texture number, linear colour, largest side of a cell in metres.
     uv_at : float
         Texture coordinate of the first corner, metres.
 
@@ -66,12 +60,7 @@ def _unit_box() -> tuple[Floats, Floats, Ids]:
         for i, j in ((0, 0), (1, 0), (1, 1), (0, 1)):
             vertices.append([o + i * s + j * t, i * np.abs(s), j * t])
             normals.append(np.cross(s, t))
-    first = 4 * np.arange(5)[:, None]
-    return (
-        np.array(vertices),
-        np.array(normals),
-        (first + QUAD).reshape(-1, 3).astype(np.int32),
-    )
+    return np.array(vertices), np.array(normals), quads(5)
 
 
 _BOX, _BOX_NORMALS, _BOX_TRIANGLES = _unit_box()
@@ -92,18 +81,10 @@ def slab(
     ----------
     origin : array_like of shape (3,)
         Corner, metres.
-    x : array_like of shape (3,)
-        First side, metres.
-    y : array_like of shape (3,)
-        Second side, metres.
-    z : array_like of shape (3,)
-        Third side, metres.
-    material : int
-        Texture number.
-    tint : array_like of shape (3,)
-        Linear colour.
-    cell_m : float
-        Largest side of a cell, metres.
+    x, y, z : array_like of shape (3,)
+        Sides, metres.
+    material, tint, cell_m : int, array_like of shape (3,), float
+        Texture number, linear colour, largest side of a cell in metres.
 
     Returns
     -------
@@ -132,12 +113,8 @@ def extrude(
         outwards is to the right of the direction of travel.
     start, end : array_like of shape (3,)
         The line, metres.
-    material : int
-        Texture number.
-    tint : array_like of shape (3,)
-        Linear colour.
-    cell_m : float
-        Largest length of a cell along the line.
+    material, tint, cell_m : int, array_like of shape (3,), float
+        Texture number, linear colour, largest length of a cell along the line in metres.
 
     Returns
     -------
@@ -151,7 +128,7 @@ def extrude(
     t = np.linspace(0, 1, max(1, math.ceil(length / cell_m)) + 1)
     rim = shape[:, :1] * outwards + shape[:, 1:] * np.array([0.0, 0.0, 1.0])
     points = a + t[None, :, None] * (b - a) + rim[:, None, :]
-    around = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))])
+    around = _lengths(shape)
     uv = np.stack(np.broadcast_arrays(t[None, :] * length, around[:, None]), axis=-1)
     return from_grid(points[:, ::-1], uv[:, ::-1], material, tint, smooth=False)
 
@@ -167,10 +144,8 @@ def lathe(
         Radius and height, metres.
     centre : array_like of shape (3,)
         Foot of the axis, metres.
-    material : int
-        Texture number.
-    tint : array_like of shape (3,)
-        Linear colour.
+    material, tint : int, array_like of shape (3,)
+        Texture number, linear colour.
     segments : int
         Facets round the axis.
 
@@ -185,7 +160,7 @@ def lathe(
     points = np.empty((len(shape), segments + 1, 3))
     points[..., :2] = shape[:, None, :1] * ring
     points[..., 2] = shape[:, None, 1]
-    around = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))])
+    around = _lengths(shape)
     width = angle * float(shape[:, 0].max())
     uv = np.stack(np.broadcast_arrays(width[None, :], around[:, None]), axis=-1)
     mesh = from_grid(points + np.asarray(centre, dtype=np.float64), uv, material, tint)
@@ -204,10 +179,8 @@ def square_moulding(profile: ArrayLike, half_m: float, material: int, tint: Arra
         Outwards and up, metres.
     half_m : float
         Half the side of the square, metres.
-    material : int
-        Texture number.
-    tint : array_like of shape (3,)
-        Linear colour.
+    material, tint : int, array_like of shape (3,)
+        Texture number, linear colour.
 
     Returns
     -------
@@ -219,7 +192,7 @@ def square_moulding(profile: ArrayLike, half_m: float, material: int, tint: Arra
     points = np.empty((len(shape), 5, 3))
     points[..., :2] = (half_m + shape[:, None, :1]) * corners
     points[..., 2] = shape[:, None, 1]
-    around = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))])
+    around = _lengths(shape)
     uv = np.stack(np.broadcast_arrays(2 * half_m * np.arange(5.0)[None, :], around[:, None]), axis=-1)
     return from_grid(points[:, ::-1], uv[:, ::-1], material, tint, smooth=False)
 
@@ -233,10 +206,8 @@ def tube(path: Sequence[ArrayLike], radii: Sequence[float], material: int, tint:
         Points of the axis, metres.
     radii : sequence of float
         Radius at each point, metres.
-    material : int
-        Texture number.
-    tint : array_like of shape (3,)
-        Linear colour.
+    material, tint : int, array_like of shape (3,)
+        Texture number, linear colour.
 
     Returns
     -------
@@ -251,8 +222,13 @@ def tube(path: Sequence[ArrayLike], radii: Sequence[float], material: int, tint:
     angle = np.linspace(0, 2 * math.pi, 9)
     ring = np.cos(angle)[None, :, None] * side[:, None] + np.sin(angle)[None, :, None] * other[:, None]
     radius = np.asarray(radii, dtype=np.float64)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    length = _lengths(line)
     uv = np.stack(np.broadcast_arrays(angle[None, :] * radius.max(), length[:, None]), axis=-1)
     points = line[:, None] + radius[:, None, None] * ring
     mesh = from_grid(points, uv, material, tint)
     return replace(mesh, normals=ring.reshape(-1, 3))
+
+
+def _lengths(path: Floats) -> Floats:
+    """Return the length of a path up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])

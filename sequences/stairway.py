@@ -12,7 +12,7 @@ from sequences.description import Description
 from sequences.foliage import clump, ivy, leaves, tree, tufts
 from sequences.lighting import LightMaps, Weather
 from sequences.meshes import Mesh, merge, patch
-from sequences.openings import Opening, Style, door, wall
+from sequences.openings import Opening, Style, fill, wall
 from sequences.props import baluster, lamp
 from sequences.shapes import box, extrude, lathe, slab, tube
 from sequences.textures import NUMBER
@@ -23,24 +23,10 @@ NUM_STEPS, RISE_M, TREAD_M = 16, 0.16, 0.33
 LEFT_M, RIGHT_M = -2.6, 2.5
 TOP_Y, TOP_Z = NUM_STEPS * TREAD_M, NUM_STEPS * RISE_M
 SPEED_M = 0.042
-WEATHER = Weather(azimuth_deg=-140.0, elevation_deg=46.0)
 
 
-def pose(index: float, seed: int) -> Floats:
-    """Return ``cam_from_world`` (3, 4) at a frame number: sideways steps and a trembling hand.
-
-    Parameters
-    ----------
-    index : float
-        Frame number.
-    seed : int
-        Seed of the tremor.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        World to camera, metres.
-    """
+def _pose(index: float, seed: int) -> Floats:
+    """Sideways steps and a trembling hand."""
     time_s = index / 30
     x = -1.3 + SPEED_M * there_and_back(index, 62.0, 5.0) + 0.010 * tremor(time_s, seed, 1.0, 2.5)
     y = -4.9 + 0.02 * tremor(time_s, seed + 1, 0.3, 1.0)
@@ -51,38 +37,8 @@ def pose(index: float, seed: int) -> Floats:
     return look_at((x, y, z), (x + 0.25, y + 10.0, z + 0.75), (tilt, pan, roll))
 
 
-def light_maps(detail: float) -> LightMaps:
-    """Return where and how finely light is computed.
-
-    Parameters
-    ----------
-    detail : float
-        Share of leaves and of light directions, in (0, 1].
-
-    Returns
-    -------
-    LightMaps
-        Region and resolution.
-    """
-    sky, directions = (512, max(8, round(40 * detail))) if detail > 0.3 else (256, 8)
-    return LightMaps((0.0, 2.5, 2.0), 12.0, 1536 if detail > 0.3 else 768, sky, directions)
-
-
-def geometry(rng: np.random.Generator, detail: float) -> Mesh:
-    """Build the stairway; `detail` in (0, 1] is the share of the leaves.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    detail : float
-        Share of the leaves, in (0, 1].
-
-    Returns
-    -------
-    Mesh
-        All of it.
-    """
+def _geometry(rng: np.random.Generator, detail: float) -> Mesh:
+    """Build the stairway; `detail` is the share of the leaves."""
     return merge(
         [_steps(rng), _left_wall(rng), _right_balustrade(rng), _top(rng), _front(rng), _plants(rng, detail)]
     )
@@ -171,7 +127,7 @@ def _front(rng: np.random.Generator) -> Mesh:
     base = RIGHT_M + 0.4
     opening = Opening(1.0, 0.15, 1.15, 2.35, "door")
     style = Style("plaster", (0.9, 0.88, 0.84), paint=(0.3, 0.12, 0.08))
-    lower = [wall(8.0, 0.0, TOP_Z + 0.1, [opening], "ashlar", (1.0, 0.97, 0.92)), door(rng, opening, style)]
+    lower = [wall(8.0, 0.0, TOP_Z + 0.1, [opening], "ashlar", (1.0, 0.97, 0.92)), fill(rng, opening, style)]
     cap = [(0.0, 0.16), (0.12, 0.15), (0.12, 0.03), (0.05, -0.06), (0.0, -0.06)]
     lower.append(extrude(cap, (0, 0, TOP_Z), (8.0, 0, TOP_Z), NUMBER["stone"], (1.05, 1.0, 0.94)))
     parts.append(weathered(merge(lower)).moved((base, 1.6, 0)))
@@ -240,5 +196,8 @@ DESCRIPTION = Description(
     motion="sideways, with the tremor of a hand, up to 7 px between frames",
     purpose="edges along epipolar lines (the aperture problem), motion that is not smooth in time",
     motion_px=(2.17, 0.83, 3.51),
-    pose=pose,
+    pose=_pose,
+    geometry=_geometry,
+    weather=Weather(azimuth_deg=-140.0, elevation_deg=46.0),
+    light=LightMaps((0.0, 2.5, 2.0), 12.0),
 )

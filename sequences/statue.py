@@ -22,24 +22,10 @@ Floats = NDArray[np.float64]
 
 RADIUS_M, TURN_DEG = 5.6, 0.6
 PEDESTAL_M = 1.55
-WEATHER = Weather(azimuth_deg=-118.0, elevation_deg=44.0)
 
 
-def pose(index: float, seed: int) -> Floats:
-    """Return ``cam_from_world`` (3, 4) at a frame number: an arc round the statue and a light tremor.
-
-    Parameters
-    ----------
-    index : float
-        Frame number.
-    seed : int
-        Seed of the tremor.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        World to camera, metres.
-    """
+def _pose(index: float, seed: int) -> Floats:
+    """An arc round the statue and a light tremor."""
     time_s = index / 25
     angle = math.radians(-22.0 + TURN_DEG * there_and_back(index, 74.0, 5.0))
     radius = RADIUS_M + 0.05 * tremor(time_s, seed, 0.2, 0.7)
@@ -49,38 +35,8 @@ def pose(index: float, seed: int) -> Floats:
     return look_at(eye, (0.0, 0.0, 2.02), (turn[0], turn[1], 0.08 * tremor(time_s, seed + 4, 0.5, 2.0)))
 
 
-def light_maps(detail: float) -> LightMaps:
-    """Return where and how finely light is computed.
-
-    Parameters
-    ----------
-    detail : float
-        Share of leaves and of light directions, in (0, 1].
-
-    Returns
-    -------
-    LightMaps
-        Region and resolution.
-    """
-    sky, directions = (512, max(8, round(36 * detail))) if detail > 0.3 else (256, 8)
-    return LightMaps((0.0, 7.0, 2.0), 21.0, 2048 if detail > 0.3 else 1024, sky, directions)
-
-
-def geometry(rng: np.random.Generator, detail: float) -> Mesh:
-    """Build the square; `detail` in (0, 1] is the share of the leaves and the fineness of the statue.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    detail : float
-        Share of the leaves, in (0, 1].
-
-    Returns
-    -------
-    Mesh
-        All of it.
-    """
+def _geometry(rng: np.random.Generator, detail: float) -> Mesh:
+    """Build the square; `detail` is the share of the leaves and the fineness of the statue."""
     stone = figure(0.016 if detail > 0.3 else 0.03).moved((0, 0, PEDESTAL_M))
     return merge(
         [stone, _pedestal(), _ground(), _houses(rng), _portico(), _furniture(), _greenery(rng, detail)]
@@ -211,5 +167,8 @@ DESCRIPTION = Description(
     motion="sideways on an arc round the statue, with a light tremor",
     purpose="large occlusions, a smooth curved surface, background that moves faster than the subject",
     motion_px=(2.29, 1.66, 2.92),
-    pose=pose,
+    pose=_pose,
+    geometry=_geometry,
+    weather=Weather(azimuth_deg=-118.0, elevation_deg=44.0),
+    light=LightMaps((0.0, 7.0, 2.0), 21.0, 2048, directions=36),
 )

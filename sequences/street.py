@@ -21,24 +21,10 @@ Floats = NDArray[np.float64]
 
 SPEED_M = 0.17
 KERB_M, FRONT_M, NEAR_Y, FAR_Y = 3.4, 5.6, -6.0, 92.0
-WEATHER = Weather(azimuth_deg=-152.0, elevation_deg=52.0)
 
 
-def pose(index: float, seed: int) -> Floats:
-    """Return ``cam_from_world`` (3, 4) at a frame number: a smooth ride with a slow sway.
-
-    Parameters
-    ----------
-    index : float
-        Frame number.
-    seed : int
-        Seed of the tremor.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        World to camera, metres.
-    """
+def _pose(index: float, seed: int) -> Floats:
+    """A smooth ride with a slow sway."""
     time_s = index / 30
     y = SPEED_M * there_and_back(index, 240.0, 12.0)
     x = 0.55 + 0.10 * tremor(time_s, seed, 0.1, 0.4)
@@ -47,38 +33,8 @@ def pose(index: float, seed: int) -> Floats:
     return look_at((x, y, z), (x - 1.5, y + 30.0, z + 0.9), turn)
 
 
-def light_maps(detail: float) -> LightMaps:
-    """Return where and how finely light is computed.
-
-    Parameters
-    ----------
-    detail : float
-        Share of leaves and of light directions, in (0, 1].
-
-    Returns
-    -------
-    LightMaps
-        Region and resolution.
-    """
-    sky, directions = (512, max(8, round(36 * detail))) if detail > 0.3 else (256, 8)
-    return LightMaps((0.0, 28.0, 2.0), 38.0, 2048 if detail > 0.3 else 1024, sky, directions)
-
-
-def geometry(rng: np.random.Generator, detail: float) -> Mesh:
-    """Build the street; `detail` in (0, 1] is the share of the leaves.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    detail : float
-        Share of the leaves, in (0, 1].
-
-    Returns
-    -------
-    Mesh
-        All of it.
-    """
+def _geometry(rng: np.random.Generator, detail: float) -> Mesh:
+    """Build the street; `detail` is the share of the leaves."""
     return merge(
         [_ground(rng), _houses(rng), _furniture(rng), _greenery(rng, detail), _background(rng, detail)]
     )
@@ -218,5 +174,8 @@ DESCRIPTION = Description(
     motion="smooth, forward along the street; the epipole stays inside the image",
     purpose="triangulation near the epipole, large range of depths, growing scale",
     motion_px=(1.48, 1.35, 1.58),
-    pose=pose,
+    pose=_pose,
+    geometry=_geometry,
+    weather=Weather(azimuth_deg=-152.0, elevation_deg=52.0),
+    light=LightMaps((0.0, 28.0, 2.0), 38.0, 2048, directions=36),
 )
