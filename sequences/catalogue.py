@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from dvc.errors import ConfigError, DvcError
-from dvc.video import VideoReader, open_video
+from dvc.video import open_video
 from sequences.description import Description
 from sequences.scenes import descriptions
-from sequences.sequence import RenderedSequence
 
 SUFFIXES = frozenset({".mkv", ".y4m", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg"})
 DATA_VARIABLE = "DVC_DATA"
@@ -175,24 +174,13 @@ def entries() -> list[Entry]:
     list of Entry
         A file whose name is that of a scene is listed with its suffix.
     """
-    found = [rendered_entry(description) for description in descriptions().values()]
+    found = [_rendered_entry(description) for description in descriptions().values()]
     taken = {entry.name for entry in found}
-    return found + [file_entry(path.name if name in taken else name, path) for name, path in files().items()]
+    return found + [_file_entry(path.name if name in taken else name, path) for name, path in files().items()]
 
 
-def rendered_entry(description: Description) -> Entry:
-    """Return the entry of a rendered scene.
-
-    Parameters
-    ----------
-    description : Description
-        The scene.
-
-    Returns
-    -------
-    Entry
-        Its line in the catalogue.
-    """
+def _rendered_entry(description: Description) -> Entry:
+    """Return the entry of a rendered scene."""
     about = Knowledge(
         "yes", description.shows, description.motion, description.purpose, description.motion_px
     )
@@ -201,45 +189,21 @@ def rendered_entry(description: Description) -> Entry:
     )
 
 
-def file_entry(name: str, path: Path) -> Entry:
-    """Probe a video file; one that cannot be read is listed with the reason.
-
-    Parameters
-    ----------
-    name : str
-        Name in the catalogue.
-    path : Path
-        Video file.
-
-    Returns
-    -------
-    Entry
-        Its line in the catalogue.
-    """
+def _file_entry(name: str, path: Path) -> Entry:
+    """Probe a video file; one that cannot be read is listed with the reason."""
     about = KNOWN.get(path.stem, USER_MATERIAL)
     try:
         with open_video(path) as reader:
             info = reader.info
-        num_frames = info.num_frames or count_packets(path)
+        num_frames = info.num_frames or _count_packets(path)
     except DvcError as err:
         about = Knowledge("unknown", "unreadable", "not described", str(err))
         return Entry(name, "file", 0, 0, Fraction(0), None, str(path), about)
     return Entry(name, "file", info.width, info.height, info.frame_rate, num_frames, str(path), about)
 
 
-def count_packets(path: Path) -> int | None:
-    """Count the coded pictures of a container without decoding them; None if it cannot be walked through.
-
-    Parameters
-    ----------
-    path : Path
-        Video file.
-
-    Returns
-    -------
-    int or None
-        Number of coded pictures.
-    """
+def _count_packets(path: Path) -> int | None:
+    """Count the coded pictures of a container without decoding them; None if it cannot be walked through."""
     import av
 
     try:
@@ -302,60 +266,13 @@ def entry(name_or_path: str | Path) -> Entry:
     """
     found = resolve(name_or_path)
     if isinstance(found, Description):
-        return rendered_entry(found)
+        return _rendered_entry(found)
     open_video(found).close()
-    return file_entry(found.stem, found)
+    return _file_entry(found.stem, found)
 
 
-def open_sequence(
-    name_or_path: str | Path,
-    *,
-    start: int = 0,
-    num_frames: int | None = None,
-    seed: int = 0,
-) -> VideoReader:
-    """Open a sequence for reading, rendered or not.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-        As for `resolve`.
-    start : int
-        Number of frames to skip.
-    num_frames : int, optional
-        Read at most so many; all (of a scene: its usual length) if None.
-    seed : int
-        Seed of a rendered scene.
-
-    Returns
-    -------
-    VideoReader
-        Also a context manager.
-
-    Raises
-    ------
-    DvcError
-        If there is no such sequence, or it cannot be read.
-    """
-    found = resolve(name_or_path)
-    if isinstance(found, Description):
-        return RenderedSequence(found.name, start=start, num_frames=num_frames, seed=seed)
-    return open_video(found, start=start, num_frames=num_frames)
-
-
-def motion_text(motion_px: tuple[float, float, float] | None) -> str:
-    """Write mean, smallest and largest motion, or a question mark.
-
-    Parameters
-    ----------
-    motion_px : tuple of float or None
-        Mean, smallest and largest, pixels per frame.
-
-    Returns
-    -------
-    str
-        Text for a table.
-    """
+def _motion_text(motion_px: tuple[float, float, float] | None) -> str:
+    """Write mean, smallest and largest motion, or a question mark."""
     return "?" if motion_px is None else "{:.1f} ({:.1f}..{:.1f})".format(*motion_px)
 
 
@@ -368,6 +285,6 @@ FIELDS: tuple[tuple[str, Callable[[Entry], str]], ...] = (
     ("static scene", lambda e: e.about.static),
     ("shows", lambda e: e.about.shows),
     ("motion", lambda e: e.about.motion),
-    ("px/frame", lambda e: motion_text(e.about.motion_px)),
+    ("px/frame", lambda e: _motion_text(e.about.motion_px)),
     ("purpose", lambda e: e.about.purpose),
 )

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.errors import ConfigError, VideoError
+from dvc.errors import ConfigError
 from dvc.video import Frame, create_video, open_video
 from sequences import catalogue
 from sequences.__main__ import main
 from sequences.scenes import Description
-from sequences.sequence import RenderedSequence
 
 
 @pytest.fixture
@@ -59,17 +58,6 @@ def test_resolve_finds_scenes_names_and_paths(data: Path, tmp_path: Path) -> Non
     assert catalogue.resolve(str(tmp_path)) == tmp_path
     with pytest.raises(ConfigError, match=r"'beach'.*street, .*holiday"):
         catalogue.resolve("beach")
-
-
-def test_sequences_open_whatever_they_are(data: Path) -> None:
-    """A scene opens as a rendered sequence, a name as its file; start and length are passed on."""
-    with catalogue.open_sequence("statue", start=5, num_frames=2) as scene:
-        assert isinstance(scene, RenderedSequence)
-        assert (scene.start, scene.info.num_frames) == (5, 2)
-    with catalogue.open_sequence("box", start=1) as reader:
-        assert len(list(reader)) == 2
-    with pytest.raises(VideoError):
-        catalogue.open_sequence("broken")
 
 
 def test_missing_data_folder_is_said(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from dvc._jit import python_twin
 from sequences import _kernels
 from sequences._kernels import NEAR_M
-from sequences.textures import SIZE, build
+from sequences.patterns import SIZE
+from sequences.textures import build
 
 Floats = NDArray[np.float64]
 BOTH = pytest.mark.parametrize("form", [lambda k: k, python_twin], ids=["compiled", "python"])

@@ -9,7 +9,8 @@ from sequences.architecture import facade
 from sequences.lighting import LightMaps, Weather, illuminate, sky_directions, sky_visibility
 from sequences.meshes import Mesh
 from sequences.openings import Opening, Style, wall
-from sequences.textures import MATERIALS, NUMBER, SIZE, build, spectral_noise
+from sequences.patterns import SIZE, spectral_noise
+from sequences.textures import MATERIALS, NUMBER, build
 
 Floats = NDArray[np.float64]
 
