@@ -1,4 +1,4 @@
-"""Compiled loops of corner selection and block tracking; validated and described by their callers.
+"""Compiled loops of block matching; validated and described by their callers.
 
 Images are uint8 arrays [row, column]; points are (x, y). A block of half side h has (2h + 1)^2 samples.
 """
@@ -8,28 +8,6 @@ import numpy as np
 from dvc._jit import kernel
 
 UNKNOWN = np.int64(1) << 40
-
-# ---- corners ----
-
-
-@kernel
-def spread(x, y, min_distance_px2, chosen):
-    """Take points in order unless they are too near to one taken before; return how many were taken."""
-    count = 0
-    for i in range(x.size):
-        near = False
-        for k in range(count):
-            j = chosen[k]
-            if (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 < min_distance_px2:
-                near = True
-                break
-        if not near:
-            chosen[count] = i
-            count += 1
-            if count == chosen.size:
-                break
-    return count
-
 
 # ---- blocks ----
 

@@ -1,4 +1,4 @@
-"""Corners of a frame that are worth tracking: the detector of Harris and Stephens, spread over the frame."""
+"""Corners of a frame that are worth tracking, spread over the frame."""
 
 import time
 from collections.abc import Sequence
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.corners import SENT_WINDOW_PX, is_local_max, quick_corner_response, spaced
 from dvc.tracks import FeaturePoints
 from dvc.tracks.point_sets import column_scan
 from dvc.video.frames import Plane
-from encoder import _kernels
 
 Points = NDArray[np.int64]
 
@@ -26,8 +26,7 @@ class CornerSettings:
     # Corners lie where both coordinates are multiples of this. From 4 on, a corner is a block that can be
     # tracked rather than a place where edges meet: half the resolution is enough to find it.
     grid_px: int = 1
-    window_px: int = 5  # side of the window whose gradients count, at the resolution that is looked at
-    sensitivity: float = 0.04  # factor of the squared trace in the response
+    window_px: int = SENT_WINDOW_PX  # of the gradients that count, at the resolution that is looked at
     min_response: float = 1e-7  # of a corner; gradients are in units of the full range of luma
     min_distance: float = 0.4  # of two corners, in units of their distance if they were evenly spread
 
@@ -61,10 +60,6 @@ def find_corners(
     -------
     ndarray of shape (N, 2), int64
         Points (x, y), strongest first; none in a frame that is flat or too small.
-
-    References
-    ----------
-    Harris and Stephens, "A combined corner and edge detector", 1988.
     """
     settings = settings or CornerSettings()
     grid = settings.grid_px
@@ -78,19 +73,16 @@ def find_corners(
     response = response[: (last_y - first) // grid + 1, : (last_x - first) // grid + 1]
     worthy = response > settings.min_response
     if grid < _SPARSE_GRID_PX:
-        worthy &= _is_maximum(response)
+        worthy &= is_local_max(response, 1)
     rows, columns = np.nonzero(worthy)
     strength = response[rows, columns]
     if strength.size > _CANDIDATES * max_corners:
         strongest = strength >= np.partition(strength, -_CANDIDATES * max_corners)[-_CANDIDATES * max_corners]
         rows, columns, strength = rows[strongest], columns[strongest], strength[strongest]
     order = np.argsort(-strength, kind="stable")[: _CANDIDATES * max_corners]
-    x, y = columns[order] * grid + first, rows[order] * grid + first
+    points = np.stack([columns[order], rows[order]], axis=-1) * grid + first
     min_distance_px = settings.min_distance * (luma.size / max_corners) ** 0.5
-    chosen = np.empty(max_corners, np.int64)
-    count = _kernels.spread(x, y, min_distance_px**2, chosen)
-    chosen = chosen[:count]
-    return np.stack([x[chosen], y[chosen]], axis=-1)
+    return points[spaced(points, max_corners, min_distance_px)]
 
 
 class CornerDetector:
@@ -141,10 +133,4 @@ def _response(luma: Plane, settings: CornerSettings) -> tuple[NDArray[np.float32
     if shrink > 1:
         size = (-(-luma.shape[1] // shrink), -(-luma.shape[0] // shrink))
         luma = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA), np.uint8)
-    return np.asarray(cv2.cornerHarris(luma, settings.window_px, 3, settings.sensitivity)), shrink
-
-
-def _is_maximum(response: NDArray[np.float32]) -> NDArray[np.bool_]:
-    import cv2
-
-    return np.asarray(cv2.dilate(response, np.ones((3, 3), np.uint8)) == response)
+    return quick_corner_response(luma, settings.window_px), shrink

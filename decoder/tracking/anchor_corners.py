@@ -11,13 +11,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.corners import SENT_WINDOW_PX, corner_response, spaced
 from sfm.model import Correspondences
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
-Indices = NDArray[np.int64]
 
-HARRIS_SENSITIVITY = 0.04
+SEARCH_RADIUS_PX = 2
+"""How far a corner may be from its point, by rows and by columns."""
+
+MAX_DRIFT_PX = 1.5
+"""A corner whose place relative to its point changes more than this is no corner of the scene."""
 
 
 class AnchorCorners(NamedTuple):
@@ -76,7 +80,7 @@ def _evenly(first: Floats, second: Floats, temporal_positions: Floats) -> Floats
 
 
 def choose_anchor_corners(
-    pairs: Correspondences, first: Luma, second: Luma, num_corners: int, separation_px: float, window_px: int
+    pairs: Correspondences, first: Luma, second: Luma, num_corners: int, separation_px: float
 ) -> AnchorCorners:
     """Choose correspondences that are corners in both key frames, the strongest first, spread out.
 
@@ -90,8 +94,6 @@ def choose_anchor_corners(
         Most that are wanted.
     separation_px : float
         Least distance of two corners in the first key frame.
-    window_px : int
-        Side of the detector's window.
 
     Returns
     -------
@@ -99,7 +101,7 @@ def choose_anchor_corners(
         At most `num_corners`.
     """
     ends = [
-        strongest_nearby(corner_response(luma, window_px), places, search_radius_px(window_px))
+        strongest_nearby(corner_response(luma, np.ones(SENT_WINDOW_PX)), places, SEARCH_RADIUS_PX)
         for luma, places in ((first, pairs.first), (second, pairs.second))
     ]
     (corner0, strength0), (corner1, strength1) = ends
@@ -109,58 +111,8 @@ def choose_anchor_corners(
     # Of points that share a corner the one that is nearest to it comes first.
     distance = np.hypot(*(corner0 - pairs.first)[usable].T) + np.hypot(*(corner1 - pairs.second)[usable].T)
     order = usable[np.lexsort((distance, -strength[usable]))]
-    chosen = _spread(corner0, order, num_corners, separation_px)
+    chosen = order[spaced(corner0[order], num_corners, separation_px)]
     return AnchorCorners(pairs[chosen], corner0[chosen], corner1[chosen])
-
-
-MAX_DRIFT_PX = 1.5
-"""A corner whose place relative to its point changes more than this is no corner of the scene."""
-
-
-def search_radius_px(window_px: int) -> int:
-    """Return how far a corner may be from its point.
-
-    Parameters
-    ----------
-    window_px : int
-        Side of the detector's window.
-
-    Returns
-    -------
-    int
-        Distance by rows and by columns.
-    """
-    return 1 + window_px // 3
-
-
-def corner_response(luma: Luma, window_px: int) -> Floats:
-    """Compute the Harris-Stephens response of a square window.
-
-    All sums are of whole numbers and thus exact, whatever the order in which a machine adds them.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        Key frame.
-    window_px : int
-        Side of the window.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        The response; its scale has no meaning.
-    """
-    import cv2
-
-    dx, dy = cv2.Sobel(luma, cv2.CV_64F, 1, 0), cv2.Sobel(luma, cv2.CV_64F, 0, 1)
-    size = (window_px, window_px)
-    xx, xy, yy = (
-        np.asarray(cv2.boxFilter(product, cv2.CV_64F, size, normalize=False), dtype=np.float64)
-        for product in (dx * dx, dx * dy, dy * dy)
-    )
-    trace = xx + yy
-    response: Floats = xx * yy - xy * xy - HARRIS_SENSITIVITY * trace * trace
-    return response
 
 
 def strongest_nearby(response: Floats, places: Floats, radius: int) -> tuple[Floats, Floats]:
@@ -204,17 +156,3 @@ def _vertex(before: Floats, after: Floats, centre: Floats, defined: NDArray[np.b
     before, after, centre = (np.where(defined, values, 0.0) for values in (before, after, centre))
     curvature = 2.0 * centre - before - after
     return np.asarray(0.5 * (after - before) / np.where(curvature > 0, curvature, 1.0))
-
-
-def _spread(places: Floats, order: Indices, max_points: int, separation_px: float) -> Indices:
-    """Take points in order, except those near one that was taken."""
-    chosen: list[int] = []
-    taken = np.empty((max_points, 2))
-    for index in order:
-        if len(chosen) == max_points:
-            break
-        offset = taken[: len(chosen)] - places[index]
-        if not ((offset**2).sum(axis=1) < separation_px**2).any():
-            taken[len(chosen)] = places[index]
-            chosen.append(int(index))
-    return np.array(chosen, dtype=np.int64)

@@ -32,8 +32,6 @@ class TrackingSettings:
         Most correspondences that are followed.
     separation_px : float
         Least distance between their corners in the first key frame.
-    window_px : int
-        Side of the window of the encoder's corner detector.
     motion_limit_px, motion_spreads : float
         Difference from the neighbours' motion that is always allowed, and in units of their own spread.
     registration : RegistrationSettings
@@ -50,7 +48,6 @@ class TrackingSettings:
 
     num_snakes: int = 400
     separation_px: float = 3.0
-    window_px: int = 5
     motion_limit_px: float = 2.0
     motion_spreads: float = 3.0
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
@@ -91,9 +88,7 @@ def match_points(
     frames = [ReceivedPoints(_inside(frame, first.shape)) for frame in points.frames]
     num_instants = len(frames) + 2
     known = _known(reconstruction, settings)
-    anchors = choose_anchor_corners(
-        known, first, second, settings.num_snakes, settings.separation_px, settings.window_px
-    )
+    anchors = choose_anchor_corners(known, first, second, settings.num_snakes, settings.separation_px)
     if not frames or not len(anchors):
         return PointTracks.none(num_instants)
     temporal_positions = np.arange(1, num_instants - 1) / (num_instants - 1)

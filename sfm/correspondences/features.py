@@ -1,14 +1,15 @@
 """Corners of a key frame, spread over the whole frame by adapting the detector's sensitivity locally."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.corners import SENSITIVITY, SOBEL_GAIN, corner_response, is_local_max
+
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
-
-SOBEL_GAIN = 8.0  # of OpenCV's 3x3 operator: luma levels per pixel times this
 
 
 @dataclass(frozen=True)
@@ -27,26 +28,26 @@ class FeatureSettings:
         A corner is the strongest within this distance, by rows and by columns.
     border_px : int
         Corners keep this distance from the frame's edge, so that neighbourhoods fit.
-    least_gradient : float
-        Below ``least_gradient ** 4`` a response is noise, luma levels per pixel.
+    min_gradient : float
+        Below ``min_gradient ** 4`` a response is noise, luma levels per pixel.
     robustness : float
         A corner is suppressed only by others whose response times this is larger.
     """
 
     num_corners: int = 2400
-    sensitivity: float = 0.04
+    sensitivity: float = SENSITIVITY
     integration_radius_px: int = 1
     separation_px: int = 1
     border_px: int = 8
-    least_gradient: float = 1.0
+    min_gradient: float = 1.0
     robustness: float = 0.9
 
     def __post_init__(self) -> None:
         """Check the ranges."""
         if min(self.num_corners, self.integration_radius_px, self.separation_px, self.border_px) < 1:
             raise ValueError(f"`num_corners`, radii and distances must be at least 1, got {self}")
-        if not (0 < self.sensitivity < 0.25 and 0 < self.robustness <= 1 and self.least_gradient > 0):
-            raise ValueError(f"`sensitivity`, `robustness` or `least_gradient` is out of range: {self}")
+        if not (0 < self.sensitivity < 0.25 and 0 < self.robustness <= 1 and self.min_gradient > 0):
+            raise ValueError(f"`sensitivity`, `robustness` or `min_gradient` is out of range: {self}")
 
 
 def detect_corners(luma: Image, settings: FeatureSettings | None = None) -> Floats:
@@ -81,7 +82,9 @@ def detect_corners(luma: Image, settings: FeatureSettings | None = None) -> Floa
     if luma.ndim != 2 or luma.dtype != np.uint8:
         raise ValueError(f"`luma` must have shape (H, W) and dtype uint8, got {luma.shape}, {luma.dtype}")
     settings = settings or FeatureSettings()
-    response = harris_response(luma, settings)
+    radius = settings.integration_radius_px
+    window = [math.comb(2 * radius, k) for k in range(2 * radius + 1)]  # whose sum is a power of two
+    response = corner_response(luma, window, settings.sensitivity) / (SOBEL_GAIN * sum(window)) ** 4
     rows, columns = _local_maxima(response, settings)
     strength = response[rows, columns]
     order = np.argsort(-strength, kind="stable")
@@ -92,57 +95,8 @@ def detect_corners(luma: Image, settings: FeatureSettings | None = None) -> Floa
     return np.column_stack([x[kept], y[kept]]).astype(np.float64)
 
 
-def harris_response(luma: Image, settings: FeatureSettings | None = None) -> Floats:
-    """Compute the Harris-Stephens response ``det(A) - k trace(A)^2`` of the structure tensor A.
-
-    All sums are of whole numbers and thus exact, whatever the order in which a machine adds them.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        Key frame.
-    settings : FeatureSettings, optional
-        Window and sensitivity.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Response, in (luma levels per pixel) to the power of four.
-    """
-    import cv2
-
-    settings = settings or FeatureSettings()
-    dx = cv2.Sobel(luma, cv2.CV_64F, 1, 0)
-    dy = cv2.Sobel(luma, cv2.CV_64F, 0, 1)
-    xx, xy, yy = (
-        _average(product, settings.integration_radius_px) for product in (dx * dx, dx * dy, dy * dy)
-    )
-    response: Floats = xx * yy - xy * xy - settings.sensitivity * (xx + yy) ** 2
-    return response
-
-
-def _average(product: NDArray[np.floating], radius_px: int) -> Floats:
-    """Average products of Sobel gradients under a binomial window."""
-    import cv2
-
-    taps = np.array(_binomial(2 * radius_px), dtype=np.float64)
-    averaged: Floats = cv2.sepFilter2D(product, cv2.CV_64F, taps, taps) / (SOBEL_GAIN * taps.sum()) ** 2
-    return averaged
-
-
-def _binomial(order: int) -> list[int]:
-    taps = [1]
-    for _ in range(order):
-        taps = [a + b for a, b in zip([0, *taps], [*taps, 0], strict=True)]
-    return taps
-
-
 def _local_maxima(response: Floats, settings: FeatureSettings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    import cv2
-
-    size = 2 * settings.separation_px + 1
-    strongest = cv2.dilate(response, np.ones((size, size), dtype=np.uint8))
-    corner = (response == strongest) & (response >= settings.least_gradient**4)
+    corner = is_local_max(response, settings.separation_px) & (response >= settings.min_gradient**4)
     inside = np.zeros_like(corner)
     border = settings.border_px
     inside[border : max(len(inside) - border, border), border : max(inside.shape[1] - border, border)] = True

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.tracking.anchor_corners import choose_anchor_corners, corner_response, strongest_nearby
+from decoder.tracking.anchor_corners import choose_anchor_corners, strongest_nearby
+from dvc.corners import corner_response
 from sfm.model import Correspondences
 
 MOTION = np.array([4.0, 2.0])
@@ -38,11 +39,10 @@ def test_a_slope_has_no_peak() -> None:
     assert strongest_nearby(response, np.empty((0, 2)), 2)[0].shape == (0, 2)
 
 
-def test_response_of_flat_frames_is_zero() -> None:
-    """A constant frame has no corner, a spot has one where it is."""
-    assert not corner_response(np.full((20, 30), 77, np.uint8), 3).any()
+def test_the_peak_of_a_spot_is_found() -> None:
+    """A spot is a corner where it is."""
     place = np.array([[60.4, 40.7]])
-    peaks, _ = strongest_nearby(corner_response(spots(place), 3), np.rint(place), 2)
+    peaks, _ = strongest_nearby(corner_response(spots(place), np.ones(5)), np.rint(place), 2)
     np.testing.assert_allclose(peaks, place, atol=0.15)
 
 
@@ -52,7 +52,7 @@ def test_corners_are_followed_not_points() -> None:
     beside = np.concatenate([np.rint(centres), np.rint(centres) + ASIDE, [[15.0, 80.0]]])
     moved = beside + MOTION
     pairs = Correspondences(beside, moved, np.zeros(len(beside)))
-    chosen = choose_anchor_corners(pairs, spots(centres), spots(centres + MOTION), 10, 3.0, 3)
+    chosen = choose_anchor_corners(pairs, spots(centres), spots(centres + MOTION), 10, 3.0)
     order = np.argsort(chosen.first[:, 0])
     np.testing.assert_allclose(chosen.first[order], centres[[0, 2, 1]], atol=0.15)
     np.testing.assert_allclose(chosen.second - chosen.first, np.tile(MOTION, (3, 1)), atol=0.1)
@@ -64,8 +64,8 @@ def test_corners_are_followed_not_points() -> None:
     )
 
 
-def test_a_corner_that_wanders_is_no_carrier() -> None:
+def test_a_corner_that_wanders_is_no_anchor() -> None:
     """A corner that is not at the same place relative to its point in both key frames is not followed."""
     centre = np.array([[30.0, 30.0]])
     pairs = Correspondences(centre - ASIDE, centre + ASIDE, np.zeros(1))
-    assert len(choose_anchor_corners(pairs, spots(centre), spots(centre), 10, 3.0, 3)) == 0
+    assert len(choose_anchor_corners(pairs, spots(centre), spots(centre), 10, 3.0)) == 0

@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from decoder.tracking import TrackingSettings, match_points
-from decoder.tracking.anchor_corners import HARRIS_SENSITIVITY
 from decoder.tracking.drawing import draw_snakes
 from dvc.tracks.points import FeaturePoints, PointTracks
-from encoder.corners import CornerSettings
 from sfm.model import Correspondences, Reconstruction
 
 Floats = NDArray[np.float64]
@@ -160,12 +158,6 @@ def test_points_that_lie_anywhere_give_no_tracks(seed: int) -> None:
     rng = np.random.default_rng(seed)
     anywhere = [np.rint(rng.uniform(0, [WIDTH - 1, HEIGHT - 1], (176, 2))) for _ in range(9)]
     assert len(track(hand_held_clip(11), FeaturePoints(tuple(anywhere)))) == 0
-
-
-def test_both_ends_look_for_the_same_corners() -> None:
-    """The window of the detector at the decoder is that of the encoder, so that corners are at one place."""
-    assert TrackingSettings().window_px == CornerSettings().window_px
-    assert CornerSettings().sensitivity == HARRIS_SENSITIVITY
 
 
 def test_snakes_are_drawn() -> None:

@@ -1,0 +1,140 @@
+"""Corners: the detector of Harris and Stephens, for those that are sent and those that are looked for again.
+
+The response to corners is ``det(A) - k trace(A)^2`` of the structure tensor A: products of the gradients by
+Sobel's operator, summed over a window.
+
+References
+----------
+Harris and Stephens, "A combined corner and edge detector", 1988.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dvc._jit import kernel
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Luma = NDArray[np.uint8]
+
+SENSITIVITY = 0.04
+"""Usual value of k."""
+
+SENT_WINDOW_PX = 5
+"""Side of the window under which corners that are sent are found: the decoder looks for the same corners."""
+
+SOBEL_GAIN = 8.0
+"""What the 3x3 operator makes of a slope of one luma level per pixel."""
+
+
+def corner_response(luma: Luma, window: ArrayLike, sensitivity: float = SENSITIVITY) -> Floats:
+    """Compute the response under a separable window of whole numbers.
+
+    All sums are of whole numbers and thus exact, whatever the order in which a machine adds them.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        The frame.
+    window : array_like of shape (n,)
+        Weights along each direction, whole numbers.
+    sensitivity : float
+        Factor of the squared trace.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        The response: gradients are `SOBEL_GAIN` times luma levels per pixel, and weights are as given.
+    """
+    import cv2
+
+    taps = np.asarray(window, np.float64)
+    dx, dy = cv2.Sobel(luma, cv2.CV_64F, 1, 0), cv2.Sobel(luma, cv2.CV_64F, 0, 1)
+    xx, xy, yy = (
+        np.asarray(cv2.sepFilter2D(product, cv2.CV_64F, taps, taps), np.float64)
+        for product in (dx * dx, dx * dy, dy * dy)
+    )
+    trace = xx + yy
+    response: Floats = xx * yy - xy * xy - sensitivity * trace * trace
+    return response
+
+
+def quick_corner_response(luma: Luma, window_px: int) -> NDArray[np.float32]:
+    """Compute the response under a square window in single precision, in half the time.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        The frame.
+    window_px : int
+        Side of the window.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float32
+        The response of `corner_response` over ``(4 * 255 * window_px) ** 4``, to seven digits.
+    """
+    import cv2
+
+    return np.asarray(cv2.cornerHarris(luma, window_px, 3, SENSITIVITY))
+
+
+def is_local_max(response: NDArray[np.floating], radius_px: int) -> NDArray[np.bool_]:
+    """Tell where nothing is larger within a distance, by rows and by columns.
+
+    Parameters
+    ----------
+    response : ndarray of shape (H, W)
+        What is compared.
+    radius_px : int
+        The distance.
+
+    Returns
+    -------
+    ndarray of shape (H, W), bool
+        Whether each place is a maximum.
+    """
+    import cv2
+
+    side = 2 * radius_px + 1
+    return np.asarray(cv2.dilate(response, np.ones((side, side), np.uint8)) == response)
+
+
+def spaced(points: NDArray[np.int64] | Floats, max_points: int, min_distance_px: float) -> Indices:
+    """Take points in order, except those that are too near to one taken before.
+
+    Parameters
+    ----------
+    points : ndarray of shape (N, 2)
+        Points (x, y), the best first.
+    max_points : int
+        Most that are taken.
+    min_distance_px : float
+        Least distance of two of them.
+
+    Returns
+    -------
+    ndarray of shape (K,), int64
+        Which they are, in the same order.
+    """
+    taken = np.empty(max_points, np.int64)
+    return taken[: _take_spaced(points.astype(np.float64), min_distance_px**2, taken)]
+
+
+@kernel
+def _take_spaced(points: Floats, min_distance_px2: float, taken: Indices) -> int:
+    """Fill `taken`, and return how many there are."""
+    count = 0
+    for i in range(points.shape[0]):
+        if count == taken.size:
+            break
+        near = False
+        for j in taken[:count]:
+            dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+            if dx * dx + dy * dy < min_distance_px2:
+                near = True
+                break
+        if not near:
+            taken[count] = i
+            count += 1
+    return count
