@@ -200,7 +200,7 @@ def _decode_live(arguments: argparse.Namespace) -> int:
 
 def _with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "CodecConfig":
     """Put the decoder's own choices in place of what the stream names."""
-    from decoder.side_information import METHODS
+    from decoder.side_information.methods import METHODS
 
     method = arguments.side_information
     if method is not None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information import METHODS
+from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.wyner_ziv import DecodedFrame, FrameCoroutine, WynerZivDecoder
 from dvc.config import CodecConfig

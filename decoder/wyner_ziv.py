@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from decoder.side_information.fusion import fuse
 from decoder.side_information.protocol import Prediction
+from decoder.side_information.weighting import fuse
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.feedback import ParityRequest

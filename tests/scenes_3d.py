@@ -13,13 +13,13 @@ WALL = np.array([-0.3, 0.1, 1.0, -4.0])
 BOARD_DEPTH, BOARD_HALF = 2.2, (0.35, 0.4)
 
 
-def camera_at(late: float) -> Floats:
-    """Return the camera of an instant, [R | t] with a focal length of one unit, Frobenius norm sqrt(3)."""
-    angle = 0.02 * late
+def camera_at(position: float) -> Floats:
+    """Return the camera of a temporal position, [R | t], focal length of one unit, Frobenius norm sqrt(3)."""
+    angle = 0.02 * position
     rotation = np.array(
         [[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]]
     )
-    centre = late * np.array([0.25, 0.02, 0.08])
+    centre = position * np.array([0.25, 0.02, 0.08])
     camera = np.column_stack([rotation, -rotation @ centre])
     return camera * np.sqrt(3.0) / np.linalg.norm(camera)
 
@@ -34,9 +34,9 @@ def texture(x: Floats, y: Floats, kind: int) -> Floats:
     return total
 
 
-def render(late: float, frame: PixelFrame) -> tuple[NDArray[np.uint8], Floats]:
-    """Return luma and inverse depth (in the view's own basis) of an instant."""
-    camera = camera_at(late)
+def render(position: float, frame: PixelFrame) -> tuple[NDArray[np.uint8], Floats]:
+    """Return luma and inverse depth (in the view's own basis) of a temporal position."""
+    camera = camera_at(position)
     y, x = np.mgrid[: frame.height_px, : frame.width_px].astype(np.float64)
     rays = frame.to_normalized(np.stack([x.ravel(), y.ravel()], axis=-1))
     rays = np.column_stack([rays, np.ones(len(rays))])

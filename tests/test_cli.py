@@ -267,7 +267,7 @@ def test_punctured_stream_refuses_another_method(
     desk: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A punctured stream holds what one method needed, so that no other can decode it."""
-    from decoder.side_information import METHODS
+    from decoder.side_information.methods import METHODS
 
     monkeypatch.setitem(METHODS, "other", METHODS["mci"])
     assert decode("s.dvc", "o.y4m", "--punctured", "p.dvc") == 0

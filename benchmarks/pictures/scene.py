@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 
@@ -11,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.figures.harness import SCENES, MissingClip, clip_source
-from decoder.side_information.block_motion import BlockMotionInterpolation
-from decoder.side_information.protocol import ReferenceFrame
-from decoder.side_information.scene import INTERPOLATORS
-from decoder.side_information.synthesis import Interpolation
+from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
+from decoder.side_information.methods import INTERPOLATORS
+from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from dvc import cli
 from dvc.config import SideInformationConfig
 from dvc.metrics import psnr_db
@@ -131,14 +131,14 @@ def _block_motion(first: Luma, second: Luma) -> Floats:
 
 def _motion_norms(found: Reconstruction, first: Luma, second: Luma) -> Picture:
     """Figure 5.7: norm of the motion between the key frames, by each motion model."""
-    from decoder.side_information.block_motion import estimate_motion
+    from decoder.side_information.block_motion.interpolation import estimate_motion
 
     assert found.model is not None
     norms = {}
     for name, rendered in _interpolations(found.model, first, second).items():
         motion = rendered.positions[1] - rendered.positions[0]
         norms[f"3D {name}"] = np.hypot(motion[..., 0], motion[..., 1])
-    field = estimate_motion(first, second, GOP // 2, GOP, SideInformationConfig()) / 4.0
+    field = estimate_motion(first, second, Fraction(1, 2), SideInformationConfig()) / 4.0
     norms["2D block motion"] = np.kron(np.hypot(field[..., 0], field[..., 1]), np.ones((8, 8)))
     highest = float(np.percentile(norms["3D mesh"], 99.5))
     height, width = first.shape

@@ -70,7 +70,7 @@ def forward_search(planes_a, planes_b, margin, block, window, radius, step, smoo
 
 @kernel
 def split_vector(displacement, numerator, denominator):
-    """Offset towards reference a of a displacement from a to b, at instant numerator / denominator."""
+    """Offsets towards reference a of displacements from a to b, at position numerator / denominator."""
     scaled = 2 * displacement * numerator + denominator
     return -(scaled // (2 * denominator))
 
@@ -169,7 +169,7 @@ def box_sums(plane, side, sums):
 
 
 @kernel
-def least_sad(sums_a, ya, xa, sums_b, row, column, half):
+def lower_bound_sad(sums_a, ya, xa, sums_b, row, column, half):
     """Bound the sum of absolute differences of two blocks from below by the differences of their quarters.
 
     The first block is at whole samples, the second in quarter samples.
@@ -211,7 +211,7 @@ def search_target(
                     row_r = clamp_position(4 * row + dv, window, height)
                     column_r = clamp_position(4 * column + dh, window, width)
                     cost = smoothness * step * (abs(v) + abs(h))
-                    if cost + least_sad(target_sums, row, column, sums, row_r, column_r, half) >= best:
+                    if cost + lower_bound_sad(target_sums, row, column, sums, row_r, column_r, half) >= best:
                         continue
                     plane = planes[row_r & 3, column_r & 3]
                     cost += plane_sad(
@@ -245,10 +245,10 @@ def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, tot
 
 
 @kernel
-def fusion_weights(moments, ridge, least, weights):
-    """Write the non-negative weights (N, rows, columns), of sum 1, of the mean of least expected square.
+def fusion_weights(moments, ridge, floor, weights):
+    """Write the non-negative weights (N, rows, columns), of sum 1, of the mean of smallest expected square.
 
-    `moments` (N, N, rows, columns) are those of the errors; `ridge` times their mean square and `least` are
+    `moments` (N, N, rows, columns) are those of the errors; `ridge` times their mean square and `floor` are
     added to each square. Elimination needs no pivots, for the matrices are positive definite.
     """
     count = moments.shape[0]
@@ -263,7 +263,7 @@ def fusion_weights(moments, ridge, least, weights):
                 for b in range(count):
                     matrix[a, b] = moments[a, b, i, j]
             for a in range(count):
-                matrix[a, a] += ridge * trace / count + least
+                matrix[a, a] += ridge * trace / count + floor
             for a in range(count):
                 for c in range(a + 1, count):
                     factor = matrix[c, a] / matrix[a, a]

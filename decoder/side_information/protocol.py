@@ -1,14 +1,24 @@
-"""What a side-information method is given and returns; implement `SideInformationMethod` to add one."""
+"""What a side-information method is given and returns.
+
+Implement `SideInformationMethod` to add one, or `SceneInterpolator` where a model of the scene is all that it
+needs: cameras, tracks, references and the blending with block motion are then looked after.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from fractions import Fraction
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.depth_maps import DepthView, Known
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
+from sfm.model import Model
+
+Floats = NDArray[np.float64]
+Luma = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -25,6 +35,46 @@ class ReferenceFrame:
 
     index: int
     frame: Frame
+
+
+def references_around(
+    references: Sequence[ReferenceFrame], instant: int
+) -> tuple[ReferenceFrame, ReferenceFrame]:
+    """Find the references nearest to an instant on both sides.
+
+    Parameters
+    ----------
+    references : sequence of ReferenceFrame
+        At least one before the instant and one after it.
+    instant : int
+        Display position.
+
+    Returns
+    -------
+    before, after : ReferenceFrame
+        The nearest ones.
+    """
+    before = max((r for r in references if r.index < instant), key=lambda r: r.index)
+    after = min((r for r in references if r.index > instant), key=lambda r: r.index)
+    return before, after
+
+
+def temporal_position(before: ReferenceFrame, after: ReferenceFrame, instant: int) -> Fraction:
+    """Return where an instant lies between two references.
+
+    Parameters
+    ----------
+    before, after : ReferenceFrame
+        The references.
+    instant : int
+        Display position.
+
+    Returns
+    -------
+    Fraction
+        0 at the first reference, 1 at the second.
+    """
+    return Fraction(instant - before.index, after.index - before.index)
 
 
 class Refiner(Protocol):
@@ -119,3 +169,67 @@ class SideInformationMethod(Protocol):
         list of Prediction
             One for each instant; failure is a value, never an exception.
         """
+
+
+class Interpolation(NamedTuple):
+    """A frame predicted from a model of the scene.
+
+    Attributes
+    ----------
+    luma : ndarray of shape (H, W), float64
+        Prediction.
+    compensated : tuple of ndarray of shape (H, W), float64
+        What each key frame says, whether it sees the point or not.
+    weights : tuple of ndarray of shape (H, W), float64
+        Share of each key frame in the prediction; they sum to 1.
+    positions : tuple of ndarray of shape (H, W, 2), float64
+        Where each pixel lies in each key frame, (x, y) in pixels; may be outside.
+    expected_error : ndarray of shape (H, W), float64
+        Expected absolute error, in luma levels.
+    hypotheses : tuple of ndarray of shape (H, W), float64
+        The predictions that it was fused from; none where there was only one.
+    """
+
+    luma: Floats
+    compensated: tuple[Floats, ...]
+    weights: tuple[Floats, ...]
+    positions: tuple[Floats, ...]
+    expected_error: Floats
+    hypotheses: tuple[Floats, ...] = ()
+
+
+class SceneInterpolator(Protocol):
+    """Predicts frames between two key frames from a model of the scene."""
+
+    @property
+    def views(self) -> tuple[DepthView, DepthView]:
+        """Both key frames with their depth."""
+
+    def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
+        """Predict the view of a camera.
+
+        Parameters
+        ----------
+        camera : ndarray of shape (3, 4), float64
+            In normalised coordinates and the basis of the model.
+        temporal_position : float
+            Of the view between the first key frame (0) and the second (1).
+
+        Returns
+        -------
+        Interpolation
+            The predicted frame.
+        """
+
+
+class SceneInterpolatorType(Protocol):
+    """What builds a `SceneInterpolator`: mostly its class."""
+
+    @property
+    def name(self) -> str:
+        """Name of the method."""
+
+    def __call__(
+        self, model: Model, first: Luma, second: Luma, known: Known = (None, None)
+    ) -> SceneInterpolator:
+        """Build it from a model, the luma of its two key frames, and what is known of their depth."""

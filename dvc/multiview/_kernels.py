@@ -179,7 +179,7 @@ def aggregate_path(cost, image, dy, dx, small, large, previous, current, total):
 
 @kernel
 def best_hypothesis(total, hypothesis, confidence):
-    """Choose the hypothesis of least cost with a parabola through its neighbours."""
+    """Choose the hypothesis of smallest cost with a parabola through its neighbours."""
     height, width, count = total.shape
     for y in range(height):
         for x in range(width):
@@ -504,14 +504,14 @@ def block_error(first, second, to_first, to_second, x, y, rho, half):
 
 
 @kernel
-def golden_search(first, second, to_first, to_second, block, half, reach, least_px, count, depth):
+def golden_search(first, second, to_first, to_second, block, half, reach, min_px, count, depth):
     """Refine each block's inverse depth within `reach` by golden sections, where it moves enough."""
     golden = 0.6180339887498949
     for i in range(depth.shape[0]):
         for j in range(depth.shape[1]):
             x, y, rho = (j + 0.5) * block - 0.5, (i + 0.5) * block - 0.5, depth[i, j]
             low, high = rho - reach, rho + reach
-            if parallax(to_first, to_second, x, y, low, high) < least_px:
+            if parallax(to_first, to_second, x, y, low, high) < min_px:
                 continue
             start = block_error(first, second, to_first, to_second, x, y, rho, half)
             a, b = high - golden * (high - low), low + golden * (high - low)

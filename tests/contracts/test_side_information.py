@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from decoder.side_information import METHODS
+from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
 from dvc.config import CodecConfig, TracksConfig, VideoConfig
 from dvc.metrics import psnr_db

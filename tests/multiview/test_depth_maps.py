@@ -14,14 +14,14 @@ from tests.scenes_3d import render, two_planes
 
 MODEL = two_planes()
 FRAME = MODEL.pixel_frame
-FIRST, SECOND = (render(late, FRAME)[0] for late in (0.0, 1.0))
+FIRST, SECOND = (render(position, FRAME)[0] for position in (0.0, 1.0))
 
 
 def test_depth_is_the_true_one() -> None:
     """What is called reliable is right to a tenth of the parallax, nearly everywhere."""
-    for view, late in zip(estimate_depths(MODEL.view_pair, FIRST, SECOND), (0.0, 1.0), strict=True):
-        scale = np.sqrt(3.0) / np.linalg.norm(np.eye(3)) if late == 0.0 else 1.0
-        truth = render(late, FRAME)[1] / scale
+    for view, position in zip(estimate_depths(MODEL.view_pair, FIRST, SECOND), (0.0, 1.0), strict=True):
+        scale = np.sqrt(3.0) / np.linalg.norm(np.eye(3)) if position == 0.0 else 1.0
+        truth = render(position, FRAME)[1] / scale
         moved, true = (warp_grid(view.to_other, depth) for depth in (view.depth.inverse_depth, truth))
         wrong = np.hypot(*(moved - true)[..., :2].transpose(2, 0, 1)) > 0.5
         assert view.depth.reliable.mean() > 0.6

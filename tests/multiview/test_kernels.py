@@ -19,7 +19,7 @@ SHAPE = (7, 9)
 FRAME = PixelFrame(SHAPE[1], SHAPE[0])
 THERE = warp_matrix(camera_at(0.0), camera_at(1.0), FRAME)
 BACK = inverse_warp(THERE)
-TO_KEYS = [warp_matrix(camera_at(0.4), camera_at(late), FRAME) for late in (0.0, 1.0)]
+TO_KEYS = [warp_matrix(camera_at(0.4), camera_at(position), FRAME) for position in (0.0, 1.0)]
 
 
 @pytest.fixture(params=["compiled", "python"])

@@ -14,7 +14,7 @@ INSTANTS = (0.0, 0.2, 0.5, 0.8, 1.0)
 def tracks() -> tuple[np.ndarray, list[np.ndarray], np.ndarray]:
     """Return exact tracks, their cameras, and the points."""
     points = two_planes(noise_px=0.0).points[:60]
-    cameras = [camera_at(late) for late in INSTANTS]
+    cameras = [camera_at(position) for position in INSTANTS]
     positions = np.stack([FRAME.to_pixels(project(camera, points)[0]) for camera in cameras], axis=1)
     return positions, cameras, points
 

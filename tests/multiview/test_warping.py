@@ -12,7 +12,7 @@ from dvc.multiview.warping import inverse_warp, warp_grid, warp_matrix, warp_poi
 from tests.scenes_3d import camera_at
 
 FRAME = PixelFrame(96, 80)
-CAMERAS = [camera_at(late) for late in (0.0, 1.0, 0.4)]
+CAMERAS = [camera_at(position) for position in (0.0, 1.0, 0.4)]
 
 
 def scene(count: int = 50) -> tuple[np.ndarray, list[np.ndarray]]:

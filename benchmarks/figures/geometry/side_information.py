@@ -23,9 +23,8 @@ from benchmarks.figures.harness import (
     clip_source,
     run_module,
 )
-from decoder.side_information import METHODS
+from decoder.side_information.methods import INTERPOLATORS, METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
-from decoder.side_information.scene import INTERPOLATORS
 from dvc.config import CodecConfig, VideoConfig
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures.harness import clip_source
-from decoder.side_information import METHODS
+from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from dvc import cli
 from dvc.config import (

@@ -17,7 +17,7 @@ Luma = NDArray[np.uint8]
 MAX_TRACK_RMS_PX = 1.5
 """Tracks farther from where the cameras see their points are wrong, or on something that moves."""
 MAX_TRACK_SIGMA = 6.0
-"""Tracks whose point may be off by more than this many times the tracker's error have no certain depth."""
+"""Tracks whose point may be off by more than this many times the tracker's error have no reliable depth."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from decoder.side_information import METHODS
-from decoder.side_information.protocol import ReferenceFrame
-from decoder.side_information.scene import SceneInterpolation
-from decoder.side_information.tracked_scene import TrackedSceneInterpolation
+from decoder.side_information.methods import METHODS
+from decoder.side_information.protocol import ReferenceFrame, SceneInterpolatorType
+from decoder.side_information.scene.blocks import BlockInterpolator
+from decoder.side_information.scene.depth import DepthInterpolator
+from decoder.side_information.scene.tracked import TrackedSceneInterpolation
+from decoder.side_information.scene.untracked import SceneInterpolation
 from dvc.config import CodecConfig, SideInformationConfig, TracksConfig, VideoConfig
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame, project
@@ -23,7 +25,7 @@ CONFIG = CodecConfig("3d-te", VideoConfig(176, 144, 25, 1), tracks=TracksConfig(
 INSTANTS = (0.0, 0.45, 0.55, 0.6, 1.0)
 """The camera does not move evenly."""
 CHROMA = np.full((72, 88), 100, np.uint8), np.full((72, 88), 150, np.uint8)
-FRAMES = [Frame(render(late, PIXELS)[0], CHROMA) for late in INSTANTS]
+FRAMES = [Frame(render(position, PIXELS)[0], CHROMA) for position in INSTANTS]
 REFERENCES = [ReferenceFrame(8 + k, frame) for k, frame in enumerate(FRAMES)]
 KEYS = [REFERENCES[0], REFERENCES[4]]
 
@@ -31,7 +33,7 @@ KEYS = [REFERENCES[0], REFERENCES[4]]
 def true_tracks(number: int = 90) -> PointTracks:
     """Return tracks of whole pixels."""
     points = two_planes(176, 144).points[:number]
-    seen = [PIXELS.to_pixels(project(camera_at(late), points)[0]) for late in INSTANTS]
+    seen = [PIXELS.to_pixels(project(camera_at(position), points)[0]) for position in INSTANTS]
     return PointTracks(np.round(np.stack(seen, axis=1)))
 
 
@@ -45,17 +47,17 @@ def quality(
     return psnr_db(to_uint8(prediction.luma), FRAMES[instant - 8].luma)
 
 
-@pytest.mark.parametrize("name", ["mesh", "blocks"])
-def test_tracks_tell_where_the_camera_is(name: str) -> None:
+@pytest.mark.parametrize("interpolator", [DepthInterpolator, BlockInterpolator])
+def test_tracks_tell_where_the_camera_is(interpolator: SceneInterpolatorType) -> None:
     """An uneven camera is predicted several decibels better than without tracks."""
-    tracked, blind = TrackedSceneInterpolation(name, CONFIG), SceneInterpolation(name, CONFIG)
+    tracked, blind = TrackedSceneInterpolation(interpolator, CONFIG), SceneInterpolation(interpolator, CONFIG)
     for instant in (9, 11):
         assert quality(tracked, true_tracks(), instant) > quality(blind, None, instant) + 4.0
 
 
 def test_frames_that_are_decoded_serve_as_references() -> None:
     """Nearer references give a better prediction, and the middle of the group has a camera, too."""
-    method = TrackedSceneInterpolation("mesh", CONFIG)
+    method = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
     far = quality(method, true_tracks(), 9)
     [near] = method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], true_tracks(), [9])
     assert near.success
@@ -64,8 +66,8 @@ def test_frames_that_are_decoded_serve_as_references() -> None:
 
 def test_the_prediction_does_not_depend_on_what_was_asked_before() -> None:
     """Caches change nothing."""
-    method, tracks = TrackedSceneInterpolation("mesh", CONFIG), true_tracks()
-    [alone] = TrackedSceneInterpolation("mesh", CONFIG).predict(KEYS, tracks, [9])
+    method, tracks = TrackedSceneInterpolation(DepthInterpolator, CONFIG), true_tracks()
+    [alone] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, tracks, [9])
     method.predict([REFERENCES[0], REFERENCES[2], REFERENCES[4]], tracks, [9])
     method.predict([REFERENCES[0], REFERENCES[1]], PointTracks.none(2), [])
     for _ in range(2):
@@ -75,16 +77,18 @@ def test_the_prediction_does_not_depend_on_what_was_asked_before() -> None:
 
 def test_without_tracks_the_camera_is_guessed() -> None:
     """No points, or none that were received, give what the codec without tracks predicts."""
-    [expected] = SceneInterpolation("mesh", CONFIG).predict(KEYS, None, [10])
+    [expected] = SceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, None, [10])
     for points in (None, PointTracks.none(5)):
-        [found] = TrackedSceneInterpolation("mesh", CONFIG).predict(KEYS, points, [10])
+        [found] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(KEYS, points, [10])
         np.testing.assert_array_equal(found.luma, expected.luma)
 
 
 def test_block_motion_serves_where_there_is_no_scene() -> None:
     """Key frames without a model give aligned block motion, and say why."""
     black = ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))
-    [found] = TrackedSceneInterpolation("mesh", CONFIG).predict([KEYS[0], black], true_tracks(), [10])
+    [found] = TrackedSceneInterpolation(DepthInterpolator, CONFIG).predict(
+        [KEYS[0], black], true_tracks(), [10]
+    )
     assert not found.success
     assert found.reason
     assert found.method == "mci"
@@ -106,7 +110,7 @@ def test_hostile_tracks_give_a_prediction(kind: str) -> None:
         positions[:, 1:4] += 1e6
     if kind == "too few":
         positions = positions[:3]
-    method = TrackedSceneInterpolation("mesh", CONFIG)
+    method = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
     for prediction in method.predict(KEYS, PointTracks(positions), [9, 10, 11]):
         assert np.isfinite(prediction.luma).all()
         assert np.isfinite(np.stack(prediction.compensated)).all()
@@ -119,7 +123,10 @@ def test_corners_of_each_frame_will_do() -> None:
     """Tracking at the decoder makes tracks of corners, which tell where the camera is."""
     corners = CornerDetector(176).detect([frame.luma for frame in FRAMES[1:4]])
     config = CodecConfig("3d-td", CONFIG.video, tracks=TracksConfig("decoder"))
-    tracked, blind = TrackedSceneInterpolation("mesh", config), SceneInterpolation("mesh", config)
+    tracked, blind = (
+        TrackedSceneInterpolation(DepthInterpolator, config),
+        SceneInterpolation(DepthInterpolator, config),
+    )
     [prediction] = tracked.predict(KEYS, corners, [11])
     assert prediction.success
     assert quality(tracked, corners, 11) > quality(blind, None, 11) + 4.0
@@ -129,8 +136,8 @@ def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
     """Frames without a corner are predicted as if no points were sent at all."""
     config = CodecConfig("3d-td", CONFIG.video, tracks=TracksConfig("decoder"))
     none = FeaturePoints((np.empty((0, 2)),) * 3)
-    [found] = TrackedSceneInterpolation("mesh", config).predict(KEYS, none, [10])
-    [expected] = SceneInterpolation("mesh", config).predict(KEYS, None, [10])
+    [found] = TrackedSceneInterpolation(DepthInterpolator, config).predict(KEYS, none, [10])
+    [expected] = SceneInterpolation(DepthInterpolator, config).predict(KEYS, None, [10])
     np.testing.assert_array_equal(found.luma, expected.luma)
 
 
@@ -143,8 +150,8 @@ def test_the_codec_says_which_method_it_is() -> None:
 def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
     """Residuals of tracks change the prediction, which is not worse for it."""
     settings = SideInformationConfig(method="mesh", track_corrections=True)
-    method = TrackedSceneInterpolation("mesh", replace(CONFIG, side_information=settings))
-    plain = TrackedSceneInterpolation("mesh", CONFIG)
+    method = TrackedSceneInterpolation(DepthInterpolator, replace(CONFIG, side_information=settings))
+    plain = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
     for instant in (9, 11):
         gain_db = quality(method, true_tracks(), instant) - quality(plain, true_tracks(), instant)
         assert gain_db != 0.0

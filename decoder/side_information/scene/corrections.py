@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from decoder.side_information import _kernels
-from decoder.side_information.synthesis import Interpolation
+from decoder.side_information.protocol import Interpolation
 from dvc.multiview.sampling import sample
 
 Floats = NDArray[np.float64]
@@ -21,9 +21,9 @@ PRIOR = 0.3
 """Weight of a residual of zero, relative to that of a point at the very place."""
 NOISE_PX2 = 0.1
 """Squared error of a residual that rounded tracks make."""
-LARGEST_PX = 6.0
+MAX_RESIDUAL_PX = 6.0
 """Residuals beyond it are lost tracks, or points at a step of depth."""
-LEAST_POINTS = 3
+MIN_NUM_POINTS = 3
 """Points of which residuals can agree."""
 
 
@@ -53,7 +53,7 @@ def track_residuals(wanted: Floats, reference: Floats, positions: Floats) -> tup
     at = points[:, ::-1].T
     looked = [map_coordinates(positions[..., axis], at, order=1, mode="nearest") for axis in (0, 1)]
     residuals: Floats = there - np.stack(looked, axis=-1)
-    near = (residuals**2).sum(axis=1) <= LARGEST_PX**2
+    near = (residuals**2).sum(axis=1) <= MAX_RESIDUAL_PX**2
     return points[near], residuals[near]
 
 
@@ -75,7 +75,7 @@ def correction_field(points: Floats, residuals: Floats, shape: tuple[int, ...]) 
         Correction of every pixel; 0 far from all points and where residuals contradict each other.
     """
     field = np.zeros((shape[0], shape[1], 2))
-    if len(points) >= LEAST_POINTS:
+    if len(points) >= MIN_NUM_POINTS:
         arguments = np.ascontiguousarray(points), np.ascontiguousarray(residuals)
         _kernels.correction_field(*arguments, REACH_PX, PRIOR, NOISE_PX2, field)
     return field

@@ -5,17 +5,20 @@ or behind something, has no say where the other one does.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
+from decoder.side_information.protocol import Interpolation, Prediction
 from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.depth_maps import DepthMap, DepthView
 from dvc.multiview.rendering import OCCLUDED_WEIGHT, render_depth, visibility_weights
 from dvc.multiview.sampling import sample
 from dvc.multiview.warping import inverse_warp, warp_grid, warp_matrix
+from dvc.video import Frame
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
@@ -23,33 +26,6 @@ Mask = NDArray[np.bool_]
 
 SOFTENING = 0.3
 """Share of the 3x3 mean where depth is not reliable: blur costs less there than a sharp misplaced edge."""
-
-
-class Interpolation(NamedTuple):
-    """A predicted frame.
-
-    Attributes
-    ----------
-    luma : ndarray of shape (H, W), float64
-        Prediction.
-    compensated : tuple of ndarray of shape (H, W), float64
-        What each key frame says, whether it sees the point or not.
-    weights : tuple of ndarray of shape (H, W), float64
-        Share of each key frame in the prediction; they sum to 1.
-    positions : tuple of ndarray of shape (H, W, 2), float64
-        Where each pixel lies in each key frame, (x, y) in pixels; may be outside.
-    expected_error : ndarray of shape (H, W), float64
-        Expected absolute error, in luma levels.
-    hypotheses : tuple of ndarray of shape (H, W), float64
-        The predictions that it was fused from; none where there was only one.
-    """
-
-    luma: Floats
-    compensated: tuple[Floats, ...]
-    weights: tuple[Floats, ...]
-    positions: tuple[Floats, ...]
-    expected_error: Floats
-    hypotheses: tuple[Floats, ...] = ()
 
 
 def render_between(
@@ -211,3 +187,32 @@ def _offsets(position: Floats, block: int) -> NDArray[np.int64]:
     padded = np.pad(motion, spare, mode="edge")
     cells = padded.reshape(padded.shape[0] // block, block, padded.shape[1] // block, block, 2)
     return np.floor(4.0 * np.median(cells, axis=(1, 3)) + 0.5).astype(np.int64)
+
+
+def completed(
+    prediction: Prediction, rendered: Interpolation, frames: tuple[Frame, Frame], method: str
+) -> Prediction:
+    """Add the chroma, and what refines a prediction, that follow from where its pixels come from.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        Luma, references and expected error.
+    rendered : Interpolation
+        The frame as the scene predicts it.
+    frames : tuple of two Frame
+        The key frames.
+    method : str
+        Name of the method.
+
+    Returns
+    -------
+    Prediction
+        All of it.
+    """
+    return replace(
+        prediction,
+        chroma=warp_chroma(rendered, [frame.chroma for frame in frames]),
+        method=method,
+        refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), method),
+    )

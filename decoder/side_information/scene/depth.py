@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information.synthesis import Interpolation, render_between
+from decoder.side_information.protocol import Interpolation
+from decoder.side_information.scene.synthesis import render_between
 from dvc.multiview.depth_maps import Known, estimate_depths
 from sfm.model import Model
 
@@ -23,6 +24,8 @@ class DepthInterpolator:
     known : tuple of two (KnownDepth or None), optional
         What is known of the depth of each key frame already.
     """
+
+    name = "mesh"
 
     def __init__(self, model: Model, first: Luma, second: Luma, known: Known = (None, None)) -> None:
         self._frame = model.pixel_frame

@@ -12,10 +12,10 @@ Quarterly 20(4), 1969.
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information.blending import neighbourhood
-from decoder.side_information.depth import DepthInterpolator
-from decoder.side_information.epipolar_blocks import BlockInterpolator
-from decoder.side_information.synthesis import Interpolation
+from decoder.side_information.protocol import Interpolation
+from decoder.side_information.scene.blocks import BlockInterpolator
+from decoder.side_information.scene.depth import DepthInterpolator
+from decoder.side_information.weighting import neighbourhood
 from dvc.multiview.depth_maps import Known
 from sfm.model import Model
 
@@ -39,6 +39,8 @@ class FusedInterpolator:
     known : tuple of two (KnownDepth or None), optional
         What is known of the depth of each key frame already.
     """
+
+    name = "fused"
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Fusion of predictions: weights against a plain solution, and what fusing must achieve."""
+"""Weighting of predictions: fusion against a plain solution, hedging, and the share of the scene."""
 
 from typing import Any
 
@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
-from decoder.side_information.fusion import fuse
+from decoder.side_information.protocol import Interpolation, Prediction
+from decoder.side_information.weighting import MAX_GUESSED_SHARE, fuse, hedged, scene_share
 from dvc._jit import python_twin
 
 
@@ -71,3 +72,53 @@ def test_equal_hypotheses_stay_as_they_are() -> None:
     fused, spread = fuse(np.stack([bands] * 3), {0: bands[0] + 3.0})
     np.testing.assert_allclose(fused, bands, atol=1e-9)
     np.testing.assert_allclose(spread, 0.0, atol=1e-6)
+
+
+def interpolation(motion_px: float) -> Interpolation:
+    """Return a prediction of a ramp that moves to the right."""
+    rows, columns = np.indices((20, 30)).astype(np.float64)
+    in_first = np.stack([columns, rows], axis=-1)
+    in_second = in_first + np.array([motion_px, 0.0])
+    luma = 4.0 * columns + np.where(rows > 9, 30.0, 0.0)
+    half = np.full(luma.shape, 0.5)
+    return Interpolation(luma, (luma, luma), (half, half), (in_first, in_second), np.ones(luma.shape))
+
+
+def test_hedging_blurs_along_the_motion_only() -> None:
+    """A ramp stays but at its ends, an edge along the motion stays sharp; nothing changes at the keys."""
+    rendered = interpolation(20.0)
+    mean = hedged(rendered, 0.5)
+    np.testing.assert_allclose(mean[:, 6:-6], rendered.luma[:, 6:-6], atol=1e-9)
+    assert not np.allclose(mean[:, 0], rendered.luma[:, 0])
+    np.testing.assert_allclose(hedged(rendered, 0.0), rendered.luma)
+    np.testing.assert_allclose(hedged(interpolation(0.0), 0.5), interpolation(0.0).luma)
+
+
+def test_the_scene_has_half_a_say_where_it_is_consistent() -> None:
+    """The scene's share is one half where it expects little, and falls where it expects much."""
+    rendered = interpolation(1.0)
+    zeros = np.zeros(rendered.luma.shape)
+    block_motion = Prediction(rendered.luma, None, (zeros, zeros + 3.0), "mci")
+    np.testing.assert_allclose(scene_share(block_motion, rendered, bound=MAX_GUESSED_SHARE), 0.5)
+    doubtful = rendered._replace(expected_error=np.full(zeros.shape, 40.0))
+    assert scene_share(block_motion, doubtful, bound=MAX_GUESSED_SHARE).max() < 0.02
+
+
+@pytest.mark.parametrize("bound", [0.5, 0.8, 1.0])
+def test_the_share_of_the_scene_is_bounded(bound: float) -> None:
+    """However little error the scene expects, its share does not exceed the bound, and reaches it."""
+    rendered = interpolation(1.0)
+    zeros = np.zeros(rendered.luma.shape)
+    block_motion = Prediction(rendered.luma, None, (zeros, zeros + 50.0), "mci")
+    sure = rendered._replace(expected_error=zeros)
+    np.testing.assert_allclose(scene_share(block_motion, sure, bound=bound), bound)
+
+
+def test_block_motion_is_doubted_where_it_is_far_from_the_scene() -> None:
+    """References that agree on something else convince less, and what is near the scene is as before."""
+    rendered = interpolation(1.0)
+    for offset, doubted in ((1.0, False), (60.0, True)):
+        luma = rendered.luma + offset
+        block_motion = Prediction(luma, None, (luma, luma), "mci")
+        plain, doubting = (scene_share(block_motion, rendered, doubt=doubt) for doubt in (0.0, 0.25))
+        assert (doubting > plain + 0.4).all() if doubted else np.array_equal(doubting, plain)

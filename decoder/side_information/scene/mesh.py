@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from decoder.side_information.synthesis import Interpolation, render_between
+from decoder.side_information.protocol import Interpolation
+from decoder.side_information.scene.synthesis import render_between
 from dvc.multiview.cameras import homogeneous
 from dvc.multiview.depth_maps import DepthMap, DepthView, Known, Visibility
 from dvc.multiview.rendering import EMPTY, fill_holes, render_grid
@@ -48,7 +49,7 @@ class MeshSettings:
         Side of its cells.
     smoothness : float
         Weight of the smoothness of motions (mu).
-    largest_error : float
+    max_error : float
         Mean absolute compensation error of a triangle, in luma levels, from which its points are outliers.
     max_fits : int
         Most fits.
@@ -56,7 +57,7 @@ class MeshSettings:
 
     cell_px: int = 16
     smoothness: float = 0.3
-    largest_error: float = 30.0
+    max_error: float = 30.0
     max_fits: int = 8
 
 
@@ -99,6 +100,8 @@ class MeshInterpolator:
     settings : MeshSettings, optional
         Cells, weights and limits.
     """
+
+    name = "triangles"
 
     def __init__(
         self,
@@ -157,7 +160,7 @@ def fit_mesh(model: Model, first: Luma, second: Luma, settings: MeshSettings) ->
     for number in range(1, settings.max_fits + 1):
         vertices = _fit_once(points[kept], matches[kept], warp, shape, settings)
         mesh = Mesh(-cell, cell, vertices, _vertex_depths(vertices, warp, cell), kept.copy(), number)
-        bad = _bad_triangles(mesh, warp, first, second, settings.largest_error)
+        bad = _bad_triangles(mesh, warp, first, second, settings.max_error)
         outlier: Mask = kept & bad[barycentric(np.where(kept[:, None], points, 0.0), shape, cell).triangle]
         if not outlier.any():
             break
@@ -224,7 +227,7 @@ def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, NDArray[np.i
     return where.interpolate(mesh.inverse_depth.ravel()).reshape(shape), where.triangle.reshape(shape)
 
 
-def _bad_triangles(mesh: Mesh, warp: Floats, first: Luma, second: Luma, largest_error: float) -> Mask:
+def _bad_triangles(mesh: Mesh, warp: Floats, first: Luma, second: Luma, max_error: float) -> Mask:
     """Tell which triangles turn over or compensate badly."""
     depth, triangle = mesh_depth(mesh, first.shape)
     moved = warp_grid(warp, depth)
@@ -239,7 +242,7 @@ def _bad_triangles(mesh: Mesh, warp: Floats, first: Luma, second: Luma, largest_
     upper = _area(corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1])
     lower = _area(corners[1:, 1:], corners[1:, :-1], corners[:-1, 1:])
     turned = np.stack([upper, lower], axis=-1).ravel() <= 0.0
-    return np.asarray(turned | (total > largest_error * count))
+    return np.asarray(turned | (total > max_error * count))
 
 
 def _area(a: Floats, b: Floats, c: Floats) -> Floats:

@@ -1,11 +1,13 @@
 """Block motion on textures that move by known amounts."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decoder.side_information.block_motion import (
+from decoder.side_information.block_motion.interpolation import (
     BlockMotionInterpolation,
     estimate_motion,
     split_field,
@@ -24,20 +26,20 @@ SETTINGS = SideInformationConfig()
 def test_translation_is_recovered(motion_px: tuple[float, float]) -> None:
     """Nearly all blocks of a translated texture get its displacement, to a quarter sample."""
     frames = moving_texture(3, 64, 80, motion_px)
-    field = estimate_motion(frames[0].luma, frames[2].luma, 1, 2, SETTINGS)
+    field = estimate_motion(frames[0].luma, frames[2].luma, Fraction(1, 2), SETTINGS)
     expected = np.round(8.0 * np.array(motion_px))
     error = np.abs(field[1:-1, 1:-1] - expected).max(axis=-1)
     assert (error <= 1).mean() > 0.95
 
 
-@pytest.mark.parametrize(("instant", "least_db"), [(1, 38.0), (2, 38.0), (3, 38.0)])
-def test_prediction_resembles_the_missing_frame(instant: int, least_db: float) -> None:
+@pytest.mark.parametrize(("instant", "min_psnr_db"), [(1, 38.0), (2, 38.0), (3, 38.0)])
+def test_prediction_resembles_the_missing_frame(instant: int, min_psnr_db: float) -> None:
     """Away from the border, any instant between the references is predicted well."""
     frames = moving_texture(5, 64, 80, (0.75, -1.5))
     references = [ReferenceFrame(index, frames[index]) for index in (0, 4)]
     [prediction] = BlockMotionInterpolation(SETTINGS).predict(references, None, [instant])
     inside = np.s_[12:-12, 12:-12]
-    assert psnr_db(to_uint8(prediction.luma)[inside], frames[instant].luma[inside]) > least_db
+    assert psnr_db(to_uint8(prediction.luma)[inside], frames[instant].luma[inside]) > min_psnr_db
     assert prediction.chroma is not None
 
 
@@ -57,7 +59,7 @@ def test_split_field_lies_on_the_trajectory(vector: list[int], numerator: int, d
     """Both offsets differ by the displacement, and lie within half a step of their share of it."""
     numerator = min(numerator, denominator - 1)
     field = np.array(vector).reshape(1, 1, 2)
-    to_before, to_after = split_field(field, numerator, denominator)
+    to_before, to_after = split_field(field, Fraction(numerator, denominator))
     np.testing.assert_array_equal(to_after - to_before, field)
     np.testing.assert_allclose(to_before, -field * numerator / denominator, atol=0.5)
 

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from decoder.side_information.depth import DepthInterpolator
-from decoder.side_information.epipolar_blocks import BlockInterpolator, spread_blocks
-from decoder.side_information.mesh import (
+from decoder.side_information.protocol import Interpolation
+from decoder.side_information.scene.blocks import BlockInterpolator, spread_blocks
+from decoder.side_information.scene.depth import DepthInterpolator
+from decoder.side_information.scene.mesh import (
     MeshInterpolator,
     MeshSettings,
     barycentric,
@@ -16,7 +17,7 @@ from decoder.side_information.mesh import (
     fit_mesh,
     roughness_matrix,
 )
-from decoder.side_information.synthesis import Interpolation, blend, block_offsets, warp_chroma
+from decoder.side_information.scene.synthesis import blend, block_offsets, warp_chroma
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.warping import warp_matrix
@@ -26,7 +27,7 @@ from tests.scenes_3d import camera_at, render, two_planes
 
 MODEL = two_planes()
 FRAME = MODEL.pixel_frame
-FIRST, SECOND = (render(late, FRAME)[0] for late in (0.0, 1.0))
+FIRST, SECOND = (render(position, FRAME)[0] for position in (0.0, 1.0))
 SHAPE = FIRST.shape
 FINE_MESH = MeshSettings(cell_px=8)
 Make = Callable[[Model, np.ndarray, np.ndarray], DepthInterpolator | MeshInterpolator | BlockInterpolator]
@@ -35,7 +36,7 @@ METHODS: dict[str, Make] = {
     "mesh": lambda *keys: MeshInterpolator(*keys, settings=FINE_MESH),
     "blocks": BlockInterpolator,
 }
-LEAST_DB = {"depth": 33.0, "mesh": 24.0, "blocks": 32.0}
+MIN_PSNR_DB = {"depth": 33.0, "mesh": 24.0, "blocks": 32.0}
 
 
 def check_complete(prediction: Interpolation, shape: tuple[int, int]) -> None:
@@ -50,12 +51,12 @@ def check_complete(prediction: Interpolation, shape: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("late", [0.2, 0.5])
-def test_the_frame_between_is_predicted(method: str, late: float) -> None:
+@pytest.mark.parametrize("position", [0.2, 0.5])
+def test_the_frame_between_is_predicted(method: str, position: float) -> None:
     """Each method comes close to the true frame, borders and hidden parts included."""
-    prediction = METHODS[method](MODEL, FIRST, SECOND).interpolate(camera_at(late), late)
+    prediction = METHODS[method](MODEL, FIRST, SECOND).interpolate(camera_at(position), position)
     check_complete(prediction, SHAPE)
-    assert psnr_db(to_uint8(prediction.luma), render(late, FRAME)[0]) > LEAST_DB[method]
+    assert psnr_db(to_uint8(prediction.luma), render(position, FRAME)[0]) > MIN_PSNR_DB[method]
 
 
 def test_expected_error_is_larger_where_the_error_is() -> None:

@@ -16,29 +16,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information.alignment import AlignedBlockMotion
-from decoder.side_information.blending import inconsistency, neighbourhood, scene_share, shared
-from decoder.side_information.block_motion import references_around
-from decoder.side_information.corrections import corrected
-from decoder.side_information.group_geometry import GroupGeometry, estimate_geometry
-from decoder.side_information.protocol import Prediction, ReferenceFrame
-from decoder.side_information.refinement import BLOCK, BlockRefiner
-from decoder.side_information.scene import INTERPOLATORS, SceneInterpolation, SceneInterpolator
-from decoder.side_information.synthesis import Interpolation, block_offsets, warp_chroma
+from decoder.side_information.block_motion.alignment import AlignedBlockMotion
+from decoder.side_information.protocol import (
+    Prediction,
+    ReferenceFrame,
+    SceneInterpolator,
+    SceneInterpolatorType,
+    references_around,
+    temporal_position,
+)
+from decoder.side_information.scene.corrections import corrected
+from decoder.side_information.scene.group_geometry import GroupGeometry, estimate_geometry
+from decoder.side_information.scene.synthesis import completed
+from decoder.side_information.scene.untracked import SceneInterpolation
+from decoder.side_information.weighting import blend_tracked
 from dvc.config import CodecConfig
 from dvc.multiview.depth_maps import DepthMap
 from dvc.multiview.rendering import render_depth
 from dvc.tracks import FeaturePoints, PointTracks
-from dvc.video import Frame
 from sfm.cameras.rebasing import Rebased
 
 Floats = NDArray[np.float64]
-
-TRUST = 2.0
-"""How much larger the scene's expected error may be than what block motion finds, for equal shares."""
-
-DOUBT = 0.25
-"""How much aligned block motion is doubted where it is far from what several hypotheses of the scene say."""
 
 
 class _Pair(NamedTuple):
@@ -63,18 +61,18 @@ class TrackedSceneInterpolation:
 
     Parameters
     ----------
-    name : str
-        Method: a key of `INTERPOLATORS`.
+    interpolator : SceneInterpolatorType
+        How the motion between the references is modelled.
     config : CodecConfig
         Whose estimators to use, seed, and settings of the block motion.
     """
 
-    def __init__(self, name: str, config: CodecConfig) -> None:
-        self.name = name
-        self._build = INTERPOLATORS[name]
+    def __init__(self, interpolator: SceneInterpolatorType, config: CodecConfig) -> None:
+        self.name = interpolator.name
+        self._build = interpolator
         self._geometry_config, self._seed = config.geometry, config.seed
         self._aligned = AlignedBlockMotion(config.side_information)
-        self._untracked = SceneInterpolation(name, config)
+        self._untracked = SceneInterpolation(interpolator, config)
         self._corrects = config.side_information.track_corrections
         self._remembers = config.gop.references == "all"
         self._groups: dict[tuple[int, int], _Group] = {}
@@ -149,7 +147,7 @@ class TrackedSceneInterpolation:
         geometry = group.geometry
         where = geometry.positions
         tracks = where(before.index), where(instant), where(after.index)
-        flat = self._aligned.predict(around, instant, tracks)
+        block_motion = self._aligned.predict(around, instant, tracks)
         reason = geometry.missing(before.index, instant, after.index)
         if reason and geometry.hopeful:
             group = self._part(group, around)
@@ -158,14 +156,15 @@ class TrackedSceneInterpolation:
         camera, pair = geometry.camera(instant), None if reason else self._between(group, around)
         camera = None if pair is None or camera is None else pair.rebased.camera(camera)
         if pair is None or camera is None:
-            return replace(flat, success=False, reason=reason or "a camera lies at infinity")
-        late = (instant - before.index) / (after.index - before.index)
-        rendered = pair.interpolator.interpolate(camera, late)
+            return replace(block_motion, success=False, reason=reason or "a camera lies at infinity")
+        position = float(temporal_position(before, after, instant))
+        rendered = pair.interpolator.interpolate(camera, position)
         if self._corrects:
             rendered = corrected(rendered, (before.frame.luma, after.frame.luma), tracks)
         if self._remembers:
             _remember(group, pair, camera, instant)
-        return self._joined(flat, rendered, (before.frame, after.frame))
+        prediction = blend_tracked(block_motion, rendered)
+        return completed(prediction, rendered, (before.frame, after.frame), self.name)
 
     def _between(self, group: _Group, around: tuple[ReferenceFrame, ReferenceFrame]) -> _Pair | None:
         before, after = around
@@ -182,21 +181,6 @@ class TrackedSceneInterpolation:
         interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma, (depths[0], depths[1]))
         self._pair = _Pair(before, after, rebased, interpolator)
         return self._pair
-
-    def _joined(self, flat: Prediction, rendered: Interpolation, frames: tuple[Frame, Frame]) -> Prediction:
-        """Blend what the scene predicts with what aligned block motion does, by their expected errors."""
-        share = scene_share(flat, rendered, TRUST, doubt=DOUBT if rendered.hypotheses else 0.0)
-        luma = share * rendered.luma + (1.0 - share) * flat.luma
-        expected = share * neighbourhood(rendered.expected_error) + (1.0 - share) * inconsistency(flat)
-        return Prediction(
-            luma,
-            warp_chroma(rendered, [frame.chroma for frame in frames]),
-            shared(share, rendered, flat),
-            self.name,
-            expected_error=expected,
-            refiner=BlockRefiner(frames, block_offsets(rendered, BLOCK), self.name),
-            alternatives=(flat.luma, *rendered.hypotheses),
-        )
 
 
 def _remember(group: _Group, pair: _Pair, camera: Floats, instant: int) -> None:

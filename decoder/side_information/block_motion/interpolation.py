@@ -13,22 +13,29 @@ for pixel domain distributed video coding", EURASIP Conf. on Speech, Image Proce
 """
 
 from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 
 from decoder.side_information import _kernels
-from decoder.side_information.planes import (
+from decoder.side_information.block_motion.compensation import (
     MARGIN,
     Luma,
     Offsets,
     compensate,
+    compensate_chroma,
     halve,
     low_pass,
     phase_planes,
     resize_field,
 )
-from decoder.side_information.protocol import Prediction, ReferenceFrame
-from decoder.side_information.refinement import BLOCK, BlockRefiner, compensate_chroma
+from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
+from decoder.side_information.protocol import (
+    Prediction,
+    ReferenceFrame,
+    references_around,
+    temporal_position,
+)
 from dvc.config import SideInformationConfig
 from dvc.tracks import FeaturePoints, PointTracks
 
@@ -75,13 +82,12 @@ class BlockMotionInterpolation:
         return [self._predict_one(*references_around(references, instant), instant) for instant in instants]
 
     def _predict_one(self, before: ReferenceFrame, after: ReferenceFrame, instant: int) -> Prediction:
-        numerator, denominator = instant - before.index, after.index - before.index
+        position = temporal_position(before, after, instant)
         block = self._settings.block_size
-        field = estimate_motion(before.frame.luma, after.frame.luma, numerator, denominator, self._settings)
-        offsets = list(split_field(field, numerator, denominator))
+        field = estimate_motion(before.frame.luma, after.frame.luma, position, self._settings)
+        offsets = list(split_field(field, position))
         shape = before.frame.luma.shape
-        late = numerator / denominator
-        weights = [np.full(field.shape[:2], 1.0 - late), np.full(field.shape[:2], late)]
+        weights = [np.full(field.shape[:2], weight) for weight in (1.0 - float(position), float(position))]
         frames = [before.frame, after.frame]
         planes = [phase_planes(frame.luma) for frame in frames]
         luma, compensated = compensate(planes, offsets, weights, block, shape)
@@ -93,30 +99,8 @@ class BlockMotionInterpolation:
         )
 
 
-def references_around(
-    references: Sequence[ReferenceFrame], instant: int
-) -> tuple[ReferenceFrame, ReferenceFrame]:
-    """Find the references nearest to an instant on both sides.
-
-    Parameters
-    ----------
-    references : sequence of ReferenceFrame
-        At least one before the instant and one after it.
-    instant : int
-        Display position.
-
-    Returns
-    -------
-    before, after : ReferenceFrame
-        The nearest ones.
-    """
-    before = max((r for r in references if r.index < instant), key=lambda r: r.index)
-    after = min((r for r in references if r.index > instant), key=lambda r: r.index)
-    return before, after
-
-
 def estimate_motion(
-    before: Luma, after: Luma, numerator: int, denominator: int, settings: SideInformationConfig
+    before: Luma, after: Luma, position: Fraction, settings: SideInformationConfig
 ) -> Offsets:
     """Estimate the block motion between two frames, on the grid of a frame between them.
 
@@ -124,8 +108,8 @@ def estimate_motion(
     ----------
     before, after : ndarray of shape (H, W), uint8
         Decoded luma of the two references.
-    numerator, denominator : int
-        The missing frame lies at numerator / denominator of the way, strictly between 0 and 1.
+    position : Fraction
+        Temporal position of the missing frame, strictly between 0 and 1.
     settings : SideInformationConfig
         Block size, search radius at the coarsest level, and smoothness.
 
@@ -138,7 +122,7 @@ def estimate_motion(
     for _ in range(NUM_COARSE_LEVELS):
         pyramid.append((halve(pyramid[-1][0]), halve(pyramid[-1][1])))
     planes = [(phase_planes(first), phase_planes(second)) for first, second in pyramid]
-    search = _LevelSearch(numerator, denominator)
+    search = _LevelSearch(position)
     field = _forward_field(*planes[-1], pyramid[-1][0].shape, settings.search_radius)
     for level in range(NUM_COARSE_LEVELS, 0, -1):
         field = search.run(
@@ -158,27 +142,27 @@ def estimate_motion(
     return vector_median(field)
 
 
-def split_field(field: Offsets, numerator: int, denominator: int) -> tuple[Offsets, Offsets]:
+def split_field(field: Offsets, position: Fraction) -> tuple[Offsets, Offsets]:
     """Split displacements at the missing frame into offsets towards both references.
 
     Parameters
     ----------
     field : ndarray of shape (rows, columns, 2), int64
         Displacements from the earlier to the later reference, in quarter samples.
-    numerator, denominator : int
-        The missing frame lies at numerator / denominator of the way.
+    position : Fraction
+        Temporal position of the missing frame.
 
     Returns
     -------
     to_before, to_after : ndarray of shape (rows, columns, 2), int64
         Offsets in quarter samples; their difference is the displacement.
     """
-    to_before = -((2 * field * numerator + denominator) // (2 * denominator))
+    to_before = _kernels.split_vector(field, position.numerator, position.denominator)
     return to_before, to_before + field
 
 
 def vector_median(field: Offsets) -> Offsets:
-    """Replace each vector by that of the 3x3 neighbourhood with the least sum of distances to the others.
+    """Replace each vector by that of the 3x3 neighbourhood with the smallest sum of distances to the others.
 
     Parameters
     ----------
@@ -217,8 +201,8 @@ def _forward_field(before: Luma, after: Luma, shape: tuple[int, ...], radius: in
 class _LevelSearch:
     """Bilateral search between the phase planes of one pyramid level, around the vectors of a field."""
 
-    def __init__(self, numerator: int, denominator: int) -> None:
-        self._instant = (numerator, denominator)
+    def __init__(self, position: Fraction) -> None:
+        self._position = (position.numerator, position.denominator)
 
     def run(
         self, before: Luma, after: Luma, field: Offsets, block: int, window: int, step: int, smoothness: int
@@ -230,7 +214,7 @@ class _LevelSearch:
             )
             found = np.empty_like(field)
             _kernels.refine_bilateral(
-                before, after, MARGIN, block, window, 2, step, smoothness, *self._instant, candidates, found
+                before, after, MARGIN, block, window, 2, step, smoothness, *self._position, candidates, found
             )
             field = found
         return field

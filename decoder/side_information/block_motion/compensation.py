@@ -1,9 +1,12 @@
 """Quarter-sample planes of a reference frame, and overlapped block compensation from them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
+from dvc.video import Frame
 
 MARGIN = 40
 """Samples by which planes are padded on each side, by replication."""
@@ -141,6 +144,44 @@ def compensate(
         masses.append(mass[inside])
     compensated = [total / mass for total, mass in zip(totals, masses, strict=True)]
     return sum(totals[1:], totals[0]) / sum(masses[1:], masses[0]), compensated
+
+
+def compensate_chroma(
+    references: Sequence[Frame],
+    offsets: Sequence[Offsets],
+    weights: Sequence[NDArray[np.float64]],
+    block: int,
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
+    """Predict the chroma planes with the offsets of the luma blocks.
+
+    Parameters
+    ----------
+    references : sequence of Frame
+        Decoded frames.
+    offsets : sequence of ndarray of shape (rows, columns, 2), int64
+        Per reference, offsets of the luma blocks in luma quarter samples.
+    weights : sequence of ndarray of shape (rows, columns), float64
+        Per reference, weight of each block.
+    block : int
+        Side of the luma blocks, even.
+
+    Returns
+    -------
+    tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
+        Predicted Cb and Cr; None if a reference has no chroma.
+    """
+    chroma = [frame.chroma for frame in references]
+    halved = [offset >> 1 for offset in offsets]
+    predicted = []
+    for component in (0, 1):
+        planes = [pair[component] for pair in chroma if pair is not None]
+        if len(planes) < len(chroma):
+            return None
+        samples, _ = compensate(
+            [phase_planes(plane) for plane in planes], halved, list(weights), block // 2, planes[0].shape
+        )
+        predicted.append(np.floor(samples + 0.5).astype(np.uint8))
+    return predicted[0], predicted[1]
 
 
 def resize_field(field: Offsets, rows: int, columns: int, factor: int) -> Offsets:

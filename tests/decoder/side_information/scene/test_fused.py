@@ -1,13 +1,12 @@
-"""Mesh, blocks and block motion as one prediction."""
+"""Depth, blocks and block motion as one prediction."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information import METHODS
-from decoder.side_information.block_motion import BlockMotionInterpolation
-from decoder.side_information.fused_scene import fuse_scenes
-from decoder.side_information.protocol import ReferenceFrame
-from decoder.side_information.synthesis import Interpolation
+from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
+from decoder.side_information.methods import METHODS
+from decoder.side_information.protocol import Interpolation, ReferenceFrame
+from decoder.side_information.scene.fused import fuse_scenes
 from dvc.config import CodecConfig, TracksConfig, VideoConfig
 from dvc.multiview.cameras import PixelFrame, project
 from dvc.tracks import PointTracks
@@ -38,7 +37,7 @@ def test_the_one_that_expects_less_error_counts_more() -> None:
 
 
 def test_disagreement_is_uncertainty() -> None:
-    """The expected error is the mesh's where both agree, and grows with their difference."""
+    """The expected error is that of the depth where both agree, and grows with their difference."""
     errors = [fuse_scenes(rendered(100.0, 2.0), rendered(100.0 + d, 2.0)).expected_error for d in (0, 10, 30)]
     np.testing.assert_allclose(errors[0], 2.0)
     assert (errors[0] < errors[1]).all()
@@ -46,10 +45,10 @@ def test_disagreement_is_uncertainty() -> None:
 
 
 def test_all_hypotheses_are_left_to_the_decoder() -> None:
-    """With tracks or without, block motion, mesh and blocks are alternatives of what they are fused to."""
+    """With tracks or without, block motion, depth and blocks are alternatives of what they are fused to."""
     points = two_planes(176, 144).points[:90]
     instants = (0.0, 0.3, 0.5, 0.7, 1.0)
-    seen = [PIXELS.to_pixels(project(camera_at(late), points)[0]) for late in instants]
+    seen = [PIXELS.to_pixels(project(camera_at(position), points)[0]) for position in instants]
     tracks = PointTracks(np.round(np.stack(seen, axis=1)).astype(np.float64))
     for codec, kind, received in (("3d-te", "encoder", tracks), ("3d", "none", None)):
         config = CodecConfig(codec, VIDEO, tracks=TracksConfig(kind))

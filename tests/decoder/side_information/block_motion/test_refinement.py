@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from decoder.side_information.refinement import BLOCK, BlockRefiner, compensate_chroma
+from decoder.side_information.block_motion.compensation import compensate_chroma
+from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
 from dvc.metrics import psnr_db
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8

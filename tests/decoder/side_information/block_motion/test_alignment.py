@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from decoder.side_information.alignment import AlignedBlockMotion, warp_frame, whole_frame_motion
-from decoder.side_information.block_motion import BlockMotionInterpolation
+from decoder.side_information.block_motion.alignment import AlignedBlockMotion, warp_frame, whole_frame_motion
+from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.protocol import ReferenceFrame
 from dvc.config import SideInformationConfig
 from dvc.metrics import psnr_db

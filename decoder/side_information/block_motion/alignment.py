@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information.block_motion import BlockMotionInterpolation
+from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from dvc.config import SideInformationConfig
 from dvc.multiview.cameras import homogeneous
@@ -27,7 +27,7 @@ MIN_AFFINE_POINTS = 6
 REACH_PX = 3.0
 """Points farther than this from where the map takes them do not belong to the common motion."""
 MAX_CONDITION = 16.0
-"""Largest quotient of the scales at which a map shows parts of a frame; beyond it the map is wrong."""
+"""Maximal quotient of the scales at which a map shows parts of a frame; beyond it the map is wrong."""
 
 
 def whole_frame_motion(points: Floats, matches: Floats) -> Floats:
@@ -130,7 +130,7 @@ class AlignedBlockMotion:
     """
 
     def __init__(self, settings: SideInformationConfig) -> None:
-        self._flat = BlockMotionInterpolation(settings)
+        self._block_motion = BlockMotionInterpolation(settings)
 
     def predict(
         self,
@@ -160,4 +160,4 @@ class AlignedBlockMotion:
         for reference, there in zip(around, (before, after), strict=True):
             homography = whole_frame_motion(wanted, there)
             warped.append(ReferenceFrame(reference.index, warp_frame(reference.frame, homography)))
-        return self._flat.predict(warped, None, [instant])[0]
+        return self._block_motion.predict(warped, None, [instant])[0]

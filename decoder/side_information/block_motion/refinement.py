@@ -21,7 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
-from decoder.side_information.planes import MARGIN, Offsets, compensate, halve, phase_planes, resize_field
+from decoder.side_information.block_motion.compensation import (
+    MARGIN,
+    Offsets,
+    compensate,
+    compensate_chroma,
+    halve,
+    phase_planes,
+    resize_field,
+)
 from decoder.side_information.protocol import Prediction
 from dvc.video import Frame
 
@@ -160,41 +168,3 @@ def _search(
         costs,
     )
     return resize_field(moved * scale, offsets.shape[0], offsets.shape[1], factor), costs
-
-
-def compensate_chroma(
-    references: Sequence[Frame],
-    offsets: Sequence[Offsets],
-    weights: Sequence[NDArray[np.float64]],
-    block: int,
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-    """Predict the chroma planes with the offsets of the luma blocks.
-
-    Parameters
-    ----------
-    references : sequence of Frame
-        Decoded frames.
-    offsets : sequence of ndarray of shape (rows, columns, 2), int64
-        Per reference, offsets of the luma blocks in luma quarter samples.
-    weights : sequence of ndarray of shape (rows, columns), float64
-        Per reference, weight of each block.
-    block : int
-        Side of the luma blocks, even.
-
-    Returns
-    -------
-    tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
-        Predicted Cb and Cr; None if a reference has no chroma.
-    """
-    chroma = [frame.chroma for frame in references]
-    halved = [offset >> 1 for offset in offsets]
-    predicted = []
-    for component in (0, 1):
-        planes = [pair[component] for pair in chroma if pair is not None]
-        if len(planes) < len(chroma):
-            return None
-        samples, _ = compensate(
-            [phase_planes(plane) for plane in planes], halved, list(weights), block // 2, planes[0].shape
-        )
-        predicted.append(np.floor(samples + 0.5).astype(np.uint8))
-    return predicted[0], predicted[1]

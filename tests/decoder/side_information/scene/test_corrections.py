@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
-from decoder.side_information.corrections import (
+from decoder.side_information.protocol import Interpolation
+from decoder.side_information.scene.corrections import (
     NOISE_PX2,
     PRIOR,
     REACH_PX,
@@ -15,7 +16,6 @@ from decoder.side_information.corrections import (
     correction_field,
     track_residuals,
 )
-from decoder.side_information.synthesis import Interpolation
 from dvc._jit import python_twin
 from dvc.multiview.sampling import sample
 from tests.clips import moving_texture

@@ -14,7 +14,8 @@ References
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.side_information.synthesis import Interpolation, interpolate
+from decoder.side_information.protocol import Interpolation
+from decoder.side_information.scene.synthesis import interpolate
 from dvc.multiview.cameras import homogeneous, inverse_depth_range
 from dvc.multiview.depth_maps import DepthMap, DepthView, Known, estimate_depths
 from dvc.multiview.inference import semi_global
@@ -60,6 +61,8 @@ class BlockInterpolator:
     views : tuple of two DepthView, optional
         Both key frames with their depth, to start from; estimated if None.
     """
+
+    name = "blocks"
 
     def __init__(
         self,

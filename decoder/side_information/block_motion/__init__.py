@@ -1,0 +1,1 @@
+"""Prediction by block motion: in two dimensions, without a model of the scene."""

@@ -1,0 +1,39 @@
+"""The methods: what `--side-information` and the configuration may name."""
+
+from collections.abc import Callable
+from functools import partial
+
+from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
+from decoder.side_information.protocol import SceneInterpolatorType, SideInformationMethod
+from decoder.side_information.scene.blocks import BlockInterpolator
+from decoder.side_information.scene.depth import DepthInterpolator
+from decoder.side_information.scene.fused import FusedInterpolator
+from decoder.side_information.scene.tracked import TrackedSceneInterpolation
+from decoder.side_information.scene.untracked import SceneInterpolation
+from dvc.config import CodecConfig
+
+INTERPOLATORS: dict[str, SceneInterpolatorType] = {
+    DepthInterpolator.name: DepthInterpolator,
+    BlockInterpolator.name: BlockInterpolator,
+    FusedInterpolator.name: FusedInterpolator,
+}
+"""How the motion between key frames is modelled from a scene, by the name of the method."""
+
+
+def _block_motion(config: CodecConfig) -> SideInformationMethod:
+    return BlockMotionInterpolation(config.side_information)
+
+
+def _scene(interpolator: SceneInterpolatorType, config: CodecConfig) -> SideInformationMethod:
+    if interpolator is FusedInterpolator and config.codec == "2d":
+        return _block_motion(config)  # nothing to fuse it with
+    if config.tracks.kind == "none":
+        return SceneInterpolation(interpolator, config)
+    return TrackedSceneInterpolation(interpolator, config)
+
+
+METHODS: dict[str, Callable[[CodecConfig], SideInformationMethod]] = {
+    BlockMotionInterpolation.name: _block_motion,
+    **{name: partial(_scene, interpolator) for name, interpolator in INTERPOLATORS.items()},
+}
+"""How to build each method from the configuration, by the name that the configuration uses."""

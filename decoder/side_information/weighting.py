@@ -1,0 +1,250 @@
+"""Weighting of several predictions of one frame: before anything of it is decoded, and by what is decoded.
+
+A prediction from the scene is blended with that of block motion pixel by pixel, each where it is consistent.
+While the frame is being decoded, all predictions are fused block by block by their errors in the bands so
+far: the errors of predictions from the same references resemble each other, so the weights of the best linear
+mean follow from the whole matrix of their second moments, not from each error alone.
+
+References
+----------
+[BatesGranger1969] J. M. Bates, C. W. J. Granger, "The combination of forecasts", Operational Research
+Quarterly 20(4), 1969.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates, uniform_filter
+
+from decoder.side_information import _kernels
+from decoder.side_information.protocol import Interpolation, Prediction
+
+Floats = NDArray[np.float64]
+
+FUSION_BLOCKS = 5
+"""Side of the square of blocks whose errors are taken together."""
+RIDGE = 0.3
+"""Part of the mean squared error that is added to that of each hypothesis, as if it were independent."""
+MIN_MOMENT = 0.02
+"""Added to every squared error, relative to that of the best hypothesis over the frame."""
+ROUNDING = 1.0
+"""Squared error of a coefficient that rounding alone makes."""
+CONSISTENCY_WINDOW = 9
+"""Side of the neighbourhood in which references are compared, in pixels."""
+USUAL_DISAGREEMENT = 2.0
+"""Squared difference from the scene that block motion may have, in units of its own squared error."""
+PATH_UNCERTAINTY = 0.3
+"""How far a fast camera may be off its guessed path, as a share of the motion between the references."""
+STEADY_MOTION_PX = 10.0
+"""Median motion between the references at which that share is halved: slow cameras are steady."""
+MAX_GUESSED_SHARE = 0.5
+"""Of the scene in the prediction where its camera is a guess."""
+TRUST = 2.0
+"""How much larger the scene's expected error may be than what block motion finds, for equal shares, where
+tracks tell the camera."""
+DOUBT = 0.25
+"""How much aligned block motion is doubted where it is far from what several hypotheses of the scene say."""
+
+
+def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Floats]:
+    """Fuse predictions of a frame.
+
+    Parameters
+    ----------
+    hypotheses : ndarray of shape (N, bands, rows, columns), float64
+        Transforms of the predictions.
+    decoded : mapping of int to ndarray of shape (rows, columns), float64
+        Coefficients of the bands decoded so far, at least one.
+
+    Returns
+    -------
+    fused : ndarray of shape (bands, rows, columns), float64
+        Transform of the fused prediction.
+    spread : ndarray of shape (bands, rows, columns), float64
+        Weighted standard deviation of the hypotheses around it.
+    """
+    count, _, rows, columns = hypotheses.shape
+    moments = np.zeros((count, count, rows, columns))
+    for band, coefficients in decoded.items():
+        errors = hypotheses[:, band] - coefficients
+        usual = float(np.mean(np.abs(errors).min(axis=0))) ** 2 + ROUNDING
+        moments += errors[:, None] * errors[None] / usual
+    side = FUSION_BLOCKS
+    local = uniform_filter(moments / len(decoded), (1, 1, side, side), mode="nearest")
+    weights = np.empty((count, rows, columns))
+    _kernels.fusion_weights(local, RIDGE, MIN_MOMENT, weights)
+    fused = np.zeros(hypotheses.shape[1:])
+    for hypothesis, weight in zip(hypotheses, weights, strict=True):
+        fused += weight * hypothesis
+    variance = np.zeros_like(fused)
+    for hypothesis, weight in zip(hypotheses, weights, strict=True):
+        variance += weight * (hypothesis - fused) ** 2
+    return fused, np.sqrt(variance)
+
+
+def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_position: float) -> Prediction:
+    """Blend block motion with a scene whose camera is a guess.
+
+    Parameters
+    ----------
+    block_motion : Prediction
+        By block motion.
+    rendered : Interpolation
+        From the scene.
+    temporal_position : float
+        Of the frame between the first key frame (0) and the second (1).
+
+    Returns
+    -------
+    Prediction
+        Of luma; the scene is hedged, and has at most half a say.
+    """
+    share = scene_share(block_motion, rendered, bound=MAX_GUESSED_SHARE)
+    return replace(
+        block_motion,
+        luma=share * hedged(rendered, temporal_position) + (1.0 - share) * block_motion.luma,
+        compensated=_shared(share, rendered, block_motion),
+        expected_error=rendered.expected_error,
+        alternatives=(block_motion.luma, *rendered.hypotheses) if rendered.hypotheses else (),
+    )
+
+
+def blend_tracked(block_motion: Prediction, rendered: Interpolation) -> Prediction:
+    """Blend aligned block motion with a scene whose camera tracks tell, by their expected errors.
+
+    Parameters
+    ----------
+    block_motion : Prediction
+        By aligned block motion.
+    rendered : Interpolation
+        From the scene.
+
+    Returns
+    -------
+    Prediction
+        Of luma.
+    """
+    share = scene_share(block_motion, rendered, TRUST, doubt=DOUBT if rendered.hypotheses else 0.0)
+    ours, theirs = neighbourhood(rendered.expected_error), inconsistency(block_motion)
+    return replace(
+        block_motion,
+        luma=share * rendered.luma + (1.0 - share) * block_motion.luma,
+        compensated=_shared(share, rendered, block_motion),
+        expected_error=share * ours + (1.0 - share) * theirs,
+        alternatives=(block_motion.luma, *rendered.hypotheses),
+    )
+
+
+def hedged(rendered: Interpolation, temporal_position: float) -> Floats:
+    """Average a prediction along its motion, because the camera's place on its path is a guess.
+
+    Parameters
+    ----------
+    rendered : Interpolation
+        Prediction for the guessed camera.
+    temporal_position : float
+        Of the frame between the first key frame (0) and the second (1); there nothing is uncertain.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Mean of the prediction and of two that are early and late by `PATH_UNCERTAINTY`.
+    """
+    motion = rendered.positions[1] - rendered.positions[0]
+    speed_px = float(np.median(np.hypot(motion[..., 0], motion[..., 1])))
+    between = np.sqrt(4.0 * temporal_position * (1.0 - temporal_position))
+    share = PATH_UNCERTAINTY * speed_px / (speed_px + STEADY_MOTION_PX) * between
+    rows, columns = np.indices(rendered.luma.shape)
+    total = rendered.luma.copy()
+    for step in (-share, share):
+        at = (rows + step * motion[..., 1], columns + step * motion[..., 0])
+        total += map_coordinates(rendered.luma, at, order=1, mode="nearest")
+    mean: Floats = total / 3.0
+    return mean
+
+
+def neighbourhood(plane: Floats) -> Floats:
+    """Average a plane over the neighbourhood in which references are compared.
+
+    Parameters
+    ----------
+    plane : ndarray of shape (H, W), float64
+        Any plane.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Means.
+    """
+    mean: Floats = uniform_filter(plane, CONSISTENCY_WINDOW, mode="nearest")
+    return mean
+
+
+def inconsistency(block_motion: Prediction) -> Floats:
+    """Measure how far the references of a prediction by block motion are from each other.
+
+    Parameters
+    ----------
+    block_motion : Prediction
+        By block motion.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Mean absolute difference in the neighbourhood of each pixel, and one level for noise.
+    """
+    found: Floats = neighbourhood(np.abs(block_motion.compensated[0] - block_motion.compensated[1])) + 1.0
+    return found
+
+
+def scene_share(
+    block_motion: Prediction,
+    rendered: Interpolation,
+    trust: float = 1.0,
+    bound: float = 1.0,
+    doubt: float = 0.0,
+) -> Floats:
+    """Weigh the scene's prediction against that of block motion, pixel by pixel.
+
+    Parameters
+    ----------
+    block_motion : Prediction
+        By block motion.
+    rendered : Interpolation
+        From the scene.
+    trust : float, optional
+        How much larger the scene's expected error may be than what block motion finds, for equal shares.
+    bound : float, optional
+        Maximal share of the scene, above 0 and at most 1.
+    doubt : float, optional
+        How much block motion is doubted where it is far from the scene, although its references agree: part
+        of the squared difference beyond the usual that is added to its squared error.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        From 0 to `bound`: less where the geometry expects a large error, as on objects that move.
+    """
+    theirs, ours = inconsistency(block_motion), neighbourhood(rendered.expected_error)
+    weight = theirs**2 * trust**2
+    if doubt > 0.0:
+        distance = neighbourhood((rendered.luma - block_motion.luma) ** 2)
+        weight = weight + doubt * np.maximum(distance - USUAL_DISAGREEMENT * weight, 0.0)
+    floor = np.sqrt(weight * (1.0 / bound - 1.0))
+    share: Floats = weight / (weight + np.maximum(ours, floor) ** 2)
+    return share
+
+
+def _shared(share: Floats, rendered: Interpolation, block_motion: Prediction) -> tuple[Floats, ...]:
+    """Blend the compensated references of the scene with those of block motion.
+
+    Where a reference does not see a point, it says nothing: each is kept within twice the expected error from
+    the prediction.
+    """
+    limit = 2.0 * rendered.expected_error
+    return tuple(
+        share * (rendered.luma + np.clip(ours - rendered.luma, -limit, limit)) + (1.0 - share) * theirs
+        for ours, theirs in zip(rendered.compensated, block_motion.compensated, strict=True)
+    )
