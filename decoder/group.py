@@ -3,53 +3,20 @@
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass, replace
 
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.wyner_ziv import DecodedFrame, FrameCoroutine, WynerZivDecoder
+from decoder.wyner_ziv import DecodedFrame, WynerZivDecoder
+from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
-from dvc.feedback import ParityRequest
-from dvc.stream import GopRecord
+from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
+from dvc.turbo import Answer
 from dvc.video import Frame
-from dvc.wynerziv.frame import BufferedFrame, PuncturedFrame, PunctureRecorder
-
-Bits = NDArray[np.uint8]
-Answer = Callable[[ParityRequest], Bits]
-
-
-@dataclass(frozen=True)
-class DecodedWynerZiv:
-    """One decoded Wyner-Ziv frame, what it cost, and the payload that was really needed.
-
-    Attributes
-    ----------
-    index : int
-        Display position.
-    decoded : DecodedFrame
-        The frame.
-    method, reason : str
-        Side-information method that served it; why another one could not, if so.
-    header_bits : int
-        Bits of the frame's own header, padding of its payload included.
-    punctured : bytes
-        Payload of the punctured form.
-    decode_s : float
-        Wall-clock time, in seconds.
-    """
-
-    index: int
-    decoded: DecodedFrame
-    method: str
-    reason: str
-    header_bits: int
-    punctured: bytes
-    decode_s: float
+from dvc.wynerziv.buffered import BufferedFrame
+from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder
 
 
 @dataclass(frozen=True)
@@ -60,7 +27,7 @@ class DecodedGroup:
     ----------
     first_index : int
         Display position of its first frame.
-    wyner_ziv : tuple of DecodedWynerZiv
+    wyner_ziv : tuple of DecodedFrame
         Its Wyner-Ziv frames, in display order.
     key : Frame
         The key frame that ends it.
@@ -69,13 +36,13 @@ class DecodedGroup:
     """
 
     first_index: int
-    wyner_ziv: tuple[DecodedWynerZiv, ...]
+    wyner_ziv: tuple[DecodedFrame, ...]
     key: Frame
     record: GopRecord
 
     @classmethod
     def of(
-        cls, first_index: int, wyner_ziv: Sequence[DecodedWynerZiv], key: Frame, record: GopRecord
+        cls, first_index: int, wyner_ziv: Sequence[DecodedFrame], key: Frame, record: GopRecord
     ) -> "DecodedGroup":
         """Return a group with the record of what was needed.
 
@@ -83,7 +50,7 @@ class DecodedGroup:
         ----------
         first_index : int
             Display position of its first frame.
-        wyner_ziv : sequence of DecodedWynerZiv
+        wyner_ziv : sequence of DecodedFrame
             Its Wyner-Ziv frames.
         key : Frame
             Its key frame.
@@ -178,7 +145,7 @@ class GroupDecoder:
 
     def decode_payloads(
         self, keys: tuple[ReferenceFrame, ReferenceFrame], record: GopRecord, form: str
-    ) -> list[DecodedWynerZiv]:
+    ) -> list[DecodedFrame]:
         """Decode a group from a stream.
 
         Parameters
@@ -192,7 +159,7 @@ class GroupDecoder:
 
         Returns
         -------
-        list of DecodedWynerZiv
+        list of DecodedFrame
             In display order.
 
         Raises
@@ -200,75 +167,59 @@ class GroupDecoder:
         BitstreamError
             If a payload is damaged.
         """
-        layout, payloads = self._decoder.layout, record.wyner_ziv
-        first = keys[0].index + 1
+        layout, num_codes = self._decoder.layout, self._decoder.num_codes
+        if form == Form.BUFFERED:
+            return self.decode(keys, record, lambda payload: BufferedFrame(layout, payload, num_codes).answer)
+        frames = self.decode(keys, record, lambda payload: PuncturedFrame(layout, payload).answer)
+        for frame, payload in zip(frames, record.wyner_ziv, strict=True):
+            if len(frame.punctured) < len(payload):
+                raise BitstreamError(
+                    f"punctured Wyner-Ziv frame of {len(payload)} bytes, {len(frame.punctured)} are needed"
+                )
+        return frames
 
-        def _serve(index: int, frame: FrameCoroutine) -> DecodedFrame:
-            payload = payloads[index - first]
-            if form == "buffered":
-                return run(frame, BufferedFrame(layout, payload, self._decoder.num_codes).answer)
-            source = PuncturedFrame(layout, payload)
-            decoded = run(frame, source.answer)
-            source.finish()
-            return decoded
-
-        headers = [payload[: layout.header_bytes] for payload in payloads]
-        return self._decode(keys, record.tracks, headers, _serve)
-
-    def decode_live(
-        self, keys: tuple[ReferenceFrame, ReferenceFrame], record: GopRecord, answer: Answer
-    ) -> list[DecodedWynerZiv]:
-        """Decode a group whose parity is asked of the encoder.
+    def decode(
+        self,
+        keys: tuple[ReferenceFrame, ReferenceFrame],
+        record: GopRecord,
+        answer_for: Callable[[bytes], Answer],
+    ) -> list[DecodedFrame]:
+        """Decode a group whose parity comes from anywhere.
 
         Parameters
         ----------
         keys : tuple of two ReferenceFrame
             The key frames around the group.
         record : GopRecord
-            Its tracks, and the header of each frame between the key frames.
-        answer : callable
-            Turns a request into bits.
+            Its tracks, and for each frame between the key frames a payload that starts with its header.
+        answer_for : callable
+            From the payload of a frame to who answers its requests.
 
         Returns
         -------
-        list of DecodedWynerZiv
+        list of DecodedFrame
             In display order.
 
         Raises
         ------
         BitstreamError
-            If tracks or headers are damaged.
+            If tracks, headers or payloads are damaged.
         """
-        return self._decode(keys, record.tracks, record.wyner_ziv, lambda _, frame: run(frame, answer))
-
-    def _decode(
-        self,
-        keys: tuple[ReferenceFrame, ReferenceFrame],
-        tracks: bytes,
-        headers: Sequence[bytes],
-        decode: Callable[[int, FrameCoroutine], DecodedFrame],
-    ) -> list[DecodedWynerZiv]:
         known = {key.index: key for key in keys}
-        points = self._received(tracks, len(headers))
+        points = self._received(record.tracks, len(record.wyner_ziv))
+        layout, references = self._decoder.layout, self._config.gop.references
         results = []
-        hierarchical = self._config.gop.references != "keys"
-        for index, around in decoding_order(keys[0].index, keys[1].index, hierarchical):
+        for index, around in decoding_order(keys[0].index, keys[1].index, references != "keys"):
             started = time.perf_counter()
-            references = [known[k] for k in _usable(known, around, self._config.gop.references)]
-            prediction = self._method.predict(references, points, [index])[0]
-            header = headers[index - keys[0].index - 1]
-            recorder = PunctureRecorder()
-            steps = self._decoder.layout.read_header(header)
-            decoded = decode(index, recorder.watch(self._decoder.decode(index, steps, prediction)))
+            usable = [known[k] for k in _usable(known, around, references)]
+            prediction = self._method.predict(usable, points, [index])[0]
+            payload = record.wyner_ziv[index - keys[0].index - 1]
+            coroutine = self._decoder.decode(index, layout.read_header(payload), prediction)
+            recorder = PunctureRecorder(answer_for(payload))
+            decoded = turbo.drive(coroutine, recorder.answer)
             known[index] = ReferenceFrame(index, decoded.frame)
-            punctured = recorder.payload(header)
-            header_bits = 8 * len(punctured) - decoded.crc_bits - decoded.parity_bits
-            elapsed = time.perf_counter() - started
-            results.append(
-                DecodedWynerZiv(
-                    index, decoded, prediction.method, prediction.reason, header_bits, punctured, elapsed
-                )
-            )
+            punctured = recorder.payload(payload[: layout.header_bytes])
+            results.append(replace(decoded, punctured=punctured, decode_s=time.perf_counter() - started))
         return sorted(results, key=lambda result: result.index)
 
     def _received(self, tracks: bytes, num_frames: int) -> PointTracks | FeaturePoints | None:
@@ -281,27 +232,3 @@ class GroupDecoder:
         if kind == "encoder":
             return decode_tracks(tracks, num_frames + 2, self._config)
         return decode_points(tracks, num_frames, self._config)
-
-
-def run(frame: FrameCoroutine, answer: Answer) -> DecodedFrame:
-    """Drive a frame's coroutine with answers to its requests.
-
-    Parameters
-    ----------
-    frame : generator
-        From `WynerZivDecoder.decode`.
-    answer : callable
-        Turns a request into bits.
-
-    Returns
-    -------
-    DecodedFrame
-        What the coroutine returns.
-    """
-    try:
-        request = next(frame)
-        while True:
-            request = frame.send(answer(request))
-    except StopIteration as stop:
-        decoded: DecodedFrame = stop.value
-        return decoded

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from dvc.config import CodecConfig
 from dvc.errors import FeedbackError
-from dvc.feedback import Connection, DecoderEndpoint, End, Event, Gop, Hello, ParityAnswer, ParityRequest
+from dvc.feedback import Connection, DecoderEndpoint, End, Event, Gop, Hello, ParityAnswer
+from dvc.turbo import ParityRequest
 
 NUM_GROUPS_AHEAD = 2
 """Groups of pictures that the encoder may prepare before the decoder gets to them."""

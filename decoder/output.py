@@ -88,11 +88,11 @@ class DecodedOutput:
 
     def _add(self, group: DecodedGroup, progress: Callable[[int], None]) -> None:
         for frame in group.wyner_ziv:
-            self._video.write(frame.decoded.frame)
+            self._video.write(frame.frame)
         self._video.write(group.key)
         if self._side_information is not None:
             for frame in group.wyner_ziv:
-                self._side_information.write(Frame(frame.decoded.side_information))
+                self._side_information.write(Frame(frame.side_information))
             self._side_information.write(group.key)
         self._stream.write_gop(group.record)
         self._report.add(group)

@@ -7,8 +7,9 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 
-from decoder.group import DecodedGroup, DecodedWynerZiv, GroupDecoder, naming_group
+from decoder.group import DecodedGroup, GroupDecoder, naming_group
 from decoder.side_information.protocol import ReferenceFrame
+from decoder.wyner_ziv import DecodedFrame
 from dvc.config import decode_config
 from dvc.errors import BitstreamError, DvcError
 from dvc.stream import GopRecord
@@ -112,7 +113,7 @@ class _InlineExecutor(Executor):
 
 
 def _decode(task: GroupTask) -> DecodedGroup:
-    frames: list[DecodedWynerZiv] = []
+    frames: list[DecodedFrame] = []
     if task.references is not None:
         with naming_group(task.number):
             frames = _decoder(task.config).decode_payloads(task.references, task.record, task.form)

@@ -59,20 +59,19 @@ class DecodeReport:
             If the reference ends before the stream does.
         """
         costs = gop_bits(group.record)
-        for position, frame in enumerate(group.wyner_ziv):
-            decoded = frame.decoded
+        for frame, record_bits in zip(group.wyner_ziv, costs.wyner_ziv_header, strict=True):
             row: dict[str, Any] = {"index": frame.index, "type": "wz"}
             row["bits"] = _bits(
-                parity=decoded.parity_bits,
-                crc=decoded.crc_bits,
-                header=frame.header_bits + costs.wyner_ziv_header[position],
+                parity=frame.parity_bits,
+                crc=frame.crc_bits,
+                header=frame.header_bits + record_bits,
             )
             original = self._original(frame.index)
-            row["psnr_y_db"] = _psnr(original, decoded.frame.luma)
-            row["si_psnr_y_db"] = _psnr(original, decoded.side_information)
-            row["refined_si_psnr_y_db"] = _psnr(original, decoded.refined_side_information)
-            row["num_requests"] = decoded.num_requests
-            row["num_failed_planes"] = decoded.num_failed_planes
+            row["psnr_y_db"] = _psnr(original, frame.frame.luma)
+            row["si_psnr_y_db"] = _psnr(original, frame.side_information)
+            row["refined_si_psnr_y_db"] = _psnr(original, frame.refined_side_information)
+            row["num_requests"] = frame.num_requests
+            row["num_failed_planes"] = frame.num_failed_planes
             row["side_information"] = frame.method
             row["side_information_reason"] = frame.reason
             row["decode_s"] = round(frame.decode_s, 6)

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 
-from decoder.group import DecodedGroup, DecodedWynerZiv, GroupDecoder, naming_group
+from decoder.group import DecodedGroup, GroupDecoder, naming_group
 from decoder.live import LiveSource
 from decoder.parallel import GroupTask, decode_groups
 from decoder.side_information.protocol import ReferenceFrame
+from decoder.wyner_ziv import DecodedFrame
 from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError
 from dvc.keyframes import KeyFrameDecoder
@@ -65,10 +66,10 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
     decoder = GroupDecoder(config)
     for gop in source.groups():
         first_index, around, key = keys.add(gop.number, gop.record)
-        frames: list[DecodedWynerZiv] = []
+        frames: list[DecodedFrame] = []
         if around is not None:
             with naming_group(gop.number):
-                frames = decoder.decode_live(around, gop.record, source.answer)
+                frames = decoder.decode(around, gop.record, lambda _: source.answer)
         yield DecodedGroup.of(first_index, frames, key, gop.record)
 
 

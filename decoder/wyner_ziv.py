@@ -18,10 +18,9 @@ from decoder.side_information.protocol import Prediction
 from decoder.side_information.weighting import fuse
 from dvc import turbo
 from dvc.config import CodecConfig
-from dvc.feedback import ParityRequest
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, quantizer, reconstruction, transform
-from dvc.wynerziv.frame import FrameLayout
+from dvc.wynerziv.layout import FrameLayout
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
@@ -43,41 +42,59 @@ REQUESTS = turbo.SlepianWolfSettings(
     stuck_step=0.03,
     stuck_iterations=2,
     search_work=0.0,
-    plain_entropy=0.9,
+    uncoded_entropy=0.9,
 )
 """Coarser steps than those that cost the fewest bits, and no search: a trade of rate for decoding time."""
 
 
 @dataclass(frozen=True)
 class DecodedFrame:
-    """One decoded Wyner-Ziv frame.
+    """One decoded Wyner-Ziv frame, what it cost, and the payload that was really needed.
 
     Attributes
     ----------
+    index : int
+        Display position.
     frame : Frame
         Decoded samples.
     side_information : ndarray of shape (H, W), uint8
         The prediction before anything was decoded.
     refined_side_information : ndarray of shape (H, W), uint8
         The last prediction.
+    method, reason : str
+        Side-information method that served it; why another one could not, if so.
     num_requests : int
         Requests on the feedback channel.
     crc_bits, parity_bits : int
         Bits received.
     num_failed_planes : int
         Planes that could not be verified.
+    punctured : bytes
+        Payload of the punctured form.
+    decode_s : float
+        Wall-clock time, in seconds.
     """
 
+    index: int
     frame: Frame
     side_information: NDArray[np.uint8]
     refined_side_information: NDArray[np.uint8]
+    method: str
+    reason: str
     num_requests: int
     crc_bits: int
     parity_bits: int
     num_failed_planes: int
+    punctured: bytes = b""
+    decode_s: float = 0.0
+
+    @property
+    def header_bits(self) -> int:
+        """Bits of the frame's own header, padding of its payload included."""
+        return 8 * len(self.punctured) - self.crc_bits - self.parity_bits
 
 
-FrameCoroutine = Generator[ParityRequest, Bits, DecodedFrame]
+FrameCoroutine = Generator[turbo.ParityRequest, Bits, DecodedFrame]
 
 
 @dataclass
@@ -234,9 +251,12 @@ class WynerZivDecoder:
         refiner = state.prediction.refiner
         chroma = prediction.chroma if refiner is None else refiner.chroma()
         return DecodedFrame(
+            index=index,
             frame=Frame(state.luma(), chroma),
             side_information=transform.to_uint8(prediction.luma),
             refined_side_information=transform.to_uint8(state.prediction.luma),
+            method=prediction.method,
+            reason=prediction.reason,
             num_requests=sum(result.num_requests for result in results),
             crc_bits=sum(result.crc_bits for result in results),
             parity_bits=sum(result.parity_bits for result in results),
@@ -245,7 +265,7 @@ class WynerZivDecoder:
 
     def _decode_band(
         self, index: int, band: int, step_indices: dict[int, int], state: _FrameState
-    ) -> Generator[ParityRequest, Bits, list[turbo.PlaneResult]]:
+    ) -> Generator[turbo.ParityRequest, Bits, list[turbo.PlaneResult]]:
         edges = self.layout.edges(band, step_indices)
         planes, shape = quantizer.num_planes(self.layout.levels[band]), self.layout.band_shape
         refined = not state.known and 0 in self._config.wyner_ziv.refine_after
@@ -257,7 +277,8 @@ class WynerZivDecoder:
             missing = planes - plane - 1
             middle, _ = bitplanes.prefix_borders(2 * prefix + 1, missing, edges)
             llr = noise.bit_llr(lower, middle, upper, predicted, scale * gain)
-            result = yield from self._decode_plane(index, self.layout.first_plane[band] + plane, llr)
+            place = index, self.layout.first_plane[band] + plane
+            result = yield from turbo.decode_plane(llr, self._turbo_decoder, self._settings, place)
             results.append(result)
             prefix = 2 * prefix + result.bits
             lower, upper = bitplanes.prefix_borders(prefix, missing, edges)
@@ -270,19 +291,6 @@ class WynerZivDecoder:
         state.gain = float(np.sqrt(state.gain * gain))
         state.set_known(band, _KnownBand.of(lower, upper, scale * gain, shape))
         return results
-
-    def _decode_plane(
-        self, index: int, plane: int, llr: Array
-    ) -> Generator[ParityRequest, Bits, turbo.PlaneResult]:
-        coroutine = turbo.decode_plane(llr, self._turbo_decoder, self._settings)
-        try:
-            wanted = next(coroutine)
-            while True:
-                bits = yield ParityRequest(index, plane, wanted.kind, wanted.code, wanted.start, wanted.count)
-                wanted = coroutine.send(bits)
-        except StopIteration as stop:
-            result: turbo.PlaneResult = stop.value
-            return result
 
     def _turbo_decoder(self, code: int) -> turbo.TurboDecoder:
         if code not in self._decoders:

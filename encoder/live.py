@@ -3,9 +3,10 @@
 from collections.abc import Iterable
 
 from dvc.errors import VideoError
-from dvc.feedback import Connection, EncoderEndpoint, GopDone, ParityRequest
+from dvc.feedback import Connection, EncoderEndpoint, GopDone
+from dvc.turbo import ParityRequest
 from dvc.video import Frame
-from dvc.wynerziv.frame import EncodedFrame
+from dvc.wynerziv.buffered import EncodedFrame
 from encoder.session import EncoderSession, Progress
 
 

@@ -10,7 +10,7 @@ from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
-from dvc.wynerziv.frame import EncodedFrame
+from dvc.wynerziv.buffered import EncodedFrame
 from encoder.block_matching import PointTrackerSettings
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, groups, tracked_groups

@@ -3,7 +3,8 @@
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
-from dvc.wynerziv.frame import EncodedFrame, FrameLayout, quantize_frame
+from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
+from dvc.wynerziv.layout import FrameLayout
 
 
 class WynerZivEncoder:

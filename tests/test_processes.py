@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello, ParityRequest
+from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
 from dvc.stream import StreamReader
+from dvc.turbo import ParityRequest
 from dvc.video import Frame, open_video
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render

@@ -68,16 +68,14 @@ def decode_plane(
     decoding = turbo.decode_plane(
         llr_ch, lambda code: turbo.TurboDecoder(codes[code], bits.size, seed), settings
     )
-    try:
-        request = next(decoding)
-        while True:
-            if request.kind == "parity" and request.code not in parities:
-                parities[request.code] = turbo.encode_planes(bits[np.newaxis], codes[request.code], seed)[0]
-            released = {"crc": check, "plain": bits}.get(request.kind, parities.get(request.code, bits))
-            request = decoding.send(released[request.start : request.start + request.count])
-    except StopIteration as end:
-        result: PlaneResult = end.value
-        return result
+
+    def _answer(request: turbo.ParityRequest) -> NDArray[np.uint8]:
+        if request.kind == "parity" and request.code not in parities:
+            parities[request.code] = turbo.encode_planes(bits[np.newaxis], codes[request.code], seed)[0]
+        released = {"crc": check, "uncoded": bits}.get(request.kind, parities.get(request.code, bits))
+        return released[request.start : request.start + request.count]
+
+    return turbo.drive(decoding, _answer)
 
 
 def noisy_plane(

@@ -121,7 +121,7 @@ def decoded_groups(reader: StreamReader) -> Iterator[tuple[list[Luma], GopRecord
     from decoder.session import decode_stream
 
     for group in decode_stream(reader.config, reader):
-        lumas = [frame.decoded.frame.luma for frame in group.wyner_ziv]
+        lumas = [frame.frame.luma for frame in group.wyner_ziv]
         yield [*lumas, group.key.luma], group.record
 
 

@@ -16,7 +16,6 @@ from dvc.feedback.messages import (
     KeepAlive,
     NextGop,
     ParityAnswer,
-    ParityRequest,
 )
 from dvc.feedback.transport import DEFAULT_TIMEOUT_S, Connection, Listener, connect, listen, parse_address
 
@@ -38,7 +37,6 @@ __all__ = [
     "Listener",
     "NextGop",
     "ParityAnswer",
-    "ParityRequest",
     "connect",
     "listen",
     "parse_address",

@@ -22,12 +22,12 @@ from dvc.feedback.messages import (
     Message,
     NextGop,
     ParityAnswer,
-    ParityRequest,
     decode_payload,
     encode_message,
     max_payload_bytes,
 )
 from dvc.stream import GopRecord
+from dvc.turbo import ParityRequest
 
 KEEP_ALIVE = encode_message(KeepAlive())
 """Tells the peer that this side is at work; may be sent between any two messages."""

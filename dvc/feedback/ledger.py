@@ -7,7 +7,7 @@ step is its own, a breach of the protocol if it is the peer's.
 from dataclasses import dataclass, field
 
 from dvc.config import CodecConfig
-from dvc.feedback.messages import KINDS, ParityRequest
+from dvc.turbo import KINDS, ParityRequest, family
 
 MAX_OPEN_GOPS = 16
 """Most groups of pictures that are sent or promised and not done, so that both ends need bounded memory."""
@@ -39,8 +39,6 @@ class Ledger:
     """
 
     def __init__(self, config: CodecConfig) -> None:
-        from dvc.turbo.codes import family
-
         self.num_credits = 0  # groups of pictures that may be sent
         self.num_frames = 0  # of all groups of pictures sent
         self.ended = False
@@ -50,7 +48,7 @@ class Ledger:
         self._limits = {
             "crc": config.turbo.crc_bits,
             "parity": config.video.num_blocks,
-            "plain": config.video.num_blocks,
+            "uncoded": config.video.num_blocks,
         }
         self._num_gops = 0
         self._open: dict[int, _OpenGop] = {}
@@ -133,7 +131,7 @@ class Ledger:
             )
         if not 1 <= request.count <= self._limits[request.kind] - request.start:
             raise ValueError(f"{request.count} {request.kind} bits of {where} from number {request.start} on")
-        if request.kind != "plain":
+        if request.kind != "uncoded":
             if not 0 <= request.code < self._num_codes or plane.code not in (None, request.code):
                 raise ValueError(f"code {request.code} for {where}")
             plane.code = request.code

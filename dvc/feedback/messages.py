@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +10,12 @@ from dvc.bits import BitReader, BitWriter, decode_varint, encode_varint
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.stream import GopRecord, decode_gop, encode_gop
+from dvc.turbo import KINDS, ParityRequest
 
 PROTOCOL_VERSION = 1
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 
-Kind = Literal["crc", "parity", "plain"]
-KINDS: tuple[Kind, ...] = ("crc", "parity", "plain")
 _MAX_FAILURE_BYTES = 500
 
 
@@ -40,18 +38,6 @@ class Gop:
 
     number: int  # from 0
     record: GopRecord  # each Wyner-Ziv payload is what the decoder needs before its first request
-
-
-@dataclass(frozen=True)
-class ParityRequest:
-    """Decoder to encoder: bits of a plane are wanted."""
-
-    frame: int  # number of the Wyner-Ziv frame in the sequence, from 0 in order of display
-    plane: int  # number of the plane in the frame, from 0
-    kind: Kind  # check bits, parity, or the bits of the plane themselves
-    code: int  # number of the code in its family; the same for all requests of a plane
-    start: int  # number of the first wanted bit: as many as were asked for before
-    count: int  # number of bits
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +84,7 @@ class KeepAlive:
     """Either way: the sender is at work, and will be for a while."""
 
 
+# A `ParityRequest` goes from decoder to encoder: bits of a plane are wanted.
 Message = Hello | NextGop | Gop | ParityRequest | ParityAnswer | GopDone | End | Failure | KeepAlive
 Event = Hello | NextGop | Gop | ParityRequest | ParityAnswer | GopDone | End
 

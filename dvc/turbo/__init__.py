@@ -4,10 +4,14 @@ from dvc.turbo.codes import TurboCode, choose_code, family
 from dvc.turbo.crc import crc, crc_words
 from dvc.turbo.decoder import TurboDecoder
 from dvc.turbo.encoder import encode_planes, encode_words
-from dvc.turbo.slepian_wolf import PlaneRequest, PlaneResult, SlepianWolfSettings, decode_plane
+from dvc.turbo.requests import KINDS, Answer, Kind, ParityRequest, drive
+from dvc.turbo.slepian_wolf import PlaneResult, SlepianWolfSettings, decode_plane
 
 __all__ = [
-    "PlaneRequest",
+    "KINDS",
+    "Answer",
+    "Kind",
+    "ParityRequest",
     "PlaneResult",
     "SlepianWolfSettings",
     "TurboCode",
@@ -16,6 +20,7 @@ __all__ = [
     "crc",
     "crc_words",
     "decode_plane",
+    "drive",
     "encode_planes",
     "encode_words",
     "family",

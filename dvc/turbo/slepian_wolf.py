@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +13,13 @@ from dvc.turbo.crc import POLYNOMIALS, crc
 from dvc.turbo.decoder import TurboDecoder
 from dvc.turbo.elimination import Solution, ordered_statistics, parity_equations, solve
 from dvc.turbo.interleaver import num_segments
+from dvc.turbo.requests import Bits, Kind, ParityRequest
 
-Bits = NDArray[np.uint8]
-RequestKind = Literal["crc", "parity", "plain"]
-PLAIN_ALLOWANCE_BITS = 8
-"""Planes whose entropy and check come this close to their length, or closer, are sent plainly."""
-SEARCH_RIVALS = 1.0
-"""Near rivals to be expected of a plane found by a search."""
-NEIGHBOUR_RIVALS = 2.0
+UNCODED_ALLOWANCE_BITS = 8
+"""Planes whose entropy and check come this close to their length, or closer, are sent uncoded."""
+SEARCH_COMPETITORS = 1.0
+"""Competing codewords to be expected near a plane found by a search."""
+NEIGHBOUR_COMPETITORS = 2.0
 """The same for its neighbours."""
 SURE_ERRORS = 2.0**-6
 """Expected errors up to which decisions are sure; with more, iterations go on before they are judged."""
@@ -39,7 +37,7 @@ class SlepianWolfSettings:
     first_crc_bits: int = 8  # of these, how many are requested at once; more only where the plane is in doubt
     error_exponent: float = 15.0  # accept a plane when the odds against it are below 2 ** -error_exponent
     max_prior_llr: float = 9.0  # side information is never taken for surer than this
-    plain_entropy: float = 0.93  # bits per bit of prior from which parity cannot pay
+    uncoded_entropy: float = 0.93  # bits per bit of prior from which parity cannot pay
     initial_rate: float = 0.75  # first parity request, as a share of the prior's entropy
     step: float = 0.01  # further requests, as a share of the prior's entropy or of what was received
     early_step: float = 0.03  # the same, as long as less than `early_rate` of the entropy was received
@@ -71,18 +69,8 @@ class SlepianWolfSettings:
 
 
 @dataclass(frozen=True)
-class PlaneRequest:
-    """Bits that the decoder wants: `count` of them from number `start` on, in their order of release."""
-
-    kind: RequestKind
-    code: int
-    start: int
-    count: int
-
-
-@dataclass(frozen=True)
 class PlaneResult:
-    """A decoded plane and what it cost; plain bits count as parity."""
+    """A decoded plane and what it cost; uncoded bits count as parity."""
 
     bits: Bits
     success: bool
@@ -92,15 +80,21 @@ class PlaneResult:
     iterations: int
 
 
-PlaneCoroutine = Generator[PlaneRequest, Bits, PlaneResult]
+PlaneCoroutine = Generator[ParityRequest, Bits, PlaneResult]
 
 
 class _Plane:
     """State of one plane while it is decoded."""
 
     def __init__(
-        self, llr_ch: NDArray[np.float32], entropy_bits: float, code: int, settings: SlepianWolfSettings
+        self,
+        place: tuple[int, int],
+        llr_ch: NDArray[np.float32],
+        entropy_bits: float,
+        code: int,
+        settings: SlepianWolfSettings,
     ) -> None:
+        self.place = place
         self.llr_ch = llr_ch
         self.entropy_bits = entropy_bits
         self.code = code
@@ -112,19 +106,19 @@ class _Plane:
         self.check = np.zeros(0, np.uint8)
         self.parity = np.zeros(0, np.uint8)
 
-    def request(self, kind: RequestKind, start: int, count: int) -> Generator[PlaneRequest, Bits, Bits]:
+    def request(self, kind: Kind, start: int, count: int) -> Generator[ParityRequest, Bits, Bits]:
         self.num_requests += 1
-        bits = np.asarray((yield PlaneRequest(kind, self.code, start, count)))
+        bits = np.asarray((yield ParityRequest(*self.place, kind, self.code, start, count)))
         if bits.shape != (count,) or bits.dtype != np.uint8 or (count and bits.max() > 1):
             raise ValueError(f"expected {count} {kind} bits as uint8, got {bits.dtype} of shape {bits.shape}")
         return bits
 
-    def request_check(self, count: int) -> Generator[PlaneRequest, Bits, None]:
+    def request_check(self, count: int) -> Generator[ParityRequest, Bits, None]:
         """Request check bits until there are `count` of them."""
         new = yield from self.request("crc", self.check.size, count - self.check.size)
         self.check = np.concatenate([self.check, new])
 
-    def request_parity(self, count: int) -> Generator[PlaneRequest, Bits, Bits]:
+    def request_parity(self, count: int) -> Generator[ParityRequest, Bits, Bits]:
         count = min(count, self.num_bits - self.parity.size)
         new = yield from self.request("parity", self.parity.size, count)
         self.parity = np.concatenate([self.parity, new])
@@ -151,27 +145,28 @@ class _Plane:
     def checks(self, bits: Bits) -> bool:
         return bool((crc(bits, self.settings.crc_bits)[: self.check.size] == self.check).all())
 
-    def missing_evidence(self, bits: Bits, rivals: float) -> float:
+    def missing_evidence(self, bits: Bits, competitors: float) -> float:
         """Return how many more bits must agree before a plane that satisfies all parity is accepted.
 
         At most ``2**x`` planes have a prior probability of ``2**-x`` or more, and each bit received rules out
-        half of the wrong ones, however wrong the prior; only the check bits do so for near rivals as well.
+        half of the wrong ones, however wrong the prior; only the check bits do so for competing
+        codewords nearby.
         """
         # Quantised costs and whole exponents: the last digit of a library's logarithm must not decide.
         cost = math.ceil(float(_kernels.prior_information(self.llr_ch, bits)) * 16) / 16
         likelier = cost if cost > 30 else math.log2(max(2.0**cost - 1, 2.0**-60))
-        mantissa, exponent = math.frexp(max(rivals, 2.0**-60))
+        mantissa, exponent = math.frexp(max(competitors, 2.0**-60))
         near = exponent - (mantissa == 0.5)  # the logarithm, rounded up
         return self.settings.error_exponent + max(likelier - self.parity.size, near) - self.check.size
 
-    def accept(self, bits: Bits, rivals: float) -> Generator[PlaneRequest, Bits, bool]:
+    def accept(self, bits: Bits, competitors: float) -> Generator[ParityRequest, Bits, bool]:
         """Say whether a plane that satisfies all parity is right; ask for check bits where in doubt.
 
-        `rivals` is the number of planes to be expected among its near neighbours, relative to it.
+        `competitors` is the number of competing codewords to be expected near it, relative to it.
         """
         if not self.checks(bits):
             return False
-        missing = math.ceil(self.missing_evidence(bits, rivals))
+        missing = math.ceil(self.missing_evidence(bits, competitors))
         if missing <= 0:
             return True
         if self.check.size + missing > self.settings.crc_bits:
@@ -189,6 +184,7 @@ def decode_plane(
     llr_ch: NDArray[np.floating],
     decoder_for_code: Callable[[int], TurboDecoder],
     settings: SlepianWolfSettings,
+    place: tuple[int, int] = (0, 0),
 ) -> PlaneCoroutine:
     """Decode one bit plane as a coroutine: it yields requests and is sent the bits.
 
@@ -200,10 +196,12 @@ def decode_plane(
         Returns the decoder, for planes of N bits, of a code of the family by its index.
     settings : SlepianWolfSettings
         Request policy.
+    place : tuple of two int, optional
+        Numbers of the frame, and of the plane in it, which requests carry.
 
     Yields
     ------
-    PlaneRequest
+    ParityRequest
         Wanted bits; the coroutine must be sent a uint8 array of `count` bits.
 
     Returns
@@ -222,10 +220,10 @@ def decode_plane(
     llr = np.clip(llr, -settings.max_prior_llr, settings.max_prior_llr)
     entropy_bits = float(_kernels.prior_entropy(llr))
     code = choose_code(family(settings.family), entropy_bits / llr.size)
-    plane = _Plane(llr, entropy_bits, code, settings)
-    if entropy_bits + settings.crc_bits > settings.plain_entropy * llr.size + PLAIN_ALLOWANCE_BITS:
+    plane = _Plane(place, llr, entropy_bits, code, settings)
+    if entropy_bits + settings.crc_bits > settings.uncoded_entropy * llr.size + UNCODED_ALLOWANCE_BITS:
         plane.code = 0
-        plane.parity = yield from plane.request("plain", 0, llr.size)
+        plane.parity = yield from plane.request("uncoded", 0, llr.size)
         return plane.result(plane.parity, True)
     yield from plane.request_check(settings.first_crc_bits)
     decisions = (llr < 0).astype(np.uint8)
@@ -256,7 +254,7 @@ def _decode_by_parity(plane: _Plane, decoder: TurboDecoder) -> PlaneCoroutine:
     return (yield from _solve(plane, decoder))
 
 
-def _search(plane: _Plane, decoder: TurboDecoder) -> Generator[PlaneRequest, Bits, Bits | None]:
+def _search(plane: _Plane, decoder: TurboDecoder) -> Generator[ParityRequest, Bits, Bits | None]:
     """Look for an acceptable plane that iterations miss; what a search finds is trusted less."""
     equations = parity_equations(decoder.code, plane.num_bits, decoder.interleaver_seed)[: plane.parity.size]
     planes = ordered_statistics(equations, plane.parity, plane.llr_ch, decoder.llr)
@@ -265,7 +263,7 @@ def _search(plane: _Plane, decoder: TurboDecoder) -> Generator[PlaneRequest, Bit
     if not decoder.parity_satisfied:  # neighbours help where iterations are stuck in a wrong codeword
         planes = planes[:1]
     for number, bits in enumerate(planes):
-        if (yield from plane.accept(bits, NEIGHBOUR_RIVALS if number else SEARCH_RIVALS)):
+        if (yield from plane.accept(bits, NEIGHBOUR_COMPETITORS if number else SEARCH_COMPETITORS)):
             return np.asarray(bits)
     return None
 

@@ -72,7 +72,7 @@ def punctured_stream(groups: list[DecodedGroup], config: CodecConfig) -> bytes:
 
 
 def frames_of(groups: list[DecodedGroup]) -> list[Frame]:
-    return [frame for group in groups for frame in (*(wz.decoded.frame for wz in group.wyner_ziv), group.key)]
+    return [frame for group in groups for frame in (*(wz.frame for wz in group.wyner_ziv), group.key)]
 
 
 def test_groups_come_in_display_order(groups: list[DecodedGroup], frames: list[Frame]) -> None:
@@ -156,6 +156,19 @@ def test_bits_of_a_punctured_payload_may_be_anything(stream: bytes, groups: list
         reader = StreamReader(io.BytesIO(file.getvalue()))
         with suppress(BitstreamError):
             assert len(list(decode_stream(reader.config, reader))) == 2
+
+
+def test_punctured_payload_with_bytes_left_over_is_refused(stream: bytes, groups: list[DecodedGroup]) -> None:
+    """No encoder writes more than the bits that were asked for."""
+    reader = StreamReader(io.BytesIO(stream))
+    record = groups[1].record
+    longer = GopRecord(3, record.key, b"", (record.wyner_ziv[0], record.wyner_ziv[1] + b"\0"))
+    file = io.BytesIO()
+    with StreamWriter(file, reader.config, "punctured") as writer:
+        writer.write_gop(groups[0].record)
+        writer.write_gop(longer)
+    with pytest.raises(BitstreamError, match=r"group of pictures 1: .* are needed"):
+        decoded_groups(file.getvalue())
 
 
 class Reference:

@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from decoder.group import run
 from decoder.side_information.protocol import Prediction
 from decoder.wyner_ziv import DecodedFrame, WynerZivDecoder
 from dvc.config import NOISE_MODELS, CodecConfig, TurboConfig, VideoConfig, WynerZivConfig
 from dvc.metrics import psnr_db
+from dvc.turbo import drive
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
-from dvc.wynerziv.frame import FrameLayout, quantize_frame
+from dvc.wynerziv.buffered import quantize_frame
+from dvc.wynerziv.layout import FrameLayout
 from encoder.wyner_ziv import WynerZivEncoder
 from tests.clips import moving_texture
 
@@ -32,7 +33,7 @@ def decode(config: CodecConfig, original: Frame, prediction: Prediction) -> Deco
     encoded = WynerZivEncoder(config).encode(original)
     decoder = WynerZivDecoder(config)
     steps = decoder.layout.read_header(encoded.header)
-    return run(decoder.decode(5, steps, prediction), encoded.answer)
+    return drive(decoder.decode(5, steps, prediction), encoded.answer)
 
 
 def noisy_prediction(original: Frame, noise: float, seed: int = 0) -> Prediction:
@@ -130,7 +131,7 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
         return encoded.answer(request)
 
     steps = decoder.layout.read_header(encoded.header)
-    decoded = run(decoder.decode(5, steps, noisy_prediction(original, 3.0)), answer)
+    decoded = drive(decoder.decode(5, steps, noisy_prediction(original, 3.0)), answer)
     assert {plane for plane, _ in seen} == set(range(decoder.layout.num_planes))
     assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits

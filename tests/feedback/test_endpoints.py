@@ -28,11 +28,11 @@ from dvc.feedback import (
     KeepAlive,
     NextGop,
     ParityAnswer,
-    ParityRequest,
 )
 from dvc.feedback.endpoints import MAX_KEEP_ALIVES
 from dvc.feedback.messages import TYPES, Message, encode_message, max_payload_bytes
 from dvc.stream import GopRecord
+from dvc.turbo import ParityRequest
 
 CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4), turbo=TurboConfig(crc_bits=16))
 NUM_BITS = 1584
@@ -90,7 +90,7 @@ class Decoder:
             yield ParityRequest(frame, plane, "parity", 1, 300, NUM_BITS - 300)
             yield ParityRequest(frame, plane, "crc", 1, 8, NUM_CRC_BITS - 8)
         else:
-            yield ParityRequest(frame, plane, "plain", 0, 0, NUM_BITS)
+            yield ParityRequest(frame, plane, "uncoded", 0, 0, NUM_BITS)
 
     def react(self, data: bytes) -> None:
         for event in self.endpoint.receive(data):
@@ -232,7 +232,7 @@ TO_ENCODER: list[tuple[list[Message], str]] = [
     ([ParityRequest(1, 0, "parity", 99, 0, 9)], "code 99"),
     ([ParityRequest(1, 0, "parity", 0, 0, 0)], "0 parity bits"),
     ([ParityRequest(1, 0, "parity", 0, 0, NUM_BITS + 1)], "1585 parity bits"),
-    ([ParityRequest(1, 0, "plain", 0, 0, NUM_BITS + 1)], "1585 plain bits"),
+    ([ParityRequest(1, 0, "uncoded", 0, 0, NUM_BITS + 1)], "1585 uncoded bits"),
     ([ParityRequest(1, 0, "crc", 0, 0, NUM_CRC_BITS + 1)], f"{NUM_CRC_BITS + 1} crc bits"),
     ([ParityRequest(1, 0, "parity", 0, 5, 9)], "number 5 on, where 0 is the next"),
     ([REQUEST, ParityRequest(1, 0, "crc", 0, 0, 8)], "second request for plane 0 of frame 1"),
@@ -284,9 +284,9 @@ def test_decoder_refuses_a_breach_of_the_protocol(messages: list[Message], text:
 
 
 def test_code_of_a_plane_stays() -> None:
-    """A plane is decoded with one code, but its bits may be asked for plainly in the end."""
+    """A plane is decoded with one code, but its bits may be asked for uncoded in the end."""
     encoder, decoder = opened()
-    for request in (ParityRequest(1, 0, "crc", 1, 0, 8), ParityRequest(1, 0, "plain", 0, 0, 9)):
+    for request in (ParityRequest(1, 0, "crc", 1, 0, 8), ParityRequest(1, 0, "uncoded", 0, 0, 9)):
         decoder.send_request(request)
         assert encoder.receive(decoder.bytes_to_send()) == [request]
         encoder.send_answer(1, 0, np.zeros(request.count, np.uint8))
@@ -482,7 +482,7 @@ messages: st.SearchStrategy[Message] = st.one_of(
         ParityRequest,
         st.integers(0, 9),
         st.integers(0, 31),
-        st.sampled_from(["crc", "parity", "plain"]),
+        st.sampled_from(["crc", "parity", "uncoded"]),
         st.integers(0, 5),
         st.sampled_from([0, 8, 100]),
         st.sampled_from([0, 8, 100, 1584]),

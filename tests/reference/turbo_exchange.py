@@ -5,7 +5,17 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.turbo import PlaneResult, SlepianWolfSettings, TurboDecoder, crc, decode_plane, encode_planes, family
+from dvc.turbo import (
+    ParityRequest,
+    PlaneResult,
+    SlepianWolfSettings,
+    TurboDecoder,
+    crc,
+    decode_plane,
+    drive,
+    encode_planes,
+    family,
+)
 
 Bits = NDArray[np.uint8]
 SEED = 1
@@ -20,25 +30,23 @@ def decoder_of(name: str, index: int, num_bits: int) -> TurboDecoder:
 def exchange(bits: Bits, llr_ch: NDArray[np.floating], settings: SlepianWolfSettings) -> PlaneResult:
     """Run `decode_plane` against the true plane, and check that it pays for every bit once and in order."""
     check = crc(bits, settings.crc_bits)
-    paid = {"crc": 0, "parity": 0, "plain": 0}
+    paid = {"crc": 0, "parity": 0, "uncoded": 0}
     codes = set()
+
+    def answer(request: ParityRequest) -> Bits:
+        assert request.start == paid[request.kind]
+        paid[request.kind] += request.count
+        if request.kind == "parity":
+            codes.add(request.code)
+            source: Bits = encode_planes(bits[None], family(settings.family)[request.code], SEED)[0]
+        else:
+            source = check if request.kind == "crc" else bits
+        return source[request.start : request.start + request.count]
+
     coroutine = decode_plane(llr_ch, lambda index: decoder_of(settings.family, index, bits.size), settings)
-    try:
-        request = next(coroutine)
-        while True:
-            assert request.start == paid[request.kind]
-            paid[request.kind] += request.count
-            if request.kind == "parity":
-                codes.add(request.code)
-                code = family(settings.family)[request.code]
-                source = encode_planes(bits[None], code, SEED)[0]
-            else:
-                source = check if request.kind == "crc" else bits
-            request = coroutine.send(source[request.start : request.start + request.count])
-    except StopIteration as end:
-        result: PlaneResult = end.value
+    result = drive(coroutine, answer)
     assert len(codes) <= 1
-    assert (result.crc_bits, result.parity_bits) == (paid["crc"], paid["parity"] + paid["plain"])
+    assert (result.crc_bits, result.parity_bits) == (paid["crc"], paid["parity"] + paid["uncoded"])
     return result
 
 

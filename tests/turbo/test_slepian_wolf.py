@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
-from dvc.turbo import PlaneRequest, SlepianWolfSettings, TurboDecoder, decode_plane, family
+from dvc.turbo import ParityRequest, SlepianWolfSettings, TurboDecoder, decode_plane, family
 from tests.reference.turbo_exchange import decoder_of, exchange, noisy
 
 DEFAULT = SlepianWolfSettings()
@@ -121,8 +121,8 @@ def test_repeats_itself() -> None:
 def test_first_request_is_for_check_bits() -> None:
     """The coroutine asks for the first check bits, then for a conservative amount of parity."""
     _, llr_ch = noisy(np.random.default_rng(2), 1584, 0.07)
-    coroutine = decode_plane(llr_ch, lambda index: TurboDecoder(family()[index], 1584, 1), DEFAULT)
-    assert next(coroutine) == PlaneRequest("crc", 7, 0, 8)
+    coroutine = decode_plane(llr_ch, lambda index: TurboDecoder(family()[index], 1584, 1), DEFAULT, (3, 5))
+    assert next(coroutine) == ParityRequest(3, 5, "crc", 7, 0, 8)
     request = coroutine.send(np.ones(8, np.uint8))
     assert (request.kind, request.code, request.start) == ("parity", 7, 0)
     assert 0.7 < request.count / (1584 * 0.366) < 0.8

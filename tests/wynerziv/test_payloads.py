@@ -1,8 +1,5 @@
 """Layout and payloads of a Wyner-Ziv frame: what is written is what can be asked for."""
 
-from collections.abc import Generator
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,29 +9,14 @@ from dvc import turbo
 from dvc._jit import python_twin
 from dvc.config import CodecConfig, VideoConfig, WynerZivConfig
 from dvc.errors import BitstreamError
+from dvc.turbo import ParityRequest
 from dvc.wynerziv import _kernels, bitplanes, quantizer, transform
-from dvc.wynerziv.frame import (
-    BufferedFrame,
-    EncodedFrame,
-    FrameLayout,
-    PuncturedFrame,
-    PunctureRecorder,
-    quantize_frame,
-)
+from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame, quantize_frame
+from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder
 from tests.reference import wynerziv_planes as reference
 
 CODES = turbo.family("adaptive")
-
-
-@dataclass(frozen=True)
-class Question:
-    """A parity request, as far as a frame looks at it."""
-
-    plane: int
-    kind: str
-    code: int
-    start: int
-    count: int
 
 
 def layout_of(height: int, width: int, levels: tuple[int, ...]) -> FrameLayout:
@@ -67,9 +49,11 @@ def encoded_frame(layout: FrameLayout, seed: int) -> EncodedFrame:
     return EncodedFrame(layout, layout.write_header(steps), words, CODES, interleaver_seed=1)
 
 
-def plain_planes(frame: EncodedFrame, layout: FrameLayout) -> np.ndarray:
-    questions = [Question(plane, "plain", 0, 0, layout.num_bits) for plane in range(layout.num_planes)]
-    return np.stack([frame.answer(question) for question in questions])
+def uncoded_planes(frame: EncodedFrame, layout: FrameLayout) -> np.ndarray:
+    requests = [
+        ParityRequest(0, plane, "uncoded", 0, 0, layout.num_bits) for plane in range(layout.num_planes)
+    ]
+    return np.stack([frame.answer(request) for request in requests])
 
 
 @given(layouts, st.data())
@@ -101,7 +85,7 @@ def test_quantized_words_hold_the_digits_of_the_bins(layout: FrameLayout, seed: 
     """The compiled encoder path puts the same bits into words as transform, quantiser and planes do."""
     luma = random_luma(layout, seed)
     steps, _ = quantize_frame(layout, luma)
-    planes = plain_planes(encoded_frame(layout, seed), layout)
+    planes = uncoded_planes(encoded_frame(layout, seed), layout)
     bands = transform.forward(luma).reshape(16, -1)
     for band in layout.bands:
         edges = layout.edges(band, steps)
@@ -112,56 +96,57 @@ def test_quantized_words_hold_the_digits_of_the_bins(layout: FrameLayout, seed: 
 
 @settings(max_examples=40)
 @given(layouts, st.integers(0, 2**32 - 1), st.data())
-def test_buffered_payload_answers_every_question(layout: FrameLayout, seed: int, data: st.DataObject) -> None:
+def test_buffered_payload_answers_every_request(layout: FrameLayout, seed: int, data: st.DataObject) -> None:
     """What the encoder would answer can be read from the buffered payload, any range of any kind of bits."""
     frame = encoded_frame(layout, seed)
     buffered = BufferedFrame(layout, frame.buffered_payload(), len(CODES))
     for _ in range(8):
-        kind = data.draw(st.sampled_from(["crc", "plain", "parity"]))
+        kind = data.draw(st.sampled_from(["crc", "uncoded", "parity"]))
         size = layout.crc_bits if kind == "crc" else layout.num_bits
         start = data.draw(st.integers(0, size))
-        question = Question(
+        request = ParityRequest(
+            0,
             data.draw(st.integers(0, layout.num_planes - 1)),
             kind,
             data.draw(st.integers(0, len(CODES) - 1)),
             start,
             data.draw(st.integers(0, size - start)),
         )
-        np.testing.assert_array_equal(buffered.answer(question), frame.answer(question))
+        np.testing.assert_array_equal(buffered.answer(request), frame.answer(request))
 
 
 def test_answers_are_the_codes_of_the_planes() -> None:
     """Check and parity bits are those of `dvc.turbo` for the plane alone."""
     layout = layout_of(16, 20, PRESETS[7])
     frame = encoded_frame(layout, 5)
-    planes = plain_planes(frame, layout)
+    planes = uncoded_planes(frame, layout)
     parity = turbo.encode_planes(planes, CODES[1], 1)
     check = turbo.crc(planes, layout.crc_bits)
     for plane in (0, 6, layout.num_planes - 1):
-        whole = Question(plane, "parity", 1, 0, layout.num_bits)
+        whole = ParityRequest(0, plane, "parity", 1, 0, layout.num_bits)
         np.testing.assert_array_equal(frame.answer(whole), parity[plane])
-        whole = Question(plane, "crc", 0, 0, layout.crc_bits)
+        whole = ParityRequest(0, plane, "crc", 0, 0, layout.crc_bits)
         np.testing.assert_array_equal(frame.answer(whole), check[plane])
 
 
 @pytest.mark.parametrize(
-    "question",
+    "refused",
     [
-        Question(-1, "plain", 0, 0, 1),
-        Question(99, "plain", 0, 0, 1),
-        Question(0, "magic", 0, 0, 1),
-        Question(0, "parity", len(CODES), 0, 1),
-        Question(0, "parity", -1, 0, 1),
-        Question(0, "plain", 0, -1, 1),
-        Question(0, "plain", 0, 3, -1),
-        Question(0, "plain", 0, 0, 17),
+        ParityRequest(0, -1, "uncoded", 0, 0, 1),
+        ParityRequest(0, 99, "uncoded", 0, 0, 1),
+        ParityRequest(0, 0, "magic", 0, 0, 1),
+        ParityRequest(0, 0, "parity", len(CODES), 0, 1),
+        ParityRequest(0, 0, "parity", -1, 0, 1),
+        ParityRequest(0, 0, "uncoded", 0, -1, 1),
+        ParityRequest(0, 0, "uncoded", 0, 3, -1),
+        ParityRequest(0, 0, "uncoded", 0, 0, 17),
     ],
 )
-def test_questions_for_what_does_not_exist_are_refused(question: Question) -> None:
+def test_requests_for_what_does_not_exist_are_refused(refused: ParityRequest) -> None:
     """Planes, kinds, codes and ranges that a frame does not have raise `ValueError`."""
     frame = encoded_frame(layout_of(16, 16, PRESETS[0]), 0)
     with pytest.raises(ValueError, match=r"plane|bits"):
-        frame.answer(question)
+        frame.answer(refused)
 
 
 @pytest.mark.parametrize("change", [-1, 1])
@@ -174,48 +159,21 @@ def test_buffered_payload_of_another_size_is_refused(change: int) -> None:
         BufferedFrame(layout, wrong, len(CODES))
 
 
-def ask(counts: list[int]) -> Generator[Question, np.ndarray, list[np.ndarray]]:
-    answers = []
-    for count in counts:
-        answers.append((yield Question(0, "plain", 0, 0, count)))
-    return answers
-
-
 @given(st.lists(st.integers(0, 30), max_size=8), st.integers(0, 2**32 - 1))
 def test_punctured_payload_replays_what_was_recorded(counts: list[int], seed: int) -> None:
     """The bits that a decoder was given come back from the payload, in order, and use it up."""
     layout = layout_of(8, 8, PRESETS[0])
     header = layout.write_header(dict.fromkeys([band for band in layout.bands if band], 9))
     rng = np.random.default_rng(seed)
-    recorder = PunctureRecorder()
-    watched = recorder.watch(ask(counts))
-    given_bits = [rng.integers(0, 2, count, dtype=np.uint8) for count in counts]
-    returned = None
-    try:
-        next(watched)
-        for bits in given_bits:
-            watched.send(bits)
-    except StopIteration as stop:
-        returned = stop.value
-    assert returned is not None
-    assert all(a is b for a, b in zip(returned, given_bits, strict=True))
+    recorder = PunctureRecorder(lambda request: rng.integers(0, 2, request.count, dtype=np.uint8))
+    given_bits = [recorder.answer(ParityRequest(0, 0, "uncoded", 0, 0, count)) for count in counts]
     payload = recorder.payload(header)
     assert len(payload) == len(header) + -(-sum(counts) // 8)
     source = PuncturedFrame(layout, payload)
     for count, bits in zip(counts, given_bits, strict=True):
-        np.testing.assert_array_equal(source.answer(Question(3, "parity", 2, 7, count)), bits)
-    source.finish()
+        np.testing.assert_array_equal(source.answer(ParityRequest(0, 3, "parity", 2, 7, count)), bits)
     with pytest.raises(BitstreamError, match="are needed"):
-        source.answer(Question(0, "plain", 0, 0, 9))
-
-
-def test_punctured_payload_with_bytes_left_over_is_refused() -> None:
-    """No encoder writes more than the bits that were asked for."""
-    layout = layout_of(8, 8, PRESETS[0])
-    source = PuncturedFrame(layout, bytes(layout.header_bytes) + b"\xff\xff")
-    source.answer(Question(0, "plain", 0, 0, 8))
-    with pytest.raises(BitstreamError, match="8 bits left over"):
-        source.finish()
+        source.answer(ParityRequest(0, 0, "uncoded", 0, 0, 9))
 
 
 @pytest.mark.nojit

@@ -1,0 +1,195 @@
+"""All bits that may be asked of a Wyner-Ziv frame: at the encoder, and in the payload of the buffered form.
+
+After the header, that payload holds the check bits, uncoded bits and parity of all planes.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc import turbo
+from dvc.errors import BitstreamError
+from dvc.turbo import ParityRequest
+from dvc.wynerziv import quantizer, transform
+from dvc.wynerziv.layout import FrameLayout
+
+Bits = NDArray[np.uint8]
+Words = NDArray[np.uint64]
+
+
+def quantize_frame(layout: FrameLayout, luma: NDArray[np.uint8]) -> tuple[dict[int, int], Words]:
+    """Transform and quantise a frame into bit planes, all planes of a coefficient position in one word.
+
+    Parameters
+    ----------
+    layout : FrameLayout
+        Layout of the frame.
+    luma : ndarray of shape (H, W), uint8
+        Luma samples.
+
+    Returns
+    -------
+    step_indices : dict of int to int
+        Step index of each AC band that is sent.
+    words : ndarray of shape (ceil(num_planes / 64), num_bits), uint64
+        Plane p stands in bit 63 - p % 64 of row p // 64; planes in decoding order.
+    """
+    from dvc.wynerziv import _kernels
+
+    raster = np.empty((transform.NUM_BANDS, layout.num_bits))
+    _kernels.transform_blocks(transform.pad_to_blocks(luma), transform.SCALE, raster)
+    steps: dict[int, int] = {}
+    words = np.zeros((layout.num_words, layout.num_bits), dtype=np.uint64)
+    for band in layout.bands:
+        coefficients = raster[transform.BLOCK * transform.ZIGZAG[band, 0] + transform.ZIGZAG[band, 1]]
+        levels, first = layout.levels[band], layout.first_plane[band]
+        planes = quantizer.num_planes(levels)
+        if band:
+            steps[band] = quantizer.step_index(coefficients, levels)
+            step = quantizer.step_from_index(steps[band])
+            _kernels.pack_dead_zone(coefficients, step, planes, first, words)
+        else:
+            _kernels.pack_uniform(coefficients, quantizer.DC_RANGE / levels, planes, first, words)
+    return steps, words
+
+
+class EncodedFrame:
+    """All bits that may be asked of one Wyner-Ziv frame; parity is computed when a code is first needed.
+
+    Parameters
+    ----------
+    layout : FrameLayout
+        Layout of the frame.
+    header : bytes
+        Step indices, as `FrameLayout.write_header` packs them.
+    words : ndarray of shape (W, N), uint64
+        Bit planes, from `quantize_frame`.
+    codes : sequence of TurboCode
+        Code family of the configuration.
+    interleaver_seed : int
+        Seed of the interleavers.
+    """
+
+    def __init__(
+        self,
+        layout: FrameLayout,
+        header: bytes,
+        words: Words,
+        codes: Sequence[turbo.TurboCode],
+        interleaver_seed: int,
+    ) -> None:
+        self.header = header
+        self._layout = layout
+        self._words = words
+        self._codes = codes
+        self._seed = interleaver_seed
+        self._parity: dict[int, Words] = {}
+        self._crc = np.stack([turbo.crc_words(row, layout.crc_bits) for row in words])
+
+    def _parity_words(self, code: int) -> Words:
+        if code not in self._parity:
+            self._parity[code] = np.empty_like(self._words)
+            self._encode(code, self._parity[code])
+        return self._parity[code]
+
+    def _encode(self, code: int, parity: Words) -> None:
+        for row, released in zip(self._words, parity, strict=True):
+            turbo.encode_words(row, self._codes[code], self._seed, released)
+
+    def answer(self, request: ParityRequest) -> Bits:
+        """Return the bits that a request asks for.
+
+        Parameters
+        ----------
+        request : ParityRequest
+            Kind, plane, code and range.
+
+        Returns
+        -------
+        ndarray of shape (count,), uint8
+            The bits.
+
+        Raises
+        ------
+        ValueError
+            If the request asks for what does not exist.
+        """
+        if not 0 <= request.plane < self._layout.num_planes:
+            raise ValueError(f"plane {request.plane} of {self._layout.num_planes}")
+        if request.kind not in turbo.KINDS or not 0 <= request.code < len(self._codes):
+            raise ValueError(f"no {request.kind!r} bits of code {request.code}")
+        if request.kind == "parity":
+            words = self._parity_words(request.code)
+        else:
+            words = self._crc if request.kind == "crc" else self._words
+        stop = request.start + request.count
+        if not 0 <= request.start <= stop <= words.shape[1]:
+            raise ValueError(f"bits {request.start}+{request.count} of {words.shape[1]}")
+        row = words[request.plane // 64, request.start : stop]
+        return ((row >> np.uint64(63 - request.plane % 64)) & np.uint64(1)).astype(np.uint8)
+
+    def buffered_payload(self) -> bytes:
+        """Pack the header and everything that may be asked; inverse of `BufferedFrame`.
+
+        Returns
+        -------
+        bytes
+            Payload of the buffered form: after the header, CRC, uncoded bits and the parity of each code; in
+            each of them one big-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
+        """
+        num_rows, num_bits = self._words.shape
+        first = self._crc.shape[1] + num_bits
+        words = np.empty((num_rows, first + len(self._codes) * num_bits), np.uint64)
+        np.concatenate([self._crc, self._words], axis=1, out=words[:, :first])
+        for code in range(len(self._codes)):
+            self._encode(code, words[:, first + code * num_bits : first + (code + 1) * num_bits])
+        size = -(-self._layout.num_planes // 8)
+        return self.header + words.T.astype(">u8", order="C").view(np.uint8)[:, :size].tobytes()
+
+
+class BufferedFrame:
+    """Answers requests from a buffered payload; reads only the bits that are asked for.
+
+    Parameters
+    ----------
+    layout : FrameLayout
+        Layout of the frame.
+    payload : bytes
+        What `EncodedFrame.buffered_payload` packed.
+    num_codes : int
+        Codes in the family.
+
+    Raises
+    ------
+    BitstreamError
+        If the payload's size is not that of the layout.
+    """
+
+    def __init__(self, layout: FrameLayout, payload: bytes, num_codes: int) -> None:
+        uncoded = layout.crc_bits
+        self._first = {("crc", 0): 0, ("uncoded", 0): uncoded}
+        self._first |= {("parity", code): uncoded + (code + 1) * layout.num_bits for code in range(num_codes)}
+        size = -(-layout.num_planes // 8)
+        expected = layout.header_bytes + size * (uncoded + (num_codes + 1) * layout.num_bits)
+        if len(payload) != expected:
+            raise BitstreamError(f"buffered Wyner-Ziv frame of {len(payload)} bytes, expected {expected}")
+        self._words = np.frombuffer(payload, np.uint8)[layout.header_bytes :].reshape(-1, max(size, 1))
+
+    def answer(self, request: ParityRequest) -> Bits:
+        """Return the bits that a request asks for.
+
+        Parameters
+        ----------
+        request : ParityRequest
+            Kind, plane, code and range; taken from this program's own decoder, not from outside.
+
+        Returns
+        -------
+        ndarray of shape (count,), uint8
+            The bits.
+        """
+        code = request.code if request.kind == "parity" else 0
+        first = self._first[request.kind, code] + request.start
+        column = self._words[first : first + request.count, request.plane // 8]
+        return (column >> np.uint8(7 - request.plane % 8)) & np.uint8(1)

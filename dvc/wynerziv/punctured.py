@@ -1,0 +1,100 @@
+"""The payload of the punctured form: after the header, the bits that were asked for, in that order."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import BitstreamError
+from dvc.turbo import Answer, ParityRequest
+from dvc.wynerziv.layout import FrameLayout
+
+Bits = NDArray[np.uint8]
+
+
+class PuncturedFrame:
+    """Answers requests from a punctured payload: whatever is asked, the next bits are the answer.
+
+    Parameters
+    ----------
+    layout : FrameLayout
+        Layout of the frame.
+    payload : bytes
+        Header and bits that `PunctureRecorder` collected.
+    """
+
+    def __init__(self, layout: FrameLayout, payload: bytes) -> None:
+        self._bits = np.unpackbits(np.frombuffer(payload, np.uint8)[layout.header_bytes :])
+        self._position = 0
+
+    def answer(self, request: ParityRequest) -> Bits:
+        """Return the next bits.
+
+        Parameters
+        ----------
+        request : ParityRequest
+            Only its count matters.
+
+        Returns
+        -------
+        ndarray of shape (count,), uint8
+            The bits.
+
+        Raises
+        ------
+        BitstreamError
+            If the payload ends before.
+        """
+        stop = self._position + request.count
+        if stop > self._bits.size:
+            raise BitstreamError(
+                f"punctured Wyner-Ziv frame ends after {self._bits.size} bits, {stop} are needed"
+            )
+        bits = self._bits[self._position : stop]
+        self._position = stop
+        return bits
+
+
+class PunctureRecorder:
+    """Passes requests on and collects the answers, to be written as a punctured payload.
+
+    Parameters
+    ----------
+    source : callable
+        Who answers.
+    """
+
+    def __init__(self, source: Answer) -> None:
+        self._source = source
+        self._bits: list[Bits] = []
+
+    def answer(self, request: ParityRequest) -> Bits:
+        """Pass a request on, and keep the answer.
+
+        Parameters
+        ----------
+        request : ParityRequest
+            Bits wanted.
+
+        Returns
+        -------
+        ndarray of shape (count,), uint8
+            The bits.
+        """
+        bits = self._source(request)
+        self._bits.append(bits)
+        return bits
+
+    def payload(self, header: bytes) -> bytes:
+        """Pack what was collected; `PuncturedFrame` answers with it.
+
+        Parameters
+        ----------
+        header : bytes
+            Header of the frame.
+
+        Returns
+        -------
+        bytes
+            Payload of the punctured form.
+        """
+        bits = np.concatenate(self._bits) if self._bits else np.zeros(0, np.uint8)
+        return header + np.packbits(bits).tobytes()
