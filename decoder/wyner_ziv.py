@@ -19,7 +19,7 @@ from decoder.side_information.weighting import fuse
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
-from dvc.wynerziv import bitplanes, noise, quantizer, reconstruction, transform
+from dvc.wynerziv import bitplanes, noise, reconstruction, transform
 from dvc.wynerziv.layout import FrameLayout
 
 Array = NDArray[np.float64]
@@ -267,7 +267,7 @@ class WynerZivDecoder:
         self, index: int, band: int, step_indices: dict[int, int], state: _FrameState
     ) -> Generator[turbo.ParityRequest, Bits, list[turbo.PlaneResult]]:
         edges = self.layout.edges(band, step_indices)
-        planes, shape = quantizer.num_planes(self.layout.levels[band]), self.layout.band_shape
+        planes, shape = self.layout.planes[band], self.layout.band_shape
         refined = not state.known and 0 in self._config.wyner_ziv.refine_after
         predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
         prefix = np.zeros(self.layout.num_bits, dtype=np.int64)

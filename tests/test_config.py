@@ -37,6 +37,7 @@ from dvc.config import (
     variant_of,
 )
 from dvc.errors import BitstreamError, ConfigError
+from tests.reference.wynerziv_transform import ZIGZAG_RANK
 
 QCIF = VideoConfig(176, 144, 15, 1)
 VIDEO: dict[str, Any] = {"width": 176, "height": 144, "frame_rate_num": 15, "frame_rate_den": 1}
@@ -108,15 +109,15 @@ def test_field_numbers_cover_all_fields_once() -> None:
     assert list(FIELD_NUMBERS.values()) == sorted(set(FIELD_NUMBERS.values()))
 
 
-def test_zigzag_and_presets_agree_with_the_transform() -> None:
-    """The scan restated here is that of the transform, and presets follow it."""
-    from dvc.wynerziv import transform
-
-    assert [4 * y + x for y, x in np.asarray(transform.ZIGZAG)] == list(ZIGZAG)
+def test_zigzag_and_presets_follow_the_standard() -> None:
+    """The scan is the one that H.264 draws, and presets follow it."""
+    assert np.argsort(ZIGZAG).reshape(4, 4).tolist() == ZIGZAG_RANK.tolist()
     for q, raster in enumerate(PRESET_LEVELS, start=1):
         levels = WynerZivConfig.preset(q).levels
-        assert [raster[4 * y + x] for y, x in np.asarray(transform.ZIGZAG)] == list(levels)
+        assert [levels[band] for band in ZIGZAG_RANK.ravel()] == list(raster)
     assert [WynerZivConfig.preset(q).num_planes for q in range(1, 9)] == [10, 11, 17, 30, 36, 45, 50, 63]
+    one_by_one = WynerZivConfig((256, 128, 4, 2) + 12 * (0,)).planes
+    assert one_by_one == (8, 7, 2, 1) + 12 * (0,)
 
 
 def test_turbo_families_exist() -> None:

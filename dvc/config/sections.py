@@ -148,9 +148,14 @@ class WynerZivConfig(Section):
         return cls(tuple(PRESET_LEVELS[q - 1][position] for position in ZIGZAG))
 
     @property
+    def planes(self) -> tuple[int, ...]:
+        """Number of bit planes of each band; 0 for one that is not sent."""
+        return tuple(max(number.bit_length() - 1, 0) for number in self.levels)
+
+    @property
     def num_planes(self) -> int:
         """Number of bit planes of a frame, over all bands."""
-        return sum(number.bit_length() - 1 for number in self.levels if number)
+        return sum(self.planes)
 
 
 @dataclass(frozen=True)

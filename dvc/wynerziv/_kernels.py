@@ -14,25 +14,25 @@ _HALVINGS = 5  # 32 probabilities above the share of outliers have a product tha
 
 
 @kernel
-def transform_blocks(samples, scale, coefficients):
-    """4x4 integer transform; `scale` (4, 4) and `coefficients` (16, N) in raster order of the block."""
+def transform_blocks(samples, scale, order, bands):
+    """4x4 integer transform of int64 or float64; `scale` and `order` (band of each coefficient): (4, 4)."""
     columns = samples.shape[1] // 4
-    half = np.empty((4, 4), np.int64)
-    for block in range(coefficients.shape[1]):
+    half = np.empty((4, 4), samples.dtype)
+    for block in range(bands.shape[1]):
         y0, x0 = 4 * (block // columns), 4 * (block % columns)
         for x in range(4):
-            a, b = np.int64(samples[y0, x0 + x]), np.int64(samples[y0 + 1, x0 + x])
-            c, d = np.int64(samples[y0 + 2, x0 + x]), np.int64(samples[y0 + 3, x0 + x])
+            a, b = samples[y0, x0 + x], samples[y0 + 1, x0 + x]
+            c, d = samples[y0 + 2, x0 + x], samples[y0 + 3, x0 + x]
             outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c
             half[0, x], half[1, x] = outer + inner, 2 * outer_odd + inner_odd
             half[2, x], half[3, x] = outer - inner, outer_odd - 2 * inner_odd
         for y in range(4):
             a, b, c, d = half[y, 0], half[y, 1], half[y, 2], half[y, 3]
             outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c
-            coefficients[4 * y, block] = (outer + inner) * scale[y, 0]
-            coefficients[4 * y + 1, block] = (2 * outer_odd + inner_odd) * scale[y, 1]
-            coefficients[4 * y + 2, block] = (outer - inner) * scale[y, 2]
-            coefficients[4 * y + 3, block] = (outer_odd - 2 * inner_odd) * scale[y, 3]
+            bands[order[y, 0], block] = (outer + inner) * scale[y, 0]
+            bands[order[y, 1], block] = (2 * outer_odd + inner_odd) * scale[y, 1]
+            bands[order[y, 2], block] = (outer - inner) * scale[y, 2]
+            bands[order[y, 3], block] = (outer_odd - 2 * inner_odd) * scale[y, 3]
 
 
 @kernel

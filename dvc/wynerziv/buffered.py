@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dvc import turbo
 from dvc.errors import BitstreamError
 from dvc.turbo import ParityRequest
-from dvc.wynerziv import quantizer, transform
+from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.layout import FrameLayout
 
 Bits = NDArray[np.uint8]
@@ -35,22 +35,17 @@ def quantize_frame(layout: FrameLayout, luma: NDArray[np.uint8]) -> tuple[dict[i
     words : ndarray of shape (ceil(num_planes / 64), num_bits), uint64
         Plane p stands in bit 63 - p % 64 of row p // 64; planes in decoding order.
     """
-    from dvc.wynerziv import _kernels
-
-    raster = np.empty((transform.NUM_BANDS, layout.num_bits))
-    _kernels.transform_blocks(transform.pad_to_blocks(luma), transform.SCALE, raster)
+    coefficients = transform.forward(luma).reshape(transform.NUM_BANDS, layout.num_bits)
     steps: dict[int, int] = {}
     words = np.zeros((layout.num_words, layout.num_bits), dtype=np.uint64)
     for band in layout.bands:
-        coefficients = raster[transform.BLOCK * transform.ZIGZAG[band, 0] + transform.ZIGZAG[band, 1]]
-        levels, first = layout.levels[band], layout.first_plane[band]
-        planes = quantizer.num_planes(levels)
+        levels, planes, first = layout.levels[band], layout.planes[band], layout.first_plane[band]
         if band:
-            steps[band] = quantizer.step_index(coefficients, levels)
+            steps[band] = quantizer.step_index(coefficients[band], levels)
             step = quantizer.step_from_index(steps[band])
-            _kernels.pack_dead_zone(coefficients, step, planes, first, words)
+            _kernels.pack_dead_zone(coefficients[band], step, planes, first, words)
         else:
-            _kernels.pack_uniform(coefficients, quantizer.DC_RANGE / levels, planes, first, words)
+            _kernels.pack_uniform(coefficients[band], quantizer.DC_RANGE / levels, planes, first, words)
     return steps, words
 
 

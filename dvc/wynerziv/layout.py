@@ -25,6 +25,8 @@ class FrameLayout:
         Sides of the luma plane in pixels.
     levels : tuple of int
         Quantiser levels of the 16 bands, in zigzag order.
+    planes : tuple of int
+        Bit planes of each of them; 0 where it is not sent.
     crc_bits : int
         Length of each plane's checksum.
     """
@@ -32,6 +34,7 @@ class FrameLayout:
     height: int
     width: int
     levels: tuple[int, ...]
+    planes: tuple[int, ...]
     crc_bits: int
 
     @classmethod
@@ -48,8 +51,8 @@ class FrameLayout:
         FrameLayout
             Layout of each of its Wyner-Ziv frames.
         """
-        video = config.video
-        return cls(video.height, video.width, config.wyner_ziv.levels, config.turbo.crc_bits)
+        video, quantised = config.video, config.wyner_ziv
+        return cls(video.height, video.width, quantised.levels, quantised.planes, config.turbo.crc_bits)
 
     @cached_property
     def band_shape(self) -> tuple[int, int]:
@@ -69,13 +72,12 @@ class FrameLayout:
     @cached_property
     def first_plane(self) -> dict[int, int]:
         """Frame-wide number of each sent band's most significant plane."""
-        counts = [quantizer.num_planes(self.levels[band]) for band in self.bands]
-        return dict(zip(self.bands, np.cumsum([0, *counts[:-1]]).tolist(), strict=True))
+        return {band: sum(self.planes[:band]) for band in self.bands}
 
     @cached_property
     def num_planes(self) -> int:
         """Planes in a frame."""
-        return sum(quantizer.num_planes(levels) for levels in self.levels)
+        return sum(self.planes)
 
     @property
     def num_words(self) -> int:

@@ -17,22 +17,6 @@ _STEPS_PER_OCTAVE = 6
 _MAX_STEP_INDEX = (1 << STEP_INDEX_BITS) - 1
 
 
-def num_planes(levels: int) -> int:
-    """Return the number of bit planes of a band.
-
-    Parameters
-    ----------
-    levels : int
-        A power of two, or 0 for a band that is not sent.
-
-    Returns
-    -------
-    int
-        log2 of the levels; 0 for a band that is not sent.
-    """
-    return max(levels.bit_length() - 1, 0)
-
-
 def step_from_index(index: int) -> float:
     """Return the AC step that an index stands for; inverse of `step_index`.
 

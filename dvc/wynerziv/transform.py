@@ -14,17 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.config import ZIGZAG
+from dvc.wynerziv import _kernels
+
 Samples = NDArray[Any]
 """Integers, which stay integers, or floats."""
 
 BLOCK = 4
 NUM_BANDS = BLOCK * BLOCK
-ZIGZAG = np.array(
-    [(0, 0), (0, 1), (1, 0), (2, 0), (1, 1), (0, 2), (0, 3), (1, 2),
-     (2, 1), (3, 0), (3, 1), (2, 2), (1, 3), (2, 3), (3, 2), (3, 3)]
-)  # fmt: skip
-"""Row and column in the block of each band, in coding order."""
-
+_ORDER = np.argsort(ZIGZAG).reshape(BLOCK, BLOCK)
 _CORE = np.array([[1, 1, 1, 1], [2, 1, -1, -2], [1, -1, -1, 1], [1, -2, 2, -1]], dtype=np.int64)
 _NORM = 1.0 / np.sqrt((_CORE**2).sum(axis=1))
 SCALE = np.outer(_NORM, _NORM)
@@ -81,20 +79,11 @@ def forward(luma: Samples) -> NDArray[np.float64]:
         Orthonormal coefficients, bands in zigzag order.
     """
     padded = pad_to_blocks(luma)
-    samples = padded.astype(np.int64 if np.issubdtype(padded.dtype, np.integer) else np.float64)
-    rows, columns = samples.shape[0] // BLOCK, samples.shape[1] // BLOCK
-    blocks = samples.reshape(rows, BLOCK, columns, BLOCK)
-    vertical = _butterfly(blocks[:, 0], blocks[:, 1], blocks[:, 2], blocks[:, 3])
-    bands = np.empty((NUM_BANDS, rows, columns))
-    coefficients = [_butterfly(*(line[..., x] for x in range(BLOCK))) for line in vertical]
-    for band, (y, x) in enumerate(ZIGZAG):
-        bands[band] = coefficients[y][x] * SCALE[y, x]
-    return bands
-
-
-def _butterfly(a: Samples, b: Samples, c: Samples, d: Samples) -> tuple[Samples, Samples, Samples, Samples]:
-    outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c
-    return outer + inner, 2 * outer_odd + inner_odd, outer - inner, outer_odd - 2 * inner_odd
+    dtype = np.int64 if np.issubdtype(padded.dtype, np.integer) else np.float64
+    shape = band_shape(*padded.shape)
+    bands = np.empty((NUM_BANDS, shape[0] * shape[1]))
+    _kernels.transform_blocks(np.ascontiguousarray(padded, dtype), SCALE, _ORDER, bands)
+    return bands.reshape(NUM_BANDS, *shape)
 
 
 def inverse(bands: NDArray[np.float64], height: int, width: int) -> NDArray[np.float64]:
@@ -115,7 +104,8 @@ def inverse(bands: NDArray[np.float64], height: int, width: int) -> NDArray[np.f
     if bands.shape != (NUM_BANDS, *band_shape(height, width)):
         raise ValueError(f"`bands` has shape {bands.shape}, which does not fit a frame of {width}x{height}")
     scaled: list[list[NDArray[np.float64]]] = [[np.empty(0)] * BLOCK for _ in range(BLOCK)]
-    for band, (y, x) in enumerate(ZIGZAG):
+    for band, position in enumerate(ZIGZAG):
+        y, x = divmod(position, BLOCK)
         scaled[y][x] = bands[band] * SCALE[y, x]
     vertical = [_inverse_butterfly(*(scaled[y][x] for y in range(BLOCK))) for x in range(BLOCK)]
     samples = np.empty((bands.shape[1], BLOCK, bands.shape[2], BLOCK))

@@ -1,7 +1,6 @@
 """Scalar quantisers and bit planes: borders, bins, digits."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -49,12 +48,6 @@ def test_step_holds_every_coefficient(levels: int, values: list[float]) -> None:
     assert index == 0 or largest > smaller * (1 - 1e-6)
 
 
-@pytest.mark.parametrize(("levels", "planes"), [(0, 0), (2, 1), (4, 2), (128, 7), (256, 8)])
-def test_number_of_planes(levels: int, planes: int) -> None:
-    """A band of 2^m levels has m planes; one that is not sent has none."""
-    assert quantizer.num_planes(levels) == planes
-
-
 @given(st.integers(1, 8), st.lists(st.integers(0, 255), min_size=1, max_size=50))
 def test_planes_are_binary_digits(count: int, values: list[int]) -> None:
     """Planes hold the digits of the bins, most significant first, and spell them again."""
@@ -72,7 +65,7 @@ def test_prefix_borders_close_in_on_the_bin(levels: int, seed: int) -> None:
     coefficients = np.random.default_rng(seed).uniform(-60.0, 60.0, 30)
     edges = quantizer.bin_edges(levels, 60.0 * 2 / levels)
     bins = quantizer.quantize(coefficients, edges)
-    count = quantizer.num_planes(levels)
+    count = levels.bit_length() - 1
     planes = bitplanes.to_planes(bins, count)
     widths = [np.full(30, np.inf)]
     for known in range(count + 1):

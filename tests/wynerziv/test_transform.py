@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc import config
-from dvc.wynerziv import transform
+from dvc._jit import python_twin
+from dvc.wynerziv import _kernels, transform
 from tests.reference import wynerziv_transform as reference
 
 
@@ -57,9 +57,16 @@ def test_padding_replicates_the_border() -> None:
     assert transform.pad_to_blocks(padded) is padded
 
 
-def test_zigzag_is_that_of_the_configuration() -> None:
-    """The configuration states the scan again, free of numpy; both agree."""
-    assert tuple((4 * transform.ZIGZAG[:, 0] + transform.ZIGZAG[:, 1]).tolist()) == config.ZIGZAG
+@pytest.mark.nojit
+@pytest.mark.parametrize("twin", [False, True])
+@pytest.mark.parametrize("dtype", [np.int64, np.float64])
+def test_kernel_equals_matrix_products(dtype: type, twin: bool) -> None:
+    """Compiled and as Python, the kernel gives the bands of integers and of floats."""
+    luma = random_luma(12, 20).astype(dtype)
+    bands = np.empty((16, 15))
+    run = python_twin(_kernels.transform_blocks) if twin else _kernels.transform_blocks
+    run(luma, transform.SCALE, np.array(reference.ZIGZAG_RANK), bands)
+    np.testing.assert_allclose(bands.reshape(16, 3, 5), reference.forward(luma), atol=1e-9)
 
 
 def test_inverse_refuses_bands_of_another_frame() -> None:
