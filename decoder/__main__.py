@@ -1,6 +1,7 @@
 """Command `dvc-decode`: decode a stream, or what an encoder serves."""
 
 import argparse
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -21,6 +22,7 @@ EXAMPLES = """\
   dvc-decode street.dvc street.mkv --jobs 2                     lossless video of the decoded frames
   dvc-decode street.dvc out.y4m --reference street.mkv --json -  PSNR and bits of every frame
   dvc-decode street.dvc out.mkv --punctured small.dvc           also write the stream that was really needed
+  dvc-decode street.dvc part.mkv --frames 40:48                 frames 40 to 47, no more groups than they need
   dvc-decode --connect 127.0.0.1:5000 out.mkv                   decode live from `dvc-encode --serve`
 """
 
@@ -37,6 +39,13 @@ def _parser() -> argparse.ArgumentParser:
     _add_prediction(parser)
     _add_outputs(parser)
     parser.add_argument(
+        "--frames",
+        type=_frame_slice,
+        metavar="A:B",
+        help="decode frames A to B-1, counted from 0, and only the groups of pictures that they need (files"
+        " only); A: means to the end, :B from the beginning",
+    )
+    parser.add_argument(
         "--jobs",
         type=cli.integer(1, 256),
         default=1,
@@ -50,6 +59,14 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     return parser
+
+
+def _frame_slice(text: str) -> slice:
+    match = re.fullmatch(r"([0-9]{0,9}):([0-9]{0,9})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"expected A:B, A: or :B, whole numbers from 0 on, got {text!r}")
+    first, end = (int(number) if number else None for number in match.groups())
+    return slice(first, end)
 
 
 def _add_live(parser: argparse.ArgumentParser) -> None:
@@ -141,6 +158,9 @@ def _decode(arguments: argparse.Namespace) -> int:
     if len(arguments.files) != wanted:
         names = "OUTPUT" if arguments.connect else "INPUT and OUTPUT"
         raise ConfigError(f"expected {names}, got {len(arguments.files)} file names")
+    if arguments.frames is not None and (arguments.connect or arguments.punctured):
+        other = "--connect" if arguments.connect else "--punctured"
+        raise ConfigError(f"--frames and {other} exclude each other: {other} is for whole sequences")
     outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
     inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
@@ -157,12 +177,22 @@ def _decode_file(arguments: argparse.Namespace) -> int:
             raise ConfigError(
                 f"a punctured stream can only be decoded as it was made, with {_choices(reader.config)}"
             )
+        wanted = None if arguments.frames is None else _wanted(arguments.frames, reader.index.num_frames)
         with ExitStack() as stack:
-            groups = decode_stream(config, reader, arguments.jobs)
-            failure = _output(config, arguments, stack).consume(groups, arguments.quiet, arguments.salvage)
+            groups = decode_stream(config, reader, arguments.jobs, wanted)
+            output = _output(config, arguments, stack, wanted)
+            failure = output.consume(groups, arguments.quiet, arguments.salvage)
         if failure is not None:
             raise failure
     return 0
+
+
+def _wanted(frames: slice, num_frames: int) -> range:
+    wanted = range(num_frames)[frames]
+    if not wanted:
+        given = "".join("" if number is None else str(number) for number in (frames.start, ":", frames.stop))
+        raise ConfigError(f"--frames {given} holds no frame; the stream has {num_frames}, from 0 on")
+    return wanted
 
 
 @contextmanager
@@ -228,7 +258,9 @@ def _choices(config: "CodecConfig") -> str:
     )
 
 
-def _output(config: "CodecConfig", arguments: argparse.Namespace, stack: ExitStack) -> "DecodedOutput":
+def _output(
+    config: "CodecConfig", arguments: argparse.Namespace, stack: ExitStack, wanted: range | None = None
+) -> "DecodedOutput":
     from decoder.output import DecodedOutput
     from dvc.video import open_video
 
@@ -236,9 +268,8 @@ def _output(config: "CodecConfig", arguments: argparse.Namespace, stack: ExitSta
     if arguments.reference:
         video = config.video
         rate = Fraction(video.frame_rate_num, video.frame_rate_den)
-        original = open_video(
-            arguments.reference, size=arguments.size, frame_rate=rate, start=arguments.reference_start
-        )
+        start = arguments.reference_start + (0 if wanted is None else wanted.start)
+        original = open_video(arguments.reference, size=arguments.size, frame_rate=rate, start=start)
         reference = stack.enter_context(original)
     return DecodedOutput(
         config,
@@ -248,6 +279,7 @@ def _output(config: "CodecConfig", arguments: argparse.Namespace, stack: ExitSta
         punctured=arguments.punctured,
         report=arguments.json,
         reference=reference,
+        wanted=wanted,
     )
 
 

@@ -40,6 +40,11 @@ class DecodedGroup:
     key: Frame
     record: GopRecord
 
+    @property
+    def key_index(self) -> int:
+        """Display position of the key frame."""
+        return self.first_index + len(self.wyner_ziv)
+
     @classmethod
     def of(
         cls, first_index: int, wyner_ziv: Sequence[DecodedFrame], key: Frame, record: GopRecord

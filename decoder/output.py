@@ -33,7 +33,9 @@ class DecodedOutput:
     report : str, optional
         File of the report; ``-`` for standard output.
     reference : VideoReader, optional
-        The original, for the report.
+        The original, for the report, from the first frame wanted on.
+    wanted : range, optional
+        Display positions of the frames that are written and reported, all by default.
     """
 
     def __init__(
@@ -46,9 +48,12 @@ class DecodedOutput:
         punctured: str | None = None,
         report: str | None = None,
         reference: VideoReader | None = None,
+        wanted: range | None = None,
     ) -> None:
+        self._wanted = wanted
+        self._num_frames = 0
         self._report_path = report
-        self._report = DecodeReport(config, reference)
+        self._report = DecodeReport(config, reference, wanted)
         self._stream = _punctured_writer(config, punctured, stack)
         self._video = _video_writer(config, video, config.video.luma_only, stack)
         self._side_information: VideoWriter | None = None
@@ -73,30 +78,30 @@ class DecodedOutput:
             The damage after which frames were kept.
         """
         failure: DvcError | None = None
-        num_frames = 0
         with cli.progress_bar("decoding", None, quiet) as progress:
             try:
                 for group in groups:
                     self._add(group, progress)
-                    num_frames += group.record.num_frames
             except (BitstreamError, FeedbackError) as err:
-                if not salvage or num_frames == 0:
+                if not salvage or self._num_frames == 0:
                     raise
-                failure = type(err)(f"{err} (frames kept: {num_frames})")
+                failure = type(err)(f"{err} (frames kept: {self._num_frames})")
         self._finish()
         return failure
 
     def _add(self, group: DecodedGroup, progress: Callable[[int], None]) -> None:
-        for frame in group.wyner_ziv:
-            self._video.write(frame.frame)
-        self._video.write(group.key)
-        if self._side_information is not None:
-            for frame in group.wyner_ziv:
-                self._side_information.write(Frame(frame.side_information))
-            self._side_information.write(group.key)
-        self._stream.write_gop(group.record)
+        shown = [(frame.index, frame.frame, Frame(frame.side_information)) for frame in group.wyner_ziv]
+        shown.append((group.key_index, group.key, group.key))
+        for index, decoded, predicted in shown:
+            if self._wanted is None or index in self._wanted:
+                self._video.write(decoded)
+                if self._side_information is not None:
+                    self._side_information.write(predicted)
+                self._num_frames += 1
+                progress(1)
+        if self._wanted is None:
+            self._stream.write_gop(group.record)
         self._report.add(group)
-        progress(group.record.num_frames)
 
     def _finish(self) -> None:
         self._stream.close()

@@ -28,10 +28,14 @@ class DecodeReport:
     config : CodecConfig
         Configuration that the run decodes with.
     reference : VideoReader or None
-        The original, for PSNR only.
+        The original, for PSNR only; its first frame is that of the first frame wanted.
+    wanted : range, optional
+        Display positions of the frames that are reported, all by default.
     """
 
-    def __init__(self, config: CodecConfig, reference: VideoReader | None) -> None:
+    def __init__(
+        self, config: CodecConfig, reference: VideoReader | None, wanted: range | None = None
+    ) -> None:
         video = config.video
         if reference is not None and (reference.info.width, reference.info.height) != (
             video.width,
@@ -42,6 +46,7 @@ class DecodeReport:
                 f"the reference has frames of {size}, the stream of {video.width}x{video.height}"
             )
         self._config = config
+        self._wanted = wanted
         self._reference: Iterator[Frame] | None = None if reference is None else iter(reference)
         self._frames: list[dict[str, Any]] = []
 
@@ -60,6 +65,8 @@ class DecodeReport:
         """
         costs = gop_bits(group.record)
         for frame, record_bits in zip(group.wyner_ziv, costs.wyner_ziv_header, strict=True):
+            if not self._is_wanted(frame.index):
+                continue
             row: dict[str, Any] = {"index": frame.index, "type": "wz"}
             row["bits"] = _bits(
                 parity=frame.parity_bits,
@@ -76,15 +83,15 @@ class DecodeReport:
             row["side_information_reason"] = frame.reason
             row["decode_s"] = round(frame.decode_s, 6)
             self._frames.append(row)
-        index = group.first_index + len(group.wyner_ziv)
-        self._frames.append(
-            {
-                "index": index,
-                "type": "key",
-                "bits": _bits(key=costs.key, tracks=costs.tracks, header=costs.header),
-                "psnr_y_db": _psnr(self._original(index), group.key.luma),
-            }
-        )
+        index = group.key_index
+        if self._is_wanted(index):
+            row = {"index": index, "type": "key"}
+            row["bits"] = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
+            row["psnr_y_db"] = _psnr(self._original(index), group.key.luma)
+            self._frames.append(row)
+
+    def _is_wanted(self, index: int) -> bool:
+        return self._wanted is None or index in self._wanted
 
     def _original(self, index: int) -> NDArray[np.uint8] | None:
         if self._reference is None:
@@ -100,7 +107,7 @@ class DecodeReport:
         Parameters
         ----------
         stream_bytes : int
-            Size of the punctured stream.
+            Size of the punctured stream; where frames are left out, what is reported is that of the others.
 
         Returns
         -------
@@ -109,7 +116,10 @@ class DecodeReport:
         """
         frames = self._frames
         counted = sum(sum(frame["bits"].values()) for frame in frames)
-        frames[0]["bits"]["header"] += 8 * stream_bytes - counted  # configuration and end of the stream
+        if self._wanted is None:
+            frames[0]["bits"]["header"] += 8 * stream_bytes - counted  # configuration and end of the stream
+        else:
+            stream_bytes = counted // 8
         video = self._config.video
         duration_s = len(frames) * video.frame_rate_den / video.frame_rate_num
         wyner_ziv = [frame for frame in frames if frame["type"] == "wz"]

@@ -14,7 +14,9 @@ from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame
 
 
-def decode_stream(config: CodecConfig, reader: StreamReader, jobs: int = 1) -> Iterator[DecodedGroup]:
+def decode_stream(
+    config: CodecConfig, reader: StreamReader, jobs: int = 1, frames: range | None = None
+) -> Iterator[DecodedGroup]:
     """Decode a stream group by group; the same bytes for any number of jobs.
 
     Parameters
@@ -25,21 +27,32 @@ def decode_stream(config: CodecConfig, reader: StreamReader, jobs: int = 1) -> I
         The stream, buffered or punctured.
     jobs : int, optional
         Processes that decode groups at the same time.
+    frames : range, optional
+        Display positions of the frames that are wanted, all by default; other groups are skipped.
 
     Returns
     -------
     iterator of DecodedGroup
         In display order; it raises `BitstreamError` where the stream is damaged, after all groups before.
     """
-    return decode_groups(_tasks(config, reader), jobs)
+    return decode_groups(_tasks(config, reader, frames), jobs)
 
 
-def _tasks(config: CodecConfig, reader: StreamReader) -> Iterator[GroupTask]:
-    keys = _KeyFrames(config)
+def _tasks(config: CodecConfig, reader: StreamReader, frames: range | None) -> Iterator[GroupTask]:
+    first_group = first_index = 0
+    if frames is not None:
+        first_group = max(reader.index.gop_of(frames.start) - 1, 0)  # for its key frame
+        first_index = reader.index.first_frame(first_group)
+        reader.seek_gop(first_group)
+    keys = _KeyFrames(config, first_index)
     packed = encode_config(config)
-    for number, record in enumerate(reader):
+    for number, record in enumerate(reader, first_group):
         first_index, references, key = keys.add(number, record)
-        yield GroupTask(packed, number, first_index, references, key, record, reader.form)
+        after = first_index + record.num_frames
+        if frames is None or after > frames.start:
+            yield GroupTask(packed, number, first_index, references, key, record, reader.form)
+        if frames is not None and after >= frames.stop:
+            return
 
 
 def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGroup]:
@@ -76,11 +89,12 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
 class _KeyFrames:
     """Decodes the key frames, and knows between which two a group lies."""
 
-    def __init__(self, config: CodecConfig) -> None:
+    def __init__(self, config: CodecConfig, next_index: int = 0) -> None:
         video = config.video
         self._decoder = KeyFrameDecoder(
             video.width, video.height, luma_only=video.luma_only, parameter_sets=config.key.parameter_sets
         )
+        self._next_index = next_index
         self._previous: ReferenceFrame | None = None
 
     def add(
@@ -89,11 +103,10 @@ class _KeyFrames:
         """Decode the next group's key frame; return first index, references (None: not needed), key frame."""
         with naming_group(number, "key frame: "):
             key = self._decoder.decode(record.key)
-        first_index = 0 if self._previous is None else self._previous.index + 1
-        current = ReferenceFrame(first_index + record.num_frames - 1, key)
+        first_index = self._next_index
+        self._next_index += record.num_frames
+        current = ReferenceFrame(self._next_index - 1, key)
         around = None if self._previous is None else (self._previous, current)
-        if record.num_frames > 1 and around is None:
-            raise BitstreamError(f"group of pictures {number}: Wyner-Ziv frames before the first key frame")
         if record.num_frames == 1 and record.tracks:
             raise BitstreamError(f"group of pictures {number}: tracks, but no Wyner-Ziv frames")
         self._previous = current

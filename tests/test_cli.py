@@ -1,8 +1,11 @@
 """The commands on small, odd and wrong input: the right result, or one line, status 2 and no output."""
 
 import json
+import os
 import subprocess
 import sys
+import threading
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 
@@ -206,6 +209,10 @@ BAD_DECODER_INPUT = {
     "reference of another size": (["s.dvc", "o.y4m", "--reference", "large.y4m"], "24x18"),
     "reference too short": (["s.dvc", "o.y4m", "--reference", "short.y4m"], "reference ends before frame 4"),
     "missing reference": (["s.dvc", "o.y4m", "--reference", "none.y4m"], "none.y4m"),
+    "frames of nothing": (["s.dvc", "o.y4m", "--frames", "3:3"], "holds no frame; the stream has 5"),
+    "frames behind the end": (["s.dvc", "o.y4m", "--frames", "5:"], "--frames 5: holds no frame"),
+    "frames and --punctured": (["s.dvc", "o.y4m", "--frames", "1:", "--punctured", "p.dvc"], "--punctured"),
+    "frames and --connect": (["o.y4m", "--frames", "1:", "--connect", ":1"], "--connect"),
     "nobody there": (["o.y4m", "--connect", "127.0.0.1:1", "--timeout", "1"], "nobody listens"),
 }  # fmt: skip
 
@@ -235,6 +242,50 @@ def test_damaged_streams_are_refused(desk: Path, capsys: pytest.CaptureFixture[s
         assert decode("damaged.dvc", "o.y4m") == 2
         assert one_line_of(capsys).startswith("dvc-decode: ")
         assert not (desk / "o.y4m").exists()
+
+
+@pytest.mark.parametrize("frames", ["-1:3", "3", "1:2:3", "a:b", "", "1.5:"])
+def test_frames_are_two_whole_numbers(desk: Path, capsys: pytest.CaptureFixture[str], frames: str) -> None:
+    """Anything but A:B, A: or :B is refused in one line."""
+    with pytest.raises(SystemExit) as stop:
+        decode("s.dvc", "o.y4m", f"--frames={frames}")
+    assert stop.value.code == 2
+    assert "expected A:B, A: or :B" in one_line_of(capsys)
+
+
+def test_frames_of_a_pipe_are_refused(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A part is found by the index at the end, which a pipe does not show."""
+    os.mkfifo("pipe.dvc")
+
+    def write() -> None:
+        with suppress(BrokenPipeError):
+            (desk / "pipe.dvc").write_bytes((desk / "s.dvc").read_bytes())
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    assert decode("pipe.dvc", "o.y4m", "--frames", "1:") == 2
+    writer.join()
+    assert "pipe.dvc: a stream from a pipe has no index" in one_line_of(capsys)
+    assert not (desk / "o.y4m").exists()
+
+
+def test_frames_before_and_after_damage(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Damage in groups that are not needed harms nothing; elsewhere, and in the index, it is named."""
+    with StreamReader(desk / "s.dvc") as reader:
+        places = [entry.offset + entry.size // 2 for entry in reader.index.entries]
+        records = list(reader)
+    data = (desk / "s.dvc").read_bytes()
+    (desk / "damaged.dvc").write_bytes(
+        data[: places[1]] + bytes([data[places[1]] ^ 1]) + data[places[1] + 1 :]
+    )
+    assert [record.num_frames for record in records] == [1, 2, 2]
+    assert decode("damaged.dvc", "first.y4m", "--frames", ":1") == 0
+    assert decode("damaged.dvc", "o.y4m", "--frames", "1:2") == 2
+    assert "damaged.dvc: record 2" in one_line_of(capsys)
+    assert not (desk / "o.y4m").exists()
+    (desk / "cut.dvc").write_bytes(data[:-1])
+    assert decode("cut.dvc", "o.y4m", "--frames", ":1") == 2
+    assert one_line_of(capsys).startswith("dvc-decode: cut.dvc: ")
 
 
 def test_salvage_keeps_what_came_before_the_damage(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -123,6 +124,32 @@ def test_punctured_stream_decodes_without_feedback_to_the_same_frames(
     assert again.video.read_bytes() == buffered.video.read_bytes()
     assert again.punctured.read_bytes() == buffered.punctured.read_bytes()
     assert again.bits == buffered.bits
+
+
+@pytest.mark.parametrize("form", ["buffered", "punctured"])
+@pytest.mark.parametrize(
+    ("frames", "first", "end"), [("1:4", 1, 4), ("3:", 3, 5), (":1", 0, 1), ("4:99", 4, 5)]
+)
+def test_part_of_a_stream_is_that_part_of_the_whole(
+    folder: Path, clip: Path, stream: Path, buffered: Run, form: str, frames: str, first: int, end: int
+) -> None:
+    """Frames A to B-1 have the samples, places, bits and PSNR that they have when all frames are decoded."""
+    source = stream if form == "buffered" else buffered.punctured
+    video, report, predicted = folder / "part.y4m", folder / "part.json", folder / "part_predicted.mkv"
+    outputs = [video, "--json", report, "--side-information-video", predicted, "--reference", clip]
+    run("decoder", source, *outputs, "--frames", frames, "--jobs", 1 + (first == 1))
+    for part, whole in ((video, buffered.video), (predicted, buffered.side_information)):
+        with open_video(part) as got, open_video(whole) as wanted:
+            pictures = zip(list(got), list(wanted)[first:end], strict=True)
+            assert all(np.array_equal(a.luma, b.luma) for a, b in pictures)
+    totals = json.loads(report.read_text())
+    rows, expected = totals["per_frame"], deepcopy(buffered.report["per_frame"][first:end])
+    assert totals["stream_bytes"] == sum(sum(row["bits"].values()) for row in rows) / 8
+    if first == 0:  # of a whole stream, the first frame has the bits of configuration and end
+        expected[0]["bits"]["header"] = rows[0]["bits"]["header"]
+    for row in (*rows, *expected):
+        row.pop("decode_s", None)
+    assert rows == expected
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 from dvc.stream.gop import GopBits, GopRecord, decode_gop, encode_gop, gop_bits
 from dvc.stream.index import IndexEntry, StreamIndex
-from dvc.stream.reader import StreamReader, read_index
+from dvc.stream.reader import StreamReader
 from dvc.stream.records import FORMAT_VERSION, MAGIC, MAX_RECORD_BYTES, Form, RecordType
 from dvc.stream.writer import StreamWriter
 
@@ -21,5 +21,4 @@ __all__ = [
     "decode_gop",
     "encode_gop",
     "gop_bits",
-    "read_index",
 ]

@@ -1,6 +1,8 @@
 """Syntax of the end of a stream: the number of frames and, in the buffered form, where every GOP lies."""
 
+from bisect import bisect_right
 from dataclasses import dataclass
+from itertools import accumulate
 
 from dvc.bits import decode_varint, encode_varint
 from dvc.errors import BitstreamError
@@ -41,6 +43,29 @@ class StreamIndex:
             Number of the frame, from 0 in order of display.
         """
         return sum(entry.num_frames for entry in self.entries[:gop])
+
+    def gop_of(self, frame: int) -> int:
+        """Return which GOP adds a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame, from 0 in order of display.
+
+        Returns
+        -------
+        int
+            Number of the GOP, from 0.
+
+        Raises
+        ------
+        ValueError
+            If there is no such frame.
+        """
+        ends = list(accumulate(entry.num_frames for entry in self.entries))
+        if not 0 <= frame < self.num_frames:
+            raise ValueError(f"`frame` must be from 0 to {self.num_frames - 1}, got {frame}")
+        return bisect_right(ends, frame)
 
 
 def encode_end(index: StreamIndex, form: Form) -> bytes:

@@ -119,8 +119,7 @@ class StreamReader:
         self._source = _RecordSource(_open(source))
         self._index: StreamIndex | None = None
         self._done = False
-        self._num_frames = 0
-        self._seen: list[tuple[int, int]] = []  # size and number of frames of the GOPs before this point
+        self._seen: list[IndexEntry] = []  # the GOPs before this point
         try:
             self._read_header()
         except BaseException:
@@ -159,8 +158,10 @@ class StreamReader:
             record = self._accept_gop(place, payload)
         except BitstreamError as err:
             raise place.error(str(err)) from err
-        self._seen.append((self._source.position - offset, record.num_frames))
-        self._num_frames += record.num_frames
+        number, entry = len(self._seen), IndexEntry(offset, self._source.position - offset, record.num_frames)
+        self._seen.append(entry)
+        if self._index is not None and self._index.entries[number : number + 1] != (entry,):
+            raise place.error("the index does not agree with the record")
         self._done = False
         return record
 
@@ -177,9 +178,10 @@ class StreamReader:
 
     def _check_end(self, payload: bytes) -> None:
         num_frames, entries = decode_end(payload, self.form, self._first_offset, len(self._seen))
-        if num_frames != self._num_frames:
-            raise BitstreamError(f"{num_frames} frames promised, {self._num_frames} found")
-        if entries is not None and [(entry.size, entry.num_frames) for entry in entries] != self._seen:
+        found = sum(entry.num_frames for entry in self._seen)
+        if num_frames != found:
+            raise BitstreamError(f"{num_frames} frames promised, {found} found")
+        if entries is not None and entries != tuple(self._seen):
             raise BitstreamError("the index does not agree with the records")
         if self._source.read(1):
             raise BitstreamError("bytes follow the end record")
@@ -260,9 +262,8 @@ class StreamReader:
         entries = self.index.entries
         if not 0 <= number <= len(entries):
             raise ValueError(f"`number` must be from 0 to {len(entries)}, got {number}")
-        self._seen = [(entry.size, entry.num_frames) for entry in entries[:number]]
-        self._num_frames = sum(frames for _, frames in self._seen)
-        self._source.seek(self._first_offset + sum(size for size, _ in self._seen))
+        self._seen = list(entries[:number])
+        self._source.seek(self._first_offset + sum(entry.size for entry in self._seen))
         self._done = False
 
     def close(self) -> None:
@@ -286,25 +287,3 @@ def _open(source: BinaryIO | str | os.PathLike[str]) -> BinaryIO:
         return Path(source).open("rb")
     except OSError as err:
         raise BitstreamError(f"cannot read {source}: {err.strerror}") from err
-
-
-def read_index(path: str | os.PathLike[str]) -> StreamIndex:
-    """Read where the GOPs of a stream lie.
-
-    Parameters
-    ----------
-    path : path
-        A stream of either form.
-
-    Returns
-    -------
-    StreamIndex
-        Offsets, sizes and numbers of frames.
-
-    Raises
-    ------
-    BitstreamError
-        If it is not a stream, or its end is damaged.
-    """
-    with StreamReader(path) as reader:
-        return reader.index

@@ -73,7 +73,7 @@ class TurboCode:
 
 CLASSICAL = TurboCode("classical", 0b11001, 0b11011, ((1.0, 2),), layout="parallel", period=48)
 
-# Degree profiles by linear programming over EXIT curves, then by simulation: `benchmarks/searches/turbo_codes.py`.
+# Degree profiles from linear programs over EXIT curves and simulation: `benchmarks/searches/turbo_codes.py`.
 _FOUR_STATES = (0b111, 0b101)
 _FOUR_STATES_REVERSED = (0b101, 0b111)
 _EIGHT_STATES = (0b1011, 0b1101)

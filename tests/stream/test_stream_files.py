@@ -5,6 +5,7 @@ import os
 import threading
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -20,12 +21,13 @@ from dvc.stream import (
     Form,
     GopRecord,
     RecordType,
+    StreamIndex,
     StreamReader,
     StreamWriter,
     encode_gop,
     gop_bits,
-    read_index,
 )
+from dvc.stream.index import encode_end
 from dvc.stream.records import frame_record
 
 CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4))
@@ -106,7 +108,12 @@ def test_seeking_before_and_while_reading(form: Form, tmp_path: Path) -> None:
         for number in (-1, 5):
             with pytest.raises(ValueError, match="`number` must be from 0 to 4"):
                 reader.seek_gop(number)
-    assert read_index(path).num_frames == 11
+        assert reader.index.num_frames == 11
+        gops = [n for n, record in enumerate(RECORDS) for _ in range(record.num_frames)]
+        assert [reader.index.gop_of(frame) for frame in range(11)] == gops
+        for frame in (-1, 11):
+            with pytest.raises(ValueError, match="`frame` must be from 0 to 10"):
+                reader.index.gop_of(frame)
 
 
 def test_punctured_form_pays_for_no_index() -> None:
@@ -331,19 +338,30 @@ def test_wrong_index_is_refused(payload: bytes) -> None:
         _ = StreamReader(io.BytesIO(data)).index
 
 
-def test_index_of_damaged_streams_is_refused(tmp_path: Path) -> None:
+def test_index_of_damaged_streams_is_refused() -> None:
     """Random access to a stream with a damaged end or a damaged length fails with a message."""
     for form in Form:
         data = write(form, RECORDS)
         for size in range(len(head(form)), len(data), 3):
-            (tmp_path / "cut.dvc").write_bytes(data[:size])
             with pytest.raises(BitstreamError):
-                read_index(tmp_path / "cut.dvc")
+                _ = StreamReader(io.BytesIO(data[:size])).index
     extra = write("punctured", RECORDS)[:-7] + head(Form.PUNCTURED)[5:]
     with pytest.raises(BitstreamError, match="unexpected after 4 groups"):
         _ = StreamReader(io.BytesIO(extra)).index
     with pytest.raises(BitstreamError, match=r"record 1 .* 0 frames"):
         _ = StreamReader(io.BytesIO(head(Form.PUNCTURED) + frame_record(RecordType.GOP, b"\x00"))).index
+
+
+def test_record_that_the_index_denies_is_refused() -> None:
+    """After seeking, a record that is not as the index says is damage, not another frame in its place."""
+    good = StreamReader(io.BytesIO(write(Form.BUFFERED, RECORDS))).index
+    changed = (replace(good.entries[0], num_frames=2), replace(good.entries[1], num_frames=3))
+    data = write(Form.BUFFERED, RECORDS)[: good.entries[-1].offset + good.entries[-1].size]
+    end = encode_end(StreamIndex(good.num_frames, changed + good.entries[2:]), Form.BUFFERED)
+    reader = StreamReader(io.BytesIO(data + frame_record(RecordType.END, end)))
+    reader.seek_gop(1)
+    with pytest.raises(BitstreamError, match=r"record 2 .* the index does not agree"):
+        next(reader)
 
 
 def test_unreadable_files_are_bitstream_errors(tmp_path: Path) -> None:
