@@ -145,7 +145,20 @@ class CameraPair:
 
     @classmethod
     def missing(cls, num_points: int, reason: str) -> Self:
-        """Say why there is no camera."""
+        """Say why there is no camera.
+
+        Parameters
+        ----------
+        num_points : int
+            Correspondences that were given.
+        reason : str
+            One line.
+
+        Returns
+        -------
+        CameraPair
+            Without any of them.
+        """
         return cls(np.eye(3, 4), np.zeros((3, 3)), np.zeros(num_points, dtype=bool), reason)
 
 

@@ -5,12 +5,10 @@ References
 [Maitre2008] Sec. 5.2.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.config import SFM_BACKENDS
 from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.triangulation import triangulate_depth
 from sfm import colmap
@@ -18,9 +16,10 @@ from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.cameras.self_calibration import self_calibration
 from sfm.correspondences import outliers
 from sfm.correspondences.densification import densify
+from sfm.correspondences.epipolar_search import EpipolarSearch
 from sfm.correspondences.features import detect_corners
 from sfm.correspondences.matching import match_corners
-from sfm.correspondences.propagation import propagate, settle_on_surfaces
+from sfm.correspondences.propagation import propagate
 from sfm.estimation.degeneracy import classify_motion
 from sfm.estimation.fundamental import FundamentalEstimator
 from sfm.estimation.sample_consensus import lo_ransac, mapsac
@@ -69,11 +68,11 @@ def reconstruct(
         raise ValueError(
             f"`first` and `second` must be planes of one size, got {first.shape}, {second.shape}"
         )
-    if backend not in BACKENDS:
-        raise ValueError(f"`backend` must be one of {', '.join(BACKENDS)}, got {backend!r}")
+    if backend not in SFM_BACKENDS:
+        raise ValueError(f"`backend` must be one of {', '.join(SFM_BACKENDS)}, got {backend!r}")
     settings = settings or SfmSettings()
     rng = np.random.default_rng(seed)
-    estimators, frame = BACKENDS[backend], PixelFrame(first.shape[1], first.shape[0])
+    frame = PixelFrame(first.shape[1], first.shape[0])
     how, tests = settings.correspondences, settings.outliers
     stages: dict[str, Correspondences] = {}
 
@@ -81,7 +80,10 @@ def reconstruct(
     matches = match_corners(first, second, *corners, how.matching)  # tests of MSE and unicity
     stages["matching"] = matches
 
-    calibration = estimators.weak_calibration(matches, rng, settings)
+    if backend == "colmap":
+        calibration = colmap.weak_calibration(matches, settings, _draw_seed(rng))
+    else:
+        calibration = weak_calibration(matches, rng, settings)
     motion = classify_motion(matches, calibration, rng, settings.degeneracy)
     if motion.kind != "general":
         return Reconstruction(None, motion.reason, motion.kind, stages)
@@ -89,16 +91,19 @@ def reconstruct(
     matches = _moving_alike(matches, tests)
     stages["weak calibration"] = matches
 
-    pair = estimators.camera_pair(matches, calibration, frame, rng, settings)
+    if backend == "colmap":
+        pair = colmap.camera_pair(matches, frame, settings, _draw_seed(rng))
+    else:
+        pair = _camera_pair(matches, calibration, frame, rng, settings)
     if pair.reason:
         return Reconstruction(None, pair.reason, motion.kind, stages)
     matches = _well_triangulated(matches[pair.kept], pair, frame, tests)
     stages["bundle adjustment"] = matches
 
-    matches = settle_on_surfaces(first, second, pair.fundamental, matches, how.propagation)
-    matches = densify(first, second, *corners, pair.fundamental, matches, how.densification)
+    search = EpipolarSearch(first, second, pair.fundamental, how.search)
+    matches = densify(search, *corners, search.settle_on_surfaces(matches), how.densification)
     matches = _moving_alike(matches, tests)
-    matches = propagate(first, second, pair.fundamental, matches, how.propagation)
+    matches = propagate(search, matches, how.propagation)
     matches = _well_triangulated(matches, pair, frame, tests)
     stages["propagation"] = matches
 
@@ -115,16 +120,16 @@ def weak_calibration(
     Parameters
     ----------
     matches : Correspondences
-        Outliers included; points that are not finite are outliers.
+        Points that are not finite are outliers.
     rng : Generator
-        Source of randomness.
+        Of the random samples.
     settings : SfmSettings
-        Parameters.
+        Of the whole reconstruction.
 
     Returns
     -------
     WeakCalibration
-        The matrix, or the reason why there is none.
+        F and the inliers, or why there are none.
 
     References
     ----------
@@ -137,37 +142,14 @@ def weak_calibration(
     return least_sampson_distance(matches, estimator, found, how)
 
 
-def camera_pair(
+def _camera_pair(
     matches: Correspondences,
     calibration: WeakCalibration,
     frame: PixelFrame,
     rng: np.random.Generator,
     settings: SfmSettings,
 ) -> CameraPair:
-    """Self-calibrate, adjust, remove the outliers that this shows, and adjust again.
-
-    Parameters
-    ----------
-    matches : Correspondences
-        Reliable points, in pixels.
-    calibration : WeakCalibration
-        Their epipolar geometry.
-    frame : PixelFrame
-        Size of the images.
-    rng : Generator
-        Source of randomness.
-    settings : SfmSettings
-        Parameters.
-
-    Returns
-    -------
-    CameraPair
-        The camera, or the reason why there is none.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.3, Quasi-Euclidean self-calibration, Bundle adjustment; test of reprojection.
-    """
+    """Self-calibrate, adjust, remove the outliers that this shows (test of reprojection), and adjust again."""
     how, num = settings.cameras, len(matches)
     start = self_calibration(calibration.fundamental, matches, frame, how.self_calibration)
     if start.reason:
@@ -189,20 +171,8 @@ def camera_pair(
     return CameraPair(camera, fundamental, kept)
 
 
-class Backend(NamedTuple):
-    """Whose estimators take the two steps that COLMAP can take as well."""
-
-    weak_calibration: Callable[[Correspondences, np.random.Generator, SfmSettings], WeakCalibration]
-    camera_pair: Callable[
-        [Correspondences, WeakCalibration, PixelFrame, np.random.Generator, SfmSettings], CameraPair
-    ]
-
-
-BACKENDS = {
-    "native": Backend(weak_calibration, camera_pair),
-    "colmap": Backend(colmap.weak_calibration, colmap.camera_pair),
-}
-"""Backends by the name that the configuration uses."""
+def _draw_seed(rng: np.random.Generator) -> int:
+    return int(rng.integers(2**31 - 1))
 
 
 def _moving_alike(matches: Correspondences, tests: OutlierSettings) -> Correspondences:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from sfm.cameras.bundle_adjustment import BundleAdjustmentSettings
 from sfm.cameras.self_calibration import SelfCalibrationSettings
 from sfm.correspondences.densification import DensificationSettings
+from sfm.correspondences.epipolar_search import SearchSettings
 from sfm.correspondences.features import FeatureSettings
 from sfm.correspondences.matching import MatchingSettings
 from sfm.correspondences.propagation import PropagationSettings
@@ -18,6 +19,7 @@ class CorrespondenceSettings:
 
     features: FeatureSettings = field(default_factory=FeatureSettings)
     matching: MatchingSettings = field(default_factory=MatchingSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
     densification: DensificationSettings = field(default_factory=DensificationSettings)
     propagation: PropagationSettings = field(default_factory=PropagationSettings)
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfm.correspondences import outliers
-from sfm.correspondences.propagation import facing_similarities, far_from, settle_on_surfaces, usable
-from sfm.correspondences.refinement import RefinementSettings, check_pair, inside, refine
+from sfm.correspondences.epipolar_search import EpipolarSearch, far_from
+from sfm.correspondences.refinement import RefinementSettings, inside, refine
 from sfm.model import Correspondences
 
 Floats = NDArray[np.float64]
@@ -55,11 +55,9 @@ class DensificationSettings:
 
 
 def densify(
-    luma0: Image,
-    luma1: Image,
+    search: EpipolarSearch,
     corners0: Floats,
     corners1: Floats,
-    fundamental: Floats,
     correspondences: Correspondences,
     settings: DensificationSettings | None = None,
 ) -> Correspondences:
@@ -67,12 +65,10 @@ def densify(
 
     Parameters
     ----------
-    luma0, luma1 : ndarray of shape (H, W), uint8
-        Key frames.
+    search : EpipolarSearch
+        Key frames and epipolar geometry.
     corners0, corners1 : ndarray of shape (N, 2) and (M, 2), float64
         All their corners, whole pixels.
-    fundamental : ndarray of shape (3, 3), float64
-        F with ``x1' F x0 = 0`` in pixels.
     correspondences : Correspondences
         Reliable ones.
     settings : DensificationSettings, optional
@@ -88,8 +84,7 @@ def densify(
     [Maitre2008] Sec. 5.2.4, Correspondence propagation.
     """
     settings = settings or DensificationSettings()
-    check_pair(luma0, luma1)
-    if len(correspondences) < settings.num_neighbours or not usable(fundamental):
+    if len(correspondences) < settings.num_neighbours or not search.usable:
         return correspondences
     free0 = corners0[far_from(corners0, correspondences.first, 1.5)]
     free1 = corners1[far_from(corners1, correspondences.second, settings.refinement.max_shift_px)]
@@ -97,17 +92,16 @@ def densify(
         return correspondences
     i, j = _expected_pairs(free0, free1, correspondences, settings)
     first, start = free0[i], free1[j]
-    shapes = facing_similarities(fundamental, first, start)
-    second, error, success = refine(luma0, luma1, first, start, settings.refinement, shapes)
-    limit = settings.least_error + settings.error_share * _variances(
-        luma0, first, settings.refinement.radius_px
-    )
+    shapes = search.facing_similarities(first, start)
+    second, error, success = refine(search.luma0, search.luma1, first, start, settings.refinement, shapes)
+    variances = _variances(search.luma0, first, settings.refinement.radius_px)
+    limit = settings.least_error + settings.error_share * variances
     candidates = Correspondences(first, second, error)
     success &= outliers.mse(error, limit)
-    success &= outliers.epipolar(candidates, fundamental, settings.epipolar_px)
+    success &= outliers.epipolar(candidates, search.fundamental, settings.epipolar_px)
     kept = np.flatnonzero(success)
     kept = kept[outliers.unicity(i[kept], j[kept], error[kept], limit[kept])]
-    new = settle_on_surfaces(luma0, luma1, fundamental, candidates[kept])
+    new = search.settle_on_surfaces(candidates[kept])
     return Correspondences.concatenate([correspondences, new])
 
 

@@ -4,54 +4,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfm.estimation.epipolar import TINY
-from sfm.estimation.sample_consensus import Indices, Mask
+from sfm.estimation.sample_consensus import Mask
 from sfm.estimation.sampson import constraint_rows, minimize_sampson
-from sfm.estimation.two_view import CorrespondenceEstimator
+from sfm.estimation.two_view import TwoViewEstimator
 
 Floats = NDArray[np.float64]
 
 
-class FundamentalEstimator(CorrespondenceEstimator):
-    """Fundamental matrices of sets of correspondences, as an `sfm.estimation.sample_consensus.Estimator`."""
+class FundamentalEstimator(TwoViewEstimator):
+    """Fundamental matrices; seven points have one or three, more points one, all of rank 2."""
 
     min_num_samples = 7
 
-    def __init__(self, first: Floats, second: Floats) -> None:
-        super().__init__(first, second)
-        self._rows = constraint_rows(self._first, self._second)
+    def _equations(self) -> Floats:
+        return constraint_rows(self._first, self._second)
 
-    def estimate(self, samples: Indices) -> Floats:
-        """Solve samples of seven points, or more than seven, all at once.
+    def _solve(self, rows: Floats) -> Floats:
+        return seven_point(rows) if rows.shape[1] == self.min_num_samples else eight_point(rows)
 
-        Parameters
-        ----------
-        samples : ndarray of shape (S, m), int64
-            Correspondences of each sample, m >= 7.
-
-        Returns
-        -------
-        ndarray of shape (K, 3, 3), float64
-            For seven points the one or three solutions of each sample, else one per sample; all of rank 2.
-        """
-        if len(samples) == 0:
-            return np.empty((0, 3, 3))
-        if samples.shape[1] == self.min_num_samples:
-            return seven_point(self._rows[samples])
-        return eight_point(self._rows[samples])
-
-    def residuals(self, models: Floats) -> Floats:
-        """Measure all correspondences under all models.
-
-        Parameters
-        ----------
-        models : ndarray of shape (K, 3, 3), float64
-            Fundamental matrices.
-
-        Returns
-        -------
-        ndarray of shape (K, N), float64
-            Sampson distances in pixels, not negative.
-        """
+    def _distances(self, models: Floats) -> Floats:
         x, y = self._first[:, 0], self._first[:, 1]
         u, v = self._second[:, 0], self._second[:, 1]
         f = models.reshape(-1, 9, 1)
@@ -59,7 +30,7 @@ class FundamentalEstimator(CorrespondenceEstimator):
         d, e = (f[:, k] * u + f[:, k + 3] * v + f[:, k + 6] for k in (0, 1))
         squared_gradient = a * a + b * b + d * d + e * e
         distances: Floats = np.abs(u * a + v * b + c) / np.sqrt(np.maximum(squared_gradient, TINY))
-        return distances * self.scale.scale_px
+        return distances
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
         """Minimise the sum of squared Sampson distances of the inliers.

@@ -1,12 +1,14 @@
 """What estimators of fundamental matrices and of homographies share: coordinates, and data."""
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfm.estimation.epipolar import unit_norm
+from sfm.estimation.sample_consensus import Indices, Mask
 
 Floats = NDArray[np.float64]
 
@@ -73,10 +75,10 @@ class SharedScale:
         return unit_norm(b.T @ fundamental @ a)
 
 
-class CorrespondenceEstimator:
-    """Data of an `sfm.estimation.sample_consensus.Estimator` of 3x3 matrices that relate two images.
+class TwoViewEstimator(ABC):
+    """Matrices (3, 3) that relate two images, as an `sfm.estimation.sample_consensus.Estimator`.
 
-    Models are in the coordinates of `scale`; residuals are Sampson distances in pixels.
+    Models are in the coordinates of `scale`.
 
     Parameters
     ----------
@@ -84,8 +86,57 @@ class CorrespondenceEstimator:
         Finite points in pixels.
     """
 
+    min_num_samples: int
+
     def __init__(self, first: Floats, second: Floats) -> None:
         self.num_data = len(first)
         self.scale = SharedScale.of(first, second)
         self._first = (first - self.scale.first_px) / self.scale.scale_px
         self._second = (second - self.scale.second_px) / self.scale.scale_px
+        self._rows = self._equations()
+
+    @abstractmethod
+    def _equations(self) -> Floats:
+        """Return linear equations (N, ..., 9) in the entries of a model."""
+
+    @abstractmethod
+    def _solve(self, rows: Floats) -> Floats:
+        """Return the models (K, 3, 3) of samples of equations (S, m, ..., 9)."""
+
+    @abstractmethod
+    def _distances(self, models: Floats) -> Floats:
+        """Return Sampson distances (K, N) in the coordinates of `scale`."""
+
+    @abstractmethod
+    def refine(self, model: Floats, inliers: Mask) -> Floats:  # numpydoc ignore=PR01,RT01
+        """Improve one model over its inliers."""
+
+    def estimate(self, samples: Indices) -> Floats:
+        """Solve many samples at once.
+
+        Parameters
+        ----------
+        samples : ndarray of shape (S, m), int64
+            Correspondences of each sample, m >= `min_num_samples`.
+
+        Returns
+        -------
+        ndarray of shape (K, 3, 3), float64
+            Models of unit norm, none or several per sample.
+        """
+        return self._solve(self._rows[samples]) if len(samples) else np.empty((0, 3, 3))
+
+    def residuals(self, models: Floats) -> Floats:
+        """Measure all correspondences under all models.
+
+        Parameters
+        ----------
+        models : ndarray of shape (K, 3, 3), float64
+            Any.
+
+        Returns
+        -------
+        ndarray of shape (K, N), float64
+            Sampson distances in pixels, not negative.
+        """
+        return self._distances(models) * self.scale.scale_px

@@ -76,7 +76,22 @@ class WeakCalibration:
 
     @classmethod
     def missing(cls, num_points: int, reason: str, num_trials: int = 0) -> Self:
-        """Say why there is no matrix."""
+        """Say why there is no matrix.
+
+        Parameters
+        ----------
+        num_points : int
+            All correspondences.
+        reason : str
+            What is lacking.
+        num_trials : int
+            Samples that were drawn in vain.
+
+        Returns
+        -------
+        WeakCalibration
+            Without inliers.
+        """
         nothing, far = np.zeros(num_points, dtype=bool), np.full(num_points, np.inf)
         return cls(np.zeros((3, 3)), nothing, far, 0.0, num_trials, reason)
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dvc.config import SFM_BACKENDS
 from dvc.multiview.cameras import PixelFrame, project
 from sfm.estimation.epipolar import (
     fundamental_from_camera,
@@ -13,7 +14,7 @@ from sfm.estimation.epipolar import (
     unit_norm,
 )
 from sfm.model import Reconstruction
-from sfm.pipeline import BACKENDS, coverage, reconstruct
+from sfm.pipeline import coverage, reconstruct
 from sfm.settings import SfmSettings, TrustSettings
 from tests.clips import moving_texture
 from tests.scenes_3d import camera_at, render
@@ -42,7 +43,7 @@ ODD_PAIRS = {
 }
 
 
-@pytest.fixture(scope="module", params=BACKENDS)
+@pytest.fixture(scope="module", params=SFM_BACKENDS)
 def reconstruction(request: pytest.FixtureRequest) -> Reconstruction:
     """Return what each backend makes of the scene of two planes."""
     return reconstruct(FIRST, SECOND, backend=request.param, seed=1)
@@ -85,7 +86,7 @@ def test_models_are_consistent(reconstruction: Reconstruction) -> None:
     np.testing.assert_allclose(np.abs(np.vdot(unit_norm(implied), model.fundamental)), 1.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", SFM_BACKENDS)
 def test_the_seed_decides(backend: str) -> None:
     """The same pictures and seed give the same bits."""
     first, second = (reconstruct(FIRST, SECOND, backend=backend, seed=7).model for _ in range(2))
@@ -96,7 +97,7 @@ def test_the_seed_decides(backend: str) -> None:
     np.testing.assert_array_equal(first.depths, second.depths)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("backend", SFM_BACKENDS)
 @pytest.mark.parametrize(("name", "pair"), ODD_PAIRS.items())
 def test_odd_pictures_give_a_reason(name: str, pair: tuple[np.ndarray, np.ndarray], backend: str) -> None:
     """No exception, no warning, no model that is trusted: one line that says why."""

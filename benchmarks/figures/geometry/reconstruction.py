@@ -7,10 +7,11 @@ import numpy as np
 
 from benchmarks.figures.geometry.key_pairs import clip_pairs, scene_pairs, true_correspondences, truth
 from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting
+from dvc.config import SFM_BACKENDS
 from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.estimation.epipolar import symmetric_distances
 from sfm.model import Reconstruction
-from sfm.pipeline import BACKENDS, reconstruct
+from sfm.pipeline import reconstruct
 
 NUM_GOPS = 5
 COARSE_QP = 42
@@ -229,10 +230,10 @@ def backends_agree(setting: Setting, clip: str | None) -> Measured:
         Median symmetric epipolar error of each.
     """
     assert clip is not None
-    medians: dict[str, list[float]] = {name: [] for name in BACKENDS}
+    medians: dict[str, list[float]] = {name: [] for name in SFM_BACKENDS}
     for pair in scene_pairs(clip, setting.choose(NUM_GOPS, 1)):
         points = true_correspondences(clip, pair)
-        for name in BACKENDS:
+        for name in SFM_BACKENDS:
             model = reconstruct(pair.first, pair.second, backend=name).model
             error = (
                 np.inf if model is None else float(np.median(symmetric_distances(model.fundamental, *points)))

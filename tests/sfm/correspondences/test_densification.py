@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sfm.correspondences.densification import DensificationSettings, densify
+from sfm.correspondences.epipolar_search import EpipolarSearch
 from sfm.correspondences.features import FeatureSettings, detect_corners
 from sfm.correspondences.matching import match_corners
 from sfm.model import Correspondences
@@ -22,7 +23,7 @@ def test_left_out_corners_come_back() -> None:
     matches = match_corners(A, B, *CORNERS)
     matches = matches[np.abs(matches.motion - [7.3, 0.0]).max(axis=1) < 0.15]
     given = matches[np.arange(0, len(matches), 5)]
-    found = densify(A, B, *CORNERS, sideways(), given)
+    found = densify(EpipolarSearch(A, B, sideways()), *CORNERS, given)
     np.testing.assert_array_equal(found.first[: len(given)], given.first)
     assert len(found) > 0.75 * len(matches)
     assert (np.abs(found.motion - [7.3, 0.0]).max(axis=1) < 0.15).mean() > 0.98
@@ -32,21 +33,21 @@ def test_epipolar_geometry_is_enforced() -> None:
     """Nothing is added that contradicts F."""
     matches = match_corners(A, B, *CORNERS)
     given = matches[np.arange(0, len(matches), 5)]
-    assert len(densify(A, B, *CORNERS, sideways((0.0, 1.0)), given)) == len(given)
+    assert len(densify(EpipolarSearch(A, B, sideways((0.0, 1.0))), *CORNERS, given)) == len(given)
 
 
 def test_nothing_to_go_by() -> None:
     """Too few matches, no usable F or no corners left give back what was given."""
     matches = match_corners(A, B, *CORNERS)
     few = matches[np.arange(3)]
-    assert densify(A, B, *CORNERS, sideways(), few) is few
-    assert densify(A, B, *CORNERS, np.zeros((3, 3)), matches) is matches
+    assert densify(EpipolarSearch(A, B, sideways()), *CORNERS, few) is few
+    assert densify(EpipolarSearch(A, B, np.zeros((3, 3))), *CORNERS, matches) is matches
     none = np.empty((0, 2))
-    assert densify(A, B, none, CORNERS[1], sideways(), matches) is matches
-    assert densify(A, B, CORNERS[0], none, sideways(), matches) is matches
+    assert densify(EpipolarSearch(A, B, sideways()), none, CORNERS[1], matches) is matches
+    assert densify(EpipolarSearch(A, B, sideways()), CORNERS[0], none, matches) is matches
     flat = np.full((HEIGHT, WIDTH), 9, dtype=np.uint8)
-    assert len(densify(flat, flat, *CORNERS, sideways(), matches)) == len(matches)
-    assert len(densify(A, B, *CORNERS, sideways(), Correspondences.empty())) == 0
+    assert len(densify(EpipolarSearch(flat, flat, sideways()), *CORNERS, matches)) == len(matches)
+    assert len(densify(EpipolarSearch(A, B, sideways()), *CORNERS, Correspondences.empty())) == 0
 
 
 def test_wrong_settings_are_refused() -> None:

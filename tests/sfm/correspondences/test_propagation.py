@@ -5,13 +5,8 @@ import pytest
 
 from dvc._jit import python_twin
 from sfm.correspondences import _kernels
-from sfm.correspondences.propagation import (
-    PropagationSettings,
-    facing_similarities,
-    find_edges,
-    propagate,
-    settle_on_surfaces,
-)
+from sfm.correspondences.epipolar_search import EpipolarSearch, SearchSettings
+from sfm.correspondences.propagation import PropagationSettings, find_edges, propagate
 from sfm.correspondences.refinement import spline_coefficients, window
 from sfm.estimation.epipolar import epipoles
 from sfm.model import Correspondences
@@ -34,7 +29,7 @@ def known(first: Floats, second: Floats) -> Correspondences:
 def test_a_shift_spreads_over_the_frame() -> None:
     """From four points hundreds grow, all within 0.1 px and on their epipolar lines; the four come first."""
     given = known(SEEDS, SEEDS + SHIFT)
-    found = propagate(STILL, MOVED, sideways(), given)
+    found = propagate(EpipolarSearch(STILL, MOVED, sideways()), given)
     assert len(found) > 800
     np.testing.assert_array_equal(found.first[:4], given.first)
     np.testing.assert_array_equal(found.second[:4], given.second)
@@ -48,7 +43,7 @@ def test_a_slanted_direction_of_motion() -> None:
     """Epipolar lines of any direction are followed."""
     shift = np.array([3.0, -4.0]) * 1.3
     b = shifted(TEXTURE, HEIGHT, WIDTH, (shift[0], shift[1]))
-    found = propagate(STILL, b, sideways((0.6, -0.8)), known(SEEDS, SEEDS + shift))
+    found = propagate(EpipolarSearch(STILL, b, sideways((0.6, -0.8))), known(SEEDS, SEEDS + shift))
     assert len(found) > 800
     assert np.abs(found.motion - shift).max() < 0.1
 
@@ -59,11 +54,11 @@ def test_a_forward_motion_zooms() -> None:
     b = picture(TEXTURE, HEIGHT, WIDTH, np.column_stack([np.eye(2) / zoom, centre * (1 - 1 / zoom)]))
     first = np.array([[40.0, 40.0], [80.0, 60.0], [64.0, 30.0]])
     second = centre + zoom * (first - centre)
-    found = propagate(STILL, b, forwards((64.0, 48.0)), known(first, second))
+    found = propagate(EpipolarSearch(STILL, b, forwards((64.0, 48.0))), known(first, second))
     assert len(found) > 600
     assert np.abs(found.second - centre - zoom * (found.first - centre)).max() < 0.2
     assert np.sqrt(((found.first - centre) ** 2).sum(axis=1)).min() >= 12.0
-    shapes = facing_similarities(forwards((64.0, 48.0)), first, second)
+    shapes = EpipolarSearch(STILL, b, forwards((64.0, 48.0))).facing_similarities(first, second)
     np.testing.assert_allclose(shapes, np.tile(zoom * np.eye(2), (3, 1, 1)), atol=1e-9)
 
 
@@ -71,7 +66,7 @@ def test_edges_along_epipolar_lines_are_left_out() -> None:
     """Horizontal stripes that move sideways tell nothing about how far."""
     rows = np.arange(HEIGHT)[:, None] + np.zeros(WIDTH)
     stripes = np.rint(128 + 80 * np.sin(rows / 3)).astype(np.uint8)
-    found = propagate(stripes, stripes, sideways(), known(SEEDS, SEEDS))
+    found = propagate(EpipolarSearch(stripes, stripes, sideways()), known(SEEDS, SEEDS))
     assert len(found) == len(SEEDS)
 
 
@@ -93,7 +88,7 @@ def test_points_lie_on_the_surface_that_they_move_with() -> None:
     first = np.array([[55.0, 48.0], [45.0, 40.0], [65.0, 60.0], [100.0, 48.0], [20.0, 20.0], [100.0, 85.0]])
     motion = np.where(mask[first[:, 1].astype(int), first[:, 0].astype(int)], 12.0, 4.0)
     given = known(first, first + np.column_stack([motion, np.zeros(6)]))
-    found = propagate(a, b, sideways(), given)
+    found = propagate(EpipolarSearch(a, b, sideways()), given)
     x, y = found.first.astype(int).T
     error = np.abs(found.motion[:, 0] - np.where(mask[y, x], 12.0, 4.0))
     outline = np.abs(np.abs(x - 55) - 21.5) < 3
@@ -107,11 +102,11 @@ def test_corners_settle() -> None:
     a, b, mask = hidden_pair()
     right_motion, wrong_motion = np.array([12.0, 0.0]), np.array([7.0, 0.0])
     inner = np.array([[50.0, 48.0], [62.0, 40.0]])
-    right = settle_on_surfaces(a, b, sideways(), known(inner, inner + right_motion))
+    right = EpipolarSearch(a, b, sideways()).settle_on_surfaces(known(inner, inner + right_motion))
     np.testing.assert_array_equal(right.first, inner)
-    assert len(settle_on_surfaces(a, b, sideways(), known(inner, inner + wrong_motion))) == 0
+    assert len(EpipolarSearch(a, b, sideways()).settle_on_surfaces(known(inner, inner + wrong_motion))) == 0
     beside = np.column_stack([np.full(30, 77.0), np.arange(33.0, 63.0)])
-    settled = settle_on_surfaces(a, b, sideways(), known(beside, beside + right_motion))
+    settled = EpipolarSearch(a, b, sideways()).settle_on_surfaces(known(beside, beside + right_motion))
     x, y = settled.first.astype(int).T
     assert np.count_nonzero(x != 77) > 5
     assert mask[y, x][x != 77].all()
@@ -121,14 +116,14 @@ def test_no_epipolar_geometry_or_no_seeds() -> None:
     """Without a usable F or seeds inside the frames, what was given comes back."""
     given = known(SEEDS, SEEDS + SHIFT)
     for matrix in (np.zeros((3, 3)), np.full((3, 3), np.nan)):
-        assert propagate(STILL, MOVED, matrix, given) is given
-        assert len(settle_on_surfaces(STILL, MOVED, matrix, given)) == 4
-    assert len(propagate(STILL, MOVED, sideways(), Correspondences.empty())) == 0
+        assert propagate(EpipolarSearch(STILL, MOVED, matrix), given) is given
+        assert len(EpipolarSearch(STILL, MOVED, matrix).settle_on_surfaces(given)) == 4
+    assert len(propagate(EpipolarSearch(STILL, MOVED, sideways()), Correspondences.empty())) == 0
     odd = known(
         np.array([[500.0, 5.0], [30.0, 30.0], [-3.0, 2.0]]), np.array([[5.0, 5.0], [np.nan, 0.0], [1.0, 1.0]])
     )
-    np.testing.assert_array_equal(propagate(STILL, MOVED, sideways(), odd).first, odd.first)
-    assert len(settle_on_surfaces(STILL, MOVED, sideways(), odd)) == 0
+    np.testing.assert_array_equal(propagate(EpipolarSearch(STILL, MOVED, sideways()), odd).first, odd.first)
+    assert len(EpipolarSearch(STILL, MOVED, sideways()).settle_on_surfaces(odd)) == 0
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (48, 64)])
@@ -136,19 +131,19 @@ def test_frames_without_edges(shape: tuple[int, int]) -> None:
     """Black frames add nothing, whatever the seeds; noise adds next to nothing."""
     black = np.zeros(shape, dtype=np.uint8)
     given = known(np.array([[8.0, 8.0], [0.0, 15.0]]), np.array([[9.0, 8.0], [15.0, 15.0]]))
-    assert len(propagate(black, black, sideways(), given)) == 2
+    assert len(propagate(EpipolarSearch(black, black, sideways()), given)) == 2
     noise = np.random.default_rng(8).integers(0, 256, (2, *shape), dtype=np.uint8)
-    assert len(propagate(noise[0], noise[1], sideways(), given)) < 10
+    assert len(propagate(EpipolarSearch(noise[0], noise[1], sideways()), given)) < 10
 
 
 def test_wrong_arguments_are_refused() -> None:
     """Frames of different size and settings out of range raise ValueError."""
     with pytest.raises(ValueError, match="one shape"):
-        propagate(STILL, MOVED[1:], sideways(), known(SEEDS, SEEDS))
+        propagate(EpipolarSearch(STILL, MOVED[1:], sideways()), known(SEEDS, SEEDS))
     with pytest.raises(ValueError, match="reach"):
         PropagationSettings(reach_px=0)
     with pytest.raises(ValueError, match="step"):
-        PropagationSettings(step_px=0.0)
+        SearchSettings(step_px=0.0)
 
 
 # ---- kernels ----
@@ -233,7 +228,7 @@ ROUND_SEEDS = [(10, 10, np.array([16.4, 10.0])), (16, 14, np.array([23.0, 14.0])
 def rounds() -> tuple[np.ndarray, dict[tuple[int, int], Floats]]:
     """Return the pixels that may be tried, and what the twin makes of them."""
     tries = np.zeros(SMALL.shape, dtype=np.int64)
-    tries[9:18, 8:18] = 2 * find_edges(SMALL.astype(np.uint8), PropagationSettings())[0][9:18, 8:18]
+    tries[9:18, 8:18] = 2 * find_edges(SMALL.astype(np.uint8), PropagationSettings())[9:18, 8:18]
     limits = (4.0, 0.05)
     return tries, sfm_propagation.propagate(
         SMALL, COEFFICIENTS, sideways(), tries, 3, window(2), SEARCH, *limits, ROUND_SEEDS
