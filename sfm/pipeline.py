@@ -149,7 +149,7 @@ def _camera_pair(
     rng: np.random.Generator,
     settings: SfmSettings,
 ) -> CameraPair:
-    """Self-calibrate, adjust, remove the outliers that this shows (test of reprojection), and adjust again."""
+    """Self-calibrate, adjust, remove the outliers that this shows (reprojection), and adjust again."""
     how, num = settings.cameras, len(matches)
     start = self_calibration(calibration.fundamental, matches, frame, how.self_calibration)
     if start.reason:

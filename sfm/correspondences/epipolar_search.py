@@ -159,7 +159,7 @@ class EpipolarSearch:
         Returns
         -------
         Correspondences
-            Those whose small neighbourhood finds the same place on its epipolar line; some moved by one pixel.
+            Those whose small neighbourhood finds the same place on its epipolar line; some moved by a pixel.
         """
         from sfm.correspondences import _kernels
 
