@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.tracking.registration import ReceivedPoints
+from sfm.correspondences.outliers import delaunay_neighbours
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
@@ -129,13 +129,14 @@ class _Smoothness:
     def __init__(self, first: Floats, second: Floats, num_frames: int, settings: SnakeSettings) -> None:
         from scipy import sparse
 
-        edges = neighbours(0.5 * (first + second))
-        a, b = edges.T
+        around = delaunay_neighbours(0.5 * (first + second))
+        once = around.point < around.neighbour
+        a, b = around.point[once], around.neighbour[once]
         apart = ((first[a] + second[a] - first[b] - second[b]) ** 2).sum(axis=1) / 4.0
         unlike = ((second[a] - first[a] - second[b] + first[b]) ** 2).sum(axis=1)
         weight = 1.0 / ((1.0 + apart / settings.near_px**2) * (1.0 + unlike / settings.alike_px**2))
-        ends = np.repeat([1.0, -1.0], len(edges)), (np.tile(np.arange(len(edges)), 2), edges.T.ravel())
-        difference = sparse.csr_array(ends, shape=(len(edges), len(first)))
+        ends = np.repeat([1.0, -1.0], len(a)), (np.tile(np.arange(len(a)), 2), np.concatenate([a, b]))
+        difference = sparse.csr_array(ends, shape=(len(a), len(first)))
         coupled = settings.coupling * (difference.T @ sparse.diags_array(weight) @ difference)
         self._coupling = sparse.csr_array(coupled)
         self._bending, self._ridge = settings.bending, settings.ridge
@@ -183,27 +184,3 @@ def _bent_twice(deviation: Floats) -> Floats:
     bent = 2.0 * padded[:, 1:-1] - padded[:, :-2] - padded[:, 2:]
     padded = np.concatenate([ends, bent, ends], axis=1)
     return np.asarray(2.0 * padded[:, 1:-1] - padded[:, :-2] - padded[:, 2:])
-
-
-def neighbours(points: Floats) -> Indices:
-    """Return the edges of a Delaunay triangulation.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2), float64
-        Places in pixels.
-
-    Returns
-    -------
-    ndarray of shape (E, 2), int64
-        Pairs of points, each once, the smaller index first; points on a line are chained.
-    """
-    from scipy.spatial import Delaunay, QhullError
-
-    try:
-        corners = np.sort(Delaunay(points).simplices.astype(np.int64), axis=1)
-        pairs = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [0, 2]]])
-    except (QhullError, ValueError):
-        order = np.lexsort((points[:, 1], points[:, 0]))
-        pairs = np.sort(np.column_stack([order[:-1], order[1:]]), axis=1)
-    return np.unique(pairs, axis=0)

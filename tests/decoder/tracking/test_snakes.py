@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.tracking.registration import ReceivedPoints
-from decoder.tracking.snakes import SnakeSettings, _Smoothness, fit_snakes, neighbours
+from decoder.tracking.snakes import SnakeSettings, _Smoothness, fit_snakes
+from sfm.correspondences.outliers import delaunay_neighbours
 
 Floats = NDArray[np.float64]
 
@@ -19,7 +20,8 @@ def normal_matrix(first: Floats, second: Floats, num_frames: int, settings: Snak
             row[i, k] = 2.0
             row[i, [j for j in (k - 1, k + 1) if 0 <= j < num_frames]] = -1.0
             matrix += settings.bending * np.outer(row, row)
-    for a, b in neighbours(0.5 * (first + second)):
+    around = delaunay_neighbours(0.5 * (first + second))
+    for a, b in {(min(pair), max(pair)) for pair in zip(around.point, around.neighbour, strict=True)}:
         apart = np.sum((0.5 * (first[a] + second[a] - first[b] - second[b])) ** 2)
         unlike = np.sum((second[a] - first[a] - second[b] + first[b]) ** 2)
         weight = settings.coupling / (1 + apart / settings.near_px**2) / (1 + unlike / settings.alike_px**2)
@@ -64,10 +66,3 @@ def test_points_far_away_do_not_pull() -> None:
     expected = np.repeat(first[:, None], 2, axis=1)
     snakes = fit_snakes(first, first, expected, [ReceivedPoints(first + 9.0)] * 2, SnakeSettings())
     np.testing.assert_array_equal(snakes.positions, expected)
-
-
-def test_neighbours_of_few_points() -> None:
-    """One point has no neighbour; points on a line, or at one place, are chained."""
-    assert neighbours(np.zeros((1, 2))).shape == (0, 2)
-    assert neighbours(np.array([[3.0, 0.0], [1.0, 0.0], [2.0, 0.0]])).tolist() == [[0, 2], [1, 2]]
-    assert len(neighbours(np.zeros((5, 2)))) == 4
