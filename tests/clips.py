@@ -8,6 +8,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from dvc.video import Frame, chroma_shape, create_video
+from dvc.video.frames import Plane
 
 
 def moving_texture(
@@ -67,3 +68,18 @@ def write_clip(path: Path, frames: Sequence[Frame]) -> Path:
         for frame in frames:
             writer.write(frame)
     return path
+
+
+def odd_frames() -> dict[str, Plane]:
+    """Return frames without texture, of noise, and of odd sizes."""
+    rng = np.random.default_rng(0)
+    texture = moving_texture(1, 120, 160)[0].luma
+    return {
+        "black": np.zeros((48, 64), np.uint8),
+        "white": np.full((48, 64), 255, np.uint8),
+        "noise": rng.integers(0, 256, (48, 64)).astype(np.uint8),
+        "16x16": rng.integers(0, 256, (16, 16)).astype(np.uint8),
+        "1x1": np.zeros((1, 1), np.uint8),
+        "odd": texture[:37, :53],
+        "narrow": texture[:9],
+    }

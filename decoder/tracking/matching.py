@@ -92,7 +92,7 @@ def match_points(
     if not frames or not len(anchors):
         return PointTracks.none(num_instants)
     temporal_positions = np.arange(1, num_instants - 1) / (num_instants - 1)
-    deviation = register(anchors.first, anchors.second, frames, settings.registration)
+    deviation = register(anchors.first, anchors.second, temporal_positions, frames, settings.registration)
     expected = anchors.corners(temporal_positions) + np.swapaxes(deviation, 0, 1)
     snakes = fit_snakes(anchors.first, anchors.second, expected, frames, settings.snakes)
     seen = np.isfinite(snakes.received[..., 0])

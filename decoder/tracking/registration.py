@@ -137,7 +137,11 @@ def affine_terms(first: Floats, second: Floats) -> Floats:
 
 
 def register(
-    first: Floats, second: Floats, frames: Sequence[ReceivedPoints], settings: RegistrationSettings
+    first: Floats,
+    second: Floats,
+    temporal_positions: Floats,
+    frames: Sequence[ReceivedPoints],
+    settings: RegistrationSettings,
 ) -> Floats:
     """Find how far points are from even motion in each frame, as an affine map of place and motion.
 
@@ -145,8 +149,10 @@ def register(
     ----------
     first, second : ndarray of shape (N, 2), float64
         Corresponding points of the key frames, in pixels; at least one.
+    temporal_positions : ndarray of shape (T,), float64
+        Of the frames between them: 0 at the first and 1 at the second key frame.
     frames : sequence of ReceivedPoints
-        Points received for each of the T frames between them.
+        Points received for each of these.
     settings : RegistrationSettings
         How they are found.
 
@@ -155,7 +161,6 @@ def register(
     ndarray of shape (T, N, 2), float64
         Deviation of each point in each frame; 0 where nothing was received.
     """
-    temporal_positions = np.arange(1, len(frames) + 1) / (len(frames) + 1)
     searches = [
         _FrameSearch(first, second, float(t), received, settings)
         for t, received in zip(temporal_positions, frames, strict=True)

@@ -1,103 +1,14 @@
-"""Corners and their tracks: known motion, losses, operations, odd frames."""
+"""Tracks of points: known motion, losses, operations, odd frames."""
 
 import numpy as np
 import pytest
 
-from dvc._jit import python_twin
 from dvc.video import Frame
-from encoder import _kernels
-from encoder.block_matching import PointTrackerSettings, spiral
-from encoder.corners import TRACKED_CORNERS, CornerDetector, CornerSettings, find_corners
+from encoder.block_matching import PointTrackerSettings
 from encoder.tracking import PointTracker
-from tests.clips import moving_texture
-from tests.reference import block_tracking as reference
+from tests.clips import moving_texture, odd_frames
 
-STILL_LIFE = moving_texture(1, 120, 160)[0].luma
 FULL_SEARCH_BLOCKS = 961  # of +-15 px, for each 8x8 block
-
-
-def odd_frames() -> dict[str, np.ndarray]:
-    rng = np.random.default_rng(0)
-    return {
-        "black": np.zeros((48, 64), np.uint8),
-        "white": np.full((48, 64), 255, np.uint8),
-        "noise": rng.integers(0, 256, (48, 64)).astype(np.uint8),
-        "16x16": rng.integers(0, 256, (16, 16)).astype(np.uint8),
-        "1x1": np.zeros((1, 1), np.uint8),
-        "odd": STILL_LIFE[:37, :53],
-        "narrow": STILL_LIFE[:9],
-    }
-
-
-@pytest.mark.parametrize("settings", [CornerSettings(), TRACKED_CORNERS, CornerSettings(grid_px=2)])
-@pytest.mark.parametrize("name", odd_frames())
-def test_corners_keep_inside_and_apart(name: str, settings: CornerSettings) -> None:
-    """Corners lie on the grid, inside the margin, and keep their distance."""
-    luma = odd_frames()[name]
-    corners = find_corners(luma, 20, 5, settings)
-    assert corners.dtype == np.int64
-    assert len(corners) <= 20
-    assert (corners % settings.grid_px == 0).all()
-    assert ((corners >= 5) & (corners < np.array(luma.shape[::-1]) - 5)).all()
-    distances = np.hypot(*(corners[:, None] - corners[None]).transpose(2, 0, 1))
-    np.fill_diagonal(distances, np.inf)
-    assert (distances >= settings.min_distance * (luma.size / 20) ** 0.5).all()
-    if name in ("black", "white"):
-        assert len(corners) == 0
-
-
-def test_corners_are_where_edges_meet() -> None:
-    """The corners of a square are found, and nothing else."""
-    luma = np.full((64, 64), 50, np.uint8)
-    luma[20:44, 16:40] = 200
-    corners = find_corners(luma, 10, 3)
-    expected = np.array([(x, y) for x in (15.5, 39.5) for y in (19.5, 43.5)])
-    distances = np.hypot(*(corners[:, None] - expected[None]).transpose(2, 0, 1))
-    assert len(corners) == 4
-    assert distances.min(axis=0).max() < 2.5
-
-
-def test_detector_counts_and_scans_columns() -> None:
-    """Corners of each frame come column by column, and are counted."""
-    detector = CornerDetector(30)
-    points = detector.detect([STILL_LIFE, STILL_LIFE[:, ::-1]])
-    assert [len(frame) for frame in points.frames] == [30, 30]
-    assert all((np.diff(frame[:, 0]) >= 0).all() for frame in points.frames)
-    assert detector.num_corners == 60
-
-
-def test_spiral_starts_at_rest_and_grows() -> None:
-    """Each displacement of the square is there once, small ones first."""
-    displacements = spiral(3)
-    assert displacements[0].tolist() == [0, 0]
-    assert len({tuple(d) for d in displacements.tolist()}) == 49
-    assert (np.diff(np.hypot(*displacements.T)) >= -1e-12).all()
-
-
-@pytest.mark.parametrize("twin", [False, True])
-@pytest.mark.parametrize("seed", range(3))
-def test_searches_agree_with_the_twin(seed: int, twin: bool) -> None:
-    """Spiral and descent find what exhaustive comparisons find, in no more operations."""
-    choose = python_twin if twin else (lambda kernel: kernel)
-    rng = np.random.default_rng(seed)
-    image = STILL_LIFE[:40, :48]
-    for _ in range(15):
-        x, y = (int(c) for c in rng.integers(2, [46, 38]))
-        block = STILL_LIFE[40:45, 60:65] if rng.random() < 0.3 else image[y - 2 : y + 3, x - 2 : x + 3]
-        if block.shape != (5, 5):
-            continue
-        block = np.ascontiguousarray(block)
-        at = x + int(rng.integers(-4, 5)), y + int(rng.integers(-4, 5))
-        counts = np.zeros(2, np.int64)
-        small = int(rng.integers(0, 200))
-        found = choose(_kernels.spiral_search)(image, *at, 2, block, small, spiral(4), counts)
-        expected = reference.spiral_search(image, *at, block, small, spiral(4))
-        assert found == (expected if expected[2] is not None else (*expected[:2], _kernels.UNKNOWN))
-        assert counts[0] <= 81
-        if expected[2] is None:
-            continue
-        went = choose(_kernels.descend)(image, *found[:2], 2, block, found[2], 50, counts)
-        assert went == reference.descend(image, *expected[:2], block, 50)
 
 
 @pytest.mark.parametrize("motion_px", [(0.0, 0.0), (3.0, -2.0), (1.0, 4.0)])

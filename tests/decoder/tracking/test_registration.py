@@ -23,7 +23,7 @@ def received(points: Floats, seed: int) -> ReceivedPoints:
 
 
 def test_shift_turn_and_temporal_offset_are_found() -> None:
-    """A frame that is shifted, turned and late deviates as it should, all over the image."""
+    """A frame that is shifted, turned and delayed deviates as it should, all over the image."""
     first, second = scattered(200, 1)
     turn = 0.01 * np.column_stack([-(first[:, 1] - 140), first[:, 0] - 170])
     truth = [
@@ -32,7 +32,7 @@ def test_shift_turn_and_temporal_offset_are_found() -> None:
     ]
     even = [(2 * first + second) / 3, (first + 2 * second) / 3]
     frames = [received(e + d, seed) for seed, (e, d) in enumerate(zip(even, truth, strict=True))]
-    found = register(first, second, frames, RegistrationSettings())
+    found = register(first, second, np.array([1, 2]) / 3, frames, RegistrationSettings())
     error = np.linalg.norm(found - np.stack(truth), axis=2)
     assert np.quantile(error, 0.95) < 0.5
 
@@ -40,7 +40,8 @@ def test_shift_turn_and_temporal_offset_are_found() -> None:
 def test_without_points_nothing_deviates() -> None:
     """A frame without points is where even motion puts it."""
     first, second = scattered(20, 2)
-    assert not register(first, second, [ReceivedPoints(np.empty((0, 2)))], RegistrationSettings()).any()
+    frames = [ReceivedPoints(np.empty((0, 2)))]
+    assert not register(first, second, np.array([0.5]), frames, RegistrationSettings()).any()
 
 
 def test_terms_are_bounded() -> None:

@@ -1,4 +1,4 @@
-"""Plain twin of the tracker's block comparisons: exhaustive, without early end."""
+"""Plain twin of block matching: exhaustive, without early end."""
 
 import numpy as np
 from numpy.typing import NDArray
