@@ -10,8 +10,8 @@ from benchmarks.figures.tracks.quality import REAL_CLIPS, listed
 from benchmarks.figures.tracks.rates import HIERARCHICAL, MEANS, PRESETS, te_curve
 from dvc.errors import DvcError
 from dvc.metrics import BdResult
-from dvc.rd.compare import crossing_text
-from dvc.rd.curves import Curve, bd_text, compare_curves, experiments
+from dvc.rd.curves import Curve, experiments
+from dvc.rd.differences import bd_text, compare_curves, crossing_text
 from dvc.rd.points import ANCHORS
 from dvc.rd.specification import Sweep, expand
 

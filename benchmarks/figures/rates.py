@@ -9,7 +9,8 @@ from pathlib import Path
 from benchmarks.figures.harness import FOREMAN, SCENES, STATIC_CLIPS, Figure, Measured, Setting, clip_source
 from dvc.errors import DvcError, RdCurveError
 from dvc.metrics import BdResult, bd_rate
-from dvc.rd.curves import Curve, Experiment, bd_text, compare_curves, experiments
+from dvc.rd.curves import Curve, Experiment, experiments
+from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.points import Point
 from dvc.rd.results import PointResult, read_results
 from dvc.rd.sources import default_cache

@@ -310,11 +310,11 @@ def _show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from dvc.rd.export import frames_csv, points_csv
+    from dvc.rd.export import results_csv
     from dvc.rd.results import read_results
 
     results = read_results(arguments.folder)
-    _write(arguments.csv, frames_csv(results) if arguments.frames else points_csv(results))
+    _write(arguments.csv, results_csv(results, per_frame=arguments.frames))
     return 0
 
 

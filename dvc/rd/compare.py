@@ -1,25 +1,20 @@
 """Comparison of curves: is one codec better than another, by how much, and up to which rate."""
 
-import csv
-import io
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvc.errors import ConfigError, DvcError, RdCurveError
-from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
+from dvc.errors import ConfigError, DvcError
+from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
+from dvc.rd.differences import bd_text, compare_curves, crossing_text, crossings_kbps
 from dvc.rd.results import PointResult
-from dvc.rd.tables import NOTHING
+from dvc.rd.tables import NOTHING, csv_text
 
 if TYPE_CHECKING:
     from dvc.metrics import BdResult
 
-NUM_SAMPLES = 2001
-EQUAL_DB = 1e-6
 HEAD = (
     "sequence",
     "codec",
@@ -250,78 +245,6 @@ def find_label(results: Sequence[PointResult], text: str) -> str:
     return found[0]
 
 
-def crossings_kbps(reference: Curve, other: Curve) -> list[tuple[float, bool]]:
-    """Find the rates from which one curve is better or worse than another.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Of the same experiment.
-
-    Returns
-    -------
-    list of (float, bool)
-        Rate in kbit/s from which on, up to the next entry, `other` has the higher PSNR (true) or not; the
-        first is the lowest rate that both curves reach. Empty where they have no rates in common.
-    """
-    return _pieces(*_gains(reference, other))
-
-
-def _pieces(samples: NDArray[np.float64], gains_db: NDArray[np.float64]) -> list[tuple[float, bool]]:
-    if not samples.size:
-        return []
-    better = gains_db > EQUAL_DB
-    starts = [0, *(np.flatnonzero(better[1:] != better[:-1]) + 1)]
-    return [(float(math.exp(samples[i])), bool(better[i])) for i in starts]
-
-
-def crossing_text(reference: Curve, other: Curve) -> str:
-    """Write where one curve is better than another.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Of the same experiment.
-
-    Returns
-    -------
-    str
-        Such as ``better up to 890 kbit/s``.
-    """
-    samples, gains_db = _gains(reference, other)
-    if not samples.size:
-        single = min(len(reference.points), len(other.points)) < 2
-        return "a curve of one point" if single else "no rates in common"
-    if (np.abs(gains_db) <= EQUAL_DB).all():
-        return "equal at all common rates"
-    pieces = _pieces(samples, gains_db)
-    if len(pieces) == 1:
-        return f"{'better' if pieces[0][1] else 'worse'} at all common rates"
-    spans = []
-    for number, (rate, better) in enumerate(pieces):
-        if better:
-            start = f"from {rate:.0f} " if number else ""
-            end = f"up to {pieces[number + 1][0]:.0f} " if number + 1 < len(pieces) else ""
-            spans.append(start + end)
-    return f"better {'and '.join(spans)}kbit/s"
-
-
-def bd_cell(reference: Curve, other: Curve) -> str:
-    """Write the mean difference in rate of a curve against another.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Of the same experiment.
-
-    Returns
-    -------
-    str
-        With overlap and number of points, or why there is none.
-    """
-    return bd_text(compare_curves(reference, other))
-
-
 def comparison_rows(comparisons: Sequence[Comparison]) -> list[list[str]]:
     """Write comparisons as rows of a table, with means over the sequences.
 
@@ -362,9 +285,7 @@ def comparison_csv(comparisons: Iterable[Comparison]) -> str:
     str
         A line of titles, `CSV_COLUMNS`, and a line for each comparison.
     """
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(CSV_COLUMNS)
+    rows = []
     for one in comparisons:
         crossings = " ".join(f"{rate:.1f}" for rate, _ in crossings_kbps(one.reference, one.other)[1:])
         rate: list[object] = [None] * 6
@@ -378,22 +299,13 @@ def comparison_csv(comparisons: Iterable[Comparison]) -> str:
         names = [one.sequence, one.other.label, one.reference.label]
         data = one.other.points[0].data
         frames = [data["options"]["start"], data["totals"]["frames"]]
-        writer.writerow([*names, *rate, *psnr, crossings, refused, *frames])
-    return text.getvalue()
+        rows.append([*names, *rate, *psnr, crossings, refused, *frames])
+    return csv_text(CSV_COLUMNS, rows)
 
 
 def _compare(experiment: Experiment, reference: Curve, other: Curve) -> Comparison:
     rate = compare_curves(reference, other)
-    return Comparison(experiment.name, reference, other, rate, _bd_psnr(reference, other))
-
-
-def _bd_psnr(reference: Curve, other: Curve) -> "BdResult | str":
-    from dvc.metrics import bd_psnr
-
-    try:
-        return bd_psnr(reference.rates_kbps, reference.psnrs_y_db, other.rates_kbps, other.psnrs_y_db)
-    except RdCurveError as err:
-        return str(err)
+    return Comparison(experiment.name, reference, other, rate, compare_curves(reference, other, "psnr"))
 
 
 def _means(comparisons: Sequence[Comparison]) -> list[list[str]]:
@@ -414,28 +326,3 @@ def _means(comparisons: Sequence[Comparison]) -> list[list[str]]:
                 ["*mean*", label, reference, f"{np.mean(rates):+.1f} % ({count}, {spread})", gain, NOTHING]
             )
     return rows
-
-
-def _gains(reference: Curve, other: Curve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return logarithms of rates that both curves reach, and how much higher the PSNR of `other` is there."""
-    (rates_a, psnrs_a), (rates_b, psnrs_b) = _front(reference), _front(other)
-    low, high = max(rates_a[0], rates_b[0]), min(rates_a[-1], rates_b[-1])
-    if min(rates_a.size, rates_b.size) < 2 or low >= high:
-        return np.empty(0), np.empty(0)
-    from scipy.interpolate import PchipInterpolator
-
-    samples = np.linspace(low, high, NUM_SAMPLES)
-    psnrs_db = [PchipInterpolator(*front)(samples) for front in ((rates_a, psnrs_a), (rates_b, psnrs_b))]
-    return samples, psnrs_db[1] - psnrs_db[0]
-
-
-def _front(curve: Curve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return logarithms of rates, and PSNRs, of the points that no other point beats."""
-    points: list[tuple[float, float]] = []
-    for rate, psnr in sorted(
-        zip(curve.rates_kbps, curve.psnrs_y_db, strict=True), key=lambda p: (p[0], -p[1])
-    ):
-        if not points or psnr > points[-1][1]:
-            points.append((math.log(rate), psnr))
-    both = np.array(points, dtype=np.float64)
-    return both[:, 0], both[:, 1]

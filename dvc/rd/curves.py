@@ -1,18 +1,13 @@
-"""Rate-distortion curves: results put together by experiment and codec, and the distances between them."""
+"""Rate-distortion curves: results put together by experiment and codec."""
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
-from dvc.errors import RdCurveError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.points import ANCHORS, INTRA
 from dvc.rd.reference_rows import REFERENCE_LABELS
 from dvc.rd.results import PointResult
-
-if TYPE_CHECKING:
-    from dvc.metrics import BdResult
 
 ANCHOR_LABEL = "H.264 intra"
 
@@ -134,47 +129,6 @@ def _distinct(found: list[Experiment]) -> list[Experiment]:
             extra = f"frames {first} to {last}" if differ else str(number)
             names[one.key] = f"{name} ({extra})" if len(members) > 1 else name
     return [replace(one, name=names[one.key]) for one in found]
-
-
-def compare_curves(reference: Curve, other: Curve) -> "BdResult | str":
-    """Return the mean difference in rate of a curve against another.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Of the same experiment.
-
-    Returns
-    -------
-    BdResult or str
-        Negative if `other` needs less; a line that says why the curves cannot be compared.
-    """
-    from dvc.metrics import bd_rate
-
-    try:
-        return bd_rate(reference.rates_kbps, reference.psnrs_y_db, other.rates_kbps, other.psnrs_y_db)
-    except RdCurveError as err:
-        return str(err)
-
-
-def bd_text(difference: "BdResult | str") -> str:
-    """Write a difference in rate with its overlap.
-
-    Parameters
-    ----------
-    difference : BdResult or str
-        As `compare_curves` returns it.
-
-    Returns
-    -------
-    str
-        Such as ``-12.3 % (28.9 to 37.5 dB, 8 and 14 points)``.
-    """
-    if isinstance(difference, str):
-        return f"not comparable: {difference}"
-    low, high = difference.overlap
-    reference, other = difference.num_points
-    return f"{difference.value:+.1f} % ({low:.1f} to {high:.1f} dB, {other} and {reference} points)"
 
 
 def _key(result: PointResult) -> tuple[str, int, int, bool]:

@@ -1,60 +1,43 @@
 """Results as comma-separated values: a line per point, or per frame."""
 
-import csv
-import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from dvc.rd.curves import experiments
 from dvc.rd.results import PointResult
+from dvc.rd.tables import csv_text
 
 Column = Callable[[PointResult], object]
 
 
-def points_csv(results: Sequence[PointResult]) -> str:
-    """Write a line for each point.
+def results_csv(results: Sequence[PointResult], *, per_frame: bool = False) -> str:
+    """Write a line for each point, or for each frame of each point.
 
     Parameters
     ----------
     results : sequence of PointResult
         What was measured.
+    per_frame : bool, optional
+        Whether to write frames.
 
     Returns
     -------
     str
-        A line of titles, then the points by sequence and curve; a cell without a value is empty.
+        A line of titles, then points by sequence and curve; a cell without a value is empty.
     """
-    rows = (
-        [point.data["sequence"]["name"], label, *(column(point) for column in POINT_COLUMNS.values())]
-        for label, point in _ordered(results)
-    )
-    return _csv(("sequence", "curve", *POINT_COLUMNS), rows)
-
-
-def frames_csv(results: Sequence[PointResult]) -> str:
-    """Write a line for each frame of each point.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured.
-
-    Returns
-    -------
-    str
-        A line of titles, then the frames by sequence, curve and point; a cell without a value is empty.
-    """
-    rows = (
-        [
-            point.data["sequence"]["name"],
-            label,
-            *(POINT_COLUMNS[name](point) for name in _POINT_OF_FRAME),
-            *_frame_cells(frame),
-        ]
-        for label, point in _ordered(results)
-        for frame in point.data.get("per_frame", ())
-    )
-    return _csv(("sequence", "curve", *_POINT_OF_FRAME, *FRAME_COLUMNS), rows)
+    names = _POINT_OF_FRAME if per_frame else tuple(POINT_COLUMNS)
+    rows: list[list[object]] = []
+    for one in experiments(results):
+        for curve in one.curves:
+            for point in curve.points:
+                cells = [
+                    point.data["sequence"]["name"],
+                    curve.label,
+                    *(POINT_COLUMNS[n](point) for n in names),
+                ]
+                frames = point.data.get("per_frame", ()) if per_frame else ()
+                rows += [[*cells, *_frame_cells(frame)] for frame in frames] if per_frame else [cells]
+    return csv_text(("sequence", "curve", *names, *(FRAME_COLUMNS if per_frame else ())), rows)
 
 
 def _entry(*names: str) -> Column:
@@ -118,7 +101,7 @@ POINT_COLUMNS: dict[str, Column] = {
     "tracking_cpu_s": _entry("times", "tracking_cpu_s"),
     "coding_cpu_s": _entry("times", "coding_cpu_s"),
 }
-"""Columns of `points_csv` after `sequence` and `curve`; new ones are added at the end only."""
+"""Columns of `results_csv` after `sequence` and `curve`; new ones are added at the end only."""
 
 _POINT_OF_FRAME = ("point", "codec", "gop", "wz_q", "key_qp", "lossless_keys")
 FRAME_COLUMNS = (
@@ -139,7 +122,7 @@ FRAME_COLUMNS = (
     "crc_bits",
     "header_bits",
 )
-"""Columns of `frames_csv` after those of the point; new ones are added at the end only."""
+"""Columns of a frame, after those of its point; new ones are added at the end only."""
 
 
 def _frame_cells(frame: Mapping[str, Any]) -> list[object]:
@@ -149,18 +132,3 @@ def _frame_cells(frame: Mapping[str, Any]) -> list[object]:
     total = sum(value for value in kinds.values() if isinstance(value, int)) if kinds else bits
     cells = {**frame, "bits": total, **{f"{kind}_bits": value for kind, value in kinds.items()}}
     return [cells.get(name) for name in FRAME_COLUMNS]
-
-
-def _ordered(results: Sequence[PointResult]) -> list[tuple[str, PointResult]]:
-    return [
-        (curve.label, point) for one in experiments(results) for curve in one.curves for point in curve.points
-    ]
-
-
-def _csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    for row in rows:
-        writer.writerow([str(cell).lower() if isinstance(cell, bool) else cell for cell in row])
-    return text.getvalue()

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING
 
-from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, compare_curves
+from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
+from dvc.rd.differences import compare_curves
 from dvc.rd.frames import frame_columns
 from dvc.rd.results import PointResult
 

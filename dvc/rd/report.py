@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from dvc.errors import DvcError
 from dvc.files import atomic_output
-from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, bd_text, compare_curves, experiments
+from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
+from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.plots import SUFFIXES, curve_styles, render_experiment
 from dvc.rd.results import PointResult
 from dvc.rd.tables import NOTHING, escaped, fenced, points_cells, preface, table

@@ -1,7 +1,9 @@
 """Tables of results, and what stands above them: Markdown, the columns of points, what was measured when."""
 
+import csv
+import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.curves import Curve
@@ -65,6 +67,29 @@ def fenced(lines: Sequence[str]) -> str:
     text = "".join(f"{line}\n" for line in lines)
     fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
     return f"{fence}\n{text}{fence}\n"
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table as comma-separated values.
+
+    Parameters
+    ----------
+    head : sequence of str
+        Titles.
+    rows : iterable of sequence
+        Cells; None is an empty one.
+
+    Returns
+    -------
+    str
+        Lines, the last one with its end.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    for row in rows:
+        writer.writerow([str(cell).lower() if isinstance(cell, bool) else cell for cell in row])
+    return text.getvalue()
 
 
 def preface(results: Sequence[PointResult]) -> str:

@@ -14,17 +14,9 @@ from hypothesis import strategies as st
 
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.__main__ import main
-from dvc.rd.compare import (
-    CSV_COLUMNS,
-    HEAD,
-    compare,
-    comparison_csv,
-    comparison_rows,
-    crossing_text,
-    crossings_kbps,
-    find_label,
-)
+from dvc.rd.compare import CSV_COLUMNS, HEAD, compare, comparison_csv, comparison_rows, find_label
 from dvc.rd.curves import Curve
+from dvc.rd.differences import crossing_text, crossings_kbps
 from dvc.rd.results import POINTS_FOLDER, PointResult, read_results
 from dvc.rd.tables import table
 from tests.rd.made_up import result_data, write_results

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 
 from dvc.rd.__main__ import main
-from dvc.rd.export import FRAME_COLUMNS, POINT_COLUMNS, frames_csv, points_csv
+from dvc.rd.export import FRAME_COLUMNS, POINT_COLUMNS, results_csv
 from dvc.rd.results import PointResult, read_results
 from tests.rd.made_up import result_data, write_results
 
 
 def test_points_are_lines(tmp_path: Path) -> None:
     """Every point is a line, by curve and rate, with the columns in their order."""
-    rows = list(csv.DictReader(io.StringIO(points_csv(read_results(write_results(tmp_path / "a"))))))
+    rows = list(csv.DictReader(io.StringIO(results_csv(read_results(write_results(tmp_path / "a"))))))
     assert list(rows[0]) == ["sequence", "curve", *POINT_COLUMNS]
     assert [row["curve"] for row in rows] == ["2D-DVC, GOP 2"] * 3 + ["H.264 intra"] * 3
     first = rows[0]
@@ -36,9 +36,8 @@ def test_frames_are_lines() -> None:
             "si_psnr_y_db": 28.25,
         },
     ]
-    rows = list(
-        csv.DictReader(io.StringIO(frames_csv([PointResult("p", result_data(60.0, 30.0, per_frame=frames))])))
-    )
+    text = results_csv([PointResult("p", result_data(60.0, 30.0, per_frame=frames))], per_frame=True)
+    rows = list(csv.DictReader(io.StringIO(text)))
     assert tuple(rows[0])[-len(FRAME_COLUMNS) :] == FRAME_COLUMNS
     assert [(row["point"], row["index"], row["type"], row["si_psnr_y_db"]) for row in rows] == [
         ("p", "0", "intra", ""),
@@ -51,7 +50,7 @@ def test_frames_are_lines() -> None:
 def test_names_with_commas_and_quotes_survive() -> None:
     """A name that has what separates cells is read back as it was."""
     sequence = {**result_data(60.0, 30.0)["sequence"], "name": 'a, "b"\nc'}
-    text = points_csv([PointResult("p", result_data(60.0, 30.0, sequence=sequence))])
+    text = results_csv([PointResult("p", result_data(60.0, 30.0, sequence=sequence))])
     (row,) = csv.DictReader(io.StringIO(text, newline=""))
     assert row["sequence"] == 'a, "b"\nc'
 
@@ -77,4 +76,4 @@ def test_columns_are_documented() -> None:
     )
     assert points == ["sequence", "curve", *POINT_COLUMNS]
     assert tuple(frames)[-len(FRAME_COLUMNS) :] == FRAME_COLUMNS
-    assert frames == frames_csv([]).strip().split(",")
+    assert frames == results_csv([], per_frame=True).strip().split(",")

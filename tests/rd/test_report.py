@@ -3,7 +3,8 @@
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from dvc.rd.curves import bd_text, compare_curves, experiments
+from dvc.rd.curves import experiments
+from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.report import points_table, write_reports
 from dvc.rd.results import PointResult, read_results
 from dvc.rd.tables import table

@@ -16,7 +16,7 @@ from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.rd.sweep import SweepSummary
 from dvc.rd.thesis import reproduce
 from dvc.rd.thesis.chapter import Preset
-from dvc.rd.thesis.chapter5 import METHODS
+from dvc.rd.thesis.chapter5_curves import METHODS
 from dvc.rd.thesis.reproduce import (
     PRESETS,
     chapters,

@@ -12,7 +12,8 @@ from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, S
 from benchmarks.figures.tracks.prediction import FAST_CLIPS
 from benchmarks.figures.tracks.quality import AREA, REAL_CLIPS, listed
 from dvc.metrics import BdResult, bd_rate
-from dvc.rd.curves import Curve, bd_text, experiments
+from dvc.rd.curves import Curve, experiments
+from dvc.rd.differences import bd_text
 from dvc.rd.specification import Sweep, expand
 
 HIERARCHICAL = "hierarchical"

@@ -3,10 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dvc.errors import RdCurveError
-from dvc.metrics import bd_psnr
-from dvc.rd.compare import crossing_text
-from dvc.rd.curves import Curve, Experiment, compare_curves
+from dvc.rd.curves import Curve, Experiment
+from dvc.rd.differences import compare_curves, crossing_text
 from dvc.rd.frames import mean
 from dvc.rd.tables import NOTHING
 
@@ -178,10 +176,9 @@ def _points(reference: Curve, curve: Curve) -> str:
 
 
 def _psnr_text(reference: Curve, curve: Curve) -> str:
-    try:
-        difference = bd_psnr(reference.rates_kbps, reference.psnrs_y_db, curve.rates_kbps, curve.psnrs_y_db)
-    except RdCurveError as err:
-        return f"not comparable: {err}"
+    difference = compare_curves(reference, curve, "psnr")
+    if isinstance(difference, str):
+        return f"not comparable: {difference}"
     return signed(difference.value, 2, "dB")
 
 

@@ -14,156 +14,135 @@ from dvc.rd.plots import ANCHOR_COLOURS, ANCHOR_MARKERS, COLOURS, DPI, MARKERS
 from dvc.rd.results import PointResult
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 SIZE_INCHES = (8.0, 4.0)
 IDENTICAL_DB = 100.0
 NOISE_GAIN = 4
+Line = tuple[str, Mapping[int, float]]
+"""Name, and PSNR in dB by number of the frame."""
+Panel = tuple[str, NDArray[np.int16]]
+"""Title and picture."""
 
 
-def draw_side_information(methods: Mapping[str, PointResult], path: Path) -> Path | None:
-    """Draw the PSNR of every predicted frame, one line per method: figure 5.11.
+def draw_pictures(
+    methods: Mapping[str, PointResult],
+    lossy: Sequence[PointResult],
+    seen: PointResult | None,
+    folder: Path,
+    stem: str,
+) -> dict[str, str]:
+    """Draw figures 5.11 to 5.14 of a sequence, as far as there is anything to draw.
 
     Parameters
     ----------
     methods : mapping of str to PointResult
         Points with lossless key frames, by name of the method.
-    path : Path
-        Name of the picture without suffix.
-
-    Returns
-    -------
-    Path or None
-        The picture; None if there is nothing to draw.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be written.
-    """
-    if not methods:
-        return None
-    with _picture(path.with_name(path.name + ".png"), "predicted frames: luma PSNR [dB]") as axes:
-        for number, (name, point) in enumerate(methods.items()):
-            _line(axes, number, name, _predicted(point))
-    return path.with_name(path.name + ".png")
-
-
-def draw_lossy_keys(points: Sequence[PointResult], path: Path) -> Path | None:
-    """Draw the PSNR of key frames and predicted frames, one line per QP: figure 5.13.
-
-    Parameters
-    ----------
-    points : sequence of PointResult
-        One per QP.
-    path : Path
-        Name of the picture without suffix.
-
-    Returns
-    -------
-    Path or None
-        The picture; None if there is nothing to draw.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be written.
-    """
-    if not points:
-        return None
-    with _picture(path.with_name(path.name + ".png"), "key and predicted frames: luma PSNR [dB]") as axes:
-        for number, point in enumerate(points):
-            lossless = point.data["key"].get("lossless")
-            name = "lossless key frames" if lossless else f"QP {point.data['key']['qp']}"
-            predicted = _predicted(point)
-            keys = {} if lossless else _keys(point)
-            _line(axes, number, name, {**predicted, **keys})
-    return path.with_name(path.name + ".png")
-
-
-def draw_noise(methods: Mapping[str, PointResult], folder: Path, path: Path) -> Path | None:
-    """Draw the difference between one frame and its prediction by each method: figure 5.12.
-
-    Parameters
-    ----------
-    methods : mapping of str to PointResult
-        Points with lossless key frames, by name of the method; those without pictures are left out.
+    lossy : sequence of PointResult
+        Points of figure 5.13, one per QP.
+    seen : PointResult or None
+        Point of figure 5.14, with lossy key frames.
     folder : Path
-        Of the experiment, where the pictures of points lie.
-    path : Path
-        Name of the picture without suffix.
+        Of the experiment, where the pictures of points lie, and where these go.
+    stem : str
+        What the names of these begin with.
 
     Returns
     -------
-    Path or None
-        The picture; None if there is nothing to draw.
+    dict of str to str
+        Names of the pictures by the numbers of their figures.
 
     Raises
     ------
     DvcError
-        If it cannot be written.
+        If one cannot be written.
     """
-    noises = {name: _noise(point, folder) for name, point in methods.items()}
-    found = {name: noise for name, noise in noises.items() if noise is not None}
-    if not found:
-        return None
+    names = {number: f"{stem}-{number}.png" for number in ("5.11", "5.12", "5.13", "5.14")}
+    drawn = {
+        "5.11": _draw_lines(_predicted_lines(methods), "predicted frames", folder / names["5.11"]),
+        "5.12": _draw_panels(_noise_panels(methods, folder), folder / names["5.12"]),
+        "5.13": _draw_lines(_lossy_lines(lossy), "key and predicted frames", folder / names["5.13"]),
+        "5.14": _draw_panels(_quality_panels(seen, folder), folder / names["5.14"]),
+    }
+    return {number: names[number] for number, is_drawn in drawn.items() if is_drawn}
+
+
+def _predicted_lines(methods: Mapping[str, PointResult]) -> list[Line]:
+    """Return the PSNR of every predicted frame, one line per method."""
+    return [(name, _predicted(point)) for name, point in methods.items()]
+
+
+def _lossy_lines(points: Sequence[PointResult]) -> list[Line]:
+    """Return the PSNR of key frames, unless they are lossless, and predicted frames, one line per point."""
+    lines: list[Line] = []
+    for point in points:
+        lossless = point.data["key"].get("lossless")
+        name = "lossless key frames" if lossless else f"QP {point.data['key']['qp']}"
+        lines.append((name, {**_predicted(point), **({} if lossless else _keys(point))}))
+    return lines
+
+
+def _noise_panels(methods: Mapping[str, PointResult], folder: Path) -> list[Panel]:
+    """Return the difference between one frame and its prediction by each method that has pictures."""
     panels = []
-    for name, noise in found.items():
-        error = float(np.sqrt(np.mean(np.square(noise, dtype=np.float64))))
-        panels.append((f"{name}, rms {error:.1f}", np.clip(128 + NOISE_GAIN * noise, 0, 255)))
-    return _draw_panels(panels, path)
+    for name, point in methods.items():
+        planes = _planes(point, folder, ("original", "predicted"))
+        if planes is not None:
+            noise = planes[0] - planes[1]
+            error = float(np.sqrt(np.mean(np.square(noise, dtype=np.float64))))
+            panels.append((f"{name}, rms {error:.1f}", np.clip(128 + NOISE_GAIN * noise, 0, 255)))
+    return panels
 
 
-def draw_qualities(point: PointResult | None, folder: Path, path: Path) -> Path | None:
-    """Draw a decoded key frame beside a frame that is predicted from it: figure 5.14.
-
-    Parameters
-    ----------
-    point : PointResult or None
-        With lossy key frames.
-    folder : Path
-        Of the experiment, where the pictures of points lie.
-    path : Path
-        Name of the picture without suffix.
-
-    Returns
-    -------
-    Path or None
-        The picture; None if there is nothing to draw.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be written.
-    """
+def _quality_panels(point: PointResult | None, folder: Path) -> list[Panel]:
+    """Return a decoded key frame and a frame that is predicted from it."""
     planes = None if point is None else _planes(point, folder, ("key", "predicted"))
     if point is None or planes is None:
-        return None
+        return []
     pictures = point.data["pictures"]
     frames = (
         (pictures.get("key_index"), _keys(point), "key"),
         (pictures.get("index"), _predicted(point), "predicted"),
     )
-    panels = [
+    return [
         (f"{kind} frame {index}, {psnrs_db.get(index, np.nan):.1f} dB", plane)
         for plane, (index, psnrs_db, kind) in zip(planes, frames, strict=True)
     ]
-    return _draw_panels(panels, path)
 
 
-def _draw_panels(panels: Sequence[tuple[str, NDArray[np.int16]]], path: Path) -> Path:
-    """Draw pictures under their titles, two in a row."""
+def _draw_panels(panels: Sequence[Panel], path: Path) -> bool:
+    """Draw pictures under their titles, two in a row; false if there are none."""
+    if not panels:
+        return False
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
-    file = path.with_name(path.name + ".png")
-    with _figure(file, (4.2 * columns, 3.7 * rows)) as figure:
+    with _figure(path, (4.2 * columns, 3.7 * rows)) as figure:
         for number, (title, plane) in enumerate(panels, 1):
             axes = figure.add_subplot(rows, columns, number)
             axes.imshow(plane, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
             axes.set_title(title, fontsize=9)
             axes.set_axis_off()
-    return file
+    return True
+
+
+def _draw_lines(lines: Sequence[Line], what: str, path: Path) -> bool:
+    """Draw PSNRs over frame numbers; false if there are no lines."""
+    if not lines:
+        return False
+    colours, markers = (*COLOURS, *ANCHOR_COLOURS[:1]), (*MARKERS, *ANCHOR_MARKERS[:1])
+    with _figure(path, SIZE_INCHES) as figure:
+        axes = figure.add_subplot()
+        for number, (name, psnrs_db) in enumerate(lines):
+            indices = sorted(psnrs_db)
+            values = [min(psnrs_db[index], IDENTICAL_DB) for index in indices]
+            colour, marker = colours[number % len(colours)], markers[number % len(markers)]
+            axes.plot(indices, values, color=colour, marker=marker, markersize=4, linewidth=1, label=name)
+        axes.set_xlabel("frame")
+        axes.set_ylabel(f"{what}: luma PSNR [dB]")
+        axes.grid(color="#dddddd", linewidth=0.8)
+        axes.set_axisbelow(True)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
+    return True
 
 
 def _predicted(point: PointResult) -> dict[int, float]:
@@ -180,12 +159,6 @@ def _keys(point: PointResult) -> dict[int, float]:
     return {frame["index"]: frame["psnr_y_db"] for frame in frames if frame["type"] == "key"}
 
 
-def _noise(point: PointResult, folder: Path) -> NDArray[np.int16] | None:
-    """Return original minus prediction, if both pictures are there and of one size."""
-    planes = _planes(point, folder, ("original", "predicted"))
-    return None if planes is None else planes[0] - planes[1]
-
-
 def _planes(point: PointResult, folder: Path, names: tuple[str, str]) -> list[NDArray[np.int16]] | None:
     """Return two pictures of a point, if both are there and of one size."""
     pictures: dict[str, Any] = point.data.get("pictures") or {}
@@ -197,26 +170,6 @@ def _planes(point: PointResult, folder: Path, names: tuple[str, str]) -> list[ND
             return None
         planes.append(np.asarray(plane, dtype=np.int16))
     return planes if planes[0].shape == planes[1].shape else None
-
-
-def _line(axes: "Axes", number: int, name: str, psnrs_db: Mapping[int, float]) -> None:
-    indices = sorted(psnrs_db)
-    values = [min(psnrs_db[index], IDENTICAL_DB) for index in indices]
-    colours, markers = (*COLOURS, *ANCHOR_COLOURS[:1]), (*MARKERS, *ANCHOR_MARKERS[:1])
-    colour, marker = colours[number % len(colours)], markers[number % len(markers)]
-    axes.plot(indices, values, color=colour, marker=marker, markersize=4, linewidth=1, label=name)
-
-
-@contextmanager
-def _picture(path: Path, title: str) -> "Iterator[Axes]":
-    with _figure(path, SIZE_INCHES) as figure:
-        axes = figure.add_subplot()
-        yield axes
-        axes.set_xlabel("frame")
-        axes.set_ylabel(title)
-        axes.grid(color="#dddddd", linewidth=0.8)
-        axes.set_axisbelow(True)
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 
 @contextmanager

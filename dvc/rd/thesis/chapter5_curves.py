@@ -1,0 +1,210 @@
+"""What chapter 5 of the thesis compares: methods of side information, curves, and the points of each."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from dvc.rd.curves import Curve, Experiment
+from dvc.rd.points import ANCHORS
+from dvc.rd.results import PointResult
+from dvc.rd.tables import NOTHING
+
+THESIS_SEQUENCES = ("street", "stairway", "statue")
+LOSSLESS_GOP = 10
+SEEN_QP = 26
+"""QP of the key frames of figure 5.14; the point nearest to it is shown."""
+KEYS = (("references", "keys"),)
+HIERARCHICAL = (("references", "hierarchical"),)
+
+
+@dataclass(frozen=True)
+class Method:
+    """One row of table 5.1.
+
+    Attributes
+    ----------
+    name : str
+        As the thesis calls it.
+    codec : str
+        Of ours.
+    side_information : str or None
+        What the decoder is told to predict with; None for the mesh, or block motion in 2D.
+    thesis_db : tuple of float
+        What the thesis has for its street, stairway and statue.
+    """
+
+    name: str
+    codec: str
+    side_information: str | None
+    thesis_db: tuple[float, float, float]
+
+    @property
+    def options(self) -> tuple[tuple[str, str], ...]:
+        """Options of the encoder: all methods predict from key frames only."""
+        return KEYS if self.codec in ("3d-td", "3d-te") else ()
+
+    def made(self, point: PointResult) -> bool:
+        """Tell whether a point is of this method, with lossless key frames.
+
+        Parameters
+        ----------
+        point : PointResult
+            Any point.
+
+        Returns
+        -------
+        bool
+            True if it is.
+        """
+        options = point.data["options"]
+        return (
+            point.data["codec"] == self.codec
+            and point.data["key"].get("lossless") is True
+            and options["gop"] == LOSSLESS_GOP
+            and options.get("side_information") == self.side_information
+            and options["options"] == dict(self.options)
+        )
+
+
+METHODS = (
+    Method("2D-DVC (block motion)", "2d", None, (22.3, 19.0, 21.3)),
+    Method("3D-DVC (epipolar blocks)", "3d", "blocks", (23.3, 20.0, 22.2)),
+    Method("3D-DVC (mesh)", "3d", None, (23.3, 20.1, 22.3)),
+    Method("3D-DVC-TD (epipolar blocks)", "3d-td", "blocks", (28.4, 24.7, 25.5)),
+    Method("3D-DVC-TD (mesh)", "3d-td", None, (28.9, 25.0, 25.6)),
+    Method("3D-DVC-TE (epipolar blocks)", "3d-te", "blocks", (28.6, 28.0, 27.4)),
+    Method("3D-DVC-TE (mesh)", "3d-te", None, (29.3, 28.5, 27.6)),
+)
+"""Rows of table 5.1 of [Maitre2008], with its numbers."""
+
+
+@dataclass(frozen=True)
+class Duel:
+    """Two curves of figure 5.15, and what the thesis says of them.
+
+    Attributes
+    ----------
+    codec, reference : str
+        Names in `CURVES`.
+    thesis : str
+        Where the first is better.
+    """
+
+    codec: str
+    reference: str
+    thesis: str
+
+
+CURVES: dict[str, Callable[[dict[str, Any]], bool]] = {
+    "TE, key frames only": lambda data: _is(data, "3d-te", KEYS),
+    "TE, hierarchical": lambda data: _is(data, "3d-te", HIERARCHICAL),
+    "TD": lambda data: _is(data, "3d-td", ()),
+    "3D without tracks": lambda data: _is(data, "3d", ()),
+    "2D-DVC": lambda data: _is(data, "2d", ()),
+    "H.264 intra": lambda data: data["codec"] == ANCHORS["intra"],
+    "H.264 IPPP, zero motion": lambda data: data["codec"] == ANCHORS["x264-ippp-zero"],
+    "H.264 IPPP": lambda data: data["codec"] == ANCHORS["x264-ippp"],
+}
+"""Curves of figure 5.15, by what tells their points."""
+
+_ALL = "better at all rates"
+_ZERO = "better up to 890 kbit/s (street), at all rates (stairway), up to 1400 kbit/s (statue)"
+_TD = "better at all rates (street), up to 990 kbit/s (stairway), up to 740 kbit/s (statue)"
+DUELS = (
+    Duel("TE, key frames only", "2D-DVC", _ALL),
+    Duel("TE, key frames only", "H.264 intra", "better"),
+    Duel("TE, key frames only", "H.264 IPPP, zero motion", _ZERO),
+    Duel("TE, key frames only", "H.264 IPPP", "worse"),
+    Duel("TE, hierarchical", "2D-DVC", NOTHING),
+    Duel("TE, hierarchical", "H.264 intra", NOTHING),
+    Duel("TE, hierarchical", "H.264 IPPP, zero motion", NOTHING),
+    Duel("TE, hierarchical", "H.264 IPPP", NOTHING),
+    Duel("TD", "2D-DVC", _TD),
+    Duel("TD", "H.264 intra", "better"),
+    Duel("TD", "3D without tracks", "better"),
+)
+"""Comparisons that section 5.5.4 of [Maitre2008] makes, and the same for what it does not have."""
+
+
+def lossless_points(experiment: Experiment) -> dict[str, PointResult]:
+    """Find the points of table 5.1.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        What was measured on a sequence.
+
+    Returns
+    -------
+    dict of str to PointResult
+        By name of the method, in the order of the table, as far as they are there.
+    """
+    points = [point for curve in experiment.curves for point in curve.points]
+    made = {method.name: next((p for p in points if method.made(p)), None) for method in METHODS}
+    return {name: point for name, point in made.items() if point is not None}
+
+
+def lossy_points(experiment: Experiment) -> dict[str, PointResult]:
+    """Find the points of figure 5.13.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        What was measured on a sequence.
+
+    Returns
+    -------
+    dict of str to PointResult
+        By the QP of their key frames, the coarsest first, lossless last.
+    """
+    curve = find_curve(experiment, "TE, key frames only")
+    points = () if curve is None else curve.points
+    found = {str(p.data["key"]["qp"]): p for p in sorted(points, key=lambda p: -p.data["key"]["qp"])}
+    lossless = lossless_points(experiment).get(METHODS[-1].name)
+    return found if lossless is None else {**found, "lossless": lossless}
+
+
+def seen_point(experiment: Experiment) -> PointResult | None:
+    """Find the point of figure 5.14.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        What was measured on a sequence.
+
+    Returns
+    -------
+    PointResult or None
+        The one whose key frames are nearest to `SEEN_QP`.
+    """
+    curve = find_curve(experiment, "TE, key frames only")
+    points = () if curve is None else curve.points
+    return min(points, key=lambda point: abs(point.data["key"]["qp"] - SEEN_QP), default=None)
+
+
+def find_curve(experiment: Experiment, name: str) -> Curve | None:
+    """Find a curve of figure 5.15.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        What was measured on a sequence.
+    name : str
+        Of `CURVES`.
+
+    Returns
+    -------
+    Curve or None
+        None if it was not measured.
+    """
+    return next((curve for curve in experiment.curves if CURVES[name](curve.points[0].data)), None)
+
+
+def _is(data: dict[str, Any], codec: str, options: tuple[tuple[str, str], ...]) -> bool:
+    """Tell whether a point belongs to a curve of figure 5.15: lossy key frames, the rest as in `sweeps`."""
+    return (
+        data["codec"] == codec
+        and data["key"].get("lossless") is not True
+        and data["options"].get("side_information") is None
+        and data["options"]["options"] == dict(options)
+    )
