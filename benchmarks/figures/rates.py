@@ -11,8 +11,9 @@ from dvc.errors import DvcError, RdCurveError
 from dvc.metrics import BdResult, bd_rate
 from dvc.rd.curves import Curve, Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves
+from dvc.rd.point_result import PointResult
 from dvc.rd.points import Point
-from dvc.rd.results import PointResult, read_results
+from dvc.rd.results import read_results
 from dvc.rd.sources import default_cache
 from dvc.rd.specification import Sweep, expand
 from dvc.rd.sweep import run_points

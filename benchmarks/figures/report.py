@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from benchmarks.figures.harness import Figure, Measured, Setting
 from dvc.errors import DvcError
 from dvc.metrics import bd_psnr, bd_rate
-from dvc.rd.results import PointResult, read_results
+from dvc.rd.point_result import PointResult
+from dvc.rd.results import read_results
 from tests import browser
 
 NUM_POINTS = 100

@@ -9,7 +9,7 @@ import numpy as np
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves, crossing_text, crossings_kbps
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult
 from dvc.rd.tables import NOTHING, csv_text
 
 if TYPE_CHECKING:

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.point_result import PointResult
 from dvc.rd.points import ANCHORS, INTRA
 from dvc.rd.reference_rows import REFERENCE_LABELS
-from dvc.rd.results import PointResult
 
 ANCHOR_LABEL = "H.264 intra"
 

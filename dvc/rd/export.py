@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from dvc.rd.curves import experiments
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult
 from dvc.rd.tables import csv_text
 
 Column = Callable[[PointResult], object]

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
 from dvc.rd.differences import compare_curves
-from dvc.rd.frames import frame_columns
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -140,7 +139,7 @@ def render_frames(curve: Curve, point: PointResult, style: Style) -> bytes | Non
     bytes or None
         An SVG; None if the result says nothing of its frames.
     """
-    columns = frame_columns(point)
+    columns = point.frame_columns
     if "psnr" not in columns:
         return None
     with _figure(FRAMES_INCHES) as figure:
@@ -150,31 +149,12 @@ def render_frames(curve: Curve, point: PointResult, style: Style) -> bytes | Non
             there = [(columns["first"] + i, value) for i, value in enumerate(values) if value is not None]
             if there:
                 axes.plot(*zip(*there, strict=True), line, color=colour or style.colour, label=title, ms=3)
-        axes.set_title(_plain(f"{curve.label}, {point_name(point)}"), fontsize=9)
+        axes.set_title(_plain(f"{curve.label}, {point.label}"), fontsize=9)
         axes.set_xlabel("frame")
         axes.set_ylabel("luma PSNR [dB]")
         axes.grid(color="#dddddd", linewidth=0.8)
         axes.legend(loc="best", fontsize=8)
         return _contents(figure, ".svg")
-
-
-def point_name(point: PointResult) -> str:
-    """Name a point of a curve.
-
-    Parameters
-    ----------
-    point : PointResult
-        The point.
-
-    Returns
-    -------
-    str
-        Such as ``Q4, key QP 34`` or ``QP 28``.
-    """
-    preset, key = point.data["options"].get("wz_q"), point.data["key"]
-    if preset is None:
-        return "lossless" if key.get("lossless") else f"QP {key['qp']}"
-    return f"Q{preset}, {'lossless keys' if key.get('lossless') else 'key QP ' + str(key['qp'])}"
 
 
 def _contents(figure: "Figure", suffix: str) -> bytes:

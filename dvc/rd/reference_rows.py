@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from dvc.errors import DvcError
+from dvc.rd.point_result import PointResult
 from dvc.rd.points import SCHEMA
-from dvc.rd.results import PointResult
 
 ROWS_VARIABLE: Final = "DVC_ANCHORS"
 """Environment variable with the name of a file of rows."""

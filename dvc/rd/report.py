@@ -10,7 +10,7 @@ from dvc.files import atomic_output
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.plots import SUFFIXES, curve_styles, render_experiment
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult
 from dvc.rd.tables import NOTHING, escaped, fenced, points_cells, preface, table
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from typing import Any
 
 from dvc import cli
 from dvc.errors import DvcError
+from dvc.rd.point_result import PointResult
 from dvc.rd.points import SCHEMA, Task
 from dvc.rd.provenance import values_digest
 
@@ -28,48 +29,6 @@ _REQUIRED: dict[str, dict[str, type | tuple[type, ...]]] = {
     "times": {"encode_cpu_s": _NUMBER, "decode_cpu_s": _NUMBER},
 }
 _LOG = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class PointResult:
-    """A measured point.
-
-    Attributes
-    ----------
-    name : str
-        Of its file.
-    data : dict
-        Contents of the file, of which the required part has been checked.
-    """
-
-    name: str
-    data: dict[str, Any]
-
-    @property
-    def rate_kbps(self) -> float:
-        """Rate of the punctured stream in kbit/s."""
-        return float(self.data["totals"]["rate_kbps"])
-
-    @property
-    def psnr_y_db(self) -> float:
-        """Mean of the PSNRs of the frames in dB."""
-        return float(self.data["totals"]["psnr_y_db"])
-
-    def total(self, name: str) -> float | None:
-        """Return a number of the totals.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        float or None
-            None if there is none, as for Wyner-Ziv frames of an intra codec.
-        """
-        value = self.data["totals"].get(name)
-        return float(value) if _is_number(value) else None
 
 
 def read_result(path: Path) -> PointResult:

@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.curves import Curve
-from dvc.rd.frames import bit_shares, num_of_types, type_ms
+from dvc.rd.point_result import PointResult
 from dvc.rd.reference_rows import REFERENCE_LABELS
-from dvc.rd.results import PointResult
 
 Cell = Callable[[PointResult], str]
 NOTHING = "–"
@@ -184,7 +183,7 @@ def _total(name: str, form: str) -> Cell:
 
 def _share(*names: str) -> Cell:
     def cell(point: PointResult) -> str:
-        shares = bit_shares(point)
+        shares = point.bit_shares
         known = [shares[name] for name in names if name in shares]
         return f"{sum(known):.1f}" if known else NOTHING
 
@@ -192,7 +191,7 @@ def _share(*names: str) -> Cell:
 
 
 def _num_wyner_ziv(point: PointResult) -> int:
-    return num_of_types(point, "wz")
+    return point.num_frames("wz")
 
 
 def _per_wyner_ziv(name: str, form: str) -> Cell:
@@ -210,7 +209,7 @@ def _preset(point: PointResult) -> str:
 
 def _encode_ms(kind: str) -> Cell:
     def cell(point: PointResult) -> str:
-        value = type_ms(point, kind)
+        value = point.type_ms(kind)
         return NOTHING if value is None else f"{value:.1f}"
 
     return cell

@@ -15,10 +15,11 @@ from dvc.rd.anchors.__main__ import main
 from dvc.rd.anchors.codecs import ANCHOR_CODECS, AnchorCodec
 from dvc.rd.anchors.decoding import decode_file, measure_file
 from dvc.rd.anchors.encoding import encode_file
+from dvc.rd.point_result import PointResult
 from dvc.rd.points import Point, Task
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.provenance import CodeVersion
-from dvc.rd.results import PointResult, read_results
+from dvc.rd.results import read_results
 from dvc.rd.sources import find_source
 from dvc.rd.sweep import run_points
 from dvc.video import Frame, create_video, open_video

@@ -17,10 +17,11 @@ import pytest
 from dvc.errors import DvcError
 from dvc.rd import results, sweep
 from dvc.rd.__main__ import main
+from dvc.rd.point_result import PointResult
 from dvc.rd.points import Point, Task
 from dvc.rd.processes import ProcessGroup, Stopped
 from dvc.rd.provenance import CodeVersion, codec_digest
-from dvc.rd.results import POINTS_FOLDER, PointResult
+from dvc.rd.results import POINTS_FOLDER
 from dvc.video import Frame, create_video
 from tests.rd.made_up import result_data
 

@@ -17,7 +17,8 @@ from dvc.rd.__main__ import main
 from dvc.rd.compare import CSV_COLUMNS, HEAD, compare, comparison_csv, comparison_rows, find_label
 from dvc.rd.curves import Curve
 from dvc.rd.differences import crossing_text, crossings_kbps
-from dvc.rd.results import POINTS_FOLDER, PointResult, read_results
+from dvc.rd.point_result import PointResult
+from dvc.rd.results import POINTS_FOLDER, read_results
 from dvc.rd.tables import table
 from tests.rd.made_up import result_data, write_results
 

@@ -9,7 +9,8 @@ import pytest
 
 from dvc.rd.__main__ import main
 from dvc.rd.export import FRAME_COLUMNS, POINT_COLUMNS, results_csv
-from dvc.rd.results import PointResult, read_results
+from dvc.rd.point_result import PointResult
+from dvc.rd.results import read_results
 from tests.rd.made_up import result_data, write_results
 
 

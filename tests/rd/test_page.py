@@ -13,13 +13,13 @@ from plotly.offline import get_plotlyjs
 from dvc.errors import DvcError
 from dvc.rd import __main__ as command
 from dvc.rd.curves import experiments
-from dvc.rd.frames import bit_shares, frame_columns
 from dvc.rd.page import MAX_PAGE_BYTES, write_page
 from dvc.rd.page.pictures import build_gallery
 from dvc.rd.page.tables import cost_table, side_information_table
 from dvc.rd.page.verdict import verdicts
 from dvc.rd.pictures import read_picture
-from dvc.rd.results import POINTS_FOLDER, PointResult, read_folders
+from dvc.rd.point_result import PointResult
+from dvc.rd.results import POINTS_FOLDER, read_folders
 from tests.rd.made_up import result_data, write_results
 from tests.rd.made_up_page import HOSTILE, write_many
 
@@ -108,9 +108,9 @@ def test_frames_and_shares() -> None:
     """Numbers of frames come by column, shares of bits in per cent."""
     row = {"index": 0, "type": "wz", "bits": {"parity": 1500, "crc": 500}, "si_psnr_y_db": 30.0}
     point = PointResult("a", result_data(60.0, 30.0, per_frame=[{"type": "key", "bits": 4000}, row]))
-    columns = frame_columns(point)
+    columns = point.frame_columns
     assert columns == {"kbits": [4.0, 2.0], "initial": [None, 30.0], "first": 0, "types": "kw"}
-    assert bit_shares(point) == {"key": 75.0, "parity": 20.0, "crc": 1.0, "header": 4.0}
+    assert point.bit_shares == {"key": 75.0, "parity": 20.0, "crc": 1.0, "header": 4.0}
 
 
 def test_side_information_prefers_lossless_keys() -> None:

@@ -6,9 +6,9 @@ import pytest
 
 from dvc.errors import DvcError
 from dvc.rd.curves import experiments
+from dvc.rd.point_result import PointResult
 from dvc.rd.reference_rows import ROWS_VARIABLE, read_reference_rows, reference_results
 from dvc.rd.report import report_text
-from dvc.rd.results import PointResult
 from dvc.rd.tables import preface
 from tests.rd.made_up import result_data
 

@@ -5,8 +5,9 @@ from pathlib import Path
 
 from dvc.rd.curves import experiments
 from dvc.rd.differences import bd_text, compare_curves
+from dvc.rd.point_result import PointResult
 from dvc.rd.report import points_table, write_reports
-from dvc.rd.results import PointResult, read_results
+from dvc.rd.results import read_results
 from dvc.rd.tables import table
 from tests.rd.made_up import result_data, write_results
 from tests.rd.made_up_page import HOSTILE

@@ -18,11 +18,10 @@ from dvc.rd.plots import (
     MATPLOTLIB_DASHES,
     Style,
     curve_styles,
-    point_name,
     render_experiment,
     render_frames,
 )
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult
 from dvc.rd.tables import code_digests, points_cells, preface
 
 if TYPE_CHECKING:
@@ -194,7 +193,7 @@ def _reproduce(point: PointResult) -> dict[str, Any]:
         versions += [f"{name} {version}" for name, version in sorted(libraries.items())]
     commands = data.get("commands")
     return {
-        "name": point_name(point),
+        "name": point.label,
         "commands": [str(line) for line in commands] if isinstance(commands, list) else [],
         "versions": ", ".join(versions),
         "date": str(data.get("date", "")),

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.rd.curves import Curve, Experiment
-from dvc.rd.frames import frame_rows, number
 from dvc.rd.pictures import read_picture
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult, number
 
 MAX_POINTS = 40
 NOISE_GAIN = 4
@@ -152,6 +151,6 @@ def _index(point: PointResult) -> int:
 
 
 def _type(point: PointResult) -> str:
-    types = {row.get("index"): row.get("type") for row in frame_rows(point)}
+    types = {row.get("index"): row.get("type") for row in point.frame_rows}
     names = {"wz": "Wyner-Ziv", "key": "key", "intra": "intra", "inter": "inter"}
     return names.get(str(types.get(point.data["pictures"].get("index"))), "")

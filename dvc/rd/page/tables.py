@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
-from dvc.rd.frames import bit_shares, encoding_times_s, frame_columns, mean, number, type_ms
-from dvc.rd.plots import point_name
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult, mean, number
 from dvc.rd.tables import NOTHING
 
 SHARE_TITLES = {
@@ -97,8 +95,8 @@ def cost_table(found: Sequence[Experiment]) -> Table:
             encode = mean([_frames_ms(point) for point in curve.points])
             ratio = None if encode is None or not intra else encode / intra
             numbers = [
-                _format(mean([type_ms(point, "key") for point in curve.points]), 2),
-                _format(mean([type_ms(point, "wz") for point in curve.points]), 2),
+                _format(mean([point.type_ms("key") for point in curve.points]), 2),
+                _format(mean([point.type_ms("wz") for point in curve.points]), 2),
                 _format(encode, 2),
                 _format(ratio, 2),
                 _format(mean([_process_ms(point, "encode") for point in curve.points]), 1),
@@ -130,9 +128,9 @@ def shares(curve: Curve) -> list[dict[str, Any]]:
     """
     rows = []
     for point in curve.points:
-        parts = bit_shares(point)
+        parts = point.bit_shares
         text = ", ".join(f"{SHARE_TITLES.get(kind, kind)} {share:.1f} %" for kind, share in parts.items())
-        rows.append({"name": point_name(point), "text": text, "parts": list(parts.items())})
+        rows.append({"name": point.label, "text": text, "parts": list(parts.items())})
     return rows
 
 
@@ -151,12 +149,12 @@ def chart_points(curve: Curve) -> list[dict[str, Any]]:
     """
     return [
         {
-            "name": point_name(point),
+            "name": point.label,
             "level": point.data["options"].get("wz_q"),
             "lossless": point.data["key"].get("lossless") is True,
             "rate": round(point.rate_kbps, 3),
             "psnr": round(point.psnr_y_db, 3),
-            "frames": frame_columns(point),
+            "frames": point.frame_columns,
         }
         for point in curve.points
     ]
@@ -174,7 +172,7 @@ def _preset_name(point: PointResult) -> str:
 
 def _frames_ms(point: PointResult) -> float | None:
     """Return the encoding time per frame of any type, start-up left out."""
-    times_s = encoding_times_s(point)
+    times_s = point.encoding_times_s
     return None if times_s is None else 1000 * sum(times_s) / max(1, point.data["totals"]["frames"])
 
 

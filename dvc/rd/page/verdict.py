@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from dvc.rd.curves import Curve, Experiment
 from dvc.rd.differences import compare_curves, crossing_text
-from dvc.rd.frames import mean
+from dvc.rd.point_result import mean
 from dvc.rd.tables import NOTHING
 
 LEAST_PERCENT = 0.05

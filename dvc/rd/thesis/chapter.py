@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult
 from dvc.rd.specification import Sweep
 
 

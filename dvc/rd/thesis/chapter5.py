@@ -5,7 +5,7 @@ from pathlib import Path
 
 from dvc.rd.curves import Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves, crossing_text
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult
 from dvc.rd.specification import Sweep
 from dvc.rd.tables import NOTHING, escaped, table
 from dvc.rd.thesis.chapter import Chapter, Figure, Preset

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from dvc.rd.curves import Curve, Experiment
+from dvc.rd.point_result import PointResult
 from dvc.rd.points import ANCHORS
-from dvc.rd.results import PointResult
 from dvc.rd.tables import NOTHING
 
 THESIS_SEQUENCES = ("street", "stairway", "statue")

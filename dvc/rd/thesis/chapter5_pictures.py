@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dvc.files import atomic_output
 from dvc.rd.pictures import read_picture
 from dvc.rd.plots import ANCHOR_COLOURS, ANCHOR_MARKERS, COLOURS, DPI, MARKERS
-from dvc.rd.results import PointResult
+from dvc.rd.point_result import PointResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

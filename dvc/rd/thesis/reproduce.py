@@ -5,10 +5,10 @@ from pathlib import Path
 
 from dvc.errors import ConfigError, DvcError
 from dvc.files import atomic_output
+from dvc.rd.point_result import PointResult
 from dvc.rd.points import Point
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.provenance import values_digest
-from dvc.rd.results import PointResult
 from dvc.rd.sources import available_clips, source_name
 from dvc.rd.specification import expand
 from dvc.rd.tables import measured_text, table
