@@ -4,10 +4,10 @@ import argparse
 import shlex
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dvc import cli
 from dvc.config import VARIANTS
@@ -31,26 +31,14 @@ EXAMPLES = """\
 
 def _parser() -> argparse.ArgumentParser:
     parser = cli.ArgumentParser(PROG, "Measure and report rate-distortion curves.", EXAMPLES)
-    commands = parser.add_subparsers(
-        dest="command", required=True, metavar="{run,report,compare,export,reproduce}"
-    )
-    _add_run(
-        commands.add_parser("run", prog=f"{PROG} run", description="Measure points.", help="measure points")
-    )
-    _add_report(commands)
-    _add_compare(commands)
-    _add_export(commands)
-    _add_reproduce(commands)
+    commands = parser.add_subparsers(dest="command", required=True, metavar=f"{{{','.join(_COMMANDS)}}}")
+    for name, command in _COMMANDS.items():
+        texts = {"description": command.description, "help": command.summary}
+        command.add_options(commands.add_parser(name, prog=f"{PROG} {name}", **texts))
     return parser
 
 
-def _add_report(commands: Any) -> None:
-    report = commands.add_parser(
-        "report",
-        prog=f"{PROG} report",
-        description="Write tables, plots, and a page that holds all of them and opens in any browser.",
-        help="write a page, tables and plots",
-    )
+def _add_report(report: argparse.ArgumentParser) -> None:
     add = report.add_argument
     add("folders", type=Path, nargs="+", metavar="DIR", help="what `run --out` was given")
     add(
@@ -75,17 +63,10 @@ def _add_report(commands: Any) -> None:
     )
 
 
-def _add_compare(commands: Any) -> None:
-    compare = commands.add_parser(
-        "compare",
-        prog=f"{PROG} compare",
-        description="Compare the curves that two experiments have in common, or those of one experiment.",
-        help="compare curves: which needs less, and by how much",
-    )
-    compare.add_argument("before", type=Path, metavar="A", help="folder of an experiment")
-    compare.add_argument(
-        "after", type=Path, nargs="?", metavar="B", help="another: its curves are compared with those of A"
-    )
+def _add_compare(compare: argparse.ArgumentParser) -> None:
+    add = compare.add_argument
+    add("before", type=Path, metavar="A", help="folder of an experiment")
+    add("after", type=Path, nargs="?", metavar="B", help="another: its curves are compared with those of A")
     which = compare.add_mutually_exclusive_group()
     which.add_argument(
         "--against",
@@ -98,71 +79,48 @@ def _add_compare(commands: Any) -> None:
         metavar=("LABEL1", "LABEL2"),
         help="within A: the second against the first; a part of a label is enough",
     )
-    compare.add_argument("--csv", metavar="FILE", help="also write the figures (-: instead, to stdout)")
+    add("--csv", metavar="FILE", help="also write the figures (-: instead, to stdout)")
 
 
-def _add_export(commands: Any) -> None:
-    export = commands.add_parser(
-        "export",
-        prog=f"{PROG} export",
-        description="Write points, or their frames, as comma-separated values.",
-        help="write points as CSV",
-    )
-    export.add_argument("folder", type=Path, metavar="DIR", help="what `run --out` was given")
-    export.add_argument("--csv", required=True, metavar="FILE", help="file to write (-: stdout)")
-    export.add_argument("--frames", action="store_true", help="a line per frame instead of one per point")
+def _add_export(export: argparse.ArgumentParser) -> None:
+    add = export.add_argument
+    add("folder", type=Path, metavar="DIR", help="what `run --out` was given")
+    add("--csv", required=True, metavar="FILE", help="file to write (-: stdout)")
+    add("--frames", action="store_true", help="a line per frame instead of one per point")
 
 
-def _add_reproduce(commands: Any) -> None:
-    reproduce = commands.add_parser(
-        "reproduce",
-        prog=f"{PROG} reproduce",
-        description="Measure and write the tables and figures of the thesis; goes on where it stopped.",
-        help="all tables and figures of the thesis",
-    )
-    reproduce.add_argument("what", choices=["thesis"], metavar="thesis")
-    reproduce.add_argument(
-        "--preset", choices=["quick", "full"], default="quick", help="minutes, or hours; default: quick"
-    )
-    reproduce.add_argument(
-        "--sequences", nargs="+", metavar="SEQUENCE", help="other sequences than those of the preset"
-    )
-    reproduce.add_argument(
-        "--frames", type=cli.integer(2, 10**6), metavar="N", help="of each sequence; default: 9, full: 17"
-    )
-    reproduce.add_argument(
-        "--no-page", dest="page", action="store_false", help="write no HTML page, only Markdown and pictures"
-    )
+def _add_reproduce(reproduce: argparse.ArgumentParser) -> None:
+    add = reproduce.add_argument
+    add("what", choices=["thesis"], metavar="thesis")
+    add("--preset", choices=["quick", "full"], default="quick", help="minutes, or hours; default: quick")
+    add("--sequences", nargs="+", metavar="SEQUENCE", help="other sequences than those of the preset")
+    add("--frames", type=cli.integer(2, 10**6), metavar="N", help="of each sequence; default: 9, full: 17")
+    add("--no-page", dest="page", action="store_false", help="write no HTML page, only Markdown and pictures")
     _add_measuring(reproduce)
 
 
 def _add_run(run: argparse.ArgumentParser) -> None:
-    run.add_argument(
-        "sequences", nargs="*", metavar="SEQUENCE", help="name of the catalogue, or a video file"
-    )
-    run.add_argument(
-        "--spec", type=Path, metavar="FILE.toml", help="sweeps; options given here override the file"
-    )
-    run.add_argument("--codec", choices=VARIANTS, help="default: 2d")
-    run.add_argument("--wz-q", metavar="LIST", help="quantiser presets, such as 1,4,8; default: 1-8")
-    run.add_argument("--key-qp", metavar="LIST", help="auto, one QP, or one for each preset; default: auto")
-    run.add_argument("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")
-    run.add_argument("--start", type=cli.integer(0, 10**9), metavar="K", help="first frame; default: 0")
-    run.add_argument("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
+    add = run.add_argument
+    add("sequences", nargs="*", metavar="SEQUENCE", help="name of the catalogue, or a video file")
+    add("--spec", type=Path, metavar="FILE.toml", help="sweeps; options given here override the file")
+    add("--codec", choices=VARIANTS, help="default: 2d")
+    add("--wz-q", metavar="LIST", help="quantiser presets, such as 1,4,8; default: 1-8")
+    add("--key-qp", metavar="LIST", help="auto, one QP, or one for each preset; default: auto")
+    add("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")
+    add("--start", type=cli.integer(0, 10**9), metavar="K", help="first frame; default: 0")
+    add("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
     colour = run.add_mutually_exclusive_group()
     colour.add_argument("--luma-only", action="store_true", default=None, help="the default")
     colour.add_argument("--colour", dest="luma_only", action="store_false", help="code chroma as well")
-    run.add_argument(
+    add(
         "--option",
         action="append",
         dest="options",
         metavar="NAME[=VALUE]",
         help="any other option of dvc-encode, such as references=all or noise-model=band; repeatable",
     )
-    run.add_argument(
-        "--anchor", action="append", dest="anchors", choices=ANCHORS, help="codec to compare with"
-    )
-    run.add_argument("--anchor-qp", metavar="LIST", help="default: 20-44:4 and the QPs of the sweep")
+    add("--anchor", action="append", dest="anchors", choices=ANCHORS, help="codec to compare with")
+    add("--anchor-qp", metavar="LIST", help="default: 20-44:4 and the QPs of the sweep")
     _add_measuring(run)
 
 
@@ -196,14 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit status: 0, or 2 for bad input and for points that failed.
     """
     arguments = _parser().parse_args(argv)
-    commands = {
-        "run": _run,
-        "report": _report,
-        "compare": _compare,
-        "export": _export,
-        "reproduce": _reproduce,
-    }
-    return cli.run(PROG, lambda: commands[arguments.command](arguments))
+    return cli.run(PROG, lambda: _COMMANDS[arguments.command].run(arguments))
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -348,6 +299,43 @@ def _reproduce(arguments: argparse.Namespace) -> int:
     sys.stdout.write("".join(f"{path}\n" for path in written))
     return status
 
+
+class _Command(NamedTuple):
+    """What `--help` says of a command, what it takes, and what it does."""
+
+    summary: str
+    description: str
+    add_options: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int]
+
+
+_COMMANDS = {
+    "run": _Command("measure points", "Measure points.", _add_run, _run),
+    "report": _Command(
+        "write a page, tables and plots",
+        "Write tables, plots, and a page that holds all of them and opens in any browser.",
+        _add_report,
+        _report,
+    ),
+    "compare": _Command(
+        "compare curves: which needs less, and by how much",
+        "Compare the curves that two experiments have in common, or those of one experiment.",
+        _add_compare,
+        _compare,
+    ),
+    "export": _Command(
+        "write points as CSV",
+        "Write points, or their frames, as comma-separated values.",
+        _add_export,
+        _export,
+    ),
+    "reproduce": _Command(
+        "all tables and figures of the thesis",
+        "Measure and write the tables and figures of the thesis; goes on where it stopped.",
+        _add_reproduce,
+        _reproduce,
+    ),
+}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -105,30 +105,14 @@ def compare(
     if curves is not None:
         if after is not None:
             raise ConfigError("--curves compares within one experiment; give one folder")
-        return compare_pair(before, *curves)
+        return _compare_pair(before, *curves)
     if after is not None and against is None:
-        return compare_same(before, after)
-    return compare_against(before, before if after is None else after, against or ANCHOR_LABEL)
+        return _compare_same(before, after)
+    return _compare_against(before, before if after is None else after, against or ANCHOR_LABEL)
 
 
-def compare_same(before: Sequence[PointResult], after: Sequence[PointResult]) -> list[Comparison]:
-    """Compare every curve of an experiment with that of the same label in another.
-
-    Parameters
-    ----------
-    before, after : sequence of PointResult
-        Results of each.
-
-    Returns
-    -------
-    list of Comparison
-        Curves of `after` against those of `before`; curves without a partner are left out.
-
-    Raises
-    ------
-    DvcError
-        If they have no curve in common.
-    """
+def _compare_same(before: Sequence[PointResult], after: Sequence[PointResult]) -> list[Comparison]:
+    """Compare every curve with that of the same label in another experiment; others are left out."""
     known = {(one.key, curve.label): curve for one in experiments(before) for curve in one.curves}
     rows = [
         _compare(one, known[one.key, curve.label], curve)
@@ -141,33 +125,12 @@ def compare_same(before: Sequence[PointResult], after: Sequence[PointResult]) ->
     return rows
 
 
-def compare_against(
-    before: Sequence[PointResult], after: Sequence[PointResult], against: str = ANCHOR_LABEL
+def _compare_against(
+    before: Sequence[PointResult], after: Sequence[PointResult], against: str
 ) -> list[Comparison]:
-    """Compare every curve of an experiment with one curve of another, or of the same.
+    """Compare every curve of `after` with one curve of `before`, which may be the same experiment.
 
     Curves with lossless key frames tell of side information and not of rates; they are left out.
-
-    Parameters
-    ----------
-    before : sequence of PointResult
-        Has the curve to compare with.
-    after : sequence of PointResult
-        Has the others.
-    against : str, optional
-        Label, or a part of one that no other label has.
-
-    Returns
-    -------
-    list of Comparison
-        By sequence.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such label, or several.
-    DvcError
-        If no sequence has it and another curve.
     """
     label = find_label(before, against)
     known = {one.key: one.anchor(label) for one in experiments(before)}
@@ -184,32 +147,12 @@ def compare_against(
     return rows
 
 
-def compare_pair(results: Sequence[PointResult], reference: str, other: str) -> list[Comparison]:
-    """Compare two curves of an experiment.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        Of the experiment.
-    reference, other : str
-        Labels, or parts of them that no other label has.
-
-    Returns
-    -------
-    list of Comparison
-        By sequence.
-
-    Raises
-    ------
-    ConfigError
-        If there is no such label, or several.
-    DvcError
-        If no sequence has both.
-    """
+def _compare_pair(results: Sequence[PointResult], reference: str, other: str) -> list[Comparison]:
+    """Compare two curves of an experiment."""
     wanted = find_label(results, other)
     if wanted == find_label(results, reference):
         raise ConfigError(f"{reference!r} and {other!r} are the same curve, {wanted!r}")
-    rows = [row for row in compare_against(results, results, reference) if row.other.label == wanted]
+    rows = [row for row in _compare_against(results, results, reference) if row.other.label == wanted]
     if not rows:
         raise DvcError(f"no sequence has both {reference!r} and {other!r}")
     return rows

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dvc.errors import DvcError
 from dvc.files import atomic_output
-from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
+from dvc.rd.curves import ANCHOR_LABEL, Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.plots import SUFFIXES, curve_styles, render_experiment
 from dvc.rd.point_result import PointResult
@@ -119,33 +119,20 @@ def report_text(
     str
         Markdown.
     """
-    parts = ["# Rate-distortion report\n", preface(results), "## BD-rate\n", bd_table(found, anchor)]
-    parts.append(all_pairs(judged))
+    parts = ["# Rate-distortion report\n", preface(results), "## BD-rate\n", _bd_table(found, anchor)]
+    parts.append(_all_pairs(judged))
     for experiment in found:
         name = escaped(experiment.name)
         parts += [f"## {name}\n", f"{escaped(experiment.title)}.\n"]
         parts.append(f"![Rate-distortion curves of {name}]({pictures[experiment.slug]})\n")
         for curve in experiment.curves:
-            parts += [f"### {name}, {escaped(curve.label)}\n", points_table(curve)]
+            parts += [f"### {name}, {escaped(curve.label)}\n", table(*points_cells(curve))]
         parts += ["<details><summary>Commands</summary>\n", _commands(experiment), "</details>\n"]
     return "\n".join(parts)
 
 
-def bd_table(found: Sequence[Experiment], anchor: str = ANCHOR_LABEL) -> str:
-    """Return the table of BD-rates.
-
-    Parameters
-    ----------
-    found : sequence of Experiment
-        The curves.
-    anchor : str, optional
-        Label of the curve that all others are compared with.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+def _bd_table(found: Sequence[Experiment], anchor: str) -> str:
+    """Return the table of BD-rates against one curve."""
     rows = []
     for experiment in found:
         reference = experiment.anchor(anchor)
@@ -159,19 +146,8 @@ def bd_table(found: Sequence[Experiment], anchor: str = ANCHOR_LABEL) -> str:
     return note + "\n" + table(head, rows)
 
 
-def all_pairs(judged: Sequence["Verdict"]) -> str:
-    """Return the BD-rates of every curve against every other, and their means.
-
-    Parameters
-    ----------
-    judged : sequence of Verdict
-        From `dvc.rd.page.verdict.verdicts`.
-
-    Returns
-    -------
-    str
-        Markdown: a table for every curve to compare with; nothing where there are no two.
-    """
+def _all_pairs(judged: Sequence["Verdict"]) -> str:
+    """Return the BD-rates of every curve against every other, and their means; nothing without two."""
     if not judged:
         return ""
     parts = [
@@ -186,22 +162,6 @@ def all_pairs(judged: Sequence["Verdict"]) -> str:
             "</details>\n",
         ]
     return "\n".join(parts)
-
-
-def points_table(curve: Curve) -> str:
-    """Return the table of the points of a curve.
-
-    Parameters
-    ----------
-    curve : Curve
-        The curve.
-
-    Returns
-    -------
-    str
-        Markdown; columns that no point has anything for are left out.
-    """
-    return table(*points_cells(curve))
 
 
 def _commands(experiment: Experiment) -> str:

@@ -6,9 +6,9 @@ from pathlib import Path
 from dvc.rd.curves import experiments
 from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.point_result import PointResult
-from dvc.rd.report import points_table, write_reports
+from dvc.rd.report import write_reports
 from dvc.rd.results import read_results
-from dvc.rd.tables import table
+from dvc.rd.tables import points_cells, table
 from tests.rd.made_up import result_data, write_results
 from tests.rd.made_up_page import HOSTILE
 
@@ -71,7 +71,7 @@ def test_one_point_cannot_be_compared() -> None:
 def test_tables_leave_out_what_nobody_has(tmp_path: Path) -> None:
     """Columns about Wyner-Ziv frames are there for the codec, and not for the intra anchor."""
     (experiment,) = experiments(read_results(write_results(tmp_path / "a")))
-    codec, intra = (points_table(curve) for curve in experiment.curves)
+    codec, intra = (table(*points_cells(curve)) for curve in experiment.curves)
     assert "| Q | key QP |" in codec
     assert "| 1 | 34 | 60.0 | 29.00 |" in codec
     assert "decode s per WZ frame" in codec

@@ -24,21 +24,8 @@ from dvc.rd.thesis.chapter5_curves import (
 from dvc.rd.thesis.chapter5_pictures import draw_pictures
 
 
-def sweeps(preset: Preset, sequences: Sequence[str]) -> list[Sweep]:
-    """List the sweeps of the chapter.
-
-    Parameters
-    ----------
-    preset : Preset
-        How much is measured.
-    sequences : sequence of str
-        Names of the catalogue, or paths.
-
-    Returns
-    -------
-    list of Sweep
-        Curves of figure 5.15, then points with lossless key frames for table 5.1.
-    """
+def _sweeps(preset: Preset, sequences: Sequence[str]) -> list[Sweep]:
+    """List the _sweeps: curves of figure 5.15, then points with lossless key frames for table 5.1."""
     names, frames = tuple(sequences), preset.frames
     first = Sweep(names, "2d", preset.wz_q, frames=frames, anchors=preset.anchors, anchor_qp=preset.anchor_qp)
     curves = [
@@ -66,21 +53,8 @@ def sweeps(preset: Preset, sequences: Sequence[str]) -> list[Sweep]:
     return [first, *curves, *lossless]
 
 
-def section(results: Sequence[PointResult], folder: Path) -> str:
-    """Return the tables of the chapter; its pictures are written beside them.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured.
-    folder : Path
-        Of the experiment.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+def _section(results: Sequence[PointResult], folder: Path) -> str:
+    """Return the tables of the chapter; its pictures are written beside them."""
     found = experiments(results)
     parts = ["### Table 5.1: side information from lossless key frames\n", _side_information_table(found)]
     parts += ["### Figure 5.15: what the codecs need\n", _duels_table(found)]
@@ -159,7 +133,7 @@ _TITLES = {
 }
 CHAPTER_5 = Chapter(
     "Chapter 5: 3D model-based frame interpolation",
-    sweeps,
+    _sweeps,
     (
         Figure(
             "Table 5.1",
@@ -180,6 +154,6 @@ CHAPTER_5 = Chapter(
             "{page}; [who needs less](#figure-515-what-the-codecs-need)",
         ),
     ),
-    section,
+    _section,
 )
 """What `dvc-rd reproduce thesis` measures and shows of the chapter."""
