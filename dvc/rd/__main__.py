@@ -33,8 +33,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = cli.ArgumentParser(PROG, "Measure and report rate-distortion curves.", EXAMPLES)
     commands = parser.add_subparsers(dest="command", required=True, metavar=f"{{{','.join(_COMMANDS)}}}")
     for name, command in _COMMANDS.items():
-        texts = {"description": command.description, "help": command.summary}
-        command.add_options(commands.add_parser(name, prog=f"{PROG} {name}", **texts))
+        prog, (summary, description) = f"{PROG} {name}", command[:2]
+        command.add_options(commands.add_parser(name, prog=prog, description=description, help=summary))
     return parser
 
 
