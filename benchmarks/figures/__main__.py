@@ -44,7 +44,7 @@ def measure(unit: Unit, setting: Setting) -> tuple[Row, bool]:
         False if the measurement failed.
     """
     try:
-        row = unit.figure.row(unit.clip, unit.figure.measure(setting, unit.clip))
+        row = unit.figure.row(unit.clip, unit.figure.measure(setting, unit.clip or ""))
         return with_frames(row, setting.frames), True
     except MissingClip as err:
         return unit.figure.row(unit.clip, None, str(err)), True

@@ -63,47 +63,32 @@ def _difference(setting: Setting, clip: str, anchor: str) -> tuple[BdResult, str
     return found, crossing_text(reference, curve)
 
 
-def against_anchor(setting: Setting, clip: str | None, anchor: str) -> Measured:
+def against_anchor(setting: Setting, clip: str, anchor: str) -> Measured:
     """Compare tracked coding with an anchor on one clip.
+
+    Gives BD-rate, and where the curves cross.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
     anchor : str
         A key of `ANCHORS`.
-
-    Returns
-    -------
-    Measured
-        BD-rate, and where the curves cross.
     """
-    assert clip is not None
     found, crossing = _difference(setting, clip, anchor)
     values = {"bd_rate_percent": found.value, "overlap_db": list(found.overlap), "crossing": crossing}
     return Measured(f"{bd_text(found)}; {crossing}", None, values)
 
 
-def mean_against_anchor(setting: Setting, clip: str | None, anchor: str, clips: tuple[str, ...]) -> Measured:
+def mean_against_anchor(setting: Setting, clip: str, anchor: str, clips: tuple[str, ...]) -> Measured:
     """Average the BD-rates against an anchor over clips.
+
+    Gives the mean over clips.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : None
-        Not used.
     anchor : str
         A key of `ANCHORS`.
     clips : tuple of str
         Sequences.
-
-    Returns
-    -------
-    Measured
-        Mean over clips.
     """
     del clip
     chosen = clips[: setting.choose(len(clips), 1)]

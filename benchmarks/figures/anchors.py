@@ -47,8 +47,7 @@ def _measure(clip: str, codec: str, rows: list[ReferenceRow]) -> list[dict[str, 
     return points
 
 
-def _against_reference(setting: Setting, clip: str | None, codec: str) -> Measured:
-    assert clip is not None
+def _against_reference(setting: Setting, clip: str, codec: str) -> Measured:
     rows = _reference(clip, codec, setting)
     points = _measure(clip, codec, rows)
     difference = bd_rate(
@@ -63,58 +62,21 @@ def _against_reference(setting: Setting, clip: str | None, codec: str) -> Measur
     return Measured(text, abs(difference.value) <= LIMIT_PERCENT, values)
 
 
-def intra(setting: Setting, clip: str | None) -> Measured:
-    """Compare x264 intra with the reference software's.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        BD-rate.
-    """
+def intra(setting: Setting, clip: str) -> Measured:
+    """Compare x264 intra with the reference software's."""
     return _against_reference(setting, clip, "x264-intra")
 
 
-def zero_motion(setting: Setting, clip: str | None) -> Measured:
-    """Compare x264 IPPP with motion vectors of zero with the reference software's.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        BD-rate.
-    """
+def zero_motion(setting: Setting, clip: str) -> Measured:
+    """Compare x264 IPPP with motion vectors of zero with the reference software's."""
     return _against_reference(setting, clip, "x264-ippp-zero")
 
 
-def moving_vectors(setting: Setting, clip: str | None) -> Measured:
+def moving_vectors(setting: Setting, clip: str) -> Measured:
     """Count the motion vectors that are not zero in the files of x264 without motion.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Their number; a file with any is refused, which is a failure here.
+    Gives their number; a file with any is refused, which is a failure here.
     """
-    assert clip is not None
     points = _measure(clip, "x264-ippp-zero", _reference(clip, "x264-ippp-zero", setting))
     moving, count = (
         sum(int(point[name]) for point in points) for name in ("num_nonzero_vectors", "num_vectors")

@@ -48,19 +48,12 @@ def decode_time(setting: Setting, clip: str, limit_s: float) -> Measured:
     A short run before makes sure that the compiled kernels are on disk; the first frame is left out, because
     it loads them.
 
+    Gives seconds per frame.
+
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
     limit_s : float
         What is asked, in seconds per frame.
-
-    Returns
-    -------
-    Measured
-        Seconds per frame.
     """
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -84,22 +77,11 @@ def decode_time(setting: Setting, clip: str, limit_s: float) -> Measured:
     return Measured(f"{mean_s:.2f} s (slowest {max(times_s):.2f} s)", mean_s <= limit_s, values)
 
 
-def decode_jobs(setting: Setting, clip: str | None) -> Measured:
+def decode_jobs(setting: Setting, clip: str) -> Measured:
     """Compare one and two decoding processes: time, and every byte of what they write.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        The speed-up.
+    Gives the speed-up.
     """
-    assert clip is not None
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         quantiser, frames = setting.choose(FINEST, 1), setting.choose(61, 9)
@@ -121,29 +103,18 @@ def decode_jobs(setting: Setting, clip: str | None) -> Measured:
     return Measured(text, same and speedup >= 1.7, values, f"{cores} cores; start-up included")
 
 
-def encode_cpu(setting: Setting, clip: str | None) -> Measured:
+def encode_cpu(setting: Setting, clip: str) -> Measured:
     """Compare the processor time of a Wyner-Ziv frame with that of H.264 intra on the same frames.
 
     Both run in this process on frames in memory, after a first one that warms up; medians over the frames.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Milliseconds of both.
+    Gives milliseconds of both.
     """
     from dvc.config import CodecConfig, KeyFrameConfig, VideoConfig, WynerZivConfig
     from dvc.keyframes import KeyFrameEncoder
     from dvc.video import open_video
     from encoder.wyner_ziv import WynerZivEncoder
 
-    assert clip is not None
     num_frames = setting.choose(40, 6)
     with open_video(clip_source(clip).path, num_frames=num_frames) as reader:
         frames = [frame.without_chroma() for frame in reader]
@@ -164,43 +135,16 @@ def encode_cpu(setting: Setting, clip: str | None) -> Measured:
     return Measured(f"{wz_ms:.1f} ms, H.264 intra {intra_ms:.1f} ms", wz_ms <= intra_ms, values)
 
 
-def help_time(setting: Setting, clip: str | None) -> Measured:
-    """Time ``dvc-encode --help``.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : None
-        None.
-
-    Returns
-    -------
-    Measured
-        Seconds.
-    """
+def help_time(setting: Setting, clip: str) -> Measured:
+    """Time ``dvc-encode --help``."""
     times_s = sorted(run_module("encoder", ["--help"]).wall_s for _ in range(setting.choose(9, 3)))
     median_s = statistics.median(times_s)
     values = {"median_s": median_s, "max_s": times_s[-1], "num_runs": len(times_s)}
     return Measured(f"{median_s:.2f} s (slowest {times_s[-1]:.2f} s)", median_s <= 0.5, values)
 
 
-def short_encode_time(setting: Setting, clip: str | None) -> Measured:
-    """Time the encoding of three QCIF frames, process start included, with the compiled kernels on disk.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Seconds.
-    """
-    assert clip is not None
+def short_encode_time(setting: Setting, clip: str) -> Measured:
+    """Time the encoding of three QCIF frames, process start included, with the compiled kernels on disk."""
     source = clip_source(clip).path.absolute()
     with tempfile.TemporaryDirectory() as scratch:
         arguments = [source, Path(scratch) / "s.dvc", "--frames", 3, "--quiet"]
@@ -246,24 +190,13 @@ def _peaks_mib(clip: str, folder: Path, num_frames: int, quantiser: int) -> dict
     return {"encoder": encoding.peak_bytes / 2**20, "decoder": decoding.peak_bytes / 2**20}
 
 
-def memory(setting: Setting, clip: str | None) -> Measured:
+def memory(setting: Setting, clip: str) -> Measured:
     """Compare the peak memory of encoder and decoder on a short and on a ten times longer video.
 
     The long one is coded once before, so that no kernel is compiled in the runs that count.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Mebibytes, and the growth of either.
+    Gives mebibytes, and the growth of either.
     """
-    assert clip is not None
     lengths, quantiser = (setting.choose(50, 6), setting.choose(500, 60)), setting.choose(4, 1)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -275,13 +208,11 @@ def memory(setting: Setting, clip: str | None) -> Measured:
     return Measured("; ".join(parts), max(growth.values()) <= 10, values, note)
 
 
-def _decode_time_cif(setting: Setting, clip: str | None) -> Measured:
-    assert clip is not None
+def _decode_time_cif(setting: Setting, clip: str) -> Measured:
     return decode_time(setting, clip, 4.0)
 
 
-def _decode_time_qcif(setting: Setting, clip: str | None) -> Measured:
-    assert clip is not None
+def _decode_time_qcif(setting: Setting, clip: str) -> Measured:
     return decode_time(setting, clip, 1.0)
 
 

@@ -100,7 +100,8 @@ class Figure:
     asked : str
         What it must reach.
     measure : callable
-        Takes the setting and the name of a clip (None for figures without one).
+        Takes the setting, and the name of a clip, which is empty for figures without one; returns `Measured`.
+        All measurements begin like this, so their docstrings say what is measured and what it gives.
     clips : tuple of (str or None)
         Sequences to measure it on.
     thesis : str
@@ -113,7 +114,7 @@ class Figure:
     name: str
     title: str
     asked: str
-    measure: Callable[[Setting, str | None], Measured]
+    measure: Callable[[Setting, str], Measured]
     clips: tuple[str | None, ...] = (None,)
     thesis: str = ""
     on_request: bool = False

@@ -115,22 +115,8 @@ def _measured(difference: BdResult | str, limit: float | None, values: dict[str,
     return Measured(bd_text(difference), None if limit is None else difference.value <= limit, values)
 
 
-def against_opendvc(setting: Setting, clip: str | None) -> Measured:
-    """Compare with the points of openDVC on the same sequence.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        BD-rate.
-    """
-    assert clip is not None
+def against_opendvc(setting: Setting, clip: str) -> Measured:
+    """Compare with the points of openDVC on the same sequence."""
     curve = _codec_curve(experiment(setting, clip))
     other = json.loads(OPENDVC.read_text(encoding="utf-8"))
     rates_kbps = [point["rate_kbps"] for point in other["points"]]
@@ -139,22 +125,8 @@ def against_opendvc(setting: Setting, clip: str | None) -> Measured:
     return _measured(difference, 0.0, {"points": _points(curve), "other": other})
 
 
-def against_intra(setting: Setting, clip: str | None) -> Measured:
-    """Compare with our own H.264 intra on the same frames.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        BD-rate.
-    """
-    assert clip is not None
+def against_intra(setting: Setting, clip: str) -> Measured:
+    """Compare with our own H.264 intra on the same frames."""
     found = experiment(setting, clip)
     anchor = found.anchor()
     assert anchor is not None
@@ -165,22 +137,11 @@ def against_intra(setting: Setting, clip: str | None) -> Measured:
     return _measured(compare_curves(anchor, curve), limit, values)
 
 
-def balance(setting: Setting, clip: str | None) -> Measured:
+def balance(setting: Setting, clip: str) -> Measured:
     """Compare the quality of key and Wyner-Ziv frames.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        The largest difference of all points.
+    Gives the largest difference of all points.
     """
-    assert clip is not None
     gaps_db = {}
     for point in _codec_curve(experiment(setting, clip)).points:
         key_db, wz_db = point.total("key_psnr_y_db"), point.total("wz_psnr_y_db")
@@ -192,24 +153,13 @@ def balance(setting: Setting, clip: str | None) -> Measured:
     return Measured(text, abs(gaps_db[worst]) <= BALANCE_DB, {"key_minus_wz_db": gaps_db})
 
 
-def honest_rates(setting: Setting, clip: str | None) -> Measured:
+def honest_rates(setting: Setting, clip: str) -> Measured:
     """Check the rates of a curve against the sizes of the punctured files.
 
     That a fresh process decodes each of these files to the same frames is checked when the point is measured.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        How many points agree.
+    Gives how many points agree.
     """
-    assert clip is not None
     points = [point for curve in experiment(setting, clip).curves for point in curve.points]
     honest = 0
     for point in points:

@@ -61,63 +61,22 @@ def report(folder: Path) -> tuple[float, int, Path]:
     return time.process_time() - start, page.stat().st_size, page
 
 
-def making(setting: Setting, _clip: str | None) -> Measured:
-    """Measure the time that the report of 100 points takes.
-
-    Parameters
-    ----------
-    setting : Setting
-        Where measured points lie.
-    _clip : None
-        None.
-
-    Returns
-    -------
-    Measured
-        Seconds of CPU time.
-    """
+def making(setting: Setting, _clip: str) -> Measured:
+    """Measure the time that the report of 100 points takes."""
     cpu_s, _, _ = report(setting.folder)
     return Measured(f"{cpu_s:.1f} s", cpu_s <= MOST_S, {"cpu_s": cpu_s})
 
 
-def size(setting: Setting, _clip: str | None) -> Measured:
-    """Measure the size of the page of 100 points.
-
-    Parameters
-    ----------
-    setting : Setting
-        Where measured points lie.
-    _clip : None
-        None.
-
-    Returns
-    -------
-    Measured
-        Megabytes.
-    """
+def size(setting: Setting, _clip: str) -> Measured:
+    """Measure the size of the page of 100 points."""
     _, size_bytes, _ = report(setting.folder)
     return Measured(f"{size_bytes / 1e6:.2f} MB", size_bytes <= MOST_BYTES, {"size_bytes": size_bytes})
 
 
-def first_paint(setting: Setting, _clip: str | None) -> Measured:
+def first_paint(setting: Setting, _clip: str) -> Measured:
     """Measure when Chromium paints the first contents of the page.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    _clip : None
-        None.
-
-    Returns
-    -------
-    Measured
-        Median of fresh browsers.
-
-    Raises
-    ------
-    DvcError
-        If there is no browser.
+    Gives the median of fresh browsers.
     """
     from playwright.sync_api import sync_playwright
 
@@ -139,20 +98,10 @@ def first_paint(setting: Setting, _clip: str | None) -> Measured:
     return Measured(f"{paint_ms / 1000:.2f} s", paint_ms <= MOST_PAINT_MS, {"paints_ms": paints_ms})
 
 
-def bd_peer(setting: Setting, _clip: str | None) -> Measured:
+def bd_peer(setting: Setting, _clip: str) -> Measured:
     """Compare BD figures with those of the package `bjontegaard` on random curves.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    _clip : None
-        None.
-
-    Returns
-    -------
-    Measured
-        Largest difference, of both methods, in per cent or dB.
+    Gives the largest difference, of both methods, in per cent or dB.
     """
     import bjontegaard
 

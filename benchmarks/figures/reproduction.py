@@ -15,25 +15,10 @@ JOBS = 2
 AREA = "report"
 
 
-def quick_reproduction(setting: Setting, clip: str | None) -> Measured:
+def quick_reproduction(setting: Setting, clip: str) -> Measured:
     """Measure how long the quick reproduction takes, from nothing, with two processes at a time.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly; a quick run measures fewer frames.
-    clip : None
-        Not used.
-
-    Returns
-    -------
-    Measured
-        Wall-clock time, which other work on the machine makes longer.
-
-    Raises
-    ------
-    DvcError
-        If a point fails.
+    Gives wall-clock time, which other work on the machine makes longer.
     """
     del clip
     command = [sys.executable, "-m", "dvc.rd", "reproduce", "thesis", "--jobs", str(JOBS), "--quiet"]

@@ -13,19 +13,14 @@ NUM_GEOMETRY_MUTATIONS = 1_000
 def mutations(setting: Setting, kinds: Sequence[str], total: int = NUM_MUTATIONS) -> Measured:
     """Mutate what decoder or encoder receive.
 
+    Gives how many mutations did harm.
+
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
     kinds : sequence of str
         Of `batches.KINDS`.
     total : int, optional
         Mutations of all kinds together.
-
-    Returns
-    -------
-    Measured
-        How many mutations did harm.
     """
     count = setting.choose(total, 100) // len(kinds)
     counts: Counter[str] = Counter()
@@ -40,15 +35,15 @@ def mutations(setting: Setting, kinds: Sequence[str], total: int = NUM_MUTATIONS
     return Measured(text, not failures, values)
 
 
-def _streams(setting: Setting, _clip: str | None) -> Measured:
+def _streams(setting: Setting, _clip: str) -> Measured:
     return mutations(setting, batches.STREAMS)
 
 
-def _messages(setting: Setting, _clip: str | None) -> Measured:
+def _messages(setting: Setting, _clip: str) -> Measured:
     return mutations(setting, batches.MESSAGES)
 
 
-def _geometry(setting: Setting, _clip: str | None) -> Measured:
+def _geometry(setting: Setting, _clip: str) -> Measured:
     return mutations(setting, batches.GEOMETRY, NUM_GEOMETRY_MUTATIONS)
 
 

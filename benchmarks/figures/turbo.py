@@ -106,22 +106,17 @@ def noisy_plane(
     return bits, np.asarray(signs * np.log(odds), np.float64)
 
 
-def efficiency(setting: Setting, _clip: str | None, probability: float) -> Measured:
+def efficiency(setting: Setting, _clip: str, probability: float) -> Measured:
     """Measure the parity rate over the entropy on a binary symmetric channel, stop by check bits.
+
+    Gives the mean over planes, and its standard error.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
     _clip : None
         None.
     probability : float
         Of a crossover.
-
-    Returns
-    -------
-    Measured
-        The mean over planes, and its standard error.
     """
     from dvc.turbo import SlepianWolfSettings
 
@@ -143,23 +138,13 @@ def efficiency(setting: Setting, _clip: str | None, probability: float) -> Measu
     )
 
 
-def undetected_errors(setting: Setting, _clip: str | None) -> Measured:
+def undetected_errors(setting: Setting, _clip: str) -> Measured:
     """Count planes that the decoder takes for right and that are not.
 
     Short planes, of the size of a small picture's bands, whose side information is a mixture of sure and
     unsure bits: many of them pass the check without any parity, where an error is likeliest to slip through.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    _clip : None
-        None.
-
-    Returns
-    -------
-    Measured
-        The share, and the upper end of its 95 % confidence interval.
+    Gives the share, and the upper end of its 95 % confidence interval.
     """
     from scipy.stats import beta
 
@@ -228,20 +213,10 @@ def plain_siso(
     return llr_e
 
 
-def siso_speed(setting: Setting, _clip: str | None) -> Measured:
+def siso_speed(setting: Setting, _clip: str) -> Measured:
     """Compare the compiled pass over a trellis with the plain one in the same run, result and time.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    _clip : None
-        None.
-
-    Returns
-    -------
-    Measured
-        The ratio of times, and the speed of full iterations of the classical code.
+    Gives the ratio of times, and the speed of full iterations of the classical code.
     """
     from dvc import turbo
     from dvc.turbo.siso import LaneDecoder, lane_layout, siso

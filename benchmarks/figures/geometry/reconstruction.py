@@ -17,9 +17,8 @@ NUM_GOPS = 5
 COARSE_QP = 42
 
 
-def _epipolar_error(setting: Setting, clip: str | None, qp: int | None) -> list[tuple[float, float]]:
+def _epipolar_error(setting: Setting, clip: str, qp: int | None) -> list[tuple[float, float]]:
     """Return median and 95th percentile of each group of pictures, infinite without a model."""
-    assert clip is not None
     errors = []
     for pair in scene_pairs(clip, setting.choose(NUM_GOPS, 1), qp):
         model = reconstruct(pair.first, pair.second).model
@@ -38,20 +37,10 @@ def _error_values(errors: list[tuple[float, float]]) -> dict[str, Any]:
     }
 
 
-def epipolar_error(setting: Setting, clip: str | None) -> Measured:
+def epipolar_error(setting: Setting, clip: str) -> Measured:
     """Measure how far true correspondences are from the estimated epipolar lines, with lossless key frames.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Scene.
-
-    Returns
-    -------
-    Measured
-        The worst group of pictures.
+    Gives the worst group of pictures.
     """
     errors = _epipolar_error(setting, clip, None)
     median, most = (max(column) for column in zip(*errors, strict=True))
@@ -59,20 +48,10 @@ def epipolar_error(setting: Setting, clip: str | None) -> Measured:
     return Measured(text, median <= 0.1 and most <= 0.5, _error_values(errors))
 
 
-def epipolar_error_coarse(setting: Setting, clip: str | None) -> Measured:
+def epipolar_error_coarse(setting: Setting, clip: str) -> Measured:
     """Measure the same with coarsely quantised key frames.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Scene.
-
-    Returns
-    -------
-    Measured
-        The worst group of pictures.
+    Gives the worst group of pictures.
     """
     errors = _epipolar_error(setting, clip, COARSE_QP)
     median = max(median for median, _ in errors)
@@ -81,22 +60,11 @@ def epipolar_error_coarse(setting: Setting, clip: str | None) -> Measured:
     )
 
 
-def num_correspondences(setting: Setting, clip: str | None) -> Measured:
+def num_correspondences(setting: Setting, clip: str) -> Measured:
     """Count correspondences after weak calibration and after propagation, and those that are right.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Scene.
-
-    Returns
-    -------
-    Measured
-        Fewest of all groups of pictures, and the least share within 1 px of the truth.
+    Gives the fewest of all groups of pictures, and the least share within 1 px of the truth.
     """
-    assert clip is not None
     calibrated, propagated, shares = [], [], []
     for pair in scene_pairs(clip, setting.choose(NUM_GOPS, 1)):
         stages = reconstruct(pair.first, pair.second).stages
@@ -112,22 +80,11 @@ def num_correspondences(setting: Setting, clip: str | None) -> Measured:
     return Measured(text, holds, values)
 
 
-def real_groups(setting: Setting, clip: str | None) -> Measured:
+def real_groups(setting: Setting, clip: str) -> Measured:
     """Reconstruct all groups of pictures of a real clip.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Clip of a static scene.
-
-    Returns
-    -------
-    Measured
-        How many models can be trusted, and why the others cannot.
+    Gives how many models can be trusted, and why the others cannot.
     """
-    assert clip is not None
     found: list[Reconstruction] = []
     for pair in clip_pairs(clip):
         found.append(reconstruct(pair.first, pair.second))
@@ -145,24 +102,13 @@ def real_groups(setting: Setting, clip: str | None) -> Measured:
     return Measured(text, all(r.success or r.reason for r in found), values)
 
 
-def adjustment_speed(setting: Setting, clip: str | None) -> Measured:
+def adjustment_speed(setting: Setting, clip: str) -> Measured:
     """Give the bundle adjustment of a key pair to `scipy.optimize.least_squares` as well.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Scene.
-
-    Returns
-    -------
-    Measured
-        Relative difference of the minima, and ratio of the times.
+    Gives the relative difference of the minima, and ratio of the times.
     """
     from benchmarks.figures.geometry.adjustment_peer import peer_adjustment
 
-    assert clip is not None
     pair = scene_pairs(clip, 1)[0]
     model = reconstruct(pair.first, pair.second).model
     assert model is not None
@@ -187,22 +133,11 @@ def adjustment_speed(setting: Setting, clip: str | None) -> Measured:
     return Measured(text, difference <= 1e-6 and ratio >= 10, values)
 
 
-def reconstruction_time(setting: Setting, clip: str | None) -> Measured:
+def reconstruction_time(setting: Setting, clip: str) -> Measured:
     """Time the reconstruction of key pairs on one core.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Mean and largest processor time.
+    Gives the mean and largest processor time.
     """
-    assert clip is not None
     pairs = scene_pairs(clip, setting.choose(NUM_GOPS, 1)) if clip in SCENES else list(clip_pairs(clip))
     times_s = []
     reconstruct(pairs[0].first, pairs[0].second)  # loads the compiled kernels
@@ -214,22 +149,11 @@ def reconstruction_time(setting: Setting, clip: str | None) -> Measured:
     return Measured(text, float(np.mean(times_s)) <= 5.0, {"cpu_s": times_s})
 
 
-def backends_agree(setting: Setting, clip: str | None) -> Measured:
+def backends_agree(setting: Setting, clip: str) -> Measured:
     """Compare both backends on true correspondences.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Scene.
-
-    Returns
-    -------
-    Measured
-        Median symmetric epipolar error of each.
+    Gives the median symmetric epipolar error of each.
     """
-    assert clip is not None
     medians: dict[str, list[float]] = {name: [] for name in SFM_BACKENDS}
     for pair in scene_pairs(clip, setting.choose(NUM_GOPS, 1)):
         points = true_correspondences(clip, pair)

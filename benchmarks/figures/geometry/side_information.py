@@ -94,42 +94,21 @@ def blind_gain(clip: str, method: str, max_gops: int) -> tuple[float, float, int
     return float(np.mean(flat_db)), float(np.mean(scene_db)), served, len(flat_db)
 
 
-def blind(setting: Setting, clip: str | None) -> Measured:
+def blind(setting: Setting, clip: str) -> Measured:
     """Compare the scene's prediction of one clip with that of 2D block motion.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Difference of the mean PSNRs.
+    Gives the difference of the mean PSNRs.
     """
-    assert clip is not None
     flat, found, served, num = blind_gain(clip, "mesh", setting.choose(10**6, 1))
     text = f"{found - flat:+.2f} dB ({flat:.2f} → {found:.2f}; the scene served {served} of {num} GOPs)"
     values = {"mci_db": flat, "mesh_db": found, "num_served": served, "num_gops": num}
     return Measured(text, found - flat >= -0.2, values)
 
 
-def blind_mean(setting: Setting, clip: str | None) -> Measured:
+def blind_mean(setting: Setting, clip: str) -> Measured:
     """Average the difference over the real static clips.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : None
-        Not used.
-
-    Returns
-    -------
-    Measured
-        Mean over clips.
+    Gives the mean over clips.
     """
     del clip
     clips = STATIC_CLIPS[: setting.choose(len(STATIC_CLIPS), 1)]
@@ -166,8 +145,7 @@ def _model_with_true_cameras(matches: Correspondences, second: Floats, frame: Pi
     return Model(frame, np.eye(3), second, matches[good], depth_first[good])
 
 
-def _true_cameras(setting: Setting, clip: str | None, method: str) -> Measured:
-    assert clip is not None
+def _true_cameras(setting: Setting, clip: str, method: str) -> Measured:
     built, frame = scene(clip), PixelFrame(WIDTH, HEIGHT)
     per_gop = []
     for pair in scene_pairs(clip, setting.choose(5, 1)):
@@ -187,58 +165,24 @@ def _true_cameras(setting: Setting, clip: str | None, method: str) -> Measured:
     return Measured(text, mean >= LEAST_DB[method], {"per_gop_db": per_gop})
 
 
-def mesh_with_true_cameras(setting: Setting, clip: str | None) -> Measured:
+def mesh_with_true_cameras(setting: Setting, clip: str) -> Measured:
     """Predict by the mesh from the true cameras of all frames.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Scene.
-
-    Returns
-    -------
-    Measured
-        Mean PSNR of the side information.
+    Gives the mean PSNR of the side information.
     """
     return _true_cameras(setting, clip, "mesh")
 
 
-def blocks_with_true_cameras(setting: Setting, clip: str | None) -> Measured:
+def blocks_with_true_cameras(setting: Setting, clip: str) -> Measured:
     """Predict by epipolar blocks from the true cameras of all frames.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Scene.
-
-    Returns
-    -------
-    Measured
-        Mean PSNR of the side information.
+    Gives the mean PSNR of the side information.
     """
     return _true_cameras(setting, clip, "blocks")
 
 
-def frame_time(setting: Setting, clip: str | None) -> Measured:
-    """Time both motion models, per frame and per key pair, on one core.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Scene.
-
-    Returns
-    -------
-    Measured
-        Processor times.
-    """
-    assert clip is not None
+def frame_time(setting: Setting, clip: str) -> Measured:
+    """Time both motion models, per frame and per key pair, on one core."""
     pair = scene_pairs(clip, 1)[0]
     model = reconstruct(pair.first, pair.second).model
     assert model is not None
@@ -261,22 +205,11 @@ def frame_time(setting: Setting, clip: str | None) -> Measured:
     return Measured(text, all(values[f"{name}_s"] <= limit for name, limit in LIMIT_S.items()), values)
 
 
-def determinism(setting: Setting, clip: str | None) -> Measured:
+def determinism(setting: Setting, clip: str) -> Measured:
     """Decode a 3D stream with one and two jobs, again, and with an empty cache of compiled kernels.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Whether all wrote the same bytes.
+    Gives whether all wrote the same bytes.
     """
-    assert clip is not None
     frames = setting.choose(21, 11)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

@@ -51,20 +51,15 @@ PROCESSORS: Mapping[str, tuple[str, Mapping[str, str]]] = {
 """Name and title of a row, and the variables of its processes."""
 
 
-def frozen_streams(setting: Setting, _clip: str | None, environment: Mapping[str, str]) -> Measured:
+def frozen_streams(setting: Setting, _clip: str, environment: Mapping[str, str]) -> Measured:
     """Decode the frozen streams, buffered and punctured.
+
+    Gives how many decode to the frozen frames with the frozen requests.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
     environment : mapping
         Variables to set.
-
-    Returns
-    -------
-    Measured
-        How many decode to the frozen frames with the frozen requests.
     """
     command = [sys.executable, "-m", "pytest", TESTS, "-q", "-n", "0", "--tb=no", "--timeout=3600"]
     if setting.quick:

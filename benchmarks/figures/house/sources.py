@@ -181,7 +181,7 @@ def long_files(found: list[Source]) -> dict[str, int]:
     return {name: length for name, length in lengths.items() if length > MAX_FILE_LINES}
 
 
-def _code(_setting: Setting, _clip: str | None) -> Measured:
+def _code(_setting: Setting, _clip: str) -> Measured:
     def lines(tree: Path) -> int:
         return sum(len(source.code_lines()) for source in sources(tree))
 
@@ -192,13 +192,13 @@ def _code(_setting: Setting, _clip: str | None) -> Measured:
     return Measured(f"{before} → {now} ({change:+.1f} %)", now < before, values)
 
 
-def _functions(_setting: Setting, _clip: str | None) -> Measured:
+def _functions(_setting: Setting, _clip: str) -> Measured:
     with base_tree() as tree:
         before, now = long_functions(sources(tree)), long_functions(sources(TREE))
     return Measured(f"{len(before)} → {len(now)}", len(now) < len(before), {"lines_of": now})
 
 
-def _files(_setting: Setting, _clip: str | None) -> Measured:
+def _files(_setting: Setting, _clip: str) -> Measured:
     with base_tree() as tree:
         before, now = long_files(sources(tree)), long_files(sources(TREE))
     unexplained = [name for name in now if name not in REASONS]
@@ -211,7 +211,7 @@ def _files(_setting: Setting, _clip: str | None) -> Measured:
     )
 
 
-def _arrows(_setting: Setting, _clip: str | None) -> Measured:
+def _arrows(_setting: Setting, _clip: str) -> Measured:
     with base_tree() as tree:
         before = upward_imports(sources(tree))
     now = upward_imports(sources(TREE))
@@ -235,7 +235,7 @@ def entries(folder: Path) -> list[str]:
     return sorted(path.name for path in shown if not path.name.startswith(("_", ".")))
 
 
-def _rooms(_setting: Setting, _clip: str | None) -> Measured:
+def _rooms(_setting: Setting, _clip: str) -> Measured:
     room = Path("decoder") / "side_information"
     with base_tree() as tree:
         before = entries(tree / room)

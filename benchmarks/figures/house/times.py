@@ -63,24 +63,16 @@ def _decode(folder: Path, environment: dict[str, str], tree: Path) -> Usage:
     return run_in(tree, "decoder", [stream, folder / "v.y4m", "--jobs", 1, "--quiet"], environment)
 
 
-def decode_ratio(setting: Setting, clip: str | None, quantiser: int) -> Measured:
+def decode_ratio(setting: Setting, clip: str, quantiser: int) -> Measured:
     """Decode a sequence, each revision what it encoded itself, with compiled kernels on disk.
+
+    Gives the ratio of the processor times of whole processes, start-up included.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
     quantiser : int
         Of Wyner-Ziv frames.
-
-    Returns
-    -------
-    Measured
-        Ratio of the processor times of whole processes, start-up included.
     """
-    assert clip is not None
     with base_tree() as base, tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         run = partial(_decode, folder, {"NUMBA_CACHE_DIR": str(folder / "kernels")})
@@ -91,22 +83,11 @@ def decode_ratio(setting: Setting, clip: str | None, quantiser: int) -> Measured
         return ratio(run, base, setting.choose(2, 1), 1.0, "cpu_s")
 
 
-def first_run_ratio(setting: Setting, clip: str | None) -> Measured:
+def first_run_ratio(setting: Setting, clip: str) -> Measured:
     """Decode a few small frames without a compiled kernel on disk.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Scene.
-
-    Returns
-    -------
-    Measured
-        Ratio of the times that pass, compiling included.
+    Gives the ratio of the times that pass, compiling included.
     """
-    assert clip is not None
     with base_tree() as base, tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         video = folder / "v.mkv"
@@ -122,18 +103,10 @@ def first_run_ratio(setting: Setting, clip: str | None) -> Measured:
         return ratio(run, base, 1, 0.5, "wall_s", f"{count[1]} frames, 176x144, Q4")
 
 
-def tests_ratio(setting: Setting, _clip: str | None) -> Measured:
+def tests_ratio(setting: Setting, _clip: str) -> Measured:
     """Run the tests of both revisions as `make test` does, each without a compiled kernel on disk.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-
-    Returns
-    -------
-    Measured
-        Ratio of the times that pass.
+    Gives the ratio of the times that pass.
     """
     with base_tree() as base:
 

@@ -34,26 +34,18 @@ MOST_SHARE = 0.08
 MOST_DECODING_S = 90.0
 
 
-def overhead(setting: Setting, clip: str | None, way: Way, most_bpp: float) -> Measured:
+def overhead(setting: Setting, clip: str, way: Way, most_bpp: float) -> Measured:
     """Count the bits of tracks or points.
+
+    Gives bits per pixel of the Wyner-Ziv frames.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
     way : Way
         Whose codec.
     most_bpp : float
         What is asked.
-
-    Returns
-    -------
-    Measured
-        Bits per pixel of the Wyner-Ziv frames.
     """
-    assert clip is not None
     gop = None if way.codec == "3d-te" else GOP[way.codec]
     bits, num_frames, num_pixels = 0, 0, 0
     num_points: list[int] = []
@@ -118,22 +110,11 @@ def _encoding_times_s(
         intra_s += time.process_time() - between
 
 
-def operations(setting: Setting, clip: str | None) -> Measured:
+def operations(setting: Setting, clip: str) -> Measured:
     """Count samples that the tracker compares, against those of a full search of all 8x8 blocks.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Share of the full search of largest and of small reach.
+    Gives the share of the full search of largest and of small reach.
     """
-    assert clip is not None
     frames = _grey_frames(clip, setting.choose(setting.frames, QUICK_FRAMES))
     session = encoder_session(frames)
     for group in session.groups(frames):
@@ -147,25 +128,14 @@ def operations(setting: Setting, clip: str | None) -> Measured:
     return Measured(", ".join(parts), shares[SEARCH_REACHES_PX[0]] <= MOST_SHARE, values)
 
 
-def encoder_cpu(setting: Setting, clip: str | None) -> Measured:
+def encoder_cpu(setting: Setting, clip: str) -> Measured:
     """Compare the processor time of the encoder, tracking included, with that of H.264 intra of all frames.
 
     Both on frames in memory in this process, group by group in turn, after a short run that warms up. Parity
     is computed in full, as for a file; a live encoder computes what is asked for.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Milliseconds per frame of both.
+    Gives milliseconds per frame of both.
     """
-    assert clip is not None
     frames = _grey_frames(clip, setting.choose(41, QUICK_FRAMES))
     intra = KeyFrameEncoder(frames[0].width, frames[0].height, key_qp_for(FINEST), luma_only=True)
     _encoding_times_s(encoder_session(frames), intra, frames[:5])
@@ -178,22 +148,11 @@ def encoder_cpu(setting: Setting, clip: str | None) -> Measured:
     return Measured(text, ours_ms <= intra_ms, values)
 
 
-def decoding_time(setting: Setting, clip: str | None) -> Measured:
+def decoding_time(setting: Setting, clip: str) -> Measured:
     """Time the decoding of 50 frames with two jobs, start-up included.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Seconds on the clock.
+    Gives seconds on the clock.
     """
-    assert clip is not None
     frames = setting.choose(50, QUICK_FRAMES)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

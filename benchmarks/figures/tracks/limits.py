@@ -42,41 +42,20 @@ def prototype_run(setting: Setting, clip: str) -> Run:
     return Run(clip, TE_MESH, frames, fixed_gop(clip), every=2)
 
 
-def against_prototype(setting: Setting, clip: str | None) -> Measured:
+def against_prototype(setting: Setting, clip: str) -> Measured:
     """Measure what the prototype was measured on.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Mean PSNR.
+    Gives the mean PSNR.
     """
-    assert clip is not None
     found = mean_db(prototype_run(setting, clip), setting.folder)
     text = f"{found:.2f} dB, prototype {PROTOTYPE_DB[clip]:.1f} dB"
     return Measured(text, found >= PROTOTYPE_DB[clip], {"si_psnr_db": found})
 
 
-def against_prototype_mean(setting: Setting, clip: str | None) -> Measured:
+def against_prototype_mean(setting: Setting, clip: str) -> Measured:
     """Average the difference from the prototype.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : None
-        Not used.
-
-    Returns
-    -------
-    Measured
-        Mean over clips.
+    Gives the mean over clips.
     """
     del clip
     clips = tuple(PROTOTYPE_DB)[: setting.choose(3, 1)]
@@ -152,42 +131,21 @@ def ceiling_db(run: Run) -> float:
     return float(np.mean(values))
 
 
-def below_ceiling(setting: Setting, clip: str | None) -> Measured:
+def below_ceiling(setting: Setting, clip: str) -> Measured:
     """Compare with both key frames warped by the motion measured on the original frame.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        Distance to the ceiling.
+    Gives the distance to the ceiling.
     """
-    assert clip is not None
     run = prototype_run(setting, clip)
     found, highest = mean_db(run, setting.folder), ceiling_db(run)
     values = {"si_psnr_db": found, "ceiling_db": highest}
     return Measured(f"{highest - found:.2f} dB ({found:.2f}, ceiling {highest:.2f})", None, values)
 
 
-def below_ceiling_mean(setting: Setting, clip: str | None) -> Measured:
+def below_ceiling_mean(setting: Setting, clip: str) -> Measured:
     """Average the distance to the ceiling.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : None
-        Not used.
-
-    Returns
-    -------
-    Measured
-        Mean over clips.
+    Gives the mean over clips.
     """
     del clip
     runs = {name: prototype_run(setting, name) for name in tuple(PROTOTYPE_DB)[: setting.choose(3, 1)]}
@@ -216,22 +174,11 @@ def key_frames_by_index(run: Run) -> dict[int, float]:
         }
 
 
-def lossy_keys(setting: Setting, clip: str | None) -> Measured:
+def lossy_keys(setting: Setting, clip: str) -> Measured:
     """Coarsen the key frames, and compare what they and the side information lose.
 
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Measured
-        PSNRs by quantisation parameter.
+    Gives PSNRs by quantisation parameter.
     """
-    assert clip is not None
     qps = KEY_QPS if not setting.quick else (KEY_QPS[0], KEY_QPS[-1])
     frames = setting.choose(min(setting.frames, LOSSY_FRAMES), QUICK_FRAMES)
     runs = [Run(clip, TE_MESH, frames, fixed_gop(clip), qp, every=2) for qp in qps]

@@ -78,26 +78,18 @@ def fixed_gop(clip: str) -> int:
     return FAST_CLIPS.get(clip, FIXED_GOP)
 
 
-def gain(setting: Setting, clip: str | None, comparison: Comparison, least_db: float | None) -> Measured:
+def gain(setting: Setting, clip: str, comparison: Comparison, least_db: float | None) -> Measured:
     """Compare two ways on one clip.
+
+    Gives the difference of the mean PSNRs.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
     comparison : Comparison
         The ways.
     least_db : float or None
         Difference that is asked.
-
-    Returns
-    -------
-    Measured
-        Difference of the mean PSNRs.
     """
-    assert clip is not None
     first_db, second_db = comparison.measure(setting, clip)
     results = frame_results(comparison.runs(setting, clip)[1], setting.folder)
     served = sum(frame.success for frame in results)
@@ -113,27 +105,20 @@ def gain(setting: Setting, clip: str | None, comparison: Comparison, least_db: f
 
 
 def mean_gain(
-    setting: Setting, clip: str | None, comparison: Comparison, clips: Sequence[str], least_db: float
+    setting: Setting, clip: str, comparison: Comparison, clips: Sequence[str], least_db: float
 ) -> Measured:
     """Average the difference of two ways over clips.
 
+    Gives the mean over clips.
+
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : None
-        Not used.
     comparison : Comparison
         The ways.
     clips : sequence of str
         Sequences.
     least_db : float
         What is asked; more than 0 if 0.
-
-    Returns
-    -------
-    Measured
-        Mean over clips.
     """
     del clip
     chosen = clips[: setting.choose(len(clips), 1)]

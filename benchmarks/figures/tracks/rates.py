@@ -166,26 +166,18 @@ _DIFFERENCES: dict[str, Callable[[Setting, str], BdResult]] = {
 """What is compared, by name."""
 
 
-def rate_difference(setting: Setting, clip: str | None, against: str, limits: Limits) -> Measured:
+def rate_difference(setting: Setting, clip: str, against: str, limits: Limits) -> Measured:
     """Compare the curves of one clip.
+
+    Gives BD-rate.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
     against : str
         A key of `_DIFFERENCES`.
     limits : dict
         Largest BD-rate in per cent by sequence; nothing is asked of others.
-
-    Returns
-    -------
-    Measured
-        BD-rate.
     """
-    assert clip is not None
     found = _DIFFERENCES[against](setting, clip)
     values = {"bd_rate_percent": found.value, "overlap_db": list(found.overlap)}
     holds = found.value < limits[clip] if clip in limits else None
@@ -193,27 +185,20 @@ def rate_difference(setting: Setting, clip: str | None, against: str, limits: Li
 
 
 def mean_rate_difference(
-    setting: Setting, clip: str | None, against: str, clips: tuple[str, ...], limit: float
+    setting: Setting, clip: str, against: str, clips: tuple[str, ...], limit: float
 ) -> Measured:
     """Average the BD-rates of clips.
 
+    Gives the mean over clips.
+
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : None
-        Not used.
     against : str
         A key of `_DIFFERENCES`.
     clips : tuple of str
         Sequences.
     limit : float
         What is asked, in per cent.
-
-    Returns
-    -------
-    Measured
-        Mean over clips.
     """
     del clip
     chosen = clips[: setting.choose(len(clips), 1)]
@@ -233,45 +218,30 @@ def _si_psnrs_db(setting: Setting, clip: str, baseline: str) -> tuple[float, flo
     return values[0], values[1]
 
 
-def hierarchical_gain(setting: Setting, clip: str | None, baseline: str) -> Measured:
+def hierarchical_gain(setting: Setting, clip: str, baseline: str) -> Measured:
     """Compare side information from key frames and from all levels of a hierarchy, as decoded.
+
+    Gives the difference of the mean PSNRs.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
     baseline : str
         A key of `OPTIONS`: which key frames.
-
-    Returns
-    -------
-    Measured
-        Difference of the mean PSNRs.
     """
-    assert clip is not None
     keys_db, levels_db = _si_psnrs_db(setting, clip, baseline)
     values = {"keys_db": keys_db, "hierarchical_db": levels_db}
     return Measured(f"{levels_db - keys_db:+.2f} dB ({keys_db:.2f} → {levels_db:.2f})", None, values)
 
 
-def hierarchical_gain_mean(setting: Setting, clip: str | None, baseline: str) -> Measured:
+def hierarchical_gain_mean(setting: Setting, clip: str, baseline: str) -> Measured:
     """Average the gain of the hierarchy over the real static clips.
+
+    Gives the mean over clips.
 
     Parameters
     ----------
-    setting : Setting
-        How thoroughly.
-    clip : None
-        Not used.
     baseline : str
         As in `hierarchical_gain`.
-
-    Returns
-    -------
-    Measured
-        Mean over clips.
     """
     del clip
     pairs = {name: _si_psnrs_db(setting, name, baseline) for name in STATIC_CLIPS[: setting.choose(5, 1)]}

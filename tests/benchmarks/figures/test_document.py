@@ -14,7 +14,7 @@ from dvc.errors import ConfigError, DvcError
 
 
 def _figure(name: str, clips: tuple[str | None, ...] = (None,), error: Exception | None = None) -> Figure:
-    def measure(_setting: Setting, clip: str | None) -> Measured:
+    def measure(_setting: Setting, clip: str) -> Measured:
         if error is not None:
             raise error
         return Measured(f"{name} {clip}", True, {"value_s": 1.0})

@@ -118,7 +118,7 @@ def test_frozen_streams_are_counted(
     monkeypatch.setattr(
         golden.subprocess, "run", lambda *a, **_: subprocess.CompletedProcess(a, status, said)
     )
-    measured = golden.frozen_streams(Setting(), None, {})
+    measured = golden.frozen_streams(Setting(), "", {})
     assert (measured.got, measured.holds) == (got, holds)
     assert measured.values["failures"] == ([] if holds else ["x-y"])
 
@@ -129,4 +129,4 @@ def test_tests_that_do_not_run_are_told(monkeypatch: pytest.MonkeyPatch) -> None
         golden.subprocess, "run", lambda *a, **_: subprocess.CompletedProcess(a, 4, "no file")
     )
     with pytest.raises(DvcError, match="status 4: no file"):
-        golden.frozen_streams(Setting(), None, {})
+        golden.frozen_streams(Setting(), "", {})
