@@ -2,11 +2,9 @@
 
 from functools import cache, partial
 
-import numpy as np
-
 from benchmarks.figures import rates as rd_figures
-from benchmarks.figures.harness import SCENES, Figure, Measured, Setting
-from benchmarks.figures.tracks.quality import REAL_CLIPS, listed
+from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, mean_over_clips
+from benchmarks.figures.tracks.quality import REAL_CLIPS
 from benchmarks.figures.tracks.rates import HIERARCHICAL, MEANS, PRESETS, te_curve
 from dvc.errors import DvcError
 from dvc.metrics import BdResult
@@ -91,10 +89,11 @@ def mean_against_anchor(setting: Setting, clip: str, anchor: str, clips: tuple[s
         Sequences.
     """
     del clip
-    chosen = clips[: setting.choose(len(clips), 1)]
-    found = {name: _difference(setting, name, anchor)[0].value for name in chosen}
-    mean = float(np.mean(list(found.values())))
-    return Measured(f"{mean:+.1f} % over {listed(found)}", mean < 0.0, {"bd_rate_percent": found})
+
+    def difference(name: str) -> float:
+        return _difference(setting, name, anchor)[0].value
+
+    return mean_over_clips(setting, clips, difference, "{:+.1f} %", lambda mean: mean < 0.0)
 
 
 def _figures(anchor: str) -> tuple[Figure, ...]:

@@ -156,6 +156,39 @@ class Figure:
         }
 
 
+def mean_over_clips(
+    setting: Setting,
+    clips: Sequence[str],
+    measure: Callable[[str], float],
+    text: str,
+    holds: Callable[[float], bool],
+) -> Measured:
+    """Average a number over sequences; in a quick run it is that of the first.
+
+    Parameters
+    ----------
+    setting : Setting
+        How thoroughly.
+    clips : sequence of str
+        Sequences.
+    measure : callable
+        Takes a sequence, returns its number.
+    text : str
+        Format of the mean, with its unit.
+    holds : callable
+        Takes the mean, returns whether it is what is asked.
+
+    Returns
+    -------
+    Measured
+        The mean; the numbers by sequence are its values.
+    """
+    found = {clip: measure(clip) for clip in clips[: setting.choose(len(clips), 1)]}
+    mean = sum(found.values()) / len(found)
+    each = ", ".join(f"{clip} {value:+.1f}" for clip, value in found.items())
+    return Measured(f"{text.format(mean)} over {len(found)} clips ({each})", holds(mean), dict(found))
+
+
 class MissingClip(Exception):
     """A sequence that a figure is measured on is not there."""
 

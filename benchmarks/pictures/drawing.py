@@ -1,6 +1,7 @@
-"""Draw tracks, correlation noise, and PSNR by frame: the look of the pictures of tracked coding."""
+"""The look of all pictures: tracks and snakes, panels, correlation noise, PSNR by frame."""
 
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.figures.harness import MissingClip
 from dvc.files import atomic_output
 from dvc.rd.plots import COLOURS, DPI
 from dvc.tracks import PointTracks
@@ -17,7 +19,8 @@ PANEL_WIDTH = 528
 QUALITY = 80
 _BANNER = 30
 _SHIFT = 4  # fractional bits of drawn positions
-_RED, _MAGENTA, _ORANGE = (40, 40, 235), (220, 60, 220), (30, 150, 250)  # blue, green, red
+_RED, _MAGENTA, _ORANGE, _GREEN = (40, 40, 235), (220, 60, 220), (30, 150, 250), (70, 200, 40)
+"""Blue, green and red of each."""
 Picture = NDArray[np.uint8]
 Floats = NDArray[np.float64]
 
@@ -65,19 +68,61 @@ def draw_tracks(luma: NDArray[np.uint8], tracks: PointTracks) -> Picture:
     ndarray of shape (3 * H, 3 * W, 3), uint8
         Blue, green and red.
     """
+    canvas = _enlarged(luma)
+    for track in tracks.positions:
+        known = track[np.isfinite(track).all(axis=1)]
+        _draw_path(canvas, known, _MAGENTA, 2)
+        _draw_dots(canvas, known[:1], _RED, 3)
+        if len(known) < len(track):
+            _draw_dots(canvas, known[-1:], _ORANGE, 3)
+    return canvas
+
+
+def draw_snakes(luma: NDArray[np.uint8], tracks: PointTracks) -> Picture:
+    """Draw tracks over a key frame: where points were found, and the even motion that they do not follow.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        First key frame.
+    tracks : PointTracks
+        Even motion in green, the path in magenta, known positions in red.
+
+    Returns
+    -------
+    ndarray of shape (3 * H, 3 * W, 3), uint8
+        Blue, green and red.
+    """
+    canvas = _enlarged(luma)
+    for track in tracks.positions:
+        known = track[np.isfinite(track).all(axis=1)]
+        _draw_path(canvas, track[[0, -1]], _GREEN, 1)
+        _draw_path(canvas, known, _MAGENTA, 1)
+        _draw_dots(canvas, known, _RED, 2)
+    return canvas
+
+
+def _enlarged(luma: NDArray[np.uint8]) -> Picture:
+    """Return a faded copy of a frame to draw on."""
     height, width = luma.shape
     grey = cv2.resize(luma, (ZOOM * width, ZOOM * height), interpolation=cv2.INTER_CUBIC)
     faded = (96 + grey.astype(np.int64) * 150 // 255).astype(np.uint8)
-    canvas: Picture = np.repeat(faded[:, :, None], 3, axis=2)
-    for track in tracks.positions:
-        known = track[np.isfinite(track).all(axis=1)]
-        # Pixel centres of the enlarged picture lie between those of the frame.
-        at = np.rint((ZOOM * (known + 0.5) - 0.5) * (1 << _SHIFT)).astype(np.int32)
-        cv2.polylines(canvas, [at.reshape(-1, 1, 2)], False, _MAGENTA, 2, cv2.LINE_AA, _SHIFT)
-        ends = [(at[0], _RED)] + ([] if len(known) == len(track) else [(at[-1], _ORANGE)])
-        for (x, y), colour in ends:
-            cv2.circle(canvas, (int(x), int(y)), 3 << _SHIFT, colour, -1, cv2.LINE_AA, _SHIFT)
-    return canvas
+    return np.repeat(faded[:, :, None], 3, axis=2)
+
+
+def _fixed_point(points: Floats) -> NDArray[np.int32]:
+    """Scale to the enlarged picture, whose pixel centres are between those of the frame."""
+    return np.rint((ZOOM * (points + 0.5) - 0.5) * (1 << _SHIFT)).astype(np.int32)
+
+
+def _draw_path(canvas: Picture, points: Floats, colour: tuple[int, int, int], width_px: int) -> None:
+    at = _fixed_point(points).reshape(-1, 1, 2)
+    cv2.polylines(canvas, [at], False, colour, width_px, cv2.LINE_AA, _SHIFT)
+
+
+def _draw_dots(canvas: Picture, points: Floats, colour: tuple[int, int, int], radius_px: int) -> None:
+    for x, y in _fixed_point(points):
+        cv2.circle(canvas, (int(x), int(y)), radius_px << _SHIFT, colour, -1, cv2.LINE_AA, _SHIFT)
 
 
 def panel(plane: NDArray[np.uint8], title: str) -> Picture:
@@ -153,6 +198,25 @@ def write_picture(path: Path, picture: Picture) -> None:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+
+
+def draw_clips(clips: Iterable[str], draw: Callable[[str], Sequence[Path]]) -> None:
+    """Draw the pictures of sequences, and say which files; those that are not there are told on stderr.
+
+    Parameters
+    ----------
+    clips : iterable of str
+        Names of the catalogue.
+    draw : callable
+        Takes a sequence, returns the files.
+    """
+    for clip in clips:
+        try:
+            paths = draw(clip)
+        except MissingClip as err:
+            print(f"{clip}: {err}", file=sys.stderr)
+            continue
+        print(f"{clip}: " + (", ".join(map(str, paths)) or "no model that can be trusted"), flush=True)
 
 
 def plot_by_frame(path: Path, title: str, lines: Sequence[Line]) -> None:

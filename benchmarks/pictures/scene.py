@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.figures.harness import SCENES, MissingClip, clip_source
+from benchmarks.figures.harness import SCENES, clip_source
+from benchmarks.pictures.drawing import Picture, correlation_noise, draw_clips, panel, write_picture
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.methods import INTERPOLATORS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
@@ -37,37 +38,14 @@ FOLDER = Path("docs") / "scene"
 FOLDER_OF_REAL_CLIPS = Path("results") / "scene"
 CLIPS = (*SCENES, "box", "desk", "tree")
 GOP = 10
-QUALITY = 80
-PANEL_WIDTH = 528
-Picture = NDArray[np.uint8]
 Luma = NDArray[np.uint8]
 Floats = NDArray[np.float64]
-
-
-def _write(path: Path, picture: Picture) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-
-
-def _panel(plane: Picture, title: str) -> Picture:
-    """Scale a grey or coloured picture to the panel's width and put a title above it."""
-    colour = plane if plane.ndim == 3 else np.repeat(plane[:, :, None], 3, axis=2)
-    height = round(PANEL_WIDTH * colour.shape[0] / colour.shape[1])
-    scaled = cv2.resize(colour, (PANEL_WIDTH, height), interpolation=cv2.INTER_CUBIC)
-    banner = np.full((30, PANEL_WIDTH, 3), 255, dtype=np.uint8)
-    cv2.putText(banner, title, (4, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.52, (30, 30, 30), 1, cv2.LINE_AA)
-    panel: Picture = np.vstack([banner, scaled])
-    return panel
 
 
 def _coloured(values: Floats, highest: float) -> Picture:
     """Colour a plane from 0 (dark) to `highest` (bright), readable without colour vision."""
     scaled = np.clip(255.0 * values / max(highest, 1e-12), 0, 255).astype(np.uint8)
     return np.asarray(cv2.applyColorMap(scaled, cv2.COLORMAP_VIRIDIS), dtype=np.uint8)
-
-
-def _error(prediction: Floats, original: Luma) -> Picture:
-    return np.clip(128.0 + 2.0 * (prediction - original), 0, 255).astype(np.uint8)
 
 
 def _correspondences(found: Reconstruction, second: Luma, clip: str) -> Picture:
@@ -96,17 +74,17 @@ def _stages(frames: list[Luma], found: Reconstruction) -> Picture:
     flat = _block_motion(first, second)
     doubt = _coloured(rendered.expected_error, 25.0)
     panels = [
-        _panel(first, "first key frame"),
-        _panel(middle, "frame in the middle, which the decoder does not have"),
-        _panel(second, "second key frame"),
-        _panel(draw_correspondences(first, dots, None, "")[36:], f"{len(corners)} corners"),
-        _panel(draw_correspondences(second, matched, None, "")[36:], f"{len(matched)} matches"),
-        _panel(_coloured(depth, float(np.percentile(depth, 99.5))), "inverse depth of the first key frame"),
-        _panel(to_uint8(rendered.luma), f"mesh: {psnr_db(middle, to_uint8(rendered.luma)):.1f} dB"),
-        _panel(_error(rendered.luma, middle), "its error, twice"),
-        _panel(doubt, "its expected error (bright: 25 levels)"),
-        _panel(to_uint8(flat), f"2D block motion: {psnr_db(middle, to_uint8(flat)):.1f} dB"),
-        _panel(_error(flat, middle), "its error, twice"),
+        panel(first, "first key frame"),
+        panel(middle, "frame in the middle, which the decoder does not have"),
+        panel(second, "second key frame"),
+        panel(draw_correspondences(first, dots, None, "")[36:], f"{len(corners)} corners"),
+        panel(draw_correspondences(second, matched, None, "")[36:], f"{len(matched)} matches"),
+        panel(_coloured(depth, float(np.percentile(depth, 99.5))), "inverse depth of the first key frame"),
+        panel(to_uint8(rendered.luma), f"mesh: {psnr_db(middle, to_uint8(rendered.luma)):.1f} dB"),
+        panel(correlation_noise(rendered.luma, middle), "its error, twice"),
+        panel(doubt, "its expected error (bright: 25 levels)"),
+        panel(to_uint8(flat), f"2D block motion: {psnr_db(middle, to_uint8(flat)):.1f} dB"),
+        panel(correlation_noise(flat, middle), "its error, twice"),
     ]
     panels.append(np.full_like(panels[0], 255))
     rows = [side_by_side(panels[k : k + 3]) for k in range(0, len(panels), 3)]
@@ -144,7 +122,7 @@ def _motion_norms(found: Reconstruction, first: Luma, second: Luma) -> Picture:
     height, width = first.shape
     return side_by_side(
         [
-            _panel(_coloured(norm[:height, :width], highest), f"{name} (bright: {highest:.0f} px)")
+            panel(_coloured(norm[:height, :width], highest), f"{name} (bright: {highest:.0f} px)")
             for name, norm in norms.items()
         ]
     )
@@ -182,7 +160,7 @@ def draw(clip: str, folder: Path) -> list[Path]:
     }
     paths = [folder / f"{clip}_{name}.jpg" for name in pictures]
     for path, picture in zip(paths, pictures.values(), strict=True):
-        _write(path, picture)
+        write_picture(path, picture)
     return paths
 
 
@@ -207,13 +185,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--out", type=Path, help=f"folder; default: {FOLDER}, and for real clips {FOLDER_OF_REAL_CLIPS}"
     )
     arguments = parser.parse_args(argv)
-    for clip in [arguments.clip] if arguments.clip else CLIPS:
-        try:
-            paths = draw(clip, arguments.out or (FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS))
-        except MissingClip as err:
-            print(f"{clip}: {err}", file=sys.stderr)
-            continue
-        print(f"{clip}: " + (", ".join(map(str, paths)) or "no model that can be trusted"))
+    draw_clips(
+        [arguments.clip] if arguments.clip else CLIPS,
+        lambda clip: draw(clip, arguments.out or (FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS)),
+    )
     return 0
 
 

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.figures.harness import RESULTS, SCENES, STATIC_CLIPS, MissingClip, Setting
+from benchmarks.figures.harness import RESULTS, SCENES, STATIC_CLIPS, Setting
 from benchmarks.figures.tracks.limits import KEY_QPS, LOSSY_FRAMES, key_frames_by_index
 from benchmarks.figures.tracks.prediction import (
     BLIND_MESH,
@@ -28,6 +28,8 @@ from benchmarks.pictures.drawing import (
     Line,
     Picture,
     correlation_noise,
+    draw_clips,
+    draw_snakes,
     draw_tracks,
     in_pairs,
     panel,
@@ -36,7 +38,6 @@ from benchmarks.pictures.drawing import (
 )
 from decoder.side_information.protocol import Prediction
 from decoder.tracking import match_points
-from decoder.tracking.drawing import draw_snakes
 from dvc import cli
 from dvc.files import atomic_output
 from dvc.metrics import psnr_db
@@ -326,19 +327,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _draw_all(arguments: argparse.Namespace) -> int:
-    for clip in [arguments.clip] if arguments.clip else CLIPS:
-        try:
-            paths = draw(
-                clip, arguments.out or (FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS), arguments.frames
-            )
-        except MissingClip as err:
-            print(f"{clip}: {err}", file=sys.stderr)
-            continue
-        print(f"{clip}: " + ", ".join(map(str, paths)), flush=True)
+    def draw_and_fill_in(clip: str) -> list[Path]:
+        folder = arguments.out or (FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS)
+        paths = draw(clip, folder, arguments.frames)
         if not arguments.no_table:
             page = with_rows(PAGE.read_text(encoding="utf-8"), [table_row(clip, arguments.frames, RESULTS)])
             with atomic_output(PAGE) as temporary:
                 temporary.write_text(page, encoding="utf-8")
+        return paths
+
+    draw_clips([arguments.clip] if arguments.clip else CLIPS, draw_and_fill_in)
     return 0
 
 

@@ -49,3 +49,14 @@ def test_page_has_a_table() -> None:
     """The page that the table goes into has its marks."""
     page = (Path(__file__).parents[2] / tracks.PAGE).read_text(encoding="utf-8")
     assert page.count(tracks.BEGIN) == page.count(tracks.END) == 1
+
+
+def test_snakes_are_drawn() -> None:
+    """Even motion is green, the path magenta and found positions red; other pixels stay grey."""
+    tracks = PointTracks(np.array([[[4.0, 4.0], [14.0, 16.0], [24.0, 4.0]]]))
+    drawn = drawing.draw_snakes(np.full((24, 32), 90, np.uint8), tracks).astype(int)
+    assert drawn.shape == (72, 96, 3)
+    assert tuple(drawn[49, 43]) == drawing._RED
+    assert drawn[13, 43, 1] > drawn[13, 43, 2] + 60
+    assert not (np.ptp(drawn, axis=2) > 60)[54:].any()
+    assert drawing.draw_snakes(np.full((24, 32), 90, np.uint8), PointTracks.none(4)).shape == drawn.shape

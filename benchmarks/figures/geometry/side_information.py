@@ -21,6 +21,7 @@ from benchmarks.figures.harness import (
     Measured,
     Setting,
     clip_source,
+    mean_over_clips,
     run_module,
 )
 from decoder.side_information.methods import INTERPOLATORS, METHODS
@@ -111,13 +112,12 @@ def blind_mean(setting: Setting, clip: str) -> Measured:
     Gives the mean over clips.
     """
     del clip
-    clips = STATIC_CLIPS[: setting.choose(len(STATIC_CLIPS), 1)]
-    gains = {}
-    for name in clips:
+
+    def gain(name: str) -> float:
         flat, found, _, _ = blind_gain(name, "mesh", setting.choose(10**6, 1))
-        gains[name] = found - flat
-    mean = float(np.mean(list(gains.values())))
-    return Measured(f"{mean:+.2f} dB over {len(gains)} clips", mean >= 0.3, gains)
+        return found - flat
+
+    return mean_over_clips(setting, STATIC_CLIPS, gain, "{:+.2f} dB", lambda mean: mean >= 0.3)
 
 
 def _camera(name: str, index: int) -> Camera:

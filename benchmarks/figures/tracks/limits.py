@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, clip_source
+from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, clip_source, mean_over_clips
 from benchmarks.figures.tracks.prediction import TE_MESH, Run, mean_db, received_groups
-from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS, fixed_gop, listed
+from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS, fixed_gop
 from dvc.metrics import psnr_db
 from dvc.video import open_video
 from dvc.wynerziv.transform import to_uint8
@@ -58,12 +58,11 @@ def against_prototype_mean(setting: Setting, clip: str) -> Measured:
     Gives the mean over clips.
     """
     del clip
-    clips = tuple(PROTOTYPE_DB)[: setting.choose(3, 1)]
-    gains = {
-        name: mean_db(prototype_run(setting, name), setting.folder) - PROTOTYPE_DB[name] for name in clips
-    }
-    mean = float(np.mean(list(gains.values())))
-    return Measured(f"{mean:+.2f} dB over {listed(gains)}", mean >= 1.0, gains)
+
+    def difference(name: str) -> float:
+        return mean_db(prototype_run(setting, name), setting.folder) - PROTOTYPE_DB[name]
+
+    return mean_over_clips(setting, tuple(PROTOTYPE_DB), difference, "{:+.2f} dB", lambda mean: mean >= 1.0)
 
 
 def motion_ceiling(original: Luma, keys: tuple[Luma, Luma], late: float) -> Floats:
@@ -148,10 +147,12 @@ def below_ceiling_mean(setting: Setting, clip: str) -> Measured:
     Gives the mean over clips.
     """
     del clip
-    runs = {name: prototype_run(setting, name) for name in tuple(PROTOTYPE_DB)[: setting.choose(3, 1)]}
-    gaps = {name: ceiling_db(run) - mean_db(run, setting.folder) for name, run in runs.items()}
-    mean = float(np.mean(list(gaps.values())))
-    return Measured(f"{mean:.2f} dB over {listed(gaps)}", mean <= 4.0, gaps)
+
+    def gap(name: str) -> float:
+        run = prototype_run(setting, name)
+        return ceiling_db(run) - mean_db(run, setting.folder)
+
+    return mean_over_clips(setting, tuple(PROTOTYPE_DB), gap, "{:.2f} dB", lambda mean: mean <= 4.0)
 
 
 def key_frames_by_index(run: Run) -> dict[int, float]:

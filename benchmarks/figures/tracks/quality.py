@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
-from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting
+from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, mean_over_clips
 from benchmarks.figures.tracks.prediction import (
     FAST_CLIPS,
     FIXED_GOP,
@@ -121,29 +119,17 @@ def mean_gain(
         What is asked; more than 0 if 0.
     """
     del clip
-    chosen = clips[: setting.choose(len(clips), 1)]
-    pairs = {name: comparison.measure(setting, name) for name in chosen}
-    gains = {name: second - first for name, (first, second) in pairs.items()}
-    mean = float(np.mean(list(gains.values())))
-    holds = mean >= least_db if least_db else mean > 0
-    return Measured(f"{mean:+.2f} dB over {listed(gains)}", holds, gains)
 
+    def difference(name: str) -> float:
+        first, second = comparison.measure(setting, name)
+        return second - first
 
-def listed(values_db: dict[str, float]) -> str:
-    """Write numbers by clip.
-
-    Parameters
-    ----------
-    values_db : dict
-        Decibels by sequence.
-
-    Returns
-    -------
-    str
-        Such as ``2 clips (box +1.2, tree +3.4)``.
-    """
-    return (
-        f"{len(values_db)} clips ({', '.join(f'{name} {value:+.1f}' for name, value in values_db.items())})"
+    return mean_over_clips(
+        setting,
+        clips,
+        difference,
+        "{:+.2f} dB",
+        lambda mean: mean >= least_db if least_db else mean > 0,
     )
 
 

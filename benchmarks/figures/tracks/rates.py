@@ -8,9 +8,9 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from benchmarks.figures import rates as rd_figures
-from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting
+from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, mean_over_clips
 from benchmarks.figures.tracks.prediction import FAST_CLIPS
-from benchmarks.figures.tracks.quality import AREA, REAL_CLIPS, listed
+from benchmarks.figures.tracks.quality import AREA, REAL_CLIPS
 from dvc.metrics import BdResult, bd_rate
 from dvc.rd.curves import Curve, experiments
 from dvc.rd.differences import bd_text
@@ -201,10 +201,11 @@ def mean_rate_difference(
         What is asked, in per cent.
     """
     del clip
-    chosen = clips[: setting.choose(len(clips), 1)]
-    found = {name: _DIFFERENCES[against](setting, name).value for name in chosen}
-    mean = float(np.mean(list(found.values())))
-    return Measured(f"{mean:+.1f} % over {listed(found)}", mean <= limit, {"bd_rate_percent": found})
+
+    def difference(name: str) -> float:
+        return _DIFFERENCES[against](setting, name).value
+
+    return mean_over_clips(setting, clips, difference, "{:+.1f} %", lambda mean: mean <= limit)
 
 
 def _si_psnrs_db(setting: Setting, clip: str, baseline: str) -> tuple[float, float]:
@@ -244,10 +245,12 @@ def hierarchical_gain_mean(setting: Setting, clip: str, baseline: str) -> Measur
         As in `hierarchical_gain`.
     """
     del clip
-    pairs = {name: _si_psnrs_db(setting, name, baseline) for name in STATIC_CLIPS[: setting.choose(5, 1)]}
-    gains = {name: levels - keys for name, (keys, levels) in pairs.items()}
-    mean = float(np.mean(list(gains.values())))
-    return Measured(f"{mean:+.2f} dB over {listed(gains)}", mean >= 3.0, gains)
+
+    def gain(name: str) -> float:
+        keys_db, levels_db = _si_psnrs_db(setting, name, baseline)
+        return levels_db - keys_db
+
+    return mean_over_clips(setting, STATIC_CLIPS, gain, "{:+.2f} dB", lambda mean: mean >= 3.0)
 
 
 _SLOW_CLIPS = tuple(clip for clip in STATIC_CLIPS if clip not in FAST_CLIPS)

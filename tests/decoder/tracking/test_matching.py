@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from decoder.tracking import TrackingSettings, match_points
-from decoder.tracking.drawing import draw_snakes
-from dvc.tracks.points import FeaturePoints, PointTracks
+from dvc.tracks.points import FeaturePoints
 from sfm.model import Correspondences, Reconstruction
 
 Floats = NDArray[np.float64]
@@ -158,12 +157,3 @@ def test_points_that_lie_anywhere_give_no_tracks(seed: int) -> None:
     rng = np.random.default_rng(seed)
     anywhere = [np.rint(rng.uniform(0, [WIDTH - 1, HEIGHT - 1], (176, 2))) for _ in range(9)]
     assert len(track(hand_held_clip(11), FeaturePoints(tuple(anywhere)))) == 0
-
-
-def test_snakes_are_drawn() -> None:
-    """The picture is three times as large as the frame, and the tracks are in it."""
-    clip = hand_held_clip(0)
-    picture = draw_snakes(clip.first, PointTracks(track(clip)))
-    assert picture.shape == (3 * HEIGHT, 3 * WIDTH, 3)
-    assert (picture[..., 2].astype(int) - picture[..., 1] > 100).sum() > 1000
-    assert draw_snakes(clip.first, PointTracks.none(4)).shape == picture.shape
