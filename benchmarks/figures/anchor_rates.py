@@ -4,8 +4,9 @@ from functools import cache, partial
 
 from benchmarks.figures import rates as rd_figures
 from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, mean_over_clips
+from benchmarks.figures.tracks.curves import HIERARCHICAL, PRESETS, te_curve
 from benchmarks.figures.tracks.quality import REAL_CLIPS
-from benchmarks.figures.tracks.rates import HIERARCHICAL, MEANS, PRESETS, te_curve
+from benchmarks.figures.tracks.rates import MEANS
 from dvc.errors import DvcError
 from dvc.metrics import BdResult
 from dvc.rd.curves import Curve, experiments

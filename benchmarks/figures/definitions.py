@@ -7,7 +7,7 @@ from benchmarks.figures import anchor_rates, anchors, codec, rates, report, repr
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
 from benchmarks.figures.house import golden, sources, times
-from benchmarks.figures.tracks import costs, limits, options, quality
+from benchmarks.figures.tracks import costs, limits, quality
 from benchmarks.figures.tracks import rates as tracks_rates
 from dvc.errors import ConfigError
 
@@ -24,7 +24,6 @@ MODULES: tuple[ModuleType, ...] = (
     side_information,
     quality,
     limits,
-    options,
     costs,
     tracks_rates,
     sources,

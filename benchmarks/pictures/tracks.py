@@ -8,6 +8,14 @@ from pathlib import Path
 from benchmarks.figures.harness import RESULTS, SCENES, STATIC_CLIPS, Setting
 from benchmarks.figures.tracks.limits import KEY_QPS, LOSSY_FRAMES, key_frames_by_index
 from benchmarks.figures.tracks.prediction import (
+    ReceivedGroup,
+    frame_results,
+    mean_db,
+    predictions,
+    received_groups,
+)
+from benchmarks.figures.tracks.quality import fixed_gop
+from benchmarks.figures.tracks.runs import (
     BLIND_MESH,
     FLAT,
     TD_BLOCKS,
@@ -15,15 +23,9 @@ from benchmarks.figures.tracks.prediction import (
     TE_BLOCKS,
     TE_MESH,
     WAYS,
-    ReceivedGroup,
     Run,
     Way,
-    frame_results,
-    mean_db,
-    predictions,
-    received_groups,
 )
-from benchmarks.figures.tracks.quality import fixed_gop
 from benchmarks.pictures.drawing import (
     Line,
     Picture,

@@ -8,15 +8,9 @@ from pathlib import Path
 
 from benchmarks.figures.codec import FINEST, encode
 from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, clip_source, run_module
-from benchmarks.figures.tracks.prediction import (
-    GOP,
-    TD_MESH,
-    TE_MESH,
-    Run,
-    Way,
-    received_groups,
-)
+from benchmarks.figures.tracks.prediction import received_groups
 from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS
+from benchmarks.figures.tracks.runs import GOP, TD_MESH, TE_MESH, Run, Way
 from dvc.config import (
     CodecConfig,
     KeyFrameConfig,

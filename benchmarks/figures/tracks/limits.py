@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, clip_source, mean_over_clips
-from benchmarks.figures.tracks.prediction import TE_MESH, Run, mean_db, received_groups
+from benchmarks.figures.tracks.prediction import mean_db, received_groups
 from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS, fixed_gop
+from benchmarks.figures.tracks.runs import TE_MESH, Run
 from dvc.metrics import psnr_db
 from dvc.video import open_video
 from dvc.wynerziv.transform import to_uint8

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures.harness import clip_source
+from benchmarks.figures.tracks.runs import GOP, Run
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from dvc import cli
@@ -34,96 +35,7 @@ from dvc.video import Frame, open_video
 from dvc.wynerziv.transform import to_uint8
 from encoder.session import EncoderSession
 
-GOP = {name: VARIANTS[name].groups("keys").length for name in ("3d-te", "3d-td")}
-"""Largest distance of key frames, as the encoder chooses it where only they are references."""
-HIERARCHICAL_GOP = VARIANTS["3d-te"].groups("hierarchical").length
-"""The same for 3d-te where decoded frames are references, too."""
-FIXED_GOP = 10
-"""Distance of key frames in the thesis."""
-FAST_CLIPS = {"stone": 2}
-"""Distance of key frames on clips whose motion leaves no choice."""
 FOLDER = "tracks"
-
-
-@dataclass(frozen=True)
-class Way:
-    """A way to predict.
-
-    Attributes
-    ----------
-    codec, method : str
-        Codec, and the method of side information.
-    track_corrections : bool
-        Whether tracks correct what is rendered.
-    path_regularity : float
-        Weight of second differences of the camera's path.
-    subpixel_bits : int or None
-        Precision of the tracks; None: the encoder's default.
-    """
-
-    codec: str
-    method: str
-    track_corrections: bool = False
-    path_regularity: float = 0.0
-    subpixel_bits: int | None = None
-
-    @property
-    def name(self) -> str:
-        """As it is called in tables, such as ``3D-DVC-TE (mesh)``."""
-        variant = {"2d": "2D-DVC", "3d": "3D-DVC", "3d-td": "3D-DVC-TD", "3d-te": "3D-DVC-TE"}[self.codec]
-        return f"{variant} ({'block motion' if self.method == 'mci' else self.method})"
-
-
-FLAT = Way("2d", "mci")
-BLIND_BLOCKS, BLIND_MESH = Way("3d", "blocks"), Way("3d", "mesh")
-TD_BLOCKS, TD_MESH = Way("3d-td", "blocks"), Way("3d-td", "mesh")
-TE_BLOCKS, TE_MESH = Way("3d-te", "blocks"), Way("3d-te", "mesh")
-WAYS = (FLAT, BLIND_BLOCKS, BLIND_MESH, TD_BLOCKS, TD_MESH, TE_BLOCKS, TE_MESH)
-"""All, in the order of table 5.1."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """What is predicted, from what, and how.
-
-    Attributes
-    ----------
-    clip : str
-        Sequence.
-    way : Way
-        How the frames are predicted.
-    num_frames : int
-        Frames of the sequence, from its first.
-    gop : int or None
-        Fixed distance of the key frames; None where the tracks choose them.
-    key_qp : int or None
-        Quantisation parameter of the key frames; None: lossless.
-    every : int
-        2: only every second frame of a group, from its first.
-    """
-
-    clip: str
-    way: Way
-    num_frames: int
-    gop: int | None = None
-    key_qp: int | None = None
-    every: int = 1
-
-    @property
-    def coding(self) -> str:
-        """Codec that chooses the key frames."""
-        return self.way.codec if self.way.codec in GOP else "3d-te"
-
-    @property
-    def stem(self) -> str:
-        """Name for a file."""
-        keys = "adaptive" if self.gop is None else f"gop{self.gop}"
-        quality = "lossless" if self.key_qp is None else f"qp{self.key_qp}"
-        way = self.way
-        parts = [self.clip, way.codec, way.method, keys, quality, self.num_frames, self.every]
-        if replace(way, codec=FLAT.codec, method=FLAT.method) != FLAT:
-            parts += [int(way.track_corrections), way.path_regularity, way.subpixel_bits]
-        return "_".join(map(str, parts))
 
 
 @dataclass(frozen=True, eq=False)

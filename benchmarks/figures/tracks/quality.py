@@ -5,18 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, mean_over_clips
-from benchmarks.figures.tracks.prediction import (
-    FAST_CLIPS,
-    FIXED_GOP,
-    FLAT,
-    TD_MESH,
-    TE_BLOCKS,
-    TE_MESH,
-    Run,
-    Way,
-    frame_results,
-    mean_db,
-)
+from benchmarks.figures.tracks.prediction import frame_results, mean_db
+from benchmarks.figures.tracks.runs import FAST_CLIPS, FIXED_GOP, FLAT, TD_MESH, TE_BLOCKS, TE_MESH, Run, Way
 
 AREA = "tracks"
 SLOW_CLIPS = tuple(clip for clip in STATIC_CLIPS if clip not in FAST_CLIPS)
@@ -139,6 +129,30 @@ _TD = "TD (mesh) against our 2D, lossless keys, GOP 10, every second frame"
 _MESH = "mesh against blocks, TE, lossless keys, GOP 10 (stone 2), every second frame"
 _SLOW = (*SLOW_CLIPS, "cube", *SCENES)
 _NOT_BELOW = "no clip below 2D"
+_RIGID = (*STATIC_CLIPS, *SCENES)
+_WHOLE_PIXELS = Way("3d-te", "mesh", subpixel_bits=0)
+_OPTIONS = {
+    "fused": ("`--side-information fused` in place of mesh", TE_MESH, Way("3d-te", "fused")),
+    "corrections": ("`--track-corrections`", TE_MESH, Way("3d-te", "mesh", track_corrections=True)),
+    "regularity": ("`--path-regularity 0.03`", TE_MESH, Way("3d-te", "mesh", path_regularity=0.03)),
+    "subpixel": ("`--subpixel 1` (the default) in place of whole pixels", _WHOLE_PIXELS, TE_MESH),
+}
+"""What options that are off by default do, the way without each, and the way with it."""
+
+
+def _option_figures(name: str) -> tuple[Figure, Figure]:
+    """Return the rows of an option: one per clip, and the mean."""
+    what, baseline, other = _OPTIONS[name]
+    comparison = Comparison(baseline, other)
+    title = f"{what}: PSNR of the side information, TE, lossless keys, GOP 10 (stone 2), every second frame"
+    each = partial(gain, comparison=comparison, least_db=None)
+    mean = partial(mean_gain, comparison=comparison, clips=_RIGID, least_db=0.0)
+    return (
+        Figure(AREA, f"option-{name}", title, "the true figure", each, _RIGID),
+        Figure(AREA, f"option-{name}-mean", "the same, mean over static clips and scenes", "> 0 dB", mean),
+    )
+
+
 FIGURES = (
     Figure(
         AREA, "te", _TE_ADAPTIVE, _NOT_BELOW, partial(gain, comparison=TE_ADAPTIVE, least_db=0.0), REAL_CLIPS
@@ -210,5 +224,6 @@ FIGURES = (
         partial(mean_gain, comparison=BLOCKS_TO_MESH, clips=(*STATIC_CLIPS, *SCENES), least_db=0.0),
         thesis="+0.7 dB at best",
     ),
+    *(figure for name in _OPTIONS for figure in _option_figures(name)),
 )
 """The figures of this module."""

@@ -1,143 +1,19 @@
 """Tracked points, rate and quality: against 2D and H.264 intra, and frames predicted hierarchically."""
 
-import math
-from collections.abc import Callable, Sequence
-from functools import cache, partial
-
-import numpy as np
-from scipy.interpolate import PchipInterpolator
+from collections.abc import Callable
+from functools import partial
 
 from benchmarks.figures import rates as rd_figures
 from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, mean_over_clips
-from benchmarks.figures.tracks.prediction import FAST_CLIPS
+from benchmarks.figures.tracks.curves import FAR_KEYS, FINEST, HIERARCHICAL, PRESETS, difference, te_curve
 from benchmarks.figures.tracks.quality import AREA, REAL_CLIPS
-from dvc.metrics import BdResult, bd_rate
-from dvc.rd.curves import Curve, experiments
+from benchmarks.figures.tracks.runs import FAST_CLIPS
+from dvc.metrics import BdResult
 from dvc.rd.differences import bd_text
-from dvc.rd.specification import Sweep, expand
 
-HIERARCHICAL = "hierarchical"
-FAR_KEYS = "far keys"
-"""Predicted from the key frames alone, which are those of hierarchical prediction."""
-LONGEST_GOP = {"keys": 8, HIERARCHICAL: 16, FAR_KEYS: 16}
-"""The encoder's defaults."""
-OPTIONS = {
-    "keys": (("references", "keys"),),
-    HIERARCHICAL: (("references", HIERARCHICAL),),
-    FAR_KEYS: (("longest-track", "64"), ("lost-tracks", "0.6"), ("references", "keys")),
-}
-"""Options of the encoder by what frames are predicted from."""
 HIGHEST_DB = 36.0
 """Upper end of the range of the thesis's curves (20 to 36 dB)."""
-FINEST = 8
 Limits = dict[str, float]
-
-
-def te_sweep(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]) -> Sweep:
-    """Return the points of a curve of tracked coding.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-    references : str
-        What frames are predicted from: a key of `OPTIONS`.
-    wz_q : tuple of int
-        Quantiser presets; a quick run takes few.
-
-    Returns
-    -------
-    Sweep
-        On the same frames as `rd_figures.experiment`.
-    """
-    return Sweep(
-        (clip,),
-        codec="3d-te",
-        gop=LONGEST_GOP[references],
-        frames=rd_figures.QUICK_FRAMES if setting.quick else setting.frames,
-        wz_q=wz_q if not setting.quick else wz_q[::7],
-        options=OPTIONS[references],
-    )
-
-
-@cache
-def te_curve(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]) -> Curve:
-    """Measure a curve of tracked coding; what is there already is kept.
-
-    Parameters
-    ----------
-    setting, clip, references, wz_q
-        As in `te_sweep`.
-
-    Returns
-    -------
-    Curve
-        Its points.
-
-    Raises
-    ------
-    DvcError
-        If a point fails.
-    """
-    points = expand([te_sweep(setting, clip, references, wz_q)])
-    return experiments(rd_figures.measured(setting, clip, points))[0].curves[0]
-
-
-def up_to(
-    rates: Sequence[float], psnrs_db: Sequence[float], highest_db: float
-) -> tuple[list[float], list[float]]:
-    """Cut a curve off at a quality, where its rate is interpolated.
-
-    Parameters
-    ----------
-    rates, psnrs_db : sequence of float
-        The curve.
-    highest_db : float
-        Where to cut it; a curve that ends below it, or rises from above it, stays as it is.
-
-    Returns
-    -------
-    rates, psnrs_db : list of float
-        The points below, and one at `highest_db`.
-    """
-    order = np.argsort(psnrs_db)
-    quality, rate = np.asarray(psnrs_db)[order], np.asarray(rates)[order]
-    if not quality[0] < highest_db < quality[-1] or (np.diff(quality) <= 0).any():
-        return list(rates), list(psnrs_db)
-    at_end = math.exp(float(PchipInterpolator(quality, np.log(rate))(highest_db)))
-    below = quality < highest_db
-    return [*rate[below].tolist(), at_end], [*quality[below].tolist(), highest_db]
-
-
-def difference(reference: Curve, other: Curve, highest_db: float | None = None) -> BdResult:
-    """Return the mean difference in rate of two curves.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Of the same frames.
-    highest_db : float, optional
-        Upper end of the range.
-
-    Returns
-    -------
-    BdResult
-        Negative if `other` needs less.
-
-    Raises
-    ------
-    RdCurveError
-        If they cannot be compared.
-    """
-    curves = [(curve.rates_kbps, curve.psnrs_y_db) for curve in (reference, other)]
-    if highest_db is not None:
-        curves = [up_to(*curve, highest_db) for curve in curves]
-    return bd_rate(*curves[0], *curves[1])
-
-
-PRESETS = tuple(range(1, FINEST + 1))
 
 
 def _against_flat(setting: Setting, clip: str, references: str) -> BdResult:

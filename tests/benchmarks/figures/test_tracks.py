@@ -7,8 +7,8 @@ import pytest
 
 from benchmarks.figures import definitions
 from benchmarks.figures.harness import Setting
-from benchmarks.figures.tracks import costs, limits, prediction, quality, rates
-from benchmarks.figures.tracks.prediction import FLAT, TD_MESH, TE_MESH, Run
+from benchmarks.figures.tracks import costs, curves, limits, prediction, quality, runs
+from benchmarks.figures.tracks.runs import FLAT, TD_MESH, TE_MESH, Run
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.sources import Source, find_source
 from dvc.tracks import FeaturePoints, PointTracks
@@ -30,9 +30,9 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("options", "length"),
     [
-        (["3d-te", "--references", "keys"], prediction.GOP["3d-te"]),
-        (["3d-td", "--references", "keys"], prediction.GOP["3d-td"]),
-        (["3d-te"], prediction.HIERARCHICAL_GOP),
+        (["3d-te", "--references", "keys"], runs.GOP["3d-te"]),
+        (["3d-td", "--references", "keys"], runs.GOP["3d-td"]),
+        (["3d-te"], runs.HIERARCHICAL_GOP),
     ],
 )
 def test_distances_are_those_of_the_encoder(clip: Path, options: list[str], length: int) -> None:
@@ -43,7 +43,7 @@ def test_distances_are_those_of_the_encoder(clip: Path, options: list[str], leng
 
 
 @pytest.mark.parametrize(("way", "kind"), [(TE_MESH, PointTracks), (TD_MESH, FeaturePoints)])
-def test_groups_have_what_was_sent(clip: Path, way: prediction.Way, kind: type) -> None:
+def test_groups_have_what_was_sent(clip: Path, way: runs.Way, kind: type) -> None:
     """A group holds decoded key frames, the originals between them, and points out of their payload."""
     [group] = prediction.received_groups(Run(str(clip), way, FRAMES, FRAMES - 1))
     assert [key.index for key in group.keys] == [0, FRAMES - 1]
@@ -94,18 +94,18 @@ def test_curves_are_cut_off() -> None:
     """A curve that is cut off has its interpolated rate there; one that ends below stays as it is."""
     quality_db = [30.0, 33.0, 36.0, 39.0]
     rates_kbps = [100.0 * 2 ** ((value - 30.0) / 3.0) for value in quality_db]
-    rate, quality = rates.up_to(rates_kbps, quality_db, 34.5)
+    rate, quality = curves.up_to(rates_kbps, quality_db, 34.5)
     assert quality == [30.0, 33.0, 34.5]
     assert rate[-1] == pytest.approx(100.0 * 2**1.5, rel=1e-6)
-    assert rates.up_to(rates_kbps, quality_db, 40.0) == (rates_kbps, quality_db)
+    assert curves.up_to(rates_kbps, quality_db, 40.0) == (rates_kbps, quality_db)
 
 
 def test_sweeps_are_tracked_coding() -> None:
     """A curve is made with the codec's own distance of key frames and the references asked for."""
-    sweep = rates.te_sweep(Setting(frames=13), "box", rates.HIERARCHICAL, (8,))
+    sweep = curves.te_sweep(Setting(frames=13), "box", curves.HIERARCHICAL, (8,))
     [point] = sweep.points()
     options = point.encoder_options()
-    assert options[:4] == ["--codec", "3d-te", "--gop", str(prediction.HIERARCHICAL_GOP)]
+    assert options[:4] == ["--codec", "3d-te", "--gop", str(runs.HIERARCHICAL_GOP)]
     assert options[-2:] == ["--references", "hierarchical"]
     assert "--frames" in options
 
