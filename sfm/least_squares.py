@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 TINY = 1e-300
-SMALLEST_PIVOT = 1e-13  # relative to the diagonal
+MIN_PIVOT = 1e-13  # relative to the diagonal
 
 State = TypeVar("State")
 
@@ -78,14 +78,14 @@ class Damping:
     ----------
     start : float
         Of the first step.
-    least : float
+    min_factor : float
         It falls tenfold after a step that was taken, to this at most.
     num_tries : int
         It rises tenfold while a step makes the sum larger, this often at most.
     """
 
     start: float
-    least: float
+    min_factor: float
     num_tries: int
 
 
@@ -124,7 +124,7 @@ def levenberg_marquardt(
         else:
             return state, iteration
         before, state = state, candidate
-        factor = max(0.1 * factor, damping.least)
+        factor = max(0.1 * factor, damping.min_factor)
         if problem.converged(before, state, cost - new_cost, new_cost):
             return state, iteration + 1
     return state, max_iterations
@@ -173,7 +173,7 @@ def solve_damped(matrix: Floats, right: Floats, damping: float) -> Floats:
     size = len(left)
     left[np.arange(size), np.arange(size)] += damping
     for k in range(size):
-        if left[k, k] <= SMALLEST_PIVOT:
+        if left[k, k] <= MIN_PIVOT:
             left[k:, k] = 0.0
             solution[k] = 0.0
             continue

@@ -9,17 +9,17 @@ from sfm.least_squares import normal_matrix
 
 Floats = NDArray[np.float64]
 
-SMALLEST_DEPTH = 1e-12
+MIN_DEPTH = 1e-12
 
 
-def nonzero(values: Floats, smallest: float = SMALLEST_DEPTH) -> Floats:
+def nonzero(values: Floats, min_magnitude: float = MIN_DEPTH) -> Floats:
     """Replace values too near zero to divide by.
 
     Parameters
     ----------
     values : ndarray, float64
         Any values.
-    smallest : float
+    min_magnitude : float
         What takes the place of those whose magnitude is less.
 
     Returns
@@ -27,7 +27,7 @@ def nonzero(values: Floats, smallest: float = SMALLEST_DEPTH) -> Floats:
     ndarray, float64
         The same otherwise.
     """
-    return np.where(np.abs(values) > smallest, values, smallest)
+    return np.where(np.abs(values) > min_magnitude, values, min_magnitude)
 
 
 def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, basis: Floats) -> Floats:
@@ -42,7 +42,7 @@ def camera_step(first: Floats, depths: Floats, observed: Floats, kappa: Floats, 
     observed : ndarray of shape (N, 2), float64
         Where the camera sees them.
     kappa : ndarray of shape (N,), float64
-        Weights: the inverse denominators of the projections.
+        Weights, from `denominators`.
     basis : ndarray of shape (12, K), float64
         W, or the identity for a free camera.
 
@@ -101,7 +101,7 @@ def denominators(first: Floats, depths: Floats, camera: Floats) -> Floats:
     first : ndarray of shape (N, 2), float64
         Points of the first frame, normalised.
     depths : ndarray of shape (N,), float64
-        Depths in the first camera.
+        In the first camera.
     camera : ndarray of shape (3, 4), float64
         Projection matrix.
 

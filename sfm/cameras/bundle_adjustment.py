@@ -33,7 +33,7 @@ Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 TINY = 1e-300
-DAMPING = Damping(start=1e-4, least=1e-12, num_tries=12)
+DAMPING = Damping(start=1e-4, min_factor=1e-12, num_tries=12)
 
 
 @dataclass(frozen=True)

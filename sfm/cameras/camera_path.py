@@ -30,7 +30,7 @@ def interpolated_camera(model: Model, temporal_position: float) -> Floats:
     Parameters
     ----------
     model : Model
-        The scene.
+        Whose cameras are mixed.
     temporal_position : float
         0 at the first and 1 at the second key frame.
 

@@ -80,7 +80,7 @@ class ResectionProblem:
         The prior camera, moved to fit, for scaled points.
     sigma : float
         Standard deviation of a virtual point, in normalised units.
-    least_noise : float
+    min_noise : float
         Lower bound on that of a real one.
     """
 
@@ -92,7 +92,7 @@ class ResectionProblem:
     to_scaled: Floats
     start: Floats
     sigma: float
-    least_noise: float
+    min_noise: float
 
     def with_expected(self, expected: ExpectedPoints, frame: PixelFrame) -> "ResectionProblem":
         """Append points that count together as `expected` says.
@@ -142,13 +142,13 @@ def resection_problem(
     ResectionProblem
         What is to be minimised, and where to start.
     """
-    least_noise = settings.min_noise_px / frame.scale_px
+    min_noise = settings.min_noise_px / frame.scale_px
     middle, spread = x.mean(axis=0), x.std(axis=0)
     size = np.maximum(spread, np.array([0.05, 0.05, 1.0, 1e-6 + 0.02 * abs(middle[3])]))
     to_scaled = np.diag(1.0 / size)
     to_scaled[[0, 1, 3], 2] = -middle[[0, 1, 3]] / size[[0, 1, 3]]
     to_scaled[2, 2] = 1.0
-    moved, error = _moved_to_fit(prior, x, seen, least_noise)
+    moved, error = _moved_to_fit(prior, x, seen, min_noise)
     sigma_px = float(np.clip(3.0 * error * frame.scale_px, settings.min_sigma_px, settings.max_sigma_px))
     virtual = _virtual_points(x[:, 3], frame)
     p = virtual @ moved.T
@@ -165,7 +165,7 @@ def resection_problem(
         to_scaled=to_scaled,
         start=moved @ np.linalg.inv(to_scaled),
         sigma=sigma_px / frame.scale_px,
-        least_noise=least_noise,
+        min_noise=min_noise,
     )
 
 

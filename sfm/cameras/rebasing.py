@@ -11,7 +11,7 @@ from sfm.model import Correspondences, Model
 
 Floats = NDArray[np.float64]
 
-LEAST_DETERMINANT = 1e-9
+MIN_DETERMINANT = 1e-9
 """Of the left part of a camera, relative to its entries: below it the centre is at infinity."""
 
 
@@ -89,6 +89,6 @@ def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased
 def _oriented(camera: Floats) -> Floats | None:
     """Return the camera with the sign that gives points before it a positive depth."""
     determinant = float(np.linalg.det(camera[:, :3]))
-    if abs(determinant) < LEAST_DETERMINANT * max(float(np.abs(camera).max()), 1e-300) ** 3:
+    if abs(determinant) < MIN_DETERMINANT * max(float(np.abs(camera).max()), 1e-300) ** 3:
         return None
     return camera if determinant > 0 else -camera

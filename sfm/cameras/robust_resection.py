@@ -14,8 +14,8 @@ from sfm.least_squares import Damping, levenberg_marquardt, normal_matrix, solve
 Floats = NDArray[np.float64]
 
 TUKEY_TUNING = 5.5  # of distances in the plane, in standard deviations of a coordinate
-SMALLEST_DEPTH = 1e-9  # of a point in the camera
-DAMPING = Damping(start=1e-6, least=1e-12, num_tries=8)
+MIN_DEPTH = 1e-9  # of a point in the camera
+DAMPING = Damping(start=1e-6, min_factor=1e-12, num_tries=8)
 TOLERANCE = 1e-12  # change of a camera of unit norm below which a minimum is reached
 
 
@@ -35,7 +35,7 @@ def image_distances(problem: ResectionProblem, camera: Floats) -> Floats:
         Distances in normalised units.
     """
     p = problem.x @ camera.T
-    offset = p[:, :2] / nonzero(p[:, 2], SMALLEST_DEPTH)[:, None] - problem.seen
+    offset = p[:, :2] / nonzero(p[:, 2], MIN_DEPTH)[:, None] - problem.seen
     distances: Floats = np.hypot(offset[:, 0], offset[:, 1])
     return distances
 
@@ -61,7 +61,7 @@ def robust_weights(problem: ResectionProblem, distances: Floats, redescending: b
     """
     real = distances[: problem.num_real]
     free = max(1.0, 2.0 * problem.num_real - NUM_PARAMETERS) / (2.0 * problem.num_real)
-    noise = max(problem.least_noise, float(np.median(real)) / (MEDIAN_OF_RAYLEIGH * math.sqrt(free)))
+    noise = max(problem.min_noise, float(np.median(real)) / (MEDIAN_OF_RAYLEIGH * math.sqrt(free)))
     if redescending:
         robust = np.maximum(0.0, 1.0 - (real / (TUKEY_TUNING * noise)) ** 2) ** 2
     else:
@@ -139,7 +139,7 @@ class _RobustDistances:
         if iteration < self._num_reweighted:
             self._weights, _ = robust_weights(self._problem, distances, redescending=True)
         p = self._problem.x @ camera.T
-        depth = nonzero(p[:, 2], SMALLEST_DEPTH)
+        depth = nonzero(p[:, 2], MIN_DEPTH)
         uv = p[:, :2] / depth[:, None]
         root = np.sqrt(self._weights)[:, None]
         errors = root * (uv - self._problem.seen)

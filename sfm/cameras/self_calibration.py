@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 NUM_ENTRIES = 9  # of R, each with the absolute value of its difference from I as a variable
-LEAST_UNIT = 1e-9  # of the inverse unit of depth, which must be positive
+MIN_UNIT = 1e-9  # of the inverse unit of depth, which must be positive
 TOLERANCE = 1e-7  # of the linear program
 OUTWEIGH = 3.0  # a change of a by 1 changes R by at most sqrt(3), and an inverse depth by about 1
 
@@ -248,7 +248,7 @@ def _linear_program(
     # Less than `dropped_share` of the points together cannot outweigh the entries of R.
     price = OUTWEIGH / (settings.dropped_share * num)
     cost = np.concatenate([np.zeros(4), np.ones(NUM_ENTRIES), np.full(num, price)])
-    ranges = [(None, None)] * 3 + [(LEAST_UNIT, None)] + [(0.0, None)] * (NUM_ENTRIES + num)
+    ranges = [(None, None)] * 3 + [(MIN_UNIT, None)] + [(0.0, None)] * (NUM_ENTRIES + num)
     solved = linprog(cost, A_ub=matrix, b_ub=limit, bounds=ranges, method="highs")
     if solved.x is None or not solved.success:
         return None

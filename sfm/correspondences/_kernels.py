@@ -1,5 +1,8 @@
 """Compiled loops of features, matching, refinement, propagation; validated and described by their callers.
 
+They stand in one file because most of them call each other, and numba's cache does not see a callee in
+another file change.
+
 Images are float64 arrays [row, column]; points are (x, y). `coefficients` are those of the cubic B-spline
 that interpolates an image, `sfm.correspondences.refinement.spline_coefficients`.
 """
@@ -283,7 +286,7 @@ def sample_neighbourhood(coefficients, parameters, radius, values, dx, dy):
 
 @kernel
 def minimize_neighbourhood(
-    target, coefficients, parameters, weights, max_iterations, least_step_px, max_shift_px
+    target, coefficients, parameters, weights, max_iterations, min_step_px, max_shift_px
 ):
     """Run Levenberg-Marquardt on one neighbourhood from `parameters`, which receive the minimum.
 
@@ -319,7 +322,7 @@ def minimize_neighbourhood(
             damping = max(damping * 0.1, 1e-7)
         else:
             damping *= 10.0
-        if length < least_step_px or damping > 1e6:
+        if length < min_step_px or damping > 1e6:
             break
     moved = (parameters[0] - x) ** 2 + (parameters[1] - y) ** 2
     return error if moved <= max_shift_px * max_shift_px else -1.0
@@ -327,7 +330,7 @@ def minimize_neighbourhood(
 
 @kernel
 def refine_points(
-    image, coefficients, first, parameters, weights, max_iterations, least_step_px, max_shift_px, errors
+    image, coefficients, first, parameters, weights, max_iterations, min_step_px, max_shift_px, errors
 ):
     """Refine every row of `parameters`; `first` are whole pixels of `image` with room around them."""
     radius = weights.shape[0] // 2
@@ -335,7 +338,7 @@ def refine_points(
         x, y = first[i, 0], first[i, 1]
         target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
         errors[i] = minimize_neighbourhood(
-            target, coefficients, parameters[i], weights, max_iterations, least_step_px, max_shift_px
+            target, coefficients, parameters[i], weights, max_iterations, min_step_px, max_shift_px
         )
 
 
@@ -478,7 +481,7 @@ def weighted_variance(values, weights):
 
 @kernel
 def follow(
-    image, coefficients, fundamental, epipole, x, y, near, weights, search, least_error, error_share, found
+    image, coefficients, fundamental, epipole, x, y, near, weights, search, min_error, error_share, found
 ):
     """Search the point at whole pixels (x, y) on its epipolar line, starting where `near` says.
 
@@ -493,7 +496,7 @@ def follow(
     position, error = search_line(
         target, coefficients, foot, direction, affine, weights, search[0], search[1], search[2]
     )
-    if error > least_error + error_share * weighted_variance(target, weights):
+    if error > min_error + error_share * weighted_variance(target, weights):
         return np.inf
     found[0], found[1] = foot[0] + position * direction[0], foot[1] + position * direction[1]
     return error
@@ -531,7 +534,7 @@ def propagate(
     reach_px,
     weights,
     search,
-    least_error,
+    min_error,
     error_share,
     num_seeds,
     first,
@@ -562,7 +565,7 @@ def propagate(
             near[0], near[1] = x + second[p, 0] - first[p, 0], y + second[p, 1] - first[p, 1]
             error = follow(
                 image, coefficients, fundamental, epipole, x, y, near, weights, search,
-                least_error, error_share, found,
+                min_error, error_share, found,
             )  # fmt: skip
             if error < np.inf:
                 open_tries[y, x] = 0
@@ -582,7 +585,7 @@ def follow_all(
     second,
     weights,
     search,
-    least_error,
+    min_error,
     error_share,
     errors,
 ):
@@ -595,7 +598,7 @@ def follow_all(
         if fits(x, y, weights.shape[0] // 2, width, height):
             errors[i] = follow(
                 image, coefficients, fundamental, epipole, x, y, second[i], weights, search,
-                least_error, error_share, found,
+                min_error, error_share, found,
             )  # fmt: skip
         if errors[i] < np.inf:
             second[i] = found

@@ -31,7 +31,7 @@ class DensificationSettings:
         Bound on both.
     epipolar_px : float
         Largest symmetric epipolar distance after refinement.
-    least_error : float
+    min_error : float
         Mean squared error that noise and sampling alone can cause, squared luma levels.
     error_share : float
         Largest error beyond, as a share of the variance of the neighbourhood.
@@ -44,7 +44,7 @@ class DensificationSettings:
     reach_spreads: float = 1.5
     max_reach_px: float = 10.0
     epipolar_px: float = 0.7
-    least_error: float = 5.0
+    min_error: float = 5.0
     error_share: float = 0.1
     refinement: RefinementSettings = field(default_factory=lambda: RefinementSettings(affine=True))
 
@@ -95,7 +95,7 @@ def densify(
     shapes = search.facing_similarities(first, start)
     second, error, success = refine(search.luma0, search.luma1, first, start, settings.refinement, shapes)
     variances = _variances(search.luma0, first, settings.refinement.radius_px)
-    limit = settings.least_error + settings.error_share * variances
+    limit = settings.min_error + settings.error_share * variances
     candidates = Correspondences(first, second, error)
     success &= outliers.mse(error, limit)
     success &= outliers.epipolar(candidates, search.fundamental, settings.epipolar_px)

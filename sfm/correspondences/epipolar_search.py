@@ -25,7 +25,7 @@ class SearchSettings:
         Half size of the neighbourhoods compared.
     search_px, step_px, tolerance_px : float
         Half range and step of the full search on the epipolar line, tolerance of the golden-section search.
-    least_error : float
+    min_error : float
         Mean squared error that noise and sampling alone can cause, squared luma levels.
     error_share : float
         Largest error beyond, as a share of the variance of the neighbourhood.
@@ -47,7 +47,7 @@ class SearchSettings:
     search_px: float = 2.0
     step_px: float = 0.5
     tolerance_px: float = 0.02
-    least_error: float = 8.0
+    min_error: float = 8.0
     error_share: float = 0.06
     side_distance_px: float = 5.0
     side_radius_px: int = 2
@@ -206,7 +206,7 @@ class EpipolarSearch:
         step = np.rint(1.2 * sign[moved, None] * normals[moved]).astype(np.int64)
         shifted, there, renewed = first[moved] + step, second[moved] + step, np.empty(len(moved))
         search = np.array([settings.settling_px, settings.step_px, settings.tolerance_px])
-        limits = settings.least_error, settings.error_share
+        limits = settings.min_error, settings.error_share
         _kernels.follow_all(
             *self.arrays, shifted, there, window(settings.radius_px), search, *limits, renewed
         )

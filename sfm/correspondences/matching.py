@@ -34,7 +34,7 @@ class MatchingSettings:
         Largest chi-square of two distributions, as a share of that of distributions without overlap.
     num_candidates : int
         Most similar corners of the second frame that are refined, per corner of the first.
-    least_error : float
+    min_error : float
         Mean squared error that noise and sampling alone can cause, squared luma levels.
     error_share : float
         Largest mean squared error at whole pixels beyond, as a share of the neighbourhood's variance.
@@ -43,7 +43,7 @@ class MatchingSettings:
     refined_error_share : float
         The same after refinement of position and shape.
     max_ambiguity : float
-        Largest quotient of the errors of the most similar corner and the next one, both beyond `least_error`.
+        Largest quotient of the errors of the most similar corner and the next one, both beyond `min_error`.
     refinement : RefinementSettings
         Sub-pixel refinement.
     """
@@ -55,7 +55,7 @@ class MatchingSettings:
     num_bins: int = 16
     max_chi_square_share: float = 0.2
     num_candidates: int = 3
-    least_error: float = 4.0
+    min_error: float = 4.0
     error_share: float = 0.6
     shifted_error_share: float = 0.4
     refined_error_share: float = 0.12
@@ -115,7 +115,7 @@ def match_corners(
     i, j, variance = _candidates(luma0, luma1, corners0, corners1, settings)
     second = corners1[j]
     for affine, share in ((False, settings.shifted_error_share), (True, settings.refined_error_share)):
-        largest = settings.least_error + share * variance
+        largest = settings.min_error + share * variance
         how = replace(settings.refinement, affine=affine)
         second, error, success = refine(luma0, luma1, corners0[i], second, how)
         success &= outliers.mse(error, largest)
@@ -150,7 +150,7 @@ def _candidates(
         histograms1,
         settings.max_brightness_change,
         settings.max_chi_square_share * num_samples,
-        num_samples * (settings.least_error + settings.error_share * variance),
+        num_samples * (settings.min_error + settings.error_share * variance),
         chosen,
         errors,
     )
@@ -161,7 +161,7 @@ def _candidates(
 def _unambiguous(i: Indices, error: Floats, settings: MatchingSettings) -> NDArray[np.bool_]:
     """Tell which pairs are clearly more similar than any other pair of the same first corner."""
     order = np.lexsort((error, i))
-    i, error = i[order], error[order] + settings.least_error
+    i, error = i[order], error[order] + settings.min_error
     best = np.diff(i, prepend=-1) != 0
     second = np.append(np.where(i[1:] == i[:-1], error[1:], np.inf), np.inf)
     clear = np.empty(len(i), dtype=bool)

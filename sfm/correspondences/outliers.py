@@ -177,9 +177,9 @@ def epipole(correspondences: Correspondences, fundamental: Floats, distance_px: 
     Parameters
     ----------
     correspondences : Correspondences
-        Candidates.
+        Candidates, in pixels.
     fundamental : ndarray of shape (3, 3), float64
-        F with ``x1' F x0 = 0`` in pixels.
+        F in pixels, whose null vectors are the epipoles.
     distance_px : float
         Least distance.
 

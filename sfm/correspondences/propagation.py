@@ -91,7 +91,7 @@ def propagate(
         settings.reach_px,
         window(search.settings.radius_px),
         search.line_search,
-        search.settings.least_error,
+        search.settings.min_error,
         search.settings.error_share,
         num_seeds,
         first,

@@ -24,7 +24,7 @@ class RefinementSettings:
         Half size of the neighbourhood.
     max_iterations : int
         Steps of Levenberg-Marquardt, rejected ones included.
-    least_step_px : float
+    min_step_px : float
         The search ends with a step shorter than this.
     max_shift_px : float
         Points that move farther from where they started are lost.
@@ -34,7 +34,7 @@ class RefinementSettings:
 
     radius_px: int = 5
     max_iterations: int = 12
-    least_step_px: float = 2e-3
+    min_step_px: float = 2e-3
     max_shift_px: float = 2.0
     affine: bool = False
 
@@ -42,8 +42,8 @@ class RefinementSettings:
         """Check the ranges."""
         if self.radius_px < 1 or self.max_iterations < 1:
             raise ValueError(f"`radius_px` and `max_iterations` must be at least 1, got {self}")
-        if self.least_step_px <= 0 or self.max_shift_px <= 0:
-            raise ValueError(f"`least_step_px` and `max_shift_px` must be positive, got {self}")
+        if self.min_step_px <= 0 or self.max_shift_px <= 0:
+            raise ValueError(f"`min_step_px` and `max_shift_px` must be positive, got {self}")
 
 
 def refine(
@@ -111,7 +111,7 @@ def refine(
         parameters,
         window(settings.radius_px),
         settings.max_iterations,
-        settings.least_step_px,
+        settings.min_step_px,
         settings.max_shift_px,
         found,
     )

@@ -142,9 +142,9 @@ def symmetric_distances(fundamental: Floats, first: Floats, second: Floats) -> F
     Parameters
     ----------
     fundamental : ndarray of shape (3, 3), float64
-        F with ``x1' F x0 = 0``.
+        F, that maps points to lines.
     first, second : ndarray of shape (N, 2), float64
-        Points of the first and of the second image.
+        Pairs of points, one in each image.
 
     Returns
     -------

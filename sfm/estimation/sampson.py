@@ -57,7 +57,7 @@ def minimize_sampson(fundamental: Floats, first: Floats, second: Floats, max_ite
     if len(first) < 7 or not s[0] > 0:
         return best
     problem = _SampsonProblem(first, second)
-    damping = Damping(start=1e-4, least=0.0, num_tries=8)
+    damping = Damping(start=1e-4, min_factor=0.0, num_tries=8)
     return levenberg_marquardt(problem, problem.at(best), damping, max_iterations)[0].fundamental
 
 

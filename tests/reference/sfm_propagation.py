@@ -49,7 +49,7 @@ def error_at(
 
 def follow(
     image: Floats, coefficients: Floats, fundamental: Floats, x: int, y: int, near: Floats, weights: Floats,
-    search: tuple[float, float, float], least_error: float, error_share: float,
+    search: tuple[float, float, float], min_error: float, error_share: float,
 ) -> tuple[Floats, float] | None:  # fmt: skip
     """Return second point and error of the least error nearby on the epipolar line, by a bounded search."""
     foot, direction, affine = epipolar_frame(fundamental, x, y, near)
@@ -69,14 +69,14 @@ def follow(
     radius = weights.shape[0] // 2
     target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
     variance = free_mean_error(target, np.zeros(target.size), weights)
-    if least.fun > least_error + error_share * variance:
+    if least.fun > min_error + error_share * variance:
         return None
     return foot + least.x * direction, float(least.fun)
 
 
 def propagate(
     image: Floats, coefficients: Floats, fundamental: Floats, tries: NDArray[np.int64], reach: int,
-    weights: Floats, search: tuple[float, float, float], least_error: float, error_share: float,
+    weights: Floats, search: tuple[float, float, float], min_error: float, error_share: float,
     seeds: list[tuple[int, int, Floats]],
 ) -> dict[tuple[int, int], Floats]:  # fmt: skip
     """Return the second point of every pixel that was reached, seeds included, round by round."""
@@ -98,7 +98,7 @@ def propagate(
             tries[y, x] -= 1
             start = np.array([x, y]) + known[owner] - owner
             result = follow(
-                image, coefficients, fundamental, x, y, start, weights, search, least_error, error_share
+                image, coefficients, fundamental, x, y, start, weights, search, min_error, error_share
             )
             if result is not None:
                 tries[y, x] = 0
