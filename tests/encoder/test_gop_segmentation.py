@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from encoder.gop_segmentation import first_length, group_costs, wyner_ziv_share
 
 
-def least_cost(costs: list[float], total: int, min_length: int) -> tuple[float, int]:
+def min_cost(costs: list[float], total: int, min_length: int) -> tuple[float, int]:
     """Try all segmentations; the second value is the longest first group of the cheapest."""
     best = (np.inf, 0)
     for borders in itertools.product([False, True], repeat=total - 1):
@@ -25,7 +25,7 @@ def least_cost(costs: list[float], total: int, min_length: int) -> tuple[float, 
 def test_first_group_is_that_of_the_cheapest_segmentation(values: list[int], min_length: int) -> None:
     """Dynamic programming finds what the trial of all segmentations finds."""
     costs = [0.0, *map(float, values)]
-    assert first_length(np.array(costs), min_length) == least_cost(costs, len(values), min_length)[1]
+    assert first_length(np.array(costs), min_length) == min_cost(costs, len(values), min_length)[1]
 
 
 @pytest.mark.parametrize("hierarchical", [False, True])

@@ -13,7 +13,7 @@ def free_rows(points: list[tuple[int, int]], column: int, distance: int, num_row
     ]
 
 
-def least_distance(points: list[tuple[int, int]], limit: int) -> int:
+def min_distance(points: list[tuple[int, int]], limit: int) -> int:
     """Return the largest whole number, up to a limit, that is no more than any distance."""
     squares = [
         (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2

@@ -361,7 +361,7 @@ def test_prediction_is_as_documented(seed: int, twin: bool) -> None:
 def test_free_rows_agree_with_the_twin(points: list[tuple[int, int]], column: int) -> None:
     """Rows are free below the last point of the column and away from all points."""
     scanned = sorted(points)
-    distance = reference.least_distance(scanned, 255)
+    distance = reference.min_distance(scanned, 255)
     array = np.array(scanned, np.int64).reshape(-1, 2)
     assert _kernels.min_distance(array, 255) == distance
     column = max(column, scanned[-1][0]) if scanned else column
