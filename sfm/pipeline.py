@@ -70,8 +70,13 @@ def reconstruct(
         )
     if backend not in SFM_BACKENDS:
         raise ValueError(f"`backend` must be one of {', '.join(SFM_BACKENDS)}, got {backend!r}")
-    settings = settings or SfmSettings()
-    rng = np.random.default_rng(seed)
+    return _reconstruct(first, second, backend, np.random.default_rng(seed), settings or SfmSettings())
+
+
+def _reconstruct(
+    first: Image, second: Image, backend: str, rng: np.random.Generator, settings: SfmSettings
+) -> Reconstruction:
+    """Go through the steps of figure 5.2."""
     frame = PixelFrame(first.shape[1], first.shape[0])
     how, tests = settings.correspondences, settings.outliers
     stages: dict[str, Correspondences] = {}
