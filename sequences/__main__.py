@@ -3,13 +3,13 @@
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import NoReturn
+from collections.abc import Sequence
 
-from dvc.errors import DvcError
+from dvc import cli
 
-EXAMPLES = """examples:
+PROG = "dvc-sequences"
+MAX_NUMBER = 2**31 - 1
+EXAMPLES = """\
   dvc-sequences list
   dvc-sequences info street
   dvc-sequences render street --out street.mkv
@@ -18,73 +18,46 @@ EXAMPLES = """examples:
 """
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
+def _parser() -> argparse.ArgumentParser:
+    description = "Test material: rendered scenes with exact geometry, and the video files of $DVC_DATA."
+    parser = cli.ArgumentParser(PROG, description, EXAMPLES)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="{list,info,render}")
 
+    def command(name: str, text: str) -> argparse.ArgumentParser:
+        description = f"{text[0].upper()}{text[1:]}."
+        return commands.add_parser(name, prog=f"{PROG} {name}", description=description, help=text)
 
-def size(text: str) -> tuple[int, int]:
-    """Read ``WIDTHxHEIGHT``."""
-    words = text.lower().split("x")
-    if len(words) != 2 or not all(word.isdecimal() and int(word) > 0 for word in words):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a size; write it as 352x288")
-    return int(words[0]), int(words[1])
-
-
-def whole(lowest: int) -> Callable[[str], int]:
-    """Return a reader of integers that are not below `lowest`."""
-
-    def read(text: str) -> int:
-        if not text.isdecimal() or int(text) < lowest:
-            raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from {lowest}")
-        return int(text)
-
-    return read
-
-
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
-    top = _Parser(
-        prog="dvc-sequences",
-        description="Test material: rendered scenes with exact geometry, and the video files of $DVC_DATA.",
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    commands = top.add_subparsers(dest="command", required=True, metavar="{list,info,render}")
-    listing = commands.add_parser("list", help="list all sequences and what each is for")
-    listing.add_argument("--json", action="store_true", help="write JSON")
-    info = commands.add_parser("info", help="tell about one sequence")
+    listing = command("list", "list all sequences and what each is for")
+    info = command("info", "tell about one sequence")
     info.add_argument("name", metavar="NAME", help="name in the list, or a video file")
-    info.add_argument("--json", action="store_true", help="write JSON")
-    _add_render(commands.add_parser("render", help="render a scene to a video file"))
-    return top
+    for asking in (listing, info):
+        asking.add_argument("--json", action="store_true", help="write JSON")
+    _add_render(command("render", "render a scene to a video file"))
+    return parser
 
 
 def _add_render(render: argparse.ArgumentParser) -> None:
-    render.add_argument("name", metavar="NAME", help="a rendered scene: street, stairway or statue")
-    render.add_argument(
-        "--out", required=True, metavar="FILE", help="video to write: .mkv (FFV1), .y4m or .mp4"
-    )
-    render.add_argument("--size", type=size, default=(352, 288), metavar="WxH", help="pixels (352x288)")
-    render.add_argument("--frames", type=whole(1), metavar="N", help="length (50)")
-    render.add_argument("--start", type=whole(0), default=0, metavar="K", help="first frame (0)")
-    render.add_argument("--seed", type=whole(0), default=0, help="textures, plants, tremor, noise (0)")
-    render.add_argument(
-        "--noise", type=float, default=0.0, metavar="SIGMA", help="sensor noise, luma levels (0)"
-    )
-    render.add_argument("--depth", metavar="DIR", help="folder for one PFM depth map per frame, metres")
-    render.add_argument("--cameras", metavar="FILE.json", help="file for K and cam_from_world of all frames")
-    render.add_argument("--jobs", type=whole(1), default=1, metavar="N", help="frames rendered at once (1)")
+    add = render.add_argument
+    add("name", metavar="NAME", help="a rendered scene: street, stairway or statue")
+    add("--out", required=True, metavar="FILE", help="video to write: .mkv (FFV1), .y4m or .mp4")
+    add("--size", type=cli.parse_size, default=(352, 288), metavar="WxH", help="pixels; default: 352x288")
+    cli.add_integer(render, "--frames", (1, MAX_NUMBER), "length; default: that of the scene, 50")
+    cli.add_integer(render, "--start", (0, MAX_NUMBER), "first frame", default=0, metavar="K")
+    cli.add_integer(render, "--seed", (0, MAX_NUMBER), "textures, plants, tremor, noise", default=0)
+    add("--noise", type=float, default=0.0, metavar="SIGMA", help="sensor noise, luma levels; default: 0")
+    add("--depth", metavar="DIR", help="folder for one PFM depth map per frame, metres")
+    add("--cameras", metavar="FILE.json", help="file for K and cam_from_world of all frames")
+    cli.add_integer(render, "--jobs", (1, 256), "frames rendered at once", default=1)
 
 
-def run_list(options: argparse.Namespace) -> None:
+def _list(arguments: argparse.Namespace) -> int:
     """Write the catalogue to standard output."""
     from sequences import catalogue
 
     found = catalogue.entries()
-    if options.json:
+    if arguments.json:
         sys.stdout.write(json.dumps([entry.to_dict() for entry in found], indent=1) + "\n")
-        return
+        return 0
     from rich.console import Console
     from rich.table import Table
 
@@ -99,66 +72,58 @@ def run_list(options: argparse.Namespace) -> None:
     Console(file=sys.stdout, width=None if sys.stdout.isatty() else 200, highlight=False, markup=False).print(
         table
     )
+    return 0
 
 
-def run_info(options: argparse.Namespace) -> None:
+def _info(arguments: argparse.Namespace) -> int:
     """Write what is known of one sequence to standard output."""
     from sequences import catalogue
 
-    entry = catalogue.entry(options.name)
-    if options.json:
+    entry = catalogue.entry(arguments.name)
+    if arguments.json:
         sys.stdout.write(json.dumps(entry.to_dict(), indent=1) + "\n")
-        return
+        return 0
     for title, value in catalogue.FIELDS:
         sys.stdout.write(f"{title + ':':14}{value(entry)}\n")
     if entry.path is not None:
         sys.stdout.write(f"{'path:':14}{entry.path}\n")
+    return 0
 
 
-def run_render(options: argparse.Namespace) -> None:
+def _render(arguments: argparse.Namespace) -> int:
     """Render a scene to files."""
     from sequences.sequence import RenderedSequence, render
 
     sequence = RenderedSequence(
-        options.name,
-        *options.size,
-        start=options.start,
-        num_frames=options.frames,
-        seed=options.seed,
-        noise_sigma=options.noise,
-        jobs=options.jobs,
+        arguments.name,
+        *arguments.size,
+        start=arguments.start,
+        num_frames=arguments.frames,
+        seed=arguments.seed,
+        noise_sigma=arguments.noise,
+        jobs=arguments.jobs,
     )
-    with progress_bar(sequence.name, sequence.num_frames) as progress, sequence:
-        render(sequence, options.out, cameras=options.cameras, depth=options.depth, progress=progress)
-
-
-@contextmanager
-def progress_bar(title: str, total: int) -> Iterator[Callable[[int], None] | None]:
-    """Show a bar on standard error while it is a terminal; yields what tells it how far things are."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(file=sys.stderr)) as bar:
-        task = bar.add_task(title, total=total)
-        yield lambda done: bar.update(task, completed=done)
+    with cli.progress_bar(sequence.name, sequence.num_frames) as progress, sequence:
+        render(sequence, arguments.out, cameras=arguments.cameras, depth=arguments.depth, progress=progress)
+    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit status: 0, or 2 after one line on standard error."""
-    options = parser().parse_args(argv)
-    run = {"list": run_list, "info": run_info, "render": run_render}[options.command]
-    try:
-        run(options)
-    except (DvcError, OSError) as err:
-        sys.stderr.write(f"dvc-sequences: {' '.join(str(err).split())}\n")
-        return 2
-    except KeyboardInterrupt:
-        sys.stderr.write("dvc-sequences: interrupted\n")
-        return 130
-    return 0
+    """Run the command.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status: 0, or 2 for bad input.
+    """
+    arguments = _parser().parse_args(argv)
+    commands = {"list": _list, "info": _info, "render": _render}
+    return cli.run(PROG, lambda: commands[arguments.command](arguments))
 
 
 if __name__ == "__main__":

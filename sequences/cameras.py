@@ -189,7 +189,7 @@ def look_at(centre: ArrayLike, target: ArrayLike, turn_deg: ArrayLike = (0.0, 0.
     return np.column_stack([rotation, -rotation @ eye])
 
 
-def tremor(time_s: float, seed: int, lowest_hz: float, highest_hz: float, count: int = 6) -> float:
+def tremor(time_s: float, seed: int, min_hz: float, max_hz: float, count: int = 6) -> float:
     """Return a smooth pseudo-random function of time with unit variance: a sum of sinusoids.
 
     Parameters
@@ -198,7 +198,7 @@ def tremor(time_s: float, seed: int, lowest_hz: float, highest_hz: float, count:
         Any instant.
     seed : int
         Chooses frequencies and phases.
-    lowest_hz, highest_hz : float
+    min_hz, max_hz : float
         Band of the movement.
     count : int
         Number of sinusoids.
@@ -209,7 +209,7 @@ def tremor(time_s: float, seed: int, lowest_hz: float, highest_hz: float, count:
         Value at that instant.
     """
     rng = np.random.default_rng([seed, 77])
-    frequency = rng.uniform(lowest_hz, highest_hz, count)
+    frequency = rng.uniform(min_hz, max_hz, count)
     phase = rng.uniform(0.0, 2 * math.pi, count)
     return float(math.sqrt(2 / count) * np.sum(np.sin(2 * math.pi * frequency * time_s + phase)))
 

@@ -12,8 +12,8 @@ SIZE = 512
 def spectral_noise(
     rng: np.random.Generator,
     slope: float,
-    lowest: float = 1.0,
-    highest: float = SIZE / 2,
+    min_frequency: float = 1.0,
+    max_frequency: float = SIZE / 2,
     stretch: float = 1.0,
 ) -> Floats:
     """Draw periodic Gaussian noise whose amplitude falls as ``1 / frequency**slope``, mean 0, deviation 1.
@@ -24,7 +24,7 @@ def spectral_noise(
         Source of randomness.
     slope : float
         Spectral slope; 0 is white, 1 looks like stone, 2 like clouds.
-    lowest, highest : float
+    min_frequency, max_frequency : float
         Band, cycles per tile.
     stretch : float
         Above 1 draws the pattern out along rows (the second axis), below 1 along columns.
@@ -36,7 +36,9 @@ def spectral_noise(
     """
     rows, columns = np.fft.fftfreq(SIZE, 1 / SIZE)[:, None], np.fft.rfftfreq(SIZE, 1 / SIZE)[None, :]
     radius = np.hypot(rows / np.sqrt(stretch), columns * np.sqrt(stretch))
-    gain = np.where((radius >= lowest) & (radius <= highest), np.maximum(radius, 0.5) ** -slope, 0.0)
+    gain = np.where(
+        (radius >= min_frequency) & (radius <= max_frequency), np.maximum(radius, 0.5) ** -slope, 0.0
+    )
     noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((SIZE, SIZE))) * gain, s=(SIZE, SIZE))
     return np.asarray((noise - noise.mean()) / noise.std(), dtype=np.float64)
 

@@ -138,7 +138,7 @@ def render(
     *,
     cameras: str | Path | None = None,
     depth: str | Path | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> None:
     """Write a sequence as a video, and on demand its cameras and depth maps, complete or not at all.
 
@@ -153,7 +153,7 @@ def render(
     depth : str or Path, optional
         Folder, new or empty, for a PFM file of metres per frame (inf for the sky).
     progress : callable, optional
-        Called with the number of frames done.
+        Called with the number of frames just done.
 
     Raises
     ------
@@ -168,14 +168,12 @@ def render(
         camera_file = None if cameras is None else stack.enter_context(atomic_output(cameras))
         folder = None if depth is None else stack.enter_context(atomic_folder(depth))
         writer = stack.enter_context(create_video(video, info.size, info.frame_rate))
-        for count, rendered in enumerate(sequence.rendered(), start=1):
-            index = sequence.start + count - 1
+        for index, rendered in enumerate(sequence.rendered(), start=sequence.start):
             writer.write(rendered.frame)
             if folder is not None:
                 write_pfm(folder / f"{index:04d}.pfm", rendered.depth)
             views.append({"index": index, **rendered.camera.to_dict()})
-            if progress is not None:
-                progress(count)
+            progress(1)
         if camera_file is not None:
             camera_file.write_text(json.dumps(_camera_document(sequence, views), indent=1) + "\n")
 

@@ -17,7 +17,7 @@ _FIRST_SCHEMA = "dvc3d-rd-point/1"
 POINTS_FOLDER = "points"
 PICTURE_KINDS = ("original", "decoded", "predicted", "key")
 
-MOST = 1e15
+MAX_NUMBER = 1e15
 """Numbers of results are below."""
 _NUMBER = (int, float)
 _REQUIRED: dict[str, dict[str, type | tuple[type, ...]]] = {
@@ -256,7 +256,7 @@ def _is_sound(value: object) -> bool:
         return all(_is_sound(part) for part in value)
     if isinstance(value, str):
         return not any("\ud800" <= letter <= "\udfff" for letter in value)
-    return not isinstance(value, (int, float)) or -MOST < value < MOST
+    return not isinstance(value, (int, float)) or -MAX_NUMBER < value < MAX_NUMBER
 
 
 def _is_list_of_text(value: object) -> bool:

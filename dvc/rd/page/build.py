@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
 MAX_PAGE_BYTES = 8_000_000
-MOST_PICTURE_BYTES = 6_000_000
+MAX_PICTURE_BYTES = 6_000_000
 TEMPLATES = resources.files("dvc.rd.page") / "templates"
 SYMBOLS = {"o": "circle", "s": "square", "^": "triangle-up", "D": "diamond", "v": "triangle-down"}
 SYMBOLS |= {"P": "cross", "x": "x-thin"}
@@ -83,7 +83,7 @@ def write_page(
     }
     text = _render(page, data, Gallery(), notes)
     if pictures:
-        room = min(MAX_PAGE_BYTES - len(text.encode()) - 50_000, MOST_PICTURE_BYTES)
+        room = min(MAX_PAGE_BYTES - len(text.encode()) - 50_000, MAX_PICTURE_BYTES)
         gallery = build_gallery(found, max(room, 0))
         if gallery.sources or gallery.num_missing or gallery.num_left_out:
             text = _render(page, data, gallery, [*notes, *_picture_notes(gallery)])

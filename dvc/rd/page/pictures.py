@@ -16,7 +16,7 @@ from dvc.rd.point_result import PointResult, number
 MAX_POINTS = 40
 NOISE_GAIN = 4
 WEBP_QUALITY = 90
-LEAST_QUALITY = 60
+MIN_QUALITY = 60
 Picture = NDArray[np.uint8]
 
 
@@ -65,14 +65,14 @@ def build_gallery(found: Sequence[Experiment], max_bytes: int) -> Gallery:
     """
     wanted = list(_by_importance(found))
     chosen = wanted[:MAX_POINTS]
-    for quality in range(WEBP_QUALITY, LEAST_QUALITY - 1, -10):
+    for quality in range(WEBP_QUALITY, MIN_QUALITY - 1, -10):
         gallery = _encoded(chosen, quality)
         if sum(map(len, gallery.sources)) <= max_bytes:
             break
     else:
         while chosen and sum(map(len, gallery.sources)) > max_bytes:
             chosen = chosen[: len(chosen) * 2 // 3]
-            gallery = _encoded(chosen, LEAST_QUALITY)
+            gallery = _encoded(chosen, MIN_QUALITY)
     with_pictures = [
         point for one in found for curve in one.curves for point in curve.points if _has_pictures(point)
     ]

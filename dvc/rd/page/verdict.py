@@ -8,7 +8,7 @@ from dvc.rd.differences import compare_curves, crossing_text
 from dvc.rd.point_result import mean
 from dvc.rd.tables import NOTHING
 
-LEAST_PERCENT = 0.05
+MIN_PERCENT = 0.05
 """Smaller differences in rate are rounded to none."""
 
 
@@ -190,7 +190,7 @@ def _cell(rate: float | None, row: Row | None) -> Cell:
 
 def _verdict_of(rate: float) -> str:
     """Judge a difference in per cent; what is shown as nothing is nothing."""
-    if abs(rate) < LEAST_PERCENT:
+    if abs(rate) < MIN_PERCENT:
         return "none"
     return "better" if rate < 0 else "worse"
 
