@@ -1,7 +1,7 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures between two decoded key frames."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -148,57 +148,22 @@ class GroupDecoder:
         self._method = METHODS[method](config)
         self._decoder = WynerZivDecoder(config)
 
-    def decode_payloads(
-        self, keys: tuple[ReferenceFrame, ReferenceFrame], record: GopRecord, form: str
-    ) -> list[DecodedFrame]:
-        """Decode a group from a stream.
-
-        Parameters
-        ----------
-        keys : tuple of two ReferenceFrame
-            The key frames around the group.
-        record : GopRecord
-            Its tracks, and one payload for each frame between the key frames.
-        form : str
-            Form of the stream: buffered or punctured.
-
-        Returns
-        -------
-        list of DecodedFrame
-            In display order.
-
-        Raises
-        ------
-        BitstreamError
-            If a payload is damaged.
-        """
-        layout, num_codes = self._decoder.layout, self._decoder.num_codes
-        if form == Form.BUFFERED:
-            return self.decode(keys, record, lambda payload: BufferedFrame(layout, payload, num_codes).answer)
-        frames = self.decode(keys, record, lambda payload: PuncturedFrame(layout, payload).answer)
-        for frame, payload in zip(frames, record.wyner_ziv, strict=True):
-            if len(frame.punctured) < len(payload):
-                raise BitstreamError(
-                    f"punctured Wyner-Ziv frame of {len(payload)} bytes, {len(frame.punctured)} are needed"
-                )
-        return frames
-
     def decode(
         self,
         keys: tuple[ReferenceFrame, ReferenceFrame],
         record: GopRecord,
-        answer_for: Callable[[bytes], Answer],
+        source: Form | Answer,
     ) -> list[DecodedFrame]:
-        """Decode a group whose parity comes from anywhere.
+        """Decode the Wyner-Ziv frames of a group.
 
         Parameters
         ----------
         keys : tuple of two ReferenceFrame
             The key frames around the group.
         record : GopRecord
-            Its tracks, and for each frame between the key frames a payload that starts with its header.
-        answer_for : callable
-            From the payload of a frame to who answers its requests.
+            Its tracks, and a payload for each frame between the key frames.
+        source : Form or callable
+            Form of the payloads, or who answers requests where payloads are headers alone.
 
         Returns
         -------
@@ -208,7 +173,7 @@ class GroupDecoder:
         Raises
         ------
         BitstreamError
-            If tracks, headers or payloads are damaged.
+            If tracks or payloads are damaged.
         """
         known = {key.index: key for key in keys}
         points = self._received(record.tracks, len(record.wyner_ziv))
@@ -220,12 +185,24 @@ class GroupDecoder:
             prediction = self._method.predict(usable, points, [index])[0]
             payload = record.wyner_ziv[index - keys[0].index - 1]
             coroutine = self._decoder.decode(index, layout.read_header(payload), prediction)
-            recorder = PunctureRecorder(answer_for(payload))
+            recorder = PunctureRecorder(self._answer(payload, source))
             decoded = turbo.drive(coroutine, recorder.answer)
             known[index] = ReferenceFrame(index, decoded.frame)
             punctured = recorder.payload(payload[: layout.header_bytes])
+            if source == Form.PUNCTURED and len(punctured) < len(payload):
+                raise BitstreamError(
+                    f"punctured Wyner-Ziv frame of {len(payload)} bytes, {len(punctured)} are needed"
+                )
             results.append(replace(decoded, punctured=punctured, decode_s=time.perf_counter() - started))
         return sorted(results, key=lambda result: result.index)
+
+    def _answer(self, payload: bytes, source: Form | Answer) -> Answer:
+        """Say who answers the requests of a frame."""
+        if not isinstance(source, Form):
+            return source
+        if source is Form.BUFFERED:
+            return BufferedFrame(self._decoder.layout, payload, self._decoder.num_codes).answer
+        return PuncturedFrame(self._decoder.layout, payload).answer
 
     def _received(self, tracks: bytes, num_frames: int) -> PointTracks | FeaturePoints | None:
         """Read what was sent of the geometry of a group."""

@@ -12,7 +12,7 @@ from decoder.side_information.protocol import ReferenceFrame
 from decoder.wyner_ziv import DecodedFrame
 from dvc.config import decode_config
 from dvc.errors import BitstreamError, DvcError
-from dvc.stream import GopRecord
+from dvc.stream import Form, GopRecord
 from dvc.video import Frame
 
 
@@ -34,7 +34,7 @@ class GroupTask:
         The key frame that ends it.
     record : GopRecord
         What the stream holds of it.
-    form : str
+    form : Form
         Form of the stream: buffered or punctured.
     """
 
@@ -44,7 +44,7 @@ class GroupTask:
     references: tuple[ReferenceFrame, ReferenceFrame] | None
     key: Frame
     record: GopRecord
-    form: str
+    form: Form
 
 
 def decode_groups(tasks: Iterable[GroupTask], jobs: int) -> Iterator[DecodedGroup]:
@@ -116,7 +116,7 @@ def _decode(task: GroupTask) -> DecodedGroup:
     frames: list[DecodedFrame] = []
     if task.references is not None:
         with naming_group(task.number):
-            frames = _decoder(task.config).decode_payloads(task.references, task.record, task.form)
+            frames = _decoder(task.config).decode(task.references, task.record, task.form)
     return DecodedGroup.of(task.first_index, frames, task.key, task.record)
 
 

@@ -82,7 +82,7 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
         frames: list[DecodedFrame] = []
         if around is not None:
             with naming_group(gop.number):
-                frames = decoder.decode(around, gop.record, lambda _: source.answer)
+                frames = decoder.decode(around, gop.record, source.answer)
         yield DecodedGroup.of(first_index, frames, key, gop.record)
 
 

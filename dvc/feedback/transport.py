@@ -1,15 +1,14 @@
 """Moves the bytes of the feedback channel over TCP: one peer, timeouts, nothing else."""
 
 import contextlib
-import select
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from dvc.errors import ConfigError, FeedbackError
+from dvc.files import Closing
 
 DEFAULT_TIMEOUT_S = 30.0
 _CHUNK_BYTES = 2**18
@@ -55,7 +54,7 @@ def _shown(address: tuple[object, ...]) -> str:
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-class Connection:
+class Connection(Closing):
     """A TCP connection to the peer.
 
     Parameters
@@ -122,23 +121,6 @@ class Connection:
             raise FeedbackError(f"the other side ({self.name}) closed the connection")
         return data
 
-    def readable(self, timeout_s: float = 0.0) -> bool:
-        """Say whether `receive` would return at once.
-
-        Parameters
-        ----------
-        timeout_s : float
-            Wait so long for that, in seconds.
-
-        Returns
-        -------
-        bool
-            Whether bytes, or the end of the connection, are there.
-        """
-        poll = select.poll()
-        poll.register(self._socket, select.POLLIN)
-        return bool(poll.poll(1000 * timeout_s))
-
     @contextlib.contextmanager
     def kept_alive(self, message: bytes) -> Iterator[None]:
         """Send a message whenever a quarter of the timeout has passed in silence, while a block runs.
@@ -189,16 +171,8 @@ class Connection:
                     break
                 num_bytes += len(data)
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
-
-
-class Listener:
+class Listener(Closing):
     """A port that waits for the one peer.
 
     Parameters
@@ -250,14 +224,6 @@ class Listener:
     def close(self) -> None:
         """Stop listening."""
         self._socket.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def listen(host: str = "localhost", port: int = 0) -> Listener:

@@ -3,12 +3,12 @@
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 from dvc.bits import MAX_VARINT_BYTES, decode_varint
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
+from dvc.files import Closing
 from dvc.stream.gop import GopRecord, decode_gop, decode_num_frames
 from dvc.stream.index import SIZE_BYTES, TRAILER_BYTES, IndexEntry, StreamIndex, decode_end
 from dvc.stream.records import (
@@ -94,7 +94,7 @@ class _RecordSource:
         return place, payload
 
 
-class StreamReader:
+class StreamReader(Closing):
     """Reads a stream; the counterpart of `StreamWriter`.
 
     Iteration yields every `GopRecord` in order of display and then checks the end of the stream. All GOPs
@@ -270,14 +270,6 @@ class StreamReader:
         """Close the file if it was opened here."""
         if self._owned:
             self._source.file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _open(source: BinaryIO | str | os.PathLike[str]) -> BinaryIO:

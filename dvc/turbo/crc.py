@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.turbo import _kernels
-from dvc.turbo.encoder import check_planes
+from dvc.turbo.encoder import by_words
 
 POLYNOMIALS = {8: 0x07, 12: 0x80F, 16: 0x1021, 24: 0x864CFB, 32: 0x04C11DB7}
 """Generator without its leading term, by number of check bits; registers start at zero."""
@@ -57,16 +57,7 @@ def crc(bits: NDArray[np.uint8], num_bits: int) -> NDArray[np.uint8]:
     TypeError, ValueError
         If `bits` are not bits or no polynomial has `num_bits` bits.
     """
-    if num_bits not in POLYNOMIALS:
-        raise ValueError(f"`num_bits` must be one of {sorted(POLYNOMIALS)}, got {num_bits}")
     planes = np.atleast_2d(bits)
     planes = planes.reshape(-1, planes.shape[-1])
-    check_planes(planes)
-    checks = np.empty((planes.shape[0], num_bits), np.uint8)
-    words = np.empty(planes.shape[1], np.uint64)
-    positions = np.arange(num_bits, dtype=np.int32)
-    for first in range(0, planes.shape[0], 64):
-        group = slice(first, min(first + 64, planes.shape[0]))
-        _kernels.pack_words(planes[group], words)
-        _kernels.gather_bits(crc_words(words, num_bits), positions, checks[group])
+    checks = by_words(planes, lambda words: crc_words(words, num_bits), num_bits)
     return checks.reshape(*np.shape(bits)[:-1], num_bits)

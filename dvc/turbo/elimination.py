@@ -85,12 +85,15 @@ class _Reduced:
         bits[self.pivots] = self.values ^ parity
 
 
-def _reduce(equations: Words, parity: Bits, reliability: NDArray[np.float32]) -> _Reduced | None:
-    """Solve the equations for the least reliable bits; None where they contradict each other."""
-    num_bits = reliability.size
+def _reduce(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> tuple[_Reduced, Bits] | None:
+    """Solve the equations for the least reliable bits; None where they contradict each other.
+
+    Returned with them is the solution whose free bits are the hard decisions.
+    """
+    num_bits = llr.size
     rows = equations.copy()
     rows[:, num_bits // 64] |= parity.astype(np.uint64) << np.uint64(num_bits % 64)
-    order = np.argsort(reliability, kind="stable")
+    order = np.argsort(np.abs(llr), kind="stable")
     row_of_pivot = np.empty(num_bits, np.int64)
     rank = int(_kernels.eliminate(rows, order, row_of_pivot))
     values = ((rows[:, num_bits // 64] >> np.uint64(num_bits % 64)) & np.uint64(1)).astype(np.uint8)
@@ -100,7 +103,10 @@ def _reduce(equations: Words, parity: Bits, reliability: NDArray[np.float32]) ->
     pivots, free = order[is_pivot], order[~is_pivot]
     weights = np.empty((pivots.size, free.size), np.uint8)
     _kernels.gather_weights(rows, row_of_pivot[pivots], free, weights)
-    return _Reduced(pivots, free, weights, values[row_of_pivot[pivots]])
+    reduced = _Reduced(pivots, free, weights, values[row_of_pivot[pivots]])
+    bits = (llr < 0).astype(np.uint8)
+    reduced.fill_pivots(bits)
+    return reduced, bits
 
 
 def solve(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> Solution | None:
@@ -120,11 +126,10 @@ def solve(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> Solution 
     Solution or None
         None where the equations contradict each other.
     """
-    reduced = _reduce(equations, parity, np.abs(llr))
-    if reduced is None:
+    solved = _reduce(equations, parity, llr)
+    if solved is None:
         return None
-    bits = (llr < 0).astype(np.uint8)
-    reduced.fill_pivots(bits)
+    reduced, bits = solved
     free = np.zeros((reduced.free.size, llr.size), np.uint8)
     free[np.arange(reduced.free.size), reduced.free] = 1
     free[:, reduced.pivots] = reduced.weights.T
@@ -161,11 +166,10 @@ def ordered_statistics(
     M. Fossorier, S. Lin, "Soft-decision decoding of linear block codes based on ordered statistics", IEEE
     Trans. Inf. Theory 41, 1995.
     """
-    reduced = _reduce(equations, parity, np.abs(llr))
-    if reduced is None:
+    solved = _reduce(equations, parity, llr)
+    if solved is None:
         return None
-    bits = (llr < 0).astype(np.uint8)
-    reduced.fill_pivots(bits)
+    reduced, bits = solved
     price = np.rint(np.abs(llr_ch) * np.float32(COST_SCALE)).astype(np.int32)
     price = np.where(bits == (llr_ch < 0), price, -price)  # of inverting a bit
     flips = np.zeros(reduced.free.size, np.uint8)

@@ -1,5 +1,6 @@
 """Turbo encoding of all bit planes of a frame together, one machine word per bit position."""
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -11,13 +12,26 @@ from dvc.turbo.interleaver import copy_layout
 from dvc.turbo.puncturing import release_order
 
 
-def check_planes(bits: NDArray[np.uint8]) -> None:
-    """Refuse anything but bit planes.
+def by_words(
+    bits: NDArray[np.uint8],
+    function: Callable[[NDArray[np.uint64]], NDArray[np.uint64]],
+    num_results: int | None = None,
+) -> NDArray[np.uint8]:
+    """Apply to bit planes what works on 64 of them at once.
 
     Parameters
     ----------
     bits : ndarray of shape (P, N), uint8
         Planes, each element 0 or 1.
+    function : callable
+        From words, in which bit p of word n is bit n of plane p, to such words.
+    num_results : int, optional
+        How many of these; N by default.
+
+    Returns
+    -------
+    ndarray of shape (P, num_results), uint8
+        The results of every plane.
 
     Raises
     ------
@@ -26,6 +40,19 @@ def check_planes(bits: NDArray[np.uint8]) -> None:
     ValueError
         If the shape or a value is wrong.
     """
+    _check_planes(bits)
+    num_results = bits.shape[1] if num_results is None else num_results
+    results = np.empty((bits.shape[0], num_results), np.uint8)
+    words = np.empty(bits.shape[1], np.uint64)
+    positions = np.arange(num_results, dtype=np.int32)
+    for first in range(0, bits.shape[0], 64):
+        group = slice(first, min(first + 64, bits.shape[0]))
+        _kernels.pack_words(bits[group], words)
+        _kernels.gather_bits(function(words), positions, results[group])
+    return results
+
+
+def _check_planes(bits: NDArray[np.uint8]) -> None:
     if not isinstance(bits, np.ndarray) or bits.dtype != np.uint8:
         raise TypeError(f"`bits` must be an array of uint8, got {getattr(bits, 'dtype', type(bits))}")
     if bits.ndim != 2 or bits.shape[1] < 1:
@@ -107,13 +134,4 @@ def encode_planes(bits: NDArray[np.uint8], code: TurboCode, interleaver_seed: in
     TypeError, ValueError
         If `bits` are not planes of bits.
     """
-    check_planes(bits)
-    num_planes, num_bits = bits.shape
-    parity = np.empty((num_planes, num_bits), np.uint8)
-    words = np.empty(num_bits, np.uint64)
-    positions = np.arange(num_bits, dtype=np.int32)
-    for first in range(0, num_planes, 64):
-        group = slice(first, min(first + 64, num_planes))
-        _kernels.pack_words(bits[group], words)
-        _kernels.gather_bits(encode_words(words, code, interleaver_seed), positions, parity[group])
-    return parity
+    return by_words(bits, lambda words: encode_words(words, code, interleaver_seed))

@@ -11,6 +11,8 @@ References
 Wyner-Ziv video coding", IEEE Trans. Circuits Syst. Video Technol. 18(9), 2008, Eqs. (9)-(16).
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
@@ -28,64 +30,19 @@ GAINS = 2.0 ** (np.arange(-6, 16) / GAINS_PER_OCTAVE)
 """Factors tried when a scale is fitted to what has been decoded."""
 
 
-def frame_scale(residual: Array) -> Array:
-    """Frame level: one scale for all coefficients of all bands.
-
-    Parameters
-    ----------
-    residual : ndarray of shape (bands, rows, columns), float64
-        Transform of half the difference of the compensated references.
-
-    Returns
-    -------
-    ndarray of the same shape, float64
-        Scale of each coefficient.
-
-    References
-    ----------
-    [Brites2008] Eq. (9), with the variance over all bands.
-    """
+def _frame_scale(residual: Array) -> Array:
+    """One scale for all coefficients of all bands: [Brites2008] Eq. (9), with the variance over all bands."""
     return np.full(residual.shape, max(float(np.sqrt(np.mean(residual**2) / 2.0)), MIN_SCALE))
 
 
-def band_scale(residual: Array) -> Array:
-    """Band level: one scale per band.
-
-    Parameters
-    ----------
-    residual : ndarray of shape (bands, rows, columns), float64
-        Transform of half the difference of the compensated references.
-
-    Returns
-    -------
-    ndarray of the same shape, float64
-        Scale of each coefficient.
-
-    References
-    ----------
-    [Brites2008] Eqs. (11), (12).
-    """
+def _band_scale(residual: Array) -> Array:
+    """One scale per band: [Brites2008] Eqs. (11), (12)."""
     scale = np.sqrt(np.mean(residual**2, axis=(1, 2), keepdims=True) / 2.0)
     return np.broadcast_to(np.maximum(scale, MIN_SCALE), residual.shape).copy()
 
 
-def coefficient_scale(residual: Array) -> Array:
-    """Coefficient level: a block with an unusual residual gets its own scale, all others the band's.
-
-    Parameters
-    ----------
-    residual : ndarray of shape (bands, rows, columns), float64
-        Transform of half the difference of the compensated references.
-
-    Returns
-    -------
-    ndarray of the same shape, float64
-        Scale of each coefficient.
-
-    References
-    ----------
-    [Brites2008] Eqs. (13)-(16).
-    """
+def _coefficient_scale(residual: Array) -> Array:
+    """A block with an unusual residual gets its own scale, all others the band's: Eqs. (13)-(16)."""
     magnitude = np.abs(residual)
     variance = np.mean(residual**2, axis=(1, 2), keepdims=True)
     distance = (magnitude - magnitude.mean(axis=(1, 2), keepdims=True)) ** 2
@@ -94,32 +51,22 @@ def coefficient_scale(residual: Array) -> Array:
     return bounded
 
 
-def local_scale(residual: Array) -> Array:
-    """Local level: a mixture of the band's, the neighbourhood's and the coefficient's own residual.
-
-    Parameters
-    ----------
-    residual : ndarray of shape (bands, rows, columns), float64
-        Transform of half the difference of the compensated references.
-
-    Returns
-    -------
-    ndarray of the same shape, float64
-        Scale of each coefficient.
-    """
+def _local_scale(residual: Array) -> Array:
+    """Mix the band's, the neighbourhood's and the coefficient's own residual."""
     magnitude: Array = np.abs(residual)
     neighbourhood: Array = uniform_filter(magnitude, size=(1, 3, 3), mode="nearest")
     band: Array = magnitude.mean(axis=(1, 2), keepdims=True)
     return MIN_SCALE + 0.3 * band + 0.5 * neighbourhood + 0.3 * magnitude
 
 
-MODELS = {
-    "frame": frame_scale,
-    "band": band_scale,
-    "coefficient": coefficient_scale,
-    "local": local_scale,
+MODELS: dict[str, Callable[[Array], Array]] = {
+    "frame": _frame_scale,
+    "band": _band_scale,
+    "coefficient": _coefficient_scale,
+    "local": _local_scale,
 }
-"""Residual to scale, by the name that the configuration uses."""
+"""By the name that the configuration uses: from the residual, of shape (bands, rows, columns), which is the
+transform of half the difference of the compensated references, to the scale of each coefficient."""
 
 
 def texture(bands: Array, band: int) -> Array:

@@ -74,21 +74,3 @@ def bin_edges(levels: int, step: float | None) -> NDArray[np.float64]:
     positive = np.arange(1, levels // 2 + 1) * step
     edges: NDArray[np.float64] = np.concatenate([-positive[::-1], positive])
     return edges
-
-
-def quantize(coefficients: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the bin of every coefficient; those beyond the last border fall into the last bin.
-
-    Parameters
-    ----------
-    coefficients : ndarray, float64
-        Any shape.
-    edges : ndarray of shape (num_bins + 1,), float64
-        From `bin_edges`.
-
-    Returns
-    -------
-    ndarray of the same shape, int64
-        Bin numbers in [0, num_bins).
-    """
-    return np.searchsorted(edges[1:-1], coefficients, side="right")

@@ -11,11 +11,12 @@ from dvc.config import NOISE_MODELS, CodecConfig, TurboConfig, VideoConfig, Wyne
 from dvc.metrics import psnr_db
 from dvc.turbo import drive
 from dvc.video import Frame
-from dvc.wynerziv import quantizer, transform
+from dvc.wynerziv import transform
 from dvc.wynerziv.buffered import quantize_frame
 from dvc.wynerziv.layout import FrameLayout
 from encoder.wyner_ziv import WynerZivEncoder
 from tests.clips import moving_texture
+from tests.reference.wynerziv_planes import quantize
 
 HEIGHT, WIDTH = 30, 44
 
@@ -46,7 +47,7 @@ def noisy_prediction(original: Frame, noise: float, seed: int = 0) -> Prediction
 
 def bins_of(layout: FrameLayout, luma: np.ndarray, steps: dict[int, int]) -> list[np.ndarray]:
     bands = transform.forward(luma).reshape(transform.NUM_BANDS, -1)
-    return [quantizer.quantize(bands[band], layout.edges(band, steps)) for band in layout.bands]
+    return [quantize(bands[band], layout.edges(band, steps)) for band in layout.bands]
 
 
 @pytest.fixture(scope="module")

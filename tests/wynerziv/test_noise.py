@@ -134,17 +134,17 @@ def test_identical_references_give_the_smallest_scale(name: str) -> None:
 def test_band_scale_is_constant_in_each_band() -> None:
     """The band model tells bands apart, the frame model does not."""
     residual = np.random.default_rng(4).normal(0.0, 1.0, (16, 8, 8)) * np.arange(1, 17)[:, None, None]
-    band = noise.band_scale(residual)
+    band = noise.MODELS["band"](residual)
     np.testing.assert_array_equal(band, band[:, :1, :1] * np.ones((1, 8, 8)))
     assert band[15, 0, 0] > 5 * band[0, 0, 0]
-    assert np.unique(noise.frame_scale(residual)).size == 1
+    assert np.unique(noise.MODELS["frame"](residual)).size == 1
 
 
 def test_coefficient_scale_raises_unusual_blocks() -> None:
     """A block with an outstanding residual gets a scale above its band's, all others the band's."""
     residual = np.random.default_rng(5).normal(0.0, 1.0, (1, 10, 10)).clip(-1, 1)
     residual[0, 4, 4] = 40.0
-    scale = noise.coefficient_scale(residual)
+    scale = noise.MODELS["coefficient"](residual)
     assert scale[0, 4, 4] == pytest.approx((40.0 - np.abs(residual).mean()) / np.sqrt(2.0))
     assert np.unique(np.delete(scale.ravel(), 44)).size == 1
 
