@@ -1,8 +1,12 @@
 """Tracks within a budget of bits: a group with more of them keeps the best."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dvc.config import CodecConfig
 from dvc.tracks import PointTracks, encode_tracks
-from encoder.tracking import thinned
+
+Floats = NDArray[np.float64]
 
 MIN_TRACKS = 32
 """Tracks that a group keeps at any cost: cameras have eleven unknowns."""
@@ -32,3 +36,32 @@ def encode_within_budget(tracks: PointTracks, config: CodecConfig, max_bpp: floa
         tracks = thinned(tracks, max(count, MIN_TRACKS))
         payload = encode_tracks(tracks, config)
     return payload
+
+
+def thinned(tracks: PointTracks, count: int) -> PointTracks:
+    """Keep the tracks that tell the most: those that last longest, and of these the first.
+
+    Parameters
+    ----------
+    tracks : PointTracks
+        Points of strong corners first, as `PointTracker.close` returns them.
+    count : int
+        Number of tracks to keep.
+
+    Returns
+    -------
+    PointTracks
+        At most `count`, in the order they had; the same share of both directions of time, because those
+        that were followed back do not last as long.
+    """
+    count = min(count, len(tracks))
+    num_backward = count * tracks.num_backward // max(len(tracks), 1)
+    forward = _longest(tracks.forward, count - num_backward)
+    backward = _longest(tracks.backward, num_backward)
+    return PointTracks(np.concatenate([forward, backward]), num_backward)
+
+
+def _longest(positions: Floats, count: int) -> Floats:
+    lifetime = np.isfinite(positions[:, :, 0]).sum(axis=1)
+    kept: Floats = positions[np.sort(np.argsort(-lifetime, kind="stable")[:count])]
+    return kept

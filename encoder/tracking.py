@@ -199,32 +199,3 @@ def _nearest(points: Integers, others: Floats) -> tuple[Floats, NDArray[np.intp]
         return np.full(len(points), np.inf), np.zeros(len(points), np.intp)
     distances = np.hypot(*(points[:, None] - others[None]).transpose(2, 0, 1))
     return distances.min(axis=1), distances.argmin(axis=1)
-
-
-def thinned(tracks: PointTracks, count: int) -> PointTracks:
-    """Keep the tracks that tell the most: those that last longest, and of these the first.
-
-    Parameters
-    ----------
-    tracks : PointTracks
-        Points of strong corners first, as `PointTracker.close` returns them.
-    count : int
-        Number of tracks to keep.
-
-    Returns
-    -------
-    PointTracks
-        At most `count`, in the order they had; the same share of both directions of time, because those
-        that were followed back do not last as long.
-    """
-    count = min(count, len(tracks))
-    num_backward = count * tracks.num_backward // max(len(tracks), 1)
-    forward = _longest(tracks.forward, count - num_backward)
-    backward = _longest(tracks.backward, num_backward)
-    return PointTracks(np.concatenate([forward, backward]), num_backward)
-
-
-def _longest(positions: Floats, count: int) -> Floats:
-    lifetime = np.isfinite(positions[:, :, 0]).sum(axis=1)
-    kept: Floats = positions[np.sort(np.argsort(-lifetime, kind="stable")[:count])]
-    return kept

@@ -9,12 +9,12 @@ from typing import Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.config import MAX_SIDE_PX
 from dvc.errors import VideoError
 
 Plane = NDArray[np.uint8]
 
 NEUTRAL_CHROMA = 128
-MAX_SIDE_PX = 16384
 MAX_PIXELS = 2**26
 
 

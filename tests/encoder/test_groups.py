@@ -17,7 +17,8 @@ from encoder.__main__ import main
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, tracked_groups
 from encoder.session import EncoderSession
-from encoder.tracking import PointTracker, thinned
+from encoder.track_budget import thinned
+from encoder.tracking import PointTracker
 from tests.clips import moving_texture, write_clip
 
 SLOW = moving_texture(12, 96, 128, (0.0, 1.0))
