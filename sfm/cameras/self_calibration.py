@@ -71,8 +71,6 @@ class SelfCalibration:
         M, the bound on the depths.
     reason : str
         Why there is no solution; empty if there is one.
-    dropped : str
-        Which points were dropped and why; empty if none.
     """
 
     camera: Floats
@@ -80,7 +78,6 @@ class SelfCalibration:
     kept: Mask
     depth_ratio: float
     reason: str
-    dropped: str
 
     @property
     def success(self) -> bool:
@@ -182,7 +179,7 @@ def self_calibration(
 
 
 def _failure(num: int, reason: str) -> SelfCalibration:
-    return SelfCalibration(np.eye(3, 4), np.ones(num), np.zeros(num, dtype=bool), 1.0, reason, "")
+    return SelfCalibration(np.eye(3, 4), np.ones(num), np.zeros(num, dtype=bool), 1.0, reason)
 
 
 def _projective_depths(
@@ -268,9 +265,4 @@ def _apply(
     # P is only defined up to scale: the unit of depth scales t alone, the norm scales all of P.
     found = np.column_stack([camera[:, :3] - np.outer(t, solution.a), solution.q * t])
     found *= math.sqrt(3.0 / float((found * found).sum()))
-    causes = [
-        (len(kept) - int(np.count_nonzero(same_side)), "on the wrong side of a camera"),
-        (int(np.count_nonzero(~solution.kept)), "without bounded depth"),
-    ]
-    dropped = ", ".join(f"{count} {cause}" for count, cause in causes if count)
-    return SelfCalibration(found, depths, kept, ratio, "", dropped)
+    return SelfCalibration(found, depths, kept, ratio, "")

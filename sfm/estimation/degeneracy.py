@@ -64,23 +64,10 @@ class MotionClass:
         all; ``none``: no motion; ``unknown``: too little to go by.
     reason : str
         One line that says why.
-    homography : ndarray of shape (3, 3), float64
-        The second image from the first, as well as one homography can; the identity where there is none.
-    noise_px : float
-        Standard deviation of a point along one axis that was assumed.
-    parallax_px : float
-        Ninth decile of the motion that the homography leaves.
-    gric_advantage : float
-        Criterion of the homography less that of the fundamental matrix, per point; negative favours the
-        homography.
     """
 
     kind: MotionKind
     reason: str
-    homography: Floats
-    noise_px: float = 0.0
-    parallax_px: float = 0.0
-    gric_advantage: float = 0.0
 
 
 def gric(squared_px2: Floats, sigma_px: float, dimension: int, num_parameters: int) -> float:
@@ -125,7 +112,7 @@ def classify_motion(
     correspondences : Correspondences
         Points in pixels.
     calibration : WeakCalibration
-        What `sfm.estimation.weak_calibration.weak_calibration` made of them.
+        What weak calibration made of them.
     rng : Generator
         Source of randomness.
     settings : DegeneracySettings, optional
@@ -140,18 +127,16 @@ def classify_motion(
     finite = np.isfinite(correspondences.motion).all(axis=1)
     num = int(np.count_nonzero(finite))
     if num < settings.min_num_points:
-        return MotionClass(
-            "unknown", f"{num} correspondences, {settings.min_num_points} are needed", np.eye(3)
-        )
+        return MotionClass("unknown", f"{num} correspondences, {settings.min_num_points} are needed")
     motion = np.hypot(*correspondences.motion[finite].T)
     if np.quantile(motion, 0.9) < settings.min_motion_px:
         reason = f"nine tenths of the points move less than {settings.min_motion_px:g} px"
-        return MotionClass("none", reason, np.eye(3))
+        return MotionClass("none", reason)
     if not calibration.success:
-        return MotionClass("unknown", calibration.reason, np.eye(3))
+        return MotionClass("unknown", calibration.reason)
     agreeing = correspondences[calibration.inliers]
     if _spread(agreeing.first) < settings.min_spread_px:
-        return MotionClass("unknown", "all points lie near a straight line", np.eye(3))
+        return MotionClass("unknown", "all points lie near a straight line")
     return _compare(agreeing, calibration, rng, settings)
 
 
@@ -173,7 +158,7 @@ def _compare(
     found = mapsac(estimator, settings.search, rng)
     found = lo_ransac(estimator, found, settings.search, rng)
     if found.model is None:
-        return MotionClass("unknown", "no homography could be fitted for comparison", np.eye(3))
+        return MotionClass("unknown", "no homography could be fitted for comparison")
     to_lines = calibration.residuals_px[calibration.inliers]
     noise_px = max(settings.min_noise_px, noise_scale(to_lines, 7))
     difference = gric(found.residuals_px**2, noise_px, 2, 8) - gric(to_lines**2, noise_px, 3, 7)
@@ -181,13 +166,11 @@ def _compare(
     parallax = math.sqrt(2.0) * found.residuals_px
     least = max(settings.min_parallax_px, 3.0 * math.sqrt(2.0) * noise_px)
     share = float((parallax > least).mean())
-    decile = float(np.quantile(parallax, 0.9))
-    facts = (estimator.to_pixels(found.model), noise_px, decile, difference / len(agreeing))
     unsure = difference <= 0 and share < settings.sure_parallax_share
     if unsure or share < settings.min_parallax_share:
         reason = (
             f"a homography explains {100 * (1 - share):.0f} % of the points within {least:.2f} px: "
             "the camera only turned, or the scene is distant or planar"
         )
-        return MotionClass("rotation", reason, *facts)
-    return MotionClass("general", f"{100 * share:.0f} % of the points show parallax", *facts)
+        return MotionClass("rotation", reason)
+    return MotionClass("general", f"{100 * share:.0f} % of the points show parallax")

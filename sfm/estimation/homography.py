@@ -64,20 +64,3 @@ class HomographyEstimator(TwoViewEstimator):
             normal = np.einsum("nki,nkj->ij", rows, rows)
             model = np.linalg.eigh(normal)[1][:, 0].reshape(3, 3)
         return model
-
-    def to_pixels(self, model: Floats) -> Floats:
-        """Convert a homography to pixels.
-
-        Parameters
-        ----------
-        model : ndarray of shape (3, 3), float64
-            In the coordinates of `scale`.
-
-        Returns
-        -------
-        ndarray of shape (3, 3), float64
-            In pixels, third diagonal entry 1 where it is not 0.
-        """
-        a, b = self.scale.matrices()
-        pixels: Floats = np.linalg.inv(b) @ model @ a
-        return pixels / pixels[2, 2] if abs(pixels[2, 2]) > 1e-12 else pixels

@@ -21,8 +21,8 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     import cv2
 
     folder = tmp_path_factory.mktemp("pictures")
-    for name, late in (("a", 0.0), ("b", 1.0)):
-        cv2.imwrite(str(folder / f"{name}.png"), render(late, FRAME)[0])
+    for name, position in (("a", 0.0), ("b", 1.0)):
+        cv2.imwrite(str(folder / f"{name}.png"), render(position, FRAME)[0])
     return str(folder / "a.png"), str(folder / "b.png")
 
 

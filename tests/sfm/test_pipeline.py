@@ -21,7 +21,7 @@ from tests.scenes_3d import camera_at, render
 from tests.sfm.textures import picture, texture
 
 FRAME = PixelFrame(176, 144)
-FIRST, SECOND = (render(late, FRAME)[0] for late in (0.0, 1.0))
+FIRST, SECOND = (render(position, FRAME)[0] for position in (0.0, 1.0))
 TRUTH = unit_norm(fundamental_to_pixels(fundamental_from_camera(camera_at(1.0)), FRAME))
 TEXTURE = texture(2)
 ZOOM = np.array([[0.93, 0.0, 6.0], [0.0, 0.93, 5.0], [0.0, 0.0, 1.0]])

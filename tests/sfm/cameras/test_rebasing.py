@@ -13,7 +13,7 @@ FRAME = PixelFrame(96, 80)
 def test_the_model_of_two_other_views_sees_what_they_see() -> None:
     """Correspondences, depths and epipolar geometry are those of the two views; other cameras convert."""
     model = two_planes(noise_px=0.0)
-    cameras = [camera_at(late) for late in (0.25, 0.75, 0.5)]
+    cameras = [camera_at(position) for position in (0.25, 0.75, 0.5)]
     rebased = rebase(model, cameras[0], cameras[1])
     assert rebased is not None
     for camera, seen in zip(cameras, (rebased.model.correspondences.first, None, None), strict=True):

@@ -54,23 +54,12 @@ def test_a_plane_that_hides_most_of_the_scene(seed: int) -> None:
     assert motion_of(Correspondences.concatenate([plane, rest])).kind == "general"
 
 
-def test_the_homography_of_a_rotation() -> None:
-    """The homography that comes with the verdict maps the first image on to the second."""
-    scene = two_views(200, "rotation", noise_px=0.1, outlier_share=0.1)
-    found = motion_of(scene.measured)
-    mapped = np.column_stack([scene.exact.first, np.ones(200)]) @ found.homography.T
-    assert np.abs(mapped[:, :2] / mapped[:, 2:] - scene.exact.second).max() < 0.15
-    assert found.gric_advantage < 0
-    assert found.parallax_px < 1.0
-
-
 @pytest.mark.parametrize(("name", "pairs"), odd_correspondences().items())
 def test_odd_inputs_have_a_kind(name: str, pairs: Correspondences) -> None:
     """No input raises or warns, and none passes for a scene with depth."""
     found = motion_of(pairs)
     assert found.kind in {"none", "unknown", "rotation"}
     assert found.kind == "none" or name != "no motion"
-    assert np.isfinite(found.homography).all()
 
 
 def test_homographies_are_exact_on_exact_matches() -> None:
