@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.figures.harness import Setting, Usage
 from benchmarks.figures.house import golden, revisions, times
-from benchmarks.figures.house.sources import Source, entries, upward_imports
+from benchmarks.figures.house.sources import Packages, Source, entries, reason
 from dvc.errors import DvcError
 
 TEXT = '''"""A module."""
@@ -43,23 +43,40 @@ def test_lines_of_code_are_counted() -> None:
 
 def test_functions_are_measured() -> None:
     """A function has the lines of code from its `def`, and so has one within it."""
-    assert dict(Source("a.py", TEXT).functions()) == {"a.py:f": 7, "a.py:inner": 2}
+    assert dict(Source("a.py", TEXT).functions()) == {"a.py:7 f": 7, "a.py:16 inner": 2}
 
 
 def test_arrows_run_upward() -> None:
     """Imports of what lies above are found, in functions too; those of what lies below are not."""
-    found = [
+    found = (
         Source("dvc/rd/sources.py", "import sequences.catalogue\nfrom dvc import rd"),
         Source("dvc/__init__.py", "def f():\n    from dvc import rd"),
         Source("sfm/model.py", "from dvc.multiview import cameras"),
         Source("encoder/session.py", "from dvc import multiview, stream\nimport dvcx, sfmx"),
         Source("decoder/session.py", "from sfm.pipeline import reconstruct"),
-    ]
-    assert upward_imports(found) == [
+    )
+    assert Packages(found).upward_imports() == [
         "dvc.rd.sources -> sequences",
         "dvc -> dvc.rd",
         "encoder.session -> dvc.multiview",
     ]
+
+
+def test_long_sources_are_found() -> None:
+    """A function above the limit of code is too long, and so is a file above that of lines; comments tell."""
+    comments, code = "    # A reason.\n" * 400, "    x = 1\n" * 40
+    packages = Packages(
+        (Source("dvc/a.py", f"def f():\n{code}"), Source("dvc/b.py", f"def f():\n{comments}    x = 1"))
+    )
+    assert packages.long_functions() == {"dvc/a.py:1 f": 41}
+    assert packages.long_files() == {"dvc/b.py": 401}
+    assert packages.num_code_lines() == 43
+
+
+def test_kernels_have_a_reason_to_be_long() -> None:
+    """Compiled loops share a file; others are to say why they are long."""
+    assert reason("dvc/turbo/_kernels.py")
+    assert reason("dvc/turbo/nowhere.py") is None
 
 
 def test_private_modules_are_no_entries(tmp_path: Path) -> None:
