@@ -100,9 +100,9 @@ def test_links_lead_to_files(document: Path) -> None:
 def test_documents_name_modules_that_exist(document: Path) -> None:
     """Every path and dotted name of a module in a document is one of the project."""
     text = document.read_text(encoding="utf-8")
-    paths = re.findall(r"`((?:dvc|encoder|decoder|sequences|benchmarks|tests|docs)/[\w/.]*)`", text)
+    paths = re.findall(r"`((?:dvc|encoder|decoder|sfm|sequences|benchmarks|tests|docs)/[\w/.]*)`", text)
     missing = [path for path in paths if path not in MEASURED and not (ROOT / path).exists()]
-    for name in re.findall(r"`((?:dvc|encoder|decoder|sequences)(?:\.\w+)+)`", text):
+    for name in re.findall(r"`((?:dvc|encoder|decoder|sfm|sequences|benchmarks)(?:\.\w+)+)`", text):
         parts = name.split(".")
         stems = [ROOT.joinpath(*parts[:count]) for count in range(len(parts), 1, -1)]
         if parts[-1] != "py" and not any(
@@ -110,6 +110,21 @@ def test_documents_name_modules_that_exist(document: Path) -> None:
         ):
             missing.append(name)
     assert missing == []
+
+
+def test_structure_has_every_room() -> None:
+    """Every folder of the packages is a row of docs/structure.md that names its public modules, no others."""
+    text = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")
+    rooms = {
+        room: set(re.findall(r"`(\w+\.py)`", modules))
+        for room, modules in re.findall(r"^\| `([\w/]+)/` \| (.*) \|$", text, flags=re.MULTILINE)
+    }
+    found: dict[str, set[str]] = {}
+    for package in ("dvc", "encoder", "decoder", "sfm", "sequences", "benchmarks"):
+        for path in (ROOT / package).rglob("*.py"):
+            room = found.setdefault(path.parent.relative_to(ROOT).as_posix(), set())
+            room |= set() if path.name.startswith("_") and path.name != "_jit.py" else {path.name}
+    assert rooms == {room: modules for room, modules in found.items() if modules}
 
 
 def test_keys_of_references_are_listed() -> None:
