@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dvc import cli
 from dvc.config import (
+    DEFAULT_CODEC,
     KEY_FRAME_CHOICES,
     MAX_BIRTHS,
     MAX_GOP_LENGTH,
@@ -34,9 +35,9 @@ if TYPE_CHECKING:
 
 PROG = "dvc-encode"
 EXAMPLES = """\
-  dvc-encode street.mkv street.dvc --wz-q 4           every second frame Wyner-Ziv coded, quantiser preset 4
-  dvc-encode video.mp4 out.dvc --gop 4 --references hierarchical --luma-only --frames 101
-  dvc-encode video.mp4 out.dvc --codec 3d-te --gop 10 --points 100 --lost-tracks 0.4
+  dvc-encode street.mkv street.dvc --wz-q 4           the best codec at quantiser preset 4
+  dvc-encode video.mp4 out.dvc --gop 10 --points 100 --lost-tracks 0.4 --luma-only --frames 101
+  dvc-encode video.mp4 out.dvc --codec 2d             every second frame predicted by block motion
   dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
@@ -185,7 +186,7 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
     add(
         "--codec",
         choices=VARIANTS,
-        default="2d",
+        default=DEFAULT_CODEC,
         help="what predicts frames: "
         + "; ".join(f"{name}: {variant.summary}" for name, variant in VARIANTS.items())
         + "; default: %(default)s",

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dvc.config import DEFAULT_CODEC
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
@@ -26,6 +27,8 @@ from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render
 
 PATIENCE_S = 120
+CODING = ("--codec", "2d", "--wz-q", 3)
+"""Two groups of pictures with a Wyner-Ziv frame each."""
 
 
 def start(module: str, *arguments: object, **options: Any) -> subprocess.Popen[str]:
@@ -87,7 +90,7 @@ def clip(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def stream(folder: Path, clip: Path) -> Path:
-    run("encoder", clip, folder / "clip.dvc", "--wz-q", 3, "--json", folder / "encoder.json")
+    run("encoder", clip, folder / "clip.dvc", *CODING, "--json", folder / "encoder.json")
     return folder / "clip.dvc"
 
 
@@ -106,7 +109,7 @@ def buffered(folder: Path, clip: Path, stream: Path) -> Run:
 
 @pytest.fixture(scope="module")
 def live(folder: Path, clip: Path) -> Run:
-    encoder = start("encoder", clip, "--wz-q", 3, "--serve", "127.0.0.1:0", "--timeout", PATIENCE_S)
+    encoder = start("encoder", clip, *CODING, "--serve", "127.0.0.1:0", "--timeout", PATIENCE_S)
     with encoder:
         decoded = decode(
             folder, "live", clip, "--connect", f"127.0.0.1:{listening_port(encoder)}", "--timeout", PATIENCE_S
@@ -169,7 +172,8 @@ def test_scene_prediction_is_the_same_in_every_form(
     folder: Path, scene_clip: Path, codec: str, references: str, gop: int
 ) -> None:
     """3D side information: any number of jobs, a fresh punctured decoding and a live run agree to the bit."""
-    coding = ["--codec", codec, "--gop", gop, "--references", references, "--wz-q", 2, "--key-qp", 20]
+    coding = ["--gop", gop, "--references", references, "--wz-q", 2, "--key-qp", 20]
+    coding += [] if codec == DEFAULT_CODEC else ["--codec", codec]
     run("encoder", scene_clip, folder / "scene.dvc", *coding)
     first = decode(folder, "scene_1", scene_clip, folder / "scene.dvc")
     wyner_ziv = [frame for frame in first.report["per_frame"] if frame["type"] == "wz"]
@@ -237,7 +241,7 @@ def test_side_information_video_holds_what_was_predicted(clip: Path, buffered: R
 
 def test_encoding_twice_gives_the_same_bytes(folder: Path, clip: Path, stream: Path) -> None:
     """A second encoder process writes the same stream, and its report knows the size."""
-    run("encoder", clip, folder / "twice.dvc", "--wz-q", 3)
+    run("encoder", clip, folder / "twice.dvc", *CODING)
     assert (folder / "twice.dvc").read_bytes() == stream.read_bytes()
     report = json.loads((folder / "encoder.json").read_text())
     assert report["stream_bytes"] == stream.stat().st_size
@@ -295,7 +299,7 @@ def test_interrupt_leaves_nothing(tmp_path: Path, clip: Path) -> None:
 @pytest.fixture
 def served(clip: Path) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
     """An encoder that waits with a patience of one second, and a connection to it."""
-    with start("encoder", clip, "--serve", "127.0.0.1:0", "--timeout", 1, "--wz-q", 1) as encoder:
+    with start("encoder", clip, "--serve", "127.0.0.1:0", "--timeout", 1, *CODING) as encoder:
         with socket.create_connection(("127.0.0.1", listening_port(encoder)), PATIENCE_S) as peer:
             yield encoder, peer
         encoder.kill()

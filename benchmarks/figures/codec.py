@@ -58,7 +58,7 @@ def decode_time(setting: Setting, clip: str, limit_s: float) -> Measured:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         for frames in (3, setting.choose(21, 5)):
-            encode(clip, folder / "s.dvc", "--wz-q", FINEST, "--frames", frames)
+            encode(clip, folder / "s.dvc", "--codec", "2d", "--wz-q", FINEST, "--frames", frames)
             arguments = [
                 folder / "s.dvc",
                 folder / "v.y4m",
@@ -85,7 +85,7 @@ def decode_jobs(setting: Setting, clip: str) -> Measured:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         quantiser, frames = setting.choose(FINEST, 1), setting.choose(61, 9)
-        encode(clip, folder / "s.dvc", "--wz-q", quantiser, "--frames", frames)
+        encode(clip, folder / "s.dvc", "--codec", "2d", "--wz-q", quantiser, "--frames", frames)
         walls_s = {}
         for jobs in (1, 2):
             outputs = [folder / f"{jobs}.y4m", "--punctured", folder / f"{jobs}.dvc"]
@@ -147,7 +147,7 @@ def short_encode_time(setting: Setting, clip: str) -> Measured:
     """Time the encoding of three QCIF frames, process start included, with the compiled kernels on disk."""
     source = clip_source(clip).path.absolute()
     with tempfile.TemporaryDirectory() as scratch:
-        arguments = [source, Path(scratch) / "s.dvc", "--frames", 3, "--quiet"]
+        arguments = [source, Path(scratch) / "s.dvc", "--codec", "2d", "--frames", 3, "--quiet"]
         runs = [run_module("encoder", arguments) for _ in range(1 + setting.choose(5, 2))][1:]
     times_s = [run.wall_s for run in runs]
     median_s = statistics.median(times_s)
@@ -182,9 +182,8 @@ def _peaks_mib(clip: str, folder: Path, num_frames: int, quantiser: int) -> dict
     """Encode and decode a looped sequence; return the peak memory of either."""
     video, stream = folder / "v.mkv", folder / "s.dvc"
     looped_clip(clip, video, num_frames)
-    encoding = run_module(
-        "encoder", [video, stream, "--wz-q", quantiser, "--json", folder / "e.json", "--quiet"]
-    )
+    options = ["--codec", "2d", "--wz-q", quantiser, "--json", folder / "e.json", "--quiet"]
+    encoding = run_module("encoder", [video, stream, *options])
     outputs = [folder / "d.y4m", "--punctured", folder / "p.dvc", "--json", folder / "d.json"]
     decoding = run_module("decoder", [stream, *outputs, "--reference", video, "--jobs", 2, "--quiet"])
     return {"encoder": encoding.peak_bytes / 2**20, "decoder": decoding.peak_bytes / 2**20}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dvc import cli
-from dvc.config import VARIANTS
+from dvc.config import DEFAULT_CODEC, VARIANTS
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.points import ANCHORS
 
@@ -103,7 +103,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     add = run.add_argument
     add("sequences", nargs="*", metavar="SEQUENCE", help="name of the catalogue, or a video file")
     add("--spec", type=Path, metavar="FILE.toml", help="sweeps; options given here override the file")
-    add("--codec", choices=VARIANTS, help="default: 2d")
+    add("--codec", choices=VARIANTS, help=f"default: {DEFAULT_CODEC}")
     add("--wz-q", metavar="LIST", help="quantiser presets, such as 1,4,8; default: 1-8")
     add("--key-qp", metavar="LIST", help="auto, one QP, or one for each preset; default: auto")
     add("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")

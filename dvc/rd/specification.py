@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from dvc.config import key_qp_for, variant_of
+from dvc.config import DEFAULT_CODEC, key_qp_for, variant_of
 from dvc.errors import ConfigError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.points import ANCHORS, Point, is_intra
@@ -45,7 +45,7 @@ class Sweep:
     """
 
     sequences: tuple[str, ...] = ()
-    codec: str = "2d"
+    codec: str = DEFAULT_CODEC
     wz_q: tuple[int, ...] = tuple(range(1, 9))
     key_qp: tuple[str, ...] = ("auto",)
     gop: int | None = None

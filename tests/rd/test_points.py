@@ -71,7 +71,7 @@ def test_colour_is_coded_without_the_flag() -> None:
 
 def test_anchor_has_the_qps_of_the_sweep_and_its_own() -> None:
     """The intra anchor covers the key QPs of all presets."""
-    sweep = Sweep(("clip",), wz_q=(1, 8), anchors=("intra",), anchor_qp=(20, 44))
+    sweep = Sweep(("clip",), "2d", wz_q=(1, 8), anchors=("intra",), anchor_qp=(20, 44))
     anchors = [point for point in sweep.points() if point.codec == INTRA]
     assert [point.key_qp for point in anchors] == ["20", str(key_qp_for(8)), str(key_qp_for(1)), "44"]
     assert {point.gop for point in anchors} == {1}
@@ -80,15 +80,15 @@ def test_anchor_has_the_qps_of_the_sweep_and_its_own() -> None:
 
 def test_key_qps_go_with_the_presets() -> None:
     """One key QP per preset is taken in order."""
-    points = expand([Sweep(("clip",), wz_q=(1, 2), key_qp=("40", "30"))])
+    points = expand([Sweep(("clip",), "2d", wz_q=(1, 2), key_qp=("40", "30"))])
     assert [(point.wz_q, point.key_qp) for point in points] == [(1, "40"), (2, "30")]
 
 
 def test_points_of_several_sweeps_are_listed_once() -> None:
     """The same point of two sweeps is measured once."""
     sweeps = [
-        Sweep(("clip",), wz_q=(1, 2), anchors=("intra",)),
-        Sweep(("clip",), wz_q=(2, 3), anchors=("intra",)),
+        Sweep(("clip",), "2d", wz_q=(1, 2), anchors=("intra",)),
+        Sweep(("clip",), "2d", wz_q=(2, 3), anchors=("intra",)),
     ]
     points = expand(sweeps)
     assert len(points) == len(set(points))
@@ -171,7 +171,7 @@ def test_a_sweep_has_the_groups_of_its_codec() -> None:
 
 def test_anchors_that_are_files() -> None:
     """Anchors with motion have a first key frame only; in colour they are refused."""
-    sweep = Sweep(("clip",), wz_q=(8,), anchors=("x264-intra", "x264-ippp-zero"), anchor_qp=(30,))
+    sweep = Sweep(("clip",), "2d", wz_q=(8,), anchors=("x264-intra", "x264-ippp-zero"), anchor_qp=(30,))
     found = {(point.codec, point.gop) for point in sweep.points() if point.codec != "2d"}
     assert found == {("x264-intra", 1), ("x264-ippp-zero", 0)}
     with pytest.raises(ConfigError, match="x265 codes luma only"):

@@ -23,6 +23,7 @@ from dvc.video import Frame, create_video, open_video
 from tests.rd.made_up import result_data, write_results
 
 NUM_FRAMES = 3
+POINTS = ("--codec", "2d", "--wz-q", "1", "--anchor", "intra", "--anchor-qp", "40")
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Measure one point of the codec and one of the anchor, with real processes."""
     out = tmp_path_factory.mktemp("rd")
-    arguments = [str(clip), "--wz-q", "1", "--anchor", "intra", "--anchor-qp", "40", "--out", str(out)]
+    arguments = [str(clip), *POINTS, "--out", str(out)]
     assert main(["run", *arguments]) == 0
     return out
 
@@ -101,7 +102,7 @@ def test_nothing_else_stays_behind(folder: Path) -> None:
 def test_finished_points_are_skipped(folder: Path, clip: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """The same sweep again measures nothing."""
     before = {path: path.stat().st_mtime_ns for path in (folder / POINTS_FOLDER).iterdir()}
-    arguments = [str(clip), "--wz-q", "1", "--anchor", "intra", "--anchor-qp", "40", "--out", str(folder)]
+    arguments = [str(clip), *POINTS, "--out", str(folder)]
     assert main(["run", *arguments]) == 0
     assert "0 measured, 2 already there, 0 failed" in capfd.readouterr().err
     assert {path: path.stat().st_mtime_ns for path in (folder / POINTS_FOLDER).iterdir()} == before
