@@ -21,7 +21,7 @@ $(INSTALLED): pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,check]'
 	@touch $@
 
-demo: $(INSTALLED)  ## render a moving camera, code it between two processes, show rates and quality
+demo: $(INSTALLED)  ## render a moving camera, code it between two processes, show rates, quality and depth
 	$(BIN)/python -m benchmarks.demo --out out/demo
 
 browser: $(INSTALLED)  ## find a browser for the tests of the report page, or install one (tests do it)

@@ -8,12 +8,18 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-QUANTISERS = (1, 4, 8)
-INTRA_QPS = (42, 38, 33, 28, 24)
+import decoder.__main__
+import encoder.__main__
+
+QUANTISERS = (8, 4, 1)  # the longest run first
+SHOWN = 4
+"""Quantiser of the run that is done in every way, and drawn."""
+INTRA_QPS = (42, 38, 33, 28, 23)
 NUM_FRAMES = 9
 SIZE = "176x144"
 
@@ -36,6 +42,35 @@ class Row:
         return float(self.report["psnr_y_db"])
 
 
+class Files(NamedTuple):
+    """What a run leaves in the folder."""
+
+    stream: Path
+    decoded: Path
+    punctured: Path
+    predicted: Path
+    report: Path
+
+    @classmethod
+    def named(cls, folder: Path, name: str) -> "Files":
+        """Return the files of a run by its name."""
+        ends = (".dvc", ".mkv", "_punctured.dvc", "_predicted.mkv", ".json")
+        return cls(*(folder / f"{name}{end}" for end in ends))
+
+    @property
+    def outputs(self) -> list[str]:
+        """Arguments of the decoder that write them."""
+        words = [
+            "--punctured",
+            self.punctured,
+            "--side-information-video",
+            self.predicted,
+            "--json",
+            self.report,
+        ]
+        return [str(self.decoded), *map(str, words), "--quiet"]
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the demonstration.
 
@@ -56,19 +91,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder: Path = arguments.out
     folder.mkdir(parents=True, exist_ok=True)
     video = arguments.video or _render(folder)
-    print("encoding and decoding in processes of their own ...", flush=True)
+    print("encoding and decoding in processes of their own, over files and live ...", flush=True)
     with ThreadPoolExecutor(2) as pool:
-        wyner_ziv = [pool.submit(_code, video, folder, f"wz{q}", ["--wz-q", str(q)]) for q in QUANTISERS]
-        intra_options = [["--gop", "1", "--key-qp", str(qp)] for qp in INTRA_QPS]
-        intra = [
-            pool.submit(_code, video, folder, f"intra{options[-1]}", options) for options in intra_options
-        ]
-    rows = [Row(f"Wyner-Ziv, Q{q}", run.result()) for q, run in zip(QUANTISERS, wyner_ziv, strict=True)]
-    anchor = [Row(f"H.264 intra, QP {qp}", run.result()) for qp, run in zip(INTRA_QPS, intra, strict=True)]
-    print("the same live: the decoder asks the encoder for parity over TCP ...", flush=True)
-    _code_live(video, folder, f"wz{QUANTISERS[-1]}", ["--wz-q", str(QUANTISERS[-1])])
-    _print_table(rows, anchor)
-    _draw(video, folder, rows, anchor)
+        runs = {
+            (codec, q): pool.submit(_code, video, folder, codec, q)
+            for codec in ("3d-te", "2d")
+            for q in QUANTISERS
+        }
+        intra = pool.submit(_code_intra, video, folder)
+    curves = {
+        codec: [Row(f"{codec}, Q{q}", runs[codec, q].result()) for q in reversed(QUANTISERS)]
+        for codec in ("3d-te", "2d")
+    }
+    curves["H.264 intra"] = intra.result()
+    _print_table(curves)
+    _draw(video, folder, curves)
     print(f"\nfiles are in {folder}; look at {folder / 'demo.png'}")
     return 0
 
@@ -84,110 +121,165 @@ def _run(module: str, *arguments: str) -> None:
     subprocess.run([sys.executable, "-m", module, *arguments], check=True)
 
 
-def _code(video: Path, folder: Path, name: str, options: list[str]) -> dict[str, Any]:
-    """Encode in one process, decode in another, what was needed in a third; return the report."""
-    stream, punctured, report = (folder / f"{name}{end}" for end in (".dvc", "_punctured.dvc", ".json"))
-    decoded, again = folder / f"{name}.mkv", folder / f"{name}_punctured.mkv"
-    _run("encoder", str(video), str(stream), "--luma-only", *options)
-    reference = ["--reference", str(video), "--json", str(report), "--punctured", str(punctured)]
-    _run("decoder", str(stream), str(decoded), *reference)
-    if "--gop" not in options:
-        _run("decoder", str(punctured), str(again))
-        _check_same(decoded, again)
-    values: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
+def _code(video: Path, folder: Path, codec: str, quantiser: int) -> dict[str, Any]:
+    """Encode in one process, decode in another; return the report."""
+    files = Files.named(folder, f"{codec}_q{quantiser}")
+    options = ["--codec", codec, "--wz-q", str(quantiser), "--luma-only", "--quiet"]
+    _run("encoder", str(video), str(files.stream), *options)
+    _run("decoder", str(files.stream), *files.outputs, "--reference", str(video))
+    if (codec, quantiser) == ("3d-te", SHOWN):
+        again = Files.named(folder, "again")
+        _run("decoder", str(files.punctured), *again.outputs)
+        _check_same(files, again)
+        live = Files.named(folder, "live")
+        _code_live(video, live, options)
+        _check_same(files, live)
+    return _report(files)
+
+
+def _code_live(video: Path, live: Files, options: list[str]) -> None:
+    """Run encoder and decoder at the same time; the decoder asks for parity over TCP."""
+    command = [sys.executable, "-m", "encoder", str(video), "--serve", "127.0.0.1:0", *options]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server:
+        assert server.stderr is not None
+        address = server.stderr.readline().split()[-1]
+        try:
+            _run("decoder", "--connect", address, *live.outputs)
+        except BaseException:
+            server.kill()
+            raise
+
+
+def _check_same(a: Files, b: Files) -> None:
+    for one, other in ((a.decoded, b.decoded), (a.punctured, b.punctured)):
+        if one.read_bytes() != other.read_bytes():
+            raise SystemExit(f"{one} and {other} differ")
+
+
+def _code_intra(video: Path, folder: Path) -> list[Row]:
+    """Code key frames only, which no other process has a part in."""
+    rows = []
+    for qp in INTRA_QPS:
+        files = Files.named(folder, f"intra_qp{qp}")
+        options = ["--gop", "1", "--key-qp", str(qp), "--luma-only", "--quiet"]
+        if encoder.__main__.main([str(video), str(files.stream), *options]):
+            raise SystemExit(f"H.264 intra at QP {qp} failed")
+        decoder.__main__.main([str(files.stream), *files.outputs, "--reference", str(video)])
+        rows.append(Row(f"H.264 intra, QP {qp}", _report(files)))
+    return rows
+
+
+def _report(files: Files) -> dict[str, Any]:
+    values: dict[str, Any] = json.loads(files.report.read_text(encoding="utf-8"))
     return values
 
 
-def _code_live(video: Path, folder: Path, name: str, options: list[str]) -> None:
-    """Run encoder and decoder at the same time, and check that frames and bits are those of the files."""
-    command = [sys.executable, "-m", "encoder", str(video), "--luma-only", "--serve", "127.0.0.1:0", *options]
-    decoded, punctured = folder / f"{name}_live.mkv", folder / f"{name}_live.dvc"
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as encoder:
-        assert encoder.stderr is not None
-        address = encoder.stderr.readline().split()[-1]
-        try:
-            _run("decoder", "--connect", address, str(decoded), "--punctured", str(punctured))
-        except BaseException:
-            encoder.kill()
-            raise
-    _check_same(decoded, folder / f"{name}.mkv")
-    _check_same(punctured, folder / f"{name}_punctured.dvc")
+def _saving(row: Row, curve: list[Row]) -> str:
+    """Compare a rate with that of a curve at equal PSNR, by interpolation; empty beyond its points."""
+    quality = np.array([point.psnr_db for point in curve])
+    if row in curve or not quality[0] <= row.psnr_db <= quality[-1]:
+        return ""
+    rate = np.exp(np.interp(row.psnr_db, quality, np.log([point.rate_kbps for point in curve])))
+    return f"{100 * (row.rate_kbps / rate - 1):+.1f} %"
 
 
-def _check_same(a: Path, b: Path) -> None:
-    if a.read_bytes() != b.read_bytes():
-        raise SystemExit(f"{a} and {b} differ")
-
-
-def _intra_rate_kbps(anchor: list[Row], psnr_db: float) -> float | None:
-    """Rate at which intra coding reaches a PSNR, by interpolation; None beyond its points."""
-    quality = np.array([row.psnr_db for row in anchor])
-    if not quality[0] <= psnr_db <= quality[-1]:
-        return None
-    return float(np.exp(np.interp(psnr_db, quality, np.log([row.rate_kbps for row in anchor]))))
-
-
-def _print_table(rows: list[Row], anchor: list[Row]) -> None:
-    head = ("", "kbit/s", "PSNR", "key", "Wyner-Ziv", "prediction", "vs intra", "decoding")
-    lines: list[tuple[str, ...]] = [head, ("", "", "dB", "dB", "dB", "dB", "at equal dB", "s per WZ frame")]
-    for row in rows:
-        report, intra = row.report, _intra_rate_kbps(anchor, row.psnr_db)
+def _print_table(curves: dict[str, list[Row]]) -> None:
+    lines: list[tuple[str, ...]] = [
+        ("", "kbit/s", "PSNR", "key", "Wyner-Ziv", "prediction", "rate vs 2D", "vs intra", "decoding"),
+        ("", "", "dB", "dB", "dB", "dB", "at equal dB", "at equal dB", "s per WZ frame"),
+    ]
+    for row in (row for rows in curves.values() for row in rows):
+        report = row.report
         num_wyner_ziv = sum(frame["type"] == "wz" for frame in report["per_frame"])
-        quality = [report[name] for name in ("key_psnr_y_db", "wz_psnr_y_db", "si_psnr_y_db")]
-        saving = "" if intra is None else f"{100 * (row.rate_kbps / intra - 1):+.1f} %"
-        cells = [
-            row.name,
-            f"{row.rate_kbps:.1f}",
-            f"{row.psnr_db:.2f}",
-            *(f"{value:.2f}" for value in quality),
-        ]
-        lines.append((*cells, saving, f"{report['decode_s'] / num_wyner_ziv:.2f}"))
-    lines += [(row.name, f"{row.rate_kbps:.1f}", f"{row.psnr_db:.2f}", *[""] * 5) for row in anchor]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(head))]
+        cells = [row.name, f"{row.rate_kbps:.1f}", f"{row.psnr_db:.2f}"]
+        if num_wyner_ziv:
+            names = ("key_psnr_y_db", "wz_psnr_y_db", "si_psnr_y_db")
+            cells += [f"{report[name]:.2f}" for name in names]
+            cells += [_saving(row, curves["2d"]), _saving(row, curves["H.264 intra"])]
+            cells.append(f"{report['decode_s'] / num_wyner_ziv:.2f}")
+        lines.append((*cells, *[""] * (len(lines[0]) - len(cells))))
+    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
     print()
     for line in lines:
         name, *cells = (cell.rjust(width) for cell, width in zip(line, widths, strict=True))
         print("  ".join([name.strip().ljust(widths[0]), *cells]).rstrip())
-    print("\nRates are sizes of the punctured files, which fresh processes decode to the same frames without")
-    print("feedback; the live run gave the same frames and the same bits.")
+    print(
+        f"\nRates are sizes of the punctured files. A fresh process decoded that of 3d-te, Q{SHOWN}, without"
+    )
+    print("feedback, and the same was coded again live, over TCP: the same frames, the same bits.")
 
 
-def _luma(path: Path, index: int) -> np.ndarray[Any, np.dtype[np.uint8]]:
+def _luma(path: Path, index: int) -> NDArray[np.uint8]:
     from dvc.video import open_video
 
     with open_video(path, start=index, num_frames=1) as reader:
         return next(iter(reader)).luma
 
 
-def _draw(video: Path, folder: Path, rows: list[Row], anchor: list[Row]) -> None:
-    """Draw one Wyner-Ziv frame beside the original, and rate against quality."""
+def _depth(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+    """Return what the decoder takes for the inverse depth of a key frame; None where there is no scene."""
+    from dvc.multiview.depth_maps import estimate_depths
+    from sfm.pipeline import reconstruct
+
+    model = reconstruct(first, second).model
+    if model is None:
+        return None
+    return estimate_depths(model.view_pair, first, second)[0].depth.inverse_depth
+
+
+def _draw(video: Path, folder: Path, curves: dict[str, list[Row]]) -> None:
+    """Draw how one Wyner-Ziv frame comes about, and rate against quality."""
     import matplotlib as mpl
 
     mpl.use("agg")
     from matplotlib import pyplot as plt
 
-    middle = rows[-1].report["frames"] // 4 * 2 + 1
-    original, decoded = (_luma(path, middle) for path in (video, folder / f"wz{QUANTISERS[-1]}.mkv"))
-    error = np.abs(original.astype(int) - decoded)
-    figure, axes = plt.subplots(2, 2, figsize=(11, 9), layout="constrained")
-    pictures = [
-        (original, f"frame {middle}, original", 255),
-        (decoded, f"Wyner-Ziv decoded, {rows[-1].name[-2:]}", 255),
-    ]
-    for place, (picture, title, white) in zip(
-        axes.flat, [*pictures, (error, "error, 8 times", 32)], strict=False
+    files = Files.named(folder, f"3d-te_q{SHOWN}")
+    types = [frame["type"] for frame in _report(files)["per_frame"]]
+    second = next(
+        (index for index in range(2, len(types)) if types[index - 1 : index + 1] == ["wz", "key"]), 0
+    )
+    first = max((index for index in range(second) if types[index] == "key"), default=0)
+    shown = (first + second) // 2
+    original, predicted, decoded = (
+        _luma(path, shown).astype(float) for path in (video, files.predicted, files.decoded)
+    )
+    depth = _depth(_luma(files.decoded, first), _luma(files.decoded, second))
+    figure, axes = plt.subplots(2, 3, figsize=(14, 8), layout="constrained")
+    for place, picture, title, white in (
+        (axes[0, 0], original, f"frame {shown}, original", 255),
+        (
+            axes[0, 2],
+            predicted,
+            f"predicted from that and frames {first} and {second}: {_db(original, predicted)}",
+            255,
+        ),
+        (axes[1, 0], decoded, f"corrected by parity, Q{SHOWN}: {_db(original, decoded)}", 255),
+        (axes[1, 1], np.abs(original - decoded), "remaining error, 8 times", 32),
     ):
-        place.imshow(picture, cmap="gray", vmin=0, vmax=white, interpolation="nearest")
+        place.imshow(picture, cmap="gray", vmin=0, vmax=white)
         place.set_title(title)
+    if depth is None:
+        axes[0, 1].set_title("no scene between the key frames")
+    else:
+        axes[0, 1].imshow(depth, cmap="viridis", vmin=0, vmax=float(np.percentile(depth, 99)))
+        axes[0, 1].set_title(f"depth of frame {first}, as decoded (bright is near)")
+    for place in axes.flat[:5]:
         place.axis("off")
-    plot = axes[1, 1]
-    for curve, name, style in ((rows, "Wyner-Ziv, GOP 2", "o-"), (anchor, "H.264 intra", "s--")):
-        points = sorted((row.rate_kbps, row.psnr_db) for row in curve)
+    plot = axes[1, 2]
+    for (name, rows), style in zip(curves.items(), ("o-", "^-", "s--"), strict=True):
+        points = sorted((row.rate_kbps, row.psnr_db) for row in rows)
         plot.plot(*zip(*points, strict=True), style, label=name)
     plot.set(xlabel="rate, kbit/s", ylabel="luma PSNR, dB")
     plot.grid(alpha=0.3)
     plot.legend()
     figure.savefig(folder / "demo.png", dpi=110)
+
+
+def _db(original: NDArray[np.float64], picture: NDArray[np.float64]) -> str:
+    from dvc.metrics import psnr_db
+
+    return f"{psnr_db(original.astype(np.uint8), picture.astype(np.uint8)):.1f} dB"
 
 
 if __name__ == "__main__":
