@@ -297,7 +297,7 @@ def test_command_chooses_key_frames(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        ["--points", "20"],
+        ["--codec", "2d", "--points", "20"],
         ["--codec", "3d-td", "--min-gop", "2"],
         ["--codec", "3d-te", "--lost-tracks", "2"],
         ["--codec", "3d-te", "--points", "0"],
