@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.cameras import project
+from dvc.multiview.cameras import oriented, project
 from sfm.estimation.epipolar import fundamental_from_camera, fundamental_to_pixels
 from sfm.model import Correspondences, Model
 
@@ -87,8 +87,8 @@ def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased
 
 
 def _oriented(camera: Floats) -> Floats | None:
-    """Return the camera with the sign that gives points before it a positive depth."""
+    """Give a camera its sign; None where its centre is at infinity."""
     determinant = float(np.linalg.det(camera[:, :3]))
     if abs(determinant) < MIN_DETERMINANT * max(float(np.abs(camera).max()), 1e-300) ** 3:
         return None
-    return camera if determinant > 0 else -camera
+    return oriented(camera)
