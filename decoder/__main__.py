@@ -86,7 +86,7 @@ def _add_prediction(parser: argparse.ArgumentParser) -> None:
     add(
         "--side-information",
         metavar="METHOD",
-        help="predict with METHOD (mci, blocks, mesh, fused) instead of what the stream names",
+        help="predict with METHOD (mci, blocks, mesh, depth, fused) instead of what the stream names",
     )
     add(
         "--sfm",

@@ -17,6 +17,7 @@ import pytest
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 from dvc.multiview.cameras import PixelFrame
+from dvc.stream import StreamReader
 from dvc.video import Frame
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render
@@ -45,14 +46,19 @@ GOLDEN = [
     Golden("2d-classical", False, (64, 48), 3, "--codec 2d --wz-q 6 --turbo classical", "mci"),
     Golden("2d-lossless-keys", False, (48, 32), 5, "--codec 2d --wz-q 4 --key-qp lossless", "mci"),
     Golden("2d-hierarchical", False, (48, 32), 9, "--codec 2d --gop 8 --references hierarchical", "mci"),
-    Golden("3d-colour", True, (104, 88), 4, "--codec 3d --gop 3 --wz-q 5", "mesh"),
-    Golden("3d-td-luma", True, (104, 88), 4, "--codec 3d-td --gop 3 --wz-q 6 --luma-only", "mesh"),
-    Golden("3d-td-all", True, (104, 88), 4, "--codec 3d-td --gop 3 --references all --wz-q 1", "mesh"),
-    Golden("3d-te-colour", True, (104, 88), 4, "--codec 3d-te --gop 3 --min-gop 3 --wz-q 4", "mesh"),
-    Golden("3d-te-odd", True, (105, 87), 4, "--codec 3d-te --gop 3 --wz-q 5 --luma-only", "mesh"),
-    Golden("3d-te-classical", True, (104, 88), 4, "--codec 3d-te --gop 3 --turbo classical", "mesh"),
+    Golden("3d-colour", True, (104, 88), 4, "--codec 3d --gop 3 --wz-q 5", "depth"),
+    Golden("3d-td-luma", True, (104, 88), 4, "--codec 3d-td --gop 3 --wz-q 6 --luma-only", "depth"),
+    Golden("3d-td-all", True, (104, 88), 4, "--codec 3d-td --gop 3 --references all --wz-q 1", "depth"),
+    Golden("3d-te-colour", True, (104, 88), 4, "--codec 3d-te --gop 3 --min-gop 3 --wz-q 4", "depth"),
+    Golden("3d-te-odd", True, (105, 87), 4, "--codec 3d-te --gop 3 --wz-q 5 --luma-only", "depth"),
+    Golden("3d-te-classical", True, (104, 88), 4, "--codec 3d-te --gop 3 --turbo classical", "depth"),
     Golden(
-        "3d-lossless", True, (128, 96), 4, "--codec 3d --gop 3 --wz-q 3 --key-qp lossless --luma-only", "mesh"
+        "3d-lossless",
+        True,
+        (128, 96),
+        4,
+        "--codec 3d --gop 3 --wz-q 3 --key-qp lossless --luma-only",
+        "depth",
     ),
     Golden(
         "3d-te-lossless",
@@ -60,9 +66,10 @@ GOLDEN = [
         (144, 96),
         4,
         "--codec 3d-te --gop 3 --wz-q 3 --key-qp lossless --luma-only",
-        "mesh",
+        "depth",
     ),
     Golden("3d-te-blocks", True, (104, 88), 4, "--codec 3d-te --gop 3 --min-gop 3 --wz-q 4", "blocks"),
+    Golden("3d-te-mesh", True, (104, 88), 4, "--codec 3d-te --gop 3 --min-gop 3 --wz-q 4", "mesh"),
     Golden("3d-fused", True, (104, 88), 4, "--codec 3d --gop 3 --wz-q 5", "fused"),
 ]
 FORMS = ("buffered", "punctured")
@@ -145,3 +152,12 @@ def test_every_frozen_stream_is_listed() -> None:
     """No stream lies in the folder, and no record in the list, that nothing decodes."""
     names = {stream(golden, form).name for golden in GOLDEN for form in FORMS}
     assert {path.name for path in FOLDER.glob("*.dvc")} == set(records()) == names
+
+
+@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.name)
+def test_frozen_streams_name_the_methods_of_today(golden: Golden) -> None:
+    """Dense depth, which format version 1 calls `mesh`, serves its streams by themselves as well."""
+    preset = "depth" if golden.scene else "mci"
+    for form, method in zip(FORMS, (preset, golden.method), strict=True):
+        with StreamReader(stream(golden, form)) as reader:
+            assert reader.config.side_information.method == method

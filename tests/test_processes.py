@@ -177,7 +177,7 @@ def test_scene_prediction_is_the_same_in_every_form(
     run("encoder", scene_clip, folder / "scene.dvc", *coding)
     first = decode(folder, "scene_1", scene_clip, folder / "scene.dvc")
     wyner_ziv = [frame for frame in first.report["per_frame"] if frame["type"] == "wz"]
-    assert {frame["side_information"] for frame in wyner_ziv} == {"mesh"}
+    assert {frame["side_information"] for frame in wyner_ziv} == {"depth"}
     assert (first.report["bits"]["tracks"] > 0) == (codec != "3d")
     others = [
         decode(folder, "scene_2", scene_clip, folder / "scene.dvc", "--jobs", 2),

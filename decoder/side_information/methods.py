@@ -8,6 +8,7 @@ from decoder.side_information.protocol import SceneInterpolatorType, SideInforma
 from decoder.side_information.scene.blocks import BlockInterpolator
 from decoder.side_information.scene.depth import DepthInterpolator
 from decoder.side_information.scene.fused import FusedInterpolator
+from decoder.side_information.scene.mesh import MeshInterpolator
 from decoder.side_information.scene.tracked import TrackedSceneInterpolation
 from decoder.side_information.scene.untracked import SceneInterpolation
 from dvc.config import CodecConfig
@@ -15,6 +16,7 @@ from dvc.config import CodecConfig
 INTERPOLATORS: dict[str, SceneInterpolatorType] = {
     DepthInterpolator.name: DepthInterpolator,
     BlockInterpolator.name: BlockInterpolator,
+    MeshInterpolator.name: MeshInterpolator,
     FusedInterpolator.name: FusedInterpolator,
 }
 """How the motion between key frames is modelled from a scene, by the name of the method."""

@@ -127,21 +127,21 @@ VARIANTS = {
     ),
     "3d": CodecVariant(
         summary="a reconstruction of the scene",
-        side_information=SideInformationConfig("mesh"),
+        side_information=SideInformationConfig("depth"),
         tracks=TracksConfig("none"),
         references="keys",
         usual_groups=GroupPreset(2),
     ),
     "3d-td": CodecVariant(
         summary="the scene, with cameras from corners of every frame, which the decoder matches",
-        side_information=SideInformationConfig("mesh"),
+        side_information=SideInformationConfig("depth"),
         tracks=TracksConfig("decoder", num_points=176),  # of each frame, as many as there are in the thesis
         references="hierarchical",
         usual_groups=GroupPreset(10),
     ),
     "3d-te": CodecVariant(
         summary="the scene, with cameras from points that the encoder tracks, which set the key frames, too",
-        side_information=SideInformationConfig("mesh"),
+        side_information=SideInformationConfig("depth"),
         # Half pixels: what they cost is less than what they save.
         tracks=TracksConfig("encoder", subpixel_bits=1),
         references="hierarchical",

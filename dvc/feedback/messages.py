@@ -12,7 +12,7 @@ from dvc.errors import BitstreamError
 from dvc.stream import GopRecord, decode_gop, encode_gop
 from dvc.turbo import KINDS, ParityRequest
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 

@@ -13,9 +13,9 @@ from dvc.stream.gop import GopRecord, decode_gop, decode_num_frames
 from dvc.stream.index import SIZE_BYTES, TRAILER_BYTES, IndexEntry, StreamIndex, decode_end
 from dvc.stream.records import (
     CRC_BYTES,
-    FORMAT_VERSION,
     MAGIC,
     MAX_GOPS,
+    READABLE_VERSIONS,
     Form,
     Place,
     RecordType,
@@ -130,15 +130,16 @@ class StreamReader(Closing):
     def _read_header(self) -> None:
         if self._source.read(len(MAGIC)) != MAGIC:
             raise BitstreamError("not a dvc3d stream")
-        version = self._source.read(1)
-        if version != bytes([FORMAT_VERSION]):
-            found = version[0] if version else "missing"
-            raise BitstreamError(f"format version {found}; this program reads version {FORMAT_VERSION}")
+        version = next(iter(self._source.read(1)), None)
+        if version not in READABLE_VERSIONS:
+            readable = " and ".join(map(str, READABLE_VERSIONS))
+            found = "missing" if version is None else version
+            raise BitstreamError(f"format version {found}; this program reads versions {readable}")
         place, payload = self._source.read_record(0)
         if place.type is not RecordType.CONFIGURATION:
             raise place.error("the first record must be the configuration")
         try:
-            self.config, self.form = decode_configuration(payload)
+            self.config, self.form = decode_configuration(payload, version)
         except BitstreamError as err:
             raise place.error(str(err)) from err
 

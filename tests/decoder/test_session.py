@@ -230,7 +230,7 @@ TRACKED = replace(
     CONFIG,
     codec="3d-te",
     gop=GopConfig(3, "hierarchical"),
-    side_information=SideInformationConfig("mesh"),
+    side_information=SideInformationConfig("depth"),
     tracks=TracksConfig("encoder"),
 )
 STILL = PointTracks(np.tile(np.array([[[4.0, 4.0]], [[16.0, 8.0]]]), (1, 4, 1)))

@@ -189,7 +189,7 @@ def test_empty_sequence() -> None:
     """An encoder without frames says so at once."""
     encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
     encoder.send_end()
-    assert decoder.receive(encoder.bytes_to_send()) == [Hello(1, encode_config(CONFIG)), End(0)]
+    assert decoder.receive(encoder.bytes_to_send()) == [Hello(2, encode_config(CONFIG)), End(0)]
     assert encoder.finished
     assert decoder.finished
     assert encoder.bytes_to_send() == b""
@@ -306,9 +306,9 @@ def test_code_of_a_plane_stays() -> None:
         (b"\x01\xff\xff\xff\xff\xff", "integer is longer"),
         (b"\x01\x80\x00", "integer is longer"),
         (b"\x01\x00", "Hello: data end"),
-        (b"\x01\x01\x02", "protocol version 2; this program speaks version 1"),
-        (b"\x01\x02\x01\x7f", "configuration field 127 is unknown"),
-        (b"\x01\x01\x01", "configuration.*lacks the field `codec`"),
+        (b"\x01\x01\x03", "protocol version 3; this program speaks version 2"),
+        (b"\x01\x02\x02\x7f", "configuration field 127 is unknown"),
+        (b"\x01\x01\x02", "configuration.*lacks the field `codec`"),
     ],
 )
 def test_decoder_refuses_strangers(data: bytes, text: str) -> None:

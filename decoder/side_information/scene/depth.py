@@ -25,7 +25,7 @@ class DepthInterpolator:
         What is known of the depth of each key frame already.
     """
 
-    name = "mesh"
+    name = "depth"
 
     def __init__(self, model: Model, first: Luma, second: Luma, known: Known = (None, None)) -> None:
         self._frame = model.pixel_frame

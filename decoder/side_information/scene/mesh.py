@@ -101,7 +101,7 @@ class MeshInterpolator:
         Cells, weights and limits.
     """
 
-    name = "triangles"
+    name = "mesh"
 
     def __init__(
         self,

@@ -143,13 +143,13 @@ def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
 
 def test_the_codec_says_which_method_it_is() -> None:
     """Codecs with tracks build the tracked form of a method by the same name."""
-    assert isinstance(METHODS["mesh"](CONFIG), TrackedSceneInterpolation)
+    assert isinstance(METHODS["depth"](CONFIG), TrackedSceneInterpolation)
     assert isinstance(METHODS["blocks"](CodecConfig("3d", CONFIG.video)), SceneInterpolation)
 
 
 def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
     """Residuals of tracks change the prediction, which is not worse for it."""
-    settings = SideInformationConfig(method="mesh", track_corrections=True)
+    settings = SideInformationConfig(method="depth", track_corrections=True)
     method = TrackedSceneInterpolation(DepthInterpolator, replace(CONFIG, side_information=settings))
     plain = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
     for instant in (9, 11):
