@@ -70,7 +70,7 @@ def _stages(frames: list[Luma], found: Reconstruction) -> Picture:
     dots = Correspondences(corners, corners, np.zeros(len(corners)))
     matched = found.stages["matching"]
     depth = estimate_depths(found.model.view_pair, first, second)[0].depth.inverse_depth
-    rendered = _interpolations(found.model, first, second)["mesh"]
+    rendered = _interpolations(found.model, first, second)["depth"]
     flat = _block_motion(first, second)
     doubt = _coloured(rendered.expected_error, 25.0)
     panels = [
@@ -80,7 +80,7 @@ def _stages(frames: list[Luma], found: Reconstruction) -> Picture:
         panel(draw_correspondences(first, dots, None, "")[36:], f"{len(corners)} corners"),
         panel(draw_correspondences(second, matched, None, "")[36:], f"{len(matched)} matches"),
         panel(_coloured(depth, float(np.percentile(depth, 99.5))), "inverse depth of the first key frame"),
-        panel(to_uint8(rendered.luma), f"mesh: {psnr_db(middle, to_uint8(rendered.luma)):.1f} dB"),
+        panel(to_uint8(rendered.luma), f"depth: {psnr_db(middle, to_uint8(rendered.luma)):.1f} dB"),
         panel(correlation_noise(rendered.luma, middle), "its error, twice"),
         panel(doubt, "its expected error (bright: 25 levels)"),
         panel(to_uint8(flat), f"2D block motion: {psnr_db(middle, to_uint8(flat)):.1f} dB"),
@@ -118,7 +118,7 @@ def _motion_norms(found: Reconstruction, first: Luma, second: Luma) -> Picture:
         norms[f"3D {name}"] = np.hypot(motion[..., 0], motion[..., 1])
     field = estimate_motion(first, second, Fraction(1, 2), SideInformationConfig()) / 4.0
     norms["2D block motion"] = np.kron(np.hypot(field[..., 0], field[..., 1]), np.ones((8, 8)))
-    highest = float(np.percentile(norms["3D mesh"], 99.5))
+    highest = float(np.percentile(norms["3D depth"], 99.5))
     height, width = first.shape
     return side_by_side(
         [

@@ -16,12 +16,12 @@ from benchmarks.figures.tracks.prediction import (
 )
 from benchmarks.figures.tracks.quality import fixed_gop
 from benchmarks.figures.tracks.runs import (
-    BLIND_MESH,
+    BLIND_DEPTH,
     FLAT,
     TD_BLOCKS,
-    TD_MESH,
+    TD_DEPTH,
     TE_BLOCKS,
-    TE_MESH,
+    TE_DEPTH,
     WAYS,
     Run,
     Way,
@@ -58,14 +58,14 @@ PAGE = Path("docs") / "side_information_tracks.md"
 BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 CLIPS = (*SCENES, *STATIC_CLIPS)
 SUBJECTIVE_QP = 26
-NOISE_WAYS = (FLAT, BLIND_MESH, TE_MESH, TD_MESH)
+NOISE_WAYS = (FLAT, BLIND_DEPTH, TE_DEPTH, TD_DEPTH)
 PLOTTED = (
     (FLAT, 5, "-"),
-    (BLIND_MESH, 4, "-"),
+    (BLIND_DEPTH, 4, "-"),
     (TD_BLOCKS, 2, ":"),
-    (TD_MESH, 2, "-"),
+    (TD_DEPTH, 2, "-"),
     (TE_BLOCKS, 0, ":"),
-    (TE_MESH, 0, "-"),
+    (TE_DEPTH, 0, "-"),
 )
 """Ways of figure 5.11, each with its colour and style."""
 
@@ -99,8 +99,8 @@ def quality_by_frame(clip: str, frames: int, results: Path) -> list[Line]:
         Line(way.name, _psnrs_db(_run(clip, way, frames), results), colour, style, gop=fixed_gop(clip))
         for way, colour, style in PLOTTED
     ]
-    chosen = _psnrs_db(Run(clip, TE_MESH, frames), results)
-    return [*lines, Line(f"{TE_MESH.name}, keys by tracks", chosen, 1, "-")]
+    chosen = _psnrs_db(Run(clip, TE_DEPTH, frames), results)
+    return [*lines, Line(f"{TE_DEPTH.name}, keys by tracks", chosen, 1, "-")]
 
 
 def quality_from_lossy_keys(clip: str, frames: int, results: Path) -> list[Line]:
@@ -122,7 +122,7 @@ def quality_from_lossy_keys(clip: str, frames: int, results: Path) -> list[Line]
     """
     lines = []
     for number, qp in enumerate(KEY_QPS):
-        run = Run(clip, TE_MESH, min(frames, LOSSY_FRAMES), fixed_gop(clip), qp, every=2)
+        run = Run(clip, TE_DEPTH, min(frames, LOSSY_FRAMES), fixed_gop(clip), qp, every=2)
         points = _psnrs_db(run, results)
         lines.append(Line(f"keys at QP {qp}", points, number, peaks=key_frames_by_index(run)))
     return lines
@@ -171,7 +171,7 @@ def subjective_pictures(clip: str) -> Picture:
     ndarray of shape (h, w, 3), uint8
         Two panels.
     """
-    run = Run(clip, TE_MESH, fixed_gop(clip) + 1, fixed_gop(clip), SUBJECTIVE_QP, every=2)
+    run = Run(clip, TE_DEPTH, fixed_gop(clip) + 1, fixed_gop(clip), SUBJECTIVE_QP, every=2)
     group, index, prediction = _middle(run)
     interpolated = to_uint8(prediction.luma)
     quality_db = psnr_db(group.originals[index - 1].luma, interpolated)
@@ -195,10 +195,10 @@ def track_pictures(clip: str) -> dict[str, Picture]:
         By name; empty where nothing was tracked.
     """
     pictures = {}
-    tracked = next(iter(received_groups(Run(clip, TE_MESH, fixed_gop(clip) + 1))), None)
+    tracked = next(iter(received_groups(Run(clip, TE_DEPTH, fixed_gop(clip) + 1))), None)
     if tracked is not None and isinstance(tracked.points, PointTracks):
         pictures["tracks"] = draw_tracks(tracked.keys[0].frame.luma, tracked.points)
-    run = Run(clip, TD_MESH, fixed_gop(clip) + 1, fixed_gop(clip))
+    run = Run(clip, TD_DEPTH, fixed_gop(clip) + 1, fixed_gop(clip))
     found = next(iter(received_groups(run)), None)
     if found is not None and isinstance(found.points, FeaturePoints):
         first, second = (key.frame.luma for key in found.keys)
@@ -291,7 +291,7 @@ def draw(clip: str, folder: Path, frames: int) -> list[Path]:
     plots = {
         "psnr": (f"{clip}: side information, lossless key frames", quality_by_frame),
         "lossy_keys": (
-            f"{clip}: {TE_MESH.name}, key frames (diamonds) and side information",
+            f"{clip}: {TE_DEPTH.name}, key frames (diamonds) and side information",
             quality_from_lossy_keys,
         ),
     }

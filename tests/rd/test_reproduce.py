@@ -108,6 +108,7 @@ def test_document_has_table_5_1_beside_the_thesis(folder: Path) -> None:
     text = document_text(read_results(folder), folder, "command")
     assert "| 2D-DVC (block motion) | 22.0 (22.3) |" in text
     assert "| 3D-DVC-TE (mesh) | 29.0 (29.3) |" in text
+    assert "| 3D-DVC-TE (depth) | 29.0 |" in text
     assert "| TE, key frames only | 2D-DVC | street | -" in text
     assert "| TE, key frames only | H.264 IPPP | street | +" in text
     assert "better at all common rates" in text

@@ -10,7 +10,7 @@ from benchmarks.figures.codec import FINEST, encode
 from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, clip_source, run_module
 from benchmarks.figures.tracks.prediction import received_groups
 from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS
-from benchmarks.figures.tracks.runs import GOP, TD_MESH, TE_MESH, Run, Way
+from benchmarks.figures.tracks.runs import GOP, TD_DEPTH, TE_DEPTH, Run, Way
 from dvc.config import (
     CodecConfig,
     KeyFrameConfig,
@@ -164,7 +164,7 @@ FIGURES = (
         "te-overhead",
         "bits of tracks per pixel of the WZ frames, TE, 128 points, key frames as the tracks choose them",
         "< 0.01 b/px",
-        partial(overhead, way=TE_MESH, most_bpp=0.01),
+        partial(overhead, way=TE_DEPTH, most_bpp=0.01),
         _CLIPS,
         "< 0.01 b/px",
     ),
@@ -173,7 +173,7 @@ FIGURES = (
         "td-overhead",
         "bits of points per pixel of the WZ frames, TD, 176 points, GOP 10",
         "< 0.02 b/px",
-        partial(overhead, way=TD_MESH, most_bpp=0.02),
+        partial(overhead, way=TD_DEPTH, most_bpp=0.02),
         _CLIPS,
         "0.02 b/px",
     ),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from benchmarks.figures.harness import SCENES, Figure, Measured, Setting, clip_source, mean_over_clips
 from benchmarks.figures.tracks.prediction import mean_db, received_groups
 from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS, fixed_gop
-from benchmarks.figures.tracks.runs import TE_MESH, Run
+from benchmarks.figures.tracks.runs import TE_DEPTH, Run
 from dvc.metrics import psnr_db
 from dvc.video import open_video
 from dvc.wynerziv.transform import to_uint8
@@ -37,10 +37,10 @@ def prototype_run(setting: Setting, clip: str) -> Run:
     Returns
     -------
     Run
-        By tracked points, mesh.
+        By tracked points, dense depth.
     """
     frames = setting.choose(min(setting.frames, PROTOTYPE_FRAMES[clip]), QUICK_FRAMES)
-    return Run(clip, TE_MESH, frames, fixed_gop(clip), every=2)
+    return Run(clip, TE_DEPTH, frames, fixed_gop(clip), every=2)
 
 
 def against_prototype(setting: Setting, clip: str) -> Measured:
@@ -183,7 +183,7 @@ def lossy_keys(setting: Setting, clip: str) -> Measured:
     """
     qps = KEY_QPS if not setting.quick else (KEY_QPS[0], KEY_QPS[-1])
     frames = setting.choose(min(setting.frames, LOSSY_FRAMES), QUICK_FRAMES)
-    runs = [Run(clip, TE_MESH, frames, fixed_gop(clip), qp, every=2) for qp in qps]
+    runs = [Run(clip, TE_DEPTH, frames, fixed_gop(clip), qp, every=2) for qp in qps]
     keys_db = [float(np.mean(list(key_frames_by_index(run).values()))) for run in runs]
     found_db = [mean_db(run, setting.folder) for run in runs]
     lost_keys, lost = keys_db[0] - keys_db[-1], found_db[0] - found_db[-1]
@@ -201,8 +201,8 @@ def _prototype_asked() -> str:
 
 
 _CEILING = "below both lossless keys warped by the motion of the original, GOP 10 (stone 2)"
-_PROTOTYPE = "TE (mesh), lossless keys, GOP 10 (frames 0–30), stone GOP 2 (0–50), every second frame"
-_LOSSY = "TE (mesh) from lossy keys, GOP 10 (stone 2)"
+_PROTOTYPE = "TE (depth), lossless keys, GOP 10 (frames 0–30), stone GOP 2 (0–50), every second frame"
+_LOSSY = "TE (depth) from lossy keys, GOP 10 (stone 2)"
 FIGURES = (
     Figure(
         AREA,

@@ -6,7 +6,17 @@ from functools import partial
 
 from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, mean_over_clips
 from benchmarks.figures.tracks.prediction import frame_results, mean_db
-from benchmarks.figures.tracks.runs import FAST_CLIPS, FIXED_GOP, FLAT, TD_MESH, TE_BLOCKS, TE_MESH, Run, Way
+from benchmarks.figures.tracks.runs import (
+    FAST_CLIPS,
+    FIXED_GOP,
+    FLAT,
+    TD_DEPTH,
+    TE_BLOCKS,
+    TE_DEPTH,
+    TE_MESH,
+    Run,
+    Way,
+)
 
 AREA = "tracks"
 SLOW_CLIPS = tuple(clip for clip in STATIC_CLIPS if clip not in FAST_CLIPS)
@@ -44,9 +54,10 @@ class Comparison:
         return first, second
 
 
-TE_ADAPTIVE = Comparison(FLAT, TE_MESH, adaptive=True)
-TE_FIXED = Comparison(FLAT, TE_MESH)
-TD_FIXED = Comparison(FLAT, TD_MESH)
+TE_ADAPTIVE = Comparison(FLAT, TE_DEPTH, adaptive=True)
+TE_FIXED = Comparison(FLAT, TE_DEPTH)
+TD_FIXED = Comparison(FLAT, TD_DEPTH)
+BLOCKS_TO_DEPTH = Comparison(TE_BLOCKS, TE_DEPTH)
 BLOCKS_TO_MESH = Comparison(TE_BLOCKS, TE_MESH)
 
 
@@ -123,19 +134,20 @@ def mean_gain(
     )
 
 
-_TE_ADAPTIVE = "TE (mesh) against our 2D, lossless keys that the tracks choose, all frames, mean PSNR"
-_TE_FIXED = "TE (mesh) against our 2D, lossless keys, GOP 10 (stone 2), every second frame"
-_TD = "TD (mesh) against our 2D, lossless keys, GOP 10, every second frame"
-_MESH = "mesh against blocks, TE, lossless keys, GOP 10 (stone 2), every second frame"
+_TE_ADAPTIVE = "TE (depth) against our 2D, lossless keys that the tracks choose, all frames, mean PSNR"
+_TE_FIXED = "TE (depth) against our 2D, lossless keys, GOP 10 (stone 2), every second frame"
+_TD = "TD (depth) against our 2D, lossless keys, GOP 10, every second frame"
+_DEPTH = "depth against blocks, TE, lossless keys, GOP 10 (stone 2), every second frame"
+_MESH = "mesh of the thesis against blocks, TE, lossless keys, GOP 10, every second frame"
 _SLOW = (*SLOW_CLIPS, "cube", *SCENES)
 _NOT_BELOW = "no clip below 2D"
 _RIGID = (*STATIC_CLIPS, *SCENES)
-_WHOLE_PIXELS = Way("3d-te", "mesh", subpixel_bits=0)
+_WHOLE_PIXELS = Way("3d-te", "depth", subpixel_bits=0)
 _OPTIONS = {
-    "fused": ("`--side-information fused` in place of mesh", TE_MESH, Way("3d-te", "fused")),
-    "corrections": ("`--track-corrections`", TE_MESH, Way("3d-te", "mesh", track_corrections=True)),
-    "regularity": ("`--path-regularity 0.03`", TE_MESH, Way("3d-te", "mesh", path_regularity=0.03)),
-    "subpixel": ("`--subpixel 1` (the default) in place of whole pixels", _WHOLE_PIXELS, TE_MESH),
+    "fused": ("`--side-information fused` in place of depth", TE_DEPTH, Way("3d-te", "fused")),
+    "corrections": ("`--track-corrections`", TE_DEPTH, Way("3d-te", "depth", track_corrections=True)),
+    "regularity": ("`--path-regularity 0.03`", TE_DEPTH, Way("3d-te", "depth", path_regularity=0.03)),
+    "subpixel": ("`--subpixel 1` (the default) in place of whole pixels", _WHOLE_PIXELS, TE_DEPTH),
 }
 """What options that are off by default do, the way without each, and the way with it."""
 
@@ -210,19 +222,27 @@ FIGURES = (
     ),
     Figure(
         AREA,
-        "mesh-blocks",
-        _MESH,
+        "depth-blocks",
+        _DEPTH,
         "on the mean",
-        partial(gain, comparison=BLOCKS_TO_MESH, least_db=None),
+        partial(gain, comparison=BLOCKS_TO_DEPTH, least_db=None),
         (*REAL_CLIPS, *SCENES),
     ),
     Figure(
         AREA,
-        "mesh-blocks-mean",
+        "depth-blocks-mean",
         "the same, mean over static clips and scenes",
         "> 0 dB",
-        partial(mean_gain, comparison=BLOCKS_TO_MESH, clips=(*STATIC_CLIPS, *SCENES), least_db=0.0),
-        thesis="+0.7 dB at best",
+        partial(mean_gain, comparison=BLOCKS_TO_DEPTH, clips=(*STATIC_CLIPS, *SCENES), least_db=0.0),
+    ),
+    Figure(
+        AREA,
+        "mesh-blocks",
+        _MESH,
+        "the true figure",
+        partial(gain, comparison=BLOCKS_TO_MESH, least_db=None),
+        SCENES,
+        "+0.7 / +0.5 / +0.2 dB",
     ),
     *(figure for name in _OPTIONS for figure in _option_figures(name)),
 )

@@ -38,17 +38,18 @@ class Way:
 
     @property
     def name(self) -> str:
-        """As it is called in tables, such as ``3D-DVC-TE (mesh)``."""
+        """As it is called in tables, such as ``3D-DVC-TE (depth)``."""
         variant = {"2d": "2D-DVC", "3d": "3D-DVC", "3d-td": "3D-DVC-TD", "3d-te": "3D-DVC-TE"}[self.codec]
         return f"{variant} ({'block motion' if self.method == 'mci' else self.method})"
 
 
 FLAT = Way("2d", "mci")
-BLIND_BLOCKS, BLIND_MESH = Way("3d", "blocks"), Way("3d", "mesh")
-TD_BLOCKS, TD_MESH = Way("3d-td", "blocks"), Way("3d-td", "mesh")
-TE_BLOCKS, TE_MESH = Way("3d-te", "blocks"), Way("3d-te", "mesh")
-WAYS = (FLAT, BLIND_BLOCKS, BLIND_MESH, TD_BLOCKS, TD_MESH, TE_BLOCKS, TE_MESH)
-"""All, in the order of table 5.1."""
+BLIND_BLOCKS, BLIND_DEPTH = Way("3d", "blocks"), Way("3d", "depth")
+TD_BLOCKS, TD_DEPTH = Way("3d-td", "blocks"), Way("3d-td", "depth")
+TE_BLOCKS, TE_DEPTH = Way("3d-te", "blocks"), Way("3d-te", "depth")
+TE_MESH = Way("3d-te", "mesh")
+WAYS = (FLAT, BLIND_BLOCKS, BLIND_DEPTH, TD_BLOCKS, TD_DEPTH, TE_BLOCKS, TE_DEPTH)
+"""Those of table 5.1, in its order; dense depth stands where the thesis has its mesh."""
 
 
 @dataclass(frozen=True)

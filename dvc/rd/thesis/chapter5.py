@@ -79,7 +79,7 @@ def _side_information_table(found: Sequence[Experiment]) -> str:
             point = lossless_points(experiment).get(method.name)
             value = None if point is None else point.total("si_psnr_y_db")
             text = NOTHING if value is None else f"{value:.1f}"
-            if experiment.name in THESIS_SEQUENCES:
+            if method.thesis_db is not None and experiment.name in THESIS_SEQUENCES:
                 text += f" ({method.thesis_db[THESIS_SEQUENCES.index(experiment.name)]:.1f})"
             cells.append(text)
         rows.append([method.name, *cells])
@@ -106,7 +106,7 @@ def _lossy_table(found: Sequence[Experiment]) -> str:
         for qp, point in lossy_points(experiment).items():
             values = (point.total(name) for name in ("key_psnr_y_db", "si_psnr_y_db", "wz_psnr_y_db"))
             rows.append([experiment.name, qp, *(NOTHING if v is None else f"{v:.1f}" for v in values)])
-    note = "Tracks at the encoder, mesh, predicted from key frames only; PSNRs in dB.\n"
+    note = "Tracks at the encoder, dense depth, predicted from key frames only; PSNRs in dB.\n"
     return note + "\n" + table(["sequence", "key QP", "key frames", "side information", "decoded"], rows)
 
 

@@ -24,19 +24,19 @@ class Method:
     Attributes
     ----------
     name : str
-        As the thesis calls it.
+        As the thesis calls it, or what is ours beside it.
     codec : str
         Of ours.
     side_information : str or None
-        What the decoder is told to predict with; None for the mesh, or block motion in 2D.
-    thesis_db : tuple of float
-        What the thesis has for its street, stairway and statue.
+        What the decoder is told to predict with; None for dense depth, or block motion in 2D.
+    thesis_db : tuple of float or None
+        What the thesis has for its street, stairway and statue; None where it has no such method.
     """
 
     name: str
     codec: str
     side_information: str | None
-    thesis_db: tuple[float, float, float]
+    thesis_db: tuple[float, float, float] | None
 
     @property
     def options(self) -> tuple[tuple[str, str], ...]:
@@ -69,13 +69,16 @@ class Method:
 METHODS = (
     Method("2D-DVC (block motion)", "2d", None, (22.3, 19.0, 21.3)),
     Method("3D-DVC (epipolar blocks)", "3d", "blocks", (23.3, 20.0, 22.2)),
-    Method("3D-DVC (mesh)", "3d", None, (23.3, 20.1, 22.3)),
+    Method("3D-DVC (mesh)", "3d", "mesh", (23.3, 20.1, 22.3)),
+    Method("3D-DVC (depth)", "3d", None, None),
     Method("3D-DVC-TD (epipolar blocks)", "3d-td", "blocks", (28.4, 24.7, 25.5)),
-    Method("3D-DVC-TD (mesh)", "3d-td", None, (28.9, 25.0, 25.6)),
+    Method("3D-DVC-TD (mesh)", "3d-td", "mesh", (28.9, 25.0, 25.6)),
+    Method("3D-DVC-TD (depth)", "3d-td", None, None),
     Method("3D-DVC-TE (epipolar blocks)", "3d-te", "blocks", (28.6, 28.0, 27.4)),
-    Method("3D-DVC-TE (mesh)", "3d-te", None, (29.3, 28.5, 27.6)),
+    Method("3D-DVC-TE (mesh)", "3d-te", "mesh", (29.3, 28.5, 27.6)),
+    Method("3D-DVC-TE (depth)", "3d-te", None, None),
 )
-"""Rows of table 5.1 of [Maitre2008], with its numbers."""
+"""Rows of table 5.1 of [Maitre2008], with its numbers, and dense depth, which our codecs predict by."""
 
 
 @dataclass(frozen=True)

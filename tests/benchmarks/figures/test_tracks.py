@@ -8,7 +8,7 @@ import pytest
 from benchmarks.figures import definitions
 from benchmarks.figures.harness import Setting
 from benchmarks.figures.tracks import costs, curves, limits, prediction, quality, runs
-from benchmarks.figures.tracks.runs import FLAT, TD_MESH, TE_MESH, Run
+from benchmarks.figures.tracks.runs import FLAT, TD_DEPTH, TE_DEPTH, Run
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.sources import Source, find_source
 from dvc.tracks import FeaturePoints, PointTracks
@@ -42,7 +42,7 @@ def test_distances_are_those_of_the_encoder(clip: Path, options: list[str], leng
         assert session(arguments, reader.info).config.gop.length == length
 
 
-@pytest.mark.parametrize(("way", "kind"), [(TE_MESH, PointTracks), (TD_MESH, FeaturePoints)])
+@pytest.mark.parametrize(("way", "kind"), [(TE_DEPTH, PointTracks), (TD_DEPTH, FeaturePoints)])
 def test_groups_have_what_was_sent(clip: Path, way: runs.Way, kind: type) -> None:
     """A group holds decoded key frames, the originals between them, and points out of their payload."""
     [group] = prediction.received_groups(Run(str(clip), way, FRAMES, FRAMES - 1))
