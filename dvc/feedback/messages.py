@@ -133,8 +133,8 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
     return 4 * area_px + 2**20 + MAX_HEADER_BYTES * config.gop.length
 
 
-def encode_payload(message: Message) -> bytes:
-    """Write the payload of a message; inverse of `decode_payload`.
+def encode_message(message: Message) -> bytes:
+    """Write a message as type, length of the payload, payload; `decode_payload` reads the last.
 
     Parameters
     ----------
@@ -144,13 +144,18 @@ def encode_payload(message: Message) -> bytes:
     Returns
     -------
     bytes
-        The payload, without type and length.
+        As it goes over the wire.
 
     Raises
     ------
     TypeError, ValueError
         If a number is out of range, or bits are not an array of bits.
     """
+    payload = _encode_payload(message)
+    return bytes([TYPES.index(type(message)) + 1]) + encode_varint(len(payload)) + payload
+
+
+def _encode_payload(message: Message) -> bytes:
     payload = b""
     match message:
         case Hello(version, config):
@@ -170,30 +175,8 @@ def encode_payload(message: Message) -> bytes:
     return payload
 
 
-def encode_message(message: Message) -> bytes:
-    """Write a message as type, length of the payload, payload.
-
-    Parameters
-    ----------
-    message : Message
-        The message.
-
-    Returns
-    -------
-    bytes
-        As it goes over the wire.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a number is out of range, or bits are not an array of bits.
-    """
-    payload = encode_payload(message)
-    return bytes([TYPES.index(type(message)) + 1]) + encode_varint(len(payload)) + payload
-
-
 def decode_payload(message_type: type[Message], payload: bytes) -> Message:
-    """Read the payload of a message; inverse of `encode_payload`.
+    """Read the payload of a message; as `encode_message` writes it.
 
     Parameters
     ----------
