@@ -62,12 +62,12 @@ def lane_layout(section_edges: tuple[int, ...], num_windows: int | None = None) 
     from dvc.turbo._kernels import NUM_LANES
 
     lengths = np.diff(section_edges)
-    longest = int(lengths.max())
+    max_steps = int(lengths.max())
     if num_windows is None:
-        num_windows = max(1, min(NUM_LANES // lengths.size, longest // MIN_WINDOW_STEPS))
+        num_windows = max(1, min(NUM_LANES // lengths.size, max_steps // MIN_WINDOW_STEPS))
     if num_windows < 1 or num_windows * lengths.size > NUM_LANES:
         raise ValueError(f"{lengths.size} sections of {num_windows} windows do not fit {NUM_LANES} lanes")
-    num_steps = -(-longest // num_windows)
+    num_steps = -(-max_steps // num_windows)
     cell_of_step = np.empty(section_edges[-1], np.int32)
     opens = np.ones(NUM_LANES, np.bool_)
     closes = np.ones(NUM_LANES, np.bool_)

@@ -7,7 +7,7 @@ from dvc._jit import kernel
 _LOG2E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
 _ROUND = 6755399441055744.0  # 1.5 * 2**52: a sum with it has been rounded to an integer, in its last bits
-_LEAST_EXPONENT = -700.0
+_MIN_EXPONENT = -700.0
 _HALF_MANTISSA = 0x3FE0000000000000
 _SQRT_HALF = 0.7071067811865476
 _HALVINGS = 5  # 32 probabilities above the share of outliers have a product that is a normal number
@@ -49,14 +49,14 @@ def pack_uniform(coefficients, step, num_planes, first_plane, words):
 @kernel
 def pack_dead_zone(coefficients, step, num_planes, first_plane, words):
     """Quantise an AC band (doubled zero bin) and put its planes into `words`."""
-    largest = (1 << (num_planes - 1)) - 1
+    max_number = (1 << (num_planes - 1)) - 1
     per_step = 1.0 / step
     numbers = np.empty(coefficients.size, np.uint64)
     for n in range(coefficients.size):
         value = coefficients[n] * per_step
         above, below = np.int64(value), np.int64(-value)
         below -= np.int64(below > 0) & np.int64(below == -value)  # a border belongs to the bin above it
-        numbers[n] = largest + min(max(above, 0), largest) - min(max(below, 0), largest)
+        numbers[n] = max_number + min(max(above, 0), max_number) - min(max(below, 0), max_number)
     put_bits(numbers, num_planes, first_plane, words)
 
 
@@ -85,10 +85,10 @@ def put_bits(numbers, num_planes, first_plane, words):
 @kernel
 def exponential(x):
     """Return 2**n and q such that exp(x) = 2**n * (1 + q), and |q| < 0.42, for -700 <= x <= 0."""
-    rounded = max(x, _LEAST_EXPONENT) * _LOG2E + _ROUND
+    rounded = max(x, _MIN_EXPONENT) * _LOG2E + _ROUND
     whole = rounded - _ROUND
     power = np.int64((np.float64(rounded).view(np.int64) + np.int64(1023)) << np.int64(52)).view(np.float64)
-    r = (max(x, _LEAST_EXPONENT) - whole * _LN2_HIGH) - whole * _LN2_LOW
+    r = (max(x, _MIN_EXPONENT) - whole * _LN2_HIGH) - whole * _LN2_LOW
     q = 1.0 / 6227020800.0
     q = q * r + 1.0 / 479001600.0
     q = q * r + 1.0 / 39916800.0

@@ -48,8 +48,8 @@ def step_index(coefficients: NDArray[np.float64], levels: int) -> int:
     int
         Index for `step_from_index`.
     """
-    largest = float(np.abs(coefficients).max(initial=0.0))
-    needed = max(2.0 * largest / (levels - 1), 1.0)
+    max_magnitude = float(np.abs(coefficients).max(initial=0.0))
+    needed = max(2.0 * max_magnitude / (levels - 1), 1.0)
     index = math.ceil(_STEPS_PER_OCTAVE * math.log2(needed) - 1e-9)
     return min(index, _MAX_STEP_INDEX)
 
