@@ -74,7 +74,7 @@ def merged_rows(old: Sequence[Row], new: Sequence[Row]) -> list[Row]:
     """Put new rows in the place of old ones.
 
     A row that could not be measured now does not replace what was measured before. Rows of figures that are
-    not defined any more go; figures that were never measured have a row that says so.
+    not defined any more go; figures that were never measured have a row that says so, in today's words.
 
     Parameters
     ----------
@@ -91,9 +91,11 @@ def merged_rows(old: Sequence[Row], new: Sequence[Row]) -> list[Row]:
         known = rows.get(row_key(row))
         if row["got"] is not None or known is None or known["got"] is None:
             rows[row_key(row)] = row
-    return [
-        rows.get(unit.key) or unit.figure.row(unit.clip, None, "not measured yet") for unit in all_units()
-    ]
+    merged = []
+    for unit in all_units():
+        row = rows.get(unit.key, {"got": None, "note": "not measured yet"})
+        merged.append(unit.figure.row(unit.clip, None, row["note"]) if row["got"] is None else row)
+    return merged
 
 
 def document_text(rows: Sequence[Row]) -> str:

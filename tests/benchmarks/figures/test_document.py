@@ -59,6 +59,15 @@ def test_rows_never_measured_are_there() -> None:
     assert "*not measured yet*" in Path("docs/figures.md").read_text(encoding="utf-8")
 
 
+def test_rows_never_measured_follow_their_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was measured keeps the words of that day; a row without a measurement has today's."""
+    assert command.main(["--name", "one"]) == 0
+    changed = [replace(figure, title="new") for figure in definitions.MODULES[0].FIGURES]
+    monkeypatch.setattr(definitions.MODULES[0], "FIGURES", (*changed, _figure("three")))
+    assert command.main(["--name", "three"]) == 0
+    assert [row["title"] for row in _document()] == ["title of one", "new", "new", "title of three"]
+
+
 def test_quick_run_keeps_nothing() -> None:
     """With --quick only the first clip is measured, and no document is written."""
     assert command.main(["--quick"]) == 0
