@@ -67,7 +67,7 @@ def selected_units(area: str | None, name: str | None, clip: str | None, quick: 
     area, name, clip : str or None
         All that have these; None accepts any, but for figures that want to be named.
     quick : bool
-        Only the first clip of every figure, unless one is named.
+        Only the first clip of every figure, unless one is named, and only what can be tried out quickly.
 
     Returns
     -------
@@ -84,7 +84,8 @@ def selected_units(area: str | None, name: str | None, clip: str | None, quick: 
         for unit in all_units()
         if area in (None, unit.figure.area) and name in (None, unit.figure.name) and clip in (None, unit.clip)
     ]
-    units = [unit for unit in units if name is not None or not unit.figure.on_request]
+    if name is None:
+        units = [unit for unit in units if not (unit.figure.on_request or (quick and unit.figure.slow))]
     if quick and clip is None:
         units = [unit for unit in units if unit.clip == unit.figure.clips[0]]
     if not units:

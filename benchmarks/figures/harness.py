@@ -108,6 +108,8 @@ class Figure:
         What the thesis reports, if anything.
     on_request : bool
         Measured only where its name is given, because it takes long.
+    slow : bool
+        Cannot be tried out in a minute: a quick run leaves it out, unless its name is given.
     """
 
     area: str
@@ -118,6 +120,7 @@ class Figure:
     clips: tuple[str | None, ...] = (None,)
     thesis: str = ""
     on_request: bool = False
+    slow: bool = False
 
     def row(self, clip: str | None, measured: Measured | None, note: str = "") -> Row:
         """Return the row of `docs/figures.json`.

@@ -86,6 +86,7 @@ FIGURES = tuple(
         f"frozen streams of every codec, buffered and punctured: {title}",
         "all decode to the frozen frames",
         partial(frozen_streams, environment=environment),
+        slow=bool(environment),
     )
     for name, (title, environment) in PROCESSORS.items()
 )

@@ -135,6 +135,7 @@ FIGURES = (
             "≤ 1.0",
             partial(decode_ratio, quantiser=quantiser),
             CLIPS,
+            slow=True,
         )
         for quantiser in (4, 8)
     ),
@@ -145,6 +146,7 @@ FIGURES = (
         "≤ 0.5",
         first_run_ratio,
         ("street",),
+        slow=True,
     ),
     Figure(
         AREA,

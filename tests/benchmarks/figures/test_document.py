@@ -107,6 +107,14 @@ def test_rows_of_figures_that_are_gone_go(monkeypatch: pytest.MonkeyPatch) -> No
     assert [row["name"] for row in _document()] == ["one"]
 
 
+def test_slow_measurements_are_not_tried_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A quick run leaves out what cannot be quick, unless it is named."""
+    figures = (_figure("one"), replace(_figure("two"), slow=True))
+    monkeypatch.setattr(definitions.MODULES[0], "FIGURES", figures)
+    for name, quick, count in ((None, True, 1), ("two", True, 1), (None, False, 2)):
+        assert len(definitions.selected_units(None, name, None, quick)) == count
+
+
 def test_unknown_figures_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     """An area that does not exist is refused with one line that lists them."""
     assert command.main(["--area", "cooking"]) == 2
