@@ -3,7 +3,7 @@
 import argparse
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from fractions import Fraction
@@ -35,7 +35,9 @@ def _parser() -> argparse.ArgumentParser:
         nargs="+",
         help="stream (.dvc) and video to write (.y4m, .mkv, .mp4); with --connect the video alone",
     )
-    _add_live(parser)
+    cli.add_live(
+        parser.add_argument_group("live"), "--connect", "decode live from `dvc-encode --serve HOST:PORT`"
+    )
     _add_prediction(parser)
     _add_outputs(parser)
     parser.add_argument(
@@ -45,13 +47,8 @@ def _parser() -> argparse.ArgumentParser:
         help="decode frames A to B-1, counted from 0, and only the groups of pictures that they need (files"
         " only); A: means to the end, :B from the beginning",
     )
-    parser.add_argument(
-        "--jobs",
-        type=cli.integer(1, 256),
-        default=1,
-        metavar="N",
-        help="processes that decode at the same time (files only); default: %(default)s",
-    )
+    jobs = "processes that decode at the same time (files only)"
+    cli.add_integer(parser, "--jobs", (1, 256), jobs, default=1)
     parser.add_argument(
         "--salvage",
         action="store_true",
@@ -67,18 +64,6 @@ def _frame_slice(text: str) -> slice:
         raise argparse.ArgumentTypeError(f"expected A:B, A: or :B, whole numbers from 0 on, got {text!r}")
     first, end = (int(number) if number else None for number in match.groups())
     return slice(first, end)
-
-
-def _add_live(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument_group("live").add_argument
-    add("--connect", metavar="HOST:PORT", help="decode live from `dvc-encode --serve HOST:PORT`")
-    add(
-        "--timeout",
-        type=cli.integer(1, 86400),
-        default=30,
-        metavar="S",
-        help="patience with a silent encoder, in seconds; default: %(default)s",
-    )
 
 
 def _add_prediction(parser: argparse.ArgumentParser) -> None:
@@ -108,7 +93,8 @@ def _add_prediction(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_outputs(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument_group("further outputs, and the original to compare with").add_argument
+    group = parser.add_argument_group("further outputs, and the original to compare with")
+    add = group.add_argument
     add(
         "--punctured",
         metavar="FILE",
@@ -121,36 +107,14 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         " key frames as they are",
     )
     add("--reference", metavar="ORIGINAL", help="the original video; used for nothing but PSNR")
-    add(
-        "--reference-start",
-        type=cli.integer(0, 10**9),
-        default=0,
-        metavar="K",
-        help="frame of ORIGINAL that was coded first; default: %(default)s",
-    )
+    first = "frame of ORIGINAL that was coded first"
+    cli.add_integer(group, "--reference-start", (0, 10**9), first, default=0, metavar="K")
     add("--size", type=cli.parse_size, metavar="WxH", help="picture size of a raw ORIGINAL")
     add(
         "--json",
         metavar="FILE",
         help="write bits, PSNR and times of every frame and totals (-: standard output)",
     )
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status: 0, or 2 for bad input.
-    """
-    arguments = _parser().parse_intermixed_args(argv)
-    return cli.run(PROG, lambda: _decode(arguments))
 
 
 def _decode(arguments: argparse.Namespace) -> int:
@@ -282,6 +246,8 @@ def _output(
         wanted=wanted,
     )
 
+
+main = cli.command(PROG, _parser, _decode)
 
 if __name__ == "__main__":
     sys.exit(main())

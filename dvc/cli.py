@@ -246,28 +246,6 @@ def integer(low: int, high: int) -> Callable[[str], int]:
     return _read
 
 
-def choice(names: Sequence[str]) -> Callable[[str], str]:
-    """Return a reader of one of several names, for `add_argument(type=...)`.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Those accepted.
-
-    Returns
-    -------
-    callable
-        Text to the same text; raises `argparse.ArgumentTypeError` for others.
-    """
-
-    def _read(text: str) -> str:
-        if text not in names:
-            raise argparse.ArgumentTypeError(f"expected {' or '.join(names)}, got {text!r}")
-        return text
-
-    return _read
-
-
 def add_integer(
     group: argparse._ActionsContainer,
     option: str,
@@ -313,20 +291,6 @@ def add_live(group: argparse._ActionsContainer, option: str, text: str) -> None:
     group.add_argument(option, metavar="HOST:PORT", help=text)
     patience = "patience with a silent peer, in seconds"
     add_integer(group, "--timeout", (1, 86400), patience, default=30, metavar="S")
-
-
-def add_report(group: argparse._ActionsContainer, contents: str) -> None:
-    """Add the options that say what is written about a run.
-
-    Parameters
-    ----------
-    group : ArgumentParser or group of one
-        Where to add them.
-    contents : str
-        What the JSON report holds.
-    """
-    group.add_argument("--json", metavar="FILE", help=f"write {contents} (-: standard output)")
-    group.add_argument("--quiet", action="store_true", help="no progress bar")
 
 
 def write_json(path: str | Path, values: object) -> None:

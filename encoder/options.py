@@ -112,7 +112,7 @@ _TRACK_OPTIONS = (
     _rule_option(
         "key-frames",
         "choice",
-        cli.choice(KEY_FRAME_CHOICES),
+        str,
         f"{{{','.join(KEY_FRAME_CHOICES)}}}",
         "end a GOP where tracks are long or lost, or where the estimated rate becomes least",
     ),
@@ -161,7 +161,10 @@ def parser() -> argparse.ArgumentParser:
         "--serve",
         "answer one decoder over TCP instead of writing a file (port 0: any free one)",
     )
-    cli.add_report(top, "counts, bits and processor times")
+    top.add_argument(
+        "--json", metavar="FILE", help="write counts, bits and processor times (-: standard output)"
+    )
+    top.add_argument("--quiet", action="store_true", help="no progress bar")
     return top
 
 

@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,32 +46,10 @@ def _parser() -> argparse.ArgumentParser:
         default="native",
         help="whose estimators: the project's own or COLMAP's; default: %(default)s",
     )
-    parser.add_argument(
-        "--seed",
-        type=cli.integer(0, 2**31 - 1),
-        default=0,
-        metavar="S",
-        help="seed of the random samples; default: %(default)s",
-    )
+    seed = "seed of the random samples"
+    cli.add_integer(parser, "--seed", (0, 2**31 - 1), seed, default=0, metavar="S")
     parser.add_argument("--quiet", action="store_true", help="print no summary")
     return parser
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status: 0, also where no model can be trusted; 2 for bad input.
-    """
-    arguments = _parser().parse_args(argv)
-    return cli.run(PROG, lambda: _reconstruct(arguments))
 
 
 def _reconstruct(arguments: argparse.Namespace) -> int:
@@ -131,6 +108,8 @@ def _summary(reconstruction: "Reconstruction") -> str:
     lines.append(f"motion: {reconstruction.motion}; {verdict}")
     return "\n".join(lines) + "\n"
 
+
+main = cli.command(PROG, _parser, _reconstruct)
 
 if __name__ == "__main__":
     sys.exit(main())

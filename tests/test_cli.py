@@ -15,7 +15,7 @@ import pytest
 import decoder.__main__
 import encoder.__main__
 from dvc import cli
-from dvc.config import DEFAULT_CODEC
+from dvc.config import DEFAULT_CODEC, VARIANTS
 from dvc.errors import ConfigError, DvcError
 from dvc.stream import StreamReader
 from dvc.video import open_video
@@ -363,6 +363,18 @@ def test_help_is_quick_and_has_examples(module: str) -> None:
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert "examples:" in shown
     assert shown.splitlines()[-1] == "LOADED"
+
+
+def test_help_tells_the_defaults_of_the_variants(capsys: pytest.CaptureFixture[str]) -> None:
+    """What an option is by default is told codec by codec, out of the presets."""
+    with pytest.raises(SystemExit):
+        encoder.__main__.main(["--help"])
+    told = " ".join(capsys.readouterr().out.split())
+    for name, variant in VARIANTS.items():
+        assert f"{name}: {variant.summary}" in told
+    assert f"default: {DEFAULT_CODEC}" in told
+    assert "2 with 2d and 3d; 10 with 3d-td; 16 (8 if only key frames are references) with 3d-te" in told
+    assert "default: 64 (40 if only key frames are references)" in told
 
 
 def test_expected_errors_become_one_line(capsys: pytest.CaptureFixture[str]) -> None:
