@@ -100,6 +100,8 @@ def command(
     prog: str,
     parser: Callable[[], argparse.ArgumentParser],
     work: Callable[[argparse.Namespace], int],
+    *,
+    has_subcommands: bool = False,
 ) -> Callable[..., int]:
     """Make the `main` of a command.
 
@@ -111,6 +113,8 @@ def command(
         Builds the parser; options and file names may stand in any order.
     work : callable
         Does what the arguments say and returns the exit status.
+    has_subcommands : bool, optional
+        Whether the parser has subcommands; their options and file names may stand in any order anyway.
 
     Returns
     -------
@@ -120,7 +124,8 @@ def command(
     """
 
     def _main(argv: Sequence[str] | None = None) -> int:
-        arguments = parser().parse_intermixed_args(argv)
+        built = parser()
+        arguments = built.parse_args(argv) if has_subcommands else built.parse_intermixed_args(argv)
         return run(prog, lambda: work(arguments))
 
     return _main

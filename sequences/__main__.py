@@ -3,7 +3,6 @@
 import argparse
 import json
 import sys
-from collections.abc import Sequence
 
 from dvc import cli
 
@@ -108,23 +107,11 @@ def _render(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
+def _work(arguments: argparse.Namespace) -> int:
+    return {"list": _list, "info": _info, "render": _render}[arguments.command](arguments)
 
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
 
-    Returns
-    -------
-    int
-        Exit status: 0, or 2 for bad input.
-    """
-    arguments = _parser().parse_args(argv)
-    commands = {"list": _list, "info": _info, "render": _render}
-    return cli.run(PROG, lambda: commands[arguments.command](arguments))
-
+main = cli.command(PROG, _parser, _work, has_subcommands=True)
 
 if __name__ == "__main__":
     sys.exit(main())

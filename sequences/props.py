@@ -59,29 +59,22 @@ def car(colour: Colour) -> Mesh:
             parts.append(_flank(length[panes], np.full(panes.sum(), _BELT_M + 0.04), top, side, glass, 0.008))
         for y in (0.78, 3.38):
             parts.append(_wheel(side * 0.80, y, 0.31))
-        parts.append(
-            box(
-                (side * 0.68 - 0.12, 4.12, 0.68),
-                (side * 0.68 + 0.12, 4.2, 0.86),
-                NUMBER["paint"],
-                (0.5, 0.03, 0.025),
-            )
-        )
-        parts.append(
-            box(
-                (side * 0.62 - 0.16, -0.01, 0.47),
-                (side * 0.62 + 0.16, 0.08, 0.6),
-                NUMBER["paint"],
-                (1.5, 1.5, 1.4),
-            )
-        )
+    return merge([*parts, *_fittings()]).moved((0, -2.1, 0))
+
+
+def _fittings() -> list[Mesh]:
+    """Make lamps at the back and the front, number plates, bumpers, and what is under a car."""
+    paint, parts = NUMBER["paint"], []
+    for side in (-1.0, 1.0):
+        x = side * 0.68
+        parts.append(box((x - 0.12, 4.12, 0.68), (x + 0.12, 4.2, 0.86), paint, (0.5, 0.03, 0.025)))
+        x = side * 0.62
+        parts.append(box((x - 0.16, -0.01, 0.47), (x + 0.16, 0.08, 0.6), paint, (1.5, 1.5, 1.4)))
     for y in (-0.03, 4.17):
-        parts.append(box((-0.26, y, 0.5), (0.26, y + 0.03, 0.61), NUMBER["paint"], (1.5, 1.5, 1.3)))
-        parts.append(
-            box((-0.84, y - 0.02, 0.26), (0.84, y + 0.05, 0.44), NUMBER["paint"], (0.12, 0.12, 0.13))
-        )
-    parts.append(box((-0.78, 0.3, 0.16), (0.78, 3.9, 0.3), NUMBER["paint"], (0.05, 0.05, 0.05)))
-    return merge(parts).moved((0, -2.1, 0))
+        parts.append(box((-0.26, y, 0.5), (0.26, y + 0.03, 0.61), paint, (1.5, 1.5, 1.3)))
+        parts.append(box((-0.84, y - 0.02, 0.26), (0.84, y + 0.05, 0.44), paint, (0.12, 0.12, 0.13)))
+    parts.append(box((-0.78, 0.3, 0.16), (0.78, 3.9, 0.3), paint, (0.05, 0.05, 0.05)))
+    return parts
 
 
 def _half_width(z: float) -> float:

@@ -140,23 +140,6 @@ def _add_measuring(command: argparse.ArgumentParser) -> None:
     add("--quiet", action="store_true", help="no progress bar")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status: 0, or 2 for bad input and for points that failed.
-    """
-    arguments = _parser().parse_args(argv)
-    return cli.run(PROG, lambda: _COMMANDS[arguments.command].run(arguments))
-
-
 def _run(arguments: argparse.Namespace) -> int:
     from dvc.rd.specification import expand
 
@@ -336,6 +319,10 @@ _COMMANDS = {
         _reproduce,
     ),
 }
+
+main = cli.command(
+    PROG, _parser, lambda arguments: _COMMANDS[arguments.command].run(arguments), has_subcommands=True
+)
 
 if __name__ == "__main__":
     sys.exit(main())

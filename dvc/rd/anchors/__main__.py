@@ -3,7 +3,6 @@
 import argparse
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from dvc import cli
@@ -52,24 +51,6 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status: 0, or 2 for bad input.
-    """
-    arguments = _parser().parse_args(argv)
-    command = {"encode": _encode, "decode": _decode}[arguments.command]
-    return cli.run(PROG, lambda: command(arguments))
-
-
 def _encode(arguments: argparse.Namespace) -> int:
     from dvc.rd.anchors.encoding import encode_file
 
@@ -104,6 +85,12 @@ def _decode(arguments: argparse.Namespace) -> int:
         cli.write_json(arguments.json, measured)
     return 0
 
+
+def _work(arguments: argparse.Namespace) -> int:
+    return (_encode if arguments.command == "encode" else _decode)(arguments)
+
+
+main = cli.command(PROG, _parser, _work, has_subcommands=True)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -40,35 +40,13 @@ def nal_units(stream: bytes) -> list[bytes]:
     return [stream[start:end] for start, end in pairwise([*starts, len(stream)])]
 
 
-def h264_type(unit: bytes) -> int:
-    """Return `nal_unit_type` of H.264.
-
-    Parameters
-    ----------
-    unit : bytes
-        As `nal_units` gives it.
-
-    Returns
-    -------
-    int
-        0 to 31.
-    """
+def _h264_type(unit: bytes) -> int:
+    """Return `nal_unit_type` of H.264, 0 to 31."""
     return _first_byte(unit) & 31
 
 
-def h265_type(unit: bytes) -> int:
-    """Return `nal_unit_type` of H.265.
-
-    Parameters
-    ----------
-    unit : bytes
-        As `nal_units` gives it.
-
-    Returns
-    -------
-    int
-        0 to 63.
-    """
+def _h265_type(unit: bytes) -> int:
+    """Return `nal_unit_type` of H.265, 0 to 63."""
     return _first_byte(unit) >> 1 & 63
 
 
@@ -91,7 +69,7 @@ def without_overhead(stream: bytes, file_format: str, known: bytes = b"") -> byt
     """
     if file_format == "obu":
         return stream
-    type_of, messages = (h264_type, {_H264_SEI}) if file_format == "h264" else (h265_type, _H265_SEI)
+    type_of, messages = (_h264_type, {_H264_SEI}) if file_format == "h264" else (_h265_type, _H265_SEI)
     bodies = {unit.lstrip(b"\x00") for unit in nal_units(known)}
     return b"".join(
         unit
@@ -130,11 +108,11 @@ def _first_byte(unit: bytes) -> int:
 
 
 def _h264_picture_bytes(packet: bytes) -> int:
-    return sum(len(unit) for unit in nal_units(packet) if 1 <= h264_type(unit) <= 5)
+    return sum(len(unit) for unit in nal_units(packet) if 1 <= _h264_type(unit) <= 5)
 
 
 def _h265_picture_bytes(packet: bytes) -> int:
-    return sum(len(unit) for unit in nal_units(packet) if h265_type(unit) < 32)
+    return sum(len(unit) for unit in nal_units(packet) if _h265_type(unit) < 32)
 
 
 def _av1_picture_bytes(packet: bytes) -> int:

@@ -17,9 +17,7 @@ from dvc.rd.thesis.chapter5_curves import (
     METHODS,
     THESIS_SEQUENCES,
     find_curve,
-    lossless_points,
-    lossy_points,
-    seen_point,
+    find_points,
 )
 from dvc.rd.thesis.chapter5_pictures import draw_pictures
 
@@ -76,7 +74,7 @@ def _side_information_table(found: Sequence[Experiment]) -> str:
     for method in METHODS:
         cells = []
         for experiment in found:
-            point = lossless_points(experiment).get(method.name)
+            point = find_points(experiment).lossless.get(method.name)
             value = None if point is None else point.total("si_psnr_y_db")
             text = NOTHING if value is None else f"{value:.1f}"
             if method.thesis_db is not None and experiment.name in THESIS_SEQUENCES:
@@ -103,7 +101,7 @@ def _lossy_table(found: Sequence[Experiment]) -> str:
     """Return how the prediction suffers from lossy key frames; the last row of each sequence is lossless."""
     rows = []
     for experiment in found:
-        for qp, point in lossy_points(experiment).items():
+        for qp, point in find_points(experiment).lossy.items():
             values = (point.total(name) for name in ("key_psnr_y_db", "si_psnr_y_db", "wz_psnr_y_db"))
             rows.append([experiment.name, qp, *(NOTHING if v is None else f"{v:.1f}" for v in values)])
     note = "Tracks at the encoder, dense depth, predicted from key frames only; PSNRs in dB.\n"
@@ -112,13 +110,7 @@ def _lossy_table(found: Sequence[Experiment]) -> str:
 
 def _pictures(experiment: Experiment, folder: Path) -> str:
     """Draw figures 5.11 to 5.14 of a sequence, as far as there is anything to draw."""
-    pictures = draw_pictures(
-        lossless_points(experiment),
-        tuple(lossy_points(experiment).values()),
-        seen_point(experiment),
-        folder,
-        f"thesis-{experiment.slug}",
-    )
+    pictures = draw_pictures(find_points(experiment), folder, f"thesis-{experiment.slug}")
     return "\n".join(
         f"![{escaped(f'Figure {number}, {experiment.name}: {_TITLES[number]}')}]({name})\n"
         for number, name in pictures.items()

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from dvc.rd.curves import Curve, Experiment
 from dvc.rd.point_result import PointResult
@@ -129,8 +129,26 @@ DUELS = (
 """Comparisons that section 5.5.4 of [Maitre2008] makes, and the same for what it does not have."""
 
 
-def lossless_points(experiment: Experiment) -> dict[str, PointResult]:
-    """Find the points of table 5.1.
+class ChapterPoints(NamedTuple):
+    """What the pictures and tables of a sequence are made from.
+
+    Attributes
+    ----------
+    lossless : dict of str to PointResult
+        Points of table 5.1 by name of the method, in the order of the table, as far as they are there.
+    lossy : dict of str to PointResult
+        Points of figure 5.13 by the QP of their key frames, the coarsest first, lossless last.
+    seen : PointResult or None
+        Point of figure 5.14: that whose key frames are nearest to `SEEN_QP`.
+    """
+
+    lossless: dict[str, PointResult]
+    lossy: dict[str, PointResult]
+    seen: PointResult | None
+
+
+def find_points(experiment: Experiment) -> ChapterPoints:
+    """Find the points that the chapter shows by themselves.
 
     Parameters
     ----------
@@ -139,50 +157,19 @@ def lossless_points(experiment: Experiment) -> dict[str, PointResult]:
 
     Returns
     -------
-    dict of str to PointResult
-        By name of the method, in the order of the table, as far as they are there.
+    ChapterPoints
+        As far as they are there.
     """
     points = [point for curve in experiment.curves for point in curve.points]
     made = {method.name: next((p for p in points if method.made(p)), None) for method in METHODS}
-    return {name: point for name, point in made.items() if point is not None}
-
-
-def lossy_points(experiment: Experiment) -> dict[str, PointResult]:
-    """Find the points of figure 5.13.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        What was measured on a sequence.
-
-    Returns
-    -------
-    dict of str to PointResult
-        By the QP of their key frames, the coarsest first, lossless last.
-    """
+    lossless = {name: point for name, point in made.items() if point is not None}
     curve = find_curve(experiment, "TE, key frames only")
-    points = () if curve is None else curve.points
-    found = {str(p.data["key"]["qp"]): p for p in sorted(points, key=lambda p: -p.data["key"]["qp"])}
-    lossless = lossless_points(experiment).get(METHODS[-1].name)
-    return found if lossless is None else {**found, "lossless": lossless}
-
-
-def seen_point(experiment: Experiment) -> PointResult | None:
-    """Find the point of figure 5.14.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        What was measured on a sequence.
-
-    Returns
-    -------
-    PointResult or None
-        The one whose key frames are nearest to `SEEN_QP`.
-    """
-    curve = find_curve(experiment, "TE, key frames only")
-    points = () if curve is None else curve.points
-    return min(points, key=lambda point: abs(point.data["key"]["qp"] - SEEN_QP), default=None)
+    coded = () if curve is None else curve.points
+    lossy = {str(p.data["key"]["qp"]): p for p in sorted(coded, key=lambda p: -p.data["key"]["qp"])}
+    if METHODS[-1].name in lossless:
+        lossy["lossless"] = lossless[METHODS[-1].name]
+    seen = min(coded, key=lambda point: abs(point.data["key"]["qp"] - SEEN_QP), default=None)
+    return ChapterPoints(lossless, lossy, seen)
 
 
 def find_curve(experiment: Experiment, name: str) -> Curve | None:

@@ -1,6 +1,6 @@
 """Pictures of chapter 5 of the thesis, from results alone."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +12,7 @@ from dvc.files import atomic_output
 from dvc.rd.pictures import read_picture
 from dvc.rd.plots import ANCHOR_COLOURS, ANCHOR_MARKERS, COLOURS, DPI, MARKERS
 from dvc.rd.point_result import PointResult
+from dvc.rd.thesis.chapter5_curves import ChapterPoints
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,23 +26,13 @@ Panel = tuple[str, NDArray[np.int16]]
 """Title and picture."""
 
 
-def draw_pictures(
-    methods: Mapping[str, PointResult],
-    lossy: Sequence[PointResult],
-    seen: PointResult | None,
-    folder: Path,
-    stem: str,
-) -> dict[str, str]:
+def draw_pictures(points: ChapterPoints, folder: Path, stem: str) -> dict[str, str]:
     """Draw figures 5.11 to 5.14 of a sequence, as far as there is anything to draw.
 
     Parameters
     ----------
-    methods : mapping of str to PointResult
-        Points with lossless key frames, by name of the method.
-    lossy : sequence of PointResult
-        Points of figure 5.13, one per QP.
-    seen : PointResult or None
-        Point of figure 5.14, with lossy key frames.
+    points : ChapterPoints
+        Of the sequence.
     folder : Path
         Of the experiment, where the pictures of points lie, and where these go.
     stem : str
@@ -58,11 +49,12 @@ def draw_pictures(
         If one cannot be written.
     """
     names = {number: f"{stem}-{number}.png" for number in ("5.11", "5.12", "5.13", "5.14")}
+    lossy = _lossy_lines(points.lossy.values())
     drawn = {
-        "5.11": _draw_lines(_predicted_lines(methods), "predicted frames", folder / names["5.11"]),
-        "5.12": _draw_panels(_noise_panels(methods, folder), folder / names["5.12"]),
-        "5.13": _draw_lines(_lossy_lines(lossy), "key and predicted frames", folder / names["5.13"]),
-        "5.14": _draw_panels(_quality_panels(seen, folder), folder / names["5.14"]),
+        "5.11": _draw_lines(_predicted_lines(points.lossless), "predicted frames", folder / names["5.11"]),
+        "5.12": _draw_panels(_noise_panels(points.lossless, folder), folder / names["5.12"]),
+        "5.13": _draw_lines(lossy, "key and predicted frames", folder / names["5.13"]),
+        "5.14": _draw_panels(_quality_panels(points.seen, folder), folder / names["5.14"]),
     }
     return {number: names[number] for number, is_drawn in drawn.items() if is_drawn}
 
@@ -72,7 +64,7 @@ def _predicted_lines(methods: Mapping[str, PointResult]) -> list[Line]:
     return [(name, _predicted(point)) for name, point in methods.items()]
 
 
-def _lossy_lines(points: Sequence[PointResult]) -> list[Line]:
+def _lossy_lines(points: Iterable[PointResult]) -> list[Line]:
     """Return the PSNR of key frames, unless they are lossless, and predicted frames, one line per point."""
     lines: list[Line] = []
     for point in points:

@@ -1,4 +1,4 @@
-"""Points and sweeps."""
+"""Sweeps as they are asked for, and the points that they mean."""
 
 from pathlib import Path
 
