@@ -1,10 +1,9 @@
 """Projective cameras: pixels and normalised coordinates, projection, and pairs of views.
 
-Convention
-----------
-A camera is a 3x4 matrix in *normalised coordinates* of the image (`PixelFrame`), of any scale and sign. Pixel
-centres are at whole numbers. Depth is projective: positive before the camera once the matrix has the sign
-that gives its left part a positive determinant; inverse depth is 0 at infinity and grows towards the camera.
+Convention: a camera is a 3x4 matrix in *normalised coordinates* of the image (`PixelFrame`), of any scale and
+sign. Pixel centres are at whole numbers. Depth is projective: positive before the camera once the matrix has
+the sign that gives its left part a positive determinant; inverse depth is 0 at infinity and grows towards the
+camera.
 """
 
 from dataclasses import dataclass

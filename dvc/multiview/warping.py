@@ -1,11 +1,9 @@
 """Warping: where points and pixels of one view with known depth lie in another.
 
-Convention
-----------
-Between two views (pixels, first pixel centre at 0) cameras become a *warp*, the 3x4 matrix ``[H | e]`` of the
-infinite homography H and the epipole e: the homogeneous point x of the source view with inverse depth rho
-lies at ``H x + rho e`` in the target view, and its inverse depth there is rho over the third coordinate.
-Planes are affine in inverse depth, whatever the camera; it is 0 at infinity and grows towards the camera.
+Convention: between two views (pixels, first pixel centre at 0) cameras become a *warp*, the 3x4 matrix
+``[H | e]`` of the infinite homography H and the epipole e. The homogeneous point x of the source view with
+inverse depth rho lies at ``H x + rho e`` in the target view; its inverse depth there is rho over the third
+coordinate. Planes are affine in inverse depth, whatever the camera.
 
 References
 ----------

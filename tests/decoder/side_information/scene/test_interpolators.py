@@ -9,14 +9,8 @@ import pytest
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.scene.blocks import BlockInterpolator, spread_blocks
 from decoder.side_information.scene.depth import DepthInterpolator
-from decoder.side_information.scene.mesh import (
-    MeshInterpolator,
-    MeshSettings,
-    barycentric,
-    epipolar_lines,
-    fit_mesh,
-    roughness_matrix,
-)
+from decoder.side_information.scene.mesh import MeshInterpolator, MeshSettings, fit_mesh
+from decoder.side_information.scene.mesh_equations import barycentric, epipolar_lines, roughness_matrix
 from decoder.side_information.scene.synthesis import blend, block_offsets, warp_chroma
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
