@@ -78,23 +78,8 @@ def _psnrs_db(run: Run, folder: Path) -> dict[int, float]:
     return {frame.index: frame.psnr_db for frame in frame_results(run, folder)}
 
 
-def quality_by_frame(clip: str, frames: int, results: Path) -> list[Line]:
-    """Measure figure 5.11: side information by frame, lossless key frames.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-    frames : int
-        Its frames.
-    results : Path
-        Folder of results.
-
-    Returns
-    -------
-    list of Line
-        Every way at a fixed distance of key frames, and TE with key frames that the tracks choose.
-    """
+def _quality_by_frame(clip: str, frames: int, results: Path) -> list[Line]:
+    """Figure 5.11: by frame, every way at a fixed distance of lossless keys, and TE by its own rule."""
     lines = [
         Line(way.name, _psnrs_db(_run(clip, way, frames), results), colour, style, gop=fixed_gop(clip))
         for way, colour, style in PLOTTED
@@ -103,23 +88,8 @@ def quality_by_frame(clip: str, frames: int, results: Path) -> list[Line]:
     return [*lines, Line(f"{TE_DEPTH.name}, keys by tracks", chosen, 1, "-")]
 
 
-def quality_from_lossy_keys(clip: str, frames: int, results: Path) -> list[Line]:
-    """Measure figure 5.13: key frames and side information by frame, for several quantisers.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-    frames : int
-        Its frames.
-    results : Path
-        Folder of results.
-
-    Returns
-    -------
-    list of Line
-        One for each quantisation parameter, with peaks at the key frames.
-    """
+def _quality_from_lossy_keys(clip: str, frames: int, results: Path) -> list[Line]:
+    """Figure 5.13: key frames, as peaks, and side information by frame, for several quantisers."""
     lines = []
     for number, qp in enumerate(KEY_QPS):
         run = Run(clip, TE_DEPTH, min(frames, LOSSY_FRAMES), fixed_gop(clip), qp, every=2)
@@ -135,19 +105,8 @@ def _middle(run: Run) -> tuple[ReceivedGroup, int, Prediction]:
     return group, index, prediction
 
 
-def noise_pictures(clip: str) -> Picture:
-    """Draw figure 5.12: correlation noise of one frame by four codecs.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        Four panels.
-    """
+def _noise_pictures(clip: str) -> Picture:
+    """Draw figure 5.12: correlation noise of one frame by four codecs."""
     panels = []
     for way in NOISE_WAYS:
         group, index, prediction = _middle(_run(clip, way, fixed_gop(clip) + 1))
@@ -158,19 +117,8 @@ def noise_pictures(clip: str) -> Picture:
     return in_pairs(panels)
 
 
-def subjective_pictures(clip: str) -> Picture:
-    """Draw figure 5.14: a decoded key frame and a frame that is interpolated.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        Two panels.
-    """
+def _subjective_pictures(clip: str) -> Picture:
+    """Draw figure 5.14: a decoded key frame and a frame that is interpolated."""
     run = Run(clip, TE_DEPTH, fixed_gop(clip) + 1, fixed_gop(clip), SUBJECTIVE_QP, every=2)
     group, index, prediction = _middle(run)
     interpolated = to_uint8(prediction.luma)
@@ -181,19 +129,8 @@ def subjective_pictures(clip: str) -> Picture:
     return in_pairs([panel(group.keys[0].frame.luma, first), panel(interpolated, second)])
 
 
-def track_pictures(clip: str) -> dict[str, Picture]:
-    """Draw the tracks of TE and the snakes of TD in the first group of each.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    dict of str to ndarray
-        By name; empty where nothing was tracked.
-    """
+def _track_pictures(clip: str) -> dict[str, Picture]:
+    """Draw the tracks of TE and the snakes of TD in the first group of each, where anything was tracked."""
     pictures = {}
     tracked = next(iter(received_groups(Run(clip, TE_DEPTH, fixed_gop(clip) + 1))), None)
     if tracked is not None and isinstance(tracked.points, PointTracks):
@@ -207,23 +144,8 @@ def track_pictures(clip: str) -> dict[str, Picture]:
     return pictures
 
 
-def table_row(clip: str, frames: int, results: Path) -> str:
-    """Measure a row of table 5.1.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-    frames : int
-        Its frames.
-    results : Path
-        Folder of results.
-
-    Returns
-    -------
-    str
-        Of a Markdown table: the name, and the mean PSNR by every way.
-    """
+def _table_row(clip: str, frames: int, results: Path) -> str:
+    """Measure a row of table 5.1, in Markdown: the name, and the mean PSNR by every way."""
     values = [f"{mean_db(_run(clip, way, frames), results):.1f}" for way in WAYS]
     name = clip if fixed_gop(clip) == fixed_gop("") else f"{clip} (GOP {fixed_gop(clip)})"
     return "| " + " | ".join([name, *values]) + " |"
@@ -237,7 +159,7 @@ def with_rows(page: str, rows: Sequence[str]) -> str:
     page : str
         Markdown with `BEGIN` and `END`.
     rows : sequence of str
-        From `table_row`.
+        From `_table_row`.
 
     Returns
     -------
@@ -281,18 +203,18 @@ def draw(clip: str, folder: Path, frames: int) -> list[Path]:
         If the sequence is not there.
     """
     pictures = {
-        **track_pictures(clip),
-        "noise": noise_pictures(clip),
-        "subjective": subjective_pictures(clip),
+        **_track_pictures(clip),
+        "noise": _noise_pictures(clip),
+        "subjective": _subjective_pictures(clip),
     }
     paths = [folder / f"{clip}_{name}.jpg" for name in pictures]
     for path, picture in zip(paths, pictures.values(), strict=True):
         write_picture(path, picture)
     plots = {
-        "psnr": (f"{clip}: side information, lossless key frames", quality_by_frame),
+        "psnr": (f"{clip}: side information, lossless key frames", _quality_by_frame),
         "lossy_keys": (
             f"{clip}: {TE_DEPTH.name}, key frames (diamonds) and side information",
-            quality_from_lossy_keys,
+            _quality_from_lossy_keys,
         ),
     }
     for name, (title, measure) in plots.items():
@@ -333,7 +255,7 @@ def _draw_all(arguments: argparse.Namespace) -> int:
         folder = arguments.out or (FOLDER if clip in SCENES else FOLDER_OF_REAL_CLIPS)
         paths = draw(clip, folder, arguments.frames)
         if not arguments.no_table:
-            page = with_rows(PAGE.read_text(encoding="utf-8"), [table_row(clip, arguments.frames, RESULTS)])
+            page = with_rows(PAGE.read_text(encoding="utf-8"), [_table_row(clip, arguments.frames, RESULTS)])
             with atomic_output(PAGE) as temporary:
                 temporary.write_text(page, encoding="utf-8")
         return paths
