@@ -83,6 +83,11 @@ def naming_group(number: int, part: str = "") -> Iterator[None]:
         Number of the group, from 0.
     part : str, optional
         What comes before the reason.
+
+    Yields
+    ------
+    None
+        Nothing; `BitstreamError` of the block is raised again with the name.
     """
     try:
         yield

@@ -63,6 +63,11 @@ class EncoderStatistics:
         ----------
         name : str
             The field, as ``key_cpu_s``.
+
+        Yields
+        ------
+        None
+            Nothing; what the block takes is added.
         """
         started = time.process_time()
         yield
