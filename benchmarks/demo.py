@@ -217,7 +217,7 @@ def _luma(path: Path, index: int) -> NDArray[np.uint8]:
 
 
 def _depth(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> NDArray[np.float64] | None:
-    """Return what the decoder takes for the inverse depth of a key frame; None where there is no scene."""
+    """Return inverse depth as the decoder finds it between key frames without tracks; None: no scene."""
     from dvc.multiview.depth_maps import estimate_depths
     from sfm.pipeline import reconstruct
 
@@ -235,45 +235,51 @@ def _draw(video: Path, folder: Path, curves: dict[str, list[Row]]) -> None:
     from matplotlib import pyplot as plt
 
     files = Files.named(folder, f"3d-te_q{SHOWN}")
-    types = [frame["type"] for frame in _report(files)["per_frame"]]
-    second = next(
-        (index for index in range(2, len(types)) if types[index - 1 : index + 1] == ["wz", "key"]), 0
-    )
-    first = max((index for index in range(second) if types[index] == "key"), default=0)
+    first, second = _first_group([frame["type"] for frame in _report(files)["per_frame"]])
     shown = (first + second) // 2
     original, predicted, decoded = (
         _luma(path, shown).astype(float) for path in (video, files.predicted, files.decoded)
     )
     depth = _depth(_luma(files.decoded, first), _luma(files.decoded, second))
+    seen = f"depth of frame {first}, from decoded frames (bright is near)"
+    if depth is None:
+        seen, depth = "no depth: no scene that can be trusted", np.zeros_like(original)
     figure, axes = plt.subplots(2, 3, figsize=(14, 8), layout="constrained")
-    for place, picture, title, white in (
-        (axes[0, 0], original, f"frame {shown}, original", 255),
+    for place, picture, title, colours, white in (
+        (axes[0, 0], original, f"frame {shown}, original", "gray", 255.0),
+        (axes[0, 1], depth, seen, "viridis", float(np.percentile(depth, 99))),
         (
             axes[0, 2],
             predicted,
-            f"predicted from that and frames {first} and {second}: {_db(original, predicted)}",
-            255,
+            f"predicted from frames {first} and {second}: {_db(original, predicted)}",
+            "gray",
+            255.0,
         ),
-        (axes[1, 0], decoded, f"corrected by parity, Q{SHOWN}: {_db(original, decoded)}", 255),
-        (axes[1, 1], np.abs(original - decoded), "remaining error, 8 times", 32),
+        (axes[1, 0], decoded, f"corrected by parity, Q{SHOWN}: {_db(original, decoded)}", "gray", 255.0),
+        (axes[1, 1], np.abs(original - decoded), "remaining error, 8 times", "gray", 32.0),
     ):
-        place.imshow(picture, cmap="gray", vmin=0, vmax=white)
+        place.imshow(picture, cmap=colours, vmin=0, vmax=white)
         place.set_title(title)
-    if depth is None:
-        axes[0, 1].set_title("no scene between the key frames")
-    else:
-        axes[0, 1].imshow(depth, cmap="viridis", vmin=0, vmax=float(np.percentile(depth, 99)))
-        axes[0, 1].set_title(f"depth of frame {first}, as decoded (bright is near)")
-    for place in axes.flat[:5]:
         place.axis("off")
-    plot = axes[1, 2]
+    _plot(axes[1, 2], curves)
+    figure.savefig(folder / "demo.png", dpi=110)
+
+
+def _first_group(types: list[str]) -> tuple[int, int]:
+    """Return the key frames around the first Wyner-Ziv frames; twice the first frame if there are none."""
+    if "wz" not in types:
+        return 0, 0
+    first = types.index("wz")
+    return first - 1, types.index("key", first)
+
+
+def _plot(place: Any, curves: dict[str, list[Row]]) -> None:
     for (name, rows), style in zip(curves.items(), ("o-", "^-", "s--"), strict=True):
         points = sorted((row.rate_kbps, row.psnr_db) for row in rows)
-        plot.plot(*zip(*points, strict=True), style, label=name)
-    plot.set(xlabel="rate, kbit/s", ylabel="luma PSNR, dB")
-    plot.grid(alpha=0.3)
-    plot.legend()
-    figure.savefig(folder / "demo.png", dpi=110)
+        place.plot(*zip(*points, strict=True), style, label=name)
+    place.set(xlabel="rate, kbit/s", ylabel="luma PSNR, dB")
+    place.grid(alpha=0.3)
+    place.legend()
 
 
 def _db(original: NDArray[np.float64], picture: NDArray[np.float64]) -> str:

@@ -83,3 +83,22 @@ def odd_frames() -> dict[str, Plane]:
         "odd": texture[:37, :53],
         "narrow": texture[:9],
     }
+
+
+def same_frame(a: Frame, b: Frame) -> bool:
+    """Tell whether two pictures are equal sample for sample; grey never equals colour.
+
+    Parameters
+    ----------
+    a, b : Frame
+        Pictures of any size.
+
+    Returns
+    -------
+    bool
+        True if all planes agree.
+    """
+    if (a.chroma is None) != (b.chroma is None):
+        return False
+    pairs = zip((a.luma, *(a.chroma or ())), (b.luma, *(b.chroma or ())), strict=True)
+    return all(np.array_equal(x, y) for x, y in pairs)

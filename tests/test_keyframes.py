@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from dvc.errors import BitstreamError, VideoError
 from dvc.keyframes import KeyFrameDecoder, KeyFrameEncoder, Qp
 from dvc.metrics import psnr_db
-from dvc.video import Frame, chroma_shape, open_video, same_frame
+from dvc.video import Frame, chroma_shape, open_video
 from dvc.video.pixels import picture_from_frame
+from tests.clips import same_frame
 
 MakeFrames = Callable[..., list[Frame]]
 

@@ -7,7 +7,6 @@ from dvc.video.frames import (
     VideoWriter,
     chroma_shape,
     exact_frame_rate,
-    same_frame,
 )
 from dvc.video.readers import open_video
 from dvc.video.writers import create_video, pad_frame
@@ -22,5 +21,4 @@ __all__ = [
     "exact_frame_rate",
     "open_video",
     "pad_frame",
-    "same_frame",
 ]

@@ -120,25 +120,6 @@ def neutral_plane(shape: tuple[int, int]) -> Plane:
     return np.full(shape, NEUTRAL_CHROMA, np.uint8)
 
 
-def same_frame(a: Frame, b: Frame) -> bool:
-    """Tell whether two pictures are equal sample for sample; grey never equals colour.
-
-    Parameters
-    ----------
-    a, b : Frame
-        Pictures of any size.
-
-    Returns
-    -------
-    bool
-        True if all planes agree.
-    """
-    if (a.chroma is None) != (b.chroma is None):
-        return False
-    pairs = zip((a.luma, *(a.chroma or ())), (b.luma, *(b.chroma or ())), strict=True)
-    return all(np.array_equal(x, y) for x, y in pairs)
-
-
 def check_size(width: int, height: int, what: str) -> None:
     """Refuse picture sizes that no array should be made for.
 

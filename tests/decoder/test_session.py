@@ -25,9 +25,9 @@ from dvc.errors import BitstreamError, ConfigError, VideoError
 from dvc.metrics import psnr_db
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.tracks import PointTracks, encode_tracks
-from dvc.video import Frame, VideoInfo, same_frame
+from dvc.video import Frame, VideoInfo
 from encoder.session import EncoderSession
-from tests.clips import moving_texture
+from tests.clips import moving_texture, same_frame
 
 CONFIG = CodecConfig(
     codec="2d",

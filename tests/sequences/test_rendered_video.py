@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from dvc.errors import ConfigError, DvcError, VideoError
-from dvc.video import VideoReader, open_video, same_frame
+from dvc.video import VideoReader, open_video
 from sequences.pfm import read_pfm, write_pfm
 from sequences.renderer import RenderedFrame, render_frame
 from sequences.scenes import scene
 from sequences.sequence import RenderedSequence, render
+from tests.clips import same_frame
 
 DETAIL = 0.05
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dvc.errors import ConfigError, VideoError
-from dvc.video import same_frame
 from sequences.renderer import render_frame, to_frame, tone, vignette, ycbcr
 from sequences.scenes import descriptions, scene
+from tests.clips import same_frame
 
 DETAIL = 0.05
 LOOKS = {

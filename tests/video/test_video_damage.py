@@ -9,8 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import VideoError
-from dvc.video import Frame, create_video, open_video, same_frame
+from dvc.video import Frame, create_video, open_video
 from dvc.video.damage import checksum_is_valid, ffv1_slices, matroska_bytes
+from tests.clips import same_frame
 
 MakeFrames = Callable[..., list[Frame]]
 

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dvc.video import Frame, chroma_shape, same_frame
+from dvc.video import Frame, chroma_shape
 from dvc.video.pixels import conversion_notices, frame_from_picture, is_full_range, picture_from_frame
+from tests.clips import same_frame
 
 
 def colour_picture(width: int = 38, height: int = 22) -> av.VideoFrame:

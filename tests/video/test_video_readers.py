@@ -13,8 +13,9 @@ import pytest
 from av.video.stream import VideoStream
 
 from dvc.errors import VideoError
-from dvc.video import Frame, create_video, exact_frame_rate, open_video, same_frame
+from dvc.video import Frame, create_video, exact_frame_rate, open_video
 from dvc.video.pixels import picture_from_frame
+from tests.clips import same_frame
 
 MakeFrames = Callable[..., list[Frame]]
 

@@ -13,7 +13,8 @@ import pytest
 
 from dvc.errors import VideoError
 from dvc.metrics import psnr_db
-from dvc.video import Frame, VideoReader, VideoWriter, create_video, open_video, same_frame
+from dvc.video import Frame, VideoReader, VideoWriter, create_video, open_video
+from tests.clips import same_frame
 
 MakeFrames = Callable[..., list[Frame]]
 
