@@ -1,98 +1,23 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures between two decoded key frames."""
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.wyner_ziv import DecodedFrame, WynerZivDecoder
+from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask
+from decoder.wyner_ziv import WynerZivDecoder
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
 from dvc.turbo import Answer
-from dvc.video import Frame
 from dvc.wynerziv.buffered import BufferedFrame
-from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder
+from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder, disagreement
 
-
-@dataclass(frozen=True)
-class DecodedGroup:
-    """One decoded group of pictures.
-
-    Attributes
-    ----------
-    first_index : int
-        Display position of its first frame.
-    wyner_ziv : tuple of DecodedFrame
-        Its Wyner-Ziv frames, in display order.
-    key : Frame
-        The key frame that ends it.
-    record : GopRecord
-        The record of the punctured form: what was really needed.
-    """
-
-    first_index: int
-    wyner_ziv: tuple[DecodedFrame, ...]
-    key: Frame
-    record: GopRecord
-
-    @property
-    def key_index(self) -> int:
-        """Display position of the key frame."""
-        return self.first_index + len(self.wyner_ziv)
-
-    @classmethod
-    def of(
-        cls, first_index: int, wyner_ziv: Sequence[DecodedFrame], key: Frame, record: GopRecord
-    ) -> "DecodedGroup":
-        """Return a group with the record of what was needed.
-
-        Parameters
-        ----------
-        first_index : int
-            Display position of its first frame.
-        wyner_ziv : sequence of DecodedFrame
-            Its Wyner-Ziv frames.
-        key : Frame
-            Its key frame.
-        record : GopRecord
-            What the stream, or the encoder, sent of it.
-
-        Returns
-        -------
-        DecodedGroup
-            The group.
-        """
-        needed = GopRecord(
-            record.num_frames, record.key, record.tracks, tuple(frame.punctured for frame in wyner_ziv)
-        )
-        return cls(first_index, tuple(wyner_ziv), key, needed)
-
-
-@contextmanager
-def naming_group(number: int, part: str = "") -> Iterator[None]:
-    """Say of damage in which group of pictures it is.
-
-    Parameters
-    ----------
-    number : int
-        Number of the group, from 0.
-    part : str, optional
-        What comes before the reason.
-
-    Yields
-    ------
-    None
-        Nothing; `BitstreamError` of the block is raised again with the name.
-    """
-    try:
-        yield
-    except BitstreamError as err:
-        raise BitstreamError(f"group of pictures {number}: {part}{err}") from err
+Points = PointTracks | FeaturePoints | None
 
 
 def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[int, tuple[int, int]]]:
@@ -153,63 +78,64 @@ class GroupDecoder:
         self._method = METHODS[method](config)
         self._decoder = WynerZivDecoder(config)
 
-    def decode(
-        self,
-        keys: tuple[ReferenceFrame, ReferenceFrame],
-        record: GopRecord,
-        source: Form | Answer,
-    ) -> list[DecodedFrame]:
-        """Decode the Wyner-Ziv frames of a group.
+    def decode(self, task: GroupTask, ask: Answer) -> DecodedGroup:
+        """Decode a group.
 
         Parameters
         ----------
-        keys : tuple of two ReferenceFrame
-            The key frames around the group.
-        record : GopRecord
-            Its tracks, and a payload for each frame between the key frames.
-        source : Form or callable
-            Form of the payloads, or who answers requests where payloads are headers alone.
+        task : GroupTask
+            The group: key frames around it, tracks, and a payload, or only its header, for each frame.
+        ask : callable
+            Asks a live encoder for parity, where the task is of no stream.
 
         Returns
         -------
-        list of DecodedFrame
-            In display order.
+        DecodedGroup
+            Its frames, and the record of what was needed.
 
         Raises
         ------
         BitstreamError
-            If tracks or payloads are damaged.
+            If tracks, headers or payloads are damaged, or a punctured stream was made for other predictions.
         """
-        known = {key.index: key for key in keys}
-        points = self._received(record.tracks, len(record.wyner_ziv))
-        layout, references = self._decoder.layout, self._config.gop.references
-        results = []
-        for index, around in decoding_order(keys[0].index, keys[1].index, references != "keys"):
-            started = time.perf_counter()
+        if task.references is None:
+            return DecodedGroup.of(task, [])
+        before, after = task.references
+        known = {before.index: before, after.index: after}
+        points = self._received(task.record.tracks, len(task.record.wyner_ziv))
+        references = self._config.gop.references
+        frames = []
+        for index, around in decoding_order(before.index, after.index, references != "keys"):
             usable = [known[k] for k in _usable(known, around, references)]
-            prediction = self._method.predict(usable, points, [index])[0]
-            payload = record.wyner_ziv[index - keys[0].index - 1]
-            coroutine = self._decoder.decode(index, layout.read_header(payload), prediction)
-            recorder = PunctureRecorder(self._answer(payload, source))
-            decoded = turbo.drive(coroutine, recorder.answer)
-            known[index] = ReferenceFrame(index, decoded.frame)
-            punctured = recorder.payload(payload[: layout.header_bytes])
-            if source == Form.PUNCTURED and len(punctured) < len(payload):
-                raise BitstreamError(
-                    f"punctured Wyner-Ziv frame of {len(payload)} bytes, {len(punctured)} are needed"
-                )
-            results.append(replace(decoded, punctured=punctured, decode_s=time.perf_counter() - started))
-        return sorted(results, key=lambda result: result.index)
+            payload = task.record.wyner_ziv[index - before.index - 1]
+            frame = self._decode_frame(index, usable, points, payload, self._answer(task.form, payload, ask))
+            known[index] = ReferenceFrame(index, frame.frame)
+            frames.append(frame)
+        group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
+        if task.form is Form.PUNCTURED:
+            _check_agreement(group.record, task.record)
+        return group
 
-    def _answer(self, payload: bytes, source: Form | Answer) -> Answer:
-        """Say who answers the requests of a frame."""
-        if not isinstance(source, Form):
-            return source
-        if source is Form.BUFFERED:
-            return BufferedFrame(self._decoder.layout, payload, self._decoder.num_codes).answer
-        return PuncturedFrame(self._decoder.layout, payload).answer
+    def _decode_frame(
+        self, index: int, references: list[ReferenceFrame], points: Points, payload: bytes, answer: Answer
+    ) -> DecodedFrame:
+        started = time.perf_counter()
+        layout = self._decoder.layout
+        prediction = self._method.predict(references, points, [index])[0]
+        recorder = PunctureRecorder(answer)
+        steps = self._decoder.decode(index, layout.read_header(payload), prediction)
+        decoded = turbo.drive(steps, recorder.answer)
+        punctured = recorder.payload(payload[: layout.header_bytes])
+        return replace(decoded, punctured=punctured, decode_s=time.perf_counter() - started)
 
-    def _received(self, tracks: bytes, num_frames: int) -> PointTracks | FeaturePoints | None:
+    def _answer(self, form: Form | None, payload: bytes, ask: Answer) -> Answer:
+        """Return who answers the requests for a frame."""
+        layout = self._decoder.layout
+        if form is Form.BUFFERED:
+            return BufferedFrame(layout, payload, self._decoder.num_codes).answer
+        return ask if form is None else PuncturedFrame(layout, payload).answer
+
+    def _received(self, tracks: bytes, num_frames: int) -> Points:
         """Read what was sent of the geometry of a group."""
         kind = self._config.tracks.kind
         if kind == "none" and tracks:
@@ -219,3 +145,12 @@ class GroupDecoder:
         if kind == "encoder":
             return decode_tracks(tracks, num_frames + 2, self._config)
         return decode_points(tracks, num_frames, self._config)
+
+
+def _check_agreement(needed: GopRecord, sent: GopRecord) -> None:
+    """Refuse a punctured group that this decoder would have made otherwise."""
+    for ours, theirs in zip(needed.wyner_ziv, sent.wyner_ziv, strict=True):
+        if len(ours) != len(theirs):
+            raise disagreement(f"a Wyner-Ziv frame has {len(theirs)} bytes, {len(ours)} are needed")
+    if sent.digest not in (None, needed.digest):
+        raise disagreement(f"digest {needed.digest:08x} of the frames, {sent.digest:08x} in the stream")

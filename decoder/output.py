@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from fractions import Fraction
 
-from decoder.group import DecodedGroup
 from decoder.report import DecodeReport
+from decoder.tasks import DecodedGroup
 from dvc import cli
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, DvcError, FeedbackError

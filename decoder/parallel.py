@@ -1,50 +1,123 @@
-"""Groups of pictures decoded in processes of their own: plain data goes there and comes back, in order."""
+"""Groups of pictures decoded in processes of their own, whose libraries do not depend on the processor.
 
+What a decoder predicts decides what it asks for, so a punctured stream can only be decoded where the very
+same predictions are made. Libraries choose their code by the processor when they load: the processes are
+started with an environment that holds them to one baseline, whatever the program that imports this module
+has loaded before.
+"""
+
+import atexit
+import subprocess
+import sys
 from collections import deque
 from collections.abc import Iterable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from multiprocessing import get_context
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import Pipe
 
-from decoder.group import DecodedGroup, GroupDecoder, naming_group
-from decoder.side_information.protocol import ReferenceFrame
-from decoder.wyner_ziv import DecodedFrame
-from dvc.config import decode_config
+from decoder.tasks import DecodedGroup, GroupTask
+from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError, DvcError
-from dvc.stream import Form, GopRecord
-from dvc.video import Frame
+from dvc.turbo import Answer, ParityRequest
 
 
-@dataclass(frozen=True)
-class GroupTask:
-    """A group of pictures whose Wyner-Ziv frames may be decoded anywhere.
+class DecodingProcess:
+    """A process that decodes one group at a time; see `decoder.worker`."""
 
-    Attributes
+    def __init__(self) -> None:
+        self.busy = False
+        self._connection, other = Pipe()
+        with other:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "decoder.worker", str(other.fileno())],
+                env=baseline_environment(),
+                pass_fds=[other.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+            )
+
+    def decode(self, task: GroupTask, answer: Answer | None = None) -> DecodedGroup:
+        """Decode a group.
+
+        Parameters
+        ----------
+        task : GroupTask
+            The group.
+        answer : callable, optional
+            Answers its requests, where it is not from a stream.
+
+        Returns
+        -------
+        DecodedGroup
+            Its frames.
+
+        Raises
+        ------
+        BitstreamError
+            If it is damaged.
+        DvcError
+            If the process dies.
+        """
+        self.busy = True
+        try:
+            self._connection.send(task)
+            outcome = self._connection.recv()
+            while answer is not None and isinstance(outcome, ParityRequest):
+                self._connection.send(answer(outcome))
+                outcome = self._connection.recv()
+        except (EOFError, BrokenPipeError, ConnectionResetError) as err:
+            raise DvcError("a decoding process was killed; is there enough memory for --jobs?") from err
+        self.busy = False
+        if isinstance(outcome, Exception):
+            raise outcome
+        assert isinstance(outcome, DecodedGroup)
+        return outcome
+
+    @property
+    def alive(self) -> bool:
+        """Whether it can decode."""
+        return self._process.poll() is None
+
+    def stop(self) -> None:
+        """End the process, whatever it does."""
+        self._process.kill()
+        self._process.wait()
+        self._connection.close()
+
+
+_idle: list[DecodingProcess] = []  # kept for the next sequence: they take about a second to start
+
+
+@atexit.register
+def _stop_idle() -> None:
+    while _idle:
+        _idle.pop().stop()
+
+
+@contextmanager
+def decoding_processes(count: int) -> Iterator[list[DecodingProcess]]:
+    """Lend processes; those that come back busy are stopped, the others kept.
+
+    Parameters
     ----------
-    config : bytes
-        Configuration of the stream, as `dvc.config.encode_config` packs it.
-    number : int
-        Number of the group, from 0.
-    first_index : int
-        Display position of its first frame.
-    references : tuple of two ReferenceFrame, optional
-        The key frames around it; none where it has no Wyner-Ziv frames.
-    key : Frame
-        The key frame that ends it.
-    record : GopRecord
-        What the stream holds of it.
-    form : Form
-        Form of the stream: buffered or punctured.
-    """
+    count : int
+        How many.
 
-    config: bytes
-    number: int
-    first_index: int
-    references: tuple[ReferenceFrame, ReferenceFrame] | None
-    key: Frame
-    record: GopRecord
-    form: Form
+    Yields
+    ------
+    list of DecodingProcess
+        Ready to decode.
+    """
+    lent = [process for process in (_idle.pop() for _ in range(min(count, len(_idle)))) if process.alive]
+    lent += [DecodingProcess() for _ in range(count - len(lent))]
+    try:
+        yield lent
+    finally:
+        for process in lent:
+            if process.busy:
+                process.stop()
+            else:
+                _idle.append(process)
 
 
 def decode_groups(tasks: Iterable[GroupTask], jobs: int) -> Iterator[DecodedGroup]:
@@ -68,64 +141,34 @@ def decode_groups(tasks: Iterable[GroupTask], jobs: int) -> Iterator[DecodedGrou
         If the stream is damaged; all groups before the damage are yielded first.
     """
     pending: deque[Future[DecodedGroup]] = deque()
-    with _executor(jobs) as executor:
+    with ThreadPoolExecutor(jobs) as executor, decoding_processes(jobs) as processes:
         try:
-            for outcome in _submitted(tasks, executor):
+            for outcome in _submitted(tasks, executor, deque(processes)):
                 pending.append(outcome)
                 while len(pending) > jobs + 1 or (pending and pending[0].done()):
                     yield pending.popleft().result()
             while pending:
                 yield pending.popleft().result()
-        except BrokenProcessPool as err:
-            raise DvcError("a decoding process was killed; is there enough memory for --jobs?") from err
         finally:
-            executor.shutdown(cancel_futures=True)
+            executor.shutdown(wait=False, cancel_futures=True)
 
 
-def _submitted(tasks: Iterable[GroupTask], executor: Executor) -> Iterator[Future[DecodedGroup]]:
+def _submitted(
+    tasks: Iterable[GroupTask], executor: Executor, free: deque[DecodingProcess]
+) -> Iterator[Future[DecodedGroup]]:
     """Start the groups; damage of the stream waits its turn like the outcome of a group."""
+
+    def decode(task: GroupTask) -> DecodedGroup:
+        process = free.popleft()  # there are as many as threads
+        try:
+            return process.decode(task)
+        finally:
+            free.append(process)
+
     try:
         for task in tasks:
-            yield executor.submit(_decode, task)
+            yield executor.submit(decode, task)
     except BitstreamError as err:
         damage: Future[DecodedGroup] = Future()
         damage.set_exception(err)
         yield damage
-
-
-def _executor(jobs: int) -> Executor:
-    if jobs == 1:
-        return _InlineExecutor()
-    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
-
-
-class _InlineExecutor(Executor):
-    """Runs each task at once in this process."""
-
-    def submit(self, function, /, *args, **kwargs):  # type: ignore[no-untyped-def]
-        """Run a task; its outcome waits in the future like that of any executor."""
-        future: Future[object] = Future()
-        try:
-            future.set_result(function(*args, **kwargs))
-        except DvcError as err:
-            future.set_exception(err)
-        return future
-
-
-def _decode(task: GroupTask) -> DecodedGroup:
-    frames: list[DecodedFrame] = []
-    if task.references is not None:
-        with naming_group(task.number):
-            frames = _decoder(task.config).decode(task.references, task.record, task.form)
-    return DecodedGroup.of(task.first_index, frames, task.key, task.record)
-
-
-_decoders: dict[bytes, GroupDecoder] = {}
-
-
-def _decoder(config: bytes) -> GroupDecoder:
-    """Decoder of a configuration, kept by the process for the next group."""
-    if config not in _decoders:
-        _decoders.clear()
-        _decoders[config] = GroupDecoder(decode_config(config))
-    return _decoders[config]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import dvc
-from decoder.group import DecodedGroup
+from decoder.tasks import DecodedGroup
 from dvc.config import CodecConfig
 from dvc.errors import ConfigError, VideoError
 from dvc.metrics import psnr_db

@@ -2,15 +2,14 @@
 
 from collections.abc import Iterator
 
-from decoder.group import DecodedGroup, GroupDecoder, naming_group
 from decoder.live import LiveSource
-from decoder.parallel import GroupTask, decode_groups
+from decoder.parallel import decode_groups, decoding_processes
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.wyner_ziv import DecodedFrame
+from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError
 from dvc.keyframes import KeyFrameDecoder
-from dvc.stream import GopRecord, StreamReader
+from dvc.stream import Form, GopRecord, StreamReader
 from dvc.video import Frame
 
 
@@ -34,7 +33,17 @@ def decode_stream(
     -------
     iterator of DecodedGroup
         In display order; it raises `BitstreamError` where the stream is damaged, after all groups before.
+
+    Raises
+    ------
+    BitstreamError
+        If the stream cannot be decoded on any processor alike.
     """
+    if reader.version == 1 and reader.form is Form.PUNCTURED and config.codec != "2d":
+        raise BitstreamError(
+            "a punctured stream of format version 1 with 3D side information decodes only on processors like"
+            " that it was made with; decode the buffered stream, or encode the video again"
+        )
     return decode_groups(_tasks(config, reader, frames), jobs)
 
 
@@ -76,14 +85,11 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
         If the encoder sends what cannot be decoded.
     """
     keys = _KeyFrames(config)
-    decoder = GroupDecoder(config)
-    for gop in source.groups():
-        first_index, around, key = keys.add(gop.number, gop.record)
-        frames: list[DecodedFrame] = []
-        if around is not None:
-            with naming_group(gop.number):
-                frames = decoder.decode(around, gop.record, source.answer)
-        yield DecodedGroup.of(first_index, frames, key, gop.record)
+    packed = encode_config(config)
+    with decoding_processes(1) as (process,):
+        for gop in source.groups():
+            task = GroupTask(packed, gop.number, *keys.add(gop.number, gop.record), gop.record, None)
+            yield process.decode(task, source.answer)
 
 
 class _KeyFrames:

@@ -16,6 +16,7 @@ from scipy.ndimage import uniform_filter
 
 from decoder.side_information.protocol import Prediction
 from decoder.side_information.weighting import fuse
+from decoder.tasks import DecodedFrame
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
@@ -45,53 +46,6 @@ REQUESTS = turbo.SlepianWolfSettings(
     uncoded_entropy=0.9,
 )
 """Coarser steps than those that cost the fewest bits, and no search: a trade of rate for decoding time."""
-
-
-@dataclass(frozen=True)
-class DecodedFrame:
-    """One decoded Wyner-Ziv frame, what it cost, and the payload that was really needed.
-
-    Attributes
-    ----------
-    index : int
-        Display position.
-    frame : Frame
-        Decoded samples.
-    side_information : ndarray of shape (H, W), uint8
-        The prediction before anything was decoded.
-    refined_side_information : ndarray of shape (H, W), uint8
-        The last prediction.
-    method, reason : str
-        Side-information method that served it; why another one could not, if so.
-    num_requests : int
-        Requests on the feedback channel.
-    crc_bits, parity_bits : int
-        Bits received.
-    num_failed_planes : int
-        Planes that could not be verified.
-    punctured : bytes
-        Payload of the punctured form.
-    decode_s : float
-        Wall-clock time, in seconds.
-    """
-
-    index: int
-    frame: Frame
-    side_information: NDArray[np.uint8]
-    refined_side_information: NDArray[np.uint8]
-    method: str
-    reason: str
-    num_requests: int
-    crc_bits: int
-    parity_bits: int
-    num_failed_planes: int
-    punctured: bytes = b""
-    decode_s: float = 0.0
-
-    @property
-    def header_bits(self) -> int:
-        """Bits of the frame's own header, padding of its payload included."""
-        return 8 * len(self.punctured) - self.crc_bits - self.parity_bits
 
 
 FrameCoroutine = Generator[turbo.ParityRequest, Bits, DecodedFrame]

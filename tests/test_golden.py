@@ -1,6 +1,7 @@
-"""Frozen streams of every kind decode to the same frames for ever.
+"""Frozen streams of every kind decode to the same frames for ever, on any processor.
 
-`DVC_REGENERATE=1` encodes them anew (only with a new format version, or to add one); a missing one fails.
+`DVC_REGENERATE=1` makes those of the present format version anew (to add one, or with a new version); a
+missing one fails.
 """
 
 import hashlib
@@ -18,6 +19,7 @@ import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 from dvc.multiview.cameras import PixelFrame
 from dvc.stream import StreamReader
+from dvc.stream.records import FORMAT_VERSION
 from dvc.video import Frame
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render
@@ -25,6 +27,7 @@ from tests.scenes_3d import render
 FOLDER = Path(__file__).parent / "golden" / "streams"
 RECORDS = FOLDER / "records.json"
 MAX_BYTES = 100_000
+FORMS = ("buffered", "punctured")
 
 
 @dataclass(frozen=True)
@@ -32,53 +35,52 @@ class Golden:
     """How a frozen stream was made, and what has to serve its frames."""
 
     name: str
-    scene: bool  # views of a static scene, or else a texture that moves
     size: tuple[int, int]
     num_frames: int
     coding: str
     method: str
 
+    def path(self, version: int, form: str) -> Path:
+        """Return where it lies."""
+        return FOLDER / f"version_{version}" / f"{self.name}-{form}.dvc"
+
+
+def flat(name: str, size: tuple[int, int], num_frames: int, coding: str) -> Golden:
+    """Return a stream of a texture that moves, predicted by block motion."""
+    return Golden(f"2d-{name}", size, num_frames, f"--codec 2d {coding}", "mci")
+
+
+def scene(name: str, size: tuple[int, int], coding: str, method: str = "depth") -> Golden:
+    """Return a stream of four views of a static scene, predicted from its reconstruction."""
+    return Golden(f"3d-{name}", size, 4, f"--codec 3d{coding}", method)
+
 
 GOLDEN = [
-    Golden("2d-colour", False, (48, 32), 5, "--codec 2d --wz-q 5", "mci"),
-    Golden("2d-odd-luma", False, (45, 35), 5, "--codec 2d --wz-q 3 --gop 4 --luma-only", "mci"),
-    Golden("2d-odd-colour", False, (51, 37), 3, "--codec 2d --wz-q 8 --noise-model frame", "mci"),
-    Golden("2d-classical", False, (64, 48), 3, "--codec 2d --wz-q 6 --turbo classical", "mci"),
-    Golden("2d-lossless-keys", False, (48, 32), 5, "--codec 2d --wz-q 4 --key-qp lossless", "mci"),
-    Golden("2d-hierarchical", False, (48, 32), 9, "--codec 2d --gop 8 --references hierarchical", "mci"),
-    Golden("3d-colour", True, (104, 88), 4, "--codec 3d --gop 3 --wz-q 5", "depth"),
-    Golden("3d-td-luma", True, (104, 88), 4, "--codec 3d-td --gop 3 --wz-q 6 --luma-only", "depth"),
-    Golden("3d-td-all", True, (104, 88), 4, "--codec 3d-td --gop 3 --references all --wz-q 1", "depth"),
-    Golden("3d-te-colour", True, (104, 88), 4, "--codec 3d-te --gop 3 --min-gop 3 --wz-q 4", "depth"),
-    Golden("3d-te-odd", True, (105, 87), 4, "--codec 3d-te --gop 3 --wz-q 5 --luma-only", "depth"),
-    Golden("3d-te-classical", True, (104, 88), 4, "--codec 3d-te --gop 3 --turbo classical", "depth"),
-    Golden(
-        "3d-lossless",
-        True,
-        (128, 96),
-        4,
-        "--codec 3d --gop 3 --wz-q 3 --key-qp lossless --luma-only",
-        "depth",
-    ),
-    Golden(
-        "3d-te-lossless",
-        True,
-        (144, 96),
-        4,
-        "--codec 3d-te --gop 3 --wz-q 3 --key-qp lossless --luma-only",
-        "depth",
-    ),
-    Golden("3d-te-blocks", True, (104, 88), 4, "--codec 3d-te --gop 3 --min-gop 3 --wz-q 4", "blocks"),
-    Golden("3d-te-mesh", True, (104, 88), 4, "--codec 3d-te --gop 3 --min-gop 3 --wz-q 4", "mesh"),
-    Golden("3d-fused", True, (104, 88), 4, "--codec 3d --gop 3 --wz-q 5", "fused"),
+    flat("colour", (48, 32), 5, "--wz-q 5"),
+    flat("odd-luma", (45, 35), 5, "--wz-q 3 --gop 4 --luma-only"),
+    flat("odd-colour", (51, 37), 3, "--wz-q 8 --noise-model frame"),
+    flat("classical", (64, 48), 3, "--wz-q 6 --turbo classical"),
+    flat("lossless-keys", (48, 32), 5, "--wz-q 4 --key-qp lossless"),
+    flat("hierarchical", (48, 32), 9, "--gop 8 --references hierarchical"),
+    scene("colour", (104, 88), " --gop 3 --wz-q 5"),
+    scene("td-luma", (104, 88), "-td --gop 3 --wz-q 6 --luma-only"),
+    scene("td-all", (104, 88), "-td --gop 3 --references all --wz-q 1"),
+    scene("te-colour", (104, 88), "-te --gop 3 --min-gop 3 --wz-q 4"),
+    scene("te-odd", (105, 87), "-te --gop 3 --wz-q 5 --luma-only"),
+    scene("te-classical", (104, 88), "-te --gop 3 --turbo classical"),
+    scene("lossless", (128, 96), " --gop 3 --wz-q 3 --key-qp lossless --luma-only"),
+    scene("te-lossless", (144, 96), "-te --gop 3 --wz-q 3 --key-qp lossless --luma-only"),
+    scene("te-blocks", (104, 88), "-te --gop 3 --min-gop 3 --wz-q 4", "blocks"),
+    scene("te-mesh", (104, 88), "-te --gop 3 --min-gop 3 --wz-q 4", "mesh"),
+    scene("fused", (104, 88), " --gop 3 --wz-q 5", "fused"),
 ]
-FORMS = ("buffered", "punctured")
+OF_VERSION_1 = [golden for golden in GOLDEN if golden.path(1, FORMS[0]).exists()]
 
 
 def source(golden: Golden, folder: Path) -> Path:
     """Write the clip that a golden stream was made from."""
     width, height = golden.size
-    if not golden.scene:
+    if golden.method == "mci":
         frames: Sequence[Frame] = moving_texture(golden.num_frames, height, width)
     else:
         half = ((height + 1) // 2, (width + 1) // 2)
@@ -88,14 +90,9 @@ def source(golden: Golden, folder: Path) -> Path:
     return write_clip(folder / "clip.y4m", frames)
 
 
-def stream(golden: Golden, form: str) -> Path:
-    """Return where a golden stream lies."""
-    return FOLDER / f"{golden.name}-{form}.dvc"
-
-
 def regenerate(golden: Golden, folder: Path) -> None:
     """Encode a clip, and decode it to see what is needed of the stream."""
-    buffered, punctured = (stream(golden, form) for form in FORMS)
+    buffered, punctured = (golden.path(FORMAT_VERSION, form) for form in FORMS)
     clip = source(golden, folder)
     assert encoder.main([str(clip), str(buffered), *golden.coding.split(), "--quiet"]) == 0
     decode(golden, buffered, folder)
@@ -125,39 +122,64 @@ def digest(path: Path) -> str:
 
 def records() -> dict[str, Any]:
     """Return what is frozen of every stream."""
-    found: dict[str, Any] = json.loads(RECORDS.read_text()) if RECORDS.exists() else {}
+    found: dict[str, Any] = json.loads(RECORDS.read_text())
     return found
+
+
+def name_of(path: Path) -> str:
+    """Return the name by which a stream is recorded."""
+    return path.relative_to(FOLDER).as_posix()
+
+
+def check(golden: Golden, path: Path, folder: Path) -> None:
+    """Check that a stream decodes to what is frozen, and by the method that was meant."""
+    record, frames = decode(golden, path, folder)
+    assert record == records()[name_of(path)]
+    served = {(frame["side_information"], frame["side_information_reason"]) for frame in frames}
+    assert served == {(golden.method, "")}
+    assert {frame["num_failed_planes"] for frame in frames} == {0}
 
 
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.name)
 def test_golden_stream_decodes_to_the_frozen_frames(golden: Golden, form: str, tmp_path: Path) -> None:
     """The frames, requests and parity of each frozen stream are those of the day it was made."""
-    path = stream(golden, form)
+    path = golden.path(FORMAT_VERSION, form)
     if os.environ.get("DVC_REGENERATE") == "1":
         if form == "buffered":
             regenerate(golden, tmp_path)
-        kept = records()
-        kept[path.name] = decode(golden, path, tmp_path)[0]
+        kept = records() | {name_of(path): decode(golden, path, tmp_path)[0]}
         RECORDS.write_text(json.dumps(dict(sorted(kept.items())), indent=1) + "\n")
     assert path.stat().st_size <= MAX_BYTES
-    record, frames = decode(golden, path, tmp_path)
-    assert record == records()[path.name]
-    served = {(frame["side_information"], frame["side_information_reason"]) for frame in frames}
-    assert served == {(golden.method, "")}
-    assert {frame["num_failed_planes"] for frame in frames} == {0}
+    check(golden, path, tmp_path)
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("golden", OF_VERSION_1, ids=lambda golden: golden.name)
+def test_version_1_decodes_or_is_refused_by_name(
+    golden: Golden, form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Old streams decode, but for punctured ones that hold for the processor which made them."""
+    path = golden.path(1, form)
+    if golden.method == "mci" or form == "buffered":
+        check(golden, path, tmp_path)
+    else:
+        assert decoder.main([str(path), str(tmp_path / "video.y4m"), "--quiet"]) == 2
+        assert "format version 1" in capsys.readouterr().err
 
 
 def test_every_frozen_stream_is_listed() -> None:
     """No stream lies in the folder, and no record in the list, that nothing decodes."""
-    names = {stream(golden, form).name for golden in GOLDEN for form in FORMS}
-    assert {path.name for path in FOLDER.glob("*.dvc")} == set(records()) == names
+    present = {golden.path(FORMAT_VERSION, form) for golden in GOLDEN for form in FORMS}
+    old = {golden.path(1, form) for golden in OF_VERSION_1 for form in FORMS}
+    refused = {golden.path(1, "punctured") for golden in OF_VERSION_1 if golden.method != "mci"}
+    assert set(FOLDER.rglob("*.dvc")) == present | old
+    assert set(records()) == {name_of(path) for path in (present | old) - refused}
 
 
-@pytest.mark.parametrize("golden", GOLDEN, ids=lambda golden: golden.name)
-def test_frozen_streams_name_the_methods_of_today(golden: Golden) -> None:
-    """Dense depth, which format version 1 calls `mesh`, serves its streams by themselves as well."""
-    preset = "depth" if golden.scene else "mci"
-    for form, method in zip(FORMS, (preset, golden.method), strict=True):
-        with StreamReader(stream(golden, form)) as reader:
-            assert reader.config.side_information.method == method
+@pytest.mark.parametrize("golden", OF_VERSION_1, ids=lambda golden: golden.name)
+def test_version_1_names_the_methods_of_today(golden: Golden) -> None:
+    """Dense depth, which format version 1 calls `mesh`, serves its streams."""
+    for form in FORMS:
+        with StreamReader(golden.path(1, form)) as reader:
+            assert reader.config.side_information.method == golden.method

@@ -11,10 +11,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO
 
+from dvc.environment import SINGLE_THREADED
 from dvc.errors import DvcError
 
-_LIMITS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
-_ONE_THREAD = dict.fromkeys(_LIMITS, "1")
 _MAX_MESSAGE_BYTES = 4096
 
 
@@ -106,7 +105,7 @@ class ProcessGroup:
                     stdin=subprocess.DEVNULL,
                     stdout=output or subprocess.DEVNULL,
                     stderr=errors,
-                    env={**os.environ, **_ONE_THREAD},
+                    env={**os.environ, **SINGLE_THREADED},
                     start_new_session=True,
                 )
             except OSError as err:

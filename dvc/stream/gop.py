@@ -7,6 +7,8 @@ from dvc.config import MAX_GOP_LENGTH
 from dvc.errors import BitstreamError
 from dvc.stream.records import framed_size
 
+DIGEST_BYTES = 4
+
 
 @dataclass(frozen=True)
 class GopRecord:
@@ -16,6 +18,7 @@ class GopRecord:
     key: bytes  # the key frame
     tracks: bytes = b""  # point tracks; empty in codecs without geometry
     wyner_ziv: tuple[bytes, ...] = ()  # one payload for each Wyner-Ziv frame, in order of display
+    digest: int | None = None  # CRC-32 of the decoded Wyner-Ziv frames; punctured form only
 
     def __post_init__(self) -> None:
         if not 1 <= self.num_frames <= MAX_GOP_LENGTH:
@@ -30,7 +33,7 @@ class GopRecord:
 class GopBits:
     """Where the bits of a GOP record go; all of them are somewhere."""
 
-    header: int  # type, lengths and CRC-32 of the record, number of frames, length of the tracks
+    header: int  # type, lengths and CRC-32 of the record, number of frames, length of the tracks, digest
     key: int  # payload of the key frame
     tracks: int  # payload of the tracks
     wyner_ziv: tuple[int, ...]  # payload of each Wyner-Ziv frame
@@ -59,6 +62,8 @@ def encode_gop(record: GopRecord) -> bytes:
         The payload.
     """
     parts = [encode_varint(record.num_frames << 1 | bool(record.tracks))]
+    if record.digest is not None:
+        parts.append(record.digest.to_bytes(DIGEST_BYTES, "little"))
     if record.tracks:
         parts += [encode_varint(len(record.tracks)), record.tracks]
     for payload in record.wyner_ziv:
@@ -98,13 +103,15 @@ def decode_num_frames(payload: bytes, position: int = 0) -> tuple[int, bool, int
     return num_frames, bool(value & 1), position
 
 
-def decode_gop(payload: bytes) -> GopRecord:
+def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
     """Read the payload of a GOP record; inverse of `encode_gop`.
 
     Parameters
     ----------
     payload : bytes
         The payload.
+    with_digest : bool, optional
+        Whether groups with Wyner-Ziv frames have a digest of them.
 
     Returns
     -------
@@ -117,7 +124,12 @@ def decode_gop(payload: bytes) -> GopRecord:
         If a length does not fit.
     """
     num_frames, has_tracks, position = decode_num_frames(payload)
-    tracks = b""
+    tracks, digest = b"", None
+    if with_digest and num_frames > 1:
+        if len(payload) < position + DIGEST_BYTES:
+            raise BitstreamError("the record ends within the digest")
+        digest = int.from_bytes(payload[position : position + DIGEST_BYTES], "little")
+        position += DIGEST_BYTES
     if has_tracks:
         tracks, position = decode_bytes(payload, position, len(payload))
         if not tracks:
@@ -126,7 +138,7 @@ def decode_gop(payload: bytes) -> GopRecord:
     for _ in range(num_frames - 1):
         frame, position = decode_bytes(payload, position, len(payload))
         wyner_ziv.append(frame)
-    return GopRecord(num_frames, payload[position:], tracks, tuple(wyner_ziv))
+    return GopRecord(num_frames, payload[position:], tracks, tuple(wyner_ziv), digest)
 
 
 def gop_bits(record: GopRecord) -> GopBits:

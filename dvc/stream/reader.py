@@ -113,6 +113,7 @@ class StreamReader(Closing):
 
     config: CodecConfig
     form: Form
+    version: int
 
     def __init__(self, source: BinaryIO | str | os.PathLike[str]) -> None:
         self._owned = isinstance(source, (str, os.PathLike))
@@ -130,16 +131,17 @@ class StreamReader(Closing):
     def _read_header(self) -> None:
         if self._source.read(len(MAGIC)) != MAGIC:
             raise BitstreamError("not a dvc3d stream")
-        version = next(iter(self._source.read(1)), None)
-        if version not in READABLE_VERSIONS:
+        version = self._source.read(1)
+        self.version = version[0] if version else 0
+        if self.version not in READABLE_VERSIONS:
             readable = " and ".join(map(str, READABLE_VERSIONS))
-            found = "missing" if version is None else version
+            found = self.version if version else "missing"
             raise BitstreamError(f"format version {found}; this program reads versions {readable}")
         place, payload = self._source.read_record(0)
         if place.type is not RecordType.CONFIGURATION:
             raise place.error("the first record must be the configuration")
         try:
-            self.config, self.form = decode_configuration(payload, version)
+            self.config, self.form = decode_configuration(payload, self.version)
         except BitstreamError as err:
             raise place.error(str(err)) from err
 
@@ -171,7 +173,7 @@ class StreamReader(Closing):
             raise BitstreamError("the configuration must come first and once")
         if len(self._seen) == MAX_GOPS:
             raise BitstreamError(f"more than {MAX_GOPS} groups of pictures")
-        record = decode_gop(payload)
+        record = decode_gop(payload, self.version > 1 and self.form is Form.PUNCTURED)
         limit = self.config.gop.length if self._seen else 1
         if record.num_frames > limit:
             raise BitstreamError(f"{record.num_frames} frames where at most {limit} are allowed")

@@ -60,7 +60,8 @@ class StreamWriter:
         Raises
         ------
         ValueError
-            If the stream is closed, or the number of frames does not fit the configuration.
+            If the stream is closed, the number of frames does not fit the configuration, or a digest is
+            missing or too many.
         BitstreamError
             If the record would be too large, or the stream too long.
         """
@@ -69,6 +70,9 @@ class StreamWriter:
         limit = self.config.gop.length if self._entries else 1
         if record.num_frames > limit:
             raise ValueError(f"`record` must add {limit} frames or fewer, got {record.num_frames}")
+        has_digest = self.form is Form.PUNCTURED and record.num_frames > 1
+        if (record.digest is not None) != has_digest:
+            raise ValueError("`record` must have a digest in punctured streams, where it has such frames")
         if len(self._entries) == MAX_GOPS:
             raise BitstreamError(f"a stream has at most {MAX_GOPS} groups of pictures")
         payload = encode_gop(record)

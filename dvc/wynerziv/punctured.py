@@ -10,6 +10,24 @@ from dvc.wynerziv.layout import FrameLayout
 Bits = NDArray[np.uint8]
 
 
+def disagreement(found: str) -> BitstreamError:
+    """Return the error of a punctured stream that holds what another decoder asked for.
+
+    Checksums are right, or it would not have been read: damage is the less likely reason.
+
+    Parameters
+    ----------
+    found : str
+        What does not fit.
+
+    Returns
+    -------
+    BitstreamError
+        To be raised.
+    """
+    return BitstreamError(f"the punctured stream was made for other predictions than this decoder's: {found}")
+
+
 class PuncturedFrame:
     """Answers requests from a punctured payload: whatever is asked, the next bits are the answer.
 
@@ -45,9 +63,7 @@ class PuncturedFrame:
         """
         stop = self._position + request.count
         if stop > self._bits.size:
-            raise BitstreamError(
-                f"punctured Wyner-Ziv frame ends after {self._bits.size} bits, {stop} are needed"
-            )
+            raise disagreement(f"a Wyner-Ziv frame has {self._bits.size} bits, {stop} are needed")
         bits = self._bits[self._position : stop]
         self._position = stop
         return bits

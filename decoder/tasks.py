@@ -1,0 +1,178 @@
+"""Groups of pictures before and after decoding, as plain data that goes from process to process."""
+
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.side_information.protocol import ReferenceFrame
+from dvc.errors import BitstreamError
+from dvc.stream import Form, GopRecord
+from dvc.video import Frame
+
+
+@dataclass(frozen=True)
+class GroupTask:
+    """A group of pictures whose Wyner-Ziv frames may be decoded anywhere.
+
+    Attributes
+    ----------
+    config : bytes
+        Configuration of the stream, as `dvc.config.encode_config` packs it.
+    number : int
+        Number of the group, from 0.
+    first_index : int
+        Display position of its first frame.
+    references : tuple of two ReferenceFrame, optional
+        The key frames around it; none where it has no Wyner-Ziv frames.
+    key : Frame
+        The key frame that ends it.
+    record : GopRecord
+        What the stream, or the encoder, sent of it.
+    form : Form, optional
+        Form of the stream; none where a live encoder answers.
+    """
+
+    config: bytes
+    number: int
+    first_index: int
+    references: tuple[ReferenceFrame, ReferenceFrame] | None
+    key: Frame
+    record: GopRecord
+    form: Form | None
+
+
+@dataclass(frozen=True)
+class DecodedFrame:
+    """One decoded Wyner-Ziv frame, what it cost, and the payload that was really needed.
+
+    Attributes
+    ----------
+    index : int
+        Display position.
+    frame : Frame
+        Decoded samples.
+    side_information : ndarray of shape (H, W), uint8
+        The prediction before anything was decoded.
+    refined_side_information : ndarray of shape (H, W), uint8
+        The last prediction.
+    method, reason : str
+        Side-information method that served it; why another one could not, if so.
+    num_requests : int
+        Requests on the feedback channel.
+    crc_bits, parity_bits : int
+        Bits received.
+    num_failed_planes : int
+        Planes that could not be verified.
+    punctured : bytes
+        Payload of the punctured form.
+    decode_s : float
+        Wall-clock time, in seconds.
+    """
+
+    index: int
+    frame: Frame
+    side_information: NDArray[np.uint8]
+    refined_side_information: NDArray[np.uint8]
+    method: str
+    reason: str
+    num_requests: int
+    crc_bits: int
+    parity_bits: int
+    num_failed_planes: int
+    punctured: bytes = b""
+    decode_s: float = 0.0
+
+    @property
+    def header_bits(self) -> int:
+        """Bits of the frame's own header, padding of its payload included."""
+        return 8 * len(self.punctured) - self.crc_bits - self.parity_bits
+
+
+@dataclass(frozen=True)
+class DecodedGroup:
+    """One decoded group of pictures.
+
+    Attributes
+    ----------
+    first_index : int
+        Display position of its first frame.
+    wyner_ziv : tuple of DecodedFrame
+        Its Wyner-Ziv frames, in display order.
+    key : Frame
+        The key frame that ends it.
+    record : GopRecord
+        The record of the punctured form: what was really needed.
+    """
+
+    first_index: int
+    wyner_ziv: tuple[DecodedFrame, ...]
+    key: Frame
+    record: GopRecord
+
+    @property
+    def key_index(self) -> int:
+        """Display position of the key frame."""
+        return self.first_index + len(self.wyner_ziv)
+
+    @classmethod
+    def of(cls, task: GroupTask, frames: Sequence[DecodedFrame]) -> "DecodedGroup":
+        """Return a group with the record of what was needed.
+
+        Parameters
+        ----------
+        task : GroupTask
+            What was asked for.
+        frames : sequence of DecodedFrame
+            Its Wyner-Ziv frames.
+
+        Returns
+        -------
+        DecodedGroup
+            The group.
+        """
+        payloads = tuple(frame.punctured for frame in frames)
+        digest = frames_digest(frames) if frames else None
+        return cls(
+            task.first_index, tuple(frames), task.key, replace(task.record, wyner_ziv=payloads, digest=digest)
+        )
+
+
+def frames_digest(frames: Sequence[DecodedFrame]) -> int:
+    """Return what a punctured stream keeps of the decoded frames of a group.
+
+    Parameters
+    ----------
+    frames : sequence of DecodedFrame
+        Wyner-Ziv frames, in display order.
+
+    Returns
+    -------
+    int
+        CRC-32 of their planes, luma first.
+    """
+    crc = 0
+    for decoded in frames:
+        for plane in (decoded.frame.luma, *(decoded.frame.chroma or ())):
+            crc = zlib.crc32(plane.tobytes(), crc)
+    return crc
+
+
+@contextmanager
+def naming_group(number: int, part: str = "") -> Iterator[None]:
+    """Say of damage in which group of pictures it is.
+
+    Parameters
+    ----------
+    number : int
+        Number of the group, from 0.
+    part : str, optional
+        What comes before the reason.
+    """
+    try:
+        yield
+    except BitstreamError as err:
+        raise BitstreamError(f"group of pictures {number}: {part}{err}") from err

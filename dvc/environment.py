@@ -1,0 +1,46 @@
+"""Environments of child processes, for what numeric libraries read once, before they load."""
+
+import os
+import platform
+import sys
+
+import numpy as np
+
+SINGLE_THREADED = dict.fromkeys(
+    ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"
+)
+"""Limits compiled kernels, linear algebra and OpenCV to one thread."""
+
+_X86_BASELINE = {
+    "OPENBLAS_CORETYPE": "Nehalem",
+    # Names as OpenCV prints them; its libraries start at SSE3, and all of x86-64-v2 has SSE4.2.
+    "OPENCV_CPU_DISABLE": "AVX,FP16,AVX2,FMA3,AVX512-SKX",
+    "OPENCV_IPP": "disabled",
+    # The mathematical functions of the C library come with and without fused multiply and add; the
+    # second names are those of versions before 2.33.
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX2_Usable,-FMA_Usable,-FMA4_Usable",
+}
+_ARM_BASELINE = {"OPENBLAS_CORETYPE": "ARMV8"}
+
+
+def baseline_environment() -> dict[str, str]:
+    """Return an environment in which libraries compute the same on every processor of a family.
+
+    Linear algebra (OpenBLAS), numpy, OpenCV and the C library choose code by the processor that they find,
+    and sums, products and functions then differ in their last bits. Held to one baseline (x86-64-v2, or
+    ARMv8), before they load, they do not. Kernels of `dvc._jit` need none of this: their arithmetic is
+    strict, so that only the functions that they call in the C library could differ.
+
+    Returns
+    -------
+    dict
+        The environment of this process with what has to be different.
+    """
+    environment = {**os.environ, **SINGLE_THREADED, "OPENCV_LOG_LEVEL": "ERROR"}
+    environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    environment.pop("NPY_ENABLE_CPU_FEATURES", None)
+    extensions = np.show_config(mode="dicts")["SIMD Extensions"]
+    dispatched = [*extensions.get("found", []), *extensions.get("not found", [])]
+    environment["NPY_DISABLE_CPU_FEATURES"] = " ".join(dispatched)
+    machine = platform.machine().lower()
+    return environment | (_X86_BASELINE if machine in ("x86_64", "amd64") else _ARM_BASELINE)
