@@ -7,6 +7,8 @@ missing one fails.
 import hashlib
 import json
 import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,6 +76,24 @@ GOLDEN = [
     scene("te-mesh", (104, 88), "-te --gop 3 --min-gop 3 --wz-q 4", "mesh"),
     scene("fused", (104, 88), " --gop 3 --wz-q 5", "fused"),
 ]
+ONE_OF_EACH_CODEC = [
+    golden for golden in GOLDEN if golden.name in ("2d-colour", "3d-fused", "3d-td-all", "3d-te-odd")
+]
+ALL_PROCESSORS = os.environ.get("DVC_ALL_PROCESSORS") == "1"
+"""Whether every frozen stream is decoded on every processor, as continuous integration does."""
+_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+PROCESSORS = {
+    "without-avx2": {
+        "OPENBLAS_CORETYPE": "Sandybridge",
+        "NPY_DISABLE_CPU_FEATURES": "X86_V3",
+        "OPENCV_CPU_DISABLE": "AVX2,FMA3",
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA",
+        "NUMBA_CPU_NAME": "generic",
+        **dict.fromkeys(_THREADS, "1"),
+    },
+    "two-threads": {"OPENBLAS_CORETYPE": "Haswell", **dict.fromkeys(_THREADS, "2")},
+}
+"""What makes libraries believe that they run on another processor than this one."""
 OF_VERSION_1 = [golden for golden in GOLDEN if golden.path(1, FORMS[0]).exists()]
 
 
@@ -115,6 +135,17 @@ def decode(golden: Golden, path: Path, folder: Path) -> tuple[dict[str, Any], li
     return record, [frame for frame in found["per_frame"] if frame["type"] == "wz"]
 
 
+def emulated(processor: dict[str, str], golden: Golden, form: str, folder: Path) -> str:
+    """Decode a stream as if on another processor; return the digest of the video."""
+    video = folder / "emulated.y4m"
+    command = [sys.executable, "-m", "decoder", golden.path(FORMAT_VERSION, form), video, "--quiet"]
+    if golden.method not in ("mci", "mesh"):
+        command += ["--side-information", golden.method]
+    done = subprocess.run(command, env=os.environ | processor, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return digest(video)
+
+
 def digest(path: Path) -> str:
     """Return the SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -152,6 +183,19 @@ def test_golden_stream_decodes_to_the_frozen_frames(golden: Golden, form: str, t
         RECORDS.write_text(json.dumps(dict(sorted(kept.items())), indent=1) + "\n")
     assert path.stat().st_size <= MAX_BYTES
     check(golden, path, tmp_path)
+
+
+@pytest.mark.parametrize("processor", PROCESSORS)
+@pytest.mark.parametrize(
+    "golden", GOLDEN if ALL_PROCESSORS else ONE_OF_EACH_CODEC, ids=lambda golden: golden.name
+)
+def test_golden_streams_decode_alike_on_every_processor(
+    golden: Golden, processor: str, tmp_path: Path
+) -> None:
+    """Whatever libraries find, and with any number of threads, the frames are the frozen ones."""
+    for form in FORMS if ALL_PROCESSORS else FORMS[1:]:
+        found = emulated(PROCESSORS[processor], golden, form, tmp_path)
+        assert found == records()[name_of(golden.path(FORMAT_VERSION, form))]["video_sha256"]
 
 
 @pytest.mark.parametrize("form", FORMS)

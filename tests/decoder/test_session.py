@@ -9,9 +9,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from decoder.group import DecodedGroup
 from decoder.report import BIT_CLASSES, PSNR_CAP_DB, DecodeReport
 from decoder.session import decode_stream
+from decoder.tasks import DecodedGroup
 from dvc.config import (
     CodecConfig,
     GopConfig,
@@ -152,7 +152,7 @@ def test_bits_of_a_punctured_payload_may_be_anything(stream: bytes, groups: list
         file = io.BytesIO()
         with StreamWriter(file, config, "punctured") as writer:
             writer.write_gop(groups[0].record)
-            writer.write_gop(GopRecord(3, record.key, b"", payloads))
+            writer.write_gop(replace(record, wyner_ziv=payloads))
         reader = StreamReader(io.BytesIO(file.getvalue()))
         with suppress(BitstreamError):
             assert len(list(decode_stream(reader.config, reader))) == 2
@@ -162,13 +162,18 @@ def test_punctured_payload_with_bytes_left_over_is_refused(stream: bytes, groups
     """No encoder writes more than the bits that were asked for."""
     reader = StreamReader(io.BytesIO(stream))
     record = groups[1].record
-    longer = GopRecord(3, record.key, b"", (record.wyner_ziv[0], record.wyner_ziv[1] + b"\0"))
-    file = io.BytesIO()
-    with StreamWriter(file, reader.config, "punctured") as writer:
-        writer.write_gop(groups[0].record)
-        writer.write_gop(longer)
-    with pytest.raises(BitstreamError, match=r"group of pictures 1: .* are needed"):
-        decoded_groups(file.getvalue())
+    longer = replace(record, wyner_ziv=(record.wyner_ziv[0], record.wyner_ziv[1] + b"\0"))
+    with pytest.raises(BitstreamError, match=r"group of pictures 1: .*other predictions.* are needed"):
+        decoded_groups(punctured_stream([groups[0], replace(groups[1], record=longer)], reader.config))
+
+
+def test_punctured_group_with_another_digest_is_refused(stream: bytes, groups: list[DecodedGroup]) -> None:
+    """Where this decoder makes other frames than the one that asked for the bits, the stream says so."""
+    config, record = StreamReader(io.BytesIO(stream)).config, groups[1].record
+    assert record.digest is not None
+    other = replace(groups[1], record=replace(record, digest=record.digest ^ 1))
+    with pytest.raises(BitstreamError, match=r"group of pictures 1: .*other predictions.*digest"):
+        decoded_groups(punctured_stream([groups[0], other], config))
 
 
 class Reference:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from decoder.side_information.protocol import Prediction
-from decoder.wyner_ziv import DecodedFrame, WynerZivDecoder
+from decoder.tasks import DecodedFrame
+from decoder.wyner_ziv import WynerZivDecoder
 from dvc.config import NOISE_MODELS, CodecConfig, TurboConfig, VideoConfig, WynerZivConfig
 from dvc.metrics import psnr_db
 from dvc.turbo import drive

@@ -1,0 +1,53 @@
+"""Libraries of a process that is started with the baseline environment run the same code on any processor."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from dvc.environment import baseline_environment
+
+REPORT = """
+import json
+import cv2
+import numpy as np
+print(json.dumps({
+    "numpy": np.show_config(mode="dicts")["SIMD Extensions"].get("found", []),
+    "opencv": [name for name in cv2.getCPUFeaturesLine().split() if name.startswith("*")],
+    "ipp": cv2.ipp.useIPP(),
+    "threads": cv2.getNumThreads(),
+}))
+"""
+
+
+def report() -> dict[str, object]:
+    """Return what libraries say of themselves in the baseline environment."""
+    command = [sys.executable, "-c", REPORT]
+    done = subprocess.run(command, env=baseline_environment(), capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    found: dict[str, object] = json.loads(done.stdout)
+    return found
+
+
+def test_libraries_find_no_more_than_the_baseline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the environment says, numpy dispatches nothing, OpenCV nothing above SSE4.2, on one thread."""
+    monkeypatch.setenv("NPY_ENABLE_CPU_FEATURES", "X86_V3")
+    monkeypatch.setenv("OPENCV_CPU_DISABLE", "")
+    monkeypatch.setenv("OPENCV_IPP", "avx2")
+    monkeypatch.setenv("OPENCV_FOR_THREADS_NUM", "2")
+    found = report()
+    assert found["numpy"] == []
+    assert all(name.endswith("?") or "SSE" in name for name in found["opencv"])
+    assert not found["ipp"]
+    assert found["threads"] == 1
+
+
+def test_baseline_is_stated_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the calling environment sets for the libraries does not count, all else stays."""
+    monkeypatch.setenv("DVC_SOMETHING", "else")
+    plain = baseline_environment()
+    for name in ("OPENBLAS_CORETYPE", "OPENCV_CPU_DISABLE", "GLIBC_TUNABLES", "NPY_DISABLE_CPU_FEATURES"):
+        monkeypatch.setenv(name, "other")
+    assert baseline_environment() == plain
+    assert plain["DVC_SOMETHING"] == "else"
