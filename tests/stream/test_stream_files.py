@@ -263,7 +263,7 @@ def test_method_mesh_of_version_1_is_read_as_depth() -> None:
     """Only the name of dense depth has changed: `mesh` of today is another method, all else stays."""
     for method, old in (("mesh", "depth"), ("blocks", "blocks")):
         config = replace(CONFIG, side_information=SideInformationConfig(method))
-        data = write("punctured", RECORDS, config)
+        data = write("buffered", RECORDS, config)
         assert StreamReader(io.BytesIO(data)).config == config
         reader = StreamReader(io.BytesIO(data[:4] + b"\x01" + data[5:]))
         assert reader.config == replace(CONFIG, side_information=SideInformationConfig(old))
