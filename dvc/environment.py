@@ -4,8 +4,6 @@ import os
 import platform
 import sys
 
-import numpy as np
-
 SINGLE_THREADED = dict.fromkeys(
     ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1"
 )
@@ -36,6 +34,8 @@ def baseline_environment() -> dict[str, str]:
     dict
         The environment of this process with what has to be different.
     """
+    import numpy as np
+
     environment = {**os.environ, **SINGLE_THREADED, "OPENCV_LOG_LEVEL": "ERROR"}
     environment["PYTHONPATH"] = os.pathsep.join(path or os.getcwd() for path in sys.path)
     environment.pop("NPY_ENABLE_CPU_FEATURES", None)

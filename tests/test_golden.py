@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ import pytest
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 from dvc.multiview.cameras import PixelFrame
-from dvc.stream import StreamReader
+from dvc.stream import StreamReader, StreamWriter
 from dvc.stream.records import FORMAT_VERSION
 from dvc.video import Frame
 from tests.clips import moving_texture, write_clip
@@ -76,11 +76,10 @@ GOLDEN = [
     scene("te-mesh", (104, 88), "-te --gop 3 --min-gop 3 --wz-q 4", "mesh"),
     scene("fused", (104, 88), " --gop 3 --wz-q 5", "fused"),
 ]
-ONE_OF_EACH_CODEC = [
-    golden for golden in GOLDEN if golden.name in ("2d-colour", "3d-fused", "3d-td-all", "3d-te-odd")
-]
 ALL_PROCESSORS = os.environ.get("DVC_ALL_PROCESSORS") == "1"
-"""Whether every frozen stream is decoded on every processor, as continuous integration does."""
+"""Whether all frozen streams are decoded on every processor, as in continuous integration, or one a codec."""
+_OF_EACH_CODEC = ("2d-colour", "3d-fused", "3d-td-all", "3d-te-odd")
+CARRIED = [golden for golden in GOLDEN if ALL_PROCESSORS or golden.name in _OF_EACH_CODEC]
 _THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 PROCESSORS = {
     "without-avx2": {
@@ -186,9 +185,7 @@ def test_golden_stream_decodes_to_the_frozen_frames(golden: Golden, form: str, t
 
 
 @pytest.mark.parametrize("processor", PROCESSORS)
-@pytest.mark.parametrize(
-    "golden", GOLDEN if ALL_PROCESSORS else ONE_OF_EACH_CODEC, ids=lambda golden: golden.name
-)
+@pytest.mark.parametrize("golden", CARRIED, ids=lambda golden: golden.name)
 def test_golden_streams_decode_alike_on_every_processor(
     golden: Golden, processor: str, tmp_path: Path
 ) -> None:
@@ -227,3 +224,59 @@ def test_version_1_names_the_methods_of_today(golden: Golden) -> None:
     for form in FORMS:
         with StreamReader(golden.path(1, form)) as reader:
             assert reader.config.side_information.method == golden.method
+
+
+def records_of(path: Path) -> list[tuple[int, int]]:
+    """Return offset and size of each record of a stream: configuration, groups of pictures, end."""
+    with StreamReader(path) as reader:
+        entries = reader.index.entries
+    first, end = entries[0].offset, entries[-1].offset + entries[-1].size
+    groups = [(entry.offset, entry.size) for entry in entries]
+    return [(5, first - 5), *groups, (end, path.stat().st_size - end)]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("golden", CARRIED, ids=lambda golden: golden.name)
+def test_a_flipped_bit_is_named_with_its_record(
+    golden: Golden, form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One bit of any record, and the answer is one line with the number of the record."""
+    data = golden.path(FORMAT_VERSION, form).read_bytes()
+    for number, (offset, size) in enumerate(records_of(golden.path(FORMAT_VERSION, form))):
+        damaged = bytearray(data)
+        damaged[offset + size // 2] ^= 4
+        (tmp_path / "damaged.dvc").write_bytes(damaged)
+        assert decoder.main([str(tmp_path / "damaged.dvc"), str(tmp_path / "video.y4m"), "--quiet"]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"record {number} " in line
+        assert not (tmp_path / "video.y4m").exists()
+
+
+def test_a_stream_of_the_future_is_refused_by_its_version(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A newer format is not guessed at."""
+    data = bytearray(GOLDEN[0].path(FORMAT_VERSION, "punctured").read_bytes())
+    data[4] = FORMAT_VERSION + 1
+    (tmp_path / "future.dvc").write_bytes(data)
+    assert decoder.main([str(tmp_path / "future.dvc"), str(tmp_path / "video.y4m"), "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"format version {FORMAT_VERSION + 1}" in line
+
+
+@pytest.mark.parametrize("golden", CARRIED, ids=lambda golden: golden.name)
+def test_another_digest_is_said(golden: Golden, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A punctured stream whose digest is not that of the decoded frames says which group, and why."""
+    with StreamReader(golden.path(FORMAT_VERSION, "punctured")) as reader:
+        groups = list(reader)
+        with (
+            (tmp_path / "other.dvc").open("wb") as file,
+            StreamWriter(file, reader.config, reader.form) as writer,
+        ):
+            for number, group in enumerate(groups):
+                changed = None if group.digest is None else group.digest ^ (number == 1)
+                writer.write_gop(replace(group, digest=changed))
+    assert decoder.main([str(tmp_path / "other.dvc"), str(tmp_path / "video.y4m"), "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "group of pictures 1: the punctured stream was made for other predictions" in line
+    assert "digest" in line
