@@ -4,12 +4,12 @@ Tasks come through the connection whose file descriptor is the only argument. Th
 group, or the exception that it ended with; before that come requests for parity, if the encoder is live.
 """
 
+import os
 import signal
 import sys
 from multiprocessing.connection import Connection
 from typing import Any
 
-from decoder.group import GroupDecoder
 from decoder.tasks import GroupTask, naming_group
 from dvc.config import decode_config
 
@@ -27,6 +27,9 @@ def serve(connection: "Connection[Any, Any]") -> None:
         connection.send(request)
         return connection.recv()
 
+    _import_opencv_quietly()
+    from decoder.group import GroupDecoder
+
     decoders: dict[bytes, GroupDecoder] = {}
     while True:
         try:
@@ -42,6 +45,18 @@ def serve(connection: "Connection[Any, Any]") -> None:
                 connection.send(err)
         except (EOFError, OSError):
             return
+
+
+def _import_opencv_quietly() -> None:
+    """Keep from standard error which features, of those that OpenCV must not use, are not there anyway."""
+    kept = os.dup(2)
+    with open(os.devnull, "wb") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        import cv2  # noqa: F401
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 if __name__ == "__main__":

@@ -7,15 +7,17 @@ needs: cameras, tracks, references and the blending with block motion are then l
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.depth_maps import DepthView, Known
-from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame
-from sfm.model import Model
+
+if TYPE_CHECKING:  # frames go from process to process without what makes them
+    from dvc.multiview.depth_maps import DepthView, Known
+    from dvc.tracks import FeaturePoints, PointTracks
+    from sfm.model import Model
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
@@ -149,7 +151,7 @@ class SideInformationMethod(Protocol):
     def predict(
         self,
         references: Sequence[ReferenceFrame],
-        points: PointTracks | FeaturePoints | None,
+        points: "PointTracks | FeaturePoints | None",
         instants: Sequence[int],
     ) -> list[Prediction]:
         """Predict the frames at some instants.
@@ -202,7 +204,7 @@ class SceneInterpolator(Protocol):
     """Predicts frames between two key frames from a model of the scene."""
 
     @property
-    def views(self) -> tuple[DepthView, DepthView]:
+    def views(self) -> "tuple[DepthView, DepthView]":
         """Both key frames with their depth."""
 
     def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
@@ -230,6 +232,6 @@ class SceneInterpolatorType(Protocol):
         """Name of the method."""
 
     def __call__(
-        self, model: Model, first: Luma, second: Luma, known: Known = (None, None)
+        self, model: "Model", first: Luma, second: Luma, known: "Known" = (None, None)
     ) -> SceneInterpolator:
         """Build it from a model, the luma of its two key frames, and what is known of their depth."""

@@ -83,3 +83,17 @@ def test_a_killed_process_is_said_and_replaced() -> None:
 def test_no_groups_need_no_answer() -> None:
     """Nothing is decoded where there is nothing."""
     assert list(decode_groups([], 1)) == []
+
+
+def test_features_that_are_not_there_are_no_news(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What OpenCV says of features that it is to do without, but does not have, reaches no terminal."""
+    environment = parallel.baseline_environment() | {"OPENCV_CPU_DISABLE": "AVX,NO-SUCH-FEATURE"}
+    monkeypatch.setattr(parallel, "baseline_environment", lambda: environment)
+    monkeypatch.setattr(parallel, "_idle", [])
+    with StreamReader(STREAM) as reader:
+        assert len(digests(reader)) == 2
+    for process in parallel._idle:
+        process.stop()
+    assert capfd.readouterr().err == ""
