@@ -6,7 +6,7 @@ from types import ModuleType
 from benchmarks.figures import anchor_rates, anchors, codec, rates, report, reproduction, robustness, turbo
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
-from benchmarks.figures.house import golden, sources, times
+from benchmarks.figures.house import emulation, golden, sources, times
 from benchmarks.figures.tracks import costs, limits, quality
 from benchmarks.figures.tracks import rates as tracks_rates
 from dvc.errors import ConfigError
@@ -29,6 +29,7 @@ MODULES: tuple[ModuleType, ...] = (
     sources,
     times,
     golden,
+    emulation,
 )
 AREAS_BY_FRAMES = ("rd", "tracks")
 ROWS_BY_FRAMES = frozenset(figure.name for figure in anchor_rates.FIGURES)
