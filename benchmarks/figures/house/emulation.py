@@ -61,7 +61,7 @@ def _digests(folder: Path, emulator: str, paths: list[Path]) -> list[str]:
         "NUMBA_CACHE_DIR": str(folder / "cache"),
     }
     variables = os.environ | compiled | {"PYTHONPATH": os.pathsep.join([str(TREE), *sys.path])}
-    command = [sys.executable, "-c", _PROGRAM, interpreter, folder / "video.y4m", *paths]
+    command = [sys.executable, "-c", _PROGRAM, *map(str, (interpreter, folder / "video.y4m", *paths))]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=TREE, env=variables)
     if done.returncode != 0:
         raise DvcError(f"decoding failed: {done.stderr.strip()[-300:]}")
