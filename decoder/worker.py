@@ -23,7 +23,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
         The other end of that of a `DecodingProcess`.
     """
 
-    def ask(request: object) -> Any:
+    def _ask(request: object) -> Any:
         connection.send(request)
         return connection.recv()
 
@@ -40,7 +40,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
                 if task.config not in decoders:
                     decoders[task.config] = GroupDecoder(decode_config(task.config))
                 with naming_group(task.number):
-                    connection.send(decoders[task.config].decode(task, ask))
+                    connection.send(decoders[task.config].decode(task, _ask))
             except Exception as err:
                 connection.send(err)
         except (EOFError, OSError):
