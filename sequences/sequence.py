@@ -6,11 +6,9 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from dvc.errors import ConfigError
-from dvc.files import atomic_folder, atomic_output, same_file
+from dvc.files import Closing, atomic_folder, atomic_output, same_file
 from dvc.video import Frame, VideoInfo, create_video
 from dvc.video.frames import check_size
 from sequences.pfm import write_pfm
@@ -18,7 +16,7 @@ from sequences.renderer import RenderedFrame, render_frame
 from sequences.scenes import descriptions, scene
 
 
-class RenderedSequence:
+class RenderedSequence(Closing):
     """Frames of a rendered scene, a `dvc.video.VideoReader`; the scene is built when the first is asked for.
 
     Parameters
@@ -97,16 +95,6 @@ class RenderedSequence:
     def close(self) -> None:
         """Stop rendering; harmless when repeated."""
         self._frames = iter(())
-
-    def __enter__(self) -> Self:
-        """Return the reader."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close the reader."""
-        self.close()
 
     def _render(self) -> Iterator[RenderedFrame]:
         built = scene(self.name, self.seed, self.detail)

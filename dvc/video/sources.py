@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from dvc.errors import VideoError
+from dvc.files import Closing
 from dvc.video.frames import Frame, VideoInfo
 
 DEFAULT_FRAME_RATE = Fraction(25)
@@ -100,7 +99,7 @@ class Request:
             raise VideoError(f"{self.path}: pictures are {info.width}x{info.height}, not {width}x{height}")
 
 
-class FrameStream:
+class FrameStream(Closing):
     """The one `VideoReader` behind all files: information, an iterator of frames, something to close.
 
     Parameters
@@ -131,13 +130,3 @@ class FrameStream:
         """Release the source; no frame comes after that."""
         self._frames = iter(())
         self._close()
-
-    def __enter__(self) -> Self:
-        """Return the reader."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        """Close the reader."""
-        self.close()

@@ -62,22 +62,7 @@ class BlockMotionInterpolation:
         points: PointTracks | FeaturePoints | None,
         instants: Sequence[int],
     ) -> list[Prediction]:
-        """Predict the frames at some instants; see `SideInformationMethod.predict`.
-
-        Parameters
-        ----------
-        references : sequence of ReferenceFrame
-            Decoded frames, by increasing index.
-        points : PointTracks, FeaturePoints or None
-            Ignored.
-        instants : sequence of int
-            Display positions wanted.
-
-        Returns
-        -------
-        list of Prediction
-            One for each instant.
-        """
+        """Predict frames; points are ignored."""
         del points
         return [self._predict_one(*references_around(references, instant), instant) for instant in instants]
 

@@ -78,20 +78,7 @@ class BlockInterpolator:
         self._features = (luma_features(first), luma_features(second))
 
     def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
-        """Predict one frame; see `SceneInterpolator.interpolate`.
-
-        Parameters
-        ----------
-        camera : ndarray of shape (3, 4), float64
-            Its camera, in normalised coordinates.
-        temporal_position : float
-            Between the first key frame (0) and the second (1).
-
-        Returns
-        -------
-        Interpolation
-            The predicted frame.
-        """
+        """Predict one frame."""
         frame = self._model.pixel_frame
         rendered = render_depth(self.views, camera, frame)
         blocks = self._block_depths(camera, rendered)

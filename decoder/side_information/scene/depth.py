@@ -32,18 +32,5 @@ class DepthInterpolator:
         self.views = estimate_depths(model.view_pair, first, second, known)
 
     def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
-        """Predict one frame; see `SceneInterpolator.interpolate`.
-
-        Parameters
-        ----------
-        camera : ndarray of shape (3, 4), float64
-            Its camera, in normalised coordinates.
-        temporal_position : float
-            Between the first key frame (0) and the second (1).
-
-        Returns
-        -------
-        Interpolation
-            The predicted frame.
-        """
+        """Predict one frame."""
         return render_between(self.views, camera, temporal_position, self._frame)

@@ -54,20 +54,7 @@ class FusedInterpolator:
         self._blocks = BlockInterpolator(model, first, second, views=self.views)
 
     def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
-        """Predict one frame; see `SceneInterpolator.interpolate`.
-
-        Parameters
-        ----------
-        camera : ndarray of shape (3, 4), float64
-            Its camera, in normalised coordinates.
-        temporal_position : float
-            Between the first key frame (0) and the second (1).
-
-        Returns
-        -------
-        Interpolation
-            The fused frame; positions and weights are those of the depth.
-        """
+        """Fuse one frame; positions and weights are those of the depth."""
         wanted = camera, temporal_position
         return fuse_scenes(self._depth.interpolate(*wanted), self._blocks.interpolate(*wanted))
 

@@ -116,20 +116,7 @@ class MeshInterpolator:
         self.views = mesh_views(fit_mesh(model, first, second, settings), model, first, second)
 
     def interpolate(self, camera: Floats, temporal_position: float) -> Interpolation:
-        """Predict one frame; see `SceneInterpolator.interpolate`.
-
-        Parameters
-        ----------
-        camera : ndarray of shape (3, 4), float64
-            Its camera, in normalised coordinates.
-        temporal_position : float
-            Between the first key frame (0) and the second (1).
-
-        Returns
-        -------
-        Interpolation
-            The predicted frame.
-        """
+        """Predict one frame."""
         return render_between(self.views, camera, temporal_position, self._frame)
 
 

@@ -84,22 +84,7 @@ class TrackedSceneInterpolation:
         points: PointTracks | FeaturePoints | None,
         instants: Sequence[int],
     ) -> list[Prediction]:
-        """Predict the frames at some instants; see `SideInformationMethod.predict`.
-
-        Parameters
-        ----------
-        references : sequence of ReferenceFrame
-            Decoded frames, by increasing index; the first and the last are the key frames of the group.
-        points : PointTracks, FeaturePoints or None
-            What was received for the frames of the group.
-        instants : sequence of int
-            Display positions wanted.
-
-        Returns
-        -------
-        list of Prediction
-            One for each instant.
-        """
+        """Predict frames from cameras that points give."""
         if points is None:
             return self._untracked.predict(references, None, instants)
         group = self._group((references[0], references[-1]), points)

@@ -64,22 +64,7 @@ class SceneInterpolation:
         points: PointTracks | FeaturePoints | None,
         instants: Sequence[int],
     ) -> list[Prediction]:
-        """Predict the frames at some instants; see `SideInformationMethod.predict`.
-
-        Parameters
-        ----------
-        references : sequence of ReferenceFrame
-            Decoded frames, by increasing index.
-        points : PointTracks, FeaturePoints or None
-            Ignored: points are taken to move evenly, (5.8).
-        instants : sequence of int
-            Display positions wanted.
-
-        Returns
-        -------
-        list of Prediction
-            One for each instant.
-        """
+        """Predict frames; points are taken to move evenly between the key frames, (5.8)."""
         del points
         return [self._predict_one(*references_around(references, instant), instant) for instant in instants]
 
