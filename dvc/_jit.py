@@ -1,8 +1,10 @@
 """The one door to numba: every compiled kernel of the project is declared through it."""
 
+import ast
 import contextlib
 import fcntl
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -86,3 +88,36 @@ def python_twin(function: Function) -> Function:
         The undecorated function.
     """
     return cast(Function, getattr(function, "py_func", function))
+
+
+def compile_for(function: Callable[..., Any], signature: str) -> None:
+    """Compile a kernel without calling it, unless its code is on disk.
+
+    Parameters
+    ----------
+    function : callable
+        What `kernel` returned.
+    signature : str
+        Types of the arguments as numba writes them; of named tuples the class with its module, and the types
+        in it.
+    """
+    cast(Any, function).compile(_evaluated(ast.parse(signature, mode="eval").body))
+
+
+def _evaluated(node: ast.expr) -> Any:
+    match node:
+        case ast.Tuple():
+            return tuple(map(_evaluated, node.elts))
+        case ast.Constant():
+            return node.value
+        case ast.Name():
+            return getattr(numba.types, node.id)
+        case ast.Call():
+            inner = map(_evaluated, node.args)
+            if isinstance(node.func, ast.Name):
+                named = {str(keyword.arg): _evaluated(keyword.value) for keyword in node.keywords}
+                return _evaluated(node.func)(*inner, **named)
+            module, _, name = ast.unparse(node.func).rpartition(".")
+            named_tuple = getattr(import_module(module), name)
+            return cast(Any, numba.types.BaseTuple).from_types(tuple(inner), named_tuple)
+    raise ValueError(f"not a type: {ast.unparse(node)}")

@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
@@ -15,20 +16,26 @@ if TYPE_CHECKING:
     from encoder.session import EncoderSession, Progress
 
 
+KERNELS = Path(__file__).with_name("kernels.txt")
+
+
 def _encode(arguments: argparse.Namespace) -> int:
+    from dvc.compile_ahead import compiling_ahead
     from dvc.video import open_video
 
     if (arguments.output is None) == (arguments.serve is None):
         raise ConfigError("give either OUTPUT or --serve HOST:PORT")
     outputs = [name for name in (arguments.output, arguments.json) if name not in (None, "-")]
     cli.check_outputs([arguments.input], outputs)
-    with open_video(
+    ahead = compiling_ahead(KERNELS)
+    video = open_video(
         arguments.input,
         size=arguments.size,
         frame_rate=arguments.frame_rate,
         start=arguments.start,
         num_frames=arguments.frames,
-    ) as reader:
+    )
+    with ahead, video as reader:
         for notice in reader.info.notices:
             sys.stderr.write(f"{options.PROG}: {cli.one_line(notice)}\n")
         session = options.session(arguments, reader.info)

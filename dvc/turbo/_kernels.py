@@ -489,7 +489,8 @@ def parity_rows(bit_at_step, section_starts, feedback, feedforward, row_of_step,
         fed[n >> 6] ^= np.uint64(1) << np.uint64(n & 63)
         r = row_of_step[k]
         if r >= 0:
-            rows[r] = fed
+            for j in range(num_words):
+                rows[r, j] = fed[j]
             _add_taps(register, head, feedforward, rows[r])
 
 
@@ -566,7 +567,8 @@ def eliminate(rows, column_order, row_of_pivot):
         size, position = _collect_pivots(rows, rank, column_order, position, columns, row_of_pivot)
         for i in range(size):
             for index in range(1 << i):
-                table[index + (1 << i)] = table[index]
+                for j in range(table.shape[1]):
+                    table[index + (1 << i), j] = table[index, j]
                 _add_row(rows[rank + i], table[index + (1 << i)])
         for r in range(rows.shape[0]):
             index = 0

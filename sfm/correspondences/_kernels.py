@@ -315,9 +315,10 @@ def minimize_neighbourhood(
             sample_neighbourhood(coefficients, trial, radius, values, dx, dy)
             trial_error = normal_equations(target, values, dx, dy, weights, count, trial_matrix, trial_vector)
         if trial_error <= error:
-            parameters[:] = trial
-            matrix[:] = trial_matrix
-            vector[:] = trial_vector
+            for a in range(count):  # slices would make numba compile the text of an error, for seconds
+                parameters[a], vector[a] = trial[a], trial_vector[a]
+                for b in range(count):
+                    matrix[a, b] = trial_matrix[a, b]
             error = trial_error
             damping = max(damping * 0.1, 1e-7)
         else:
@@ -570,7 +571,7 @@ def propagate(
             if error < np.inf:
                 open_tries[y, x] = 0
                 first[end, 0], first[end, 1] = x, y
-                second[end], errors[end] = found, error
+                second[end, 0], second[end, 1], errors[end] = found[0], found[1], error
                 end += 1
     return end
 
@@ -601,7 +602,7 @@ def follow_all(
                 min_error, error_share, found,
             )  # fmt: skip
         if errors[i] < np.inf:
-            second[i] = found
+            second[i, 0], second[i, 1] = found[0], found[1]
 
 
 @kernel

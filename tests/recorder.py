@@ -1,0 +1,69 @@
+"""Says which kernels a run calls from Python, and with which types, as lines for `dvc.compile_ahead`.
+
+`python -m tests.recorder decoder STREAM`, or `python -m tests.recorder encoder VIDEO OPTION...`.
+"""
+
+import inspect
+import pickle
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from numba.core import dispatcher
+
+USED: dict[str, None] = {}
+DISPATCHER: Any = dispatcher.Dispatcher
+_compile = DISPATCHER._compile_for_args
+
+
+def text(kind: Any) -> str:
+    """Write a type as `dvc._jit.compile_for` reads it."""
+    if not hasattr(kind, "instance_class"):
+        return repr(kind)
+    named = kind.instance_class
+    return f"{named.__module__}.{named.__qualname__}({', '.join(map(text, kind.types))})"
+
+
+def name(function: Any) -> str:
+    """Write how a kernel is got: by its name, or from a function that makes it."""
+    maker, local, _ = function.__qualname__.partition(".<locals>")
+    if not local:
+        return str(maker)
+    cells = inspect.getclosurevars(function).nonlocals
+    parameters = inspect.signature(getattr(sys.modules[function.__module__], maker)).parameters
+    return f"{maker}({','.join(str(cells[parameter]) for parameter in parameters)})"
+
+
+def record(kernel: Any, *arguments: object) -> Any:
+    """Note the types of a call that numba has no code for yet in this process, and get it."""
+    types = ", ".join(text(kernel.typeof_pyval(argument)) for argument in arguments)
+    USED[f"{kernel.py_func.__module__} {name(kernel.py_func)} ({types},)"] = None
+    return _compile(kernel, *arguments)
+
+
+def decode(path: str) -> None:
+    """Decode a stream as a decoding process does, with tasks that come from another."""
+    from decoder.group import GroupDecoder
+    from decoder.session import _tasks
+    from dvc.stream import StreamReader
+
+    with StreamReader(path) as reader:
+        decoder: Any = GroupDecoder(reader.config)
+        for task in _tasks(reader.config, reader, None):
+            decoder.decode(pickle.loads(pickle.dumps(task)), None)
+
+
+def encode(*arguments: str) -> None:
+    """Encode a video."""
+    from encoder.__main__ import main
+
+    with tempfile.TemporaryDirectory() as folder:
+        assert main([arguments[0], str(Path(folder) / "stream.dvc"), *arguments[1:], "--quiet"]) == 0
+
+
+if __name__ == "__main__":
+    DISPATCHER._compile_for_args = record
+    work: dict[str, Any] = {"decoder": decode, "encoder": encode}
+    work[sys.argv[1]](*sys.argv[2:])
+    sys.stdout.write("".join(f"{line}\n" for line in USED))
