@@ -187,6 +187,8 @@ def _decode_live(arguments: argparse.Namespace) -> int:
                 failure = _output(config, arguments, stack).consume(
                     groups, arguments.quiet, arguments.salvage
                 )
+            if isinstance(failure, BitstreamError):
+                source.give_up(cli.one_line(failure))
         except FeedbackError:
             raise
         except DvcError as err:
@@ -199,10 +201,10 @@ def _decode_live(arguments: argparse.Namespace) -> int:
 
 def _with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "CodecConfig":
     """Put the decoder's own choices in place of what the stream names."""
-    from decoder.side_information.methods import METHODS
-
     method = arguments.side_information
     if method is not None:
+        from decoder.side_information.methods import METHODS
+
         if method not in METHODS:
             raise ConfigError(f"--side-information must be one of {', '.join(METHODS)}, got {method!r}")
         config = replace(config, side_information=replace(config.side_information, method=method))

@@ -7,18 +7,22 @@ has loaded before.
 """
 
 import atexit
+import signal
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import Pipe
+from threading import Event, Lock
 
 from decoder.tasks import DecodedGroup, GroupTask
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError, DvcError
 from dvc.turbo import Answer, ParityRequest
+
+_MAX_IDLE = 2  # processes kept for the next sequence: they take about a second to start, and some memory
 
 
 class DecodingProcess:
@@ -27,14 +31,20 @@ class DecodingProcess:
     def __init__(self) -> None:
         self.busy = False
         self._connection, other = Pipe()
-        with other:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "decoder.worker", str(other.fileno())],
-                env=baseline_environment(),
-                pass_fds=[other.fileno()],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-            )
+        command = [sys.executable, "-P", "-m", "decoder.worker", str(other.fileno())]
+        # Whoever starts the process ends it; an interrupt from the terminal is not for it.
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            with other:
+                self._process = subprocess.Popen(
+                    command,
+                    env=baseline_environment(),
+                    pass_fds=[other.fileno()],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def decode(self, task: GroupTask, answer: Answer | None = None) -> DecodedGroup:
         """Decode a group.
@@ -59,33 +69,47 @@ class DecodingProcess:
             If the process dies.
         """
         self.busy = True
-        try:
-            self._connection.send(task)
-            outcome = self._connection.recv()
-            while answer is not None and isinstance(outcome, ParityRequest):
-                self._connection.send(answer(outcome))
-                outcome = self._connection.recv()
-        except (EOFError, BrokenPipeError, ConnectionResetError) as err:
-            raise DvcError("a decoding process was killed; is there enough memory for --jobs?") from err
+        outcome = self._exchange(task)
+        while answer is not None and isinstance(outcome, ParityRequest):
+            outcome = self._exchange(answer(outcome))
         self.busy = False
         if isinstance(outcome, Exception):
             raise outcome
         assert isinstance(outcome, DecodedGroup)
         return outcome
 
+    def _exchange(self, message: object) -> object:
+        try:
+            self._connection.send(message)
+            return self._connection.recv()
+        except (EOFError, OSError) as err:
+            self.kill()
+            status = self._process.wait()
+            how = (
+                "was killed; is there enough memory for --jobs?"
+                if status < 0
+                else f"ended with status {status}"
+            )
+            raise DvcError(f"a decoding process {how}") from err
+
     @property
     def alive(self) -> bool:
         """Whether it can decode."""
         return self._process.poll() is None
 
-    def stop(self) -> None:
-        """End the process, whatever it does."""
+    def kill(self) -> None:
+        """Make it end, whatever it does."""
         self._process.kill()
+
+    def stop(self) -> None:
+        """End it, and let go of it."""
+        self.kill()
         self._process.wait()
         self._connection.close()
 
 
-_idle: list[DecodingProcess] = []  # kept for the next sequence: they take about a second to start
+_idle: list[DecodingProcess] = []
+_lock = Lock()
 
 
 @atexit.register
@@ -95,29 +119,29 @@ def _stop_idle() -> None:
 
 
 @contextmanager
-def decoding_processes(count: int) -> Iterator[list[DecodingProcess]]:
-    """Lend processes; those that come back busy are stopped, the others kept.
-
-    Parameters
-    ----------
-    count : int
-        How many.
+def decoding_process() -> Iterator[DecodingProcess]:
+    """Lend a process; one that comes back busy is stopped, others are kept for the next.
 
     Yields
     ------
-    list of DecodingProcess
+    DecodingProcess
         Ready to decode.
     """
-    lent = [process for process in (_idle.pop() for _ in range(min(count, len(_idle)))) if process.alive]
-    lent += [DecodingProcess() for _ in range(count - len(lent))]
+    with _lock:
+        process = _idle.pop() if _idle else None
+    if process is not None and not process.alive:
+        process.stop()
+        process = None
+    process = process or DecodingProcess()
     try:
-        yield lent
+        yield process
     finally:
-        for process in lent:
-            if process.busy:
-                process.stop()
-            else:
+        with _lock:
+            kept = not process.busy and process.alive and len(_idle) < _MAX_IDLE
+            if kept:
                 _idle.append(process)
+        if not kept:
+            process.stop()
 
 
 def decode_groups(tasks: Iterable[GroupTask], jobs: int) -> Iterator[DecodedGroup]:
@@ -141,30 +165,40 @@ def decode_groups(tasks: Iterable[GroupTask], jobs: int) -> Iterator[DecodedGrou
         If the stream is damaged; all groups before the damage are yielded first.
     """
     pending: deque[Future[DecodedGroup]] = deque()
-    with ThreadPoolExecutor(jobs) as executor, decoding_processes(jobs) as processes:
+    lent: set[DecodingProcess] = set()
+    closed = Event()
+
+    def _decode(task: GroupTask) -> DecodedGroup:
+        if task.references is None:
+            return DecodedGroup.of(task, [])
+        with decoding_process() as process:
+            lent.add(process)
+            try:
+                if closed.is_set():
+                    raise DvcError("decoding was given up")
+                return process.decode(task)
+            finally:
+                lent.discard(process)
+
+    with ThreadPoolExecutor(jobs) as executor:
         try:
-            for outcome in _submitted(tasks, executor, deque(processes)):
+            for outcome in _submitted(tasks, executor, _decode):
                 pending.append(outcome)
                 while len(pending) > jobs + 1 or (pending and pending[0].done()):
                     yield pending.popleft().result()
             while pending:
                 yield pending.popleft().result()
         finally:
+            closed.set()
             executor.shutdown(wait=False, cancel_futures=True)
+            for process in tuple(lent):
+                process.kill()
 
 
 def _submitted(
-    tasks: Iterable[GroupTask], executor: Executor, free: deque[DecodingProcess]
+    tasks: Iterable[GroupTask], executor: Executor, decode: Callable[[GroupTask], DecodedGroup]
 ) -> Iterator[Future[DecodedGroup]]:
     """Start the groups; damage of the stream waits its turn like the outcome of a group."""
-
-    def decode(task: GroupTask) -> DecodedGroup:
-        process = free.popleft()  # there are as many as threads
-        try:
-            return process.decode(task)
-        finally:
-            free.append(process)
-
     try:
         for task in tasks:
             yield executor.submit(decode, task)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from decoder.live import LiveSource
-from decoder.parallel import decode_groups, decoding_processes
+from decoder.parallel import decode_groups, decoding_process
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import CodecConfig, encode_config
@@ -86,7 +86,7 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
     """
     keys = _KeyFrames(config)
     packed = encode_config(config)
-    with decoding_processes(1) as (process,):
+    with decoding_process() as process:
         for gop in source.groups():
             task = GroupTask(packed, gop.number, *keys.add(gop.number, gop.record), gop.record, None)
             yield process.decode(task, source.answer)

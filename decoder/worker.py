@@ -5,13 +5,16 @@ group, or the exception that it ended with; before that come requests for parity
 """
 
 import os
-import signal
 import sys
+import traceback
 from multiprocessing.connection import Connection
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any
 
 from decoder.tasks import GroupTask, naming_group
 from dvc.config import decode_config
+from dvc.errors import DvcError
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
@@ -22,29 +25,39 @@ def serve(connection: "Connection[Any, Any]") -> None:
     connection : Connection
         The other end of that of a `DecodingProcess`.
     """
+    received: SimpleQueue[Any] = SimpleQueue()
+    Thread(target=_receive, args=(connection, received), daemon=True).start()
 
     def _ask(request: object) -> Any:
         connection.send(request)
-        return connection.recv()
+        return received.get()
 
     _import_opencv_quietly()
     from decoder.group import GroupDecoder
 
     decoders: dict[bytes, GroupDecoder] = {}
     while True:
+        task: GroupTask = received.get()
         try:
-            task: GroupTask = connection.recv()
             if task.config not in decoders:
-                decoders.clear()
-            try:
-                if task.config not in decoders:
-                    decoders[task.config] = GroupDecoder(decode_config(task.config))
-                with naming_group(task.number):
-                    connection.send(decoders[task.config].decode(task, _ask))
-            except Exception as err:
-                connection.send(err)
-        except (EOFError, OSError):
-            return
+                decoders = {task.config: GroupDecoder(decode_config(task.config))}
+            with naming_group(task.number):
+                outcome: object = decoders[task.config].decode(task, _ask)
+        except DvcError as err:
+            outcome = err
+        except Exception as err:  # whose class the other side may be unable to read
+            outcome = RuntimeError(repr(err))
+            outcome.add_note(f"in the decoding process:\n{traceback.format_exc()}")
+        connection.send(outcome)
+
+
+def _receive(connection: "Connection[Any, Any]", received: "SimpleQueue[Any]") -> None:
+    """Take what comes; end the process, whatever it does, where nobody is left who wants it."""
+    try:
+        while True:
+            received.put(connection.recv())
+    except (EOFError, OSError):
+        os._exit(0)
 
 
 def _import_opencv_quietly() -> None:
@@ -60,5 +73,4 @@ def _import_opencv_quietly() -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who started this process ends it
     serve(Connection(int(sys.argv[1])))

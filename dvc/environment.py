@@ -14,6 +14,7 @@ _X86_BASELINE = {
     # Names as OpenCV prints them; its libraries start at SSE3, and all of x86-64-v2 has SSE4.2.
     "OPENCV_CPU_DISABLE": "AVX,FP16,AVX2,FMA3,AVX512-SKX",
     "OPENCV_IPP": "disabled",
+    "NUMBA_DISABLE_INTEL_SVML": "1",
     # The mathematical functions of the C library come with and without fused multiply and add; the
     # second names are those of versions before 2.33.
     "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX2_Usable,-FMA_Usable,-FMA4_Usable",

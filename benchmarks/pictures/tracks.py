@@ -17,7 +17,7 @@ from benchmarks.figures.tracks.prediction import (
 from benchmarks.figures.tracks.quality import fixed_gop
 from benchmarks.figures.tracks.runs import (
     BLIND_DEPTH,
-    FLAT,
+    BLOCK_MOTION,
     TD_BLOCKS,
     TD_DEPTH,
     TE_BLOCKS,
@@ -58,9 +58,9 @@ PAGE = Path("docs") / "side_information_tracks.md"
 BEGIN, END = "<!-- table: begin -->", "<!-- table: end -->"
 CLIPS = (*SCENES, *STATIC_CLIPS)
 SUBJECTIVE_QP = 26
-NOISE_WAYS = (FLAT, BLIND_DEPTH, TE_DEPTH, TD_DEPTH)
+NOISE_WAYS = (BLOCK_MOTION, BLIND_DEPTH, TE_DEPTH, TD_DEPTH)
 PLOTTED = (
-    (FLAT, 5, "-"),
+    (BLOCK_MOTION, 5, "-"),
     (BLIND_DEPTH, 4, "-"),
     (TD_BLOCKS, 2, ":"),
     (TD_DEPTH, 2, "-"),

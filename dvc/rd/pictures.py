@@ -12,7 +12,7 @@ from dvc.video import open_video
 from dvc.video.frames import Plane
 
 PICTURES_FOLDER = "pictures"
-MAX_SIDE_PX = 8192
+MAX_PICTURE_SIDE_PX = 8192
 MAX_FILE_BYTES = 2**27
 
 
@@ -114,7 +114,7 @@ def read_picture(path: Path) -> Plane | None:
         with path.open("rb") as file:
             head = file.read(24)
             width, height = (int.from_bytes(head[i : i + 4], "big") for i in (16, 20))
-            if not head.startswith(b"\x89PNG") or not 0 < max(width, height) <= MAX_SIDE_PX:
+            if not head.startswith(b"\x89PNG") or not 0 < max(width, height) <= MAX_PICTURE_SIDE_PX:
                 return None
             coded = head + file.read(MAX_FILE_BYTES)
         plane: Any = cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_GRAYSCALE)

@@ -4,13 +4,19 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
+from collections import deque
+from contextlib import ExitStack
+from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
 
 import pytest
 
 from decoder import parallel
-from decoder.parallel import DecodingProcess, decode_groups, decoding_processes
-from decoder.session import decode_stream
+from decoder.parallel import decode_groups, decoding_process
+from decoder.session import _tasks, decode_stream
 from dvc.errors import DvcError
 from dvc.stream import StreamReader
 
@@ -44,40 +50,78 @@ def test_a_program_that_has_loaded_libraries_decodes_alike() -> None:
 
 def test_idle_processes_are_lent_again() -> None:
     """A second sequence is decoded by the process of the first."""
-    with decoding_processes(1) as (first,):
+    with decoding_process() as first:
         pass
-    with decoding_processes(2) as (again, other):
+    with decoding_process() as again, decoding_process() as other:
         assert again is first
         assert other is not first
         assert other.alive
 
 
+def test_no_more_processes_wait_than_are_worth_it() -> None:
+    """Many processes of one run do not stay for the life of the program."""
+    with ExitStack() as stack:
+        lent = [stack.enter_context(decoding_process()) for _ in range(4)]
+    assert len(parallel._idle) == 2
+    assert sum(process.alive for process in lent) == 2
+
+
 def test_busy_processes_do_not_come_back() -> None:
     """A process that is in the middle of something when its user leaves is stopped."""
-    with decoding_processes(1) as (process,):
+    with decoding_process() as process:
         process.busy = True
     assert not process.alive
 
 
 def test_a_killed_process_is_said_and_replaced() -> None:
     """Decoding ends in one error, and the next sequence gets another process."""
-
-    def decode() -> None:
-        with StreamReader(STREAM) as reader:
-            for group in decode_stream(reader.config, reader):
-                if group.first_index == 0:
-                    for process in started:
-                        os.kill(process._process.pid, signal.SIGKILL)
-                        process._process.wait()
-
-    started: list[DecodingProcess] = []
-    with decoding_processes(1) as processes:
-        started.extend(processes)
-    with pytest.raises(DvcError, match="decoding process was killed"):
-        decode()
-    assert not any(process in parallel._idle for process in started)
+    with StreamReader(STREAM) as reader:
+        tasks = list(_tasks(reader.config, reader, None))
+    with decoding_process() as process:
+        threading.Timer(0.3, process.kill).start()
+        with pytest.raises(DvcError, match="decoding process was killed"):
+            deque(map(process.decode, repeat(tasks[1])), maxlen=0)
+    assert process not in parallel._idle
     with StreamReader(STREAM) as reader:
         assert len(digests(reader)) == 2
+
+
+def test_a_fault_is_told_with_its_place() -> None:
+    """What nobody foresaw arrives as an exception that says where it came from, and the process goes on."""
+    with StreamReader(STREAM) as reader:
+        task = list(_tasks(reader.config, reader, None))[1]
+    with decoding_process() as process:
+        with pytest.raises(RuntimeError) as caught:
+            process.decode(replace(task, record=None))  # type: ignore[arg-type]
+        assert "decoder/group.py" in caught.value.__notes__[0]
+        assert process.decode(task).record.digest == task.record.digest
+
+
+def test_processes_end_with_the_program() -> None:
+    """Where a program is killed, what it started does not live on, even in the middle of a group."""
+    program = (
+        "import os, signal, time\n"
+        "from decoder.parallel import decoding_process\n"
+        "with decoding_process() as process:\n"
+        "    print(process._process.pid, flush=True)\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGKILL
+    status = Path("/proc") / done.stdout.strip() / "status"
+    deadline = time.monotonic() + 30
+    while status.exists() and "zombie" not in status.read_text() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not status.exists() or "zombie" in status.read_text()
+
+
+def test_leaving_early_ends_what_is_running() -> None:
+    """Who takes one group and goes does not wait for the others."""
+    with StreamReader(STREAM) as reader:
+        groups = decode_stream(reader.config, reader)
+        assert next(groups).first_index == 0
+        groups.close()
+    assert not any(process.busy for process in parallel._idle)
 
 
 def test_no_groups_need_no_answer() -> None:

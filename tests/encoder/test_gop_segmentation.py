@@ -1,4 +1,4 @@
-"""Division into groups at the least estimated rate."""
+"""Segmentation into groups at the least estimated rate."""
 
 import itertools
 

@@ -7,9 +7,9 @@ from functools import partial
 from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, mean_over_clips
 from benchmarks.figures.tracks.prediction import frame_results, mean_db
 from benchmarks.figures.tracks.runs import (
+    BLOCK_MOTION,
     FAST_CLIPS,
     FIXED_GOP,
-    FLAT,
     TD_DEPTH,
     TE_BLOCKS,
     TE_DEPTH,
@@ -54,9 +54,9 @@ class Comparison:
         return first, second
 
 
-TE_ADAPTIVE = Comparison(FLAT, TE_DEPTH, adaptive=True)
-TE_FIXED = Comparison(FLAT, TE_DEPTH)
-TD_FIXED = Comparison(FLAT, TD_DEPTH)
+TE_ADAPTIVE = Comparison(BLOCK_MOTION, TE_DEPTH, adaptive=True)
+TE_FIXED = Comparison(BLOCK_MOTION, TE_DEPTH)
+TD_FIXED = Comparison(BLOCK_MOTION, TD_DEPTH)
 BLOCKS_TO_DEPTH = Comparison(TE_BLOCKS, TE_DEPTH)
 BLOCKS_TO_MESH = Comparison(TE_BLOCKS, TE_MESH)
 

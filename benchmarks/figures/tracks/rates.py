@@ -133,8 +133,8 @@ _SLOW_CLIPS = tuple(clip for clip in STATIC_CLIPS if clip not in FAST_CLIPS)
 MEANS = {"mean": STATIC_CLIPS, "slow-mean": _SLOW_CLIPS}
 """Clips to average over, by what ends the name of the row: all, and those without stone's 40 px a frame."""
 _ALL = (*REAL_CLIPS, *SCENES)
-_FLAT = "TE against 2D (GOP 2), key-only, Q1 to Q8, up to 36 dB: BD-rate"
-_LEVELS_FLAT = "TE against 2D (GOP 2), hierarchical, Q1 to Q8, up to 36 dB: BD-rate"
+_AGAINST_2D = "TE against 2D (GOP 2), key-only, Q1 to Q8, up to 36 dB: BD-rate"
+_LEVELS_AGAINST_2D = "TE against 2D (GOP 2), hierarchical, Q1 to Q8, up to 36 dB: BD-rate"
 _INTRA = "TE against H.264 intra, key-only, Q1 to Q8: BD-rate"
 _LEVELS_INTRA = "TE against H.264 intra, hierarchical, Q1 to Q8: BD-rate"
 _LEVELS = "TE, hierarchical against key-only references, Q1 to Q8: BD-rate"
@@ -199,7 +199,7 @@ FIGURES = (
     *_figures(
         "te-2d",
         "2d",
-        _FLAT,
+        _AGAINST_2D,
         ("negative on every clip but stone", "≤ −30 %"),
         dict.fromkeys(_SLOW_CLIPS, 0.0),
         -30.0,
@@ -208,7 +208,7 @@ FIGURES = (
     *_figures(
         "te-hierarchical-2d",
         "hierarchical-2d",
-        _LEVELS_FLAT,
+        _LEVELS_AGAINST_2D,
         ("negative on every clip but stone", "≤ −30 %"),
         dict.fromkeys(_SLOW_CLIPS, 0.0),
         -30.0,

@@ -43,12 +43,12 @@ class Way:
         return f"{variant} ({'block motion' if self.method == 'mci' else self.method})"
 
 
-FLAT = Way("2d", "mci")
+BLOCK_MOTION = Way("2d", "mci")
 BLIND_BLOCKS, BLIND_DEPTH = Way("3d", "blocks"), Way("3d", "depth")
 TD_BLOCKS, TD_DEPTH = Way("3d-td", "blocks"), Way("3d-td", "depth")
 TE_BLOCKS, TE_DEPTH = Way("3d-te", "blocks"), Way("3d-te", "depth")
 TE_MESH = Way("3d-te", "mesh")
-WAYS = (FLAT, BLIND_BLOCKS, BLIND_DEPTH, TD_BLOCKS, TD_DEPTH, TE_BLOCKS, TE_DEPTH)
+WAYS = (BLOCK_MOTION, BLIND_BLOCKS, BLIND_DEPTH, TD_BLOCKS, TD_DEPTH, TE_BLOCKS, TE_DEPTH)
 """Those of table 5.1, in its order; dense depth stands where the thesis has its mesh."""
 
 
@@ -91,6 +91,6 @@ class Run:
         quality = "lossless" if self.key_qp is None else f"qp{self.key_qp}"
         way = self.way
         parts = [self.clip, way.codec, way.method, keys, quality, self.num_frames, self.every]
-        if replace(way, codec=FLAT.codec, method=FLAT.method) != FLAT:
+        if replace(way, codec=BLOCK_MOTION.codec, method=BLOCK_MOTION.method) != BLOCK_MOTION:
             parts += [int(way.track_corrections), way.path_regularity, way.subpixel_bits]
         return "_".join(map(str, parts))

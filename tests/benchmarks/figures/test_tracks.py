@@ -8,7 +8,7 @@ import pytest
 from benchmarks.figures import definitions
 from benchmarks.figures.harness import Setting
 from benchmarks.figures.tracks import costs, curves, limits, prediction, quality, runs
-from benchmarks.figures.tracks.runs import FLAT, TD_DEPTH, TE_DEPTH, Run
+from benchmarks.figures.tracks.runs import BLOCK_MOTION, TD_DEPTH, TE_DEPTH, Run
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.sources import Source, find_source
 from dvc.tracks import FeaturePoints, PointTracks
@@ -56,7 +56,7 @@ def test_groups_have_what_was_sent(clip: Path, way: runs.Way, kind: type) -> Non
 
 def test_results_are_kept(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames are predicted once; a second process reads what the first has found."""
-    run = Run(clip.name, FLAT, FRAMES, FRAMES - 1, every=2)
+    run = Run(clip.name, BLOCK_MOTION, FRAMES, FRAMES - 1, every=2)
     monkeypatch.setattr(prediction, "clip_source", lambda _: _source(clip))
     found = prediction.frame_results(run, tmp_path)
     assert [frame.index for frame in found] == [1, 3]
