@@ -136,30 +136,6 @@ class BitWriter:
         self._parts.append(bits.copy())
         self._num_bits += bits.size
 
-    def write_uint(self, value: int, num_bits: int) -> None:
-        """Append an integer, most significant bit first.
-
-        Parameters
-        ----------
-        value : int
-            From 0 to ``2**num_bits - 1``.
-        num_bits : int
-            Number of bits, 0 or more.
-
-        Raises
-        ------
-        ValueError
-            If the value does not fit.
-        """
-        if num_bits < 0 or value < 0 or value.bit_length() > num_bits:
-            raise ValueError(
-                f"`value` must fit {num_bits} bits, got {value.bit_length()} bits, sign {value < 0:d}"
-            )
-        num_bytes = -(-num_bits // 8)
-        octets = np.frombuffer(value.to_bytes(num_bytes, "big"), np.uint8)
-        self._parts.append(np.unpackbits(octets)[8 * num_bytes - num_bits :])
-        self._num_bits += num_bits
-
     def to_bytes(self) -> bytes:
         """Return all bits, the last byte filled up with zeros.
 
@@ -220,28 +196,6 @@ class BitReader:
         self._position += count
         octets = self._octets[first : -(-self._position // 8)]
         return np.unpackbits(octets)[skip : skip + count]
-
-    def read_uint(self, num_bits: int) -> int:
-        """Read an integer, most significant bit first.
-
-        Parameters
-        ----------
-        num_bits : int
-            Number of bits.
-
-        Returns
-        -------
-        int
-            From 0 to ``2**num_bits - 1``.
-
-        Raises
-        ------
-        BitstreamError
-            If fewer bits are left.
-        """
-        bits = self.read(num_bits)
-        padding = -num_bits % 8
-        return int.from_bytes(np.packbits(bits).tobytes(), "big") >> padding
 
     def expect_end(self) -> None:
         """Check that nothing is left but the zeros that fill up the last byte.

@@ -105,8 +105,8 @@ def mutate_tracks(stream: bytes, rng: np.random.Generator) -> bytes:
     """
     with StreamReader(io.BytesIO(stream)) as reader:
         config, form, records = reader.config, reader.form, list(reader)
-    carriers = [number for number, record in enumerate(records) if record.tracks]
-    chosen = carriers[int(rng.integers(len(carriers)))]
+    with_tracks = [number for number, record in enumerate(records) if record.tracks]
+    chosen = with_tracks[int(rng.integers(len(with_tracks)))]
     records[chosen] = replace(records[chosen], tracks=mutate(records[chosen].tracks, rng))
     file = io.BytesIO()
     with StreamWriter(file, config, form) as writer:

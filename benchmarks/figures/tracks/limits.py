@@ -66,7 +66,7 @@ def against_prototype_mean(setting: Setting, clip: str) -> Measured:
     return mean_over_clips(setting, tuple(PROTOTYPE_DB), difference, "{:+.2f} dB", lambda mean: mean >= 1.0)
 
 
-def motion_ceiling(original: Luma, keys: tuple[Luma, Luma], late: float) -> Floats:
+def motion_ceiling(original: Luma, keys: tuple[Luma, Luma], temporal_position: float) -> Floats:
     """Warp both key frames by the motion measured on the original frame itself, which no decoder has.
 
     Parameters
@@ -75,7 +75,7 @@ def motion_ceiling(original: Luma, keys: tuple[Luma, Luma], late: float) -> Floa
         The frame.
     keys : tuple of two ndarray of shape (H, W), uint8
         Key frames around it.
-    late : float
+    temporal_position : float
         Its instant from 0, that of the first key frame, to 1.
 
     Returns
@@ -102,7 +102,7 @@ def motion_ceiling(original: Luma, keys: tuple[Luma, Luma], late: float) -> Floa
                 borderMode=cv2.BORDER_REPLICATE,
             ).astype(np.float64)
         )
-    blended: Floats = (1.0 - late) * warped[0] + late * warped[1]
+    blended: Floats = (1.0 - temporal_position) * warped[0] + temporal_position * warped[1]
     return blended
 
 
@@ -125,8 +125,8 @@ def ceiling_db(run: Run) -> float:
         first, last = group.keys
         for index in range(first.index + 1, last.index, run.every):
             original = group.originals[index - first.index - 1].luma
-            late = (index - first.index) / (last.index - first.index)
-            predicted = motion_ceiling(original, (first.frame.luma, last.frame.luma), late)
+            temporal_position = (index - first.index) / (last.index - first.index)
+            predicted = motion_ceiling(original, (first.frame.luma, last.frame.luma), temporal_position)
             values.append(psnr_db(original, to_uint8(predicted)))
     return float(np.mean(values))
 
