@@ -113,7 +113,8 @@ _lock = Lock()
 
 
 @atexit.register
-def _stop_idle() -> None:
+def stop_idle_processes() -> None:
+    """Keep no process for a next sequence, which gets new ones."""
     while _idle:
         _idle.pop().stop()
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from benchmarks.hostile.attempts import kinds
+from decoder.parallel import stop_idle_processes
 from dvc import cli
 from dvc.errors import DvcError
 
@@ -57,6 +58,7 @@ def run_batch(kind: str, numbers: Sequence[int]) -> list[str]:
         Outcome of each.
     """
     attempt = kinds()[kind]
+    stop_idle_processes()  # others inherit the limit
     with open("/proc/self/statm", encoding="ascii") as statm:
         in_use = int(statm.read().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (in_use + MAX_ALLOCATION_BYTES, resource.RLIM_INFINITY))
