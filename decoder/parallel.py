@@ -83,8 +83,11 @@ class DecodingProcess:
             self._connection.send(message)
             return self._connection.recv()
         except (EOFError, OSError) as err:
-            self.kill()
-            status = self._process.wait()
+            try:  # a process that ends by itself says how
+                status = self._process.wait(timeout=1)
+            except subprocess.TimeoutExpired:
+                self.kill()
+                status = self._process.wait()
             how = (
                 "was killed; is there enough memory for --jobs?"
                 if status < 0

@@ -19,6 +19,7 @@ import pytest
 
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
+from dvc.environment import SINGLE_THREADED
 from dvc.multiview.cameras import PixelFrame
 from dvc.stream import StreamReader, StreamWriter
 from dvc.stream.records import FORMAT_VERSION
@@ -80,7 +81,6 @@ ALL_PROCESSORS = os.environ.get("DVC_ALL_PROCESSORS") == "1"
 """Whether all frozen streams are decoded on every processor, as in continuous integration, or one a codec."""
 _OF_EACH_CODEC = ("2d-colour", "3d-fused", "3d-td-all", "3d-te-odd")
 CARRIED = [golden for golden in GOLDEN if ALL_PROCESSORS or golden.name in _OF_EACH_CODEC]
-_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 PROCESSORS = {
     "without-avx2": {
         "OPENBLAS_CORETYPE": "Sandybridge",
@@ -88,9 +88,9 @@ PROCESSORS = {
         "OPENCV_CPU_DISABLE": "AVX2,FMA3",
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA",
         "NUMBA_CPU_NAME": "generic",
-        **dict.fromkeys(_THREADS, "1"),
+        **SINGLE_THREADED,
     },
-    "two-threads": {"OPENBLAS_CORETYPE": "Haswell", **dict.fromkeys(_THREADS, "2")},
+    "two-threads": {"OPENBLAS_CORETYPE": "Haswell", **dict.fromkeys(SINGLE_THREADED, "2")},
 }
 """What makes libraries believe that they run on another processor than this one."""
 OF_VERSION_1 = [golden for golden in GOLDEN if golden.path(1, FORMS[0]).exists()]

@@ -9,6 +9,7 @@ from functools import partial
 
 from benchmarks.figures.harness import Figure, Measured, Setting
 from benchmarks.figures.house.revisions import TREE
+from dvc.environment import SINGLE_THREADED
 from dvc.errors import DvcError
 
 AREA = "house"
@@ -36,8 +37,7 @@ def threads(count: int) -> dict[str, str]:
     dict of str to str
         Variables of a process.
     """
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
-    return dict.fromkeys(names, str(count))
+    return dict.fromkeys(SINGLE_THREADED, str(count))
 
 
 PROCESSORS: Mapping[str, tuple[str, Mapping[str, str]]] = {
