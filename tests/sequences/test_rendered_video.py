@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from dvc.errors import ConfigError, DvcError, VideoError
+from dvc.pfm import read_pfm, write_pfm
 from dvc.video import VideoReader, open_video
-from sequences.pfm import read_pfm, write_pfm
 from sequences.renderer import RenderedFrame, render_frame
 from sequences.scenes import scene
 from sequences.sequence import RenderedSequence, render

@@ -1,0 +1,245 @@
+"""Camera arrays as files: pictures, positions on the lattice, and disparities, as commands are given them."""
+
+import argparse
+import csv
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dvc.errors import ConfigError, DvcError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from dvc.multiview.camera_array import CameraArray, DisparityLabels, LatticePosition
+
+MAX_LABELS = 4096
+"""More disparities are a mistake of units."""
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+def parse_disparities(text: str) -> "DisparityLabels":
+    """Read a range of disparities.
+
+    Parameters
+    ----------
+    text : str
+        MIN:MAX or MIN:MAX:STEP, in pixels per unit of m; the step is 1 by default.
+
+    Returns
+    -------
+    DisparityLabels
+        From MIN to MAX, or the last step before it.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is something else, empty, or of more than `MAX_LABELS` disparities.
+    """
+    from dvc.multiview.camera_array import DisparityLabels
+
+    match = re.fullmatch(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?", text)
+    if not match:
+        raise argparse.ArgumentTypeError(f"expected MIN:MAX or MIN:MAX:STEP such as 0:60, got {text!r}")
+    low, high, step = float(match[1]), float(match[2]), float(match[3] or 1.0)
+    if not all(map(math.isfinite, (low, high, step))) or step <= 0.0 or high < low:
+        raise argparse.ArgumentTypeError(f"expected MIN <= MAX and STEP > 0, got {text!r}")
+    if (high - low) / step > MAX_LABELS - 1:
+        raise argparse.ArgumentTypeError(f"at most {MAX_LABELS} disparities, got {text!r}")
+    return DisparityLabels(low, step, math.floor((high - low) / step + 1e-9) + 1)
+
+
+def parse_position(text: str) -> "LatticePosition":
+    """Read the position of a camera.
+
+    Parameters
+    ----------
+    text : str
+        M,N.
+
+    Returns
+    -------
+    LatticePosition
+        The position.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is something else.
+    """
+    from dvc.multiview.camera_array import LatticePosition
+
+    match = re.fullmatch(rf"({_NUMBER}),({_NUMBER})", text)
+    if not match or not all(math.isfinite(float(number)) for number in match.groups()):
+        raise argparse.ArgumentTypeError(f"expected M,N such as 0,0 or -1,2, got {text!r}")
+    return LatticePosition(float(match[1]), float(match[2]))
+
+
+def read_positions(path: str | Path) -> dict[str, "LatticePosition"]:
+    """Read positions of cameras from a table with the columns file, m and n.
+
+    Parameters
+    ----------
+    path : str or Path
+        Comma-separated values, the first line naming the columns; others are ignored.
+
+    Returns
+    -------
+    dict of str to LatticePosition
+        By name of the file, without its folder.
+
+    Raises
+    ------
+    ConfigError
+        If a column is missing, a value is no number, or a file is named twice.
+    """
+    from dvc.multiview.camera_array import LatticePosition
+
+    positions: dict[str, LatticePosition] = {}
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                name = Path(row["file"]).name
+                if name in positions:
+                    raise ConfigError(f"{path}: {name} is named twice")
+                positions[name] = LatticePosition(float(row["m"]), float(row["n"]))
+                if not all(map(math.isfinite, positions[name])):
+                    raise ConfigError(f"{path}: {name} has no finite position")
+    except KeyError as err:
+        raise ConfigError(f"{path}: expected the columns file, m and n; there is no {err}") from err
+    except (ValueError, TypeError, csv.Error) as err:
+        raise ConfigError(f"{path}: not a table of file, m, n") from err
+    if not positions:
+        raise ConfigError(f"{path}: names no view")
+    return positions
+
+
+def read_picture(path: str | Path) -> "NDArray[np.uint8]":
+    """Read a picture as eight-bit red, green and blue.
+
+    Parameters
+    ----------
+    path : str or Path
+        Grey or colour, 8 or 16 bits; transparency is ignored.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), uint8
+        The picture; 16 bits are rounded to 8, grey ones have three equal channels.
+
+    Raises
+    ------
+    DvcError
+        If it cannot be read.
+    """
+    import cv2
+    import numpy as np
+
+    content = np.fromfile(path, np.uint8)
+    stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    if stored is None or stored.dtype not in (np.uint8, np.uint16):
+        raise DvcError(f"{path}: not a picture of 8 or 16 bits that can be read")
+    if stored.dtype == np.uint16:
+        stored = ((stored.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    if stored.ndim == 2:
+        stored = stored[:, :, None]
+    colours = stored[:, :, :1].repeat(3, axis=2) if stored.shape[2] < 3 else stored[:, :, 2::-1]
+    picture: NDArray[np.uint8] = np.ascontiguousarray(colours)
+    return picture
+
+
+def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition"] | None) -> "CameraArray":
+    """Read the rectified views of an array.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Pictures of one size.
+    positions : sequence of LatticePosition or None
+        One for each; None: two views, the left one at (0, 0) and the right one at (1, 0).
+
+    Returns
+    -------
+    CameraArray
+        The views in this order.
+
+    Raises
+    ------
+    DvcError
+        If a picture cannot be read, sizes differ, a name or place is there twice, or positions are missing.
+    """
+    from dvc.multiview.camera_array import ArrayView, CameraArray, LatticePosition
+
+    if len(paths) < 2:
+        raise ConfigError("at least two views are needed")
+    if positions is None:
+        if len(paths) > 2:
+            raise ConfigError(
+                f"{len(paths)} views need --lattice, --views or --cameras; two are left and right"
+            )
+        positions = LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0)
+    if len(positions) != len(paths):
+        raise ConfigError(f"{len(paths)} views and {len(positions)} positions: one for each is needed")
+    stems = [Path(path).stem for path in paths]
+    places = [f"{position.m:g},{position.n:g}" for position in positions]
+    for kind, values in (("name", stems), ("position", places)):
+        twice = next((value for value in values if values.count(value) > 1), None)
+        if twice is not None:
+            raise ConfigError(f"two views have the {kind} {twice}")
+    pictures = [read_picture(path) for path in paths]
+    for path, picture in zip(paths, pictures, strict=True):
+        if picture.shape != pictures[0].shape:
+            sizes = [f"{shape[1]}x{shape[0]}" for shape in (pictures[0].shape, picture.shape)]
+            raise ConfigError(f"{path}: {sizes[1]}, but {paths[0]} is {sizes[0]}; all must have one size")
+    views = zip(stems, pictures, positions, strict=True)
+    return CameraArray(tuple(ArrayView(name, picture, position) for name, picture, position in views))
+
+
+def add_array_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say where the cameras of rectified views stand, and what disparities there are.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of a command that takes views.
+    """
+    group = parser.add_mutually_exclusive_group()
+    lattice = "position of each view, in the order of the views; default: two views, left and right"
+    group.add_argument("--lattice", nargs="+", type=parse_position, metavar="M,N", help=lattice)
+    group.add_argument(
+        "--views", metavar="CSV", help="table with the columns file, m, n, in place of a lattice"
+    )
+    disparities = "range in pixels per unit of m; negative values are farther than the plane of focus"
+    parser.add_argument("--disparities", type=parse_disparities, metavar="MIN:MAX[:STEP]", help=disparities)
+
+
+def positions_of(arguments: argparse.Namespace, paths: Sequence[str]) -> list["LatticePosition"] | None:
+    """Return the positions that the options of `add_array_options` give to views.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With `lattice` and `views`.
+    paths : sequence of str
+        The views.
+
+    Returns
+    -------
+    list of LatticePosition or None
+        None where neither is given.
+
+    Raises
+    ------
+    ConfigError
+        If the table does not name a view.
+    """
+    if arguments.views is None:
+        return None if arguments.lattice is None else list(arguments.lattice)
+    table = read_positions(arguments.views)
+    missing = next((path for path in paths if Path(path).name not in table), None)
+    if missing is not None:
+        raise ConfigError(f"{arguments.views} does not name {Path(missing).name}")
+    return [table[Path(path).name] for path in paths]

@@ -1,0 +1,140 @@
+"""Planar camera arrays in their rectified space: views on a lattice, and disparities to choose from.
+
+Convention (2.5): a point at (x, y) with disparity d in the frame of camera (0, 0) is seen by camera (m, n) at
+``(x - m d, y - n d)``. Disparities are in pixels per unit of m and n; larger ones are nearer.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class LatticePosition(NamedTuple):
+    """Where a camera stands in the plane of an array.
+
+    Attributes
+    ----------
+    m, n : float
+        To the right and downwards; whole numbers on a regular lattice.
+    """
+
+    m: float
+    n: float
+
+
+class DisparityLabels(NamedTuple):
+    """Disparities to try: ``lowest + k * step`` for k from 0 to ``num_labels - 1``.
+
+    Attributes
+    ----------
+    lowest, step : float
+        First disparity, in pixels per unit of m and n, and distance to the next.
+    num_labels : int
+        Number of labels, at least 1.
+    """
+
+    lowest: float
+    step: float
+    num_labels: int
+
+    @property
+    def highest(self) -> float:
+        """The last disparity, that of the nearest label."""
+        return self.lowest + self.step * (self.num_labels - 1)
+
+    def disparity(self, label: Floats) -> Floats:
+        """Return the disparities of labels.
+
+        Parameters
+        ----------
+        label : ndarray, float64
+            Numbers of labels, or between them.
+
+        Returns
+        -------
+        ndarray of the same shape, float64
+            Disparities.
+        """
+        return self.lowest + self.step * label
+
+    def label(self, disparity: NDArray[np.floating]) -> NDArray[np.int64]:
+        """Return the nearest label of each disparity.
+
+        Parameters
+        ----------
+        disparity : ndarray, float
+            Disparities.
+
+        Returns
+        -------
+        ndarray of the same shape, int64
+            Labels from 0 to ``num_labels - 1``.
+        """
+        place = np.floor((disparity.astype(np.float64) - self.lowest) / self.step + 0.5)
+        label: NDArray[np.int64] = np.clip(place, 0, self.num_labels - 1).astype(np.int64)
+        return label
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayView:
+    """A rectified picture of a camera array.
+
+    Attributes
+    ----------
+    name : str
+        Stem of its file, unique in the array.
+    image : ndarray of shape (H, W, 3), uint8
+        Red, green and blue; grey pictures have three equal channels.
+    position : LatticePosition
+        Of its camera.
+    valid : ndarray of shape (H, W), bool, or None
+        Where the camera has seen something, after a rectification; None: everywhere.
+    """
+
+    name: str
+    image: NDArray[np.uint8]
+    position: LatticePosition
+    valid: NDArray[np.bool_] | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width."""
+        return self.image.shape[0], self.image.shape[1]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraArray:
+    """Rectified views of one size, no two at one place.
+
+    Attributes
+    ----------
+    views : tuple of ArrayView
+        At least one.
+    """
+
+    views: tuple[ArrayView, ...]
+
+    def __getitem__(self, index: int) -> ArrayView:
+        return self.views[index]
+
+    def __len__(self) -> int:
+        return len(self.views)
+
+    def __iter__(self) -> Iterator[ArrayView]:
+        return iter(self.views)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of every view."""
+        return self.views[0].shape
+
+    @property
+    def reference(self) -> int:
+        """Index of the view nearest to (0, 0), the first of several."""
+        distance = [view.position.m**2 + view.position.n**2 for view in self.views]
+        return distance.index(min(distance))
