@@ -4,13 +4,14 @@ import argparse
 import sys
 
 from dvc import cli
-from dvc.stereo.commands import reconstruct
+from dvc.stereo.commands import evaluate, reconstruct
 
 PROG = "dvc-stereo"
 EXAMPLES = """\
   dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
+  dvc-stereo evaluate surfaces/disparity-left.pfm --truth disp2.png --truth-scale 4
 """
-COMMANDS = (reconstruct,)
+COMMANDS = (reconstruct, evaluate)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -1,0 +1,182 @@
+"""`dvc-stereo evaluate`: a disparity map against the truth."""
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Any
+
+from dvc import cli
+
+if TYPE_CHECKING:
+    from dvc.stereo.evaluation import Evaluation
+
+EXAMPLES = """\
+  dvc-stereo evaluate surfaces/disparity-left.pfm --truth disp2.png --truth-scale 4 --mask nonocc.png
+  dvc-stereo evaluate map.pfm --truth disp.png --truth-scale 1024 --truth-offset -16 --truth-unknown none
+  dvc-stereo evaluate disparity.pfm --truth truth.pfm --thresholds 0.03,0.07 --json -
+"""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the subcommand.
+
+    Parameters
+    ----------
+    subparsers : action of `add_subparsers`
+        Of the command.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+        Of the subcommand.
+    """
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "evaluate",
+        description="Bad pixels and mean absolute error of a disparity map.",
+        examples=EXAMPLES,
+        help="a disparity map against the truth",
+    )
+    parser.add_argument("path", metavar="MAP.pfm", help="disparity map")
+    add_truth_options(parser)
+    thresholds = "pixels farther off are bad, in pixels; default: 0.5,1,2"
+    parser.add_argument(
+        "--thresholds", type=parse_thresholds, default=(0.5, 1.0, 2.0), metavar="T,T", help=thresholds
+    )
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures; - for standard output, in place of text"
+    )
+    parser.add_argument("--error-map", metavar="PNG", help="draw which pixels are bad by more than 1 px")
+    return parser
+
+
+def add_truth_options(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+    """Add the options that say what the truth is.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of a command that compares with it.
+    required : bool, optional
+        Whether it must be given.
+    """
+    parser.add_argument(
+        "--truth", metavar="MAP", required=required, help="8-bit or 16-bit picture, or PFM file"
+    )
+    scale = "disparity = value / S + offset; needed for pictures, 1 for PFM files"
+    parser.add_argument("--truth-scale", type=parse_number, metavar="S", help=scale)
+    offset = "added after the division; default: 0"
+    parser.add_argument("--truth-offset", type=parse_number, default=0.0, metavar="O", help=offset)
+    unknown = "value that means unknown, or none; default: 0"
+    parser.add_argument("--truth-unknown", type=_parse_unknown, default=0.0, metavar="V", help=unknown)
+    parser.add_argument("--mask", metavar="PNG", help="only pixels of value 255 count")
+
+
+def parse_number(text: str) -> float:
+    """Read a finite number.
+
+    Parameters
+    ----------
+    text : str
+        The number.
+
+    Returns
+    -------
+    float
+        Its value.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is something else.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}")
+    return value
+
+
+def parse_thresholds(text: str) -> tuple[float, ...]:
+    """Read thresholds.
+
+    Parameters
+    ----------
+    text : str
+        Numbers that are not negative, with commas between them.
+
+    Returns
+    -------
+    tuple of float
+        In the order given, each once.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is something else.
+    """
+    values = tuple(dict.fromkeys(parse_number(part) for part in text.split(",")))
+    if min(values) < 0.0:
+        raise argparse.ArgumentTypeError(f"expected thresholds in pixels such as 0.5,1,2, got {text!r}")
+    return values
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Compare.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        As parsed.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    import sys
+    from pathlib import Path
+
+    from dvc.pfm import read_pfm
+    from dvc.stereo.drawing import colour_error
+    from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth
+    from dvc.stereo.folder import write_png
+
+    outputs = [name for name in (arguments.json, arguments.error_map) if name not in (None, "-")]
+    inputs = [arguments.path, arguments.truth, *([arguments.mask] if arguments.mask else [])]
+    cli.check_outputs(inputs, outputs)
+    disparity = read_pfm(arguments.path)
+    truth = read_truth(
+        arguments.truth, arguments.truth_scale, arguments.truth_offset, arguments.truth_unknown
+    )
+    mask = None if arguments.mask is None else read_mask(arguments.mask)
+    found = evaluate(disparity, truth, mask, arguments.thresholds)
+    if arguments.error_map is not None:
+        write_png(Path(arguments.error_map), colour_error(*disparity_error(disparity, truth, mask)))
+    if arguments.json is not None:
+        cli.write_json(arguments.json, found.to_dict())
+    if arguments.json != "-":
+        sys.stdout.write(evaluation_text(found) + "\n")
+    return 0
+
+
+def evaluation_text(found: "Evaluation") -> str:
+    """Tell figures in one line.
+
+    Parameters
+    ----------
+    found : Evaluation
+        The figures.
+
+    Returns
+    -------
+    str
+        Such as "bad pixels: 6.02 % > 1 px; mean absolute error 0.413 px (87696 pixels)".
+    """
+    bad = ", ".join(f"{percent:.2f} % > {threshold:g} px" for threshold, percent in found.bad_percent.items())
+    error = "none" if found.mean_absolute_error_px is None else f"{found.mean_absolute_error_px:.3f} px"
+    return f"bad pixels: {bad}; mean absolute error {error} ({found.num_pixels} pixels)"
+
+
+def _parse_unknown(text: str) -> float | None:
+    return None if text == "none" else parse_number(text)

@@ -1,0 +1,180 @@
+"""Point sets and meshes for other programs, as PLY or GLB, by trimesh where it is installed.
+
+Points are in the frame of a camera: x to the right, y down, z away from it. GLB files have y up and z towards
+the viewer, as that format asks.
+"""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import ConfigError
+from dvc.files import atomic_output
+
+Floats = NDArray[np.float64]
+DEPTH_RANGE = 20.0
+"""Where nothing is calibrated, the farthest depth is at most this many times the nearest."""
+_UPRIGHT = np.array([1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """Coloured points, and triangles between them.
+
+    Attributes
+    ----------
+    points : ndarray of shape (N, 3), float64
+        Positions.
+    colours : ndarray of shape (N, 3), uint8
+        Red, green and blue.
+    triangles : ndarray of shape (T, 3), int64
+        Numbers of points, counterclockwise for the camera; none for a point set.
+    """
+
+    points: Floats
+    colours: NDArray[np.uint8]
+    triangles: NDArray[np.int64]
+
+
+def points_of_disparity(disparity: NDArray[np.floating], lowest: float, highest: float) -> Floats:
+    """Return points in space where nothing is calibrated: z is 1/d, up to an unknown stretch.
+
+    Parameters
+    ----------
+    disparity : ndarray of shape (H, W), float
+        In pixels, within these bounds.
+    lowest, highest : float
+        Lowest and highest disparity that there can be. Where infinity could lie between them, or too near to
+        them, all disparities are shifted, for without calibration it may lie anywhere below the lowest.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), float64
+        As a camera with a horizontal field of view of 53 degrees sees them; z is from 1 to `DEPTH_RANGE`.
+    """
+    height, width = disparity.shape
+    highest = max(highest, lowest + 1e-6)
+    shift = max(0.0, (highest - DEPTH_RANGE * lowest) / (DEPTH_RANGE - 1.0))
+    depth = (highest + shift) / (np.clip(disparity.astype(np.float64), lowest, highest) + shift)
+    y, x = np.mgrid[:height, :width].astype(np.float64)
+    right, down = (x - (width - 1) / 2) / width, (y - (height - 1) / 2) / width
+    return np.stack([right * depth, down * depth, depth], axis=-1)
+
+
+def surface_shape(
+    points: Floats,
+    image: NDArray[np.uint8],
+    disparity: NDArray[np.floating],
+    max_step_px: float,
+    kept: NDArray[np.bool_] | None = None,
+) -> Shape:
+    """Turn the surface that a camera sees into a mesh that is torn at discontinuities.
+
+    Parameters
+    ----------
+    points : ndarray of shape (H, W, 3), float64
+        Position of each pixel.
+    image : ndarray of shape (H, W, 3), uint8
+        Red, green and blue.
+    disparity : ndarray of shape (H, W), float
+        In pixels.
+    max_step_px : float
+        Pixels of a triangle differ at most that much in disparity.
+    kept : ndarray of shape (H, W), bool, optional
+        Pixels that have a surface; all by default.
+
+    Returns
+    -------
+    Shape
+        One point for each pixel that is kept, and two triangles for four neighbours.
+    """
+    kept = np.ones(disparity.shape, np.bool_) if kept is None else kept
+    number = np.full(disparity.shape, -1, np.int64)
+    number[kept] = np.arange(np.count_nonzero(kept))
+    first, second = slice(None, -1), slice(1, None)
+    corners = (first, first), (first, second), (second, first), (second, second)
+    triangles = []
+    for triple in ((0, 2, 1), (1, 2, 3)):
+        numbers = np.stack([number[corners[k]] for k in triple], axis=-1).reshape(-1, 3)
+        steps = np.ptp(np.stack([disparity[corners[k]] for k in triple]), axis=0).ravel()
+        triangles.append(numbers[(numbers >= 0).all(axis=1) & (steps <= max_step_px)])
+    return Shape(points[kept], image[kept], np.concatenate(triangles))
+
+
+def write_shape(path: Path, shape: Shape) -> None:
+    """Write points or a mesh.
+
+    Parameters
+    ----------
+    path : Path
+        A name that ends in .ply or .glb.
+    shape : Shape
+        What to write.
+
+    Raises
+    ------
+    ConfigError
+        If trimesh is not installed.
+    """
+    trimesh = _trimesh()
+    kind = path.suffix.lower()[1:]
+    points = shape.points * _UPRIGHT if kind == "glb" else shape.points
+    if len(shape.triangles):
+        opaque = np.column_stack([shape.colours, np.full(len(shape.colours), 255, np.uint8)])
+        made = trimesh.Trimesh(points, shape.triangles, vertex_colors=opaque, process=False)
+    else:
+        made = trimesh.PointCloud(points, shape.colours)
+    content = made.export(file_type=kind)
+    with atomic_output(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def add_export_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options `--ply` and `--glb`.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of a command that finds surfaces.
+    """
+    parser.add_argument("--ply", metavar="FILE", help="mesh for other programs; needs the extra dvc3d[mesh]")
+    parser.add_argument("--glb", metavar="FILE", help="the same for the web and for viewers")
+
+
+def check_export(arguments: argparse.Namespace) -> list[Path]:
+    """Return the files that are asked for, before any work is done.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With `ply` and `glb`.
+
+    Returns
+    -------
+    list of Path
+        To be given to `write_shape`.
+
+    Raises
+    ------
+    ConfigError
+        If a name has another ending, or trimesh is not installed.
+    """
+    asked = [(Path(name), f".{kind}") for kind in ("ply", "glb") if (name := getattr(arguments, kind))]
+    for path, ending in asked:
+        if path.suffix.lower() != ending:
+            raise ConfigError(f"expected a name that ends in {ending}, got {path}")
+    if asked:
+        _trimesh()
+    return [path for path, _ in asked]
+
+
+def _trimesh() -> Any:
+    try:
+        import trimesh
+    except ImportError as err:
+        raise ConfigError("meshes need trimesh: pip install 'dvc3d[mesh]'") from err
+    return trimesh

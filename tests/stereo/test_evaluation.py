@@ -1,0 +1,184 @@
+"""Evaluation of disparity maps: the rule, files, the command, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dvc.errors import ConfigError, DvcError
+from dvc.pfm import write_pfm
+from dvc.stereo.__main__ import main
+from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth
+from tests.stereo.data import real_set
+
+TRUTH = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, np.nan]])
+
+
+def write_case(folder: Path) -> tuple[Path, Path]:
+    """Write a map of six pixels and its truth, times 4 in 8 bits: errors 0, 1, 1.25, none, 0.5, unknown."""
+    found = np.array([[1.0, 3.0, 4.25], [np.nan, 4.5, 9.0]], np.float32)
+    write_pfm(folder / "map.pfm", found)
+    cv2.imwrite(str(folder / "truth.png"), np.nan_to_num(TRUTH * 4).astype(np.uint8))
+    return folder / "map.pfm", folder / "truth.png"
+
+
+def test_bad_pixels_are_strictly_farther_off() -> None:
+    """An error of the threshold itself is good; a pixel without a value is bad, and not in the mean."""
+    found = np.array([[1.0, 3.0, 4.25], [np.inf, 4.5, 9.0]])
+    result = evaluate(found, TRUTH, thresholds=(0.5, 1.0, 2.0))
+    assert result.bad_percent == {0.5: 60.0, 1.0: 40.0, 2.0: 20.0}
+    assert result.mean_absolute_error_px == pytest.approx((0 + 1 + 1.25 + 0.5) / 4)
+    assert (result.num_pixels, result.num_without_value) == (5, 1)
+
+
+def test_mask_chooses_pixels() -> None:
+    """Only pixels of the mask count, and of these only those with known truth."""
+    mask = np.zeros(TRUTH.shape, np.bool_)
+    mask[1] = True
+    error, counted = disparity_error(TRUTH + 3.0, TRUTH, mask)
+    assert counted.sum() == 2
+    assert error[counted].tolist() == [3.0, 3.0]
+    assert not error[~counted].any()
+
+
+@given(st.floats(0.0, 5.0), st.floats(0.01, 5.0))
+def test_a_shift_is_its_own_error(shift: float, threshold: float) -> None:
+    """A map that is off by a constant has that mean error, and is all good or all bad."""
+    truth = np.full((4, 5), 7.0)
+    result = evaluate(truth + shift, truth, thresholds=(threshold,))
+    assert result.mean_absolute_error_px == pytest.approx(shift, abs=1e-9)
+    assert result.bad_percent[threshold] in (0.0, 100.0)
+
+
+def test_nothing_to_count_and_other_sizes_are_refused() -> None:
+    """There must be a pixel that counts, and all planes must have one size."""
+    with pytest.raises(ConfigError, match="no pixel counts"):
+        evaluate(TRUTH, np.full(TRUTH.shape, np.nan))
+    with pytest.raises(ConfigError, match="truth is 2x2, but the disparity map is 3x2"):
+        evaluate(TRUTH, np.ones((2, 2)))
+    with pytest.raises(ConfigError, match="mask is 2x2"):
+        evaluate(TRUTH, TRUTH, np.ones((2, 2), np.bool_))
+
+
+def test_truth_of_every_kind(tmp_path: Path) -> None:
+    """Pictures of 8 and 16 bits and float maps give disparities; what is unknown is not a number."""
+    levels = np.array([[0, 8], [40, 255]])
+    cv2.imwrite(str(tmp_path / "a.png"), levels.astype(np.uint8))
+    cv2.imwrite(str(tmp_path / "b.png"), (levels * 100).astype(np.uint16))
+    write_pfm(tmp_path / "c.pfm", np.array([[0.0, -2.5], [np.inf, 1.0]], np.float32))
+    a = read_truth(tmp_path / "a.png", 8.0)
+    np.testing.assert_array_equal(a, [[np.nan, 1.0], [5.0, 31.875]])
+    np.testing.assert_array_equal(read_truth(tmp_path / "b.png", 100.0, -16.0, None), levels - 16.0)
+    np.testing.assert_array_equal(read_truth(tmp_path / "a.png", 1.0, 0.0, 255.0), [[0, 8], [40, np.nan]])
+    np.testing.assert_array_equal(read_truth(tmp_path / "c.pfm"), [[np.nan, -2.5], [np.nan, 1.0]])
+    np.testing.assert_array_equal(read_truth(tmp_path / "c.pfm", unknown=None)[0], [0.0, -2.5])
+
+
+def test_mask_is_255(tmp_path: Path) -> None:
+    """Other values than 255 do not count."""
+    cv2.imwrite(str(tmp_path / "mask.png"), np.array([[0, 128, 254, 255]], np.uint8))
+    assert read_mask(tmp_path / "mask.png").tolist() == [[False, False, False, True]]
+
+
+def test_coloured_truth_is_refused(tmp_path: Path) -> None:
+    """A picture whose channels differ is no disparity map."""
+    rng = np.random.default_rng(0)
+    cv2.imwrite(str(tmp_path / "view.png"), rng.integers(0, 256, (4, 4, 3)).astype(np.uint8))
+    with pytest.raises(DvcError, match="expected grey levels"):
+        read_truth(tmp_path / "view.png", 1.0)
+
+
+def test_command_prints_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With `--json -` standard output is one JSON object and nothing else."""
+    found, truth = write_case(tmp_path)
+    arguments = ["evaluate", str(found), "--truth", str(truth), "--truth-scale", "4"]
+    assert main([*arguments, "--thresholds", "0.5,1,2", "--json", "-"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["bad_percent"] == {"0.5": 60.0, "1": 40.0, "2": 20.0}
+    assert printed["mean_absolute_error_px"] == pytest.approx(2.75 / 4)
+    assert (printed["num_pixels"], printed["num_without_value"]) == (5, 1)
+
+
+def test_command_prints_a_line_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without it there is one line of text; the picture shows what is bad in red."""
+    found, truth = write_case(tmp_path)
+    drawn, figures = tmp_path / "error.png", tmp_path / "figures.json"
+    arguments = ["evaluate", "--truth-scale", "4", str(found), "--truth", str(truth)]
+    assert main([*arguments, "--error-map", str(drawn), "--json", str(figures)]) == 0
+    assert "40.00 % > 1 px" in capsys.readouterr().out
+    picture = cv2.imread(str(drawn))
+    assert picture is not None
+    assert (picture[0, 0] == 255).all()
+    assert picture[0, 2].tolist() == picture[1, 0].tolist()
+    assert picture[0, 2, 2] > 2 * picture[0, 2, 1]
+    assert json.loads(figures.read_text())["num_pixels"] == 5
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (["--truth", "none.png"], "none.png: No such file or directory"),
+        (["--truth-scale", "0"], "must be positive"),
+        (["--truth-scale", "inf"], "expected a number"),
+        (["--thresholds", "1,x"], "expected a number"),
+        (["--thresholds=-1,2"], "expected thresholds"),
+        (["--mask", "small.png"], "the mask is 2x2, but the disparity map is 3x2"),
+        (["--mask", "map.pfm"], "not a picture"),
+        (["--truth-unknown", "x"], "expected a number"),
+        (["--json", "nowhere/x.json"], "its folder does not exist"),
+        (["--error-map", "map.pfm"], "is also an input"),
+    ],
+)
+def test_bad_input_is_one_line(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    changes: list[str],
+    message: str,
+) -> None:
+    """Whatever is wrong, there is one line, exit status 2, and no file."""
+    write_case(tmp_path)
+    cv2.imwrite(str(tmp_path / "small.png"), np.full((2, 2), 255, np.uint8))
+    before = sorted(tmp_path.iterdir())
+    monkeypatch.chdir(tmp_path)
+    arguments = ["evaluate", "map.pfm", "--truth", "truth.png", "--truth-scale", "4", *changes]
+    try:
+        status = main(arguments)
+    except SystemExit as err:
+        status = int(err.code or 0)
+    captured = capsys.readouterr()
+    assert status == 2
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+    assert captured.out == ""
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_picture_without_scale_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The scale of a picture cannot be guessed."""
+    found, truth = write_case(tmp_path)
+    assert main(["evaluate", str(found), "--truth", str(truth)]) == 2
+    assert "--truth-scale" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "truth", "scale", "counts"),
+    [
+        ("tsukuba", "truedisp.row3.col3.png", 16.0, (87696, 85438, 15790)),
+        ("teddy", "disp2.png", 4.0, (165344, 147651, 40517)),
+    ],
+)
+def test_masks_of_the_middlebury_sets(
+    name: str, truth: str, scale: float, counts: tuple[int, int, int]
+) -> None:
+    """As many pixels count as the source says, and the truth agrees with itself."""
+    folder = real_set(name)
+    disparity = read_truth(folder / truth, scale)
+    for mask, count in zip(("all", "nonocc", "disc"), counts, strict=True):
+        result = evaluate(disparity, disparity, read_mask(folder / f"{mask}.png"))
+        assert result.num_pixels == count
+        assert result.bad_percent[1.0] == 0.0
