@@ -1,8 +1,5 @@
 """The page put together: what the template shows, and the file that holds all of it."""
 
-import base64
-import hashlib
-import json
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
@@ -10,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc.files import atomic_output
+from dvc.page.document import SHARED, asset, content_policy, data_uri, script_json, template
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.page.pictures import MAX_POINTS, NOISE_GAIN, Gallery, build_gallery
 from dvc.rd.page.tables import SHARE_TITLES, chart_points, cost_table, shares, side_information_table
@@ -91,28 +89,14 @@ def write_page(
         temporary.write_text(text, encoding="utf-8")
 
 
-def script_json(values: object) -> str:
-    """Write values as JSON that can stand inside a script element.
-
-    Parameters
-    ----------
-    values : object
-        JSON-safe.
-
-    Returns
-    -------
-    str
-        Without a character that ends or opens an element.
-    """
-    text = json.dumps(values, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-
-
 def _render(page: dict[str, Any], data: dict[str, Any], gallery: Gallery, notes: Sequence[str]) -> str:
     from plotly.offline import get_plotlyjs
 
-    scripts = {"early": _asset("early.js"), "library": get_plotlyjs(), "script": _asset("page.js")}
-    sources = " ".join(f"'{_script_hash(text)}'" for text in scripts.values())
+    scripts = {
+        "early": asset(SHARED, "early.js"),
+        "library": get_plotlyjs(),
+        "script": asset(TEMPLATES, "page.js"),
+    }
     data = data | {"pictures": gallery.shown, "sources": gallery.sources}
     return _template().render(
         **page,
@@ -120,10 +104,9 @@ def _render(page: dict[str, Any], data: dict[str, Any], gallery: Gallery, notes:
         notes=notes,
         gallery=gallery,
         noise_gain=NOISE_GAIN,
-        css=_asset("page.css"),
+        css=asset(SHARED, "base.css") + asset(TEMPLATES, "page.css"),
         data=script_json(data),
-        policy=f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {sources}; "
-        "base-uri 'none'; form-action 'none'",
+        policy=content_policy(scripts.values()),
     )
 
 
@@ -170,8 +153,8 @@ def _sequence(one: Experiment, svg: bytes, styles: dict[str, Style]) -> dict[str
         "name": one.name,
         "title": one.title,
         "curves": curves,
-        "picture": _data_uri(svg),
-        "frames_picture": None if frames is None else _data_uri(frames),
+        "picture": data_uri("image/svg+xml", svg),
+        "frames_picture": None if frames is None else data_uri("image/svg+xml", frames),
     }
 
 
@@ -224,24 +207,6 @@ def _picture_notes(gallery: Gallery) -> list[str]:
     return notes
 
 
-def _data_uri(svg: bytes) -> str:
-    return f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
-
-
-def _script_hash(text: str) -> str:
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
-
-
-@cache
-def _asset(name: str) -> str:
-    return (TEMPLATES / name).read_text(encoding="utf-8")
-
-
 @cache
 def _template() -> "Template":
-    from jinja2 import Environment, StrictUndefined
-
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(_asset("page.html.j2"))
+    return template(TEMPLATES, "page.html.j2")

@@ -1,6 +1,5 @@
 """Decoded frames and correlation noise of a few points, small enough to lie in the page."""
 
-import base64
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.page.document import data_uri
 from dvc.rd.curves import Curve, Experiment
 from dvc.rd.pictures import read_picture
 from dvc.rd.point_result import PointResult, number
@@ -129,8 +129,7 @@ def _place(plane: Picture, quality: int, gallery: Gallery, places: dict[bytes, i
     if key not in places:
         _, coded = cv2.imencode(".webp", plane, [cv2.IMWRITE_WEBP_QUALITY, quality])
         places[key] = len(gallery.sources)
-        text = base64.b64encode(coded.tobytes()).decode("ascii")
-        gallery.sources.append(f"data:image/webp;base64,{text}")
+        gallery.sources.append(data_uri("image/webp", coded.tobytes()))
     return places[key]
 
 
