@@ -4,7 +4,6 @@ Points are in the frame of a camera: x to the right, y down, z away from it. GLB
 the viewer, as that format asks.
 """
 
-import argparse
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -133,43 +132,15 @@ def write_shape(path: Path, shape: Shape) -> None:
         temporary.write_bytes(content)
 
 
-def add_export_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options `--ply` and `--glb`.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of a command that finds surfaces.
-    """
-    parser.add_argument("--ply", metavar="FILE", help="mesh for other programs; needs the extra dvc3d[mesh]")
-    parser.add_argument("--glb", metavar="FILE", help="the same for the web and for viewers")
-
-
-def check_export(arguments: argparse.Namespace) -> list[Path]:
-    """Return the files that are asked for, before any work is done.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With `ply` and `glb`.
-
-    Returns
-    -------
-    list of Path
-        To be given to `write_shape`.
+def require_trimesh() -> None:
+    """Make sure that `write_shape` will work.
 
     Raises
     ------
     ConfigError
-        If a name has another ending, or trimesh is not installed.
+        If trimesh is not installed.
     """
-    asked = [(Path(name), f".{kind}") for kind in ("ply", "glb") if (name := getattr(arguments, kind))]
-    for path, ending in asked:
-        if path.suffix.lower() != ending:
-            raise ConfigError(f"expected a name that ends in {ending}, got {path}")
-    if asked:
-        _trimesh()
-    return [path for path, _ in asked]
+    _trimesh()
 
 
 def _trimesh() -> Any:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from dvc.errors import ConfigError
+from dvc.stereo.commands.options import check_export
 from dvc.stereo.export import (
     DEPTH_RANGE,
     Shape,
-    check_export,
     points_of_disparity,
     surface_shape,
     write_shape,

@@ -1,10 +1,10 @@
 """`dvc-stereo evaluate`: a disparity map against the truth."""
 
 import argparse
-import math
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
+from dvc.stereo.commands.options import add_truth_options, parse_number, read_truth_of
 
 if TYPE_CHECKING:
     from dvc.stereo.evaluation import Evaluation
@@ -46,55 +46,6 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--error-map", metavar="PNG", help="draw which pixels are bad by more than 1 px")
     return parser
-
-
-def add_truth_options(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
-    """Add the options that say what the truth is.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of a command that compares with it.
-    required : bool, optional
-        Whether it must be given.
-    """
-    parser.add_argument(
-        "--truth", metavar="MAP", required=required, help="8-bit or 16-bit picture, or PFM file"
-    )
-    scale = "disparity = value / S + offset; needed for pictures, 1 for PFM files"
-    parser.add_argument("--truth-scale", type=parse_number, metavar="S", help=scale)
-    offset = "added after the division; default: 0"
-    parser.add_argument("--truth-offset", type=parse_number, default=0.0, metavar="O", help=offset)
-    unknown = "value that means unknown, or none; default: 0"
-    parser.add_argument("--truth-unknown", type=_parse_unknown, default=0.0, metavar="V", help=unknown)
-    parser.add_argument("--mask", metavar="PNG", help="only pixels of value 255 count")
-
-
-def parse_number(text: str) -> float:
-    """Read a finite number.
-
-    Parameters
-    ----------
-    text : str
-        The number.
-
-    Returns
-    -------
-    float
-        Its value.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}")
-    return value
 
 
 def parse_thresholds(text: str) -> tuple[float, ...]:
@@ -139,17 +90,14 @@ def run(arguments: argparse.Namespace) -> int:
 
     from dvc.pfm import read_pfm
     from dvc.stereo.drawing import colour_error
-    from dvc.stereo.evaluation import disparity_error, evaluate, read_mask, read_truth
+    from dvc.stereo.evaluation import disparity_error, evaluate
     from dvc.stereo.folder import write_png
 
     outputs = [name for name in (arguments.json, arguments.error_map) if name not in (None, "-")]
     inputs = [arguments.path, arguments.truth, *([arguments.mask] if arguments.mask else [])]
     cli.check_outputs(inputs, outputs)
     disparity = read_pfm(arguments.path)
-    truth = read_truth(
-        arguments.truth, arguments.truth_scale, arguments.truth_offset, arguments.truth_unknown
-    )
-    mask = None if arguments.mask is None else read_mask(arguments.mask)
+    truth, mask = read_truth_of(arguments)
     found = evaluate(disparity, truth, mask, arguments.thresholds)
     if arguments.error_map is not None:
         write_png(Path(arguments.error_map), colour_error(*disparity_error(disparity, truth, mask)))
@@ -176,7 +124,3 @@ def evaluation_text(found: "Evaluation") -> str:
     bad = ", ".join(f"{percent:.2f} % > {threshold:g} px" for threshold, percent in found.bad_percent.items())
     error = "none" if found.mean_absolute_error_px is None else f"{found.mean_absolute_error_px:.3f} px"
     return f"bad pixels: {bad}; mean absolute error {error} ({found.num_pixels} pixels)"
-
-
-def _parse_unknown(text: str) -> float | None:
-    return None if text == "none" else parse_number(text)

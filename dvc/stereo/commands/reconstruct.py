@@ -1,14 +1,24 @@
 """`dvc-stereo reconstruct`: surfaces of all views, consistent with each other."""
 
 import argparse
-from typing import Any
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from dvc import array_files, cli
+from dvc.errors import ConfigError
+from dvc.stereo.commands.options import add_export_options, add_truth_options, check_export, read_truth_of
+
+if TYPE_CHECKING:
+    from dvc.multiview.camera_array import CameraArray
+    from dvc.stereo.report import Truth
+    from dvc.stereo.surfaces import Reconstruction
 
 EXAMPLES = """\
   dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
   dvc-stereo reconstruct a.png b.png c.png --lattice -1,0 0,0 1,0 --disparities -4:12:0.5 --out surfaces
-  dvc-stereo reconstruct *.png --views views.csv --disparities 0:16 --out surfaces
+  dvc-stereo reconstruct *.png --views views.csv --disparities 0:16 --out surfaces --ply surfaces.ply
+  dvc-stereo reconstruct im2.png im6.png --disparities 0:60 --truth disp2.png --truth-scale 4 --out teddy
 """
 
 
@@ -31,6 +41,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
     array_files.add_array_options(parser)
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
+    add_truth_options(parser, required=False)
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the figures; - for standard output, in place of text"
+    )
+    add_export_options(parser)
     parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
     return parser
 
@@ -51,10 +66,63 @@ def run(arguments: argparse.Namespace) -> int:
     from dvc.files import atomic_folder
     from dvc.stereo.folder import write_reconstruction
     from dvc.stereo.reconstruction import reconstruct
+    from dvc.stereo.report import check_views, reported, summary, write_previews
 
+    shapes = _check_outputs(arguments)
+    if arguments.disparities is None:
+        raise ConfigError("rectified views need --disparities MIN:MAX[:STEP], such as 0:60")
     array = array_files.load_array(arguments.paths, array_files.positions_of(arguments, arguments.paths))
-    with cli.progress_bar("surfaces", None, arguments.quiet) as advance:
-        reconstruction = reconstruct(array, arguments.disparities, advance=advance)
+    truth = _truth(arguments, array)
+    warnings = check_views(array, arguments.disparities)
     with atomic_folder(arguments.out) as folder:
-        write_reconstruction(folder, reconstruction)
+        with cli.progress_bar("surfaces", None, arguments.quiet) as advance:
+            found = reconstruct(array, arguments.disparities, advance=advance)
+        found = reported(found, truth, warnings)
+        write_reconstruction(folder, found)
+        write_previews(folder, found, truth)
+        _write_shapes(shapes, found)
+    for warning in found.figures["warnings"]:
+        sys.stderr.write(f"dvc-stereo: {warning}\n")
+    if arguments.json is not None:
+        cli.write_json(arguments.json, found.figures)
+    if not arguments.quiet and arguments.json != "-":
+        sys.stdout.write(
+            f"{summary(found)}\n{arguments.out}: {Path(arguments.out) / 'index.html'} shows it\n"
+        )
     return 0
+
+
+def _check_outputs(arguments: argparse.Namespace) -> list[Path]:
+    """Check all names before any work is done, and return those of meshes."""
+    shapes = check_export(arguments)
+    named = [] if arguments.json in (None, "-") else [arguments.json]
+    inputs = [*arguments.paths, *(name for name in (arguments.truth, arguments.mask) if name is not None)]
+    cli.check_outputs(inputs, [*shapes, *named])
+    return shapes
+
+
+def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None":
+    from dvc.stereo.evaluation import disparity_error
+    from dvc.stereo.report import Truth
+
+    if arguments.truth is None:
+        return None
+    truth, mask = read_truth_of(arguments)
+    disparity_error(truth, truth, mask)
+    if truth.shape != array.shape:
+        sizes = [f"{shape[1]}x{shape[0]}" for shape in (truth.shape, array.shape)]
+        raise ConfigError(f"{arguments.truth}: {sizes[0]}, but the views are {sizes[1]}")
+    return Truth(truth, mask)
+
+
+def _write_shapes(paths: list[Path], found: "Reconstruction") -> None:
+    """Write the surface of the reference view."""
+    from dvc.stereo.export import points_of_disparity, surface_shape, write_shape
+
+    if not paths:
+        return
+    view, surface = found.array[found.array.reference], found.surfaces[found.array.reference]
+    points = points_of_disparity(surface.disparity, found.labels.lowest, found.labels.highest)
+    step_px = max(1.5, 1.5 * found.labels.step)
+    for path in paths:
+        write_shape(path, surface_shape(points, view.image, surface.disparity, step_px))

@@ -1,0 +1,131 @@
+"""Options that several subcommands have: what the truth is, and which files are made for other programs."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dvc.errors import ConfigError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+def add_truth_options(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+    """Add the options that say what the truth is.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of a command that compares with it.
+    required : bool, optional
+        Whether it must be given.
+    """
+    parser.add_argument(
+        "--truth", metavar="MAP", required=required, help="8-bit or 16-bit picture, or PFM file"
+    )
+    scale = "disparity = value / S + offset; needed for pictures, 1 for PFM files"
+    parser.add_argument("--truth-scale", type=parse_number, metavar="S", help=scale)
+    offset = "added after the division; default: 0"
+    parser.add_argument("--truth-offset", type=parse_number, default=0.0, metavar="O", help=offset)
+    unknown = "value that means unknown, or none; default: 0"
+    parser.add_argument("--truth-unknown", type=_parse_unknown, default=0.0, metavar="V", help=unknown)
+    parser.add_argument("--mask", metavar="PNG", help="only pixels of value 255 count")
+
+
+def read_truth_of(
+    arguments: argparse.Namespace,
+) -> tuple["NDArray[np.float64]", "NDArray[np.bool_] | None"]:
+    """Read what the options of `add_truth_options` name.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With a truth.
+
+    Returns
+    -------
+    truth : ndarray of shape (H, W), float64
+        Disparities in pixels, NaN where they are unknown.
+    mask : ndarray of shape (H, W), bool, or None
+        Pixels that count; None: all.
+    """
+    from dvc.stereo.evaluation import read_mask, read_truth
+
+    truth = read_truth(
+        arguments.truth, arguments.truth_scale, arguments.truth_offset, arguments.truth_unknown
+    )
+    return truth, None if arguments.mask is None else read_mask(arguments.mask)
+
+
+def parse_number(text: str) -> float:
+    """Read a finite number.
+
+    Parameters
+    ----------
+    text : str
+        The number.
+
+    Returns
+    -------
+    float
+        Its value.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is something else.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}")
+    return value
+
+
+def add_export_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options `--ply` and `--glb`.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of a command that finds surfaces.
+    """
+    parser.add_argument("--ply", metavar="FILE", help="mesh for other programs; needs the extra dvc3d[mesh]")
+    parser.add_argument("--glb", metavar="FILE", help="the same for the web and for viewers")
+
+
+def check_export(arguments: argparse.Namespace) -> list[Path]:
+    """Return the files that are asked for, before any work is done.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With `ply` and `glb`.
+
+    Returns
+    -------
+    list of Path
+        To be given to `write_shape`.
+
+    Raises
+    ------
+    ConfigError
+        If a name has another ending, or trimesh is not installed.
+    """
+    asked = [(Path(name), f".{kind}") for kind in ("ply", "glb") if (name := getattr(arguments, kind))]
+    for path, ending in asked:
+        if path.suffix.lower() != ending:
+            raise ConfigError(f"expected a name that ends in {ending}, got {path}")
+    if asked:
+        from dvc.stereo.export import require_trimesh
+
+        require_trimesh()
+    return [path for path, _ in asked]
+
+
+def _parse_unknown(text: str) -> float | None:
+    return None if text == "none" else parse_number(text)

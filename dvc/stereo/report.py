@@ -1,0 +1,240 @@
+"""What is told of a reconstruction beside its data: figures, warnings, previews, and a page of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import ConfigError
+from dvc.multiview.camera_array import CameraArray, DisparityLabels
+from dvc.page.gallery import Gallery, Group, Shown, Table, write_gallery
+from dvc.stereo.drawing import Picture, colour_disparity, colour_error, disparity_legend
+from dvc.stereo.evaluation import disparity_error, evaluate
+from dvc.stereo.folder import write_png
+from dvc.stereo.surfaces import Reconstruction, Surface
+
+PAGE = "index.html"
+MAX_AT_AN_END_PERCENT = 20.0
+"""More pixels at the first or the last disparity make one doubt the range."""
+THRESHOLDS_PX = (0.5, 1.0, 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What is known of the reference view.
+
+    Attributes
+    ----------
+    disparity : ndarray of shape (H, W), float64
+        In pixels per unit of m; NaN where it is unknown.
+    mask : ndarray of shape (H, W), bool, or None
+        Pixels that count; None: all.
+    """
+
+    disparity: NDArray[np.float64]
+    mask: NDArray[np.bool_] | None = None
+
+
+def check_views(array: CameraArray, labels: DisparityLabels) -> list[str]:
+    """Look for views that cannot be what was meant.
+
+    Parameters
+    ----------
+    array : CameraArray
+        The views.
+    labels : DisparityLabels
+        Disparities to try.
+
+    Returns
+    -------
+    list of str
+        Warnings.
+
+    Raises
+    ------
+    ConfigError
+        If a view has one colour everywhere, or two are identical and the range excludes a disparity of 0.
+    """
+    for view in array:
+        if (view.image == view.image[:1, :1]).all():
+            raise ConfigError(f"view {view.name} has one colour everywhere: there is nothing to match")
+    warnings = []
+    seen: dict[bytes, str] = {}
+    for view in array:
+        twin = seen.setdefault(view.image.tobytes(), view.name)
+        if twin == view.name:
+            continue
+        told = f"views {twin} and {view.name} are identical"
+        if not labels.lowest <= 0.0 <= labels.highest:
+            raise ConfigError(f"{told}: no disparity but 0 fits, which is not in the range")
+        warnings.append(f"{told}: as if all disparities were 0")
+    return warnings
+
+
+def reported(
+    reconstruction: Reconstruction, truth: Truth | None = None, warnings: Sequence[str] = ()
+) -> Reconstruction:
+    """Add figures of every surface, what is to be warned of, and how far off the reference view is.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        What was found.
+    truth : Truth, optional
+        Of the reference view.
+    warnings : sequence of str, optional
+        What is known already.
+
+    Returns
+    -------
+    Reconstruction
+        With `surfaces`, `warnings` and, with a truth, `evaluation` in its figures.
+    """
+    array, labels = reconstruction.array, reconstruction.labels
+    surfaces = [
+        {"name": view.name, **_surface_figures(surface, labels)}
+        for view, surface in zip(array, reconstruction.surfaces, strict=True)
+    ]
+    figures: dict[str, Any] = {
+        "surfaces": surfaces,
+        "warnings": [*warnings, *_range_warnings(surfaces, labels)],
+    }
+    if truth is not None:
+        found = reconstruction.surfaces[array.reference].disparity
+        figures["evaluation"] = evaluate(found, truth.disparity, truth.mask, THRESHOLDS_PX).to_dict()
+    return replace(reconstruction, figures=reconstruction.figures | figures)
+
+
+def summary(reconstruction: Reconstruction) -> str:
+    """Tell the figures that `reported` has added.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        With these figures.
+
+    Returns
+    -------
+    str
+        A line for each view, and one for the evaluation.
+    """
+    lines = [
+        f"{one['name']}: disparities {one['lowest_px']:g} to {one['highest_px']:g} px, "
+        f"{one['occluded_percent']:.1f} % seen in no other view"
+        for one in reconstruction.figures["surfaces"]
+    ]
+    evaluation = reconstruction.figures.get("evaluation")
+    if evaluation is not None:
+        bad = ", ".join(f"{value:.2f} % > {key} px" for key, value in evaluation["bad_percent"].items())
+        reference = reconstruction.array[reconstruction.array.reference].name
+        lines.append(f"bad pixels of {reference}: {bad}")
+    return "\n".join(lines)
+
+
+def write_previews(folder: Path, reconstruction: Reconstruction, truth: Truth | None = None) -> None:
+    """Write pictures beside the data, and the page that shows them all.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder that exists; files become `preview-<view>.png`, `error-<view>.png` and `index.html`.
+    reconstruction : Reconstruction
+        As `reported` returns it.
+    truth : Truth, optional
+        Of the reference view.
+    """
+    array = reconstruction.array
+    groups = []
+    for index, (view, surface) in enumerate(zip(array, reconstruction.surfaces, strict=True)):
+        coloured = _coloured(surface, reconstruction.labels)
+        legend = disparity_legend(array.shape[1], reconstruction.labels.lowest, reconstruction.labels.highest)
+        write_png(folder / f"preview-{view.name}.png", np.vstack([coloured, legend]))
+        error = None
+        if truth is not None and index == array.reference:
+            error = colour_error(*disparity_error(surface.disparity, truth.disparity, truth.mask))
+            write_png(folder / f"error-{view.name}.png", error)
+        groups.append(
+            _group(view.name, np.ascontiguousarray(view.image[:, :, ::-1]), surface, coloured, error)
+        )
+    write_gallery(folder / PAGE, _gallery(reconstruction, groups))
+
+
+def _surface_figures(surface: Surface, labels: DisparityLabels) -> dict[str, float]:
+    label = labels.label(surface.disparity)
+    return {
+        "lowest_px": float(surface.disparity.min()),
+        "highest_px": float(surface.disparity.max()),
+        "occluded_percent": 100.0 * float(surface.occluded.mean()),
+        "mean_confidence": float(surface.confidence.mean(dtype=np.float64)),
+        "at_first_percent": 100.0 * float(np.mean(label == 0)),
+        "at_last_percent": 100.0 * float(np.mean(label == labels.num_labels - 1)),
+    }
+
+
+def _range_warnings(surfaces: Sequence[dict[str, Any]], labels: DisparityLabels) -> list[str]:
+    if labels.num_labels < 3:
+        return []
+    told = []
+    ends = (("first", "lowest", labels.lowest), ("last", "highest", labels.highest))
+    for key, name, value in ends:
+        share = float(np.mean([one[f"at_{key}_percent"] for one in surfaces]))
+        if share > MAX_AT_AN_END_PERCENT:
+            told.append(
+                f"{share:.0f} % of the pixels have the {name} disparity, {value:g} px: "
+                "there may be others beyond --disparities"
+            )
+    return told
+
+
+def _coloured(surface: Surface, labels: DisparityLabels) -> Picture:
+    return colour_disparity(surface.disparity, labels.lowest, labels.highest)
+
+
+def _group(name: str, image: Picture, surface: Surface, coloured: Picture, error: Picture | None) -> Group:
+    occluded = surface.occluded.astype(np.uint8) * 255
+    confidence = np.rint(surface.confidence * 255).astype(np.uint8)
+    shown = [
+        Shown("view", image),
+        Shown("disparity", coloured, "near is bright"),
+        Shown("occluded", occluded, "white is seen in no other view"),
+        Shown("confidence", confidence, "white is clear"),
+    ]
+    if error is not None:
+        shown.append(Shown("error", error, "orange beyond 0.5 px, red beyond 1 px; grey does not count"))
+    return Group(name, tuple(shown))
+
+
+def _gallery(reconstruction: Reconstruction, groups: Sequence[Group]) -> Gallery:
+    array, labels, figures = reconstruction.array, reconstruction.labels, reconstruction.figures
+    height, width = array.shape
+    preface = (
+        f"{len(array)} views of {width} × {height} pixels; disparities from {labels.lowest:g} to "
+        f"{labels.highest:g} in steps of {labels.step:g} px per unit of m."
+    )
+    rows = [
+        (
+            view.name,
+            f"{view.position.m:g}, {view.position.n:g}",
+            f"{one['lowest_px']:.4g} to {one['highest_px']:.4g}",
+            f"{one['occluded_percent']:.1f} %",
+            f"{one['mean_confidence']:.2f}",
+        )
+        for view, one in zip(array, figures["surfaces"], strict=True)
+    ]
+    head = ("view", "m, n", "disparities [px]", "in no other view", "confidence")
+    tables = [Table("Views", "What was found for each view", head, tuple(rows))]
+    if "evaluation" in figures:
+        tables.insert(0, _evaluation_table(array[array.reference].name, figures["evaluation"]))
+    return Gallery("Surfaces of all views", preface, groups, tables, figures["warnings"])
+
+
+def _evaluation_table(name: str, evaluation: dict[str, Any]) -> Table:
+    bad = evaluation["bad_percent"]
+    error = evaluation["mean_absolute_error_px"]
+    head = ("view", *(f"> {threshold} px" for threshold in bad), "mean absolute error", "pixels")
+    told = "–" if error is None else f"{error:.3f} px"
+    row = (name, *(f"{percent:.2f} %" for percent in bad.values()), told, str(evaluation["num_pixels"]))
+    return Table("Against the truth", "Pixels farther off than a threshold", head, (row,))

@@ -1,0 +1,127 @@
+"""`dvc-stereo reconstruct`: what it writes and tells, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dvc.pfm import read_pfm
+from dvc.stereo.__main__ import main
+from dvc.stereo.folder import read_reconstruction
+from tests.stereo.data import pair_of_planes
+
+
+@pytest.fixture
+def views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Write a pair and its truth into a folder, and work there."""
+    left, right, disparity = pair_of_planes()
+    cv2.imwrite(str(tmp_path / "left.png"), left[:, :, ::-1])
+    cv2.imwrite(str(tmp_path / "right.png"), right[:, :, ::-1])
+    cv2.imwrite(str(tmp_path / "truth.png"), (disparity * 16).astype(np.uint8))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*arguments: str) -> int:
+    try:
+        return main(["reconstruct", *arguments])
+    except SystemExit as err:
+        return int(err.code or 0)
+
+
+def test_data_pictures_and_page_are_written(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Data, previews and page stand in one folder, and the summary tells the evaluation."""
+    truth = ["--truth", "truth.png", "--truth-scale", "16"]
+    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", *truth) == 0
+    kinds = {"view", "preview", "occluded", "confidence"}
+    expected = {f"{kind}-{name}.png" for kind in kinds for name in ("left", "right")}
+    expected |= {"disparity-left.pfm", "disparity-right.pfm", "error-left.png", "index.html", "stereo.json"}
+    assert {path.name for path in (views / "out").iterdir()} == expected
+    index = json.loads((views / "out" / "stereo.json").read_text())
+    assert index["evaluation"]["bad_percent"]["1"] < 15.0
+    assert [one["name"] for one in index["surfaces"]] == ["left", "right"]
+    assert "bad pixels of left" in capsys.readouterr().out
+    found = read_reconstruction(views / "out")
+    np.testing.assert_array_equal(found.surfaces[0].disparity, read_pfm(views / "out" / "disparity-left.pfm"))
+    picture = cv2.imread("out/preview-left.png")
+    assert picture is not None
+    assert picture[24, 30].sum() > picture[4, 30].sum(), "near must be brighter"
+    page = (views / "out" / "index.html").read_text(encoding="utf-8")
+    assert page.count("<figure><img data-name=") == 9
+
+
+def test_json_and_meshes(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Figures go to standard output alone, meshes to their files; --quiet says nothing."""
+    pytest.importorskip("trimesh")
+    shapes = ["--ply", "a.ply", "--glb", "a.glb"]
+    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--json", "-", *shapes) == 0
+    assert json.loads(capsys.readouterr().out)["surfaces"][0]["highest_px"] <= 8.0
+    assert (views / "a.ply").read_bytes().startswith(b"ply")
+    assert (views / "a.glb").read_bytes().startswith(b"glTF")
+    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "two", "--quiet") == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_grey_and_deep_pictures_are_taken(views: Path) -> None:
+    """One view of 16 bits and one that is grey are as good as others."""
+    left = cv2.imread("left.png", cv2.IMREAD_GRAYSCALE)
+    right = cv2.imread("right.png", cv2.IMREAD_GRAYSCALE)
+    assert left is not None
+    assert right is not None
+    cv2.imwrite("left16.png", left.astype(np.uint16) * 257)
+    cv2.imwrite("right8.png", right)
+    truth = ["--truth", "truth.png", "--truth-scale", "16", "--json", "figures.json"]
+    assert run("left16.png", "right8.png", "--disparities", "0:8", "--out", "out", *truth) == 0
+    assert json.loads((views / "figures.json").read_text())["evaluation"]["bad_percent"]["1"] < 20.0
+
+
+def test_range_that_is_too_narrow_is_told(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where many pixels have the last disparity, there is a warning, in the index as well."""
+    assert run("left.png", "right.png", "--disparities=-2:2", "--out", "out") == 0
+    assert "highest disparity, 2 px" in capsys.readouterr().err
+    assert len(json.loads((views / "out" / "stereo.json").read_text())["warnings"]) == 1
+
+
+def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """If 0 is in the range it is found everywhere, with a warning; else there is one line."""
+    (views / "same.png").write_bytes((views / "left.png").read_bytes())
+    assert run("left.png", "same.png", "--disparities=-3:3", "--out", "out") == 0
+    assert "identical" in capsys.readouterr().err
+    assert np.abs(read_pfm(views / "out" / "disparity-left.pfm")).max() < 0.5
+    assert run("left.png", "same.png", "--disparities", "1:3", "--out", "none") == 2
+    assert "no disparity but 0 fits" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["left.png", "--disparities", "0:8"], "at least two views"),
+        (["left.png", "none.png", "--disparities", "0:8"], "none.png: No such file"),
+        (["left.png", "small.png", "--disparities", "0:8"], "all must have one size"),
+        (["left.png", "black.png", "--disparities", "0:8"], "one colour everywhere"),
+        (["left.png", "text.png", "--disparities", "0:8"], "not a picture"),
+        (["left.png", "right.png"], "--disparities"),
+        (["left.png", "right.png", "--disparities", "8:0"], "MIN <= MAX"),
+        (["left.png", "right.png", "--disparities", "0:8", "--ply", "a.obj"], "ends in .ply"),
+        (["left.png", "right.png", "--disparities", "0:8", "--json", "left.png"], "is also an input"),
+        (["left.png", "right.png", "--disparities", "0:8", "--truth", "truth.png"], "--truth-scale"),
+        (
+            ["left.png", "right.png", "--disparities", "0:8", "--truth", "small.png", "--truth-scale", "4"],
+            "small.png: 10x10, but the views are 72x48",
+        ),
+    ],
+)
+def test_bad_input_is_one_line(
+    views: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    """Whatever is wrong, there is one line, exit status 2, and no folder."""
+    cv2.imwrite("small.png", np.eye(10, dtype=np.uint8) * 200)
+    cv2.imwrite("black.png", np.zeros((48, 72, 3), np.uint8))
+    (views / "text.png").write_text("no picture")
+    assert run(*arguments, "--out", "out") == 2
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+    assert not (views / "out").exists()
