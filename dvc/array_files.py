@@ -151,6 +151,36 @@ def read_picture(path: str | Path) -> "NDArray[np.uint8]":
     return picture
 
 
+def read_pictures(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
+    """Read the pictures of at least two cameras.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Files, no two of one stem.
+
+    Returns
+    -------
+    list of ndarray of shape (H, W, 3), uint8
+        As `read_picture` gives them, of any size.
+
+    Raises
+    ------
+    DvcError
+        If they are too few, a name is there twice, or a picture cannot be read.
+    """
+    if len(paths) < 2:
+        raise ConfigError("at least two views are needed")
+    _check_distinct("name", [Path(path).stem for path in paths])
+    return [read_picture(path) for path in paths]
+
+
+def _check_distinct(kind: str, values: Sequence[str]) -> None:
+    twice = next((value for value in values if values.count(value) > 1), None)
+    if twice is not None:
+        raise ConfigError(f"two views have the {kind} {twice}")
+
+
 def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition"] | None) -> "CameraArray":
     """Read the rectified views of an array.
 
@@ -183,19 +213,34 @@ def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition
         positions = LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0)
     if len(positions) != len(paths):
         raise ConfigError(f"{len(paths)} views and {len(positions)} positions: one for each is needed")
-    stems = [Path(path).stem for path in paths]
     places = [f"{position.m:g},{position.n:g}" for position in positions]
-    for kind, values in (("name", stems), ("position", places)):
-        twice = next((value for value in values if values.count(value) > 1), None)
-        if twice is not None:
-            raise ConfigError(f"two views have the {kind} {twice}")
-    pictures = [read_picture(path) for path in paths]
+    _check_distinct("position", places)
+    pictures = read_pictures(paths)
     for path, picture in zip(paths, pictures, strict=True):
         if picture.shape != pictures[0].shape:
             sizes = [f"{shape[1]}x{shape[0]}" for shape in (pictures[0].shape, picture.shape)]
             raise ConfigError(f"{path}: {sizes[1]}, but {paths[0]} is {sizes[0]}; all must have one size")
+    stems = [Path(path).stem for path in paths]
     views = zip(stems, pictures, positions, strict=True)
     return CameraArray(tuple(ArrayView(name, picture, position) for name, picture, position in views))
+
+
+def add_lattice_options(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add the options that say where cameras stand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of a command that takes views.
+    default : str
+        What happens without them, for the help.
+    """
+    group = parser.add_mutually_exclusive_group()
+    lattice = f"position of each view, in the order of the views; default: {default}"
+    group.add_argument("--lattice", nargs="+", type=parse_position, metavar="M,N", help=lattice)
+    group.add_argument(
+        "--views", metavar="CSV", help="table with the columns file, m, n, in place of a lattice"
+    )
 
 
 def add_array_options(parser: argparse.ArgumentParser) -> None:
@@ -206,14 +251,26 @@ def add_array_options(parser: argparse.ArgumentParser) -> None:
     parser : argparse.ArgumentParser
         Of a command that takes views.
     """
-    group = parser.add_mutually_exclusive_group()
-    lattice = "position of each view, in the order of the views; default: two views, left and right"
-    group.add_argument("--lattice", nargs="+", type=parse_position, metavar="M,N", help=lattice)
-    group.add_argument(
-        "--views", metavar="CSV", help="table with the columns file, m, n, in place of a lattice"
-    )
+    add_lattice_options(parser, "two views, left and right")
     disparities = "range in pixels per unit of m; negative values are farther than the plane of focus"
     parser.add_argument("--disparities", type=parse_disparities, metavar="MIN:MAX[:STEP]", help=disparities)
+
+
+def add_camera_option(parser: argparse.ArgumentParser, required: bool = False) -> None:
+    """Add the option that says where the cameras of unrectified views are found.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of a command that takes views.
+    required : bool, optional
+        Whether there is no other way.
+    """
+    text = (
+        "calibration of views that are not rectified: JSON, Middlebury's calib.txt, the folder of a COLMAP "
+        "model, or auto to estimate it"
+    )
+    parser.add_argument("--cameras", metavar="FILE|auto", required=required, help=text)
 
 
 def positions_of(arguments: argparse.Namespace, paths: Sequence[str]) -> list["LatticePosition"] | None:

@@ -4,14 +4,15 @@ import argparse
 import sys
 
 from dvc import cli
-from dvc.stereo.commands import evaluate, reconstruct
+from dvc.stereo.commands import evaluate, reconstruct, rectify
 
 PROG = "dvc-stereo"
 EXAMPLES = """\
+  dvc-stereo rectify *.jpg --cameras auto --out rectified
   dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
   dvc-stereo evaluate surfaces/disparity-left.pfm --truth disp2.png --truth-scale 4
 """
-COMMANDS = (reconstruct, evaluate)
+COMMANDS = (rectify, reconstruct, evaluate)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -10,7 +10,8 @@ from dvc.errors import ConfigError
 from dvc.stereo.commands.options import add_export_options, add_truth_options, check_export, read_truth_of
 
 if TYPE_CHECKING:
-    from dvc.multiview.camera_array import CameraArray
+    from dvc.multiview.camera_array import CameraArray, DisparityLabels
+    from dvc.stereo.rectified_space import Rectification
     from dvc.stereo.report import Truth
     from dvc.stereo.surfaces import Reconstruction
 
@@ -19,6 +20,7 @@ EXAMPLES = """\
   dvc-stereo reconstruct a.png b.png c.png --lattice -1,0 0,0 1,0 --disparities -4:12:0.5 --out surfaces
   dvc-stereo reconstruct *.png --views views.csv --disparities 0:16 --out surfaces --ply surfaces.ply
   dvc-stereo reconstruct im2.png im6.png --disparities 0:60 --truth disp2.png --truth-scale 4 --out teddy
+  dvc-stereo reconstruct *.jpg --cameras auto --out surfaces
 """
 
 
@@ -40,6 +42,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
     array_files.add_array_options(parser)
+    array_files.add_camera_option(parser)
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     add_truth_options(parser, required=False)
     parser.add_argument(
@@ -66,18 +69,20 @@ def run(arguments: argparse.Namespace) -> int:
     from dvc.files import atomic_folder
     from dvc.stereo.folder import write_reconstruction
     from dvc.stereo.reconstruction import reconstruct
+    from dvc.stereo.rectified_folder import write_original_views
     from dvc.stereo.report import check_views, reported, summary, write_previews
 
     shapes = _check_outputs(arguments)
-    if arguments.disparities is None:
-        raise ConfigError("rectified views need --disparities MIN:MAX[:STEP], such as 0:60")
-    array = array_files.load_array(arguments.paths, array_files.positions_of(arguments, arguments.paths))
+    array, labels, rectification = _views(arguments)
     truth = _truth(arguments, array)
-    warnings = check_views(array, arguments.disparities)
+    warnings = check_views(array, labels)
     with atomic_folder(arguments.out) as folder:
         with cli.progress_bar("surfaces", None, arguments.quiet) as advance:
-            found = reconstruct(array, arguments.disparities, advance=advance)
+            found = reconstruct(array, labels, advance=advance)
         found = reported(found, truth, warnings)
+        if rectification is not None:
+            found.figures["rectification"] = rectification.to_dict()
+            write_original_views(folder, found, rectification)
         write_reconstruction(folder, found)
         write_previews(folder, found, truth)
         _write_shapes(shapes, found)
@@ -90,6 +95,26 @@ def run(arguments: argparse.Namespace) -> int:
             f"{summary(found)}\n{arguments.out}: {Path(arguments.out) / 'index.html'} shows it\n"
         )
     return 0
+
+
+def _views(
+    arguments: argparse.Namespace,
+) -> tuple["CameraArray", "DisparityLabels", "Rectification | None"]:
+    """Read the views, and rectify them where cameras are given; find disparities where none are."""
+    from dvc.stereo.rectified_array import found_labels, rectified_array
+
+    positions = array_files.positions_of(arguments, arguments.paths)
+    if arguments.cameras is None:
+        array = array_files.load_array(arguments.paths, positions)
+        labels, rectification = arguments.disparities or found_labels(array), None
+    else:
+        with cli.progress_bar("views", len(arguments.paths), arguments.quiet) as advance:
+            rectified = rectified_array(arguments.paths, arguments.cameras, positions, advance=advance)
+        array, rectification = rectified.array, rectified.rectification
+        labels = arguments.disparities or rectified.labels
+    if labels is None:
+        raise ConfigError("too few points match to find the range of disparities: give --disparities MIN:MAX")
+    return array, labels, rectification
 
 
 def _check_outputs(arguments: argparse.Namespace) -> list[Path]:

@@ -1,0 +1,220 @@
+"""Calibrated cameras: projection, lens distortion, and the decomposition of projection matrices.
+
+Convention: the world is right-handed, in any unit. Camera axes are x right, y down, z forward; K is in
+pixels, the centre of the first pixel at (0, 0). Undistorted pixels are those of the same camera without
+lens distortion.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import rq
+
+from dvc.errors import ConfigError
+
+Floats = NDArray[np.float64]
+
+NO_DISTORTION = (0.0, 0.0, 0.0, 0.0)
+_UNDISTORTION_STEPS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A calibrated picture.
+
+    Attributes
+    ----------
+    name : str
+        Name of its file, without the folder.
+    K : ndarray of shape (3, 3), float64
+        Upper triangular, positive diagonal, last element 1.
+    R : ndarray of shape (3, 3), float64
+        Rotation from the world to the camera.
+    t : ndarray of shape (3,), float64
+        A point X of the world lies at ``R X + t`` in the camera.
+    size : tuple of int
+        Width and height in pixels.
+    distortion : tuple of four float
+        k1, k2, p1, p2 of Brown's model, as in OpenCV: with k1 alone, a point at x in normalised coordinates
+        is seen at ``x (1 + k1 |x|^2)``.
+    """
+
+    name: str
+    K: Floats
+    R: Floats
+    t: Floats
+    size: tuple[int, int]
+    distortion: tuple[float, float, float, float] = NO_DISTORTION
+
+    @property
+    def centre(self) -> Floats:
+        """Where the camera stands (2.2)."""
+        return -self.R.T @ self.t
+
+    @property
+    def projection(self) -> Floats:
+        """``P = K R [I | -c]`` (2.2), to undistorted pixels."""
+        return self.K @ np.column_stack([self.R, self.t])
+
+    @property
+    def focal_length_px(self) -> float:
+        """Mean of the focal lengths along rows and columns."""
+        return 0.5 * float(self.K[0, 0] + self.K[1, 1])
+
+    def distorted(self, points: Floats) -> Floats:
+        """Apply the lens distortion; inverse of `undistorted`.
+
+        Parameters
+        ----------
+        points : ndarray of shape (N, 2), float64
+            Undistorted pixels (x, y).
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            Pixels of the picture.
+        """
+        if self.distortion == NO_DISTORTION:
+            return points
+        return self._to_pixels(self._bent(self._to_normalized(points)))
+
+    def undistorted(self, points: Floats) -> Floats:
+        """Take the lens distortion away.
+
+        Parameters
+        ----------
+        points : ndarray of shape (N, 2), float64
+            Pixels (x, y) of the picture.
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            Undistorted pixels.
+        """
+        if self.distortion == NO_DISTORTION:
+            return points
+        seen = self._to_normalized(points)
+        straight = seen
+        for _ in range(_UNDISTORTION_STEPS):
+            straight = straight + seen - self._bent(straight)
+        return self._to_pixels(straight)
+
+    def _bent(self, x: Floats) -> Floats:
+        k1, k2, p1, p2 = self.distortion
+        a, b = x[:, 0], x[:, 1]
+        r2 = a * a + b * b
+        radial = 1.0 + (k1 + k2 * r2) * r2
+        tangential = [2 * p1 * a * b + p2 * (r2 + 2 * a * a), p1 * (r2 + 2 * b * b) + 2 * p2 * a * b]
+        return np.asarray(x * radial[:, None] + np.column_stack(tangential))
+
+    def _to_normalized(self, points: Floats) -> Floats:
+        y = (points[:, 1] - self.K[1, 2]) / self.K[1, 1]
+        return np.column_stack([(points[:, 0] - self.K[0, 2] - self.K[0, 1] * y) / self.K[0, 0], y])
+
+    def _to_pixels(self, x: Floats) -> Floats:
+        return np.asarray(x @ self.K[:2, :2].T + self.K[:2, 2])
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedViews:
+    """Cameras of all views, and points of the scene that they see.
+
+    Attributes
+    ----------
+    cameras : tuple of Camera
+        In the order of the views.
+    points : ndarray of shape (N, 3), float64
+        Points of the world, from which the range of disparities follows; none where nothing is known.
+    """
+
+    cameras: tuple[Camera, ...]
+    points: Floats
+
+
+def camera_from_matrices(
+    name: str, K: Floats, R: Floats, t: Floats, size: tuple[int, int], *, bottom_up: bool = False
+) -> Camera:
+    """Make a camera of matrices that somebody else has written.
+
+    Parameters
+    ----------
+    name : str
+        Name of its file.
+    K, R : ndarray of shape (3, 3), float64
+        Intrinsics and rotation.
+    t : ndarray of shape (3,), float64
+        Translation.
+    size : tuple of int
+        Width and height.
+    bottom_up : bool, optional
+        Rows are counted from the lowest one up, and the world is left-handed: both are mirrored.
+
+    Returns
+    -------
+    Camera
+        With `R` made exactly orthogonal.
+
+    Raises
+    ------
+    ConfigError
+        If a matrix is none of its kind.
+    """
+    _check(name, np.isfinite(np.concatenate([K.ravel(), R.ravel(), t])).all(), "a matrix is not finite")
+    triangular = np.abs(K[[1, 2, 2], [0, 0, 1]]).max() <= 1e-9 * np.abs(K).max() and K[2, 2] != 0.0
+    _check(
+        name,
+        triangular and min(K[0, 0] * K[2, 2], K[1, 1] * K[2, 2]) > 0.0,
+        "K is not upper triangular with positive focal lengths",
+    )
+    K = np.triu(K / K[2, 2])
+    u, singular, vt = np.linalg.svd(R)
+    _check(name, np.abs(singular - 1.0).max() < 1e-2, "R is not a rotation")
+    _check(
+        name,
+        np.linalg.det(u @ vt) > 0.0,
+        'R is a reflection; if rows are counted upwards, say "rows": "bottom-up"',
+    )
+    R = u @ vt
+    if bottom_up:
+        mirror = np.array([1.0, -1.0, 1.0])
+        K = K * np.array([[1.0, -1.0, 1.0], [0.0, 1.0, -1.0], [0.0, 0.0, 1.0]])
+        K[1, 2] += size[1] - 1
+        R, t = R * mirror * mirror[:, None], t * mirror
+    return Camera(name, K, R, t, size)
+
+
+def _check(name: str, holds: bool | np.bool_, message: str) -> None:
+    if not holds:
+        raise ConfigError(f"camera of {name}: {message}")
+
+
+def decomposed(P: Floats) -> tuple[Floats, Floats, Floats]:
+    """Decompose a projection matrix into ``P ~ K [R | t]`` (2.2).
+
+    Parameters
+    ----------
+    P : ndarray of shape (3, 4), float64
+        Of any scale and sign.
+
+    Returns
+    -------
+    K, R : ndarray of shape (3, 3), float64
+        Upper triangular with positive diagonal and last element 1; rotation of determinant 1.
+    t : ndarray of shape (3,), float64
+        Translation.
+
+    Raises
+    ------
+    ConfigError
+        If the camera is at infinity.
+    """
+    left = P[:, :3]
+    if not np.isfinite(P).all() or abs(np.linalg.det(left)) <= 1e-12 * np.linalg.norm(left) ** 3:
+        raise ConfigError("a projection matrix has no finite centre")
+    P = P * np.sign(np.linalg.det(left))
+    K, R = rq(P[:, :3])
+    signs = np.sign(np.diag(K))
+    K, R = K * signs, R * signs[:, None]
+    t = np.linalg.solve(K, P[:, 3])
+    return K / K[2, 2], R, t

@@ -1,0 +1,299 @@
+"""Cameras by COLMAP: models that it has written, and cameras estimated from plain pictures.
+
+COLMAP puts the centre of the first pixel at (0.5, 0.5); this module converts.
+"""
+
+import contextlib
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import ConfigError, DvcError
+from dvc.stereo.cameras import CalibratedViews, Camera, camera_from_matrices
+from dvc.stereo.feature_matching import Features
+
+Floats = NDArray[np.float64]
+Size = tuple[int, int]
+
+FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 15))
+"""Of two views: focal lengths tried, in units of the longer side of the picture."""
+USUAL_FOCAL_LENGTH = 1.2
+"""Taken where the pictures do not say better."""
+SEED = 0
+MAX_ERROR_PX = 1.5
+MIN_MATCHES = 30
+_PIXEL_CENTRE = 0.5
+_MAX_K1 = 0.5
+
+
+def read_model(folder: Path, names: Sequence[str], sizes: Sequence[Size]) -> CalibratedViews:
+    """Read cameras and points of a COLMAP model.
+
+    Parameters
+    ----------
+    folder : Path
+        With ``cameras``, ``images`` and ``points3D`` as .bin or .txt, or with such a folder as ``sparse/0``
+        or ``sparse``.
+    names : sequence of str
+        Pictures, as the model names them but for folders.
+    sizes : sequence of (int, int)
+        Widths and heights of the pictures.
+
+    Returns
+    -------
+    CalibratedViews
+        The cameras of these pictures, and the points that they see.
+
+    Raises
+    ------
+    DvcError
+        If there is no model, or it lacks a picture.
+    """
+    import pycolmap
+
+    places = (folder, folder / "sparse" / "0", folder / "sparse")
+    kinds = ("cameras.bin", "cameras.txt")
+    place = next((place for place in places if any((place / kind).is_file() for kind in kinds)), None)
+    if place is None:
+        raise ConfigError(f"{folder}: has no COLMAP model (cameras.bin or cameras.txt)")
+    try:
+        with _quiet():
+            model = pycolmap.Reconstruction(place)
+    except (ValueError, RuntimeError, OSError) as err:
+        raise DvcError(f"{place}: not a COLMAP model that can be read") from err
+    return _views(model, names, sizes, str(place))
+
+
+def estimate_cameras(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]) -> CalibratedViews:
+    """Estimate cameras from plain pictures that one camera, or one kind of camera, has taken.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the pictures.
+    pictures : sequence of ndarray of shape (H, W, 3), uint8
+        At least two, of one size.
+
+    Returns
+    -------
+    CalibratedViews
+        Cameras with one focal length, and one radial distortion where there are more than two; the unit of
+        length is arbitrary.
+
+    Raises
+    ------
+    DvcError
+        If no reconstruction has all pictures.
+    """
+    shapes = {picture.shape for picture in pictures}
+    if len(shapes) > 1:
+        raise ConfigError("cameras can be estimated from pictures of one size only")
+    if len(pictures) == 2:
+        return _two_views(names, pictures)
+    height, width = pictures[0].shape[:2]
+    with tempfile.TemporaryDirectory() as folder, _quiet():
+        numbered = [f"{index:06d}.png" for index in range(len(pictures))]
+        for name, picture in zip(numbered, pictures, strict=True):
+            cv2.imwrite(f"{folder}/{name}", picture[:, :, ::-1])
+        model = _mapped(Path(folder), numbered)
+        if model is None:
+            raise DvcError(
+                f"the cameras of these {len(pictures)} views cannot be estimated: too few points match; "
+                "give them by --cameras FILE"
+            )
+        views = _views(model, numbered, [(width, height)] * len(numbered), "the estimate")
+    cameras = zip(names, views.cameras, strict=True)
+    named = [Camera(name, c.K, c.R, c.t, c.size, c.distortion) for name, c in cameras]
+    return CalibratedViews(tuple(named), views.points)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep COLMAP from logging."""
+    import pycolmap
+
+    level = pycolmap.logging.minloglevel
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    try:
+        yield
+    finally:
+        pycolmap.logging.minloglevel = level
+
+
+def _views(model: Any, names: Sequence[str], sizes: Sequence[Size], source: str) -> CalibratedViews:
+    images = {Path(image.name).name: image for image in model.images.values() if image.has_pose}
+    cameras = []
+    for name, size in zip(names, sizes, strict=True):
+        if name not in images:
+            raise ConfigError(f"{source}: has no camera of {name}")
+        cameras.append(_camera(model, images[name], name, size))
+    wanted = {images[name].image_id for name in names}
+    points = [
+        point.xyz
+        for point in model.points3D.values()
+        if sum(element.image_id in wanted for element in point.track.elements) >= 2
+    ]
+    return CalibratedViews(tuple(cameras), np.array(points, dtype=np.float64).reshape(-1, 3))
+
+
+def _camera(model: Any, image: Any, name: str, size: Size) -> Camera:
+    camera = model.cameras[image.camera_id]
+    if (camera.width, camera.height) != size:
+        raise ConfigError(f"{name}: {size[0]}x{size[1]}, but its camera is {camera.width}x{camera.height}")
+    values = dict(zip(str(camera.params_info).replace(" ", "").split(","), camera.params, strict=True))
+    K = np.array(camera.calibration_matrix(), dtype=np.float64)
+    K[:2, 2] -= _PIXEL_CENTRE
+    known = {"f", "fx", "fy", "cx", "cy", "k", "k1", "k2", "p1", "p2"}
+    if not values.keys() <= known:
+        raise ConfigError(
+            f"{name}: camera model {camera.model_name} is not supported; undistort the pictures"
+        )
+    k1, k2, p1, p2 = (float(values.get(key, 0.0)) for key in ("k1", "k2", "p1", "p2"))
+    pose = np.asarray(image.cam_from_world().matrix(), dtype=np.float64)
+    made = camera_from_matrices(name, K, pose[:, :3], pose[:, 3], size)
+    distortion = (float(values.get("k", k1)), k2, p1, p2)
+    return Camera(name, made.K, made.R, made.t, size, distortion)
+
+
+def _mapped(folder: Path, names: Sequence[str]) -> Any | None:
+    """Return a model with all pictures; with the usual focal length where a free one leads nowhere."""
+    import pycolmap
+
+    database = folder / "features.db"
+    reader = pycolmap.ImageReaderOptions(camera_model="SIMPLE_RADIAL")
+    extraction = pycolmap.FeatureExtractionOptions(use_gpu=False, num_threads=1)
+    pycolmap.set_random_seed(SEED)
+    pycolmap.extract_features(
+        database,
+        folder,
+        image_names=list(names),
+        camera_mode=pycolmap.CameraMode.SINGLE,
+        reader_options=reader,
+        extraction_options=extraction,
+        device=pycolmap.Device.cpu,
+    )
+    matching = pycolmap.FeatureMatchingOptions(use_gpu=False, num_threads=1)
+    pycolmap.match_exhaustive(database, matching_options=matching, device=pycolmap.Device.cpu)
+    for attempt, options in enumerate((_options(True, 2.0), _options(False, 0.25))):
+        pycolmap.set_random_seed(SEED)
+        found = pycolmap.incremental_mapping(database, folder, _new(folder / str(attempt)), options)
+        complete = [model for model in found.values() if model.num_reg_images() == len(names)]
+        if complete and _plausible(complete[0]):
+            return complete[0]
+    return None
+
+
+def _new(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
+
+
+def _options(refined: bool, min_angle_deg: float) -> Any:
+    """Return options of the mapper: whether intrinsics change, and the least angle between rays."""
+    import pycolmap
+
+    options = pycolmap.IncrementalPipelineOptions(
+        num_threads=1,
+        random_seed=SEED,
+        multiple_models=False,
+        min_model_size=2,
+        ba_refine_focal_length=refined,
+        ba_refine_extra_params=refined,
+    )
+    options.mapper.init_min_num_inliers = MIN_MATCHES
+    options.mapper.init_min_tri_angle = min_angle_deg
+    options.mapper.filter_min_tri_angle = min(min_angle_deg, options.mapper.filter_min_tri_angle)
+    options.triangulation.min_angle = min(min_angle_deg, options.triangulation.min_angle)
+    return options
+
+
+def _plausible(model: Any) -> bool:
+    """Tell whether the intrinsics have stayed where those of lenses are."""
+    for camera in model.cameras.values():
+        focal = camera.mean_focal_length() / max(camera.width, camera.height)
+        if not (FOCAL_LENGTHS[0] <= focal <= FOCAL_LENGTHS[-1] and abs(camera.params[3]) <= _MAX_K1):
+            return False
+    return True
+
+
+def _two_views(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]) -> CalibratedViews:
+    """Find the relative pose under that focal length which suits the matches best."""
+    first, second = Features(pictures[0]).match(Features(pictures[1]))
+    height, width = pictures[0].shape[:2]
+    poses = [
+        (ratio, *pose)
+        for ratio in FOCAL_LENGTHS
+        if (pose := _relative_pose(first, second, (width, height), ratio)) is not None
+    ]
+    if not poses:
+        raise DvcError(
+            f"the cameras of these two views cannot be estimated: {len(first)} points match, "
+            "too few of them consistently; give them by --cameras FILE"
+        )
+    least = min(cost for _, _, _, cost in poses)
+    likely = [pose for pose in poses if pose[3] <= 1.02 * least]
+    ratio, motion, inliers, _ = min(likely, key=lambda entry: abs(np.log(entry[0] / USUAL_FOCAL_LENGTH)))
+    K = _intrinsics((width, height), ratio)
+    cameras = (
+        Camera(names[0], K, np.eye(3), np.zeros(3), (width, height)),
+        Camera(names[1], K, motion[:, :3], motion[:, 3], (width, height)),
+    )
+    points = _triangulated(cameras, first[inliers], second[inliers])
+    return CalibratedViews(cameras, points)
+
+
+def _intrinsics(size: Size, ratio: float) -> Floats:
+    focal = ratio * max(size)
+    return np.array([[focal, 0.0, 0.5 * (size[0] - 1)], [0.0, focal, 0.5 * (size[1] - 1)], [0.0, 0.0, 1.0]])
+
+
+def _relative_pose(
+    first: Floats, second: Floats, size: Size, ratio: float
+) -> tuple[Floats, NDArray[np.bool_], float] | None:
+    """Return ``[R | t]``, the inliers, and the sum of truncated squared Sampson distances."""
+    import pycolmap
+
+    if len(first) < MIN_MATCHES:
+        return None
+    focal = ratio * max(size)
+    parameters = [focal, 0.5 * size[0], 0.5 * size[1]]
+    camera = pycolmap.Camera(model="SIMPLE_PINHOLE", params=parameters, width=size[0], height=size[1])
+    points = first + _PIXEL_CENTRE, second + _PIXEL_CENTRE
+    ransac = pycolmap.RANSACOptions(max_error=MAX_ERROR_PX, random_seed=SEED, num_threads=1)
+    answer = pycolmap.estimate_relative_pose(camera, points[0], camera, points[1], ransac)
+    if answer is None or np.count_nonzero(answer["inlier_mask"]) < MIN_MATCHES:
+        return None
+    refined = pycolmap.refine_relative_pose(
+        answer["cam2_from_cam1"], camera, points[0], camera, points[1], answer["inlier_mask"]
+    )
+    rigid = answer["cam2_from_cam1"] if refined is None else refined["cam2_from_cam1"]
+    pose = np.asarray(rigid.matrix(), dtype=np.float64)
+    distance2 = _squared_sampson_distances(pose, _intrinsics(size, ratio), first, second)
+    cost = float(np.minimum(distance2, MAX_ERROR_PX**2).sum())
+    return pose, distance2 < MAX_ERROR_PX**2, cost
+
+
+def _squared_sampson_distances(pose: Floats, K: Floats, first: Floats, second: Floats) -> Floats:
+    x, y, z = pose[:, 3]
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    inverse = np.linalg.inv(K)
+    F = inverse.T @ cross @ pose[:, :3] @ inverse
+    a, b = (np.column_stack([points, np.ones(len(points))]) for points in (first, second))
+    lines, back = a @ F.T, b @ F
+    gradient = (lines[:, :2] ** 2).sum(axis=1) + (back[:, :2] ** 2).sum(axis=1)
+    return np.asarray((b * lines).sum(axis=1) ** 2 / np.maximum(gradient, 1e-300))
+
+
+def _triangulated(cameras: tuple[Camera, Camera], first: Floats, second: Floats) -> Floats:
+    """Return the points of the world that lie before both cameras."""
+    found = cv2.triangulatePoints(cameras[0].projection, cameras[1].projection, first.T, second.T)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        points = (found[:3] / found[3]).T
+    depths = [points @ camera.R[2] + camera.t[2] for camera in cameras]
+    kept = np.isfinite(points).all(axis=1) & (depths[0] > 0.0) & (depths[1] > 0.0)
+    return np.asarray(points[kept], dtype=np.float64)

@@ -1,0 +1,58 @@
+"""Points that two pictures share: SIFT features, matched both ways."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+MAX_FEATURES = 8000
+RATIO = 0.8
+"""Between the distances to the nearest and the second nearest descriptor, at most."""
+
+
+class Features:
+    """SIFT features of a picture.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), uint8
+        The picture.
+    valid : ndarray of shape (H, W), bool, or None
+        Where features may be; None: everywhere.
+    """
+
+    def __init__(self, image: NDArray[np.uint8], valid: NDArray[np.bool_] | None = None) -> None:
+        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        mask = None
+        if valid is not None:
+            inner = cv2.erode(np.pad(valid.astype(np.uint8), 1), np.ones((9, 9), np.uint8))[1:-1, 1:-1]
+            mask = np.ascontiguousarray(inner)
+        keypoints, descriptors = cv2.SIFT.create(MAX_FEATURES).detectAndCompute(grey, mask)
+        self.points: Floats = np.array([point.pt for point in keypoints], np.float64).reshape(-1, 2)
+        self._descriptors = np.zeros((0, 128), np.float32) if descriptors is None else descriptors
+
+    def match(self, other: "Features") -> tuple[Floats, Floats]:
+        """Match with another picture.
+
+        Parameters
+        ----------
+        other : Features
+            Of the other picture.
+
+        Returns
+        -------
+        tuple of two ndarray of shape (N, 2), float64
+            Points (x, y) in this picture and in the other, each the best match of the other by far.
+        """
+        forward, backward = self._nearest(other), other._nearest(self)
+        pairs = [(a, b) for a, b in forward.items() if backward.get(b) == a]
+        index = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        return self.points[index[:, 0]], other.points[index[:, 1]]
+
+    def _nearest(self, other: "Features") -> dict[int, int]:
+        if min(len(self.points), len(other.points)) < 2:
+            return {}
+        found = cv2.BFMatcher(cv2.NORM_L2).knnMatch(self._descriptors, other._descriptors, 2)
+        return {
+            best.queryIdx: best.trainIdx for best, second in found if best.distance < RATIO * second.distance
+        }

@@ -1,0 +1,340 @@
+"""The rectified space of a planar array: homographies of pictures and of space.
+
+Equations (2.4) to (2.12), with ``V = (v1 v2 s n)``: the third vector is normal to the plane of the cameras,
+as long as the square root of a cell's area, so that pixels keep their size whatever the unit of the world is.
+
+There are two frames, which differ by a translation. In that of the equations, pixels are centred on the foot
+of the normal, and disparity 0 is at infinity. In that of the pictures, one offset is added to (x, y) and one
+number is taken from all disparities, by shifting picture (m, n) by m and n times as many pixels; nothing else
+may be changed without spoiling (2.5).
+
+Pictures of cameras that stand a little off the plane are scaled about the foot of the normal, so that (2.5)
+holds at the middle disparity of the scene; in the plane, this changes nothing.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import ConfigError
+from dvc.multiview.camera_array import LatticePosition
+from dvc.stereo.cameras import NO_DISTORTION, Camera
+from dvc.stereo.lattice import Lattice
+
+Floats = NDArray[np.float64]
+
+SWAP = np.array([[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0], [0, 0, 1.0, 0]])
+"""H2 (2.9): depth and homogeneous coordinate change places."""
+MAX_OBLIQUITY = 4.0
+"""How much farther than its middle a corner of a rectified picture may be stretched."""
+_BORDER_POINTS = 17
+
+
+def shared_intrinsics(focal_length_px: float) -> Floats:
+    """Return the intrinsics of all rectified cameras (2.7).
+
+    Parameters
+    ----------
+    focal_length_px : float
+        Mean focal length of the real cameras.
+
+    Returns
+    -------
+    ndarray of shape (3, 3), float64
+        With the principal point at 0.
+    """
+    return np.diag([focal_length_px, focal_length_px, 1.0])
+
+
+def rectified_projection(position: LatticePosition) -> Floats:
+    """Return the projection from the rectified space to a picture (2.4).
+
+    Parameters
+    ----------
+    position : LatticePosition
+        Of its camera.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        To be applied to (x, y, d, 1).
+    """
+    m, n = position
+    return np.array([[1.0, 0, -m, 0], [0, 1.0, -n, 0], [0, 0, 0, 1.0]])
+
+
+def first_homography(lattice: Lattice, focal_length_px: float) -> Floats:
+    """Return H1 of (2.8).
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Of the cameras.
+    focal_length_px : float
+        Of the rectified ones.
+
+    Returns
+    -------
+    ndarray of shape (4, 4), float64
+        To be applied to (X, 1).
+    """
+    upper = shared_intrinsics(focal_length_px) @ np.linalg.inv(lattice.basis)
+    homography = np.zeros((4, 4))
+    homography[:3, :3], homography[:3, 3], homography[3, 3] = upper, -upper @ lattice.origin, focal_length_px
+    return homography
+
+
+def image_homography(camera: Camera, lattice: Lattice, focal_length_px: float) -> Floats:
+    """Return the homography that rectifies a picture (2.11).
+
+    Parameters
+    ----------
+    camera : Camera
+        Its camera.
+    lattice : Lattice
+        Of all cameras.
+    focal_length_px : float
+        Of the rectified ones.
+
+    Returns
+    -------
+    ndarray of shape (3, 3), float64
+        From undistorted pixels to the frame of the equations.
+    """
+    directions = np.linalg.inv(lattice.basis) @ camera.R.T @ np.linalg.inv(camera.K)
+    homography: Floats = shared_intrinsics(focal_length_px) @ directions
+    return homography
+
+
+@dataclass(frozen=True, eq=False)
+class Rectification:
+    """How pictures of calibrated cameras become views of a planar array.
+
+    Attributes
+    ----------
+    cameras : tuple of Camera
+        The cameras.
+    lattice : Lattice
+        On which they stand.
+    positions : tuple of LatticePosition
+        Where on it.
+    focal_length_px : float
+        Of the rectified cameras.
+    middle_disparity : float
+        What cameras off the plane are scaled for, in the frame of the equations.
+    offset : tuple of float
+        Added to (x, y) of the frame of the equations, in pixels.
+    disparity_shift : float
+        Taken from its disparities.
+    size : tuple of int
+        Width and height of the rectified pictures.
+    """
+
+    cameras: tuple[Camera, ...]
+    lattice: Lattice
+    positions: tuple[LatticePosition, ...]
+    focal_length_px: float
+    middle_disparity: float
+    offset: tuple[float, float] = (0.0, 0.0)
+    disparity_shift: float = 0.0
+    size: tuple[int, int] = (0, 0)
+
+    def rectified_from_view(self, index: int) -> Floats:
+        """Return the homography of a picture (2.11), with the common offset and shift.
+
+        Parameters
+        ----------
+        index : int
+            Number of the view.
+
+        Returns
+        -------
+        ndarray of shape (3, 3), float64
+            From its undistorted pixels to those of the rectified picture.
+        """
+        camera, (m, n) = self.cameras[index], self.positions[index]
+        height = self.lattice.coordinates(camera.centre[None])[0, 2]
+        scale = 1.0 - height * self.middle_disparity / self.focal_length_px
+        shift = np.array(
+            [
+                [scale, 0.0, self.offset[0] + m * self.disparity_shift],
+                [0.0, scale, self.offset[1] + n * self.disparity_shift],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        homography: Floats = shift @ image_homography(camera, self.lattice, self.focal_length_px)
+        return homography
+
+    @property
+    def rectified_from_world(self) -> Floats:
+        """Homography of space (2.12), shape (4, 4): (X, 1) to (x, y, d, 1) in the frame of the pictures."""
+        translation = np.eye(4)
+        translation[:3, 3] = *self.offset, -self.disparity_shift
+        homography: Floats = translation @ SWAP @ first_homography(self.lattice, self.focal_length_px)
+        return homography
+
+    @property
+    def world_from_rectified(self) -> Floats:
+        """Inverse of `rectified_from_world`."""
+        return np.asarray(np.linalg.inv(self.rectified_from_world), dtype=np.float64)
+
+    def disparities(self, points: Floats) -> Floats:
+        """Return the disparities of points of the scene.
+
+        Parameters
+        ----------
+        points : ndarray of shape (N, 3), float64
+            In the world.
+
+        Returns
+        -------
+        ndarray of shape (N,), float64
+            In pixels per unit of m, in the frame of the pictures; not finite in the plane of the cameras.
+        """
+        distance = self.lattice.coordinates(points)[:, 2]
+        with np.errstate(divide="ignore"):
+            return np.asarray(self.focal_length_px / distance - self.disparity_shift)
+
+    def rectified_points(self, index: int, points: Floats) -> Floats:
+        """Return where points of a picture lie in its rectified one.
+
+        Parameters
+        ----------
+        index : int
+            Number of the view.
+        points : ndarray of shape (N, 2), float64
+            Pixels (x, y) of the picture, as it was taken.
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            Pixels of the rectified picture.
+        """
+        return _applied(self.rectified_from_view(index), self.cameras[index].undistorted(points))
+
+    def view_points(self, index: int, points: Floats) -> Floats:
+        """Return where points of a rectified picture lie in the original one; inverse of `rectified_points`.
+
+        Parameters
+        ----------
+        index : int
+            Number of the view.
+        points : ndarray of shape (N, 2), float64
+            Pixels (x, y) of the rectified picture.
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            Pixels of the original one; not finite where it cannot see.
+        """
+        homography = np.linalg.inv(self.rectified_from_view(index))
+        homography = homography * np.sign(np.linalg.det(homography))
+        return self.cameras[index].distorted(_applied(homography, points))
+
+    def border(self, index: int) -> Floats:
+        """Return the border of a picture after rectification.
+
+        Parameters
+        ----------
+        index : int
+            Number of the view.
+
+        Returns
+        -------
+        ndarray of shape (N, 2), float64
+            Pixels of the rectified picture.
+
+        Raises
+        ------
+        ConfigError
+            If the camera looks along the plane of the cameras.
+        """
+        camera = self.cameras[index]
+        width, height = camera.size
+        x, y = np.linspace(0, width - 1, _BORDER_POINTS), np.linspace(0, height - 1, _BORDER_POINTS)
+        sides = [(x, 0.0 * y), (x, 0.0 * y + height - 1), (0.0 * x, y), (0.0 * x + width - 1, y)]
+        points = camera.undistorted(np.concatenate([np.column_stack(side) for side in sides]))
+        homography = self.rectified_from_view(index)
+        depth = np.column_stack([points, np.ones(len(points))]) @ homography[2]
+        middle = np.array([0.5 * (width - 1), 0.5 * (height - 1), 1.0]) @ homography[2]
+        if not (middle > 0.0 and depth.min() * MAX_OBLIQUITY > middle):
+            raise ConfigError(
+                f"{camera.name}: its camera looks along the plane of the cameras rather than away from it; "
+                "such views cannot be rectified"
+            )
+        return _applied(homography, points)
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether the pictures were rectified already, and stay as they are."""
+        for index, camera in enumerate(self.cameras):
+            homography = self.rectified_from_view(index)
+            near = np.abs(homography / homography[2, 2] - np.eye(3)).max() < 1e-6
+            if not near or self.size != camera.size or camera.distortion != NO_DISTORTION:
+                return False
+        return True
+
+    def off_plane_px(self, lowest: float, highest: float) -> Floats:
+        """Return how far at most (2.5) fails because cameras do not stand in one plane.
+
+        Parameters
+        ----------
+        lowest, highest : float
+            Disparities of the scene, in the frame of the pictures.
+
+        Returns
+        -------
+        ndarray of shape (N,), float64
+            For each camera, in pixels, at the corner farthest from the foot of the normal.
+        """
+        ends = np.array([lowest, highest]) + self.disparity_shift - self.middle_disparity
+        worst = np.abs(ends).max() / self.focal_length_px
+        centres = np.stack([camera.centre for camera in self.cameras])
+        heights = np.abs(self.lattice.coordinates(centres)[:, 2])
+        radii = [
+            np.linalg.norm(
+                self.border(index) - self.offset - self.disparity_shift * np.array(position), axis=1
+            ).max()
+            for index, position in enumerate(self.positions)
+        ]
+        return np.asarray(heights * np.array(radii) * worst)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the homographies and what they are made of, as plain values for JSON."""
+        views = [
+            {
+                "file": camera.name,
+                "m": position.m,
+                "n": position.n,
+                "width": camera.size[0],
+                "height": camera.size[1],
+                "K": camera.K.tolist(),
+                "R": camera.R.tolist(),
+                "t": camera.t.tolist(),
+                "distortion": list(camera.distortion),
+                "rectified_from_view": self.rectified_from_view(index).tolist(),
+            }
+            for index, (camera, position) in enumerate(zip(self.cameras, self.positions, strict=True))
+        ]
+        return {
+            "width": self.size[0],
+            "height": self.size[1],
+            "focal_length_px": self.focal_length_px,
+            "offset_px": list(self.offset),
+            "disparity_shift": self.disparity_shift,
+            "lattice": {
+                "origin": self.lattice.origin.tolist(),
+                "v1": self.lattice.v1.tolist(),
+                "v2": self.lattice.v2.tolist(),
+            },
+            "rectified_from_world": self.rectified_from_world.tolist(),
+            "views": views,
+        }
+
+
+def _applied(homography: Floats, points: Floats) -> Floats:
+    image = points @ homography[:, :2].T + homography[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(image[:, 2:] > 0.0, image[:, :2] / image[:, 2:], np.nan))

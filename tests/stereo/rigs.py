@@ -1,0 +1,80 @@
+"""Random planar rigs of cameras, and what they see of a textured plane."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dvc.stereo.cameras import Camera
+
+Floats = NDArray[np.float64]
+
+SIZE = 160, 120
+
+
+def random_rig(
+    seed: int, places: Sequence[tuple[float, float]], unit: float = 1.0, turn: float = 0.15
+) -> list[Camera]:
+    """Return verging cameras of random intrinsics on a random lattice.
+
+    Parameters
+    ----------
+    seed : int
+        Of everything random.
+    places : sequence of (float, float)
+        Places (m, n) of the cameras.
+    unit : float, optional
+        Length of the world's unit.
+    turn : float, optional
+        Standard deviation of the turns of the cameras, radians.
+
+    Returns
+    -------
+    list of Camera
+        At the given places, that look along the normal of the lattice on the mean.
+    """
+    rng = np.random.default_rng(seed)
+    world = Rotation.random(random_state=rng).as_matrix()
+    steps = np.array(
+        [[1.0, rng.uniform(-0.1, 0.1), 0.0], [rng.uniform(-0.1, 0.1), rng.uniform(0.8, 1.25), 0.0]]
+    )
+    origin = rng.normal(size=3)
+    cameras = []
+    for index, (m, n) in enumerate(places):
+        R = Rotation.from_rotvec(turn * rng.normal(size=3)).as_matrix() @ world
+        centre = unit * (origin + world.T @ (m * steps[0] + n * steps[1]))
+        focal = rng.uniform(120.0, 220.0)
+        K = np.array([[focal, rng.normal(), 80.0 + rng.normal()], [0.0, focal * 1.02, 60.0], [0.0, 0.0, 1.0]])
+        cameras.append(Camera(f"view{index}.png", K, R, -R @ centre, SIZE))
+    return cameras
+
+
+def picture_of_plane(camera: Camera, normal: Floats, offset: float, across: Floats) -> NDArray[np.uint8]:
+    """Return what a camera sees of a smoothly textured plane ``normal . X = offset``.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera.
+    normal : ndarray of shape (3,), float64
+        Unit normal of the plane.
+    offset : float
+        Where it stands.
+    across : ndarray of shape (2, 3), float64
+        Directions in the plane, of the length of a wave.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), uint8
+        The picture.
+    """
+    y, x = np.mgrid[: camera.size[1], : camera.size[0]]
+    pixels = camera.undistorted(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T @ camera.R
+    distance = (offset - normal @ camera.centre) / (rays @ normal)
+    points = (camera.centre + distance[:, None] * rays) @ across.T
+    u, v = points.T
+    waves = [np.sin(u + 0.3 * v) + np.sin(2.1 * v + 1.0), np.sin(1.7 * u - v), np.sin(u + 0.5) * np.sin(v)]
+    picture = 128.0 + 50.0 * np.stack(waves, axis=1)
+    return np.clip(np.rint(picture), 0, 255).astype(np.uint8).reshape(*camera.size[::-1], 3)

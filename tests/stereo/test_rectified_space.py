@@ -1,0 +1,221 @@
+"""The rectified space: identities (2.4) to (2.12) on random rigs, and what they say of pictures."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dvc.errors import ConfigError
+from dvc.multiview.camera_array import LatticePosition
+from dvc.stereo.cameras import Camera
+from dvc.stereo.rectification import rectify
+from dvc.stereo.rectified_space import (
+    SWAP,
+    first_homography,
+    image_homography,
+    rectified_projection,
+    shared_intrinsics,
+)
+from dvc.stereo.resampling import metric_depth, resample, to_original_view
+from tests.stereo.rigs import picture_of_plane, random_rig
+
+PLACES = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, 1.0)]
+LINE = [(0.0, 0.0), (1.0, 0.0), (3.0, 0.0)]
+seeds = st.integers(0, 10**6)
+rigs = st.sampled_from([PLACES, LINE, PLACES[:2], PLACES[::3]])
+
+
+def points_before(rig: list[Camera], seed: int, unit: float = 1.0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    forward = np.mean([camera.R[2] for camera in rig], axis=0)
+    middle = np.mean([camera.centre for camera in rig], axis=0)
+    return middle + unit * (rng.uniform(8, 20, (30, 1)) * forward + rng.normal(size=(30, 3)))
+
+
+def seen(projection: np.ndarray, points: np.ndarray) -> np.ndarray:
+    image = points @ projection[:, :-1].T + projection[:, -1]
+    return image[:, :2] / image[:, 2:]
+
+
+@settings(max_examples=50)
+@given(seeds, rigs)
+def test_matrix_identity(seed: int, places: list) -> None:
+    """(2.10): both sides are equal as matrices, not only up to scale."""
+    rig = random_rig(seed, places)
+    found = rectify(rig)
+    focal = found.focal_length_px
+    for camera, position in zip(rig, found.positions, strict=True):
+        left = image_homography(camera, found.lattice, focal) @ camera.projection
+        right = rectified_projection(position) @ SWAP @ first_homography(found.lattice, focal)
+        np.testing.assert_allclose(left, right, atol=1e-10 * np.abs(right).max())
+
+
+@settings(max_examples=50)
+@given(seeds, rigs, st.sampled_from([0.01, 1.0, 250.0]))
+def test_points_obey_the_rectified_projection(seed: int, places: list, unit: float) -> None:
+    """(2.5), (2.12): where a point is seen follows from (x, y, d), with the offset and shift of the crop."""
+    rig = random_rig(seed, places, unit)
+    found = rectify(rig)
+    points = points_before(rig, seed, unit)
+    space = np.column_stack([points, np.ones(len(points))]) @ found.rectified_from_world.T
+    x, y, d = (space[:, k] / space[:, 3] for k in range(3))
+    np.testing.assert_allclose(found.disparities(points), d, atol=1e-9)
+    for index, (camera, (m, n)) in enumerate(zip(rig, found.positions, strict=True)):
+        rectified = found.rectified_points(index, seen(camera.projection, points))
+        np.testing.assert_allclose(rectified, np.column_stack([x - m * d, y - n * d]), atol=1e-8)
+    back = np.column_stack([x, y, d, np.ones(len(x))]) @ found.world_from_rectified.T
+    np.testing.assert_allclose(back[:, :3] / back[:, 3:], points, atol=1e-9 * max(1.0, np.abs(points).max()))
+
+
+def test_disparity_is_inverse_to_the_distance_from_the_plane() -> None:
+    """(2.12): d = f |v3| / z; with square cells of pitch B it is f B / z."""
+    cameras = [
+        Camera(f"{m}.png", np.diag([100.0, 100.0, 1.0]), np.eye(3), np.array([-0.2 * m, 0, 0]), (9, 7))
+        for m in (0, 1)
+    ]
+    found = rectify(cameras)
+    points = np.array([[0.0, 0.0, 4.0], [1.0, 2.0, 8.0]])
+    np.testing.assert_allclose(found.disparities(points), [5.0, 2.5], rtol=1e-12)
+    assert found.is_identity
+
+
+def test_swap_is_its_inverse_and_projection_keeps_whole_numbers() -> None:
+    """(2.9) and (2.4)."""
+    np.testing.assert_array_equal(SWAP @ SWAP, np.eye(4))
+    projected = rectified_projection(LatticePosition(2.0, -1.0)) @ np.array([7.0, 5.0, 3.0, 1.0])
+    np.testing.assert_array_equal(projected, [1.0, 8.0, 1.0])
+    assert shared_intrinsics(50.0)[2, 2] == 1.0
+
+
+@pytest.mark.parametrize("unit", [0.01, 1.0, 100.0])
+def test_pixels_keep_their_size(unit: float) -> None:
+    """The area magnification on the normal is 1 for cameras of the mean focal length, in any unit."""
+    K = np.array([[150.0, 0, 80.0], [0, 150.0, 60.0], [0, 0, 1.0]])
+    rig = [Camera(c.name, K, c.R, c.t, c.size) for c in random_rig(4, PLACES, unit, turn=0.0)]
+    found = rectify(rig)
+    homography = found.rectified_from_view(0)
+    corners = np.array([[80.0, 60.0], [81.0, 60.0], [80.0, 61.0]])
+    image = np.column_stack([corners, np.ones(3)]) @ homography.T
+    a, b = (image[1:, :2] / image[1:, 2:]) - image[0, :2] / image[0, 2]
+    assert abs(a[0] * b[1] - a[1] * b[0]) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_plane_parallel_to_the_cameras_has_one_disparity() -> None:
+    """Rectified pictures of such a plane are shifted copies of each other: (2.5) with one d."""
+    rig = random_rig(11, PLACES, turn=0.05)
+    found = rectify(rig)
+    normal = found.lattice.basis[:, 2] / np.linalg.norm(found.lattice.basis[:, 2])
+    offset = float(normal @ found.lattice.origin) + 9.0
+    across = np.stack([found.lattice.v1, found.lattice.v2]) * 1.5
+    views = [
+        resample(found, k, picture_of_plane(camera, normal, offset, across)) for k, camera in enumerate(rig)
+    ]
+    d = float(found.disparities((found.lattice.origin + 9.0 * normal)[None])[0])
+    y, x = np.mgrid[: found.size[1], : found.size[0]]
+    reference = found.positions.index(LatticePosition(0.0, 0.0))
+    for (m, n), (image, valid) in zip(found.positions, views, strict=True):
+        u, v = x - m * d, y - n * d
+        u0, v0 = np.floor(u).astype(int), np.floor(v).astype(int)
+        inside = (u0 >= 0) & (v0 >= 0) & (u0 < found.size[0] - 1) & (v0 < found.size[1] - 1)
+        u0, v0, a, b = u0[inside], v0[inside], (u - u0)[inside][:, None], (v - v0)[inside][:, None]
+        there = (1 - b) * ((1 - a) * image[v0, u0] + a * image[v0, u0 + 1])
+        there = there + b * ((1 - a) * image[v0 + 1, u0] + a * image[v0 + 1, u0 + 1])
+        sees = valid[v0, u0] & valid[v0 + 1, u0 + 1] & views[reference][1][inside]
+        difference = np.abs(there - views[reference][0][inside])[sees]
+        assert sees.sum() > 5000
+        assert difference.mean() < 1.0
+        assert np.quantile(difference, 0.99) < 5.0
+
+
+def test_depth_of_original_views_is_that_of_the_plane() -> None:
+    """A slanted plane's exact rectified disparity gives its exact depth in every original, distorted view."""
+    rig = random_rig(12, PLACES, turn=0.05)
+    rig = [Camera(c.name, c.K, c.R, c.t, c.size, (0.05, -0.01, 0.002, 0.001)) for c in rig]
+    found = rectify(rig)
+    normal = np.mean([camera.R[2] for camera in rig], axis=0) + 0.1 * rig[0].R[0]
+    offset = float(normal @ found.lattice.origin) + 9.0
+    world = found.world_from_rectified
+    for index, camera in enumerate(rig):
+        # normal . X = offset is linear in (x, y, d, 1).
+        plane = np.append(normal, -offset) @ world
+        m, n = found.positions[index]
+        y, x = np.mgrid[: found.size[1], : found.size[0]].astype(np.float64)
+        d = -(plane[0] * x + plane[1] * y + plane[3]) / (plane[0] * m + plane[1] * n + plane[2])
+        disparity = to_original_view(found, index, d.astype(np.float32))
+        depth = metric_depth(found, index, disparity)
+        v, u = np.mgrid[: camera.size[1], : camera.size[0]]
+        pixels = camera.undistorted(np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
+        rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T @ camera.R
+        true = ((offset - normal @ camera.centre) / (rays @ normal)).reshape(depth.shape)
+        inside = found.rectified_points(index, np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
+        kept = ((inside > 1) & (inside < np.array(found.size) - 2)).all(axis=1).reshape(depth.shape)
+        assert kept.mean() > 0.95
+        np.testing.assert_allclose(depth[kept], true[kept], rtol=2e-4)
+
+
+def test_discontinuities_stay_sharp_in_original_views() -> None:
+    """Between surfaces, no disparity is made up that neither has."""
+    rig = random_rig(13, PLACES[:2], turn=0.1)
+    found = rectify(rig)
+    plane = np.full(found.size[::-1], 3.0, np.float32)
+    plane[:, found.size[0] // 2 :] = 9.0
+    assert set(np.unique(to_original_view(found, 0, plane))) == {3.0, 9.0}
+
+
+def test_infinity_has_infinite_depth() -> None:
+    """Disparities of infinity and beyond are inf, not negative depths."""
+    found = rectify(random_rig(14, PLACES[:2], turn=0.02))
+    flat = np.full(SIZE_OF_FIRST, -found.disparity_shift - 1.0, np.float32)
+    assert np.isinf(metric_depth(found, 0, flat)).all()
+
+
+SIZE_OF_FIRST = (120, 160)
+
+
+def test_centres_off_the_plane_are_told_in_pixels() -> None:
+    """What (2.5) misses at the ends of the range is what is told, and nothing at the middle disparity."""
+    rig = random_rig(15, PLACES, turn=0.02)
+    bent = rig[4]
+    rig[4] = Camera(bent.name, bent.K, bent.R, bent.t + np.array([0, 0, 0.3]), bent.size)
+    points = points_before(rig, 15)
+    found = rectify(rig, [LatticePosition(*place) for place in PLACES], points)
+    d = found.disparities(points)
+    told = found.off_plane_px(d.min(), d.max())
+    space = np.column_stack([points, np.ones(len(points))]) @ found.rectified_from_world.T
+    xy = space[:, :2] / space[:, 3:]
+    missed = []
+    for index, camera in enumerate(rig):
+        place = found.rectified_points(index, seen(camera.projection, points))
+        missed.append(np.linalg.norm(place - (xy - np.outer(d, found.positions[index])), axis=1).max())
+    assert max(missed) > 0.05
+    assert np.all(missed <= told * 1.05 + 1e-6)
+
+
+def test_window_is_bounded_and_holds_the_pictures() -> None:
+    """All corners are in the window, unless it would be twice as large as the pictures."""
+    found = rectify(random_rig(16, PLACES, turn=0.05))
+    for index in range(len(PLACES)):
+        border = found.border(index)
+        assert border.min() > -1e-6
+        assert (border <= np.array(found.size) - 1 + 1e-2).all()
+    wild = rectify(random_rig(17, PLACES[:2], turn=0.25))
+    assert wild.size[0] <= 320
+    assert wild.size[1] <= 240
+
+
+def test_camera_that_looks_along_the_plane_is_refused() -> None:
+    """A picture that rectification would tear apart is named."""
+    rig = random_rig(18, PLACES, turn=0.01)
+    turn = np.array([[0.0, 0, 1.0], [0, 1.0, 0], [-1.0, 0, 0]])
+    rig[2] = Camera(rig[2].name, rig[2].K, turn @ rig[2].R, turn @ rig[2].t, rig[2].size)
+    with pytest.raises(ConfigError, match=r"view2\.png.*along the plane"):
+        rectify(rig)
+
+
+def test_one_camera_and_two_at_one_place_are_refused() -> None:
+    """Both say what is wrong."""
+    rig = random_rig(19, [(0.0, 0.0), (1.0, 0.0), (0.0, 0.0)], turn=0.02)
+    with pytest.raises(ConfigError, match="at least two"):
+        rectify(rig[:1])
+    with pytest.raises(ConfigError, match=r"view0\.png and view2\.png"):
+        rectify(rig)
