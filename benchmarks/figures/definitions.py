@@ -7,6 +7,8 @@ from benchmarks.figures import anchor_rates, anchors, codec, rates, report, repr
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
 from benchmarks.figures.house import emulation, golden, sources, times
+from benchmarks.figures.stereo import accuracy, consistency
+from benchmarks.figures.stereo import times as stereo_times
 from benchmarks.figures.tracks import costs, limits, quality
 from benchmarks.figures.tracks import rates as tracks_rates
 from dvc.errors import ConfigError
@@ -26,6 +28,9 @@ MODULES: tuple[ModuleType, ...] = (
     limits,
     costs,
     tracks_rates,
+    accuracy,
+    consistency,
+    stereo_times,
     sources,
     times,
     golden,

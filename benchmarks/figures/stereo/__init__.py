@@ -1,0 +1,1 @@
+"""Stereo from camera arrays: surfaces against the truth and against OpenCV, layers, consistency, times."""

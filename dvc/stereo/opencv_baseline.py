@@ -1,0 +1,109 @@
+"""What others do: the semi-global matching of OpenCV, its holes filled, to compare with."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class SemiGlobalSettings:
+    """Settings of `cv2.StereoSGBM`, by its names.
+
+    Attributes
+    ----------
+    block_size : int
+        Side of the window in pixels.
+    p1, p2 : int
+        Penalties of steps of one disparity and of more: 8 and 32 times 3 channels times the window.
+    uniqueness_ratio : int
+        By how many per cent the best disparity must beat others.
+    disp12_max_diff : int
+        Largest difference between both views.
+    speckle_window_size, speckle_range : int
+        Smaller regions are removed.
+    """
+
+    block_size: int = 3
+    p1: int = 8 * 3 * 3**2
+    p2: int = 32 * 3 * 3**2
+    uniqueness_ratio: int = 10
+    disp12_max_diff: int = 1
+    speckle_window_size: int = 100
+    speckle_range: int = 2
+
+    def __str__(self) -> str:
+        told = ", ".join(f"{name} {value}" for name, value in asdict(self).items())
+        return f"StereoSGBM of OpenCV {cv2.__version__}: {told}, mode SGBM"
+
+
+BASELINE = SemiGlobalSettings()
+
+
+def semi_global_baseline(
+    left: NDArray[np.uint8], right: NDArray[np.uint8], highest: float, settings: SemiGlobalSettings = BASELINE
+) -> NDArray[np.float64]:
+    """Match a rectified pair by OpenCV, and fill what it leaves open.
+
+    Parameters
+    ----------
+    left, right : ndarray of shape (H, W, 3), uint8
+        Views.
+    highest : float
+        Highest disparity to try; they are tried from 0 to the next multiple of 16, without the last.
+    settings : SemiGlobalSettings, optional
+        Of the matcher.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Disparities of the left view in pixels, everywhere. Both views are continued to the left, so that
+        columns whose match may lie outside are tried too; holes take the smaller of the disparities beside
+        them in their row.
+    """
+    num_disparities = 16 * (int(highest) // 16 + 1)
+    names: dict[str, Any] = {
+        "blockSize": settings.block_size,
+        "P1": settings.p1,
+        "P2": settings.p2,
+        "disp12MaxDiff": settings.disp12_max_diff,
+        "uniquenessRatio": settings.uniqueness_ratio,
+        "speckleWindowSize": settings.speckle_window_size,
+        "speckleRange": settings.speckle_range,
+    }
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=0, numDisparities=num_disparities, mode=cv2.StereoSGBM_MODE_SGBM, **names
+    )
+    wider = [
+        cv2.copyMakeBorder(view, 0, 0, num_disparities, 0, cv2.BORDER_REPLICATE) for view in (left, right)
+    ]
+    found = matcher.compute(*wider)[:, num_disparities:].astype(np.float64) / 16.0
+    return fill_holes(np.where(found < 0.0, np.nan, found))
+
+
+def fill_holes(disparity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Give unknown pixels the smaller of the nearest known disparities to their left and right.
+
+    Parameters
+    ----------
+    disparity : ndarray of shape (H, W), float64
+        NaN where it is unknown.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Rows without any value become 0.
+    """
+    height, width = disparity.shape
+    known = np.isfinite(disparity)
+    columns, rows = np.arange(width), np.arange(height)[:, None]
+    before = np.maximum.accumulate(np.where(known, columns, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, columns, width)[:, ::-1], axis=1)[:, ::-1]
+    sides = [
+        np.where(there, disparity[rows, np.clip(nearest, 0, width - 1)], np.inf)
+        for nearest, there in ((before, before >= 0), (after, after < width))
+    ]
+    filled = np.where(known, disparity, np.minimum(*sides))
+    return np.where(np.isfinite(filled), filled, 0.0)
