@@ -1,7 +1,7 @@
 """Point sets and meshes for other programs, as PLY or GLB, by trimesh where it is installed.
 
-Points are in the frame of a camera: x to the right, y down, z away from it. GLB files have y up and z towards
-the viewer, as that format asks.
+Points are in the world of calibrated cameras, else in the frame of one: x to the right, y down, z away from it.
+GLB files are turned by half a circle, since that format has y up and z towards the viewer.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
 from dvc.files import atomic_output
+from dvc.multiview.camera_array import LatticePosition
+from dvc.stereo.rectified_space import Rectification
 
 Floats = NDArray[np.float64]
 DEPTH_RANGE = 20.0
@@ -62,6 +64,38 @@ def points_of_disparity(disparity: NDArray[np.floating], lowest: float, highest:
     y, x = np.mgrid[:height, :width].astype(np.float64)
     right, down = (x - (width - 1) / 2) / width, (y - (height - 1) / 2) / width
     return np.stack([right * depth, down * depth, depth], axis=-1)
+
+
+def points_in_world(
+    disparity: NDArray[np.floating], position: LatticePosition, rectification: Rectification
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Return points in space where cameras are calibrated, by the homography of space (2.12).
+
+    Parameters
+    ----------
+    disparity : ndarray of shape (H, W), float
+        Of a rectified view, in pixels per unit of m.
+    position : LatticePosition
+        Of its camera.
+    rectification : Rectification
+        Of the array.
+
+    Returns
+    -------
+    points : ndarray of shape (H, W, 3), float64
+        In the units and axes of the cameras; 0 where there is none.
+    known : ndarray of shape (H, W), bool
+        Where the point is before the cameras, and not farther than `DEPTH_RANGE` times the nearest one.
+    """
+    y, x = np.indices(disparity.shape, dtype=np.float64)
+    d = disparity.astype(np.float64)
+    rectified = np.stack([x + position.m * d, y + position.n * d, d, np.ones_like(d)], axis=-1)
+    from_infinity = d + rectification.disparity_shift
+    known = from_infinity > max(float(from_infinity.max()) / DEPTH_RANGE, 0.0)
+    points = rectified[known] @ rectification.world_from_rectified.T
+    world = np.zeros((*d.shape, 3))
+    world[known] = points[:, :3] / points[:, 3:]
+    return world, known
 
 
 def surface_shape(

@@ -12,10 +12,13 @@ from dvc.stereo.commands.options import check_export
 from dvc.stereo.export import (
     DEPTH_RANGE,
     Shape,
+    points_in_world,
     points_of_disparity,
     surface_shape,
     write_shape,
 )
+from dvc.stereo.rectification import rectify
+from tests.stereo.rigs import random_rig
 
 
 def test_depth_is_inverse_disparity() -> None:
@@ -90,3 +93,19 @@ def test_names_are_checked_before_any_work(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(ConfigError, match=r"dvc3d\[mesh\]"):
         check_export(Namespace(ply=None, glb="a.glb"))
+
+
+def test_calibrated_points_are_where_cameras_see_them() -> None:
+    """A point of a rectified view, put into the world, is seen there again, by that camera and by another."""
+    rig = random_rig(5, [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)])
+    found = rectify(rig)
+    disparity = np.linspace(4.0, 9.0, 30).reshape(5, 6)
+    points, known = points_in_world(disparity, found.positions[1], found)
+    assert known.all()
+    y, x = (axis.ravel().astype(np.float64) for axis in np.indices(disparity.shape))
+    for index in (1, 2):
+        moved = np.subtract(found.positions[index], found.positions[1])
+        expected = np.column_stack([x - moved[0] * disparity.ravel(), y - moved[1] * disparity.ravel()])
+        image = np.column_stack([points.reshape(-1, 3), np.ones(30)]) @ rig[index].projection.T
+        seen = found.rectified_points(index, image[:, :2] / image[:, 2:])
+        np.testing.assert_allclose(seen, expected, atol=1e-6)

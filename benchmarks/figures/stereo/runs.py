@@ -148,7 +148,11 @@ def motorcycle(scale: float = 1.0) -> tuple[Picture, Picture, Floats]:
         cv2.resize(view, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC) for view in (left, right)
     ]
     enlarged = cv2.resize(truth, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(larger[0], np.uint8), np.asarray(larger[1], np.uint8), scale * np.asarray(enlarged, np.float64)
+    return (
+        np.asarray(larger[0], np.uint8),
+        np.asarray(larger[1], np.uint8),
+        scale * np.asarray(enlarged, np.float64),
+    )
 
 
 def write_pair(folder: Path, left: Picture, right: Picture) -> list[Path]:

@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
             write_original_views(folder, found, rectification)
         write_reconstruction(folder, found)
         write_previews(folder, found, truth)
-        _write_shapes(shapes, found)
+        _write_shapes(shapes, found, rectification)
     for warning in found.figures["warnings"]:
         sys.stderr.write(f"dvc-stereo: {warning}\n")
     if arguments.json is not None:
@@ -140,14 +140,19 @@ def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None
     return Truth(truth, mask)
 
 
-def _write_shapes(paths: list[Path], found: "Reconstruction") -> None:
+def _write_shapes(paths: list[Path], found: "Reconstruction", rectification: "Rectification | None") -> None:
     """Write the surface of the reference view."""
-    from dvc.stereo.export import points_of_disparity, surface_shape, write_shape
+    from dvc.stereo.export import points_in_world, points_of_disparity, surface_shape, write_shape
 
     if not paths:
         return
     view, surface = found.array[found.array.reference], found.surfaces[found.array.reference]
-    points = points_of_disparity(surface.disparity, found.labels.lowest, found.labels.highest)
+    kept = view.valid
+    if rectification is None:
+        points = points_of_disparity(surface.disparity, found.labels.lowest, found.labels.highest)
+    else:
+        points, known = points_in_world(surface.disparity, view.position, rectification)
+        kept = known if kept is None else known & kept
     step_px = max(1.5, 1.5 * found.labels.step)
     for path in paths:
-        write_shape(path, surface_shape(points, view.image, surface.disparity, step_px))
+        write_shape(path, surface_shape(points, view.image, surface.disparity, step_px, kept))
