@@ -1,6 +1,6 @@
 """Point sets and meshes for other programs, as PLY or GLB, by trimesh where it is installed.
 
-Points are in the world of calibrated cameras, else in the frame of one: x to the right, y down, z away from it.
+Points are in the world of calibrated cameras, else in the frame of one: x to the right, y down, z forward.
 GLB files are turned by half a circle, since that format has y up and z towards the viewer.
 """
 
