@@ -4,15 +4,17 @@ import argparse
 import sys
 
 from dvc import cli
-from dvc.stereo.commands import evaluate, reconstruct, rectify
+from dvc.stereo.commands import evaluate, layers, reconstruct, rectify, sprites
 
 PROG = "dvc-stereo"
 EXAMPLES = """\
   dvc-stereo rectify *.jpg --cameras auto --out rectified
   dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
+  dvc-stereo layers surfaces --out layers
+  dvc-stereo sprites layers --out sprites
   dvc-stereo evaluate surfaces/disparity-left.pfm --truth disp2.png --truth-scale 4
 """
-COMMANDS = (rectify, reconstruct, evaluate)
+COMMANDS = (rectify, reconstruct, layers, sprites, evaluate)
 
 
 def _parser() -> argparse.ArgumentParser:

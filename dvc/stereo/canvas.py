@@ -1,0 +1,139 @@
+"""The frame of layers and sprites: a canvas around the reference view, and depth from disparity in it."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.camera_array import DisparityLabels
+
+Floats = NDArray[np.float64]
+
+DEPTH_RANGE = 20.0
+"""Where nothing is calibrated, the farthest depth is at most this many times the nearest."""
+
+
+class Frame(NamedTuple):
+    """Where the reference view lies in a canvas.
+
+    Attributes
+    ----------
+    left, top : int
+        Column and row of its first pixel.
+    width, height : int
+        Its size.
+    """
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Its rows and columns."""
+        return slice(self.top, self.top + self.height), slice(self.left, self.left + self.width)
+
+
+class DepthScale(NamedTuple):
+    """Depth from disparity: ``scale / (disparity + shift)``.
+
+    Attributes
+    ----------
+    scale, shift : float
+        Of the formula; the shift is in pixels per unit of m.
+    """
+
+    scale: float
+    shift: float
+
+    def depth(self, disparity: NDArray[np.floating]) -> Floats:
+        """Return depths.
+
+        Parameters
+        ----------
+        disparity : ndarray, float
+            In pixels per unit of m.
+
+        Returns
+        -------
+        ndarray of the same shape, float64
+            Distance from the plane of the cameras.
+        """
+        return self.scale / (disparity.astype(np.float64) + self.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class Canvas:
+    """A canvas in the rectified space, that holds the reference view and what other cameras see around it.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Height and width.
+    frame : Frame
+        The reference view.
+    labels : DisparityLabels
+        Disparities that were tried.
+    resolution : float
+        Surfaces whose disparities differ by less are not told apart.
+    reference : str
+        Name of the reference view.
+    num_cameras : int
+        Number of views that were merged.
+    world_from_rectified : ndarray of shape (4, 4), float64, or None
+        Homography of space, inverse of (2.12), for ``(x, y, d, 1)`` with x and y in the reference view; None
+        where nothing is calibrated.
+    """
+
+    shape: tuple[int, int]
+    frame: Frame
+    labels: DisparityLabels
+    resolution: float
+    reference: str
+    num_cameras: int
+    world_from_rectified: Floats | None = None
+
+    @property
+    def depth_scale(self) -> DepthScale:
+        """Depth in the unit of the world; where nothing is calibrated, 1/d.
+
+        Disparities that are not positive, or too near to 0, are shifted there, for infinity may lie anywhere
+        below them.
+        """
+        if self.world_from_rectified is not None:
+            plane = np.linalg.inv(self.world_from_rectified)[3]
+            row = self.world_from_rectified[3]
+            return DepthScale(1.0 / float(np.linalg.norm(plane[:3]) * row[2]), float(row[3] / row[2]))
+        lowest, highest = self.labels.lowest, self.labels.highest
+        if lowest <= 0.0 or highest > DEPTH_RANGE * lowest:
+            return DepthScale(
+                1.0, max(highest - DEPTH_RANGE * lowest, self.labels.step) / (DEPTH_RANGE - 1.0)
+            )
+        return DepthScale(1.0, 0.0)
+
+    def points(self, disparity: NDArray[np.floating]) -> Floats:
+        """Return points in space.
+
+        Parameters
+        ----------
+        disparity : ndarray of shape (H, W), float
+            Of each pixel of the canvas.
+
+        Returns
+        -------
+        ndarray of shape (H, W, 3), float64
+            In the world; where nothing is calibrated, as a camera whose focal length is the width of the view
+            sees them: x to the right, y down, z away from it.
+        """
+        y, x = np.indices(self.shape, np.float64)
+        x, y = x - self.frame.left, y - self.frame.top
+        if self.world_from_rectified is not None:
+            rectified = np.stack([x, y, disparity.astype(np.float64), np.ones(self.shape)], axis=-1)
+            world = rectified @ self.world_from_rectified.T
+            return np.asarray(world[..., :3] / world[..., 3:])
+        width, height = self.frame.width, self.frame.height
+        depth = self.depth_scale.depth(disparity)
+        right, down = (x - (width - 1) / 2) / width, (y - (height - 1) / 2) / width
+        return np.stack([right * depth, down * depth, depth], axis=-1)

@@ -1,0 +1,118 @@
+"""`dvc-stereo layers`: a layered depth image from the surfaces of all views."""
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from dvc import cli
+from dvc.stereo.commands.options import add_export_options, check_export
+
+if TYPE_CHECKING:
+    from dvc.stereo.layered_depth_image import LayeredDepthImage
+
+EXAMPLES = """\
+  dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
+  dvc-stereo layers surfaces --out layers
+  dvc-stereo layers surfaces --out layers --json counts.json --glb layers.glb
+"""
+DESCRIPTION = """\
+Merge the surfaces of all views in the frame of the view nearest to (0, 0): several values of disparity and
+colour a pixel, from near to far. docs/layers.md describes the files.
+"""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the subcommand.
+
+    Parameters
+    ----------
+    subparsers : action of `add_subparsers`
+        Of the command.
+
+    Returns
+    -------
+    argparse.ArgumentParser
+        Of the subcommand.
+    """
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "layers", description=DESCRIPTION, examples=EXAMPLES, help="layered depth image from surfaces"
+    )
+    parser.add_argument("path", metavar="DIR", help="folder that `dvc-stereo reconstruct` has written")
+    add_output_options(parser)
+    return parser
+
+
+def add_output_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what is written.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of a command that merges surfaces.
+    """
+    parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
+    parser.add_argument("--json", metavar="FILE", help="write the counts; - is standard output")
+    add_export_options(parser)
+    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Merge.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        As parsed.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    import sys
+
+    from dvc.files import atomic_folder
+    from dvc.stereo.export import write_shape
+    from dvc.stereo.folder import read_reconstruction, write_png
+    from dvc.stereo.layer_meshes import layers_shape
+    from dvc.stereo.layer_pictures import draw_layers, draw_values_per_pixel
+    from dvc.stereo.layered_depth_image import layered_depth_image
+    from dvc.stereo.layers_folder import write_layers
+
+    meshes = check_export(arguments)
+    cli.check_outputs([], [*meshes, *([arguments.json] if arguments.json not in (None, "-") else [])])
+    reconstruction = read_reconstruction(arguments.path)
+    with cli.progress_bar("layers", len(reconstruction.array), arguments.quiet) as advance:
+        image = layered_depth_image(reconstruction, advance=advance)
+    with atomic_folder(arguments.out) as folder:
+        write_layers(folder, image)
+        write_png(folder / "preview-layers.png", draw_layers(image))
+        write_png(folder / "preview-values.png", draw_values_per_pixel(image))
+    for path in meshes:
+        write_shape(path, layers_shape(image))
+    if arguments.json is not None:
+        cli.write_json(arguments.json, image.counts())
+    if arguments.json != "-" and not arguments.quiet:
+        sys.stdout.write(counts_text(image) + "\n")
+    return 0
+
+
+def counts_text(image: "LayeredDepthImage") -> str:
+    """Tell counts in one line.
+
+    Parameters
+    ----------
+    image : LayeredDepthImage
+        What to count.
+
+    Returns
+    -------
+    str
+        Such as "3 layers of 25 views: 126662 values in the frame of view (+14.5 %), 14202 beyond it".
+    """
+    counts, canvas = image.counts(), image.canvas
+    return (
+        f"{counts['num_layers']} layers of {canvas.num_cameras} views: "
+        f"{counts['num_values_inside']} values in the frame of {canvas.reference} "
+        f"({counts['increase_percent']:+.1f} %), "
+        f"{counts['num_values_beyond']} beyond it"
+    )

@@ -1,0 +1,135 @@
+"""`dvc-stereo layers` and `dvc-stereo sprites`: what they write and tell, and what they refuse."""
+
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from dvc.stereo.__main__ import main
+from dvc.stereo.folder import write_reconstruction
+from dvc.stereo.layer_pictures import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
+from dvc.stereo.layered_depth_image import layered_depth_image
+from dvc.stereo.layers_folder import read_layers
+from dvc.stereo.sprites_folder import read_sprites
+from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
+
+COUNTS = {"num_layers", "num_values_inside", "num_values_beyond", "increase_percent", "num_values_by_layer"}
+
+
+@pytest.fixture
+def surfaces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Write the surfaces of three planes, and work beside them."""
+    folder = tmp_path / "surfaces"
+    folder.mkdir()
+    write_reconstruction(folder, reconstruction_of(SCENE, square_lattice(1), LABELS))
+    monkeypatch.chdir(tmp_path)
+    return folder
+
+
+def run(*arguments: str) -> int:
+    try:
+        return main(list(arguments))
+    except SystemExit as err:
+        return int(err.code or 0)
+
+
+def test_layers(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Layers and previews are written, counts printed as JSON or as a line."""
+    assert run("layers", "surfaces", "--out", "layers", "--json", "-") == 0
+    counts = json.loads(capsys.readouterr().out)
+    assert set(counts) == COUNTS
+    image = read_layers("layers")
+    assert counts == image.counts()
+    assert counts["num_layers"] == 3
+    names = {f"{kind}-{layer}" for kind in ("colour", "votes") for layer in range(3)}
+    expected = {f"{name}.png" for name in names} | {f"disparity-{layer}.pfm" for layer in range(3)}
+    expected |= {"layers.json", "preview-layers.png", "preview-values.png"}
+    assert {path.name for path in Path("layers").iterdir()} == expected
+    preview = cv2.imread("layers/preview-values.png", cv2.IMREAD_GRAYSCALE)
+    np.testing.assert_array_equal(preview, image.values_per_pixel * 85)
+    assert run("layers", "surfaces", "--out", "again") == 0
+    told = capsys.readouterr().out
+    assert told.startswith("3 layers of 9 views: ")
+    assert told.count("\n") == 1
+    assert run("layers", "surfaces", "--out", "quiet", "--quiet") == 0
+    assert capsys.readouterr().out == ""
+
+
+def test_sprites_of_layers_and_of_surfaces(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Sprites are the same from layers and from surfaces, hold all values, and give the view back."""
+    assert run("layers", "surfaces", "--out", "layers", "--quiet") == 0
+    assert run("sprites", "layers", "--out", "one", "--json", "-") == 0
+    counts = json.loads(capsys.readouterr().out)
+    assert run("sprites", "surfaces", "--out", "two", "--quiet", "--json", "counts.json") == 0
+    assert json.loads(Path("counts.json").read_text()) == counts
+    assert counts["gives_reference_back"] is True
+    assert counts["num_values"] == counts["num_values_of_layers"] == sum(counts["num_values_by_sprite"])
+    assert counts["num_sprites"] == len(read_sprites("one").sprites)
+    for path in Path("one").iterdir():
+        assert path.read_bytes() == (Path("two") / path.name).read_bytes()
+    assert (Path("one") / "preview-sprites.png").exists()
+
+
+@pytest.mark.parametrize("command", ["layers", "sprites"])
+def test_meshes(surfaces: Path, command: str) -> None:
+    """Meshes have a point for each value, coloured, and no triangle across discontinuities."""
+    trimesh = pytest.importorskip("trimesh")
+    assert run(command, "surfaces", "--out", "out", "--quiet", "--ply", "a.ply", "--glb", "a.glb") == 0
+    num_values = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS)).occupied.sum()
+    mesh = trimesh.load("a.ply", process=False)
+    assert len(mesh.vertices) == num_values
+    z = mesh.vertices[mesh.faces][:, :, 2]
+    assert np.ptp(z, axis=1).max() < 1e-6
+    assert len(np.unique(np.round(z, 6))) == 3
+    assert len(trimesh.load("a.glb", process=False).geometry) == 1
+
+
+def test_missing_extra(
+    surfaces: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without trimesh, a mesh is refused in one line that names the extra, and nothing is written."""
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    assert run("layers", "surfaces", "--out", "out", "--ply", "a.ply") == 2
+    told = capsys.readouterr().err
+    assert "dvc3d[mesh]" in told
+    assert told.count("\n") == 1
+    assert not Path("out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("layers", "nothing", "--out", "out"), "stereo.json: No such file"),
+        (("sprites", "nothing", "--out", "out"), "layers.json: No such file"),
+        (("layers", "surfaces", "--out", "surfaces"), "not an empty folder"),
+        (("layers", "surfaces"), "--out"),
+        (("sprites", "surfaces", "--out", "out", "--glb", "a.ply"), "ends in .glb"),
+        (("layers", "surfaces", "--out", "out", "--json", "no/a.json"), "folder does not exist"),
+    ],
+)
+def test_refusals(
+    surfaces: Path, arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Bad input is one line on stderr and status 2."""
+    assert run(*arguments) == 2
+    told = capsys.readouterr().err
+    assert message in told
+    assert told.count("\n") == 1
+    assert not Path("out").exists()
+
+
+def test_pictures_of_figures() -> None:
+    """Surfaces are drawn without what is before them, values as grey levels, layers side by side."""
+    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(2), LABELS))
+    table = draw_surfaces(image, 5.0, 7.0, np.s_[10:34, -20:70])
+    assert table.shape == (24, 90, 3)
+    drawn = (table != PAPER).any(axis=2)
+    kept = (image.disparity == 6.0).any(axis=0)
+    assert drawn.sum() == kept.sum() > (image.disparity[0] == 6.0).sum()
+    assert set(np.unique(draw_values_per_pixel(image))) == {85, 170, 255}
+    height, width = image.canvas.shape
+    assert draw_layers(image).shape[1] > 3 * width
+    assert draw_layers(image).shape[0] > 2 * height
