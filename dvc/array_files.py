@@ -257,7 +257,7 @@ def add_array_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_camera_option(parser: argparse.ArgumentParser, required: bool = False) -> None:
-    """Add the option that says where the cameras of unrectified views are found.
+    """Add the options that say where the cameras of unrectified views are found.
 
     Parameters
     ----------
@@ -271,6 +271,8 @@ def add_camera_option(parser: argparse.ArgumentParser, required: bool = False) -
         "model, or auto to estimate it"
     )
     parser.add_argument("--cameras", metavar="FILE|auto", required=required, help=text)
+    keep = "take the calibration of a pair as it is, even where matches contradict it"
+    parser.add_argument("--keep-cameras", action="store_true", help=keep)
 
 
 def positions_of(arguments: argparse.Namespace, paths: Sequence[str]) -> list["LatticePosition"] | None:

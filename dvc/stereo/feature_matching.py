@@ -17,17 +17,11 @@ class Features:
     ----------
     image : ndarray of shape (H, W, 3), uint8
         The picture.
-    valid : ndarray of shape (H, W), bool, or None
-        Where features may be; None: everywhere.
     """
 
-    def __init__(self, image: NDArray[np.uint8], valid: NDArray[np.bool_] | None = None) -> None:
+    def __init__(self, image: NDArray[np.uint8]) -> None:
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        mask = None
-        if valid is not None:
-            inner = cv2.erode(np.pad(valid.astype(np.uint8), 1), np.ones((9, 9), np.uint8))[1:-1, 1:-1]
-            mask = np.ascontiguousarray(inner)
-        keypoints, descriptors = cv2.SIFT.create(MAX_FEATURES).detectAndCompute(grey, mask)
+        keypoints, descriptors = cv2.SIFT.create(MAX_FEATURES).detectAndCompute(grey, None)
         self.points: Floats = np.array([point.pt for point in keypoints], np.float64).reshape(-1, 2)
         self._descriptors = np.zeros((0, 128), np.float32) if descriptors is None else descriptors
 

@@ -12,9 +12,11 @@ from dvc.array_files import MAX_LABELS, read_pictures
 from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.camera_files import load_cameras
+from dvc.stereo.cameras import CalibratedViews
 from dvc.stereo.feature_matching import Features
 from dvc.stereo.rectification import rectify, usual_disparity
 from dvc.stereo.rectified_space import Rectification
+from dvc.stereo.refinement import refined_pair
 from dvc.stereo.resampling import resample
 
 Floats = NDArray[np.float64]
@@ -24,7 +26,8 @@ MAX_OFF_PLANE_PX = 10.0
 ROW_TOLERANCE_PX = 2.0
 """Matches farther than this from where (2.5) allows them are wrong."""
 QUANTILES = 0.01, 0.99
-MARGIN, MARGIN_PX = 0.2, 1.0
+FAR_MARGIN, NEAR_MARGIN, MARGIN_PX = 0.15, 0.35, 1.0
+"""Added to the range of known disparities: in parts of it, and in pixels. The nearest points are few."""
 MIN_MATCHES = 20
 MIN_LABELS = 16
 _MAX_PARTNERS = 8
@@ -87,6 +90,7 @@ def rectified_array(
     positions: Sequence[LatticePosition] | None = None,
     *,
     with_matches: bool = False,
+    keep_cameras: bool = False,
     advance: Callable[[int], None] = lambda _: None,
 ) -> RectifiedArray:
     """Read pictures and rectify them.
@@ -100,7 +104,9 @@ def rectified_array(
     positions : sequence of LatticePosition, optional
         Places of the cameras, one for each; found from their centres if None.
     with_matches : bool, optional
-        Look for matches between the rectified views even where points of the scene are known.
+        Look for matches between the views even where points of the scene are known.
+    keep_cameras : bool, optional
+        Take the calibration of a pair as it is, even where the rows of matches contradict it.
     advance : callable, optional
         Told the number of views that have just been finished.
 
@@ -118,6 +124,12 @@ def rectified_array(
         raise ConfigError(f"{len(paths)} views and {len(positions)} positions: one for each is needed")
     pictures = read_pictures(paths)
     views = load_cameras(cameras, paths, pictures)
+    features = []
+    if with_matches or len(pictures) == 2 or not len(views.points):
+        features = [Features(picture) for picture in pictures]
+    if len(pictures) == 2 and not keep_cameras:
+        refined = refined_pair(views.cameras, *features[0].match(features[1]))
+        views = CalibratedViews(refined, views.points)
     rectification = rectify(views.cameras, positions, views.points)
     stems = [Path(path).stem for path in paths]
     made = []
@@ -126,13 +138,12 @@ def rectified_array(
         everywhere = bool(valid.all())
         made.append(ArrayView(name, image, rectification.positions[index], None if everywhere else valid))
         advance(1)
-    array = CameraArray(tuple(made))
-    found = _range_of_points(rectification, views.points)
-    matches = row_matches(array) if with_matches or found is None else None
-    if found is None and matches is not None:
-        found = _range_of_matches(matches)
+    found, matches = _range_of_points(rectification, views.points), None
+    if features:
+        matches = row_matches(rectification.positions, features, rectification.rectified_points)
+        found = found or _range_of_matches(matches)
     off_plane_px = _checked_plane(rectification, found)
-    return RectifiedArray(array, rectification, found, off_plane_px, matches)
+    return RectifiedArray(CameraArray(tuple(made)), rectification, found, off_plane_px, matches)
 
 
 def _range_of_points(rectification: Rectification, points: Floats) -> tuple[float, float] | None:
@@ -162,7 +173,8 @@ def found_labels(array: CameraArray) -> DisparityLabels | None:
     DisparityLabels or None
         None if too few points match.
     """
-    found = _range_of_matches(row_matches(array))
+    positions, features = [view.position for view in array], [Features(view.image) for view in array]
+    found = _range_of_matches(row_matches(positions, features))
     return None if found is None else suggested_labels(*found)
 
 
@@ -198,43 +210,50 @@ def suggested_labels(lowest: float, highest: float) -> DisparityLabels:
     Returns
     -------
     DisparityLabels
-        With a margin of `MARGIN` of the range and `MARGIN_PX` on both sides, in steps of 1 px, or of the
+        With margins on both sides, in steps of 1 px, or of the
         largest power of 1/2 that gives `MIN_LABELS` disparities.
     """
-    extra = MARGIN * (highest - lowest) + MARGIN_PX
-    low, high = lowest - extra, highest + extra
+    low = lowest - FAR_MARGIN * (highest - lowest) - MARGIN_PX
+    high = highest + NEAR_MARGIN * (highest - lowest) + MARGIN_PX
     step = min(1.0, 2.0 ** math.floor(math.log2((high - low) / MIN_LABELS)))
     step = max(step, 2.0 ** math.ceil(math.log2((high - low) / (MAX_LABELS - 2))))
     first, last = math.floor(low / step), math.ceil(high / step)
     return DisparityLabels(first * step, step, last - first + 1)
 
 
-def row_matches(array: CameraArray) -> RowMatches:
+def row_matches(
+    positions: Sequence[LatticePosition],
+    features: Sequence[Features],
+    placed: Callable[[int, Floats], Floats] = lambda _, points: points,
+) -> RowMatches:
     """Match the reference view with those nearest to it.
 
     Parameters
     ----------
-    array : CameraArray
-        Rectified views.
+    positions : sequence of LatticePosition
+        Of the views.
+    features : sequence of Features
+        Of their pictures.
+    placed : callable, optional
+        Takes the number of a view and points (N, 2) of its picture, returns them in the rectified one.
 
     Returns
     -------
     RowMatches
         Matches within `ROW_TOLERANCE_PX` of (2.5).
     """
-    reference = array[array.reference]
-    others = sorted(
-        (view for view in array if view is not reference),
-        key=lambda view: math.dist(view.position, reference.position),
-    )
-    features = Features(reference.image, reference.valid)
+    places = np.array(positions)
+    distance = np.linalg.norm(places, axis=1)
+    reference = int(distance.argmin())
+    nearest = np.argsort(np.linalg.norm(places - places[reference], axis=1), kind="stable")
     disparities, residuals = [np.zeros(0)], [np.zeros(0)]
-    for view in others[:_MAX_PARTNERS]:
-        here, there = features.match(Features(view.image, view.valid))
-        baseline = np.array(view.position) - np.array(reference.position)
+    for index in nearest[1 : 1 + _MAX_PARTNERS]:
+        here, there = features[reference].match(features[index])
+        moved = placed(reference, here) - placed(int(index), there)
+        baseline = places[index] - places[reference]
         unit = baseline / np.linalg.norm(baseline)
-        across = (here - there) @ np.array([-unit[1], unit[0]])
+        across = moved @ np.array([-unit[1], unit[0]])
         kept = np.abs(across) <= ROW_TOLERANCE_PX
-        disparities.append(((here - there) @ unit / np.linalg.norm(baseline))[kept])
+        disparities.append((moved @ unit / np.linalg.norm(baseline))[kept])
         residuals.append(across[kept])
     return RowMatches(np.concatenate(disparities), np.concatenate(residuals))

@@ -109,7 +109,13 @@ def _views(
         labels, rectification = arguments.disparities or found_labels(array), None
     else:
         with cli.progress_bar("views", len(arguments.paths), arguments.quiet) as advance:
-            rectified = rectified_array(arguments.paths, arguments.cameras, positions, advance=advance)
+            rectified = rectified_array(
+                arguments.paths,
+                arguments.cameras,
+                positions,
+                keep_cameras=arguments.keep_cameras,
+                advance=advance,
+            )
         array, rectification = rectified.array, rectified.rectification
         labels = arguments.disparities or rectified.labels
     if labels is None:

@@ -63,7 +63,12 @@ def run(arguments: argparse.Namespace) -> int:
     positions = array_files.positions_of(arguments, arguments.paths)
     with cli.progress_bar("views", len(arguments.paths), arguments.quiet) as advance:
         rectified = rectified_array(
-            arguments.paths, arguments.cameras, positions, with_matches=True, advance=advance
+            arguments.paths,
+            arguments.cameras,
+            positions,
+            with_matches=True,
+            keep_cameras=arguments.keep_cameras,
+            advance=advance,
         )
     with atomic_folder(arguments.out) as folder:
         write_rectified(folder, rectified)
