@@ -13,6 +13,7 @@ EXAMPLES = """\
   dvc-sequences info street
   dvc-sequences render street --out street.mkv
   dvc-sequences render statue --out statue.y4m --size 176x144 --frames 25 --noise 1.5
+  dvc-sequences render toy --out toy
   dvc-sequences render stairway --out s.mkv --depth s_depth --cameras s_cameras.json --jobs 4
 """
 
@@ -37,9 +38,11 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_render(render: argparse.ArgumentParser) -> None:
     add = render.add_argument
-    add("name", metavar="NAME", help="a rendered scene: street, stairway or statue")
-    add("--out", required=True, metavar="FILE", help="video to write: .mkv (FFV1), .y4m or .mp4")
-    add("--size", type=cli.parse_size, default=(352, 288), metavar="WxH", help="pixels; default: 352x288")
+    add("name", metavar="NAME", help="a rendered scene: street, stairway, statue; or toy, of a camera array")
+    out = "video to write: .mkv (FFV1), .y4m or .mp4; of toy, a folder of pictures, depth and cameras"
+    add("--out", required=True, metavar="FILE", help=out)
+    size = "pixels; default: 352x288, of toy 320x240"
+    add("--size", type=cli.parse_size, metavar="WxH", help=size)
     cli.add_integer(render, "--frames", (1, MAX_NUMBER), "length; default: that of the scene, 50")
     cli.add_integer(render, "--start", (0, MAX_NUMBER), "first frame", default=0, metavar="K")
     cli.add_integer(render, "--seed", (0, MAX_NUMBER), "textures, plants, tremor, noise", default=0)
@@ -91,11 +94,20 @@ def _info(arguments: argparse.Namespace) -> int:
 
 def _render(arguments: argparse.Namespace) -> int:
     """Render a scene to files."""
+    from sequences.array_views import write_array
+    from sequences.scenes import arrays
     from sequences.sequence import RenderedSequence, render
+    from sequences.toy import POSITIONS
 
+    if arguments.name in arrays():
+        _check_array_options(arguments)
+        size = arguments.size or (320, 240)
+        with cli.progress_bar(arguments.name, len(POSITIONS)) as progress:
+            write_array(arguments.name, arguments.out, *size, seed=arguments.seed, progress=progress)
+        return 0
     sequence = RenderedSequence(
         arguments.name,
-        *arguments.size,
+        *(arguments.size or (352, 288)),
         start=arguments.start,
         num_frames=arguments.frames,
         seed=arguments.seed,
@@ -105,6 +117,23 @@ def _render(arguments: argparse.Namespace) -> int:
     with cli.progress_bar(sequence.name, sequence.num_frames) as progress, sequence:
         render(sequence, arguments.out, cameras=arguments.cameras, depth=arguments.depth, progress=progress)
     return 0
+
+
+def _check_array_options(arguments: argparse.Namespace) -> None:
+    from dvc.errors import ConfigError
+
+    given = {
+        "--frames": arguments.frames is not None,
+        "--start": arguments.start > 0,
+        "--noise": arguments.noise != 0.0,
+        "--depth": arguments.depth is not None,
+        "--cameras": arguments.cameras is not None,
+    }
+    wrong = next((option for option, told in given.items() if told), None)
+    if wrong is not None:
+        raise ConfigError(
+            f"{wrong} is for videos; {arguments.name} is a folder with depth and cameras anyway"
+        )
 
 
 def _work(arguments: argparse.Namespace) -> int:

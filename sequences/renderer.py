@@ -86,6 +86,38 @@ def render_frame(
     return RenderedFrame(to_frame(planes, noise_sigma, rng), depth, camera)
 
 
+def render_picture(
+    scene: Scene, index: int, width: int, height: int, *, samples: int = 3
+) -> tuple[NDArray[np.uint8], Singles, Camera]:
+    """Render a picture of a view of a camera array, as if by a perfect lens and sensor.
+
+    Parameters
+    ----------
+    scene : Scene
+        What `sequences.scenes.scene` returned.
+    index : int
+        Number of the view.
+    width, height : int
+        Size in pixels.
+    samples : int
+        As in `render_frame`.
+
+    Returns
+    -------
+    image : ndarray of shape (H, W, 3), uint8
+        Red, green, blue.
+    depth : ndarray of shape (H, W), float32
+        Along the optical axis at the pixel centres, metres; inf for the sky.
+    camera : Camera
+        Intrinsics and pose.
+    """
+    check_size(width, height, scene.description.name)
+    camera = scene.camera(index, width, height)
+    linear, depth = _radiance(scene, camera, samples)
+    coded = tone(linear * np.float32(scene.description.exposure))
+    return np.clip(np.floor(255.0 * coded + 0.5), 0, 255).astype(np.uint8), depth, camera
+
+
 def _radiance(scene: Scene, camera: Camera, samples: int) -> tuple[Singles, Singles]:
     """Return linear colour (H, W, 3) and depth (H, W) of a view."""
     height, width = camera.height_px, camera.width_px

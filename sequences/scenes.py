@@ -70,6 +70,19 @@ def descriptions() -> dict[str, Description]:
     return {module.DESCRIPTION.name: module.DESCRIPTION for module in (street, stairway, statue)}
 
 
+def arrays() -> dict[str, Description]:
+    """Return the scenes that a camera array sees, by name, without building them.
+
+    Returns
+    -------
+    dict of str to Description
+        A frame is a view; `sequences.array_views` renders them.
+    """
+    from sequences import toy
+
+    return {toy.DESCRIPTION.name: toy.DESCRIPTION}
+
+
 @lru_cache(maxsize=3)
 def scene(name: str, seed: int = 0, detail: float = 1.0) -> Scene:
     """Build a scene; the last three are kept.
@@ -77,7 +90,7 @@ def scene(name: str, seed: int = 0, detail: float = 1.0) -> Scene:
     Parameters
     ----------
     name : str
-        ``"street"``, ``"stairway"`` or ``"statue"``.
+        ``"street"``, ``"stairway"``, ``"statue"`` or ``"toy"``.
     seed : int
         Draws textures, plants, window contents and the tremor of the hand.
     detail : float
@@ -102,9 +115,10 @@ def scene(name: str, seed: int = 0, detail: float = 1.0) -> Scene:
         raise ValueError(f"`detail` must be in (0, 1], got {detail}")
     if seed < 0:
         raise ValueError(f"`seed` must not be negative, got {seed}")
-    if name not in descriptions():
-        raise ConfigError(f"no scene is called {name!r}; there are {', '.join(descriptions())}")
-    description = descriptions()[name]
+    known = descriptions() | arrays()
+    if name not in known:
+        raise ConfigError(f"no scene is called {name!r}; there are {', '.join(known)}")
+    description = known[name]
     mesh = description.geometry(np.random.default_rng([seed, 1]), detail)
     textures = build(used_materials(mesh.materials), seed)
     surface, light = illuminate(mesh, textures, description.weather, description.light.at(detail))

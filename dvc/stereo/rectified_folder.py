@@ -70,7 +70,7 @@ def preview(array: CameraArray) -> NDArray[np.uint8]:
     """
     order = sorted(range(len(array)), key=lambda index: array[index].position[::-1])
     shown = [order[k * len(order) // min(len(order), _MAX_SHOWN)] for k in range(min(len(order), _MAX_SHOWN))]
-    across = min(len(shown), math.ceil(math.sqrt(len(shown) + 1)))
+    across = 2 if len(shown) == 2 else math.ceil(math.sqrt(len(shown)))
     tiles = [_lined(array[index].image[:, :, ::-1]) for index in shown]
     tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % across)
     sheet = np.vstack([np.hstack(tiles[k : k + across]) for k in range(0, len(tiles), across)])

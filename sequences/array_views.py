@@ -1,0 +1,113 @@
+"""Pictures of a rendered camera array, with exact depth and cameras."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.files import atomic_folder
+from dvc.pfm import write_pfm
+from sequences.cameras import Camera
+from sequences.renderer import render_picture
+from sequences.scenes import scene
+from sequences.toy import POSITIONS
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedView:
+    """A picture of an array and the truth about it.
+
+    Attributes
+    ----------
+    position : tuple of int
+        Place (m, n) of its camera.
+    image : ndarray of shape (H, W, 3), uint8
+        Red, green, blue.
+    depth : ndarray of shape (H, W), float32
+        Along the optical axis, metres.
+    camera : Camera
+        Intrinsics and pose.
+    """
+
+    position: tuple[int, int]
+    image: NDArray[np.uint8]
+    depth: NDArray[np.float32]
+    camera: Camera
+
+    @property
+    def stem(self) -> str:
+        """Name of its files, without ending."""
+        return "toy-{}-{}".format(*self.position)
+
+
+def render_view(name: str, index: int, width: int = 320, height: int = 240, *, seed: int = 0) -> RenderedView:
+    """Render one view of an array.
+
+    Parameters
+    ----------
+    name : str
+        The array, ``"toy"``.
+    index : int
+        Number of the view, from 0.
+    width, height : int
+        Size in pixels.
+    seed : int
+        Draws textures.
+
+    Returns
+    -------
+    RenderedView
+        Picture, depth and camera.
+    """
+    image, depth, camera = render_picture(scene(name, seed), index, width, height)
+    return RenderedView(POSITIONS[index], image, depth, camera)
+
+
+def write_array(
+    name: str,
+    folder: str | Path,
+    width: int = 320,
+    height: int = 240,
+    *,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda _: None,
+) -> None:
+    """Write all views of an array: pictures, depth, `cameras.json` and `views.csv`.
+
+    Parameters
+    ----------
+    name : str
+        The array.
+    folder : str or Path
+        New or empty; gets `toy-M-N.png`, `depth-toy-M-N.pfm` (metres), the cameras as `dvc-stereo` reads
+        them (K, R, t, world to camera) and the table of places.
+    width, height : int
+        Size in pixels.
+    seed : int
+        Draws textures.
+    progress : callable, optional
+        Called with the number of views just done.
+
+    Raises
+    ------
+    DvcError
+        If something cannot be written.
+    """
+    cameras, rows = [], ["file,m,n"]
+    with atomic_folder(folder) as made:
+        for index in range(len(POSITIONS)):
+            view = render_view(name, index, width, height, seed=seed)
+            content = cv2.imencode(".png", view.image[:, :, ::-1])[1]
+            (made / f"{view.stem}.png").write_bytes(content.tobytes())
+            write_pfm(made / f"depth-{view.stem}.pfm", view.depth)
+            pose = view.camera.cam_from_world
+            entry = {"file": f"{view.stem}.png", "K": view.camera.K.tolist()}
+            cameras.append({**entry, "R": pose[:, :3].tolist(), "t": pose[:, 3].tolist()})
+            rows.append("{}.png,{},{}".format(view.stem, *view.position))
+            progress(1)
+        (made / "cameras.json").write_text(json.dumps(cameras, indent=1) + "\n", encoding="utf-8")
+        (made / "views.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
