@@ -115,8 +115,13 @@ def write_gallery(path: Path, gallery: Gallery) -> None:
     """
     scripts = {"early": asset(SHARED, "early.js"), "script": asset(SHARED, "gallery.js")}
     groups = [
-        {"name": group.name, "pictures": [_embedded(shown) for shown in group.pictures]}
-        for group in gallery.groups
+        {
+            "name": group.name,
+            "number": number,
+            "several": len(group.pictures) > 1,
+            "pictures": [_embedded(shown) for shown in group.pictures],
+        }
+        for number, group in enumerate(gallery.groups)
     ]
     text = template(SHARED, "gallery.html.j2").render(
         title=gallery.title,

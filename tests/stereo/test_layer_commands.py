@@ -46,7 +46,7 @@ def test_layers(surfaces: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert counts["num_layers"] == 3
     names = {f"{kind}-{layer}" for kind in ("colour", "votes") for layer in range(3)}
     expected = {f"{name}.png" for name in names} | {f"disparity-{layer}.pfm" for layer in range(3)}
-    expected |= {"layers.json", "preview-layers.png", "preview-values.png"}
+    expected |= {"layers.json", "preview-layers.png", "preview-values.png", "index.html"}
     assert {path.name for path in Path("layers").iterdir()} == expected
     preview = cv2.imread("layers/preview-values.png", cv2.IMREAD_GRAYSCALE)
     np.testing.assert_array_equal(preview, image.values_per_pixel * 85)
@@ -71,6 +71,8 @@ def test_sprites_of_layers_and_of_surfaces(surfaces: Path, capsys: pytest.Captur
     for path in Path("one").iterdir():
         assert path.read_bytes() == (Path("two") / path.name).read_bytes()
     assert (Path("one") / "preview-sprites.png").exists()
+    page = (Path("one") / "index.html").read_text(encoding="utf-8")
+    assert page.count('aria-labelledby="group-') == min(counts["num_sprites"], 40)
 
 
 @pytest.mark.parametrize("command", ["layers", "sprites"])

@@ -1,6 +1,7 @@
 (() => {
   "use strict";
   const block = document.querySelector("[data-compare]");
+  if (!block) return;
   const [group, left, right] = ["group", "left", "right"].map((name) => document.getElementById(name));
   const frame = block.querySelector(".compare"), range = block.querySelector("input");
   const sides = [[left, frame.querySelector(".under")], [right, frame.querySelector(".over")]];

@@ -71,9 +71,11 @@ def run(arguments: argparse.Namespace) -> int:
     import sys
 
     from dvc.files import atomic_folder
+    from dvc.page.gallery import write_gallery
     from dvc.stereo.export import write_shape
     from dvc.stereo.folder import read_reconstruction, write_png
     from dvc.stereo.layer_meshes import layers_shape
+    from dvc.stereo.layer_page import PAGE, layers_gallery
     from dvc.stereo.layer_pictures import draw_layers, draw_values_per_pixel
     from dvc.stereo.layered_depth_image import layered_depth_image
     from dvc.stereo.layers_folder import write_layers
@@ -87,6 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_layers(folder, image)
         write_png(folder / "preview-layers.png", draw_layers(image))
         write_png(folder / "preview-values.png", draw_values_per_pixel(image))
+        write_gallery(folder / PAGE, layers_gallery(image))
     for path in meshes:
         write_shape(path, layers_shape(image))
     if arguments.json is not None:

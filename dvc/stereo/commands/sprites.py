@@ -61,9 +61,11 @@ def run(arguments: argparse.Namespace) -> int:
     import sys
 
     from dvc.files import atomic_folder
+    from dvc.page.gallery import write_gallery
     from dvc.stereo.export import write_shape
     from dvc.stereo.folder import write_png
     from dvc.stereo.layer_meshes import sprites_shape
+    from dvc.stereo.layer_page import PAGE, sprites_gallery
     from dvc.stereo.layer_pictures import draw_sprites
     from dvc.stereo.sprites import extract_sprites
     from dvc.stereo.sprites_folder import write_sprites
@@ -76,6 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     with atomic_folder(arguments.out) as folder:
         write_sprites(folder, sprites)
         write_png(folder / "preview-sprites.png", draw_sprites(sprites))
+        write_gallery(folder / PAGE, sprites_gallery(sprites))
     for path in meshes:
         write_shape(path, sprites_shape(sprites))
     counts = _counts(image, sprites)
