@@ -30,7 +30,9 @@ def write_reconstruction(folder: Path, reconstruction: Reconstruction) -> None:
     """
     array, labels = reconstruction.array, reconstruction.labels
     for view, surface in zip(array, reconstruction.surfaces, strict=True):
-        files = _files(view.name)
+        files = _files(view)
+        if view.valid is not None:
+            write_png(folder / files["valid"], view.valid.astype(np.uint8) * 255)
         write_png(folder / files["image"], view.image[:, :, ::-1])
         write_pfm(folder / files["disparity"], surface.disparity)
         write_png(folder / files["occluded"], surface.occluded.astype(np.uint8) * 255)
@@ -43,7 +45,7 @@ def write_reconstruction(folder: Path, reconstruction: Reconstruction) -> None:
         "height": height,
         "disparities": labels._asdict(),
         "reference": array[array.reference].name,
-        "views": [{"name": v.name, "m": v.position.m, "n": v.position.n, **_files(v.name)} for v in array],
+        "views": [{"name": v.name, "m": v.position.m, "n": v.position.n, **_files(v)} for v in array],
         **reconstruction.figures,
     }
     (folder / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -101,13 +103,12 @@ def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
     path.write_bytes(content.tobytes())
 
 
-def _files(name: str) -> dict[str, str]:
-    return {
-        "image": f"view-{name}.png",
-        "disparity": f"disparity-{name}.pfm",
-        "occluded": f"occluded-{name}.png",
-        "confidence": f"confidence-{name}.png",
-    }
+def _files(view: ArrayView) -> dict[str, str]:
+    kinds = {"image": "view-{}.png", "disparity": "disparity-{}.pfm"}
+    kinds |= {kind: f"{kind}-{{}}.png" for kind in ("occluded", "confidence")}
+    if view.valid is not None:
+        kinds["valid"] = "valid-{}.png"
+    return {kind: name.format(view.name) for kind, name in kinds.items()}
 
 
 def _index(path: Path) -> dict[str, Any]:
@@ -124,20 +125,22 @@ def _index(path: Path) -> dict[str, Any]:
 
 def _read_view(folder: Path, entry: dict[str, Any], shape: tuple[int, int]) -> tuple[ArrayView, Surface]:
     paths = {}
-    for kind in ("image", "disparity", "occluded", "confidence"):
+    for kind in ("image", "disparity", "occluded", "confidence", "valid"):
+        if kind == "valid" and kind not in entry:
+            continue
         name = str(entry[kind])
         if Path(name).name != name:
             raise DvcError(f"{folder / INDEX}: {name} lies outside the folder")
         paths[kind] = folder / name
     position = LatticePosition(float(entry["m"]), float(entry["n"]))
     image, disparity = read_picture(paths["image"]), read_pfm(paths["disparity"])
-    occluded, confidence = (read_picture(paths[kind])[:, :, 0] for kind in ("occluded", "confidence"))
-    for path, found in zip(
-        paths.values(), (image.shape[:2], disparity.shape, occluded.shape, confidence.shape), strict=True
-    ):
-        if found != shape:
+    occluded, confidence, *seen = (read_picture(path)[:, :, 0] for path in list(paths.values())[2:])
+    planes = (image[:, :, 0], disparity, occluded, confidence, *seen)
+    for path, plane in zip(paths.values(), planes, strict=True):
+        if (found := plane.shape) != shape:
             raise DvcError(f"{path}: {found[1]}x{found[0]}, expected {shape[1]}x{shape[0]}")
     if not (np.isfinite(disparity).all() and np.isfinite(position).all()):
         raise DvcError(f"{paths['disparity']}: not finite")
     surface = Surface(disparity, occluded > 127, (confidence / 255.0).astype(np.float32))
-    return ArrayView(str(entry["name"]), image, position), surface
+    valid = seen[0] > 127 if seen else None
+    return ArrayView(str(entry["name"]), image, position, valid), surface

@@ -69,7 +69,9 @@ class RectifiedArray:
     off_plane_px : ndarray of shape (N,), float64
         How far at most (2.5) fails in each view because its camera is not in the plane of all.
     matches : RowMatches or None
-        Matches between the rectified views, if they were looked for.
+        Matches between the views, if they were looked for.
+    refined : bool
+        Whether the calibration of a pair was changed to agree with them.
     """
 
     array: CameraArray
@@ -77,6 +79,7 @@ class RectifiedArray:
     disparities: tuple[float, float] | None
     off_plane_px: Floats
     matches: RowMatches | None
+    refined: bool = False
 
     @property
     def labels(self) -> DisparityLabels | None:
@@ -127,8 +130,9 @@ def rectified_array(
     features = []
     if with_matches or len(pictures) == 2 or not len(views.points):
         features = [Features(picture) for picture in pictures]
+    given = views.cameras
     if len(pictures) == 2 and not keep_cameras:
-        refined = refined_pair(views.cameras, *features[0].match(features[1]))
+        refined = refined_pair(given, *features[0].match(features[1]))
         views = CalibratedViews(refined, views.points)
     rectification = rectify(views.cameras, positions, views.points)
     stems = [Path(path).stem for path in paths]
@@ -143,7 +147,8 @@ def rectified_array(
         matches = row_matches(rectification.positions, features, rectification.rectified_points)
         found = found or _range_of_matches(matches)
     off_plane_px = _checked_plane(rectification, found)
-    return RectifiedArray(CameraArray(tuple(made)), rectification, found, off_plane_px, matches)
+    array, refined_cameras = CameraArray(tuple(made)), views.cameras != given
+    return RectifiedArray(array, rectification, found, off_plane_px, matches, refined_cameras)
 
 
 def _range_of_points(rectification: Rectification, points: Floats) -> tuple[float, float] | None:

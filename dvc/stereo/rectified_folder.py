@@ -49,6 +49,7 @@ def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
         "disparities": None if labels is None else labels._asdict(),
         "num_matches": None if matches is None else len(matches.disparities),
         "row_rms_px": None if matches is None else matches.rms_px,
+        "cameras_refined": rectified.refined,
         "off_plane_px": [float(value) for value in rectified.off_plane_px],
         **rectified.rectification.to_dict(),
     }

@@ -86,6 +86,8 @@ def _summary(rectified: "RectifiedArray") -> str:
     ]
     if matches is not None and matches.rms_px is not None:
         lines.append(f"rows of {len(matches.disparities)} matches: {matches.rms_px:.2f} px rms")
+    if rectified.refined:
+        lines.append("the calibration was tilted and rolled to agree with them; --keep-cameras keeps it")
     if labels is not None:
         lines.append(f"disparities: {labels.lowest:g}:{labels.highest:g}:{labels.step:g}")
     return "".join(f"{line}\n" for line in lines)
