@@ -135,9 +135,9 @@ def _read_view(folder: Path, entry: dict[str, Any], shape: tuple[int, int]) -> t
     position = LatticePosition(float(entry["m"]), float(entry["n"]))
     image, disparity = read_picture(paths["image"]), read_pfm(paths["disparity"])
     occluded, confidence, *seen = (read_picture(path)[:, :, 0] for path in list(paths.values())[2:])
-    planes = (image[:, :, 0], disparity, occluded, confidence, *seen)
-    for path, plane in zip(paths.values(), planes, strict=True):
-        if (found := plane.shape) != shape:
+    shapes = [image.shape[:2], disparity.shape, *(plane.shape for plane in (occluded, confidence, *seen))]
+    for path, found in zip(paths.values(), shapes, strict=True):
+        if found != shape:
             raise DvcError(f"{path}: {found[1]}x{found[0]}, expected {shape[1]}x{shape[0]}")
     if not (np.isfinite(disparity).all() and np.isfinite(position).all()):
         raise DvcError(f"{paths['disparity']}: not finite")

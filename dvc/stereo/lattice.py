@@ -18,8 +18,8 @@ Floats = NDArray[np.float64]
 
 LINE_RATIO = 0.05
 """A set of centres that is narrower than this part of its length is a line."""
-MAX_TILT_DEG = 60.0
-"""Between the normal of a plane of cameras and their mean optical axis; beyond, the plane is not used."""
+MAX_TILT_DEG = 45.0
+"""Between the normal of a plane of cameras and their mean axis; beyond, a plane facing the scene is taken."""
 _NEAR_LATTICE = 0.2
 _MAX_ASPECT, _MAX_SKEW = 2.0, 0.25
 _NUM_CANDIDATES = 8
@@ -192,14 +192,17 @@ def assign_positions(centres: Floats, orientation: Orientation) -> tuple[Lattice
     _, spread, axes = np.linalg.svd(offset, full_matrices=True)
     normal = axes[2] * (1.0 if axes[2] @ orientation.forward >= 0.0 else -1.0)
     tilted = normal @ orientation.forward < np.cos(np.radians(MAX_TILT_DEG))
-    if len(centres) < 3 or spread[1] < LINE_RATIO * spread[0] or tilted:
+    if len(centres) < 3 or spread[1] < LINE_RATIO * spread[0]:
         places = _places_on_line(offset, axes[0], orientation)
     else:
+        normal = orientation.forward if tilted else normal
         right = orientation.right - (orientation.right @ normal) * normal
         right /= np.linalg.norm(right)
-        places = _places_in_plane(offset @ np.column_stack([right, np.cross(normal, right)]))
-        if not _is_whole(places):
-            return _square_lattice(centres, places, right, normal)
+        points = offset @ np.column_stack([right, np.cross(normal, right)])
+        found = None if tilted else _whole_places(points)
+        if found is None:
+            return _square_lattice(centres, _neighbour_units(points), right, normal)
+        places = found
     lattice = fit_lattice(centres, places, orientation)
     return upright(lattice, places, orientation)
 
@@ -243,10 +246,6 @@ def as_positions(places: Floats) -> tuple[LatticePosition, ...]:
     return tuple(LatticePosition(float(m), float(n)) for m, n in places)
 
 
-def _is_whole(places: Floats) -> bool:
-    return bool((places == np.rint(places)).all())
-
-
 def _places_on_line(offset: Floats, direction: Floats, orientation: Orientation) -> Floats:
     """Return (t, 0) or (0, t) of centres on a line, as it leads rather to the right or rather downwards."""
     across, down = float(direction @ orientation.right), float(direction @ orientation.down)
@@ -276,8 +275,8 @@ def _whole_numbers(place: Floats) -> Floats | None:
     return whole if near and np.ptp(whole) <= 8 * len(whole) else None
 
 
-def _places_in_plane(points: Floats) -> Floats:
-    """Return whole numbers if points of a plane form a nearly rectangular lattice, else (x, y) in units."""
+def _whole_places(points: Floats) -> Floats | None:
+    """Return whole numbers if points of a plane form a nearly rectangular lattice."""
     points = points - points[_middle(points)]
     differences = (points[:, None] - points[None]).reshape(-1, 2)
     order = np.argsort(np.linalg.norm(differences, axis=1), kind="stable")
@@ -292,8 +291,17 @@ def _places_in_plane(points: Floats) -> Floats:
         places = _lattice_places(points, v1, v2)
         if places is not None:
             return places
+    return None
+
+
+def _neighbour_units(points: Floats) -> Floats:
+    """Return points of a plane about the middle one, in median distances of nearest neighbours."""
+    points = points - points[_middle(points)]
     apart = np.linalg.norm(points[:, None] - points[None], axis=2) + np.diag(np.full(len(points), np.inf))
-    return np.asarray(points / np.median(apart.min(axis=1)))
+    nearest = np.median(apart.min(axis=1))
+    if not nearest > 0.0:
+        raise ConfigError("cameras stand one behind the other: such views cannot be rectified")
+    return np.asarray(points / nearest)
 
 
 def _distinct(vectors: Floats) -> list[Floats]:
@@ -324,7 +332,8 @@ def _lattice_places(points: Floats, v1: Floats, v2: Floats) -> Floats | None:
 def _square_lattice(centres: Floats, places: Floats, right: Floats, normal: Floats) -> tuple[Lattice, Floats]:
     """Return the lattice of square cells in which centres have real-valued places."""
     offset = centres - centres.mean(axis=0)
-    unit = float(np.ptp(offset @ right) / np.ptp(places[:, 0]))
+    along = right if np.ptp(places[:, 0]) >= np.ptp(places[:, 1]) else np.cross(normal, right)
+    unit = float(np.ptp(offset @ along) / np.ptp(places, axis=0).max())
     middle = int(np.argmin(np.abs(places).sum(axis=1)))
     origin = centres[middle] - (offset[middle] @ normal) * normal
     return Lattice(origin, unit * right, unit * np.cross(normal, right)), places

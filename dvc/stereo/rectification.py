@@ -64,22 +64,23 @@ def rectify(
         lattice, places = assign_positions(centres, orientation)
     else:
         told = np.array(positions, dtype=np.float64)
+        _check_apart(cameras, told, "have one position")
         lattice, places = upright(fit_lattice(centres, told, orientation), told, orientation)
     focal = float(np.mean([camera.focal_length_px for camera in cameras]))
     width = max(camera.size[0] for camera in cameras)
     lowest, highest = _disparity_range(lattice, places, points, focal, width)
     places = snapped(lattice, centres, places, POSITION_TOLERANCE_PX / highest)
-    _check_apart(cameras, places)
+    _check_apart(cameras, places, "were taken from one place")
     middle = 0.5 * (lowest + highest)
     bare = Rectification(tuple(cameras), lattice, as_positions(places), focal, middle)
     return _cropped(bare)
 
 
-def _check_apart(cameras: Sequence[Camera], places: Floats) -> None:
+def _check_apart(cameras: Sequence[Camera], places: Floats, message: str) -> None:
     apart = np.linalg.norm(places[:, None] - places[None], axis=2) + np.diag(np.full(len(places), np.inf))
     first, second = np.unravel_index(apart.argmin(), apart.shape)
-    if apart[first, second] < 1e-3 * np.ptp(places, axis=0).max():
-        raise ConfigError(f"{cameras[first].name} and {cameras[second].name} were taken from one place")
+    if apart[first, second] <= 1e-3 * np.ptp(places, axis=0).max():
+        raise ConfigError(f"{cameras[first].name} and {cameras[second].name} {message}")
 
 
 def mean_orientation(cameras: Sequence[Camera]) -> Orientation:

@@ -1,4 +1,4 @@
-"""Cameras as files: JSON, projection matrices, rows counted upwards, Middlebury's, COLMAP's, and what is refused."""
+"""Cameras as files: JSON, projection matrices, rows counted upwards, Middlebury's, COLMAP's; bad files."""
 
 import json
 from pathlib import Path

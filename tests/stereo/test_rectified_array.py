@@ -1,0 +1,203 @@
+"""From pictures to rectified views: the rendered array, the real sets against OpenCV, ranges, bad input."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dvc.array_files import read_picture
+from dvc.errors import ConfigError, DvcError
+from dvc.multiview.camera_array import LatticePosition
+from dvc.pfm import read_pfm
+from dvc.stereo.camera_files import load_cameras
+from dvc.stereo.cameras import Camera
+from dvc.stereo.feature_matching import Features
+from dvc.stereo.rectification import rectify
+from dvc.stereo.rectified_array import rectified_array, suggested_labels
+from dvc.stereo.rectified_space import Rectification
+from dvc.stereo.refinement import refined_pair
+from dvc.stereo.resampling import metric_depth
+from sequences.array_views import write_array
+from tests.stereo.calibrations import write_ballet, write_fern, write_sport
+from tests.stereo.data import real_set
+from tests.stereo.rigs import random_rig
+
+
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Render the toy array."""
+    folder = tmp_path_factory.mktemp("array") / "toy"
+    write_array("toy", folder)
+    return folder
+
+
+def views_of(folder: Path) -> list[Path]:
+    return sorted(folder.glob("toy-*.png"))
+
+
+def test_toy_is_rectified_to_its_lattice(toy: Path) -> None:
+    """Places are found, rows and columns of matches agree, and the range holds the true disparities."""
+    found = rectified_array(views_of(toy), toy / "cameras.json")
+    assert [tuple(p) for p in found.rectification.positions] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert found.matches is not None
+    assert found.matches.rms_px is not None
+    assert found.matches.rms_px < 0.4
+    assert found.off_plane_px.max() < 1e-6
+    labels = found.labels
+    assert labels is not None
+    for index, path in enumerate(views_of(toy)):
+        truth = true_disparity(toy, path, found.rectification, index)
+        assert labels.lowest <= np.quantile(truth, 0.01)
+        assert np.quantile(truth, 0.99) <= labels.highest
+
+
+def true_disparity(toy: Path, path: Path, rectification: Rectification, index: int) -> np.ndarray:
+    camera = rectification.cameras[index]
+    depth = read_pfm(toy / f"depth-{path.stem}.pfm").astype(np.float64)
+    y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(camera.K).T
+    points = (rays * depth[:, :, None]).reshape(-1, 3) @ camera.R + camera.centre
+    return rectification.disparities(points).reshape(depth.shape)
+
+
+def test_true_disparities_of_toy_give_its_depth_back(toy: Path) -> None:
+    """The exact depth, through the rectified space and back."""
+    paths = views_of(toy)
+    pictures = [read_picture(path) for path in paths]
+    found = rectify(load_cameras(toy / "cameras.json", paths, pictures).cameras)
+    for index, path in enumerate(paths):
+        depth = metric_depth(found, index, true_disparity(toy, path, found, index).astype(np.float32))
+        np.testing.assert_allclose(depth, read_pfm(toy / f"depth-{path.stem}.pfm"), rtol=1e-5)
+
+
+def test_cameras_of_toy_are_estimated(toy: Path) -> None:
+    """From plain pictures alone: the same lattice, and rows and columns that agree; the same result again."""
+    found = rectified_array(views_of(toy), "auto", with_matches=True)
+    places = np.array(found.rectification.positions)
+    np.testing.assert_allclose(places - places[0], [[0, 0], [0, 1], [1, 0], [1, 1]], atol=0.05)
+    assert found.matches is not None
+    assert found.matches.rms_px is not None
+    assert found.matches.rms_px < 0.5
+    assert found.labels is not None
+    again = rectified_array(views_of(toy), "auto")
+    assert again.rectification.to_dict() == found.rectification.to_dict()
+
+
+def test_two_views_of_toy_are_estimated(toy: Path) -> None:
+    """A pair without calibration: left and right, rows agree."""
+    paths = views_of(toy)
+    found = rectified_array([paths[0], paths[2]], "auto")
+    assert [tuple(position) for position in found.rectification.positions] == [(0, 0), (1, 0)]
+    assert found.matches is not None
+    assert found.matches.rms_px is not None
+    assert found.matches.rms_px < 0.5
+
+
+def matches_and_inliers(paths: list[Path]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """Match two pictures, and keep what one epipolar geometry explains."""
+    pictures = [read_picture(path) for path in paths]
+    first, second = Features(pictures[0]).match(Features(pictures[1]))
+    _, mask = cv2.findFundamentalMat(first, second, cv2.USAC_MAGSAC, 1.5, 0.9999, 20000)
+    kept = mask.ravel() > 0
+    return pictures, first[kept], second[kept]
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
+
+
+def opencv_rows(cameras: tuple[Camera, ...], first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    a, b = cameras
+    R = b.R @ a.R.T
+    none = np.zeros(5)
+    turns = cv2.stereoRectify(a.K, none, b.K, none, a.size, R, (b.t - R @ a.t)[:, None], alpha=-1)
+    rows = [
+        cv2.undistortPoints(points[:, None], camera.K, none, R=turns[k], P=turns[2 + k])[:, 0, 1]
+        for k, (camera, points) in enumerate(((a, first), (b, second)))
+    ]
+    return rows[0] - rows[1]
+
+
+@pytest.mark.parametrize("name", ["sport", "ballet"])
+def test_rows_agree_better_than_those_of_opencv(name: str, tmp_path: Path) -> None:
+    """Of real verging cameras, rows of matches differ less than after `cv2.stereoRectify`."""
+    folder = real_set(name)
+    write = {"sport": write_sport, "ballet": write_ballet}[name]
+    file = write(folder, tmp_path / "cameras.json")
+    paths = sorted(folder.glob("*.png"))
+    pictures, first, second = matches_and_inliers(paths)
+    found = rectified_array(paths, file).rectification
+    rows = found.rectified_points(0, first)[:, 1] - found.rectified_points(1, second)[:, 1]
+    given = load_cameras(file, paths, pictures).cameras
+    assert rms(rows) < rms(opencv_rows(given, first, second))
+    kept = rectified_array(paths, file, keep_cameras=True).rectification
+    rows = kept.rectified_points(0, first)[:, 1] - kept.rectified_points(1, second)[:, 1]
+    scale = kept.focal_length_px / min(camera.K[1, 1] for camera in given)
+    assert rms(rows) <= 1.02 * scale * rms(opencv_rows(given, first, second))
+
+
+def test_fern_has_real_places_near_its_irregular_grid(tmp_path: Path) -> None:
+    """Twenty hand-held cameras: real-valued places, nearly a plane, rows and columns that agree."""
+    folder = real_set("fern")
+    paths = sorted(folder.glob("*.png"))
+    found = rectified_array(paths, write_fern(folder, tmp_path / "c.json"), with_matches=True)
+    places = np.array(found.rectification.positions)
+    assert np.abs(places - np.rint(places)).max() > 0.2
+    assert found.off_plane_px.max() < 6.0
+    assert found.matches is not None
+    assert found.matches.rms_px is not None
+    assert found.matches.rms_px < 0.8
+    assert found.array.shape[0] < 2 * 378
+    assert found.array.shape[1] < 2 * 504
+
+
+def test_tilted_calibration_is_put_right() -> None:
+    """Two cameras whose tilt and roll are wrong agree with exact matches afterwards; good ones stay."""
+    rig = random_rig(21, [(0.0, 0.0), (1.0, 0.0)], turn=0.05)
+    rng = np.random.default_rng(0)
+    middle = np.mean([camera.centre for camera in rig], axis=0)
+    forward = np.mean([camera.R[2] for camera in rig], axis=0)
+    points = middle + rng.uniform(6, 20, (200, 1)) * (forward + rng.uniform(-0.25, 0.25, (200, 3)))
+    seen = [np.column_stack([points, np.ones(200)]) @ camera.projection.T for camera in rig]
+    first, second = (image[:, :2] / image[:, 2:] for image in seen)
+    assert refined_pair(rig, first, second) == tuple(rig)
+    turn = Rotation.from_rotvec(np.radians([0.5, 0.0, 0.4])).as_matrix()
+    wrong = replace(rig[1], R=turn @ rig[1].R, t=-turn @ rig[1].R @ rig[1].centre)
+    fixed = rectify(refined_pair([rig[0], wrong], first, second))
+    rows = fixed.rectified_points(0, first)[:, 1] - fixed.rectified_points(1, second)[:, 1]
+    assert rms(rows) < 0.15
+
+
+def test_labels_hold_the_range_in_steps_that_suit_it() -> None:
+    """Whole pixels where these are enough, fractions for small ranges, coarser ones for huge ranges."""
+    for low, high, step in ((0.0, 60.0, 1.0), (-3.0, 2.5, 0.5), (0.0, 0.5, 0.125), (0.0, 9000.0, 4.0)):
+        labels = suggested_labels(low, high)
+        assert labels.step == step
+        assert labels.lowest < low < high < labels.highest
+        assert 16 <= labels.num_labels <= 4096
+
+
+def test_cameras_off_the_plane_are_told_in_pixels(toy: Path, tmp_path: Path) -> None:
+    """One of four cameras moved towards the scene: how far off in pixels, and what is accepted."""
+    cameras = json.loads((toy / "cameras.json").read_text())
+    cameras[3]["t"] = (np.array(cameras[3]["t"]) - [0, 0, 0.3]).tolist()
+    moved = tmp_path / "moved.json"
+    moved.write_text(json.dumps(cameras))
+    with pytest.raises(DvcError, match=r"do not stand in a plane: toy-\d-\d\.png is off by up to [\d.]+ px"):
+        rectified_array(views_of(toy), moved)
+
+
+def test_given_places_are_kept_or_become_real(toy: Path) -> None:
+    """Mirrored places are turned to the scene; a place that is wrong by half a cell is found."""
+    mirrored = [LatticePosition(float(m), -float(n)) for m in (0, 1) for n in (0, 1)]
+    found = rectified_array(views_of(toy), toy / "cameras.json", mirrored)
+    assert [tuple(p) for p in found.rectification.positions] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    wrong = [LatticePosition(*place) for place in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.5, 1.0))]
+    found = rectified_array(views_of(toy), toy / "cameras.json", wrong)
+    assert np.array(found.rectification.positions).round(3).tolist() != [list(p) for p in wrong]
+    with pytest.raises(ConfigError, match="4 views and 2 positions"):
+        rectified_array(views_of(toy), toy / "cameras.json", wrong[:2])
