@@ -57,6 +57,7 @@ reproduce: $(INSTALLED)  ## measure the tables and figures of the thesis, quickl
 pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real clips in results/
 	$(BIN)/python -m benchmarks.pictures.scene
 	$(BIN)/python -m benchmarks.pictures.tracks
+	$(BIN)/python -m benchmarks.pictures.stereo
 
 format: $(INSTALLED)  ## format the code
 	$(BIN)/ruff format .

@@ -1,0 +1,163 @@
+"""Draw surfaces, errors and occlusions for `docs/stereo.md`, and chapter 2 of the thesis into `results`.
+
+Photographs of the real sets are not the project's to show: in `docs` there are maps of them, no pictures.
+"""
+
+import argparse
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.figures.harness import MissingClip, run_module
+from benchmarks.figures.stereo.calibrations import write_cameras
+from benchmarks.figures.stereo.runs import data_folder, reconstruction_folder
+from benchmarks.pictures.drawing import Picture, write_picture
+from dvc import cli
+from dvc.stereo.drawing import colour_disparity, colour_error, in_rows, with_title
+from dvc.stereo.evaluation import disparity_error, read_mask
+from dvc.stereo.folder import read_reconstruction
+from dvc.stereo.opencv_baseline import semi_global_baseline
+from dvc.stereo.real_sets import PAIRS
+from dvc.stereo.surfaces import Reconstruction
+
+PROG = "python -m benchmarks.pictures.stereo"
+EXAMPLES = """\
+  python -m benchmarks.pictures.stereo             all of them; minutes
+  python -m benchmarks.pictures.stereo --name toy  one
+"""
+FOLDER = Path("docs") / "stereo"
+RESULTS = Path("results") / "stereo"
+CALIBRATED = {"sport": 2, "ballet": 2, "fern": 3}
+"""Sets that are not rectified, and how many maps of each are shown."""
+
+
+def _maps(found: Reconstruction, indices: Sequence[int]) -> Picture:
+    low, high = found.labels.lowest, found.labels.highest
+    panels = []
+    for index in indices:
+        view, surface = found.array[index], found.surfaces[index]
+        disparity = (
+            surface.disparity if view.valid is None else np.where(view.valid, surface.disparity, np.nan)
+        )
+        panels.append(with_title(colour_disparity(disparity, low, high), view.name))
+    return in_rows(panels, len(panels))
+
+
+def draw_toy() -> list[Path]:
+    """Draw the rendered array: views after rectification, their disparities and occlusions."""
+    with tempfile.TemporaryDirectory() as scratch:
+        source, folder, rectified = (Path(scratch) / name for name in ("toy", "surfaces", "rectified"))
+        run_module("sequences", ["render", "toy", "--out", source])
+        views, cameras = sorted(source.glob("toy-*.png")), ["--cameras", source / "cameras.json"]
+        run_module("dvc.stereo", ["rectify", *views, *cameras, "--out", rectified, "--quiet"])
+        run_module("dvc.stereo", ["reconstruct", *views, *cameras, "--out", folder, "--quiet"])
+        found = read_reconstruction(folder)
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        shutil.copy(rectified / "preview.png", FOLDER / "toy-rectified.png")
+    hidden = [
+        with_title(surface.occluded.astype(np.uint8) * 255, f"{view.name}: in no other view")
+        for view, surface in zip(found.array, found.surfaces, strict=True)
+    ]
+    rows = [_maps(found, range(len(found.array))), in_rows(hidden, len(hidden))]
+    write_picture(FOLDER / "toy.jpg", in_rows(rows, 1))
+    return [FOLDER / "toy-rectified.png", FOLDER / "toy.jpg"]
+
+
+def draw_pairs() -> list[Path]:
+    """Draw disparities and errors of the Middlebury pairs, and the errors of StereoSGBM."""
+    panels = []
+    for name, one in PAIRS.items():
+        data = data_folder(name)
+        with reconstruction_folder(one.pair_files(data), one.disparities) as (folder, _):
+            found = read_reconstruction(folder)
+        truth, mask = one.true_disparity(data), read_mask(data / name / "all.png")
+        left, right = found.array
+        ours = found.surfaces[0].disparity
+        theirs = semi_global_baseline(left.image, right.image, one.labels.highest)
+        panels.append(with_title(colour_disparity(ours, one.labels.lowest, one.labels.highest), name))
+        for told, disparity in (("errors", ours), ("errors of StereoSGBM", theirs)):
+            error, counted = disparity_error(disparity, truth, mask)
+            bad = 100.0 * float(np.mean(error[counted] > 1.0))
+            panels.append(with_title(colour_error(error, counted), f"{told}: {bad:.2f} % bad"))
+    write_picture(FOLDER / "pairs.jpg", in_rows(panels, 3))
+    return [FOLDER / "pairs.jpg"]
+
+
+def draw_calibrated() -> list[Path]:
+    """Draw disparities of real pictures that are not rectified: sport, ballet, fern."""
+    written = []
+    for name, count in CALIBRATED.items():
+        source = data_folder(name) / name
+        with tempfile.TemporaryDirectory() as scratch:
+            folder, cameras = Path(scratch) / "surfaces", Path(scratch) / "cameras.json"
+            paths = write_cameras(source, cameras)
+            run_module(
+                "dvc.stereo", ["reconstruct", *paths, "--cameras", cameras, "--out", folder, "--quiet"]
+            )
+            found = read_reconstruction(folder)
+            shutil.rmtree(RESULTS / name, ignore_errors=True)
+            shutil.copytree(folder, RESULTS / name)
+        chosen = [found.array.reference, *(k for k in range(len(found.array)) if k != found.array.reference)]
+        write_picture(FOLDER / f"{name}.jpg", _maps(found, chosen[:count]))
+        written.append(FOLDER / f"{name}.jpg")
+    return written
+
+
+def draw_chapter() -> list[Path]:
+    """Measure chapter 2; its tables go to `docs`, its figures, which show real pictures, to `results`."""
+    data, folder = data_folder("tsukuba"), RESULTS / "chapter2"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    run_module("dvc.stereo", ["reproduce", "--data", data, "--out", folder, "--quiet"])
+    text = (folder / "chapter2.md").read_text(encoding="utf-8")
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    (FOLDER / "tables.md").write_text(text.partition("\n![")[0] + "\n", encoding="utf-8")
+    for number in ("2.4", "2.5", "2.10"):
+        shutil.copy(folder / f"figure-{number}.png", FOLDER / f"figure-{number}.png")
+    return [FOLDER / "tables.md", folder / "index.html"]
+
+
+PICTURES: dict[str, Callable[[], list[Path]]] = {
+    "toy": draw_toy,
+    "pairs": draw_pairs,
+    "calibrated": draw_calibrated,
+    "chapter": draw_chapter,
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    parser = cli.ArgumentParser(PROG, "Draw the pictures of docs/stereo.md.", EXAMPLES)
+    parser.add_argument("--name", choices=PICTURES, help="only these")
+    arguments: argparse.Namespace = parser.parse_args(argv)
+    return cli.run(PROG, lambda: _draw([arguments.name] if arguments.name else list(PICTURES)))
+
+
+def _draw(names: Sequence[str]) -> int:
+    for name in names:
+        try:
+            paths = PICTURES[name]()
+        except MissingClip as err:
+            print(f"{name}: {err}", file=sys.stderr)
+            continue
+        print(f"{name}: " + ", ".join(map(str, paths)), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
