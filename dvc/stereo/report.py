@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
-from dvc.multiview.camera_array import CameraArray, DisparityLabels
+from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.page.gallery import Gallery, Group, Shown, Table, write_gallery
 from dvc.stereo.drawing import Picture, colour_disparity, colour_error, disparity_legend
 from dvc.stereo.evaluation import disparity_error, evaluate
@@ -95,7 +95,7 @@ def reported(
     """
     array, labels = reconstruction.array, reconstruction.labels
     surfaces = [
-        {"name": view.name, **_surface_figures(surface, labels)}
+        {"name": view.name, **_surface_figures(view, surface, labels)}
         for view, surface in zip(array, reconstruction.surfaces, strict=True)
     ]
     figures: dict[str, Any] = {
@@ -149,7 +149,7 @@ def write_previews(folder: Path, reconstruction: Reconstruction, truth: Truth | 
     array = reconstruction.array
     groups = []
     for index, (view, surface) in enumerate(zip(array, reconstruction.surfaces, strict=True)):
-        coloured = _coloured(surface, reconstruction.labels)
+        coloured = _coloured(view, surface, reconstruction.labels)
         legend = disparity_legend(array.shape[1], reconstruction.labels.lowest, reconstruction.labels.highest)
         write_png(folder / f"preview-{view.name}.png", np.vstack([coloured, legend]))
         error = None
@@ -162,13 +162,16 @@ def write_previews(folder: Path, reconstruction: Reconstruction, truth: Truth | 
     write_gallery(folder / PAGE, _gallery(reconstruction, groups))
 
 
-def _surface_figures(surface: Surface, labels: DisparityLabels) -> dict[str, float]:
-    label = labels.label(surface.disparity)
+def _surface_figures(view: ArrayView, surface: Surface, labels: DisparityLabels) -> dict[str, float]:
+    """Count what the camera has seen; what rectification leaves empty does not count."""
+    seen = np.ones(view.shape, np.bool_) if view.valid is None else view.valid
+    disparity = surface.disparity[seen]
+    label = labels.label(disparity)
     return {
-        "lowest_px": float(surface.disparity.min()),
-        "highest_px": float(surface.disparity.max()),
-        "occluded_percent": 100.0 * float(surface.occluded.mean()),
-        "mean_confidence": float(surface.confidence.mean(dtype=np.float64)),
+        "lowest_px": float(disparity.min()),
+        "highest_px": float(disparity.max()),
+        "occluded_percent": 100.0 * float(surface.occluded[seen].mean()),
+        "mean_confidence": float(surface.confidence[seen].mean(dtype=np.float64)),
         "at_first_percent": 100.0 * float(np.mean(label == 0)),
         "at_last_percent": 100.0 * float(np.mean(label == labels.num_labels - 1)),
     }
@@ -189,8 +192,9 @@ def _range_warnings(surfaces: Sequence[dict[str, Any]], labels: DisparityLabels)
     return told
 
 
-def _coloured(surface: Surface, labels: DisparityLabels) -> Picture:
-    return colour_disparity(surface.disparity, labels.lowest, labels.highest)
+def _coloured(view: ArrayView, surface: Surface, labels: DisparityLabels) -> Picture:
+    disparity = surface.disparity if view.valid is None else np.where(view.valid, surface.disparity, np.nan)
+    return colour_disparity(disparity, labels.lowest, labels.highest)
 
 
 def _group(name: str, image: Picture, surface: Surface, coloured: Picture, error: Picture | None) -> Group:
