@@ -246,35 +246,50 @@ def _beside(y, x, side):
 def likelihood(depth, mask, entered, order, smooth, jump, rho, max_sweeps, tolerance, messages):
     """Pass messages of the transitions of (2.22) forth and back along `order`, and return the likelihoods.
 
-    `messages` has shape (H, W, 4): what each pixel hears from its four sides, 1/2 at the start.
+    `order` begins with the pixels of the mask, which speak once. `messages` has shape (H, W, 4): what each
+    pixel hears from its four sides, 1/2 at the start.
     """
     height, width = depth.shape
+    first = 0
+    while first < order.size and mask[order[first] // width, order[first] % width]:
+        _send(order[first], depth, mask, entered, smooth, jump, rho, messages)
+        first += 1
     for sweep in range(max_sweeps):
         change = 0.0
-        for k in range(order.size):
-            pixel = order[k] if sweep % 2 == 0 else order[order.size - 1 - k]
-            y, x = pixel // width, pixel % width
-            for side in range(4):
-                v, u = _beside(y, x, side)
-                if not (0 <= v < height and 0 <= u < width) or not entered[v, u] or mask[v, u]:
-                    continue
-                p = 1.0 if mask[y, x] else _belief(messages[y, x], side)
-                difference = abs(depth[v, u] - depth[y, x])
-                if difference <= smooth:
-                    sent = (1.0 - 2.0 * rho[0]) * p + rho[0]
-                elif difference <= jump:
-                    sent = (1.0 - 2.0 * rho[1]) * p + rho[1]
-                else:
-                    sent = min(1.0 - p, 0.5)
-                change = max(change, abs(sent - messages[v, u, (side + 2) % 4]))
-                messages[v, u, (side + 2) % 4] = sent
+        for k in range(first, order.size):
+            pixel = order[k] if sweep % 2 == 0 else order[order.size - 1 - (k - first)]
+            change = max(change, _send(pixel, depth, mask, entered, smooth, jump, rho, messages))
         if change < tolerance:
             break
     result = np.zeros((height, width))
-    for k in range(order.size):
-        y, x = order[k] // width, order[k] % width
+    for pixel in order:
+        y, x = pixel // width, pixel % width
         result[y, x] = 1.0 if mask[y, x] else _belief(messages[y, x], -1)
     return result
+
+
+@kernel
+def _send(pixel, depth, mask, entered, smooth, jump, rho, messages):
+    """Send the messages of a pixel, and return by how much they have changed at most."""
+    height, width = depth.shape
+    y, x = pixel // width, pixel % width
+    change = 0.0
+    for side in range(4):
+        v, u = _beside(y, x, side)
+        if not (0 <= v < height and 0 <= u < width) or not entered[v, u] or mask[v, u]:
+            continue
+        p = 1.0 if mask[y, x] else _belief(messages[y, x], side)
+        difference = abs(depth[v, u] - depth[y, x])
+        if difference <= smooth:
+            sent = (1.0 - 2.0 * rho[0]) * p + rho[0]
+        elif difference <= jump:
+            sent = (1.0 - 2.0 * rho[1]) * p + rho[1]
+        else:
+            sent = min(1.0 - p, 0.5)
+        heard = (side + 2) % 4
+        change = max(change, abs(sent - messages[v, u, heard]))
+        messages[v, u, heard] = sent
+    return change
 
 
 @kernel

@@ -12,7 +12,8 @@ Readings of what the thesis leaves open:
   smooth.
 * The likelihoods are the beliefs of message passing. A pixel sends each neighbour the transition of its
   belief without what that neighbour has told it; messages combine as independent ones do, by the product of
-  their odds. They run from the sprite outwards and back until they do not change. It is deterministic.
+  their odds. They run outwards from the sprite and back until they do not change, over all that can be
+  reached from it without a discontinuity. It is deterministic.
 * What is left when no region of `min_values` is, scattered pixels, makes one last sprite a layer: remnants.
 """
 
@@ -55,7 +56,7 @@ class SpriteSettings(NamedTuple):
         A sprite begins with at least this many values.
     """
 
-    rho_smooth: float = 0.02
+    rho_smooth: float = 0.2
     rho_small: float = 0.49
     peak_distance_px: int = 8
     min_values: int = 16
@@ -243,6 +244,9 @@ def fused_mask(
     fused_depth = np.where(alpha, depth, layer_depth)
     order, entered = np.empty(alpha.size, np.int64), np.zeros(alpha.shape, np.bool_)
     count = _kernels.reach(fused_depth, fused_alpha, alpha, JUMP, order, entered)
+    if count == np.count_nonzero(alpha):
+        return alpha
+    _kernels.reach(fused_depth, entered, alpha, np.inf, order, np.zeros_like(entered))
     messages = np.full((*alpha.shape, 4), 0.5)
     rho = settings.rho_smooth, settings.rho_small
     order = order[:count]
