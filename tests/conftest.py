@@ -1,8 +1,9 @@
 """What all tests share: the hypothesis profile, small videos, and the real sequences where present."""
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -10,6 +11,10 @@ from hypothesis import settings
 
 from dvc.video import Frame, chroma_shape
 from dvc.video.frames import Plane
+from tests import browser as browsers
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 # Jobs in the background ignore the interrupt, and processes that the tests start would inherit that.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -51,3 +56,21 @@ def moving_frames() -> Callable[..., list[Frame]]:
         return frames
 
     return make
+
+
+@pytest.fixture(scope="module")
+def browser(request: pytest.FixtureRequest) -> Iterator["Browser"]:
+    """Start a browser; without one tests of pages are skipped, or fail where it is required."""
+    from playwright.sync_api import sync_playwright
+
+    path = browsers.find()
+    if path is None and browsers.is_required():
+        pytest.fail(browsers.missing())
+    if path is None:
+        request.node.add_marker(pytest.mark.skip(browsers.missing()))  # of the module: one line for all tests
+        pytest.skip(browsers.missing())
+    with sync_playwright() as playwright:
+        arguments = list(browsers.ARGUMENTS)
+        started = playwright.chromium.launch(executable_path=path, args=arguments, timeout=60_000)
+        yield started
+        started.close()

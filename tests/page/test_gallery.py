@@ -1,35 +1,16 @@
 """Galleries: one file without a request, two pictures over each other, names that cannot run."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser
 
 from dvc.page.document import content_policy, script_json
 from dvc.page.gallery import Gallery, Group, Shown, Table, write_gallery
-from tests import browser as browsers
 
 TIMEOUT_MS = 60_000
 HOSTILE = '"><script>window.stolen = 1</script>'
-
-
-@pytest.fixture(scope="module")
-def browser(request: pytest.FixtureRequest) -> Iterator[Browser]:
-    """Start the browser; without one these tests are skipped, or fail where it is required."""
-    path = browsers.find()
-    if path is None and browsers.is_required():
-        pytest.fail(browsers.missing())
-    if path is None:
-        request.node.add_marker(pytest.mark.skip(browsers.missing()))
-        pytest.skip(browsers.missing())
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=path, args=list(browsers.ARGUMENTS), timeout=TIMEOUT_MS
-        )
-        yield started
-        started.close()
 
 
 def made_up() -> Gallery:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from dvc.rd.page import write_page
 from dvc.rd.results import read_folders
@@ -13,22 +13,6 @@ from tests.rd.made_up_page import write_many
 PHONE_PX = {"width": 360, "height": 740}
 DESKTOP_PX = {"width": 1280, "height": 900}
 TIMEOUT_MS = 60_000
-
-
-@pytest.fixture(scope="module")
-def browser(request: pytest.FixtureRequest) -> Iterator[Browser]:
-    """Start the browser; without one these tests are skipped, or fail where it is required."""
-    path = browsers.find()
-    if path is None and browsers.is_required():
-        pytest.fail(browsers.missing())
-    if path is None:
-        request.node.add_marker(pytest.mark.skip(browsers.missing()))  # of the module: one line for all tests
-        pytest.skip(browsers.missing())
-    arguments = list(browsers.ARGUMENTS)
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=path, args=arguments, timeout=TIMEOUT_MS)
-        yield started
-        started.close()
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from playwright.sync_api import Browser
 
 from dvc.pfm import read_pfm
 from dvc.stereo.__main__ import main
@@ -125,3 +126,22 @@ def test_bad_input_is_one_line(
     assert captured.err.count("\n") == 1
     assert message in captured.err
     assert not (views / "out").exists()
+
+
+def test_page_opens_without_an_error_or_a_request(views: Path, browser: Browser) -> None:
+    """Every picture of the page is shown, nothing is logged or loaded, and another view can be chosen."""
+    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--quiet") == 0
+    page = browser.new_page()
+    logged: list[str] = []
+    requests: list[str] = []
+    page.on("console", lambda message: logged.append(message.text))
+    page.on("pageerror", lambda error: logged.append(str(error)))
+    page.on("request", lambda request: requests.append(request.url))
+    address = (views / "out" / "index.html").as_uri()
+    page.goto(address)
+    assert page.evaluate("[...document.images].every((image) => image.naturalWidth > 0)")
+    page.get_by_label("Show", exact=True).select_option(label="right")
+    assert page.locator(".compare img.over").get_attribute("alt") == "disparity of right"
+    assert logged == []
+    assert [url for url in requests if not url.startswith("data:")] == [address]
+    page.close()
