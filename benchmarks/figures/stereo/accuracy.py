@@ -74,16 +74,24 @@ def _pair(name: str) -> tuple[dict[str, float], dict[str, float]]:
 def against_opencv(setting: Setting, clip: str) -> Measured:
     """Compare with the semi-global matching of OpenCV on the same pairs in the same run.
 
-    Gives the ratio of the means of bad pixels, all, over the Middlebury pairs and Motorcycle.
+    Gives the ratio of the means of bad pixels, all, over the Middlebury pairs and Motorcycle; and that of
+    pixels that are not occluded, where it is known which these are.
     """
     del clip
     names = (*PAIRS, MOTORCYCLE)[: setting.choose(len(PAIRS) + 1, 1)]
     found = {name: _pair(name) for name in names}
-    ours, theirs = (float(np.mean([pair[side]["all"] for pair in found.values()])) for side in (0, 1))
-    ratio = ours / theirs
+    ratio, not_occluded = (_ratio_of_means(found, mask) for mask in ("all", "nonocc"))
     each = ", ".join(f"{name} {pair[0]['all']:.1f}/{pair[1]['all']:.1f}" for name, pair in found.items())
-    values = {"ratio": ratio, "bad_percent": {name: list(pair) for name, pair in found.items()}}
-    return Measured(f"{ratio:.2f} ({each} %)", ratio <= MOST_OF_BASELINE, values, str(BASELINE))
+    bad = {name: list(pair) for name, pair in found.items()}
+    values = {"ratio": ratio, "ratio_nonocc": not_occluded, "bad_percent": bad}
+    text = f"{ratio:.2f} ({each} %); not occluded {not_occluded:.2f}"
+    return Measured(text, max(ratio, not_occluded) <= MOST_OF_BASELINE, values, str(BASELINE))
+
+
+def _ratio_of_means(found: dict[str, tuple[dict[str, float], dict[str, float]]], mask: str) -> float:
+    known = [pair for pair in found.values() if mask in pair[0]]
+    ours, theirs = (float(np.mean([pair[side][mask] for pair in known])) for side in (0, 1))
+    return ours / theirs
 
 
 def more_cameras(setting: Setting, clip: str, num_cameras: int) -> Measured:
@@ -140,8 +148,8 @@ FIGURES = (
     Figure(
         AREA,
         "against-opencv",
-        "bad pixels > 1 px, all, over those of StereoSGBM with holes filled, means of five pairs",
-        f"≤ {MOST_OF_BASELINE}",
+        "bad pixels > 1 px, all and not occluded, over StereoSGBM's with holes filled, means of five pairs",
+        f"≤ {MOST_OF_BASELINE} each",
         against_opencv,
     ),
     *(
