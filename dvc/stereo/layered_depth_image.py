@@ -33,6 +33,8 @@ MAX_LAYERS = 8
 """More values at one pixel are errors of the surfaces."""
 MAX_CANVAS_FRAMES = 16
 """The canvas is at most this many times as large as a view."""
+MAX_MAGNITUDE = 1e6
+"""Of disparities and positions."""
 _ROWS = 64
 """Rows of the canvas that are voted on at once."""
 
@@ -175,9 +177,10 @@ def layered_depth_image(
     Raises
     ------
     DvcError
-        If the canvas would be more than `MAX_CANVAS_FRAMES` times as large as a view.
+        If numbers make no sense, or the canvas would be larger than `MAX_CANVAS_FRAMES` views.
     """
     array = reconstruction.array
+    _check_magnitudes(reconstruction)
     reference = array[array.reference]
     masks = unrefuted(reconstruction)
     seen = np.ones(array.shape, np.bool_) if reference.valid is None else reference.valid
@@ -188,6 +191,17 @@ def layered_depth_image(
     colour, disparity, votes = _vote(reconstruction, positions, canvas, points)
     colour[0, *canvas.frame.slices][seen] = reference.image[seen]
     return LayeredDepthImage(canvas, colour, disparity, votes)
+
+
+def _check_magnitudes(reconstruction: Reconstruction) -> None:
+    """Refuse numbers with which nothing can be counted."""
+    step = reconstruction.labels.step
+    positions = np.array([view.position for view in reconstruction.array])
+    largest = max(float(np.abs(surface.disparity).max()) for surface in reconstruction.surfaces)
+    if not (1e-6 <= step <= MAX_MAGNITUDE and max(largest, float(np.abs(positions).max())) <= MAX_MAGNITUDE):
+        raise DvcError(
+            f"disparities up to {largest:g} in steps of {step:g}, or positions of cameras, make no sense"
+        )
 
 
 def _canvas(reconstruction: Reconstruction, masks: Masks, positions: Floats) -> Canvas:
@@ -228,7 +242,7 @@ def _world_from_reference(reconstruction: Reconstruction) -> Floats | None:
         shear = np.eye(4)
         shear[:2, 2] = -np.array(reconstruction.array[reconstruction.array.reference].position)
         matrix = np.linalg.inv(shear @ rectified_from_world)
-    except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as err:
+    except (KeyError, TypeError, ValueError, OverflowError, np.linalg.LinAlgError) as err:
         raise DvcError("the reconstruction has a rectification without its homography of space") from err
     if not np.isfinite(matrix).all() or matrix[3, 2] == 0.0:
         raise DvcError("the homography of space of the reconstruction gives no depth")

@@ -177,9 +177,40 @@ def test_resolution() -> None:
     assert resolution(array, DisparityLabels(0.0, 0.01, 9)) == 1 / 8
 
 
+@pytest.mark.parametrize(("step", "scale"), [(1e-300, 1.0), (1e300, 1.0), (1.0, 1e30)])
+def test_numbers_that_make_no_sense(step: float, scale: float) -> None:
+    """Steps and disparities beyond all measure are refused."""
+    reconstruction = reconstruction_of((BACKGROUND,), PAIR, DisparityLabels(0.0, step, 12))
+    wrong = [surface.disparity * scale for surface in reconstruction.surfaces]
+    with pytest.raises(DvcError, match="make no sense"):
+        layered_depth_image(_changed(reconstruction, wrong))
+
+
+@pytest.mark.parametrize("matrix", [[1], [[10**400]], np.zeros((4, 4)).tolist(), np.eye(4).tolist(), None])
+def test_rectification_without_homography(matrix: object) -> None:
+    """A rectification whose homography of space is damaged is refused."""
+    found = reconstruction_of((BACKGROUND,), PAIR, LABELS)
+    figures = {"rectification": {"rectified_from_world": matrix}}
+    with pytest.raises(DvcError, match="homography of space"):
+        layered_depth_image(Reconstruction(found.array, LABELS, found.surfaces, figures))
+
+
+def test_homography_of_space() -> None:
+    """A homography in the frame of camera (0, 0) becomes one in the frame of the reference camera."""
+    found = reconstruction_of((BACKGROUND,), [(2.0, -1.0), (3.0, -1.0)], LABELS)
+    rectified_from_world = np.array([[30.0, 0, 9, 0], [0, 30, 5, 0], [0, 0, 0, 12], [0, 0, 1, 0]])
+    figures = {"rectification": {"rectified_from_world": rectified_from_world.tolist()}}
+    image = layered_depth_image(Reconstruction(found.array, LABELS, found.surfaces, figures))
+    points = image.canvas.points(image.disparity[0])[*image.canvas.frame.slices]
+    y, x = np.indices((40, 60))
+    expected = np.stack([x + 2.0 * 2 - 9, y - 1.0 * 2 - 5, np.full((40, 60), 30.0)], axis=-1) * 6.0 / 30.0
+    np.testing.assert_allclose(points, expected, atol=1e-9)
+    np.testing.assert_allclose(image.canvas.depth_scale.depth(np.array([2.0, 4.0])), [6.0, 3.0])
+
+
 def test_surfaces_far_apart_are_refused() -> None:
     """Disparities that would need an enormous canvas are one line of complaint."""
     reconstruction = reconstruction_of((BACKGROUND,), PAIR, LABELS)
-    wrong = [surface.disparity * 1e6 for surface in reconstruction.surfaces]
+    wrong = [surface.disparity * 1e3 for surface in reconstruction.surfaces]
     with pytest.raises(DvcError, match="at most 16 times a view"):
         layered_depth_image(_changed(reconstruction, wrong))
