@@ -7,7 +7,7 @@ from benchmarks.figures import anchor_rates, anchors, codec, rates, report, repr
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
 from benchmarks.figures.house import emulation, golden, sources, times
-from benchmarks.figures.stereo import accuracy, consistency, layers, rectification, toy
+from benchmarks.figures.stereo import accuracy, consistency, identities, layers, rectification, toy
 from benchmarks.figures.stereo import times as stereo_times
 from benchmarks.figures.tracks import costs, limits, quality
 from benchmarks.figures.tracks import rates as tracks_rates
@@ -31,6 +31,7 @@ MODULES: tuple[ModuleType, ...] = (
     accuracy,
     consistency,
     layers,
+    identities,
     rectification,
     toy,
     stereo_times,

@@ -20,7 +20,7 @@ from dvc.stereo.feature_matching import Features
 Floats = NDArray[np.float64]
 Size = tuple[int, int]
 
-FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 15))
+FOCAL_LENGTHS = tuple(np.geomspace(0.6, 3.0, 25))
 """Of two views: focal lengths tried, in units of the longer side of the picture."""
 USUAL_FOCAL_LENGTH = 1.2
 """Taken where the pictures do not say better."""
@@ -236,7 +236,7 @@ def _two_views(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]) -> C
             "too few of them consistently; give them by --cameras FILE"
         )
     least = min(cost for _, _, _, cost in poses)
-    likely = [pose for pose in poses if pose[3] <= 1.02 * least]
+    likely = [pose for pose in poses if pose[3] <= 1.01 * least]
     ratio, motion, inliers, _ = min(likely, key=lambda entry: abs(np.log(entry[0] / USUAL_FOCAL_LENGTH)))
     K = _intrinsics((width, height), ratio)
     cameras = (

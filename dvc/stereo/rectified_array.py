@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dvc.array_files import MAX_LABELS, read_pictures
 from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.stereo.camera_files import load_cameras
+from dvc.stereo.camera_files import AUTO, load_cameras
 from dvc.stereo.cameras import CalibratedViews
 from dvc.stereo.feature_matching import Features
 from dvc.stereo.rectification import rectify, usual_disparity
@@ -131,7 +131,7 @@ def rectified_array(
     if with_matches or len(pictures) == 2 or not len(views.points):
         features = [Features(picture) for picture in pictures]
     given = views.cameras
-    if len(pictures) == 2 and not keep_cameras:
+    if len(pictures) == 2 and not keep_cameras and str(cameras) != AUTO:
         refined = refined_pair(given, *features[0].match(features[1]))
         views = CalibratedViews(refined, views.points)
     rectification = rectify(views.cameras, positions, views.points)

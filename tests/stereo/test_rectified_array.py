@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.figures.stereo.calibrations import write_cameras
 from dvc.array_files import read_picture
 from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import LatticePosition
@@ -22,7 +23,6 @@ from dvc.stereo.rectified_space import Rectification
 from dvc.stereo.refinement import refined_pair
 from dvc.stereo.resampling import metric_depth
 from sequences.array_views import write_array
-from tests.stereo.calibrations import write_ballet, write_fern, write_sport
 from tests.stereo.data import real_set
 from tests.stereo.rigs import random_rig
 
@@ -126,9 +126,8 @@ def opencv_rows(cameras: tuple[Camera, ...], first: np.ndarray, second: np.ndarr
 def test_rows_agree_better_than_those_of_opencv(name: str, tmp_path: Path) -> None:
     """Of real verging cameras, rows of matches differ less than after `cv2.stereoRectify`."""
     folder = real_set(name)
-    write = {"sport": write_sport, "ballet": write_ballet}[name]
-    file = write(folder, tmp_path / "cameras.json")
-    paths = sorted(folder.glob("*.png"))
+    file = tmp_path / "cameras.json"
+    paths = write_cameras(folder, file)
     pictures, first, second = matches_and_inliers(paths)
     found = rectified_array(paths, file).rectification
     rows = found.rectified_points(0, first)[:, 1] - found.rectified_points(1, second)[:, 1]
@@ -142,9 +141,8 @@ def test_rows_agree_better_than_those_of_opencv(name: str, tmp_path: Path) -> No
 
 def test_fern_has_real_places_near_its_irregular_grid(tmp_path: Path) -> None:
     """Twenty hand-held cameras: real-valued places, nearly a plane, rows and columns that agree."""
-    folder = real_set("fern")
-    paths = sorted(folder.glob("*.png"))
-    found = rectified_array(paths, write_fern(folder, tmp_path / "c.json"), with_matches=True)
+    paths = write_cameras(real_set("fern"), tmp_path / "cameras.json")
+    found = rectified_array(paths, tmp_path / "cameras.json", with_matches=True)
     places = np.array(found.rectification.positions)
     assert np.abs(places - np.rint(places)).max() > 0.2
     assert found.off_plane_px.max() < 6.0

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from benchmarks.figures.harness import Setting
 from benchmarks.figures.stereo.consistency import agreement
+from benchmarks.figures.stereo.identities import identities
 from dvc.multiview.camera_array import DisparityLabels
 from dvc.stereo.surfaces import Reconstruction, Surface
 from dvc.stereo.thesis.two_planes import FAR, NEAR, SIDE, two_planes
@@ -34,3 +36,10 @@ def test_a_surface_too_far_back_does_not_agree() -> None:
     """Points before the other camera's surface are seen and contradict it."""
     agreed, visible = agreement(made_up(-3.0), 0, 2)
     assert agreed < 0.2 * visible
+
+
+def test_identities_hold_on_random_rigs() -> None:
+    """The figure is of the order of rounding."""
+    found = identities(Setting(quick=True), "")
+    assert found.holds
+    assert 0.0 < found.values["points"] < 1e-12
