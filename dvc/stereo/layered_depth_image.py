@@ -145,12 +145,17 @@ def unrefuted(reconstruction: Reconstruction) -> Masks:
 
 
 def _neighbours(array: CameraArray, index: int) -> list[list[int]]:
-    """Return the nearest cameras to the left and right, and those above and below, where there are any."""
+    """Return the nearest cameras to the left and right, and those above and below, where there are any.
+
+    In an array that is no lattice, cameras count whose direction is within 27 degrees of these.
+    """
     nearest: dict[tuple[int, bool], tuple[float, int]] = {}
     for other in range(len(array)):
         if other != index:
             offset = np.subtract(array[other].position, array[index].position)
             axis = int(abs(offset[1]) > abs(offset[0]))
+            if abs(offset[1 - axis]) > 0.5 * abs(offset[axis]):
+                continue
             side = axis, bool(offset[axis] > 0.0)
             nearest[side] = min(nearest.get(side, (np.inf, -1)), (float(offset @ offset), other))
     pairs = [[other for (side, _), (_, other) in nearest.items() if side == axis] for axis in (0, 1)]

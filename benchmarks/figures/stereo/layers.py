@@ -52,7 +52,8 @@ def sprites(setting: Setting, clip: str) -> Measured:
     cut = extract_sprites(image)
     times = np.zeros(image.votes.shape, np.int64)
     for sprite in cut.sprites:
-        times[:, *sprite.slices] += sprite.mask & (image.disparity[:, *sprite.slices] == sprite.disparity)
+        here = image.occupied[:, *sprite.slices] & (image.disparity[:, *sprite.slices] == sprite.disparity)
+        times[:, *sprite.slices] += sprite.mask & here
     once = int((times == 1)[image.occupied].sum())
     colour, _, _ = composite(cut)
     reference = found.array[found.array.reference].image
@@ -62,7 +63,8 @@ def sprites(setting: Setting, clip: str) -> Measured:
         f"{once} of {num_values} values, {same} of {num_pixels} pixels; {len(cut.sprites)} sprites, "
         f"the largest of {max(sprite.num_values for sprite in cut.sprites)} values"
     )
-    holds = once == num_values and same == num_pixels and not times[~image.occupied].any()
+    in_sprites = sum(sprite.num_values for sprite in cut.sprites)
+    holds = once == num_values == in_sprites and same == num_pixels
     values = {"num_sprites": len(cut.sprites), "num_values": num_values, "num_pixels_back": same}
     return Measured(text, holds, values)
 
