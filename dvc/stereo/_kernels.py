@@ -300,3 +300,42 @@ def _belief(messages, but):
         if side != but:
             yes, no = yes * messages[side], no * (1.0 - messages[side])
     return yes / (yes + no) if yes + no > 0.0 else 0.5
+
+
+@kernel
+def agree(own, other, shifts, tolerance, agreeing):
+    """Tell where another camera's label at the same point is the own one, or near it (2.15)."""
+    height, width = own.shape
+    for y in range(height):
+        for x in range(width):
+            k = own[y, x]
+            u, v = x + shifts[k, 0], y + shifts[k, 1]
+            agreeing[y, x] = False
+            if 0 <= u < width and 0 <= v < height:
+                agreeing[y, x] = abs(other[v, u] - k) <= tolerance
+
+
+@kernel
+def clear_invisible(own, own_supported, other, other_supported, shifts, slack, top, weight):
+    """Take the weight from voxels that the own camera sees, and that are hidden in the other (2.17, 2.19)."""
+    height, width = own.shape
+    for i in range(weight.shape[0]):
+        y = top + i
+        for x in range(width):
+            first = own[y, x] - slack if own_supported[y, x] else 0
+            for k in range(max(first, 0), weight.shape[2]):
+                u, v = x + shifts[k, 0], y + shifts[k, 1]
+                if u < 0 or v < 0 or u >= width or v >= height:
+                    continue
+                if other_supported[v, u] and other[v, u] > k + slack:
+                    weight[i, x, k] = 0.0
+
+
+@kernel
+def add_distance(own, supported, strength, limit, cost):
+    """Add the truncated distance from the label of supported pixels: lambda_g G of (2.13) and (2.16)."""
+    for y in range(cost.shape[0]):
+        for x in range(cost.shape[1]):
+            if supported[y, x]:
+                for k in range(cost.shape[2]):
+                    cost[y, x, k] += strength * np.float32(min(abs(k - own[y, x]), limit))

@@ -1,18 +1,64 @@
-"""Surfaces of all cameras of an array."""
+"""Surfaces of all cameras of an array: from costs to surfaces to occupancy to visibility and back.
 
-from collections.abc import Callable
+Each iteration infers the labels of every camera from its photometric cost (2.13), keeps what several cameras
+agree on (2.15), and continues it over the rest. The next one knows from these surfaces what is hidden from
+whom (2.17), and its windows follow them.
+"""
 
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
-from dvc.multiview.camera_array import CameraArray, DisparityLabels
-from dvc.multiview.inference import semi_global
+from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
+from dvc.multiview.volumes.aggregation import Arms, cross_arms
+from dvc.multiview.volumes.inference import Inferred
+from dvc.multiview.volumes.matching_costs import COSTS
+from dvc.stereo import _kernels
+from dvc.stereo.continuation import continued
+from dvc.stereo.occupancy import Occupancy, neighbours, seen_elsewhere, supported
+from dvc.stereo.photometric import Comparison, Regions, photometric_cost
+from dvc.stereo.settings import StereoSettings
 from dvc.stereo.surfaces import Reconstruction, Surface
+
+Labels = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+MAX_CELLS = 24_000_000
+"""Pixels times labels that are inferred at once; larger views are cut into strips of rows."""
+OVERLAP_ROWS = 40
+"""Rows by which strips reach into each other: as far as the arms of pixels."""
+BASE_MEDIAN_PX = 5
+"""Side of the median that frees a base surface of single wrong labels."""
+CLEAR_MARGIN = 0.5
+"""Margin of a label, in units of the costs, at which its confidence is 1 - 1/e."""
+EXPOSURE_RATIO = 1.06
+"""Ratio of the mean levels of two views above which their exposures differ."""
+
+DEFAULT_SETTINGS = StereoSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """What is known of the scene between two iterations."""
+
+    occupancy: list[Occupancy]
+    inferred: list[Inferred]
+    filled: list[Floats]
+    bases: list[Labels]
 
 
 def reconstruct(
-    array: CameraArray, labels: DisparityLabels, *, advance: Callable[[int], None] = lambda _: None
+    array: CameraArray,
+    labels: DisparityLabels,
+    settings: StereoSettings = DEFAULT_SETTINGS,
+    *,
+    jobs: int = 1,
+    advance: Callable[[int], None] = lambda _: None,
 ) -> Reconstruction:
     """Find the surfaces of all views.
 
@@ -22,39 +68,159 @@ def reconstruct(
         At least two views.
     labels : DisparityLabels
         Disparities to try.
+    settings : StereoSettings, optional
+        How.
+    jobs : int, optional
+        Threads; the result is the same for any number.
     advance : callable, optional
-        Told the number of steps that have just been finished.
+        Told the number of views of an iteration that have just been finished.
 
     Returns
     -------
     Reconstruction
         A surface for each view.
     """
-    surfaces = []
-    for index in range(len(array)):
-        surfaces.append(_surface(array, index, labels))
-        advance(1)
-    return Reconstruction(array, labels, tuple(surfaces))
+    solver = _Solver(_equally_exposed(array), labels, settings)
+    changes: list[float] = []
+    state: _State | None = None
+    with ThreadPoolExecutor(jobs) as pool:
+        for _ in range(settings.max_iterations):
+            found = solver.iterate(state, pool, advance)
+            changes.append(1.0 if state is None else _changed(state, found))
+            state = found
+            if changes[-1] < settings.min_change:
+                break
+    assert state is not None
+    figures = {"iterations": len(changes), "changed": [round(change, 6) for change in changes]}
+    return Reconstruction(array, labels, solver.surfaces(state), figures)
 
 
-def _surface(array: CameraArray, index: int, labels: DisparityLabels) -> Surface:
-    view = array[index]
-    cost = np.full((*array.shape, labels.num_labels), 60.0, np.float32)
-    for other in array:
-        if other is view:
-            continue
-        for label in range(labels.num_labels):
-            disparity = labels.lowest + labels.step * label
-            dx = round((other.position.m - view.position.m) * disparity)
-            dy = round((other.position.n - view.position.n) * disparity)
-            cost[:, :, label] = np.minimum(cost[:, :, label], _difference(view.image, other.image, dx, dy))
-    cost = uniform_filter(cost, (3, 3, 1))
-    chosen, confidence = semi_global(cost.astype(np.int16), view.image[:, :, 1], 8, 60)
-    clear = np.clip(confidence / 100.0, 0.0, 1.0).astype(np.float32)
-    return Surface(labels.disparity(chosen).astype(np.float32), np.zeros(array.shape, np.bool_), clear)
+class _Solver:
+    """The loop over all cameras of one array.
+
+    Parameters
+    ----------
+    array : CameraArray
+        Views of equal exposure.
+    labels : DisparityLabels
+        Disparities to try.
+    settings : StereoSettings
+        How.
+    """
+
+    def __init__(self, array: CameraArray, labels: DisparityLabels, settings: StereoSettings) -> None:
+        self.array, self.labels, self.settings = array, labels, settings
+        smaller = settings.occlusion != "none"
+        self.comparison = Comparison(array, labels, COSTS[settings.cost], smaller)
+        self.near = [neighbours(array, index) for index in range(len(array))]
+        self.strips = _strips(array.shape, labels.num_labels)
+
+    def iterate(
+        self, state: _State | None, pool: ThreadPoolExecutor, advance: Callable[[int], None]
+    ) -> _State:
+        """Find all surfaces once, from what is known."""
+        views = range(len(self.array))
+
+        def _infer(task: tuple[int, slice]) -> Inferred:
+            return self._inferred(state, *task)
+
+        parts = pool.map(_infer, [(index, strip) for index in views for strip in self.strips])
+        inferred = []
+        for _ in views:
+            inferred.append(_joined([next(parts) for _ in self.strips], self.strips))
+            advance(1)
+        maps = [found.label for found in inferred]
+
+        def _supported(index: int) -> Occupancy:
+            return Occupancy(maps[index], supported(self.array, self.labels, maps, index))
+
+        occupancy = list(pool.map(_supported, views))
+        filled = list(pool.map(lambda index: self._continued(occupancy, index), views))
+        return _State(occupancy, inferred, filled, [_base(surface, self.labels) for surface in filled])
+
+    def _inferred(self, state: _State | None, index: int, strip: slice) -> Inferred:
+        """Labels of a strip of a view (2.13)."""
+        settings, view = self.settings, self.array[index]
+        iteration = 0 if state is None else 1
+        rows = slice(max(strip.start - OVERLAP_ROWS, 0), min(strip.stop + OVERLAP_ROWS, view.shape[0]))
+        base = np.zeros(view.shape, np.int64) if state is None else state.bases[index]
+        windows = settings.windows(iteration)
+        arms: Sequence[Arms] = [cross_arms(view.image, window) for window in windows]
+        explicit = state is not None and settings.occlusion == "explicit"
+        occupancy = state.occupancy if state is not None and explicit else None
+        regions = Regions(arms, windows, base)
+        cost = photometric_cost(self.comparison, index, self.near[index], regions, occupancy, rows)
+        if state is not None and settings.geometric_weight > 0.0:
+            label, kept = (plane[rows] for plane in state.occupancy[index])
+            strength = np.float32(settings.geometric_weight)
+            _kernels.add_distance(label, kept, strength, settings.geometric_limit, cost)
+        found = settings.inference_method(iteration).infer(cost, view.image[rows], base[rows])
+        return found.rows(slice(strip.start - rows.start, strip.stop - rows.start))
+
+    def _continued(self, occupancy: Sequence[Occupancy], index: int) -> Floats:
+        other = self.near[index].all[0]
+        pair = self.array[index].position, self.array[other].position
+        image = self.array[index].image
+        return continued(occupancy[index], occupancy[other], self.labels, pair, image)
+
+    def surfaces(self, state: _State) -> tuple[Surface, ...]:
+        """Turn labels into disparities; what no camera agrees on counts as occluded."""
+        final = [np.floor(surface + 0.5).astype(np.int64) for surface in state.filled]
+        surfaces = []
+        for index, (occupancy, inferred, filled) in enumerate(
+            zip(state.occupancy, state.inferred, state.filled, strict=True)
+        ):
+            label = filled
+            if self.settings.sub_pixel:
+                label = filled + np.where(occupancy.supported, inferred.offset, 0.0)
+            seen = seen_elsewhere(self.array, self.labels, final, index)
+            clear = 1.0 - np.exp(-inferred.margin / CLEAR_MARGIN)
+            confidence = np.where(occupancy.supported, clear, 0.0).astype(np.float32)
+            disparity = self.labels.disparity(label).astype(np.float32)
+            surfaces.append(Surface(disparity, ~seen, confidence))
+        return tuple(surfaces)
 
 
-def _difference(image: NDArray[np.uint8], other: NDArray[np.uint8], dx: int, dy: int) -> NDArray[np.float32]:
-    moved = np.roll(other.astype(np.float32), (dy, dx), (0, 1))
-    difference: NDArray[np.float32] = np.abs(image.astype(np.float32) - moved).mean(axis=2)
-    return difference
+def _strips(shape: tuple[int, int], num_labels: int) -> list[slice]:
+    """Cut the rows of a view; a strip with its overlap is at most of `MAX_CELLS`, if it can be."""
+    height, width = shape
+    rows = max(MAX_CELLS // (width * num_labels) - 2 * OVERLAP_ROWS, OVERLAP_ROWS)
+    if height * width * num_labels <= MAX_CELLS:
+        rows = height
+    count = -(-height // rows)
+    edges = [height * k // count for k in range(count + 1)]
+    return [slice(*pair) for pair in pairwise(edges)]
+
+
+def _joined(parts: Sequence[Inferred], strips: Sequence[slice]) -> Inferred:
+    assert len(parts) == len(strips)
+    label = np.concatenate([part.label for part in parts])
+    offset, margin = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+    return Inferred(label, offset, margin)
+
+
+def _base(filled: Floats, labels: DisparityLabels) -> Labels:
+    """Round a surface to labels, without single wrong ones."""
+    smooth = cv2.medianBlur(filled.astype(np.float32), BASE_MEDIAN_PX)
+    base: Labels = np.clip(np.floor(smooth + 0.5), 0, labels.num_labels - 1).astype(np.int64)
+    return base
+
+
+def _changed(before: _State, after: _State) -> float:
+    """Share of all pixels whose label has changed by more than one."""
+    pairs = zip(before.filled, after.filled, strict=True)
+    return float(np.mean([(np.abs(a - b) > 1.0).mean() for a, b in pairs]))
+
+
+def _equally_exposed(array: CameraArray) -> CameraArray:
+    """Give all views the mean level of the reference, where exposures differ."""
+    means = [float(view.image.mean()) for view in array]
+    wanted = means[array.reference]
+    views = []
+    for view, mean in zip(array, means, strict=True):
+        ratio = max(wanted, 1.0) / max(mean, 1.0)
+        if max(ratio, 1.0 / ratio) <= EXPOSURE_RATIO:
+            ratio = 1.0
+        levels = np.clip(np.floor(view.image * ratio + 0.5), 0, 255).astype(np.uint8)
+        views.append(ArrayView(view.name, levels, view.position, view.valid))
+    return CameraArray(tuple(views))

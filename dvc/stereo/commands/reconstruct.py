@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Any
 from dvc import array_files, cli
 from dvc.errors import ConfigError
 from dvc.stereo.commands.options import add_export_options, add_truth_options, check_export, read_truth_of
+from dvc.stereo.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES
 
 if TYPE_CHECKING:
     from dvc.multiview.camera_array import CameraArray, DisparityLabels
     from dvc.stereo.rectified_space import Rectification
     from dvc.stereo.report import Truth
+    from dvc.stereo.settings import StereoSettings
     from dvc.stereo.surfaces import Reconstruction
+
 
 EXAMPLES = """\
   dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
@@ -49,8 +52,30 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "--json", metavar="FILE", help="write the figures; - for standard output, in place of text"
     )
     add_export_options(parser)
+    _add_method(parser)
     parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
     return parser
+
+
+def _add_method(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("how surfaces are found")
+    cost = "census: robust, summed over regions of one colour; squared: pixels by themselves; default: census"
+    group.add_argument("--cost", choices=COST_NAMES, default="census", help=cost)
+    group.add_argument(
+        "--inference",
+        choices=INFERENCE_NAMES,
+        default=INFERENCE_NAMES[0],
+        help="messages between neighbours, or scanlines alone: faster; default: %(default)s",
+    )
+    group.add_argument(
+        "--occlusion",
+        choices=OCCLUSION_NAMES,
+        default=OCCLUSION_NAMES[0],
+        help="visibility from surfaces, the better one of opposite views, or none; default: %(default)s",
+    )
+    cli.add_integer(group, "--iterations", (1, 20), "times that surfaces are found, at most", default=3)
+    group.add_argument("--sub-pixel", action="store_true", help="disparities between those of --disparities")
+    cli.add_integer(group, "--jobs", (1, 256), "threads; the result is the same", default=1)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -78,7 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
     warnings = check_views(array, labels)
     with atomic_folder(arguments.out) as folder:
         with cli.progress_bar("surfaces", None, arguments.quiet) as advance:
-            found = reconstruct(array, labels, advance=advance)
+            found = reconstruct(array, labels, _settings(arguments), jobs=arguments.jobs, advance=advance)
         found = reported(found, truth, warnings)
         if rectification is not None:
             found.figures["rectification"] = rectification.to_dict()
@@ -95,6 +120,18 @@ def run(arguments: argparse.Namespace) -> int:
             f"{summary(found)}\n{arguments.out}: {Path(arguments.out) / 'index.html'} shows it\n"
         )
     return 0
+
+
+def _settings(arguments: argparse.Namespace) -> "StereoSettings":
+    from dvc.stereo.settings import StereoSettings
+
+    return StereoSettings(
+        cost=arguments.cost,
+        inference=arguments.inference,
+        occlusion=arguments.occlusion,
+        max_iterations=arguments.iterations,
+        sub_pixel=arguments.sub_pixel,
+    )
 
 
 def _views(

@@ -1,0 +1,101 @@
+"""Aggregation of costs over the pixels around that are of one colour, along a base surface.
+
+A window with one disparity is wrong on slanted surfaces. Here labels of neighbours are counted from a *base
+surface*, an estimate of the disparities, so that a window follows it; and arms end where it jumps. Costs
+without weight take what their neighbours say.
+
+References
+----------
+[Zhang2009] K. Zhang, J. Lu, G. Lafruit, "Cross-based local stereo matching using orthogonal integral images",
+IEEE Trans. Circuits Syst. Video Technol. 19(7), 2009.
+[Scharstein2017] D. Scharstein, T. Taniai, S. Sinha, "Semi-global stereo matching with surface orientation
+priors", 3DV, 2017: labels counted from a surface.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.volumes import _kernels
+from dvc.multiview.volumes.matching_costs import WeightedCosts
+
+Labels = NDArray[np.int64]
+Arms = NDArray[np.int16]
+
+MAX_JUMP = 2
+"""Labels by which a base surface may change from pixel to pixel; more is a discontinuity."""
+
+
+class Window(NamedTuple):
+    """How far the windows reach.
+
+    Attributes
+    ----------
+    reach_px, near_reach_px : int
+        Longest arm, and the longest across colours that differ by more than `far_limit`.
+    iterations : int
+        Times that costs are summed along the arms of rows and columns.
+    limit, far_limit : int
+        Colour differences that end an arm, in levels.
+    """
+
+    reach_px: int
+    near_reach_px: int
+    iterations: int
+    limit: int = 20
+    far_limit: int = 6
+
+
+def cross_arms(image: NDArray[np.uint8], window: Window) -> Arms:
+    """Find the arms of each pixel [Zhang2009].
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), uint8
+        Red, green and blue.
+    window : Window
+        How far they reach.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 4), int16
+        Pixels up, down, to the left and to the right.
+    """
+    arms = np.empty((*image.shape[:2], 4), np.int16)
+    limits = window.reach_px, window.near_reach_px, window.limit, window.far_limit
+    _kernels.grow_arms(image, *limits, arms)
+    return arms
+
+
+def aggregate(costs: WeightedCosts, arms: Arms, base: Labels, iterations: int) -> None:
+    """Replace costs by the weighted mean over the cross-shaped regions of pixels.
+
+    Parameters
+    ----------
+    costs : WeightedCosts
+        Changed in place; a weight becomes the share of the region that is known.
+    arms : ndarray of shape (rows, W, 4), int16
+        Of the same rows.
+    base : ndarray of shape (rows, W), int64
+        Labels of the base surface; constant: windows of one disparity.
+    iterations : int
+        How often; rows come first, then columns, and the other way round every second time.
+    """
+    cut = np.empty_like(arms)
+    _kernels.cut_arms(arms, base, MAX_JUMP, cut)
+    cost, weight = costs
+    work = np.empty_like(cost)
+    for iteration in range(iterations):
+        _kernels.apply_weights(cost, weight)
+        support = np.ones((*base.shape, 1), np.float32)
+        single = np.empty_like(support)
+        flat = np.zeros_like(base)
+        for volume, surface, other in ((cost, base, work), (weight, base, work), (support, flat, single)):
+            if iteration % 2 == 0:
+                _kernels.sum_rows(volume, surface, cut, other)
+                _kernels.sum_columns(other, surface, cut, volume)
+            else:
+                _kernels.sum_columns(volume, surface, cut, other)
+                _kernels.sum_rows(other, surface, cut, volume)
+        _kernels.normalise(cost, weight, support[:, :, 0])

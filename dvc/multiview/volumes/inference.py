@@ -1,0 +1,115 @@
+"""Inference of one label for each pixel from a cost volume: what methods have in common."""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.inference import semi_global
+from dvc.multiview.volumes import _kernels
+
+Volume = NDArray[np.float32]
+Labels = NDArray[np.int64]
+
+UNITS = 100.0
+"""Steps of a whole-number cost in a cost of 1."""
+
+
+class Inferred(NamedTuple):
+    """Labels of all pixels.
+
+    Attributes
+    ----------
+    label : ndarray of shape (rows, columns), int64
+        The best one.
+    offset : ndarray of shape (rows, columns), float32
+        Where between its neighbours the smallest cost lies, from -0.5 to 0.5.
+    margin : ndarray of shape (rows, columns), float32
+        By how much it beats all that are not its neighbours, in units of the costs.
+    """
+
+    label: Labels
+    offset: NDArray[np.float32]
+    margin: NDArray[np.float32]
+
+    def rows(self, kept: slice) -> "Inferred":
+        """Return some rows.
+
+        Parameters
+        ----------
+        kept : slice
+            Which.
+
+        Returns
+        -------
+        Inferred
+            Views of them.
+        """
+        return Inferred(self.label[kept], self.offset[kept], self.margin[kept])
+
+
+class Inference(Protocol):
+    """Chooses labels of small cost that are smooth but for discontinuities (2.13)."""
+
+    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels) -> Inferred:
+        """Choose labels.
+
+        Parameters
+        ----------
+        cost : ndarray of shape (rows, columns, labels), float32
+            Cost of each label, from 0 to about 2.
+        image : ndarray of shape (rows, columns, 3), uint8
+            Across whose edges jumps are cheap.
+        base : ndarray of shape (rows, columns), int64
+            Labels of a base surface, whose slopes cost nothing where the method can tell.
+
+        Returns
+        -------
+        Inferred
+            Labels.
+        """
+
+
+@dataclass(frozen=True)
+class SemiGlobal:
+    """Dynamic programming along eight scanlines: fast, and even where costs say little.
+
+    Attributes
+    ----------
+    small_jump, large_jump : float
+        Cost of a change by one label, and of a larger one across equal levels.
+    """
+
+    small_jump: float = 0.3
+    large_jump: float = 2.0
+
+    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels) -> Inferred:
+        """Choose labels; see `Inference`. The base surface is not looked at."""
+        del base
+        small, large = round(self.small_jump * UNITS), round(self.large_jump * UNITS)
+        red, green, blue = np.moveaxis(image.astype(np.int64), 2, 0)
+        luma = ((299 * red + 587 * green + 114 * blue + 500) // 1000).astype(np.uint8)
+        hypothesis, confidence = semi_global((cost * UNITS).astype(np.int16), luma, small, large)
+        label = np.floor(hypothesis + 0.5).astype(np.int64)
+        margin = np.float32(1.0 / UNITS) * confidence.astype(np.float32)
+        return Inferred(label, (hypothesis - label).astype(np.float32), margin)
+
+
+def chosen(total: Volume) -> Inferred:
+    """Choose the best label of each pixel.
+
+    Parameters
+    ----------
+    total : ndarray of shape (rows, columns, labels), float32
+        Costs.
+
+    Returns
+    -------
+    Inferred
+        Labels of the smallest.
+    """
+    shape = total.shape[:2]
+    inferred = Inferred(np.empty(shape, np.int64), np.empty(shape, np.float32), np.empty(shape, np.float32))
+    _kernels.choose(total, *inferred)
+    return inferred

@@ -1,0 +1,225 @@
+"""Matching costs of two rectified views: what each disparity costs at each pixel.
+
+The other view is moved as a whole for each label; positions between pixels are interpolated once for each of
+a few phases. Where the point lies outside the other view, or that has seen nothing there, a cost has no
+weight.
+
+References
+----------
+[Mei2011] X. Mei et al., "On building an accurate stereo matching system on graphics hardware", ICCV
+Workshops, 2011: census and levels, each through ``1 - exp(-x / scale)``.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.camera_array import ArrayView, DisparityLabels, LatticePosition
+from dvc.multiview.volumes import _kernels
+
+Volume = NDArray[np.float32]
+
+PHASES_PER_PX = 16
+"""Positions between pixels are rounded to this."""
+CENSUS_RADIUS_PX = 2
+CENSUS_SCALE, LEVEL_SCALE = 12.0, 10.0
+"""Bits that differ, and mean difference of levels, at which a cost is at 1 - 1/e of its limit."""
+SQUARED_LIMIT = 400.0
+"""Truncation of squared differences, tau_2 of (2.18), in squared levels: twice the noise of a good match."""
+
+
+class WeightedCosts(NamedTuple):
+    """Costs of labels, and how much is known of them.
+
+    Attributes
+    ----------
+    cost : ndarray of shape (rows, W, labels), float32
+        From 0 to `highest`; 0 where nothing is known.
+    weight : ndarray of shape (rows, W, labels), float32
+        1 where both views show something, 0 elsewhere.
+    """
+
+    cost: Volume
+    weight: Volume
+
+
+class MatchingCost(Protocol):
+    """Compares two views."""
+
+    highest: float
+    """No cost is above it."""
+
+    def __call__(
+        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, rows: slice
+    ) -> WeightedCosts:
+        """Compare some rows of a view with another, at all labels.
+
+        Parameters
+        ----------
+        view, other : ArrayView
+            Of one size.
+        labels : DisparityLabels
+            Disparities to try.
+        rows : slice
+            Rows of `view`, with start and stop.
+
+        Returns
+        -------
+        WeightedCosts
+            For these rows.
+        """
+
+
+class CensusCost:
+    """Robust distance of census bits and of levels [Mei2011]: for views of different exposure, too."""
+
+    highest = 2.0
+
+    def __call__(
+        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, rows: slice
+    ) -> WeightedCosts:
+        """Compare; see `MatchingCost`."""
+        others, shifts = phases(other, view.position, labels)
+        bits = np.stack([census(picture) for picture in others])
+        count = (2 * CENSUS_RADIUS_PX + 1) ** 2
+        census_table = _robust(np.arange(count), CENSUS_SCALE)
+        level_table = _robust(np.arange(3 * 256) / 3.0, LEVEL_SCALE)
+        costs = _empty(view, labels, rows)
+        image = view.image.astype(np.float32)
+        own = census(image)
+        tables = census_table, level_table
+        _kernels.census_cost(image, own, others, bits, _seen(other), shifts, rows.start, *tables, *costs)
+        return costs
+
+
+class SquaredCost:
+    """Truncated squared difference of levels (2.18), as a share of the limit: pixels by themselves."""
+
+    highest = 1.0
+
+    def __call__(
+        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, rows: slice
+    ) -> WeightedCosts:
+        """Compare; see `MatchingCost`."""
+        others, shifts = phases(other, view.position, labels)
+        costs = _empty(view, labels, rows)
+        limit = np.float32(SQUARED_LIMIT)
+        image = view.image.astype(np.float32)
+        _kernels.squared_cost(image, others, _seen(other), shifts, rows.start, limit, *costs)
+        return costs
+
+
+def census(image: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """Compare each pixel with those around it.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), float32
+        Red, green and blue.
+
+    Returns
+    -------
+    ndarray of shape (H, W), uint32
+        A bit for each neighbour within `CENSUS_RADIUS_PX`, set where it is darker.
+    """
+    grey = image[:, :, 0] * np.float32(0.299) + image[:, :, 1] * np.float32(0.587)
+    grey += image[:, :, 2] * np.float32(0.114)
+    bits = np.empty(grey.shape, np.uint32)
+    _kernels.census(grey, CENSUS_RADIUS_PX, bits)
+    return bits
+
+
+def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> NDArray[np.float64]:
+    """Return how far points of a view are moved in another (2.5).
+
+    Parameters
+    ----------
+    labels : DisparityLabels
+        Disparities.
+    view, other : LatticePosition
+        Of the cameras.
+
+    Returns
+    -------
+    ndarray of shape (labels, 2), float64
+        Columns and rows, in pixels, for each label.
+    """
+    disparity = labels.disparity(np.arange(labels.num_labels, dtype=np.float64))
+    return np.column_stack([(view.m - other.m) * disparity, (view.n - other.n) * disparity])
+
+
+def phases(
+    other: ArrayView, position: LatticePosition, labels: DisparityLabels
+) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Interpolate a view at the fractions of a pixel by which labels move it.
+
+    Parameters
+    ----------
+    other : ArrayView
+        The view.
+    position : LatticePosition
+        Of the camera that it is compared with.
+    labels : DisparityLabels
+        Disparities to try.
+
+    Returns
+    -------
+    pictures : ndarray of shape (phases, H, W, 3), float32
+        The view, moved by less than a pixel.
+    shifts : ndarray of shape (labels, 3), int64
+        For each label the number of a picture, and columns and rows to its pixel.
+    """
+    steps = np.floor(offsets(labels, position, other.position) * PHASES_PER_PX + 0.5).astype(np.int64)
+    whole, fraction = np.divmod(steps, PHASES_PER_PX)
+    distinct, number = np.unique(fraction, axis=0, return_inverse=True)
+    image = other.image.astype(np.float32)
+    pictures = np.stack([_moved(image, *(step / PHASES_PER_PX)) for step in distinct])
+    return pictures, np.ascontiguousarray(np.column_stack([number.ravel(), whole]))
+
+
+def _moved(image: NDArray[np.float32], dx: float, dy: float) -> NDArray[np.float32]:
+    """Sample at (x + dx, y + dy), by cubic convolution; the border repeats."""
+    if dx == 0.0 and dy == 0.0:
+        return image
+    for axis, fraction in ((1, dx), (0, dy)):
+        if fraction == 0.0:
+            continue
+        taps = _cubic_taps(fraction)
+        pad = [(0, 0)] * 3
+        pad[axis] = (1, 2)
+        padded, length = np.pad(image, pad, mode="edge"), image.shape[axis]
+        parts = [np.take(padded, range(k, k + length), axis) * taps[k] for k in range(4)]
+        image = parts[0] + parts[1] + parts[2] + parts[3]
+    moved: NDArray[np.float32] = np.clip(image, 0.0, 255.0)
+    return moved
+
+
+def _cubic_taps(fraction: float) -> NDArray[np.float32]:
+    """Keys's kernel with a = -1/2 at positions -1, 0, 1 and 2."""
+    t = fraction
+    taps = (
+        ((-0.5 * t + 1.0) * t - 0.5) * t,
+        (1.5 * t - 2.5) * t * t + 1.0,
+        ((-1.5 * t + 2.0) * t + 0.5) * t,
+        (0.5 * t - 0.5) * t * t,
+    )
+    return np.array(taps, np.float32)
+
+
+def _robust(distance: NDArray[np.float64] | NDArray[np.int64], scale: float) -> NDArray[np.float32]:
+    robust: NDArray[np.float32] = (1.0 - np.exp(-distance / scale)).astype(np.float32)
+    return robust
+
+
+def _seen(other: ArrayView) -> NDArray[np.bool_]:
+    return np.ones(other.shape, np.bool_) if other.valid is None else other.valid
+
+
+def _empty(view: ArrayView, labels: DisparityLabels, rows: slice) -> WeightedCosts:
+    shape = rows.stop - rows.start, view.shape[1], labels.num_labels
+    return WeightedCosts(np.empty(shape, np.float32), np.empty(shape, np.float32))
+
+
+COSTS: dict[str, MatchingCost] = {"census": CensusCost(), "squared": SquaredCost()}
+"""By the name of the option."""

@@ -1,0 +1,189 @@
+"""Occupancy and visibility: which surfaces several cameras agree on, and what these hide (2.14 to 2.17).
+
+A camera's occupancy volume has at most one voxel a column, so it is kept as a map of labels and a mask of
+those that are supported. Volumes are sheared (2.14) by looking a point up where the other camera sees it.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.camera_array import CameraArray, DisparityLabels, LatticePosition
+from dvc.multiview.volumes.matching_costs import offsets
+from dvc.stereo import _kernels
+
+Labels = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+MIN_REGION_PX = 40
+"""Supported regions with fewer pixels are speckles: accidental matches."""
+
+
+class Occupancy(NamedTuple):
+    """Surface of a camera as labels.
+
+    Attributes
+    ----------
+    label : ndarray of shape (H, W), int64
+        Of every pixel.
+    supported : ndarray of shape (H, W), bool
+        Where its voxel is occupied: other cameras agree (2.15).
+    """
+
+    label: Labels
+    supported: Mask
+
+
+class Neighbours(NamedTuple):
+    """Cameras next to one, in the same row and in the same column of the array.
+
+    Attributes
+    ----------
+    horizontal, vertical : tuple of int
+        Indices of the nearest on each side, if there are any.
+    """
+
+    horizontal: tuple[int, ...]
+    vertical: tuple[int, ...]
+
+    @property
+    def all(self) -> tuple[int, ...]:
+        """Both kinds."""
+        return self.horizontal + self.vertical
+
+
+def neighbours(array: CameraArray, index: int) -> Neighbours:
+    """Find the neighbours of a camera.
+
+    Parameters
+    ----------
+    array : CameraArray
+        All cameras; off a lattice a neighbour lies less than 45 degrees from the row or column.
+    index : int
+        One of them.
+
+    Returns
+    -------
+    Neighbours
+        The nearest to the left and right, and up and down.
+    """
+    here = array[index].position
+    nearest: dict[tuple[bool, bool], tuple[float, int]] = {}
+    for other, view in enumerate(array):
+        dm, dn = view.position.m - here.m, view.position.n - here.n
+        if other == index:
+            continue
+        is_horizontal = abs(dm) >= abs(dn)
+        side = is_horizontal, (dm if is_horizontal else dn) > 0
+        # off the row or column counts double: parallax should be along it
+        distance = abs(dm) + 2.0 * abs(dn) if is_horizontal else abs(dn) + 2.0 * abs(dm)
+        nearest[side] = min(nearest.get(side, (distance, other)), (distance, other))
+    chosen = [
+        tuple(nearest[kind, side][1] for side in (False, True) if (kind, side) in nearest)
+        for kind in (True, False)
+    ]
+    return Neighbours(*chosen)
+
+
+def shifts(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> Labels:
+    """Return by how many whole pixels each label moves a point from one view to another (2.5).
+
+    Parameters
+    ----------
+    labels : DisparityLabels
+        Disparities.
+    view, other : LatticePosition
+        Of the cameras.
+
+    Returns
+    -------
+    ndarray of shape (labels, 2), int64
+        Columns and rows.
+    """
+    return np.floor(offsets(labels, view, other) + 0.5).astype(np.int64)
+
+
+def agreeing(
+    array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], pair: tuple[int, int]
+) -> Mask:
+    """Tell where two cameras see one surface.
+
+    Parameters
+    ----------
+    array : CameraArray
+        The cameras.
+    labels : DisparityLabels
+        Disparities of the labels.
+    maps : sequence of ndarray of shape (H, W), int64
+        Labels of all cameras.
+    pair : tuple of two int
+        In whose frame, and the other.
+
+    Returns
+    -------
+    ndarray of shape (H, W), bool
+        Where the other's label at the same point differs by one at most.
+    """
+    own, other = pair
+    found = np.empty(array.shape, np.bool_)
+    moved = shifts(labels, array[own].position, array[other].position)
+    _kernels.agree(maps[own], maps[other], moved, 1, found)
+    return found
+
+
+def supported(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Mask:
+    """Keep the voxels of a camera that a horizontal and a vertical neighbour have, too (2.15).
+
+    Parameters
+    ----------
+    array : CameraArray
+        The cameras.
+    labels : DisparityLabels
+        Disparities of the labels.
+    maps : sequence of ndarray of shape (H, W), int64
+        Labels of all cameras.
+    index : int
+        The camera.
+
+    Returns
+    -------
+    ndarray of shape (H, W), bool
+        A direction in which there is no neighbour asks for nothing; speckles are left out.
+    """
+    kept = np.ones(array.shape, np.bool_)
+    for direction in neighbours(array, index):
+        if direction:
+            kept &= np.logical_or.reduce([agreeing(array, labels, maps, (index, k)) for k in direction])
+    speckles = np.where(kept, maps[index], -2).astype(np.int16)
+    cv2.filterSpeckles(speckles, -2, MIN_REGION_PX, 1)
+    large: Mask = speckles != -2
+    return kept & large
+
+
+def seen_elsewhere(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Mask:
+    """Tell which points of a camera's surface any other camera sees.
+
+    Parameters
+    ----------
+    array : CameraArray
+        The cameras.
+    labels : DisparityLabels
+        Disparities of the labels.
+    maps : sequence of ndarray of shape (H, W), int64
+        Labels of all cameras.
+    index : int
+        The camera.
+
+    Returns
+    -------
+    ndarray of shape (H, W), bool
+        True where another camera agrees.
+    """
+    found = np.zeros(array.shape, np.bool_)
+    for other in range(len(array)):
+        if other != index:
+            found |= agreeing(array, labels, maps, (index, other))
+    return found

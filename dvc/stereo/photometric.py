@@ -1,0 +1,168 @@
+"""Photometric cost of a camera's voxels, from its neighbours in the array (2.17 to 2.20).
+
+A point that one horizontal neighbour does not see is assumed to be seen by the opposite one: the smaller cost
+of both counts (implicit occlusion). Once there are surfaces, costs of voxels that they hide from a neighbour
+count nothing (explicit visibility), and what is undefined then takes the costs of its region, or a constant.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.camera_array import CameraArray, DisparityLabels
+from dvc.multiview.volumes import _kernels as volumes
+from dvc.multiview.volumes.aggregation import Arms, Window, aggregate
+from dvc.multiview.volumes.matching_costs import MatchingCost, WeightedCosts
+from dvc.stereo import _kernels
+from dvc.stereo.occupancy import Neighbours, Occupancy, shifts
+
+Volume = NDArray[np.float32]
+Labels = NDArray[np.int64]
+
+UNDEFINED_COST = 0.5
+"""Cost of a voxel of which nothing is known, as a share of the highest: above that of most good matches."""
+UNDEFINED_SHARE = 0.1
+"""Share of a region below which what is known of it counts less than this."""
+HIDING_SLACK = 1
+"""Labels by which a surface must be nearer to hide: that of an inclined one varies from pixel to pixel."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How views are compared.
+
+    Attributes
+    ----------
+    array : CameraArray
+        The cameras.
+    labels : DisparityLabels
+        Disparities to try.
+    cost : MatchingCost
+        Of two views.
+    smaller_of_opposite : bool
+        Whether the smaller cost of opposite neighbours counts (2.18), or their mean.
+    """
+
+    array: CameraArray
+    labels: DisparityLabels
+    cost: MatchingCost
+    smaller_of_opposite: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Regions:
+    """What costs are summed over.
+
+    Attributes
+    ----------
+    arms : sequence of ndarray of shape (H, W, 4), int16
+        Arms of each window; none: every pixel by itself.
+    windows : sequence of Window
+        The windows; their means count alike.
+    base : ndarray of shape (H, W), int64
+        Labels of the surface that they follow.
+    """
+
+    arms: Sequence[Arms]
+    windows: Sequence[Window]
+    base: Labels
+
+
+def photometric_cost(
+    comparison: Comparison,
+    index: int,
+    near: Neighbours,
+    regions: Regions,
+    occupancy: Sequence[Occupancy] | None,
+    rows: slice,
+) -> Volume:
+    """Compute the photometric cost volume of a camera (2.20), some rows of it.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        How views are compared.
+    index : int
+        The camera.
+    near : Neighbours
+        Whom it is compared with.
+    regions : Regions
+        What costs are summed over.
+    occupancy : sequence of Occupancy or None
+        Surfaces of all cameras; None before there are any: everything is visible.
+    rows : slice
+        Rows of the camera's view.
+
+    Returns
+    -------
+    ndarray of shape (rows, W, labels), float32
+        Defined everywhere.
+    """
+    join = _smaller if comparison.smaller_of_opposite else _mean
+
+    def _costs(other: int) -> WeightedCosts:
+        return _compared(comparison, (index, other), regions, occupancy, rows)
+
+    total = reduce(_mean, (reduce(join, map(_costs, direction)) for direction in near if direction))
+    constant = np.float32(UNDEFINED_COST * comparison.cost.highest)
+    volumes.fill_undefined(*total, constant, np.float32(UNDEFINED_SHARE))
+    return total.cost
+
+
+def _compared(
+    comparison: Comparison,
+    pair: tuple[int, int],
+    regions: Regions,
+    occupancy: Sequence[Occupancy] | None,
+    rows: slice,
+) -> WeightedCosts:
+    """Costs of one neighbour, without those that it does not see, over the regions of pixels."""
+    view, other = (comparison.array[index] for index in pair)
+    costs = comparison.cost(view, other, comparison.labels, rows)
+    if occupancy is not None:
+        moved = shifts(comparison.labels, view.position, other.position)
+        own, theirs = (occupancy[index] for index in pair)
+        _kernels.clear_invisible(*own, *theirs, moved, HIDING_SLACK, rows.start, costs.weight)
+    if not regions.windows:
+        return costs
+    copies = [costs, *(WeightedCosts(*map(np.copy, costs)) for _ in regions.windows[1:])]
+    for copy, arms, window in zip(copies, regions.arms, regions.windows, strict=True):
+        aggregate(copy, within(arms[rows]), regions.base[rows], window.iterations)
+    for copy in copies[1:]:
+        costs = _mean(costs, copy)
+    return costs
+
+
+def within(arms: Arms) -> Arms:
+    """Cut the arms that leave an array of rows at its top and bottom.
+
+    Parameters
+    ----------
+    arms : ndarray of shape (rows, W, 4), int16
+        Arms, of some rows of a picture.
+
+    Returns
+    -------
+    ndarray of shape (rows, W, 4), int16
+        They end in these rows.
+    """
+    row = np.arange(arms.shape[0], dtype=np.int16)[:, None]
+    cut = arms.copy()
+    cut[:, :, volumes.BEFORE_Y] = np.minimum(arms[:, :, volumes.BEFORE_Y], row)
+    cut[:, :, volumes.AFTER_Y] = np.minimum(arms[:, :, volumes.AFTER_Y], row[::-1])
+    return cut
+
+
+def _smaller(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
+    """Opposite neighbours: the smaller cost of those that are known (2.18)."""
+    volumes.keep_smaller(*first, *second)
+    return first
+
+
+def _mean(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
+    """Rows and columns: the mean of those that are known (2.20)."""
+    volumes.keep_mean(*first, *second)
+    return first

@@ -1,0 +1,85 @@
+"""Parameters of a reconstruction: one set for all scenes, chosen on several."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dvc.multiview.volumes.aggregation import Window
+    from dvc.multiview.volumes.inference import Inference
+
+COST_NAMES = "census", "squared"
+INFERENCE_NAMES = "belief-propagation", "semi-global"
+OCCLUSION_NAMES = "explicit", "implicit", "none"
+
+
+@dataclass(frozen=True)
+class StereoSettings:
+    """How surfaces are found.
+
+    Attributes
+    ----------
+    cost : str
+        Matching cost, of `COST_NAMES`; costs of squared differences are not aggregated.
+    inference : str
+        Method, of `INFERENCE_NAMES`.
+    occlusion : str
+        What is done about hidden points: visibility is computed from surfaces (2.19), only the better one of
+        opposite neighbours counts (2.18), or nothing, all neighbours counting alike.
+    max_iterations : int
+        Times that surfaces are found, at most; the first time nothing is known of visibility.
+    min_change : float
+        Share of pixels whose label changes by more than one, below which no further iteration follows.
+    geometric_weight, geometric_limit : float
+        lambda_g of (2.13), in units of costs, and tau_1 of (2.16), in labels.
+    sub_pixel : bool
+        Whether disparities lie between those of the labels.
+    """
+
+    cost: str = "census"
+    inference: str = "belief-propagation"
+    occlusion: str = "explicit"
+    max_iterations: int = 3
+    min_change: float = 0.002
+    geometric_weight: float = 0.0
+    geometric_limit: float = 3.0
+    sub_pixel: bool = False
+
+    def windows(self, iteration: int) -> "tuple[Window, ...]":
+        """Return what costs are summed over.
+
+        Parameters
+        ----------
+        iteration : int
+            From 0.
+
+        Returns
+        -------
+        tuple of Window
+            None for costs that are not aggregated.
+        """
+        from dvc.multiview.volumes.aggregation import Window
+
+        if self.cost == "squared":
+            return ()
+        # wide ones for what has little texture; narrow ones for steep surfaces, before there is a base
+        wide, narrow = Window(34, 17, 2), Window(9, 5, 1)
+        return (wide, narrow) if iteration == 0 else (wide,)
+
+    def inference_method(self, iteration: int) -> "Inference":
+        """Return the method that infers labels; scanlines find the first base surface.
+
+        Parameters
+        ----------
+        iteration : int
+            From 0.
+
+        Returns
+        -------
+        Inference
+            The method.
+        """
+        from dvc.multiview.volumes.belief_propagation import BeliefPropagation
+        from dvc.multiview.volumes.inference import SemiGlobal
+
+        scanlines = self.inference == "semi-global" or (iteration == 0 and self.cost != "squared")
+        return SemiGlobal() if scanlines else BeliefPropagation()
