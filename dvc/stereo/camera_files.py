@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
 from dvc.stereo import colmap
-from dvc.stereo.cameras import CalibratedViews, Camera, camera_from_matrices, decomposed
+from dvc.stereo.cameras import LARGEST, CalibratedViews, Camera, camera_from_matrices, decomposed
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -91,7 +91,7 @@ def _from_json(
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as err:
         expected = "expected a list of cameras with file, K (3x3), R (3x3), t (3), or file, P (3x4)"
         raise ConfigError(f"{path}: {expected}") from err
-    return CalibratedViews(tuple(cameras), array[np.isfinite(array).all(axis=1)])
+    return CalibratedViews(tuple(cameras), array[(np.abs(array) <= LARGEST).all(axis=1)])
 
 
 def _json_camera(entry: dict[str, Any], name: str, size: tuple[int, int]) -> Camera:

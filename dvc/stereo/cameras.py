@@ -16,7 +16,11 @@ from dvc.errors import ConfigError
 Floats = NDArray[np.float64]
 
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0)
-_UNDISTORTION_STEPS = 30
+LARGEST = 1e12
+"""Of what matrices and points may hold; anything beyond is no measurement."""
+_MIN_FOCAL_PX, _MAX_FOCAL_PX = 1e-2, 1e8
+_UNDISTORTION_STEPS = 200
+_UNDISTORTION_ERROR = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +95,23 @@ class Camera:
         -------
         ndarray of shape (N, 2), float64
             Undistorted pixels.
+
+        Raises
+        ------
+        ConfigError
+            If the distortion is so strong that it cannot be undone.
         """
         if self.distortion == NO_DISTORTION:
             return points
         seen = self._to_normalized(points)
         straight = seen
-        for _ in range(_UNDISTORTION_STEPS):
-            straight = straight + seen - self._bent(straight)
-        return self._to_pixels(straight)
+        with np.errstate(over="ignore", invalid="ignore"):
+            for _ in range(_UNDISTORTION_STEPS):
+                change = seen - self._bent(straight)
+                straight = straight + change
+                if np.abs(change).max(initial=0.0) < _UNDISTORTION_ERROR:
+                    return self._to_pixels(straight)
+        raise ConfigError(f"camera of {self.name}: its lens distortion is too strong to be undone")
 
     def _bent(self, x: Floats) -> Floats:
         k1, k2, p1, p2 = self.distortion
@@ -160,7 +173,9 @@ def camera_from_matrices(
     ConfigError
         If a matrix is none of its kind.
     """
-    _check(name, np.isfinite(np.concatenate([K.ravel(), R.ravel(), t])).all(), "a matrix is not finite")
+    values = np.concatenate([K.ravel(), R.ravel(), t])
+    _check(name, np.isfinite(values).all(), "a matrix is not finite")
+    _check(name, np.abs(values).max() <= LARGEST, f"a matrix has numbers beyond {LARGEST:g}")
     triangular = np.abs(K[[1, 2, 2], [0, 0, 1]]).max() <= 1e-9 * np.abs(K).max() and K[2, 2] != 0.0
     _check(
         name,
@@ -168,6 +183,10 @@ def camera_from_matrices(
         "K is not upper triangular with positive focal lengths",
     )
     K = np.triu(K / K[2, 2])
+    focal = K[0, 0], K[1, 1]
+    _check(
+        name, min(focal) >= _MIN_FOCAL_PX and max(focal) <= _MAX_FOCAL_PX, "no lens has such a focal length"
+    )
     u, singular, vt = np.linalg.svd(R)
     _check(name, np.abs(singular - 1.0).max() < 1e-2, "R is not a rotation")
     _check(
@@ -209,8 +228,11 @@ def decomposed(P: Floats) -> tuple[Floats, Floats, Floats]:
     ConfigError
         If the camera is at infinity.
     """
+    if not (np.isfinite(P).all() and P.any()):
+        raise ConfigError("a projection matrix is not finite, or zero")
+    P = P / np.abs(P).max()
     left = P[:, :3]
-    if not np.isfinite(P).all() or abs(np.linalg.det(left)) <= 1e-12 * np.linalg.norm(left) ** 3:
+    if abs(np.linalg.det(left)) <= 1e-12 * np.linalg.norm(left) ** 3:
         raise ConfigError("a projection matrix has no finite centre")
     P = P * np.sign(np.linalg.det(left))
     K, R = rq(P[:, :3])

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.cameras import Camera
+from dvc.stereo.cameras import LARGEST, Camera
 from dvc.stereo.lattice import (
     Lattice,
     Orientation,
@@ -59,6 +59,8 @@ def rectify(
     if len(cameras) < 2:
         raise ConfigError("at least two views are needed")
     centres = np.stack([camera.centre for camera in cameras])
+    if np.ptp(centres, axis=0).max() < 1.0 / LARGEST:
+        raise ConfigError("the cameras stand at one place: nothing has parallax")
     orientation = mean_orientation(cameras)
     if positions is None:
         lattice, places = assign_positions(centres, orientation)

@@ -60,6 +60,14 @@ def test_distortion_is_undone(seed: int) -> None:
     np.testing.assert_allclose(camera.undistorted(camera.distorted(points)), points, atol=1e-6)
 
 
+def test_distortion_that_folds_the_picture_is_refused() -> None:
+    """No straight picture belongs to it."""
+    camera = random_rig(0, [(0.0, 0.0)])[0]
+    camera = Camera(camera.name, camera.K, camera.R, camera.t, camera.size, (-9.0, 0.0, 0.0, 0.0))
+    with pytest.raises(ConfigError, match="too strong"):
+        camera.undistorted(np.array([[0.0, 0.0], [80.0, 60.0]]))
+
+
 def test_radial_distortion_is_as_documented() -> None:
     """With k1 alone, x is seen at x (1 + k1 |x|^2)."""
     camera = Camera("a", np.diag([100.0, 100.0, 1.0]), np.eye(3), np.zeros(3), (9, 9), (0.2, 0.0, 0.0, 0.0))
@@ -133,6 +141,9 @@ GOOD = [entry(camera) for camera in random_rig(3, [(0.0, 0.0), (1.0, 0.0)])]
         ([GOOD[0], {**GOOD[1], "t": [0, 0, float("nan")]}], "not finite"),
         ([GOOD[0], {"file": "view1.png"}], "expected a list of cameras"),
         ([GOOD[0], {"file": "view1.png", "P": np.ones((3, 4)).tolist()}], "no finite centre"),
+        ([GOOD[0], {"file": "view1.png", "P": np.zeros((3, 4)).tolist()}], "not finite, or zero"),
+        ([GOOD[0], {**GOOD[1], "t": [0, 0, 1e200]}], "numbers beyond 1e[+]12"),
+        ([GOOD[0], {**GOOD[1], "K": np.diag([1e-5, 1.0, 1.0]).tolist()}], "no lens"),
         ([GOOD[0], {**GOOD[1], "rows": "sideways"}], "top-down"),
         ([GOOD[0], {**GOOD[1], "distortion": [0] * 5}], "at most k1"),
         ([1, 2], "expected a list of cameras"),

@@ -199,3 +199,22 @@ def test_given_places_are_kept_or_become_real(toy: Path) -> None:
     assert np.array(found.rectification.positions).round(3).tolist() != [list(p) for p in wrong]
     with pytest.raises(ConfigError, match="4 views and 2 positions"):
         rectified_array(views_of(toy), toy / "cameras.json", wrong[:2])
+
+
+def test_pictures_of_several_sizes_are_rectified_to_one(toy: Path, tmp_path: Path) -> None:
+    """A calibrated picture of half the size fits the others."""
+    cameras = json.loads((toy / "cameras.json").read_text())
+    half = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1.0]])
+    cameras[1]["K"] = (half @ np.array(cameras[1]["K"])).tolist()
+    (tmp_path / "cameras.json").write_text(json.dumps(cameras))
+    paths = [tmp_path / camera["file"] for camera in cameras]
+    for index, path in enumerate(paths):
+        picture = cv2.imread(str(toy / path.name))
+        if index == 1:
+            picture = cv2.resize(picture, (160, 120), interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(path), picture)
+    found = rectified_array(paths, tmp_path / "cameras.json")
+    assert found.matches is not None
+    assert found.matches.rms_px is not None
+    assert found.matches.rms_px < 0.5
+    assert len({view.shape for view in found.array}) == 1
