@@ -16,6 +16,7 @@ from scipy.ndimage import distance_transform_edt
 
 from dvc.multiview import _kernels
 from dvc.multiview.cameras import ViewPair
+from dvc.multiview.continuation import SeenDepth, Slopes, continue_surfaces
 from dvc.multiview.plane_sweep import SweepSettings, depth_hypotheses, sweep
 from dvc.multiview.warping import inverse_warp, warp_grid, warp_matrix
 
@@ -35,10 +36,6 @@ SLOPE_RADIUS_PX = 8
 """Radius in which the slope of a surface is measured: wide against the steps of the hypotheses."""
 MAX_CONTINUATION_PX = 40.0
 """How far slopes are continued; farther away their error would be larger than that of constant depth."""
-EDGE_LEVELS = 15.0
-"""A step in luma that halves the weight of what lies behind it: well above the noise of a decoded frame."""
-CONTINUED_QUANTILE = 0.5
-"""Which of the continued inverse depths is taken, 0 being the farthest: wrong ones come from either side."""
 MEDIAN_RADIUS_PX = 5
 """Radius of the median that aligns depth with edges of the image: what the sweep's box and jumps blur."""
 MEDIAN_LEVELS = 8.0
@@ -234,27 +231,10 @@ def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth 
 
 def _continued(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
     """Continue the consistent planes over the rest."""
-    depth, reliable = own.inverse_depth, own.reliable
-    slopes, filled = np.empty((*depth.shape, 2)), np.empty_like(depth)
-    limit = 0.03 * float(np.ptp(depth))
-    # only the rim of what is consistent is continued
-    rim = reliable & (cv2.dilate((~reliable).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
-    _kernels.local_slopes(depth, reliable, rim, SLOPE_RADIUS_PX, limit, slopes)
-    _kernels.fill_depth(
-        depth,
-        own.visibility,
-        side.luma.astype(np.float64),
-        slopes,
-        EDGE_LEVELS,
-        MAX_CONTINUATION_PX,
-        CONTINUED_QUANTILE,
-        other.inverse_depth,
-        other.visibility,
-        side.there,
-        side.back,
-        AGREEMENT_PX,
-        filled,
-    )
+    slopes = Slopes(SLOPE_RADIUS_PX, 0.03 * float(np.ptp(own.inverse_depth)), MAX_CONTINUATION_PX)
+    seen = (SeenDepth(depth.inverse_depth, depth.visibility) for depth in (own, other))
+    luma, warps = side.luma.astype(np.float64), (side.there, side.back)
+    filled = continue_surfaces(next(seen), luma, next(seen), warps, slopes, AGREEMENT_PX)
     return DepthMap(filled, own.visibility)
 
 

@@ -1,12 +1,11 @@
-"""Continuation of surfaces over what no two cameras agree on: of planes, across as few edges as possible."""
+"""Continuation of a camera's surfaces over what no other camera agrees on."""
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview import _kernels
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
-from dvc.multiview.depth_maps import CONTINUED_QUANTILE, EDGE_LEVELS, Visibility
+from dvc.multiview.continuation import SeenDepth, Slopes, continue_surfaces
+from dvc.multiview.depth_maps import Visibility
 from dvc.stereo.occupancy import Occupancy
 
 Floats = NDArray[np.float64]
@@ -46,26 +45,11 @@ def continued(
     ndarray of shape (H, W), float64
         Labels; whole numbers where they are supported.
     """
-    label = own.label.astype(np.float64)
-    beside = cv2.dilate((~own.supported).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    slopes, filled = np.empty((*label.shape, 2)), np.empty_like(label)
-    _kernels.local_slopes(label, own.supported, own.supported & beside, SLOPE_RADIUS_PX, SLOPE_LIMIT, slopes)
-    there, back = (_warp(labels, *pair) for pair in (positions, positions[::-1]))
-    _kernels.fill_depth(
-        label,
-        _visibility(own),
-        image.astype(np.float64) @ np.array([0.299, 0.587, 0.114]),
-        slopes,
-        EDGE_LEVELS,
-        REACH_PX,
-        CONTINUED_QUANTILE,
-        other.label.astype(np.float64),
-        _visibility(other),
-        there,
-        back,
-        SLACK_PX,
-        filled,
-    )
+    warps = _warp(labels, *positions), _warp(labels, *positions[::-1])
+    slopes = Slopes(SLOPE_RADIUS_PX, SLOPE_LIMIT, REACH_PX)
+    red, green, blue = np.moveaxis(image.astype(np.float64), 2, 0)
+    luma = 0.299 * red + 0.587 * green + 0.114 * blue
+    filled = continue_surfaces(_seen(own), luma, _seen(other), warps, slopes, SLACK_PX)
     return np.clip(filled, 0.0, labels.num_labels - 1.0)
 
 
@@ -78,8 +62,6 @@ def _warp(labels: DisparityLabels, source: LatticePosition, target: LatticePosit
     )
 
 
-def _visibility(occupancy: Occupancy) -> NDArray[np.int8]:
-    visibility: NDArray[np.int8] = np.where(
-        occupancy.supported, Visibility.CONSISTENT, Visibility.OCCLUDED
-    ).astype(np.int8)
-    return visibility
+def _seen(occupancy: Occupancy) -> SeenDepth:
+    visibility = np.where(occupancy.supported, Visibility.CONSISTENT, Visibility.OCCLUDED)
+    return SeenDepth(occupancy.label.astype(np.float64), visibility.astype(np.int8))

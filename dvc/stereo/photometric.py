@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.camera_array import CameraArray, DisparityLabels
-from dvc.multiview.volumes import _kernels as volumes
 from dvc.multiview.volumes.aggregation import Arms, Window, aggregate
+from dvc.multiview.volumes.combination import defined_costs, mean_costs, smaller_costs
 from dvc.multiview.volumes.matching_costs import MatchingCost, WeightedCosts
 from dvc.stereo import _kernels
 from dvc.stereo.occupancy import Neighbours, Occupancy, shifts
@@ -101,15 +101,14 @@ def photometric_cost(
     ndarray of shape (rows, W, labels), float32
         Defined everywhere.
     """
-    join = _smaller if comparison.smaller_of_opposite else _mean
+    join = smaller_costs if comparison.smaller_of_opposite else mean_costs
 
     def _costs(other: int) -> WeightedCosts:
         return _compared(comparison, (index, other), regions, occupancy, rows)
 
-    total = reduce(_mean, (reduce(join, map(_costs, direction)) for direction in near if direction))
-    constant = np.float32(UNDEFINED_COST * comparison.cost.highest)
-    volumes.fill_undefined(*total, constant, np.float32(UNDEFINED_SHARE))
-    return total.cost
+    total = reduce(mean_costs, (reduce(join, map(_costs, direction)) for direction in near if direction))
+    constant = UNDEFINED_COST * comparison.cost.highest
+    return defined_costs(total, constant, UNDEFINED_SHARE)
 
 
 def _compared(
@@ -130,39 +129,7 @@ def _compared(
         return costs
     copies = [costs, *(WeightedCosts(*map(np.copy, costs)) for _ in regions.windows[1:])]
     for copy, arms, window in zip(copies, regions.arms, regions.windows, strict=True):
-        aggregate(copy, within(arms[rows]), regions.base[rows], window.iterations)
+        aggregate(copy, arms[rows], regions.base[rows], window.iterations)
     for copy in copies[1:]:
-        costs = _mean(costs, copy)
+        costs = mean_costs(costs, copy)
     return costs
-
-
-def within(arms: Arms) -> Arms:
-    """Cut the arms that leave an array of rows at its top and bottom.
-
-    Parameters
-    ----------
-    arms : ndarray of shape (rows, W, 4), int16
-        Arms, of some rows of a picture.
-
-    Returns
-    -------
-    ndarray of shape (rows, W, 4), int16
-        They end in these rows.
-    """
-    row = np.arange(arms.shape[0], dtype=np.int16)[:, None]
-    cut = arms.copy()
-    cut[:, :, volumes.BEFORE_Y] = np.minimum(arms[:, :, volumes.BEFORE_Y], row)
-    cut[:, :, volumes.AFTER_Y] = np.minimum(arms[:, :, volumes.AFTER_Y], row[::-1])
-    return cut
-
-
-def _smaller(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
-    """Opposite neighbours: the smaller cost of those that are known (2.18)."""
-    volumes.keep_smaller(*first, *second)
-    return first
-
-
-def _mean(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
-    """Rows and columns: the mean of those that are known (2.20)."""
-    volumes.keep_mean(*first, *second)
-    return first

@@ -76,7 +76,7 @@ def aggregate(costs: WeightedCosts, arms: Arms, base: Labels, iterations: int) -
     costs : WeightedCosts
         Changed in place; a weight becomes the share of the region that is known.
     arms : ndarray of shape (rows, W, 4), int16
-        Of the same rows.
+        Of the same rows; those that leave them are cut.
     base : ndarray of shape (rows, W), int64
         Labels of the base surface; constant: windows of one disparity.
     iterations : int

@@ -1,0 +1,99 @@
+"""Continuation of reliable surfaces over the rest of a view: of planes, across as few edges as possible."""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview import _kernels
+
+Floats = NDArray[np.float64]
+
+EDGE_LEVELS = 15.0
+"""A step in luma that halves the weight of what lies behind it: well above the noise of a decoded frame."""
+CONTINUED_QUANTILE = 0.5
+"""Which of the continued inverse depths is taken, 0 being the farthest: wrong ones come from either side."""
+
+
+class Slopes(NamedTuple):
+    """How the slopes of surfaces are measured, and how far they are continued.
+
+    Attributes
+    ----------
+    radius_px : int
+        Where the slope of a surface is measured.
+    limit : float
+        Inverse depth by which a surface may differ in this radius.
+    reach_px : float
+        How far slopes are continued; farther away their error would be larger than that of constant depth.
+    """
+
+    radius_px: int
+    limit: float
+    reach_px: float
+
+
+class SeenDepth(NamedTuple):
+    """Inverse depth of a view, and what of it is reliable.
+
+    Attributes
+    ----------
+    inverse_depth : ndarray of shape (H, W), float64
+        Of every pixel.
+    visibility : ndarray of shape (H, W), int8
+        A `Visibility` of every pixel: what is consistent is reliable.
+    """
+
+    inverse_depth: Floats
+    visibility: NDArray[np.int8]
+
+
+def continue_surfaces(
+    own: SeenDepth,
+    luma: Floats,
+    other: SeenDepth,
+    warps: tuple[Floats, Floats],
+    slopes: Slopes,
+    slack_px: float,
+) -> Floats:
+    """Continue the planes of what is reliable in eight directions.
+
+    Parameters
+    ----------
+    own : SeenDepth
+        Of the view.
+    luma : ndarray of shape (H, W), float64
+        Of the view; surfaces end at its edges rather than elsewhere.
+    other : SeenDepth
+        Of another view: where it looks through a surface, that is not continued.
+    warps : tuple of two ndarray of shape (3, 4), float64
+        To the other view, and back.
+    slopes : Slopes
+        How far.
+    slack_px : float
+        Distance between points that may be one.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Inverse depth; as it was where it is reliable.
+    """
+    reliable = own.visibility == _kernels.CONSISTENT
+    measured, filled = np.empty((*reliable.shape, 2)), np.empty(reliable.shape)
+    # only the rim of what is consistent is continued
+    rim = reliable & (cv2.dilate((~reliable).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+    _kernels.local_slopes(own.inverse_depth, reliable, rim, slopes.radius_px, slopes.limit, measured)
+    _kernels.fill_depth(
+        *own,
+        luma,
+        measured,
+        EDGE_LEVELS,
+        slopes.reach_px,
+        CONTINUED_QUANTILE,
+        *other,
+        *warps,
+        slack_px,
+        filled,
+    )
+    return filled
