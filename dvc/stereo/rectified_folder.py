@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -42,10 +43,25 @@ def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
         rows.append(f"view-{view.name}.png,{view.position.m!r},{view.position.n!r}")
     (folder / "views.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     write_png(folder / "preview.png", preview(rectified.array))
+    index = {"format": "dvc3d rectification", "version": VERSION, **rectification_index(rectified)}
+    (folder / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def rectification_index(rectified: RectifiedArray) -> dict[str, Any]:
+    """Return the homographies, the range of disparities, and how well views agree.
+
+    Parameters
+    ----------
+    rectified : RectifiedArray
+        What to tell of.
+
+    Returns
+    -------
+    dict
+        JSON-safe.
+    """
     labels, matches = rectified.labels, rectified.matches
-    index = {
-        "format": "dvc3d rectification",
-        "version": VERSION,
+    return {
         "disparities": None if labels is None else labels._asdict(),
         "num_matches": None if matches is None else len(matches.disparities),
         "row_rms_px": None if matches is None else matches.rms_px,
@@ -53,7 +69,6 @@ def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
         "off_plane_px": [float(value) for value in rectified.off_plane_px],
         **rectified.rectification.to_dict(),
     }
-    (folder / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def preview(array: CameraArray) -> NDArray[np.uint8]:

@@ -12,6 +12,7 @@ from dvc.stereo.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES
 
 if TYPE_CHECKING:
     from dvc.multiview.camera_array import CameraArray, DisparityLabels
+    from dvc.stereo.rectified_array import RectifiedArray
     from dvc.stereo.rectified_space import Rectification
     from dvc.stereo.report import Truth
     from dvc.stereo.settings import StereoSettings
@@ -94,20 +95,21 @@ def run(arguments: argparse.Namespace) -> int:
     from dvc.files import atomic_folder
     from dvc.stereo.folder import write_reconstruction
     from dvc.stereo.reconstruction import reconstruct
-    from dvc.stereo.rectified_folder import write_original_views
+    from dvc.stereo.rectified_folder import rectification_index, write_original_views
     from dvc.stereo.report import check_views, reported, summary, write_previews
 
     shapes = _check_outputs(arguments)
-    array, labels, rectification = _views(arguments)
+    array, labels, rectified = _views(arguments)
+    rectification = None if rectified is None else rectified.rectification
     truth = _truth(arguments, array)
     warnings = check_views(array, labels)
     with atomic_folder(arguments.out) as folder:
         with cli.progress_bar("surfaces", None, arguments.quiet) as advance:
             found = reconstruct(array, labels, _settings(arguments), jobs=arguments.jobs, advance=advance)
         found = reported(found, truth, warnings)
-        if rectification is not None:
-            found.figures["rectification"] = rectification.to_dict()
-            write_original_views(folder, found, rectification)
+        if rectified is not None:
+            found.figures["rectification"] = rectification_index(rectified)
+            write_original_views(folder, found, rectified.rectification)
         write_reconstruction(folder, found)
         write_previews(folder, found, truth)
         _write_shapes(shapes, found, rectification)
@@ -136,14 +138,14 @@ def _settings(arguments: argparse.Namespace) -> "StereoSettings":
 
 def _views(
     arguments: argparse.Namespace,
-) -> tuple["CameraArray", "DisparityLabels", "Rectification | None"]:
+) -> tuple["CameraArray", "DisparityLabels", "RectifiedArray | None"]:
     """Read the views, and rectify them where cameras are given; find disparities where none are."""
     from dvc.stereo.rectified_array import found_labels, rectified_array
 
     positions = array_files.positions_of(arguments, arguments.paths)
     if arguments.cameras is None:
         array = array_files.load_array(arguments.paths, positions)
-        labels, rectification = arguments.disparities or found_labels(array), None
+        labels, rectified = arguments.disparities or found_labels(array), None
     else:
         with cli.progress_bar("views", len(arguments.paths), arguments.quiet) as advance:
             rectified = rectified_array(
@@ -153,11 +155,10 @@ def _views(
                 keep_cameras=arguments.keep_cameras,
                 advance=advance,
             )
-        array, rectification = rectified.array, rectified.rectification
-        labels = arguments.disparities or rectified.labels
+        array, labels = rectified.array, arguments.disparities or rectified.labels
     if labels is None:
         raise ConfigError("too few points match to find the range of disparities: give --disparities MIN:MAX")
-    return array, labels, rectification
+    return array, labels, rectified
 
 
 def _check_outputs(arguments: argparse.Namespace) -> list[Path]:
