@@ -109,11 +109,12 @@ def sort_points(starts, points, cameras):
 
 
 @kernel
-def peel(points, cameras, levels, reach, owner, seen, alive, chosen):
+def peel(points, cameras, levels, step, reach, baselines, owner, seen, alive, chosen):
     """Choose the next value of a cell by (2.21), and remove from `alive` what cannot be another one.
 
-    `levels` are labels of `points`, from near to far; `owner` is the camera that sees this cell's first value
-    only, or -1. `chosen` tells the points that stand for the value. Returns its disparity and votes.
+    `levels` are labels of `points`, from near to far; `baselines` tell how far each camera is from the
+    reference; `owner` is the camera that sees this value, so that nothing lies before it, and no other one,
+    or -1. `chosen` tells the points that stand for the value. Returns its disparity and votes.
     """
     seen[:] = False
     best, most, best_sum = 0, 0, 0.0
@@ -128,13 +129,16 @@ def peel(points, cameras, levels, reach, owner, seen, alive, chosen):
         run, total = run + 1, total + points[i]
         if run > most or (run == most and level == best):
             best, most, best_sum = level, run, total
-    votes = 0
+    votes, value = 0, best_sum / max(most, 1)
     for i in range(points.size):
         near = alive[i] and abs(levels[i] - best) <= reach
+        behind = value - points[i]
+        hidden = behind > 0.999 * step and behind * baselines[cameras[i]] > 0.999 and not chosen[i]
         chosen[i] = chosen[i] and near
         votes += chosen[i]
-        alive[i] = alive[i] and not near and cameras[i] != owner
-    return best_sum / max(most, 1), votes
+        alive[i] = alive[i] and cameras[i] != owner and (not near or hidden)
+        alive[i] = alive[i] and (owner < 0 or levels[i] <= best)
+    return value, votes
 
 
 @kernel
@@ -155,16 +159,17 @@ def vote(starts, points, cameras, lowest, step, reach, positions, images, corner
         np.empty(longest, np.bool_),
     )
     seen, samples = np.empty(positions.shape[0], np.bool_), np.empty((positions.shape[0], 3))
+    baselines = np.maximum(np.abs(positions[:, 0]), np.abs(positions[:, 1]))
     for cell in range(starts.size - 1):
         start, count = starts[cell], starts[cell + 1] - starts[cell]
         row, column = cell // shape[1], cell % shape[1]
         in_frame = inside[1] <= row < inside[3] and inside[0] <= column < inside[2]
-        owner = inside[4] if in_frame else -1
         d, c = points[start : start + count], cameras[start : start + count]
         for i in range(count):
             levels[i], alive[i] = int(np.floor((d[i] - lowest) / step + 0.5)), True
         for layer in range(disparity.shape[0]):
-            value, number = peel(d, c, levels, reach, owner, seen, alive, chosen)
+            owner = inside[4] if in_frame and layer == 0 else -1
+            value, number = peel(d, c, levels, step, reach, baselines, owner, seen, alive, chosen)
             if number == 0:
                 break
             place = layer

@@ -7,9 +7,11 @@ positions of cameras need not be whole numbers. Readings of (2.21), where it lea
   view votes as well: it is all there is to know of what the reference does not see.
 * In the reference frame, of each camera only the nearest point that is left is visible and votes.
 * The label with most votes is a value, the larger one of equals; its disparity is the mean of those who vote
-  for it. Points whose disparity differs by no more than `resolution` are removed with it, so that no layers
-  one label apart appear. What the reference itself sees is never left for a deeper layer.
-* At the end, the values of a pixel are sorted from near to far.
+  for it. Points whose disparity differs by no more than `resolution` are removed with it, so that cameras
+  that disagree by a label make no layers; but where a camera itself sees both surfaces, a label and a pixel
+  or more apart, there are two.
+* Inside the frame the reference sees the first value, so nothing lies before it, and what the reference
+  itself has found is not left for a deeper layer. Further values of a pixel are sorted from near to far.
 * A value has the median colour of its voters; the first one inside the frame that of the reference view.
 """
 

@@ -1,6 +1,7 @@
 """Plain twins of the kernels of layers and sprites, written from their definitions; slow."""
 
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,7 +70,12 @@ def splatted(
 
 
 def peeled(
-    points: list[tuple[float, int]], lowest: float, step: float, reach: int, owner: int
+    points: list[tuple[float, int]],
+    lowest: float,
+    step: float,
+    reach: int,
+    baselines: Sequence[float],
+    owner: int,
 ) -> list[tuple[float, int]]:
     """Return the values of one cell and their votes in the order of (2.21), from disparities and cameras."""
     values = []
@@ -82,9 +88,18 @@ def peeled(
             ballots.setdefault(label_of(d, lowest, step), []).append(d)
         best = max(ballots, key=lambda level: (len(ballots[level]), level))
         near = [abs(label_of(d, lowest, step) - best) <= reach for d in front.values()]
-        values.append((float(np.mean(ballots[best])), sum(near)))
-        kept = (p for p in points if abs(label_of(p[0], lowest, step) - best) > reach)
-        points = [point for point in kept if point[1] != owner]
+        value = float(np.mean(ballots[best]))
+        values.append((value, sum(near)))
+        left = []
+        for d, camera in points:
+            away = abs(label_of(d, lowest, step) - best) > reach
+            second = d < front[camera] and value - d > 0.999 * step
+            second = second and (value - d) * baselines[camera] > 0.999
+            before = owner >= 0 and label_of(d, lowest, step) > best
+            if camera != owner and (away or second) and not before:
+                left.append((d, camera))
+        points = left
+        owner = -1
     return values
 
 

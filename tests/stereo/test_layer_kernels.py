@@ -12,6 +12,7 @@ from tests.reference import stereo_layers as reference
 
 pytestmark = pytest.mark.nojit
 Choose = Callable[[Any], Any]
+BASELINES = np.array([0.0, 0.5, 1.0, 1.5, 2.0])
 
 
 @pytest.fixture(params=["compiled", "python"])
@@ -68,14 +69,18 @@ def test_peel(choose: Choose, rng: np.random.Generator) -> None:
         cameras = rng.integers(0, 5, count).astype(np.int16)
         owner = int(rng.integers(-1, 5))
         pairs = list(zip(points.astype(float).tolist(), cameras.tolist(), strict=True))
-        expected = reference.peeled(pairs, 0.0, 0.5, 1, owner)
+        expected = reference.peeled(sorted(set(pairs)), 0.0, 0.5, 1, BASELINES, owner)
+        points, cameras = (np.array(part) for part in zip(*sorted(set(pairs)), strict=True))
+        points, cameras, count = points.astype(np.float32), cameras.astype(np.int16), len(points)
         choose(kernels.sort_points)(np.array([0, count]), points, cameras)
         levels = np.array([reference.label_of(float(d), 0.0, 0.5) for d in points])
-        alive, chosen, seen = np.ones(count, np.bool_), np.zeros(count, np.bool_), np.zeros(5, np.bool_)
+        alive, chosen = np.ones(count, np.bool_), np.zeros(count, np.bool_)
+        state = np.zeros(5, np.bool_), alive, chosen
         found = []
         while alive.any():
-            found.append(choose(kernels.peel)(points, cameras, levels, 1, owner, seen, alive, chosen))
+            found.append(choose(kernels.peel)(points, cameras, levels, 0.5, 1, BASELINES, owner, *state))
             assert chosen.sum() == found[-1][1]
+            owner = -1
         assert len(found) == len(expected)
         np.testing.assert_allclose(found, expected, atol=1e-6)
         num_layers.add(len(found))

@@ -25,11 +25,11 @@ PAIR = [(0.0, 0.0), (1.0, 0.0)]
 
 
 def _check(image: LayeredDepthImage) -> None:
-    """Check that values lie behind each other, more than a label apart, and that the frame is full."""
+    """Check that values lie behind each other, a label apart, and that the frame is full."""
     occupied = image.occupied
     assert not (occupied[1:] & ~occupied[:-1]).any()
     steps = (image.disparity[:-1] - image.disparity[1:])[occupied[1:]]
-    assert (steps > image.canvas.resolution).all()
+    assert (steps > 0.99 * image.canvas.labels.step).all()
     assert occupied[0, *image.canvas.frame.slices].all()
     assert occupied[-1].any()
 
@@ -97,11 +97,17 @@ def test_two_cameras_see_the_strips_beside_a_surface() -> None:
     assert image.counts()["num_values_beyond"] == 40 * 2
 
 
+def test_surfaces_one_label_apart() -> None:
+    """A camera that sees both of two surfaces one label apart proves that there are two."""
+    image = layered_depth_image(reconstruction_of((BACKGROUND, Plane(3.0, (20, 40), (10, 30))), PAIR, LABELS))
+    assert image.counts()["num_values_by_layer"] == [2400, 20]
+    assert set(image.disparity[1][image.occupied[1]]) == {2.0}
+
+
 def test_disagreement_by_a_label_makes_no_layer() -> None:
-    """Surfaces that differ by up to one label from camera to camera and pixel to pixel stay one layer."""
-    rng = np.random.default_rng(3)
+    """Surfaces that differ by one label from camera to camera stay one layer."""
     reconstruction = reconstruction_of((Plane(6.0),), square_lattice(1), LABELS)
-    wrong = [s.disparity + rng.choice([0, 0, 1], s.disparity.shape) for s in reconstruction.surfaces]
+    wrong = [surface.disparity + k % 2 for k, surface in enumerate(reconstruction.surfaces)]
     image = layered_depth_image(_changed(reconstruction, wrong))
     assert len(image.votes) == 1
 
