@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from dvc import cli
-from dvc.stereo.commands import evaluate, layers, reconstruct, rectify, sprites
+from dvc.stereo.commands import evaluate, layers, reconstruct, rectify, reproduce, sprites
 
 PROG = "dvc-stereo"
 EXAMPLES = """\
@@ -14,7 +14,7 @@ EXAMPLES = """\
   dvc-stereo sprites layers --out sprites
   dvc-stereo evaluate surfaces/disparity-left.pfm --truth disp2.png --truth-scale 4
 """
-COMMANDS = (rectify, reconstruct, layers, sprites, evaluate)
+COMMANDS = (rectify, reconstruct, layers, sprites, evaluate, reproduce)
 
 
 def _parser() -> argparse.ArgumentParser:

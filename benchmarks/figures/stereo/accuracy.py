@@ -119,7 +119,7 @@ def sub_pixel(setting: Setting, clip: str) -> Measured:
     data = data_folder("antinous")
     found = {}
     for num_cameras in (2, 5, 25)[: setting.choose(3, 1)]:
-        disparity = reference_disparity(ANTINOUS, num_cameras)
+        disparity = reference_disparity(ANTINOUS, num_cameras, ["--sub-pixel"])
         found[num_cameras] = ANTINOUS.evaluate(data, disparity, SUB_PIXEL_PX)["all"]
     errors = {cameras: result.mean_absolute_error_px or 0.0 for cameras, result in found.items()}
     last = found[max(found)]

@@ -80,7 +80,9 @@ def reconstruction_folder(
         yield folder, run_module("dvc.stereo", [*arguments, "--quiet", *options])
 
 
-def reference_disparity(one: RealSet, num_cameras: int | None = None) -> NDArray[np.float32]:
+def reference_disparity(
+    one: RealSet, num_cameras: int | None = None, options: Sequence[object] = ()
+) -> NDArray[np.float32]:
     """Reconstruct a real set with the default settings.
 
     Parameters
@@ -89,6 +91,8 @@ def reference_disparity(one: RealSet, num_cameras: int | None = None) -> NDArray
         The set.
     num_cameras : int, optional
         Cameras around the reference; the pair by default.
+    options : sequence, optional
+        More arguments.
 
     Returns
     -------
@@ -99,7 +103,7 @@ def reference_disparity(one: RealSet, num_cameras: int | None = None) -> NDArray
     files, positions = one.pair_files(data), None
     if num_cameras is not None:
         files, positions = one.array_files(data, num_cameras)
-    with reconstruction_folder(files, one.disparities, positions) as (folder, _):
+    with reconstruction_folder(files, one.disparities, positions, options) as (folder, _):
         return read_pfm(folder / f"disparity-{Path(one.reference).stem}.pfm")
 
 

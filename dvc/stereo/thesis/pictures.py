@@ -1,0 +1,143 @@
+"""Views, disparities and errors as panels of figures 2.4, 2.5 and 2.9, in blue, green and red."""
+
+from collections.abc import Mapping, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.camera_array import ArrayView, DisparityLabels
+from dvc.page.gallery import Group, Shown
+from dvc.stereo.drawing import Picture, colour_disparity, colour_error, in_rows, with_title
+from dvc.stereo.evaluation import disparity_error
+from dvc.stereo.surfaces import Reconstruction
+
+Floats = NDArray[np.floating]
+
+
+def view_panel(view: ArrayView) -> Picture:
+    """Draw a view with its position.
+
+    Parameters
+    ----------
+    view : ArrayView
+        The view.
+
+    Returns
+    -------
+    ndarray of shape (h, W, 3), uint8
+        The picture.
+    """
+    title = f"view ({view.position.m:g}, {view.position.n:g})"
+    return with_title(np.ascontiguousarray(view.image[:, :, ::-1]), title)
+
+
+def disparity_panels(
+    disparity: Floats,
+    truth: Floats,
+    labels: DisparityLabels,
+    title: str,
+    mask: NDArray[np.bool_] | None = None,
+) -> list[Picture]:
+    """Draw a disparity map and its errors.
+
+    Parameters
+    ----------
+    disparity, truth : ndarray of shape (H, W), float
+        In pixels; NaN in the truth: unknown.
+    labels : DisparityLabels
+        For the range of the colours.
+    title : str
+        What was done.
+    mask : ndarray of shape (H, W), bool, optional
+        Pixels that count.
+
+    Returns
+    -------
+    list of ndarray of shape (h, W, 3), uint8
+        Two pictures.
+    """
+    error, counted = disparity_error(disparity, truth, mask)
+    bad = 100.0 * float(np.mean(error[counted] > 1.0))
+    return [
+        with_title(colour_disparity(disparity, labels.lowest, labels.highest), title),
+        with_title(colour_error(error, counted), f"{bad:.2f} % bad"),
+    ]
+
+
+def pair_group(
+    name: str,
+    view: ArrayView,
+    truth: Floats,
+    mask: NDArray[np.bool_],
+    labels: DisparityLabels,
+    methods: Mapping[str, Floats],
+) -> Group:
+    """Collect what several methods make of a pair, to be laid over each other.
+
+    Parameters
+    ----------
+    name : str
+        The set.
+    view : ArrayView
+        Reference view.
+    truth : ndarray of shape (H, W), float
+        True disparity of it; NaN: unknown.
+    mask : ndarray of shape (H, W), bool
+        Pixels that count.
+    labels : DisparityLabels
+        For the range of the colours.
+    methods : mapping of str to ndarray of shape (H, W), float
+        Disparities by method.
+
+    Returns
+    -------
+    Group
+        View, truth, and disparities and errors of each method.
+    """
+    shown = [
+        Shown("view", np.ascontiguousarray(view.image[:, :, ::-1])),
+        Shown("truth", colour_disparity(truth, labels.lowest, labels.highest)),
+    ]
+    for method, disparity in methods.items():
+        error, counted = disparity_error(disparity, truth, mask)
+        bad = 100.0 * float(np.mean(error[counted] > 1.0))
+        shown.append(Shown(method, colour_disparity(disparity, labels.lowest, labels.highest)))
+        shown.append(Shown(f"errors of {method}", colour_error(error, counted), f"{bad:.2f} % bad"))
+    return Group(name, tuple(shown))
+
+
+def figure_2_4(truth: Sequence[Floats], by_iteration: Mapping[int, Reconstruction]) -> Picture:
+    """Draw how the occlusion model works: views, then disparities and errors after each iteration.
+
+    Parameters
+    ----------
+    truth : sequence of ndarray of shape (H, W), float
+        Disparity of each view.
+    by_iteration : mapping of int to Reconstruction
+        What was found with so many iterations, in order.
+
+    Returns
+    -------
+    ndarray of shape (h, w, 3), uint8
+        The figure, twice as large as the views.
+    """
+    first = next(iter(by_iteration.values()))
+    rows = [[_enlarged(np.ascontiguousarray(view.image[:, :, ::-1]), view.name) for view in first.array]]
+    for iteration, found in by_iteration.items():
+        low, high = found.labels.lowest, found.labels.highest
+        maps = [colour_disparity(surface.disparity, low, high) for surface in found.surfaces]
+        rows.append([_enlarged(one, f"iteration {iteration}") for one in maps])
+        errors = [
+            disparity_error(surface.disparity, known)
+            for surface, known in zip(found.surfaces, truth, strict=True)
+        ]
+        bad = [100.0 * float(np.mean(error[counted] > 1.0)) for error, counted in errors]
+        drawn = zip(errors, bad, strict=True)
+        rows.append([_enlarged(colour_error(*error), f"{percent:.1f} % bad") for error, percent in drawn])
+    return in_rows([panel for row in rows for panel in row], len(first.array))
+
+
+def _enlarged(picture: Picture, title: str) -> Picture:
+    doubled = cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_NEAREST)
+    return with_title(np.asarray(doubled, np.uint8), title)
