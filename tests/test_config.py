@@ -64,7 +64,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
         ),
         TurboConfig(draw(st.sampled_from(TURBO_FAMILIES)), draw(st.integers(0, 2**31 - 1))),
         SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
-        GeometryConfig(draw(st.sampled_from(SFM_BACKENDS)), draw(st.floats(0, 100))),
+        GeometryConfig(draw(st.sampled_from(SFM_BACKENDS)), draw(st.floats(0, 100)), draw(st.booleans())),
         TracksConfig(
             draw(st.sampled_from(TRACKS_KINDS)), draw(st.integers(1, 1024)), draw(st.integers(0, 3))
         ),

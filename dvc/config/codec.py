@@ -68,6 +68,7 @@ class CodecConfig(Section):
         own = {
             "gop": variant.gop(),
             "side_information": variant.side_information,
+            "geometry": variant.geometry,
             "tracks": variant.tracks,
         }
         return cls(codec, video, **(own | sections))

@@ -45,6 +45,7 @@ FIELD_NUMBERS = {
     "side_information.track_corrections": 60,
     "geometry.backend": 72,
     "geometry.path_regularity": 73,
+    "geometry.rigid_order": 74,
     "tracks.kind": 80,
     "tracks.num_points": 81,
     "tracks.subpixel_bits": 82,

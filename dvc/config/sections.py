@@ -202,6 +202,7 @@ class GeometryConfig(Section):
 
     backend: str = "native"  # whose estimators: the project's own, or COLMAP's
     path_regularity: float = 0.0  # weight of second differences of the camera's path, with respect to tracks
+    rigid_order: bool = False  # order depths as a rigid motion sees them, not as the self-calibration may
 
     def _check_values(self) -> None:
         check_choice("backend", self.backend, SFM_BACKENDS)

@@ -1,9 +1,10 @@
+# ruff: noqa: RUF009 -- sections are frozen, so that they may be shared
 """Variants of the codec: how each predicts, what it sends of the geometry, and its groups of pictures."""
 
 from dataclasses import dataclass
 
 from dvc.config.fields import check_choice
-from dvc.config.sections import GopConfig, SideInformationConfig, TracksConfig
+from dvc.config.sections import GeometryConfig, GopConfig, SideInformationConfig, TracksConfig
 from dvc.errors import ConfigError
 
 KEY_FRAME_CHOICES = ("tracks", "rate")
@@ -67,6 +68,8 @@ class CodecVariant:
         Its groups of pictures.
     groups_of_keys : GroupPreset or None
         Those where key frames alone are references; None: the same.
+    geometry : GeometryConfig
+        How the decoder reconstructs the scene.
     """
 
     summary: str
@@ -75,6 +78,7 @@ class CodecVariant:
     references: str
     usual_groups: GroupPreset
     groups_of_keys: GroupPreset | None = None
+    geometry: GeometryConfig = GeometryConfig()
 
     def groups(self, references: str | None = None) -> GroupPreset:
         """Return the groups of pictures that suit what frames are predicted from.
@@ -117,6 +121,8 @@ class CodecVariant:
         return GopConfig(usual if length is None else length, references or self.references)
 
 
+_GEOMETRY = GeometryConfig(rigid_order=True)
+
 VARIANTS = {
     "2d": CodecVariant(
         summary="block motion",
@@ -131,6 +137,7 @@ VARIANTS = {
         tracks=TracksConfig("none"),
         references="keys",
         usual_groups=GroupPreset(2),
+        geometry=_GEOMETRY,
     ),
     "3d-td": CodecVariant(
         summary="the scene, with cameras from corners of every frame, which the decoder matches",
@@ -138,6 +145,7 @@ VARIANTS = {
         tracks=TracksConfig("decoder", num_points=176),  # of each frame, as many as there are in the thesis
         references="hierarchical",
         usual_groups=GroupPreset(10),
+        geometry=_GEOMETRY,
     ),
     "3d-te": CodecVariant(
         summary="the scene, with cameras from points that the encoder tracks, which set the key frames, too",
@@ -147,6 +155,7 @@ VARIANTS = {
         references="hierarchical",
         usual_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.6, hierarchical=True)),
         groups_of_keys=GroupPreset(8),
+        geometry=_GEOMETRY,
     ),
 }
 """All variants by name, from the simplest to the best."""

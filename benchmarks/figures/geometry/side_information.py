@@ -47,7 +47,7 @@ Floats = NDArray[np.float64]
 
 def _method(name: str, frame: Luma) -> SideInformationMethod:
     height, width = frame.shape
-    return METHODS[name](CodecConfig("3d", VideoConfig(width, height, 25, 1)))
+    return METHODS[name](CodecConfig.preset("3d", VideoConfig(width, height, 25, 1)))
 
 
 def _mean_psnr(originals: Sequence[Luma], predictions: Sequence[Prediction]) -> float:

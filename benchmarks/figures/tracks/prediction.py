@@ -21,7 +21,6 @@ from dvc import cli
 from dvc.config import (
     VARIANTS,
     CodecConfig,
-    GeometryConfig,
     GopConfig,
     KeyFrameConfig,
     KeyFrameRule,
@@ -202,7 +201,7 @@ def predictions(run: Run) -> Iterator[tuple[ReceivedGroup, list[tuple[int, Predi
                     method=run.way.method,
                     track_corrections=run.way.track_corrections,
                 ),
-                geometry=GeometryConfig(path_regularity=run.way.path_regularity),
+                geometry=replace(VARIANTS[codec].geometry, path_regularity=run.way.path_regularity),
             )
             method = METHODS[run.way.method](config)
         points = group.points if run.way.codec == run.coding else None

@@ -54,7 +54,7 @@ class SceneInterpolation:
     def __init__(self, interpolator: SceneInterpolatorType, config: CodecConfig) -> None:
         self.name = interpolator.name
         self._build = interpolator
-        self._backend, self._seed = config.geometry.backend, config.seed
+        self._geometry_config, self._seed = config.geometry, config.seed
         self._block_motion = BlockMotionInterpolation(config.side_information)
         self._scene: _Scene | None = None
 
@@ -91,7 +91,8 @@ class SceneInterpolation:
         if known is not None and known.before.frame is before.frame and known.after.frame is after.frame:
             return known
         first, second = before.frame.luma, after.frame.luma
-        found = reconstruct(first, second, backend=self._backend, seed=self._seed)
+        backend, keep_order = self._geometry_config.backend, not self._geometry_config.rigid_order
+        found = reconstruct(first, second, backend=backend, seed=self._seed, keep_order=keep_order)
         if found.model is None or not found.success:
             self._scene = _Scene(before, after, None, None, found.reason)
         else:
