@@ -77,7 +77,7 @@ GOLDEN = [
     scene("te-mesh", (104, 88), "-te --gop 3 --min-gop 3 --wz-q 4", "mesh"),
     scene("fused", (104, 88), " --gop 3 --wz-q 5", "fused"),
     scene("rigid-order", (104, 88), " --gop 3 --wz-q 5"),
-    scene("td-rigid-order", (104, 88), "-td --gop 3 --references all --wz-q 2"),
+    scene("td-rigid-order", (104, 88), "-td --gop 3 --wz-q 6 --luma-only"),
     scene("te-rigid-order", (105, 87), "-te --gop 3 --min-gop 3 --wz-q 4"),
 ]
 ALL_PROCESSORS = os.environ.get("DVC_ALL_PROCESSORS") == "1"
