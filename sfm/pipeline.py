@@ -5,8 +5,6 @@ References
 [Maitre2008] Sec. 5.2.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +13,6 @@ from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.triangulation import triangulate_depth
 from sfm import colmap
 from sfm.cameras.bundle_adjustment import bundle_adjustment
-from sfm.cameras.depth_order import rigid_order
 from sfm.cameras.self_calibration import self_calibration
 from sfm.correspondences import outliers
 from sfm.correspondences.densification import densify
@@ -43,7 +40,6 @@ def reconstruct(
     backend: str = "native",
     seed: int = 0,
     settings: SfmSettings | None = None,
-    keep_order: bool = False,
 ) -> Reconstruction:
     """Reconstruct a static scene from two key frames.
 
@@ -57,8 +53,6 @@ def reconstruct(
         Of everything random.
     settings : SfmSettings, optional
         Parameters; the defaults if None.
-    keep_order : bool
-        Whether depths stay in the order that the self-calibration found, even against that of a rigid motion.
 
     Returns
     -------
@@ -76,10 +70,7 @@ def reconstruct(
         )
     if backend not in SFM_BACKENDS:
         raise ValueError(f"`backend` must be one of {', '.join(SFM_BACKENDS)}, got {backend!r}")
-    found = _reconstruct(first, second, backend, np.random.default_rng(seed), settings or SfmSettings())
-    if found.model is None or keep_order:
-        return found
-    return replace(found, model=rigid_order(found.model))
+    return _reconstruct(first, second, backend, np.random.default_rng(seed), settings or SfmSettings())
 
 
 def _reconstruct(

@@ -3,7 +3,7 @@
 Correspondences and depths bounded from both sides leave two projective frames that differ by more than a
 plane at infinity: in one of them all depths are in the opposite order. Where a camera turns about what it
 looks at, the linear program of the self-calibration may prefer that one, because what is near moves least.
-Predictions of points do not care; what hides what does.
+Where points are seen does not depend on it; what hides what does.
 
 References
 ----------
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from dvc.multiview.cameras import oriented
 from dvc.multiview.triangulation import inverse_depths
-from sfm.cameras.projective_basis import CAMERA_NORM
+from sfm.cameras.rebasing import Rebased
 from sfm.estimation.epipolar import fundamental_from_camera
 from sfm.model import Model
 
@@ -34,8 +34,8 @@ MARGIN = 1.0
 """Distance of the new plane at infinity from the nearest points, as a share of the inverse depths' range."""
 
 
-def rigid_order(model: Model) -> Model:
-    """Put the depths of a model in the order in which a rigid motion sees them.
+def rigid_order(model: Model) -> Rebased | None:
+    """Describe a scene whose depths a rigid motion sees in the opposite order so that they are in that order.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ def rigid_order(model: Model) -> Model:
 
     Returns
     -------
-    Model
-        The same; where the likeliest rigid motion sees the depths in the opposite order, the scene in a frame
-        that has them so.
+    Rebased or None
+        The same points before the same cameras in another basis; None where the model is as it should be, or
+        no plane lies between the points and both cameras.
     """
-    return _reversed(model) if is_reversed(model) else model
+    return _reversed(model) if is_reversed(model) else None
 
 
 def is_reversed(model: Model) -> bool:
@@ -92,7 +92,7 @@ def _rigid_motions(essential: Floats) -> list[Floats]:
     ]
 
 
-def _reversed(model: Model) -> Model:
+def _reversed(model: Model) -> Rebased | None:
     """Subtract inverse depths from a constant: a plane before the nearest points becomes that at infinity."""
     lowest, highest = model.view_pair.inverse_depth_ranges[0]
     constant = highest + MARGIN * (highest - lowest)
@@ -102,9 +102,7 @@ def _reversed(model: Model) -> Model:
     basis = np.eye(4)
     basis[3, 2:] = constant, -1.0  # its own inverse
     camera = oriented(model.second_camera) @ basis
-    return replace(
-        model,
-        second_camera=camera * (CAMERA_NORM / float(np.linalg.norm(camera))),
-        correspondences=model.correspondences[kept],
-        depths=1.0 / inverse[kept],
-    )
+    if not kept.any() or not np.linalg.det(camera[:, :3]) > 0.0:
+        return None
+    seen, depths = model.correspondences[kept], 1.0 / inverse[kept]
+    return Rebased(replace(model, second_camera=camera, correspondences=seen, depths=depths), basis)

@@ -1,10 +1,11 @@
 """Geometry of a group of pictures: a model from its key frames, and a camera for every frame from tracks."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.multiview.cameras import oriented
 from dvc.multiview.depth_maps import KnownDepth
 from dvc.multiview.triangulation import track_depths
 from dvc.tracks import FeaturePoints, PointTracks
@@ -161,6 +162,7 @@ def estimate_geometry(
     points: PointTracks | FeaturePoints,
     first_index: int,
     path_regularity: float = 0.0,
+    rigid: bool = False,
 ) -> GroupGeometry:
     """Find the cameras of a group of pictures.
 
@@ -176,6 +178,8 @@ def estimate_geometry(
         Display position of the first key frame.
     path_regularity : float, optional
         Weight of the second differences of the camera's path, see `regular_cameras`.
+    rigid : bool, optional
+        Whether depths are put in the order in which a rigid motion sees them, see `rigid_order`.
 
     Returns
     -------
@@ -204,7 +208,7 @@ def estimate_geometry(
     found = regular_cameras(model, instants, path_regularity)
     cameras = [resection.camera if resection.success else None for resection in found]
     reasons = [f"camera: {resection.reason}" if resection.reason else "" for resection in found]
-    return GroupGeometry(
+    geometry = GroupGeometry(
         first_index,
         tracks,
         model,
@@ -213,3 +217,27 @@ def estimate_geometry(
         ("", *reasons, ""),
         True,
     )
+    return in_rigid_order(geometry) if rigid else geometry
+
+
+def in_rigid_order(geometry: GroupGeometry) -> GroupGeometry:
+    """Put the depths of a group of pictures in the order in which a rigid motion sees them.
+
+    Parameters
+    ----------
+    geometry : GroupGeometry
+        With a model.
+
+    Returns
+    -------
+    GroupGeometry
+        The same, or all of it in the basis that has the depths so: where points are seen stays.
+    """
+    from sfm.cameras.depth_order import rigid_order
+
+    assert geometry.model is not None
+    ordered = rigid_order(geometry.model)
+    if ordered is None:
+        return geometry
+    cameras = [None if camera is None else ordered.camera(oriented(camera)) for camera in geometry.cameras]
+    return replace(geometry, model=ordered.model, cameras=tuple(cameras))

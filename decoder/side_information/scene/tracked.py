@@ -111,10 +111,10 @@ class TrackedSceneInterpolation:
         from sfm.pipeline import reconstruct
 
         keys = ends[0].frame.luma, ends[1].frame.luma
-        backend, regularity = self._geometry_config.backend, self._geometry_config.path_regularity
-        keep_order = not self._geometry_config.rigid_order
-        reconstruction = reconstruct(*keys, backend=backend, seed=self._seed, keep_order=keep_order)
-        geometry = estimate_geometry(reconstruction, keys, points, ends[0].index, regularity)
+        how = self._geometry_config
+        reconstruction = reconstruct(*keys, backend=how.backend, seed=self._seed)
+        path = how.path_regularity, how.rigid_order
+        geometry = estimate_geometry(reconstruction, keys, points, ends[0].index, *path)
         group = _Group(ends, geometry, {})
         self._groups[ends[0].index, ends[1].index] = group
         return group

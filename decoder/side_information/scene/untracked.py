@@ -14,6 +14,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.protocol import (
     Prediction,
@@ -26,16 +29,24 @@ from decoder.side_information.protocol import (
 from decoder.side_information.scene.synthesis import completed
 from decoder.side_information.weighting import blend_guessed
 from dvc.config import CodecConfig
+from dvc.multiview.cameras import oriented
 from dvc.tracks import FeaturePoints, PointTracks
+from sfm.cameras.rebasing import Rebased
 from sfm.model import Model
+
+Floats = NDArray[np.float64]
 
 
 class _Scene(NamedTuple):
-    """What is known of the scene between two references; no interpolator where nothing can be trusted."""
+    """What is known of the scene between two references; no interpolator where nothing can be trusted.
+
+    The interpolator has the basis of `ordered` where there is one, otherwise that of the model.
+    """
 
     before: ReferenceFrame
     after: ReferenceFrame
     model: Model | None
+    ordered: Rebased | None
     interpolator: SceneInterpolator | None
     reason: str
 
@@ -80,22 +91,29 @@ class SceneInterpolation:
         [camera] = intermediate_cameras(scene.model, [linear_points(scene.model, position)])
         if not camera.success:
             return replace(block_motion, success=False, reason=f"camera: {camera.reason}")
-        rendered = scene.interpolator.interpolate(camera.camera, position)
+        wanted: Floats | None = camera.camera
+        if scene.ordered is not None:
+            wanted = scene.ordered.camera(oriented(camera.camera))
+        if wanted is None:
+            return replace(block_motion, success=False, reason="a camera lies at infinity")
+        rendered = scene.interpolator.interpolate(wanted, position)
         prediction = blend_guessed(block_motion, rendered, position)
         return completed(prediction, rendered, (before.frame, after.frame), self.name)
 
     def _scene_between(self, before: ReferenceFrame, after: ReferenceFrame) -> _Scene:
+        from sfm.cameras.depth_order import rigid_order
         from sfm.pipeline import reconstruct
 
         known = self._scene
         if known is not None and known.before.frame is before.frame and known.after.frame is after.frame:
             return known
         first, second = before.frame.luma, after.frame.luma
-        backend, keep_order = self._geometry_config.backend, not self._geometry_config.rigid_order
-        found = reconstruct(first, second, backend=backend, seed=self._seed, keep_order=keep_order)
+        backend = self._geometry_config.backend
+        found = reconstruct(first, second, backend=backend, seed=self._seed)
         if found.model is None or not found.success:
-            self._scene = _Scene(before, after, None, None, found.reason)
+            self._scene = _Scene(before, after, None, None, None, found.reason)
         else:
-            interpolator = self._build(found.model, first, second)
-            self._scene = _Scene(before, after, found.model, interpolator, "")
+            ordered = rigid_order(found.model) if self._geometry_config.rigid_order else None
+            interpolator = self._build(ordered.model if ordered else found.model, first, second)
+            self._scene = _Scene(before, after, found.model, ordered, interpolator, "")
         return self._scene
