@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from benchmarks.figures.harness import MissingClip, run_module
@@ -56,15 +57,15 @@ def draw_toy() -> list[Path]:
         run_module("dvc.stereo", ["rectify", *views, *cameras, "--out", rectified, "--quiet"])
         run_module("dvc.stereo", ["reconstruct", *views, *cameras, "--out", folder, "--quiet"])
         found = read_reconstruction(folder)
-        FOLDER.mkdir(parents=True, exist_ok=True)
-        shutil.copy(rectified / "preview.png", FOLDER / "toy-rectified.png")
+        preview = cv2.imread(str(rectified / "preview.png"))
     hidden = [
         with_title(surface.occluded.astype(np.uint8) * 255, f"{view.name}: in no other view")
         for view, surface in zip(found.array, found.surfaces, strict=True)
     ]
     rows = [_maps(found, range(len(found.array))), in_rows(hidden, len(hidden))]
     write_picture(FOLDER / "toy.jpg", in_rows(rows, 1))
-    return [FOLDER / "toy-rectified.png", FOLDER / "toy.jpg"]
+    write_picture(FOLDER / "toy-rectified.jpg", np.asarray(preview, np.uint8))
+    return [FOLDER / "toy-rectified.jpg", FOLDER / "toy.jpg"]
 
 
 def draw_pairs() -> list[Path]:
