@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dvc.multiview.camera_array import CameraArray, DisparityLabels
 from dvc.multiview.volumes.aggregation import Arms, Window, aggregate
 from dvc.multiview.volumes.combination import defined_costs, mean_costs, smaller_costs
-from dvc.multiview.volumes.matching_costs import MatchingCost, WeightedCosts
+from dvc.multiview.volumes.matching_costs import Band, MatchingCost, WeightedCosts
 from dvc.stereo import _kernels
 from dvc.stereo.occupancy import Neighbours, Occupancy, shifts
 
@@ -64,11 +64,14 @@ class Regions:
         The windows; their means count alike.
     base : ndarray of shape (H, W), int64
         Labels of the surface that they follow.
+    band : Band
+        Labels that are tried.
     """
 
     arms: Sequence[Arms]
     windows: Sequence[Window]
     base: Labels
+    band: Band
 
 
 def photometric_cost(
@@ -120,16 +123,18 @@ def _compared(
 ) -> WeightedCosts:
     """Costs of one neighbour, without those that it does not see, over the regions of pixels."""
     view, other = (comparison.array[index] for index in pair)
-    costs = comparison.cost(view, other, comparison.labels, rows)
+    costs = comparison.cost(view, other, comparison.labels, regions.band, rows)
     if occupancy is not None:
         moved = shifts(comparison.labels, view.position, other.position)
         own, theirs = (occupancy[index] for index in pair)
-        _kernels.clear_invisible(*own, *theirs, moved, HIDING_SLACK, rows.start, costs.weight)
+        origin = regions.band.origin
+        _kernels.clear_invisible(*own, *theirs, moved, origin, HIDING_SLACK, rows.start, costs.weight)
     if not regions.windows:
         return costs
+    base = regions.base[rows] - regions.band.origin[rows]
     copies = [costs, *(WeightedCosts(*map(np.copy, costs)) for _ in regions.windows[1:])]
     for copy, arms, window in zip(copies, regions.arms, regions.windows, strict=True):
-        aggregate(copy, arms[rows], regions.base[rows], window.iterations)
+        aggregate(copy, arms[rows], base, window.iterations)
     for copy in copies[1:]:
         costs = mean_costs(costs, copy)
     return costs

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.multiview.volumes.aggregation import Arms, cross_arms
 from dvc.multiview.volumes.inference import Inferred
-from dvc.multiview.volumes.matching_costs import COSTS
+from dvc.multiview.volumes.matching_costs import COSTS, Band
 from dvc.stereo import _kernels
 from dvc.stereo.continuation import continued
 from dvc.stereo.occupancy import Occupancy, neighbours, seen_elsewhere, supported
@@ -30,6 +31,10 @@ Floats = NDArray[np.float64]
 
 MAX_CELLS = 24_000_000
 """Pixels times labels that are inferred at once; larger views are cut into strips of rows."""
+LARGE_CELLS = 40_000_000
+"""Above it, views of half the size tell first which labels are tried."""
+BAND_LABELS, BAND_ITERATIONS = 11, 2
+"""Labels that are then tried at each pixel, around those of the half; and how often."""
 OVERLAP_ROWS = 40
 """Rows by which strips reach into each other: as far as the arms of pixels."""
 BASE_MEDIAN_PX = 5
@@ -80,17 +85,9 @@ def reconstruct(
     Reconstruction
         A surface for each view.
     """
-    solver = _Solver(_equally_exposed(array), labels, settings)
-    changes: list[float] = []
-    state: _State | None = None
     with ThreadPoolExecutor(jobs) as pool:
-        for _ in range(settings.max_iterations):
-            found = solver.iterate(state, pool, advance)
-            changes.append(1.0 if state is None else _changed(state, found))
-            state = found
-            if changes[-1] < settings.min_change:
-                break
-    assert state is not None
+        solver = _Solver(_equally_exposed(array), labels, settings, pool, advance)
+        state, changes = solver.solve()
     figures = {"iterations": len(changes), "changed": [round(change, 6) for change in changes]}
     return Reconstruction(array, labels, solver.surfaces(state), figures)
 
@@ -106,36 +103,74 @@ class _Solver:
         Disparities to try.
     settings : StereoSettings
         How.
+    pool : ThreadPoolExecutor
+        Who does the work.
+    advance : callable
+        Told the number of views that have just been finished.
     """
 
-    def __init__(self, array: CameraArray, labels: DisparityLabels, settings: StereoSettings) -> None:
+    def __init__(
+        self,
+        array: CameraArray,
+        labels: DisparityLabels,
+        settings: StereoSettings,
+        pool: ThreadPoolExecutor,
+        advance: Callable[[int], None],
+    ) -> None:
         self.array, self.labels, self.settings = array, labels, settings
+        self.pool, self.advance = pool, advance
         smaller = settings.occlusion != "none"
         self.comparison = Comparison(array, labels, COSTS[settings.cost], smaller)
         self.near = [neighbours(array, index) for index in range(len(array))]
-        self.strips = _strips(array.shape, labels.num_labels)
+        self.is_large = array.shape[0] * array.shape[1] * labels.num_labels > LARGE_CELLS
+        self.num_labels = BAND_LABELS if self.is_large else labels.num_labels
+        self.strips = _strips(array.shape, self.num_labels)
 
-    def iterate(
-        self, state: _State | None, pool: ThreadPoolExecutor, advance: Callable[[int], None]
-    ) -> _State:
+    def solve(self) -> tuple[_State, list[float]]:
+        """Iterate until nothing changes; return what is known then, and what share each iteration changed."""
+        state = self._coarse() if self.is_large else None
+        changes: list[float] = []
+        for _ in range(BAND_ITERATIONS if self.is_large else self.settings.max_iterations):
+            found = self._iterated(state)
+            changes.append(1.0 if state is None else _changed(state, found))
+            state = found
+            if changes[-1] < self.settings.min_change:
+                break
+        assert state is not None
+        return state, changes
+
+    def _coarse(self) -> _State:
+        """What views of half the size tell."""
+        labels = self.labels
+        halved = DisparityLabels(0.5 * labels.lowest, labels.step, labels.num_labels // 2 + 1)
+        views = tuple(_half(view) for view in self.array)
+        solver = _Solver(CameraArray(views), halved, self.settings, self.pool, self.advance)
+        state, _ = solver.solve()
+        filled = [_doubled(surface, self.array.shape, labels) for surface in state.filled]
+        bases = [_base(surface, labels) for surface in filled]
+        near = [_repeated(occupancy.supported, self.array.shape) for occupancy in state.occupancy]
+        occupancy = [Occupancy(*pair) for pair in zip(bases, near, strict=True)]
+        return _State(occupancy, [], filled, bases)
+
+    def _iterated(self, state: _State | None) -> _State:
         """Find all surfaces once, from what is known."""
         views = range(len(self.array))
 
         def _infer(task: tuple[int, slice]) -> Inferred:
             return self._inferred(state, *task)
 
-        parts = pool.map(_infer, [(index, strip) for index in views for strip in self.strips])
+        parts = self.pool.map(_infer, [(index, strip) for index in views for strip in self.strips])
         inferred = []
         for _ in views:
             inferred.append(_joined([next(parts) for _ in self.strips], self.strips))
-            advance(1)
+            self.advance(1)
         maps = [found.label for found in inferred]
 
         def _supported(index: int) -> Occupancy:
             return Occupancy(maps[index], supported(self.array, self.labels, maps, index))
 
-        occupancy = list(pool.map(_supported, views))
-        filled = list(pool.map(lambda index: self._continued(occupancy, index), views))
+        occupancy = list(self.pool.map(_supported, views))
+        filled = list(self.pool.map(lambda index: self._continued(occupancy, index), views))
         return _State(occupancy, inferred, filled, [_base(surface, self.labels) for surface in filled])
 
     def _inferred(self, state: _State | None, index: int, strip: slice) -> Inferred:
@@ -148,13 +183,15 @@ class _Solver:
         arms: Sequence[Arms] = [cross_arms(view.image, window) for window in windows]
         explicit = state is not None and settings.occlusion == "explicit"
         occupancy = state.occupancy if state is not None and explicit else None
-        regions = Regions(arms, windows, base)
+        origin = base - BAND_LABELS // 2 if self.is_large else np.zeros(view.shape, np.int64)
+        regions = Regions(arms, windows, base, Band(origin, self.num_labels))
         cost = photometric_cost(self.comparison, index, self.near[index], regions, occupancy, rows)
         if state is not None and settings.geometric_weight > 0.0:
             label, kept = (plane[rows] for plane in state.occupancy[index])
             strength = np.float32(settings.geometric_weight)
-            _kernels.add_distance(label, kept, strength, settings.geometric_limit, cost)
-        found = settings.inference_method(iteration).infer(cost, view.image[rows], base[rows])
+            _kernels.add_distance(label, kept, origin[rows], strength, settings.geometric_limit, cost)
+        found = settings.inference_method(iteration).infer(cost, view.image[rows], base[rows], origin[rows])
+        np.clip(found.label, 0, self.labels.num_labels - 1, out=found.label)
         return found.rows(slice(strip.start - rows.start, strip.stop - rows.start))
 
     def _continued(self, occupancy: Sequence[Occupancy], index: int) -> Floats:
@@ -190,6 +227,29 @@ def _strips(shape: tuple[int, int], num_labels: int) -> list[slice]:
     count = -(-height // rows)
     edges = [height * k // count for k in range(count + 1)]
     return [slice(*pair) for pair in pairwise(edges)]
+
+
+def _half(view: ArrayView) -> ArrayView:
+    """Halve a view; its first pixel centre is between the first four."""
+    height, width = (size - size % 2 for size in view.shape)
+    quarters = view.image[:height, :width].reshape(height // 2, 2, width // 2, 2, 3).astype(np.uint16)
+    image = ((quarters.sum(axis=(1, 3)) + 2) // 4).astype(np.uint8)
+    if view.valid is None:
+        return ArrayView(view.name, image, view.position)
+    valid = np.logical_and.reduce([view.valid[dy:height:2, dx:width:2] for dy in (0, 1) for dx in (0, 1)])
+    return ArrayView(view.name, image, view.position, valid)
+
+
+def _doubled(filled: Floats, shape: tuple[int, int], labels: DisparityLabels) -> Floats:
+    """Bring labels of a half-sized view to the full size: disparities double, steps do not."""
+    doubled = np.clip(2.0 * filled, 0.0, labels.num_labels - 1.0)
+    return _repeated(doubled, shape)
+
+
+def _repeated(plane: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    repeated = plane.repeat(2, axis=0).repeat(2, axis=1)
+    missing = [(0, max(size - done, 0)) for size, done in zip(shape, repeated.shape, strict=True)]
+    return np.pad(repeated, missing, mode="edge")
 
 
 def _joined(parts: Sequence[Inferred], strips: Sequence[slice]) -> Inferred:

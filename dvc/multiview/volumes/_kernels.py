@@ -9,8 +9,8 @@ BEFORE_Y, AFTER_Y, BEFORE_X, AFTER_X = 0, 1, 2, 3
 
 
 @kernel
-def census(grey, radius, bits):
-    """One bit for each neighbour, set where it is darker; the border repeats."""
+def census(grey, radius, dead_zone, bits):
+    """One bit for each neighbour, set where it is clearly darker; the border repeats."""
     height, width = grey.shape
     for y in range(height):
         for x in range(width):
@@ -20,7 +20,7 @@ def census(grey, radius, bits):
                     if dy == 0 and dx == 0:
                         continue
                     i, j = min(max(y + dy, 0), height - 1), min(max(x + dx, 0), width - 1)
-                    word = (word << np.uint32(1)) | np.uint32(grey[i, j] < grey[y, x])
+                    word = (word << np.uint32(1)) | np.uint32(grey[i, j] < grey[y, x] - dead_zone)
             bits[y, x] = word
 
 
@@ -34,18 +34,31 @@ def count_bits(word):
 
 
 @kernel
-def census_cost(image, bits, others, other_bits, seen, shifts, top, census_table, level_table, cost, weight):
+def place(x, y, label, shifts, seen):
+    """Phase, column and row of a point in the other view; phase -1 where that sees nothing."""
+    if label < 0 or label >= shifts.shape[0]:
+        return -1, 0, 0
+    u, v = x + shifts[label, 1], y + shifts[label, 2]
+    if u < 0 or v < 0 or u >= seen.shape[1] or v >= seen.shape[0] or not seen[v, u]:
+        return -1, 0, 0
+    return shifts[label, 0], u, v
+
+
+@kernel
+def census_cost(own, other, shifts, origin, top, census_table, level_table, cost, weight):
     """Robust distance of census bits and of levels, per pixel and label; weight 0 where nothing is seen.
 
-    `others`, `other_bits`: the other view at each phase; `shifts`: (labels, 3) phase, columns and rows.
+    `own`: picture and its bits; `other`: the same at each phase, and what is seen; `shifts`: (labels, 3)
+    phase, columns and rows; `origin`: first label of each pixel of the view.
     """
-    height, width = bits.shape
+    image, bits = own
+    others, other_bits, seen = other
     for i in range(cost.shape[0]):
         y = top + i
-        for x in range(width):
+        for x in range(cost.shape[1]):
             for k in range(cost.shape[2]):
-                u, v, phase = x + shifts[k, 1], y + shifts[k, 2], shifts[k, 0]
-                if u < 0 or v < 0 or u >= width or v >= height or not seen[v, u]:
+                phase, u, v = place(x, y, origin[y, x] + k, shifts, seen)
+                if phase < 0:
                     cost[i, x, k] = 0.0
                     weight[i, x, k] = 0.0
                     continue
@@ -58,15 +71,14 @@ def census_cost(image, bits, others, other_bits, seen, shifts, top, census_table
 
 
 @kernel
-def squared_cost(image, others, seen, shifts, top, limit, cost, weight):
+def squared_cost(image, others, seen, shifts, origin, top, limit, cost, weight):
     """Truncated squared difference (2.18) over its limit, per pixel and label, as in `census_cost`."""
-    height, width = image.shape[:2]
     for i in range(cost.shape[0]):
         y = top + i
-        for x in range(width):
+        for x in range(cost.shape[1]):
             for k in range(cost.shape[2]):
-                u, v, phase = x + shifts[k, 1], y + shifts[k, 2], shifts[k, 0]
-                if u < 0 or v < 0 or u >= width or v >= height or not seen[v, u]:
+                phase, u, v = place(x, y, origin[y, x] + k, shifts, seen)
+                if phase < 0:
                     cost[i, x, k] = 0.0
                     weight[i, x, k] = 0.0
                     continue

@@ -40,11 +40,11 @@ class BeliefPropagation:
     iterations: int = 5
     levels: int = 5
 
-    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels) -> Inferred:
+    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Inferred:
         """Choose labels; see `Inference`."""
-        return chosen(self.beliefs(cost, image, base))
+        return chosen(self.beliefs(cost, image, base, origin), origin)
 
-    def beliefs(self, cost: Volume, image: NDArray[np.uint8], base: Labels) -> Volume:
+    def beliefs(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Volume:
         """Return the costs of all labels, with what the messages say.
 
         Parameters
@@ -55,13 +55,15 @@ class BeliefPropagation:
             Across whose edges smoothness is weak.
         base : ndarray of shape (rows, columns), int64
             Labels of a base surface: its slopes cost nothing.
+        origin : ndarray of shape (rows, columns), int64
+            Label of the first cost of each pixel.
 
         Returns
         -------
         ndarray of shape (rows, columns, labels), float32
             Min-marginals up to a constant; exact on a chain.
         """
-        grids = self._grids(cost, image, base)
+        grids = self._grids(cost, image, base, origin)
         messages = [np.zeros(grids[-1][0].shape, np.float32) for _ in range(4)]
         slope, limit = np.float32(self.slope), np.float32(self.limit)
         for level, (costs, across, down, rise_x, rise_y) in reversed(list(enumerate(grids))):
@@ -76,12 +78,12 @@ class BeliefPropagation:
         return total
 
     def _grids(
-        self, cost: Volume, image: NDArray[np.uint8], base: Labels
+        self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels
     ) -> list[tuple[Volume, NDArray[np.float32], NDArray[np.float32], Labels, Labels]]:
         """Costs, strengths and rises of the base surface to the right and downwards, from fine to coarse."""
         levels = image.astype(np.float32)
         across, down = (self._strength(np.diff(levels, axis=axis)) for axis in (1, 0))
-        rise_x, rise_y = (_small(np.diff(base, axis=axis)) for axis in (1, 0))
+        rise_x, rise_y = (_small(np.diff(base, axis=axis)) - np.diff(origin, axis=axis) for axis in (1, 0))
         grids = [(cost, across, down, rise_x, rise_y)]
         while len(grids) < self.levels and min(cost.shape[:2]) > 1:
             cost = _coarser(cost)

@@ -52,7 +52,7 @@ class Inferred(NamedTuple):
 class Inference(Protocol):
     """Chooses labels of small cost that are smooth but for discontinuities (2.13)."""
 
-    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels) -> Inferred:
+    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Inferred:
         """Choose labels.
 
         Parameters
@@ -63,6 +63,8 @@ class Inference(Protocol):
             Across whose edges jumps are cheap.
         base : ndarray of shape (rows, columns), int64
             Labels of a base surface, whose slopes cost nothing where the method can tell.
+        origin : ndarray of shape (rows, columns), int64
+            Label of the first cost of each pixel.
 
         Returns
         -------
@@ -84,8 +86,8 @@ class SemiGlobal:
     small_jump: float = 0.3
     large_jump: float = 2.0
 
-    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels) -> Inferred:
-        """Choose labels; see `Inference`. The base surface is not looked at."""
+    def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Inferred:
+        """Choose labels; see `Inference`. The base surface is not looked at: what is even costs nothing."""
         del base
         small, large = round(self.small_jump * UNITS), round(self.large_jump * UNITS)
         red, green, blue = np.moveaxis(image.astype(np.int64), 2, 0)
@@ -93,16 +95,18 @@ class SemiGlobal:
         hypothesis, confidence = semi_global((cost * UNITS).astype(np.int16), luma, small, large)
         label = np.floor(hypothesis + 0.5).astype(np.int64)
         margin = np.float32(1.0 / UNITS) * confidence.astype(np.float32)
-        return Inferred(label, (hypothesis - label).astype(np.float32), margin)
+        return Inferred(label + origin, (hypothesis - label).astype(np.float32), margin)
 
 
-def chosen(total: Volume) -> Inferred:
+def chosen(total: Volume, origin: Labels) -> Inferred:
     """Choose the best label of each pixel.
 
     Parameters
     ----------
     total : ndarray of shape (rows, columns, labels), float32
         Costs.
+    origin : ndarray of shape (rows, columns), int64
+        Label of the first cost of each pixel.
 
     Returns
     -------
@@ -112,4 +116,4 @@ def chosen(total: Volume) -> Inferred:
     shape = total.shape[:2]
     inferred = Inferred(np.empty(shape, np.int64), np.empty(shape, np.float32), np.empty(shape, np.float32))
     _kernels.choose(total, *inferred)
-    return inferred
+    return inferred._replace(label=inferred.label + origin)

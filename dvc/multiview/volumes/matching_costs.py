@@ -23,10 +23,27 @@ Volume = NDArray[np.float32]
 PHASES_PER_PX = 16
 """Positions between pixels are rounded to this."""
 CENSUS_RADIUS_PX = 2
+DEAD_ZONE = 1.0
+"""Levels by which a neighbour must be darker for its bit: above the noise of flat, dark places."""
 CENSUS_SCALE, LEVEL_SCALE = 12.0, 10.0
 """Bits that differ, and mean difference of levels, at which a cost is at 1 - 1/e of its limit."""
 SQUARED_LIMIT = 400.0
 """Truncation of squared differences, tau_2 of (2.18), in squared levels: twice the noise of a good match."""
+
+
+class Band(NamedTuple):
+    """Labels that are tried at each pixel: all, or a few around an estimate.
+
+    Attributes
+    ----------
+    origin : ndarray of shape (H, W), int64
+        First label; it may lie before or after all that there are, where nothing is then known.
+    num_labels : int
+        How many follow each other.
+    """
+
+    origin: NDArray[np.int64]
+    num_labels: int
 
 
 class WeightedCosts(NamedTuple):
@@ -51,16 +68,18 @@ class MatchingCost(Protocol):
     """No cost is above it."""
 
     def __call__(
-        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, rows: slice
+        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
     ) -> WeightedCosts:
-        """Compare some rows of a view with another, at all labels.
+        """Compare some rows of a view with another.
 
         Parameters
         ----------
         view, other : ArrayView
             Of one size.
         labels : DisparityLabels
-            Disparities to try.
+            Disparities of all labels.
+        band : Band
+            Which of them are tried at each pixel.
         rows : slice
             Rows of `view`, with start and stop.
 
@@ -77,7 +96,7 @@ class CensusCost:
     highest = 2.0
 
     def __call__(
-        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, rows: slice
+        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
     ) -> WeightedCosts:
         """Compare; see `MatchingCost`."""
         others, shifts = phases(other, view.position, labels)
@@ -85,11 +104,11 @@ class CensusCost:
         count = (2 * CENSUS_RADIUS_PX + 1) ** 2
         census_table = _robust(np.arange(count), CENSUS_SCALE)
         level_table = _robust(np.arange(3 * 256) / 3.0, LEVEL_SCALE)
-        costs = _empty(view, labels, rows)
+        costs = _empty(view, band, rows)
         image = view.image.astype(np.float32)
-        own = census(image)
+        pictures = (image, census(image)), (others, bits, _seen(other))
         tables = census_table, level_table
-        _kernels.census_cost(image, own, others, bits, _seen(other), shifts, rows.start, *tables, *costs)
+        _kernels.census_cost(*pictures, shifts, band.origin, rows.start, *tables, *costs)
         return costs
 
 
@@ -99,14 +118,14 @@ class SquaredCost:
     highest = 1.0
 
     def __call__(
-        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, rows: slice
+        self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
     ) -> WeightedCosts:
         """Compare; see `MatchingCost`."""
         others, shifts = phases(other, view.position, labels)
-        costs = _empty(view, labels, rows)
+        costs = _empty(view, band, rows)
         limit = np.float32(SQUARED_LIMIT)
-        image = view.image.astype(np.float32)
-        _kernels.squared_cost(image, others, _seen(other), shifts, rows.start, limit, *costs)
+        pictures = view.image.astype(np.float32), others, _seen(other)
+        _kernels.squared_cost(*pictures, shifts, band.origin, rows.start, limit, *costs)
         return costs
 
 
@@ -126,7 +145,7 @@ def census(image: NDArray[np.float32]) -> NDArray[np.uint32]:
     grey = image[:, :, 0] * np.float32(0.299) + image[:, :, 1] * np.float32(0.587)
     grey += image[:, :, 2] * np.float32(0.114)
     bits = np.empty(grey.shape, np.uint32)
-    _kernels.census(grey, CENSUS_RADIUS_PX, bits)
+    _kernels.census(grey, CENSUS_RADIUS_PX, np.float32(DEAD_ZONE), bits)
     return bits
 
 
@@ -216,8 +235,8 @@ def _seen(other: ArrayView) -> NDArray[np.bool_]:
     return np.ones(other.shape, np.bool_) if other.valid is None else other.valid
 
 
-def _empty(view: ArrayView, labels: DisparityLabels, rows: slice) -> WeightedCosts:
-    shape = rows.stop - rows.start, view.shape[1], labels.num_labels
+def _empty(view: ArrayView, band: Band, rows: slice) -> WeightedCosts:
+    shape = rows.stop - rows.start, view.shape[1], band.num_labels
     return WeightedCosts(np.empty(shape, np.float32), np.empty(shape, np.float32))
 
 
