@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.stereo.surfaces import Reconstruction, Surface
+from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 Floats = NDArray[np.float64]
 

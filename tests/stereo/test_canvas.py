@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dvc.multiview.camera_array import DisparityLabels
-from dvc.stereo.canvas import Canvas, Frame
+from dvc.stereo.layers.canvas import Canvas, Frame
 
 FRAME = Frame(3, 2, 20, 10)
 

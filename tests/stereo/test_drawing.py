@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc.stereo.drawing import (
+from dvc.stereo.output.drawing import (
     BAD,
     GOOD,
     UNKNOWN,

@@ -9,7 +9,7 @@ import pytest
 
 from dvc.errors import ConfigError
 from dvc.stereo.commands.options import check_export
-from dvc.stereo.export import (
+from dvc.stereo.output.export import (
     DEPTH_RANGE,
     Shape,
     points_in_world,
@@ -17,7 +17,7 @@ from dvc.stereo.export import (
     surface_shape,
     write_shape,
 )
-from dvc.stereo.rectification import rectify
+from dvc.stereo.rectification.rectify import rectify
 from tests.stereo.rigs import random_rig
 
 

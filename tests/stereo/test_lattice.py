@@ -6,8 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import ConfigError
-from dvc.stereo.lattice import Lattice, Orientation, assign_positions, fit_lattice, snapped, upright
-from dvc.stereo.rectification import mean_orientation
+from dvc.stereo.rectification.lattice import (
+    Lattice,
+    Orientation,
+    assign_positions,
+    fit_lattice,
+    snapped,
+    upright,
+)
+from dvc.stereo.rectification.rectify import mean_orientation
 from tests.stereo.rigs import random_rig
 
 GRID = [(float(m), float(n)) for n in range(3) for m in range(4)]

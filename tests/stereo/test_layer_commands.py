@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dvc.stereo.__main__ import main
-from dvc.stereo.folder import write_reconstruction
-from dvc.stereo.layer_pictures import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
-from dvc.stereo.layered_depth_image import layered_depth_image
-from dvc.stereo.layers_folder import read_layers
-from dvc.stereo.sprites_folder import read_sprites
+from dvc.stereo.layers.layered_depth_image import layered_depth_image
+from dvc.stereo.layers.layers_folder import read_layers
+from dvc.stereo.layers.sprites_folder import read_sprites
+from dvc.stereo.output.layer_pictures import PAPER, draw_layers, draw_surfaces, draw_values_per_pixel
+from dvc.stereo.surfaces.folder import write_reconstruction
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 COUNTS = {"num_layers", "num_values_inside", "num_values_beyond", "increase_percent", "num_values_by_layer"}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from dvc.stereo import _kernels as kernels
+from dvc.stereo.layers import _kernels as kernels
 from tests.reference import stereo_layers as reference
 
 pytestmark = pytest.mark.nojit

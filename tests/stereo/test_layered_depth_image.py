@@ -8,8 +8,13 @@ from scipy.ndimage import binary_fill_holes
 
 from dvc.errors import DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
-from dvc.stereo.layered_depth_image import LayeredDepthImage, layered_depth_image, resolution, unrefuted
-from dvc.stereo.surfaces import Reconstruction, Surface
+from dvc.stereo.layers.layered_depth_image import (
+    LayeredDepthImage,
+    layered_depth_image,
+    resolution,
+    unrefuted,
+)
+from dvc.stereo.surfaces.surface import Reconstruction, Surface
 from tests.stereo.plane_scenes import (
     BACKGROUND,
     LABELS,

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser
 
 from dvc.pfm import read_pfm
 from dvc.stereo.__main__ import main
-from dvc.stereo.folder import read_reconstruction
+from dvc.stereo.surfaces.folder import read_reconstruction
 from tests.stereo.data import pair_of_planes
 
 

@@ -14,14 +14,14 @@ from dvc.array_files import read_picture
 from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import LatticePosition
 from dvc.pfm import read_pfm
-from dvc.stereo.camera_files import load_cameras
-from dvc.stereo.cameras import Camera
-from dvc.stereo.feature_matching import Features
-from dvc.stereo.rectification import rectify
-from dvc.stereo.rectified_array import rectified_array, suggested_labels
-from dvc.stereo.rectified_space import Rectification
-from dvc.stereo.refinement import refined_pair
-from dvc.stereo.resampling import metric_depth
+from dvc.stereo.rectification.camera_files import load_cameras
+from dvc.stereo.rectification.cameras import Camera
+from dvc.stereo.rectification.feature_matching import Features
+from dvc.stereo.rectification.rectified_array import rectified_array, suggested_labels
+from dvc.stereo.rectification.rectified_space import Rectification
+from dvc.stereo.rectification.rectify import rectify
+from dvc.stereo.rectification.refinement import refined_pair
+from dvc.stereo.rectification.resampling import metric_depth
 from sequences.array_views import write_array
 from tests.stereo.data import real_set
 from tests.stereo.rigs import random_rig

@@ -7,16 +7,16 @@ from hypothesis import strategies as st
 
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.cameras import Camera
-from dvc.stereo.rectification import rectify
-from dvc.stereo.rectified_space import (
+from dvc.stereo.rectification.cameras import Camera
+from dvc.stereo.rectification.rectified_space import (
     SWAP,
     first_homography,
     image_homography,
     rectified_projection,
     shared_intrinsics,
 )
-from dvc.stereo.resampling import metric_depth, resample, to_original_view
+from dvc.stereo.rectification.rectify import rectify
+from dvc.stereo.rectification.resampling import metric_depth, resample, to_original_view
 from tests.stereo.rigs import picture_of_plane, random_rig
 
 PLACES = [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (0.0, 1.0), (1.0, 1.0), (2.0, 1.0)]

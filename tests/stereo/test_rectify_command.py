@@ -11,7 +11,7 @@ import pytest
 from dvc.array_files import read_picture
 from dvc.pfm import read_pfm
 from dvc.stereo.__main__ import main
-from dvc.stereo.folder import read_reconstruction
+from dvc.stereo.surfaces.folder import read_reconstruction
 from sequences.array_views import write_array
 
 NAMES = ("toy-0-0", "toy-1-0")

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.multiview.camera_array import DisparityLabels
-from dvc.stereo.canvas import Canvas, Frame
-from dvc.stereo.layered_depth_image import LayeredDepthImage, layered_depth_image
-from dvc.stereo.sprites import JUMP, SpriteSettings, composite, extract_sprites, fused_mask
+from dvc.stereo.layers.canvas import Canvas, Frame
+from dvc.stereo.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
+from dvc.stereo.layers.sprites import JUMP, SpriteSettings, composite, extract_sprites, fused_mask
 from tests.stereo.plane_scenes import LABELS, SCENE, Plane, reconstruction_of, square_lattice
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dvc.stereo.__main__ import main
-from dvc.stereo.surfaces import Reconstruction, Surface
+from dvc.stereo.surfaces.surface import Reconstruction, Surface
 from dvc.stereo.thesis.pictures import figure_2_4, pair_group
 from dvc.stereo.thesis.reproduce import DOCUMENT, PAGE, VALUES, Chapter, write_chapter
 from dvc.stereo.thesis.tables import OURS, markdown, table_2_1, table_2_2, table_2_3

@@ -18,8 +18,8 @@ from benchmarks.figures.stereo.runs import (
 )
 from dvc.pfm import read_pfm
 from dvc.stereo.evaluation import evaluate
-from dvc.stereo.opencv_baseline import BASELINE, semi_global_baseline
-from dvc.stereo.real_sets import ANTINOUS, PAIRS, TSUKUBA
+from dvc.stereo.thesis.opencv_baseline import BASELINE, semi_global_baseline
+from dvc.stereo.thesis.real_sets import ANTINOUS, PAIRS, TSUKUBA
 
 AREA = "stereo"
 ASKED = {"tsukuba": 1.5, "venus": 1.0, "teddy": 9.0, "cones": 8.0}

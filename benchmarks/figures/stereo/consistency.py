@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from benchmarks.figures.harness import Figure, Measured, Setting
 from benchmarks.figures.stereo.runs import reconstructed
-from dvc.stereo.real_sets import PAIRS, TSUKUBA, RealSet
-from dvc.stereo.surfaces import Reconstruction
+from dvc.stereo.surfaces.surface import Reconstruction
+from dvc.stereo.thesis.real_sets import PAIRS, TSUKUBA, RealSet
 
 AREA = "stereo"
 LEAST_PERCENT = 97.0

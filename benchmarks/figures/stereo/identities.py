@@ -4,9 +4,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.figures.harness import Figure, Measured, Setting
-from dvc.stereo.cameras import Camera
-from dvc.stereo.rectification import rectify
-from dvc.stereo.rectified_space import SWAP, first_homography, image_homography, rectified_projection
+from dvc.stereo.rectification.cameras import Camera
+from dvc.stereo.rectification.rectified_space import (
+    SWAP,
+    first_homography,
+    image_homography,
+    rectified_projection,
+)
+from dvc.stereo.rectification.rectify import rectify
 
 AREA = "stereo"
 LIMIT = 1e-10

@@ -6,9 +6,9 @@ import numpy as np
 
 from benchmarks.figures.harness import Figure, Measured, Setting
 from benchmarks.figures.stereo.runs import reconstructed
-from dvc.stereo.layered_depth_image import layered_depth_image
-from dvc.stereo.real_sets import TSUKUBA
-from dvc.stereo.sprites import composite, extract_sprites
+from dvc.stereo.layers.layered_depth_image import layered_depth_image
+from dvc.stereo.layers.sprites import composite, extract_sprites
+from dvc.stereo.thesis.real_sets import TSUKUBA
 
 AREA = "stereo"
 ASKED_PERCENT = {2: (2.0, 5.0), 5: (8.0, 15.0), 25: (15.0, 25.0)}

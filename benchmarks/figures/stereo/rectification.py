@@ -12,10 +12,10 @@ from benchmarks.figures.harness import Figure, Measured, Setting
 from benchmarks.figures.stereo.calibrations import write_cameras
 from benchmarks.figures.stereo.runs import data_folder
 from dvc.array_files import read_picture
-from dvc.stereo.camera_files import load_cameras
-from dvc.stereo.cameras import Camera
-from dvc.stereo.feature_matching import Features
-from dvc.stereo.rectified_array import rectified_array
+from dvc.stereo.rectification.camera_files import load_cameras
+from dvc.stereo.rectification.cameras import Camera
+from dvc.stereo.rectification.feature_matching import Features
+from dvc.stereo.rectification.rectified_array import rectified_array
 
 AREA = "stereo"
 SETS = ("sport", "ballet")

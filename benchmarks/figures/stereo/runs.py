@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from benchmarks.figures.harness import MissingClip, Usage, run_module
 from dvc.multiview.camera_array import LatticePosition
 from dvc.pfm import read_pfm
-from dvc.stereo.folder import read_reconstruction
-from dvc.stereo.real_sets import RealSet
-from dvc.stereo.surfaces import Reconstruction
+from dvc.stereo.surfaces.folder import read_reconstruction
+from dvc.stereo.surfaces.surface import Reconstruction
+from dvc.stereo.thesis.real_sets import RealSet
 
 DATA = Path("..") / "shared" / "stereo"
 MOTORCYCLE = "motorcycle"

@@ -11,7 +11,7 @@ from benchmarks.figures.harness import Figure, Measured, Setting, Usage
 from benchmarks.figures.stereo.runs import data_folder, motorcycle, reconstruction_folder, write_pair
 from dvc.multiview.camera_array import LatticePosition
 from dvc.pfm import read_pfm
-from dvc.stereo.real_sets import PAIRS, TSUKUBA
+from dvc.stereo.thesis.real_sets import PAIRS, TSUKUBA
 
 AREA = "stereo"
 GIB = 2**30

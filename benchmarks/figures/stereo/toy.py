@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from benchmarks.figures.harness import Figure, Measured, Setting, run_module
 from dvc.array_files import read_picture
 from dvc.pfm import read_pfm
-from dvc.stereo.folder import read_reconstruction
-from dvc.stereo.rectified_array import rectified_array
+from dvc.stereo.rectification.rectified_array import rectified_array
+from dvc.stereo.surfaces.folder import read_reconstruction
 from sequences.array_views import RenderedView, render_view
 from sequences.cameras import back_project, project
 from sequences.toy import POSITIONS

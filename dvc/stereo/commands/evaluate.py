@@ -89,9 +89,9 @@ def run(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
     from dvc.pfm import read_pfm
-    from dvc.stereo.drawing import colour_error
     from dvc.stereo.evaluation import disparity_error, evaluate
-    from dvc.stereo.folder import write_png
+    from dvc.stereo.output.drawing import colour_error
+    from dvc.stereo.surfaces.folder import write_png
 
     outputs = [name for name in (arguments.json, arguments.error_map) if name not in (None, "-")]
     inputs = [arguments.path, arguments.truth, *([arguments.mask] if arguments.mask else [])]

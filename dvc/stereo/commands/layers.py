@@ -7,7 +7,7 @@ from dvc import cli
 from dvc.stereo.commands.options import add_export_options, check_export
 
 if TYPE_CHECKING:
-    from dvc.stereo.layered_depth_image import LayeredDepthImage
+    from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
 
 EXAMPLES = """\
   dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
@@ -72,13 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     from dvc.files import atomic_folder
     from dvc.page.gallery import write_gallery
-    from dvc.stereo.export import write_shape
-    from dvc.stereo.folder import read_reconstruction, write_png
-    from dvc.stereo.layer_meshes import layers_shape
-    from dvc.stereo.layer_page import PAGE, layers_gallery
-    from dvc.stereo.layer_pictures import draw_layers, draw_values_per_pixel
-    from dvc.stereo.layered_depth_image import layered_depth_image
-    from dvc.stereo.layers_folder import write_layers
+    from dvc.stereo.layers.layered_depth_image import layered_depth_image
+    from dvc.stereo.layers.layers_folder import write_layers
+    from dvc.stereo.output.export import write_shape
+    from dvc.stereo.output.layer_meshes import layers_shape
+    from dvc.stereo.output.layer_page import PAGE, layers_gallery
+    from dvc.stereo.output.layer_pictures import draw_layers, draw_values_per_pixel
+    from dvc.stereo.surfaces.folder import read_reconstruction, write_png
 
     meshes = check_export(arguments)
     cli.check_outputs([], [*meshes, *([arguments.json] if arguments.json not in (None, "-") else [])])

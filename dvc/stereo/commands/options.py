@@ -121,7 +121,7 @@ def check_export(arguments: argparse.Namespace) -> list[Path]:
         if path.suffix.lower() != ending:
             raise ConfigError(f"expected a name that ends in {ending}, got {path}")
     if asked:
-        from dvc.stereo.export import require_trimesh
+        from dvc.stereo.output.export import require_trimesh
 
         require_trimesh()
     return [path for path, _ in asked]

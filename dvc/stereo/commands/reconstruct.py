@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 from dvc import array_files, cli
 from dvc.errors import ConfigError
 from dvc.stereo.commands.options import add_export_options, add_truth_options, check_export, read_truth_of
-from dvc.stereo.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES
+from dvc.stereo.surfaces.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES
 
 if TYPE_CHECKING:
     from dvc.multiview.camera_array import CameraArray, DisparityLabels
-    from dvc.stereo.rectified_array import RectifiedArray
-    from dvc.stereo.rectified_space import Rectification
-    from dvc.stereo.report import Truth
-    from dvc.stereo.settings import StereoSettings
-    from dvc.stereo.surfaces import Reconstruction
+    from dvc.stereo.output.report import Truth
+    from dvc.stereo.rectification.rectified_array import RectifiedArray
+    from dvc.stereo.rectification.rectified_space import Rectification
+    from dvc.stereo.surfaces.settings import StereoSettings
+    from dvc.stereo.surfaces.surface import Reconstruction
 
 
 EXAMPLES = """\
@@ -93,10 +93,10 @@ def run(arguments: argparse.Namespace) -> int:
         Exit status.
     """
     from dvc.files import atomic_folder
-    from dvc.stereo.folder import write_reconstruction
-    from dvc.stereo.reconstruction import reconstruct
-    from dvc.stereo.rectified_folder import rectification_index, write_original_views
-    from dvc.stereo.report import check_views, reported, summary, write_previews
+    from dvc.stereo.output.report import check_views, reported, summary, write_previews
+    from dvc.stereo.rectification.rectified_folder import rectification_index, write_original_views
+    from dvc.stereo.surfaces.folder import write_reconstruction
+    from dvc.stereo.surfaces.reconstruction import reconstruct
 
     shapes = _check_outputs(arguments)
     array, labels, rectified = _views(arguments)
@@ -125,7 +125,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> "StereoSettings":
-    from dvc.stereo.settings import StereoSettings
+    from dvc.stereo.surfaces.settings import StereoSettings
 
     return StereoSettings(
         cost=arguments.cost,
@@ -140,7 +140,7 @@ def _views(
     arguments: argparse.Namespace,
 ) -> tuple["CameraArray", "DisparityLabels", "RectifiedArray | None"]:
     """Read the views, and rectify them where cameras are given; find disparities where none are."""
-    from dvc.stereo.rectified_array import found_labels, rectified_array
+    from dvc.stereo.rectification.rectified_array import found_labels, rectified_array
 
     positions = array_files.positions_of(arguments, arguments.paths)
     if arguments.cameras is None:
@@ -172,7 +172,7 @@ def _check_outputs(arguments: argparse.Namespace) -> list[Path]:
 
 def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None":
     from dvc.stereo.evaluation import disparity_error
-    from dvc.stereo.report import Truth
+    from dvc.stereo.output.report import Truth
 
     if arguments.truth is None:
         return None
@@ -186,7 +186,7 @@ def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None
 
 def _write_shapes(paths: list[Path], found: "Reconstruction", rectification: "Rectification | None") -> None:
     """Write the surface of the reference view."""
-    from dvc.stereo.export import points_in_world, points_of_disparity, surface_shape, write_shape
+    from dvc.stereo.output.export import points_in_world, points_of_disparity, surface_shape, write_shape
 
     if not paths:
         return

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from dvc import array_files, cli
 
 if TYPE_CHECKING:
-    from dvc.stereo.rectified_array import RectifiedArray
+    from dvc.stereo.rectification.rectified_array import RectifiedArray
 
 EXAMPLES = """\
   dvc-stereo rectify *.jpg --cameras auto --out rectified
@@ -57,8 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
         Exit status.
     """
     from dvc.files import atomic_folder
-    from dvc.stereo.rectified_array import rectified_array
-    from dvc.stereo.rectified_folder import write_rectified
+    from dvc.stereo.rectification.rectified_array import rectified_array
+    from dvc.stereo.rectification.rectified_folder import write_rectified
 
     positions = array_files.positions_of(arguments, arguments.paths)
     with cli.progress_bar("views", len(arguments.paths), arguments.quiet) as advance:

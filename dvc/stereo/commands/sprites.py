@@ -9,8 +9,8 @@ from dvc.stereo.commands.layers import add_output_options
 from dvc.stereo.commands.options import check_export
 
 if TYPE_CHECKING:
-    from dvc.stereo.layered_depth_image import LayeredDepthImage
-    from dvc.stereo.sprites import SpriteSet
+    from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
+    from dvc.stereo.layers.sprites import SpriteSet
 
 EXAMPLES = """\
   dvc-stereo layers surfaces --out layers
@@ -62,13 +62,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     from dvc.files import atomic_folder
     from dvc.page.gallery import write_gallery
-    from dvc.stereo.export import write_shape
-    from dvc.stereo.folder import write_png
-    from dvc.stereo.layer_meshes import sprites_shape
-    from dvc.stereo.layer_page import PAGE, sprites_gallery
-    from dvc.stereo.layer_pictures import draw_sprites
-    from dvc.stereo.sprites import extract_sprites
-    from dvc.stereo.sprites_folder import write_sprites
+    from dvc.stereo.layers.sprites import extract_sprites
+    from dvc.stereo.layers.sprites_folder import write_sprites
+    from dvc.stereo.output.export import write_shape
+    from dvc.stereo.output.layer_meshes import sprites_shape
+    from dvc.stereo.output.layer_page import PAGE, sprites_gallery
+    from dvc.stereo.output.layer_pictures import draw_sprites
+    from dvc.stereo.surfaces.folder import write_png
 
     meshes = check_export(arguments)
     cli.check_outputs([], [*meshes, *([arguments.json] if arguments.json not in (None, "-") else [])])
@@ -90,8 +90,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _read(path: Path, quiet: bool) -> "LayeredDepthImage":
-    from dvc.stereo import folder, layers_folder
-    from dvc.stereo.layered_depth_image import layered_depth_image
+    from dvc.stereo.layers import layers_folder
+    from dvc.stereo.layers.layered_depth_image import layered_depth_image
+    from dvc.stereo.surfaces import folder
 
     if not (path / folder.INDEX).is_file():
         return layers_folder.read_layers(path)
@@ -103,7 +104,7 @@ def _read(path: Path, quiet: bool) -> "LayeredDepthImage":
 def _counts(image: "LayeredDepthImage", sprites: "SpriteSet") -> dict[str, Any]:
     import numpy as np
 
-    from dvc.stereo.sprites import composite
+    from dvc.stereo.layers.sprites import composite
 
     frame = image.canvas.frame.slices
     colour, _, mask = composite(sprites)

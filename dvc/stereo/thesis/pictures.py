@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from dvc.multiview.camera_array import ArrayView, DisparityLabels
 from dvc.page.gallery import Group, Shown
-from dvc.stereo.drawing import Picture, colour_disparity, colour_error, in_rows, with_title
 from dvc.stereo.evaluation import disparity_error
-from dvc.stereo.surfaces import Reconstruction
+from dvc.stereo.output.drawing import Picture, colour_disparity, colour_error, in_rows, with_title
+from dvc.stereo.surfaces.surface import Reconstruction
 
 Floats = NDArray[np.floating]
 

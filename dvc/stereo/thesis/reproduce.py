@@ -12,20 +12,20 @@ from dvc import cli
 from dvc.errors import DvcError
 from dvc.multiview.camera_array import CameraArray, DisparityLabels
 from dvc.page.gallery import Gallery, Group, Shown, Table, write_gallery
-from dvc.stereo.drawing import Picture, colour_disparity, in_rows, with_title
 from dvc.stereo.evaluation import read_mask
-from dvc.stereo.folder import write_png
-from dvc.stereo.layer_pictures import draw_layers, draw_sprites, draw_surfaces, draw_values_per_pixel
-from dvc.stereo.layered_depth_image import LayeredDepthImage, layered_depth_image
-from dvc.stereo.opencv_baseline import BASELINE as BASELINE_SETTINGS
-from dvc.stereo.opencv_baseline import semi_global_baseline
-from dvc.stereo.real_sets import PAIRS, TSUKUBA, RealSet
-from dvc.stereo.reconstruction import reconstruct
-from dvc.stereo.rectified_folder import preview
-from dvc.stereo.settings import StereoSettings
-from dvc.stereo.sprites import extract_sprites
-from dvc.stereo.surfaces import Reconstruction
+from dvc.stereo.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
+from dvc.stereo.layers.sprites import extract_sprites
+from dvc.stereo.output.drawing import Picture, colour_disparity, in_rows, with_title
+from dvc.stereo.output.layer_pictures import draw_layers, draw_sprites, draw_surfaces, draw_values_per_pixel
+from dvc.stereo.rectification.rectified_folder import preview
+from dvc.stereo.surfaces.folder import write_png
+from dvc.stereo.surfaces.reconstruction import reconstruct
+from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.stereo.surfaces.surface import Reconstruction
 from dvc.stereo.thesis import pictures
+from dvc.stereo.thesis.opencv_baseline import BASELINE as BASELINE_SETTINGS
+from dvc.stereo.thesis.opencv_baseline import semi_global_baseline
+from dvc.stereo.thesis.real_sets import PAIRS, TSUKUBA, RealSet
 from dvc.stereo.thesis.tables import (
     BASELINE,
     CAMERAS,

@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from dvc.errors import DvcError
-from dvc.stereo.rectified_array import RectifiedArray, rectified_array
+from dvc.stereo.rectification.rectified_array import RectifiedArray, rectified_array
 
 
 def rectified_toy() -> RectifiedArray:

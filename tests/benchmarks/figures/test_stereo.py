@@ -6,7 +6,7 @@ from benchmarks.figures.harness import Setting
 from benchmarks.figures.stereo.consistency import agreement
 from benchmarks.figures.stereo.identities import identities
 from dvc.multiview.camera_array import DisparityLabels
-from dvc.stereo.surfaces import Reconstruction, Surface
+from dvc.stereo.surfaces.surface import Reconstruction, Surface
 from dvc.stereo.thesis.two_planes import FAR, NEAR, SIDE, two_planes
 
 

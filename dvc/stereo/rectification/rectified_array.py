@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from dvc.array_files import MAX_LABELS, read_pictures
 from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.stereo.camera_files import AUTO, load_cameras
-from dvc.stereo.cameras import CalibratedViews
-from dvc.stereo.feature_matching import Features
-from dvc.stereo.rectification import rectify, usual_disparity
-from dvc.stereo.rectified_space import Rectification
-from dvc.stereo.refinement import refined_pair
-from dvc.stereo.resampling import resample
+from dvc.stereo.rectification.camera_files import AUTO, load_cameras
+from dvc.stereo.rectification.cameras import CalibratedViews
+from dvc.stereo.rectification.feature_matching import Features
+from dvc.stereo.rectification.rectified_space import Rectification
+from dvc.stereo.rectification.rectify import rectify, usual_disparity
+from dvc.stereo.rectification.refinement import refined_pair
+from dvc.stereo.rectification.resampling import resample
 
 Floats = NDArray[np.float64]
 
@@ -103,7 +103,7 @@ def rectified_array(
     paths : sequence of str or Path
         At least two pictures.
     cameras : str or Path
-        As for `dvc.stereo.camera_files.load_cameras`.
+        As for `dvc.stereo.rectification.camera_files.load_cameras`.
     positions : sequence of LatticePosition, optional
         Places of the cameras, one for each; found from their centres if None.
     with_matches : bool, optional

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.page.gallery import Gallery, Group, Shown, Table, write_gallery
-from dvc.stereo.drawing import Picture, colour_disparity, colour_error, disparity_legend
 from dvc.stereo.evaluation import disparity_error, evaluate
-from dvc.stereo.folder import write_png
-from dvc.stereo.surfaces import Reconstruction, Surface
+from dvc.stereo.output.drawing import Picture, colour_disparity, colour_error, disparity_legend
+from dvc.stereo.surfaces.folder import write_png
+from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 PAGE = "index.html"
 MAX_AT_AN_END_PERCENT = 20.0

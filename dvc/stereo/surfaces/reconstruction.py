@@ -19,12 +19,12 @@ from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.multiview.volumes.aggregation import Arms, cross_arms
 from dvc.multiview.volumes.inference import Inferred
 from dvc.multiview.volumes.matching_costs import COSTS, Band
-from dvc.stereo import _kernels
-from dvc.stereo.continuation import continued
-from dvc.stereo.occupancy import Occupancy, neighbours, seen_elsewhere, supported
-from dvc.stereo.photometric import Comparison, Regions, photometric_cost
-from dvc.stereo.settings import StereoSettings
-from dvc.stereo.surfaces import Reconstruction, Surface
+from dvc.stereo.surfaces import _kernels
+from dvc.stereo.surfaces.continuation import continued
+from dvc.stereo.surfaces.occupancy import Occupancy, neighbours, seen_elsewhere, supported
+from dvc.stereo.surfaces.photometric import Comparison, Regions, photometric_cost
+from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 Labels = NDArray[np.int64]
 Floats = NDArray[np.float64]

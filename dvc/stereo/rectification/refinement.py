@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.cameras import Camera
-from dvc.stereo.rectification import rectify
+from dvc.stereo.rectification.cameras import Camera
+from dvc.stereo.rectification.rectify import rectify
 
 Floats = NDArray[np.float64]
 

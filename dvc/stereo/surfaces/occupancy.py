@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dvc.multiview.camera_array import CameraArray, DisparityLabels, LatticePosition
 from dvc.multiview.volumes.matching_costs import offsets
-from dvc.stereo import _kernels
+from dvc.stereo.surfaces import _kernels
 
 Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]

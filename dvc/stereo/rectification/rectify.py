@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.cameras import LARGEST, Camera
-from dvc.stereo.lattice import (
+from dvc.stereo.rectification.cameras import LARGEST, Camera
+from dvc.stereo.rectification.lattice import (
     Lattice,
     Orientation,
     as_positions,
@@ -17,7 +17,7 @@ from dvc.stereo.lattice import (
     snapped,
     upright,
 )
-from dvc.stereo.rectified_space import Rectification
+from dvc.stereo.rectification.rectified_space import Rectification
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import ConfigError, DvcError
-from dvc.stereo.cameras import CalibratedViews, Camera, camera_from_matrices
-from dvc.stereo.feature_matching import Features
+from dvc.stereo.rectification.cameras import CalibratedViews, Camera, camera_from_matrices
+from dvc.stereo.rectification.feature_matching import Features
 
 Floats = NDArray[np.float64]
 Size = tuple[int, int]

@@ -13,7 +13,7 @@ from dvc.array_files import MAX_LABELS
 from dvc.errors import DvcError
 from dvc.multiview.camera_array import DisparityLabels
 from dvc.pfm import read_pfm
-from dvc.stereo.canvas import Canvas, Frame
+from dvc.stereo.layers.canvas import Canvas, Frame
 
 MAX_SIDE = 1 << 15
 """Larger pictures are refused."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dvc.errors import ConfigError
 from dvc.files import atomic_output
 from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.rectified_space import Rectification
+from dvc.stereo.rectification.rectified_space import Rectification
 
 Floats = NDArray[np.float64]
 DEPTH_RANGE = 20.0

@@ -10,9 +10,8 @@ import numpy as np
 
 from dvc.errors import DvcError
 from dvc.pfm import write_pfm
-from dvc.stereo.canvas import Canvas
-from dvc.stereo.folder import write_png
-from dvc.stereo.index_files import (
+from dvc.stereo.layers.canvas import Canvas
+from dvc.stereo.layers.index_files import (
     Entry,
     canvas_values,
     read_canvas,
@@ -20,7 +19,8 @@ from dvc.stereo.index_files import (
     read_index,
     read_plane,
 )
-from dvc.stereo.layered_depth_image import MAX_LAYERS, LayeredDepthImage
+from dvc.stereo.layers.layered_depth_image import MAX_LAYERS, LayeredDepthImage
+from dvc.stereo.surfaces.folder import write_png
 
 INDEX = "layers.json"
 FORMAT, VERSION = "dvc3d layers", 1

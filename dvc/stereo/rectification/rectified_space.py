@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.cameras import NO_DISTORTION, Camera
-from dvc.stereo.lattice import Lattice
+from dvc.stereo.rectification.cameras import NO_DISTORTION, Camera
+from dvc.stereo.rectification.lattice import Lattice
 
 Floats = NDArray[np.float64]
 

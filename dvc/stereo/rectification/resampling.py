@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.stereo.rectified_space import Rectification
+from dvc.stereo.rectification.rectified_space import Rectification
 
 Floats = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from dvc.multiview.camera_array import CameraArray
 from dvc.pfm import write_pfm
-from dvc.stereo.folder import write_png
-from dvc.stereo.rectified_array import RectifiedArray
-from dvc.stereo.rectified_space import Rectification
-from dvc.stereo.resampling import metric_depth, to_original_view
-from dvc.stereo.surfaces import Reconstruction
+from dvc.stereo.rectification.rectified_array import RectifiedArray
+from dvc.stereo.rectification.rectified_space import Rectification
+from dvc.stereo.rectification.resampling import metric_depth, to_original_view
+from dvc.stereo.surfaces.folder import write_png
+from dvc.stereo.surfaces.surface import Reconstruction
 
 INDEX = "rectification.json"
 VERSION = 1

@@ -16,8 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
-from dvc.stereo import colmap
-from dvc.stereo.cameras import LARGEST, CalibratedViews, Camera, camera_from_matrices, decomposed
+from dvc.stereo.rectification import colmap
+from dvc.stereo.rectification.cameras import (
+    LARGEST,
+    CalibratedViews,
+    Camera,
+    camera_from_matrices,
+    decomposed,
+)
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]

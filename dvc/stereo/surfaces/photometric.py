@@ -16,8 +16,8 @@ from dvc.multiview.camera_array import CameraArray, DisparityLabels
 from dvc.multiview.volumes.aggregation import Arms, Window, aggregate
 from dvc.multiview.volumes.combination import defined_costs, mean_costs, smaller_costs
 from dvc.multiview.volumes.matching_costs import Band, MatchingCost, WeightedCosts
-from dvc.stereo import _kernels
-from dvc.stereo.occupancy import Neighbours, Occupancy, shifts
+from dvc.stereo.surfaces import _kernels
+from dvc.stereo.surfaces.occupancy import Neighbours, Occupancy, shifts
 
 Volume = NDArray[np.float32]
 Labels = NDArray[np.int64]

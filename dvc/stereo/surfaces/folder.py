@@ -12,7 +12,7 @@ from dvc.array_files import MAX_LABELS, read_picture
 from dvc.errors import DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.pfm import read_pfm, write_pfm
-from dvc.stereo.surfaces import Reconstruction, Surface
+from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 INDEX = "stereo.json"
 VERSION = 1

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 from dvc.multiview.continuation import SeenDepth, Slopes, continue_surfaces
 from dvc.multiview.depth_maps import Visibility
-from dvc.stereo.occupancy import Occupancy
+from dvc.stereo.surfaces.occupancy import Occupancy
 
 Floats = NDArray[np.float64]
 

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from dvc.errors import DvcError
 from dvc.multiview.camera_array import CameraArray, DisparityLabels
-from dvc.stereo import _kernels
-from dvc.stereo.canvas import Canvas, Frame
-from dvc.stereo.surfaces import Reconstruction
+from dvc.stereo.layers import _kernels
+from dvc.stereo.layers.canvas import Canvas, Frame
+from dvc.stereo.surfaces.surface import Reconstruction
 
 Floats = NDArray[np.float64]
 Masks = list[NDArray[np.bool_]]

@@ -28,9 +28,9 @@ from skimage.feature import peak_local_max
 from skimage.measure import label as label_components
 from skimage.segmentation import watershed
 
-from dvc.stereo import _kernels
-from dvc.stereo.canvas import Canvas
-from dvc.stereo.layered_depth_image import LayeredDepthImage
+from dvc.stereo.layers import _kernels
+from dvc.stereo.layers.canvas import Canvas
+from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
 
 Mask = NDArray[np.bool_]
 

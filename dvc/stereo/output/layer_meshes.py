@@ -5,10 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.stereo.canvas import Canvas
-from dvc.stereo.export import Shape, surface_shape
-from dvc.stereo.layered_depth_image import LayeredDepthImage
-from dvc.stereo.sprites import JUMP, SpriteSet
+from dvc.stereo.layers.canvas import Canvas
+from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
+from dvc.stereo.layers.sprites import JUMP, SpriteSet
+from dvc.stereo.output.export import Shape, surface_shape
 
 Surface = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.bool_]]
 
