@@ -1,0 +1,108 @@
+"""Volumes of voxels (rows, columns, disparities) as equations (2.14) to (2.20) have them; slow.
+
+The disparity of a voxel is its index. The code keeps maps of labels instead.
+"""
+
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+Floats = NDArray[np.float64]
+Volume = NDArray[np.bool_]
+
+
+def occupancy(label: NDArray[np.int64], supported: NDArray[np.bool_], num_labels: int) -> Volume:
+    """Return the voxels of a surface: at most one a column."""
+    return (np.arange(num_labels) == label[:, :, None]) & supported[:, :, None]
+
+
+def sheared(volume: NDArray[Scalar], m: int, n: int, outside: Any) -> NDArray[Scalar]:
+    """Take a volume of camera (0, 0) to the frame of camera (m, n), (2.14)."""
+    height, width, count = volume.shape[:3]
+    found = np.full_like(volume, outside)
+    for y, x, d in np.ndindex(height, width, count):
+        v, u = y + n * d, x + m * d
+        if 0 <= v < height and 0 <= u < width:
+            found[y, x, d] = volume[v, u, d]
+    return found
+
+
+def thickened(volume: Volume, reach: int) -> Volume:
+    """Occupy what lies within some labels of an occupied voxel."""
+    count = volume.shape[2]
+    padded = np.pad(volume, ((0, 0), (0, 0), (reach, reach)))
+    return np.logical_or.reduce([padded[:, :, k : k + count] for k in range(2 * reach + 1)])
+
+
+def with_support(own: Volume, horizontal: list[Volume], vertical: list[Volume]) -> Volume:
+    """Keep voxels that a horizontal and a vertical neighbour have, in one frame, (2.15)."""
+    kept = own.copy()
+    for direction in (horizontal, vertical):
+        if direction:
+            kept &= np.logical_or.reduce(direction)
+    return kept
+
+
+def geometric_cost(volume: Volume, limit: float) -> Floats:
+    """Return the truncated distance to the nearest occupied voxel of a column, (2.16)."""
+    cost = np.zeros(volume.shape)
+    for y, x in np.argwhere(volume.any(axis=2)):
+        for d in range(volume.shape[2]):
+            cost[y, x, d] = min(min(abs(d - k), limit) for k in np.flatnonzero(volume[y, x]))
+    return cost
+
+
+def geometric_cost_in_two_passes(volume: Volume, limit: float) -> Floats:
+    """Return (2.16) by a distance transform up and down each column."""
+    cost = np.where(volume, 0.0, limit)
+    for d in range(1, volume.shape[2]):
+        cost[:, :, d] = np.minimum(cost[:, :, d], cost[:, :, d - 1] + 1.0)
+    for d in range(volume.shape[2] - 2, -1, -1):
+        cost[:, :, d] = np.minimum(cost[:, :, d], cost[:, :, d + 1] + 1.0)
+    cost[~volume.any(axis=2)] = 0.0
+    return cost
+
+
+def visibility(volume: Volume, slack: int = 0) -> Volume:
+    """Return which voxels have nothing nearer in their column than `slack` labels before them, (2.17)."""
+    seen = np.ones_like(volume)
+    for d in range(volume.shape[2] - 2 - slack, -1, -1):
+        seen[:, :, d] = seen[:, :, d + 1] & ~volume[:, :, d + 1 + slack]
+    return seen
+
+
+def truncated_error(own: Floats, neighbours: list[Floats], limit: float) -> Floats:
+    """Return the smallest squared difference, or the limit (2.18); NaN where a neighbour has no voxel.
+
+    `own` has shape (H, W, 3), `neighbours` are sheared volumes (H, W, labels, 3).
+    """
+    error = np.full(neighbours[0].shape[:3], limit)
+    for other in neighbours:
+        squared = ((own[:, :, None] - other) ** 2).mean(axis=3)
+        error = np.fmin(error, squared)
+    return error
+
+
+def validity(own: Volume, neighbours: list[Volume]) -> Volume:
+    """Tell where what is visible to the own camera is so to one of the neighbours, (2.19)."""
+    return np.logical_or.reduce([~own, *neighbours])
+
+
+def photometric_cost(errors: list[Floats], valid: list[Volume]) -> Floats:
+    """Return the mean of the valid errors of both directions (2.20); NaN where none is."""
+    total = sum(np.where(known, error, 0.0) for error, known in zip(errors, valid, strict=True))
+    count = sum(known.astype(np.float64) for known in valid)
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+
+
+def banded(
+    volume: NDArray[Scalar], origin: NDArray[np.int64], num_labels: int, outside: Any
+) -> NDArray[Scalar]:
+    """Return of each column the labels from an origin on."""
+    found = np.full((*origin.shape, num_labels), outside, volume.dtype)
+    for y, x, k in np.ndindex(found.shape):
+        if 0 <= origin[y, x] + k < volume.shape[2]:
+            found[y, x, k] = volume[y, x, origin[y, x] + k]
+    return found
