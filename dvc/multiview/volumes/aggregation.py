@@ -23,9 +23,6 @@ from dvc.multiview.volumes.matching_costs import WeightedCosts
 Labels = NDArray[np.int64]
 Arms = NDArray[np.int16]
 
-MAX_JUMP = 2
-"""Labels by which a base surface may change from pixel to pixel; more is a discontinuity."""
-
 
 class Window(NamedTuple):
     """How far the windows reach.
@@ -68,7 +65,7 @@ def cross_arms(image: NDArray[np.uint8], window: Window) -> Arms:
     return arms
 
 
-def aggregate(costs: WeightedCosts, arms: Arms, base: Labels, iterations: int) -> None:
+def aggregate(costs: WeightedCosts, arms: Arms, base: Labels, max_jump: int, iterations: int) -> None:
     """Replace costs by the weighted mean over the cross-shaped regions of pixels.
 
     Parameters
@@ -79,11 +76,13 @@ def aggregate(costs: WeightedCosts, arms: Arms, base: Labels, iterations: int) -
         Of the same rows; those that leave them are cut.
     base : ndarray of shape (rows, W), int64
         Labels of the base surface; constant: windows of one disparity.
+    max_jump : int
+        Labels by which the base may change from pixel to pixel; more is a discontinuity, where arms end.
     iterations : int
         How often; rows come first, then columns, and the other way round every second time.
     """
     cut = np.empty_like(arms)
-    _kernels.cut_arms(arms, base, MAX_JUMP, cut)
+    _kernels.cut_arms(arms, base, max_jump, cut)
     cost, weight = costs
     work = np.empty_like(cost)
     for iteration in range(iterations):

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.volumes import _kernels
-from dvc.multiview.volumes.aggregation import MAX_JUMP
 from dvc.multiview.volumes.inference import Inferred, chosen
 
 Volume = NDArray[np.float32]
@@ -27,16 +26,19 @@ class BeliefPropagation:
     ----------
     slope, limit : float
         Cost of a change by one label, and the most a change costs: alpha and beta of (2.13).
+    max_jump : int
+        Labels by which a base surface may change from pixel to pixel at no cost.
     edge_levels, edge_strength : float
         Smoothness falls with ``exp(-difference / edge_levels)`` of colours, down to `edge_strength`.
     iterations, levels : int
         Rounds of messages on each grid, and number of grids.
     """
 
-    slope: float = 0.3
-    limit: float = 0.8
-    edge_levels: float = 10.0
-    edge_strength: float = 0.1
+    slope: float = 0.2
+    limit: float = 0.6
+    max_jump: int = 2
+    edge_levels: float = 5.0
+    edge_strength: float = 0.05
     iterations: int = 5
     levels: int = 5
 
@@ -83,7 +85,9 @@ class BeliefPropagation:
         """Costs, strengths and rises of the base surface to the right and downwards, from fine to coarse."""
         levels = image.astype(np.float32)
         across, down = (self._strength(np.diff(levels, axis=axis)) for axis in (1, 0))
-        rise_x, rise_y = (_small(np.diff(base, axis=axis)) - np.diff(origin, axis=axis) for axis in (1, 0))
+        rise_x, rise_y = (
+            self._small(np.diff(base, axis=axis)) - np.diff(origin, axis=axis) for axis in (1, 0)
+        )
         grids = [(cost, across, down, rise_x, rise_y)]
         while len(grids) < self.levels and min(cost.shape[:2]) > 1:
             cost = _coarser(cost)
@@ -95,16 +99,15 @@ class BeliefPropagation:
             )
         return grids
 
+    def _small(self, rise: Labels) -> Labels:
+        return np.ascontiguousarray(np.where(np.abs(rise) > self.max_jump, 0, rise))
+
     def _strength(self, difference: NDArray[np.float32]) -> NDArray[np.float32]:
         falling = np.exp(-np.abs(difference).max(axis=2) / np.float32(self.edge_levels))
         strength: NDArray[np.float32] = (self.edge_strength + (1.0 - self.edge_strength) * falling).astype(
             np.float32
         )
         return strength
-
-
-def _small(rise: Labels) -> Labels:
-    return np.ascontiguousarray(np.where(np.abs(rise) > MAX_JUMP, 0, rise))
 
 
 def _coarser(cost: Volume) -> Volume:

@@ -23,8 +23,8 @@ Volume = NDArray[np.float32]
 PHASES_PER_PX = 16
 """Positions between pixels are rounded to this."""
 CENSUS_RADIUS_PX = 2
-DEAD_ZONE = 1.0
-"""Levels by which a neighbour must be darker for its bit: above the noise of flat, dark places."""
+DEAD_ZONE = 0.5
+"""Levels by which a neighbour must be darker for its bit, so that none is set by rounding in flat places."""
 CENSUS_SCALE, LEVEL_SCALE = 12.0, 10.0
 """Bits that differ, and mean difference of levels, at which a cost is at 1 - 1/e of its limit."""
 SQUARED_LIMIT = 400.0

@@ -1,7 +1,7 @@
 """Compiled loops over the disparity maps of several cameras; validated and described by their callers.
 
-Labels are whole numbers; `shifts`: (labels, 2) columns and rows from a pixel of the own view to the same point
-in another.
+Labels are whole numbers; `shifts`: (labels, 2) columns and rows from a pixel of the own view to the same
+point in another.
 """
 
 import numpy as np

@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 SLOPE_RADIUS_PX = 35
 """Where the slope of a surface is measured: wide, since labels are whole numbers."""
 SLOPE_LIMIT = 3.0
-"""Labels by which a surface may differ in this radius."""
+"""Pixels of parallax by which a surface may differ in this radius."""
 REACH_PX = 80.0
 """How far slopes are continued."""
 SLACK_PX = 1.5
@@ -26,6 +26,7 @@ def continued(
     labels: DisparityLabels,
     positions: tuple[LatticePosition, LatticePosition],
     image: NDArray[np.uint8],
+    fineness: float,
 ) -> Floats:
     """Continue the supported surfaces of a camera over the rest of its view.
 
@@ -39,6 +40,8 @@ def continued(
         Of both cameras.
     image : ndarray of shape (H, W, 3), uint8
         What the camera sees; surfaces end at its edges rather than elsewhere.
+    fineness : float
+        Labels per pixel of parallax.
 
     Returns
     -------
@@ -46,7 +49,7 @@ def continued(
         Labels; whole numbers where they are supported.
     """
     warps = _warp(labels, *positions), _warp(labels, *positions[::-1])
-    slopes = Slopes(SLOPE_RADIUS_PX, SLOPE_LIMIT, REACH_PX)
+    slopes = Slopes(SLOPE_RADIUS_PX, SLOPE_LIMIT * fineness, REACH_PX)
     red, green, blue = np.moveaxis(image.astype(np.float64), 2, 0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
     filled = continue_surfaces(_seen(own), luma, _seen(other), warps, slopes, SLACK_PX)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dvc.multiview.camera_array import CameraArray, DisparityLabels, LatticePosition
 from dvc.multiview.volumes.matching_costs import offsets
 from dvc.stereo.surfaces import _kernels
+from dvc.stereo.surfaces.settings import tolerance
 
 Labels = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -88,6 +89,27 @@ def neighbours(array: CameraArray, index: int) -> Neighbours:
     return Neighbours(*chosen)
 
 
+def fineness(array: CameraArray, labels: DisparityLabels) -> float:
+    """Return how many labels there are to a pixel of parallax between neighbours.
+
+    Parameters
+    ----------
+    array : CameraArray
+        The cameras.
+    labels : DisparityLabels
+        Disparities of the labels.
+
+    Returns
+    -------
+    float
+        1 at least.
+    """
+    places = np.array([view.position for view in array])
+    apart = np.abs(places[:, None] - places[None]).max(axis=2)
+    nearest = np.where(apart > 0.0, apart, np.inf).min(axis=1)
+    return max(1.0, 1.0 / (labels.step * float(np.median(nearest))))
+
+
 def shifts(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> Labels:
     """Return by how many whole pixels each label moves a point from one view to another (2.5).
 
@@ -125,12 +147,12 @@ def agreeing(
     Returns
     -------
     ndarray of shape (H, W), bool
-        Where the other's label at the same point differs by one at most.
+        Where the other's label at the same point is the own one, within `tolerance`.
     """
     own, other = pair
     found = np.empty(array.shape, np.bool_)
     moved = shifts(labels, array[own].position, array[other].position)
-    _kernels.agree(maps[own], maps[other], moved, 1, found)
+    _kernels.agree(maps[own], maps[other], moved, tolerance(fineness(array, labels)), found)
     return found
 
 
@@ -158,7 +180,7 @@ def supported(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels
         if direction:
             kept &= np.logical_or.reduce([agreeing(array, labels, maps, (index, k)) for k in direction])
     speckles = np.where(kept, maps[index], -2).astype(np.int16)
-    cv2.filterSpeckles(speckles, -2, MIN_REGION_PX, 1)
+    cv2.filterSpeckles(speckles, -2, MIN_REGION_PX, tolerance(fineness(array, labels)))
     large: Mask = speckles != -2
     return kept & large
 

@@ -7,7 +7,7 @@ count nothing (explicit visibility), and what is undefined then takes the costs 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from dvc.multiview.volumes.aggregation import Arms, Window, aggregate
 from dvc.multiview.volumes.combination import defined_costs, mean_costs, smaller_costs
 from dvc.multiview.volumes.matching_costs import Band, MatchingCost, WeightedCosts
 from dvc.stereo.surfaces import _kernels
-from dvc.stereo.surfaces.occupancy import Neighbours, Occupancy, shifts
+from dvc.stereo.surfaces.occupancy import Neighbours, Occupancy, fineness, shifts
+from dvc.stereo.surfaces.settings import max_jump, tolerance
 
 Volume = NDArray[np.float32]
 Labels = NDArray[np.int64]
@@ -26,8 +27,6 @@ UNDEFINED_COST = 0.5
 """Cost of a voxel of which nothing is known, as a share of the highest: above that of most good matches."""
 UNDEFINED_SHARE = 0.1
 """Share of a region below which what is known of it counts less than this."""
-HIDING_SLACK = 1
-"""Labels by which a surface must be nearer to hide: that of an inclined one varies from pixel to pixel."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +43,21 @@ class Comparison:
         Of two views.
     smaller_of_opposite : bool
         Whether the smaller cost of opposite neighbours counts (2.18), or their mean.
+
+    Notes
+    -----
+    A surface must be nearer by more than `tolerance` to hide: that of an inclined one varies between pixels.
     """
 
     array: CameraArray
     labels: DisparityLabels
     cost: MatchingCost
     smaller_of_opposite: bool = True
+
+    @cached_property
+    def fineness(self) -> float:
+        """Labels per pixel of parallax between neighbours."""
+        return fineness(self.array, self.labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +135,14 @@ def _compared(
     if occupancy is not None:
         moved = shifts(comparison.labels, view.position, other.position)
         own, theirs = (occupancy[index] for index in pair)
-        origin = regions.band.origin
-        _kernels.clear_invisible(*own, *theirs, moved, origin, HIDING_SLACK, rows.start, costs.weight)
+        origin, slack = regions.band.origin, tolerance(comparison.fineness)
+        _kernels.clear_invisible(*own, *theirs, moved, origin, slack, rows.start, costs.weight)
     if not regions.windows:
         return costs
     base = regions.base[rows] - regions.band.origin[rows]
     copies = [costs, *(WeightedCosts(*map(np.copy, costs)) for _ in regions.windows[1:])]
     for copy, arms, window in zip(copies, regions.arms, regions.windows, strict=True):
-        aggregate(copy, arms[rows], base, window.iterations)
+        aggregate(copy, arms[rows], base, max_jump(comparison.fineness), window.iterations)
     for copy in copies[1:]:
         costs = mean_costs(costs, copy)
     return costs

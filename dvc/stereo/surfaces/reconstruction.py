@@ -33,8 +33,8 @@ MAX_CELLS = 24_000_000
 """Pixels times labels that are inferred at once; larger views are cut into strips of rows."""
 LARGE_CELLS = 40_000_000
 """Above it, views of half the size tell first which labels are tried."""
-BAND_LABELS, BAND_ITERATIONS = 11, 2
-"""Labels that are then tried at each pixel, around those of the half; and how often."""
+HALF_BAND_PX, BAND_ITERATIONS = 5, 2
+"""Parallax that is then tried at each pixel to both sides of that of the half; and how often."""
 OVERLAP_ROWS = 40
 """Rows by which strips reach into each other: as far as the arms of pixels."""
 BASE_MEDIAN_PX = 5
@@ -123,7 +123,8 @@ class _Solver:
         self.comparison = Comparison(array, labels, COSTS[settings.cost], smaller)
         self.near = [neighbours(array, index) for index in range(len(array))]
         self.is_large = array.shape[0] * array.shape[1] * labels.num_labels > LARGE_CELLS
-        self.num_labels = BAND_LABELS if self.is_large else labels.num_labels
+        self.half_band = round(HALF_BAND_PX * self.comparison.fineness)
+        self.num_labels = 2 * self.half_band + 1 if self.is_large else labels.num_labels
         self.strips = _strips(array.shape, self.num_labels)
 
     def solve(self) -> tuple[_State, list[float]]:
@@ -183,14 +184,16 @@ class _Solver:
         arms: Sequence[Arms] = [cross_arms(view.image, window) for window in windows]
         explicit = state is not None and settings.occlusion == "explicit"
         occupancy = state.occupancy if state is not None and explicit else None
-        origin = base - BAND_LABELS // 2 if self.is_large else np.zeros(view.shape, np.int64)
+        origin = base - self.half_band if self.is_large else np.zeros(view.shape, np.int64)
         regions = Regions(arms, windows, base, Band(origin, self.num_labels))
         cost = photometric_cost(self.comparison, index, self.near[index], regions, occupancy, rows)
         if state is not None and settings.geometric_weight > 0.0:
             label, kept = (plane[rows] for plane in state.occupancy[index])
             strength = np.float32(settings.geometric_weight)
             _kernels.add_distance(label, kept, origin[rows], strength, settings.geometric_limit, cost)
-        found = settings.inference_method(iteration).infer(cost, view.image[rows], base[rows], origin[rows])
+        found = settings.inference_method(iteration, self.comparison.fineness).infer(
+            cost, view.image[rows], base[rows], origin[rows]
+        )
         np.clip(found.label, 0, self.labels.num_labels - 1, out=found.label)
         return found.rows(slice(strip.start - rows.start, strip.stop - rows.start))
 
@@ -198,7 +201,8 @@ class _Solver:
         other = self.near[index].all[0]
         pair = self.array[index].position, self.array[other].position
         image = self.array[index].image
-        return continued(occupancy[index], occupancy[other], self.labels, pair, image)
+        fineness = self.comparison.fineness
+        return continued(occupancy[index], occupancy[other], self.labels, pair, image, fineness)
 
     def surfaces(self, state: _State) -> tuple[Surface, ...]:
         """Turn labels into disparities; what no camera agrees on counts as occluded."""

@@ -10,6 +10,40 @@ if TYPE_CHECKING:
 COST_NAMES = "census", "squared"
 INFERENCE_NAMES = "belief-propagation", "semi-global"
 OCCLUSION_NAMES = "explicit", "implicit", "none"
+SLOPE, SMALL_JUMP = 0.2, 0.3
+"""Cost of a change by a pixel of parallax from one pixel to the next, for messages and for scanlines."""
+
+
+def max_jump(fineness: float) -> int:
+    """Return by how many labels a surface may change from pixel to pixel.
+
+    Parameters
+    ----------
+    fineness : float
+        Labels per pixel of parallax.
+
+    Returns
+    -------
+    int
+        Two pixels; more is a discontinuity.
+    """
+    return round(2.0 * fineness)
+
+
+def tolerance(fineness: float) -> int:
+    """Return by how many labels two cameras may differ on one surface.
+
+    Parameters
+    ----------
+    fineness : float
+        Labels per pixel of parallax.
+
+    Returns
+    -------
+    int
+        Half a pixel, and one label at least.
+    """
+    return max(1, round(0.5 * fineness))
 
 
 @dataclass(frozen=True)
@@ -65,13 +99,15 @@ class StereoSettings:
         wide, narrow = Window(34, 17, 2), Window(9, 5, 1)
         return (wide, narrow) if iteration == 0 else (wide,)
 
-    def inference_method(self, iteration: int) -> "Inference":
+    def inference_method(self, iteration: int, fineness: float) -> "Inference":
         """Return the method that infers labels; scanlines find the first base surface.
 
         Parameters
         ----------
         iteration : int
             From 0.
+        fineness : float
+            Labels per pixel of parallax.
 
         Returns
         -------
@@ -82,4 +118,6 @@ class StereoSettings:
         from dvc.multiview.volumes.inference import SemiGlobal
 
         scanlines = self.inference == "semi-global" or (iteration == 0 and self.cost != "squared")
-        return SemiGlobal() if scanlines else BeliefPropagation()
+        if scanlines:
+            return SemiGlobal(small_jump=SMALL_JUMP / fineness)
+        return BeliefPropagation(slope=SLOPE / fineness, max_jump=max_jump(fineness))

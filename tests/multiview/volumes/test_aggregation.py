@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from dvc._jit import python_twin
 from dvc.multiview.volumes import _kernels as kernels
-from dvc.multiview.volumes.aggregation import MAX_JUMP, Window, aggregate, cross_arms
+from dvc.multiview.volumes.aggregation import Window, aggregate, cross_arms
 from dvc.multiview.volumes.matching_costs import WeightedCosts
 from tests.reference import cost_volumes as reference
+
+MAX_JUMP = 2
 
 SHAPE = (7, 9)
 WINDOW = Window(reach_px=5, near_reach_px=2, iterations=1)
@@ -65,7 +67,7 @@ def test_weighted_means_along_a_base_surface(rng: np.random.Generator, iteration
     arms = cross_arms(np.full((SHAPE[0] + 4, SHAPE[1], 3), 90, np.uint8), WINDOW)[2:-2]
     cost, weight = rng.random((*SHAPE, count)), rng.integers(0, 2, (*SHAPE, count)).astype(np.float64)
     costs = WeightedCosts(cost.astype(np.float32), weight.astype(np.float32))
-    aggregate(costs, arms, base, iterations)
+    aggregate(costs, arms, base, MAX_JUMP, iterations)
     lengths = reference.cut(arms.astype(np.int64), base, MAX_JUMP)
     expected = reference.aggregate(cost, weight, lengths, base, iterations)
     np.testing.assert_allclose(costs.weight, expected[1], atol=1e-5)
@@ -79,7 +81,9 @@ def test_region_of_one_colour_is_a_window() -> None:
     cost = rng.random((13, 15, 3))
     costs = WeightedCosts(cost.astype(np.float32), np.ones(cost.shape, np.float32))
     window = Window(4, 4, 1)
-    aggregate(costs, cross_arms(np.zeros((13, 15, 3), np.uint8), window), np.zeros((13, 15), np.int64), 1)
+    aggregate(
+        costs, cross_arms(np.zeros((13, 15, 3), np.uint8), window), np.zeros((13, 15), np.int64), MAX_JUMP, 1
+    )
     for y, x in np.ndindex(13, 15):
         square = cost[max(y - 3, 0) : y + 4, max(x - 3, 0) : x + 4]
         np.testing.assert_allclose(costs.cost[y, x], square.mean(axis=(0, 1)), rtol=1e-4)
@@ -94,7 +98,7 @@ def test_what_is_not_known_takes_what_its_region_says() -> None:
     cost[:, :, 1], weight[:, :, 1] = 5.0, 0.0
     costs = WeightedCosts(cost, weight)
     arms = cross_arms(np.zeros((9, 9, 3), np.uint8), Window(4, 4, 1))
-    aggregate(costs, arms, np.zeros((9, 9), np.int64), 1)
+    aggregate(costs, arms, np.zeros((9, 9), np.int64), MAX_JUMP, 1)
     np.testing.assert_allclose(costs.cost[:, :, 0], 0.25, rtol=1e-5)
     assert costs.weight[4, 4, 0] == pytest.approx(24 / 49)
     assert not costs.cost[:, :, 1].any()
@@ -112,7 +116,7 @@ def test_windows_follow_a_slanted_surface() -> None:
     wrong = []
     for surface in (base, np.zeros_like(base)):
         costs = WeightedCosts(cost.copy(), np.ones_like(cost))
-        aggregate(costs, arms, surface, 1)
+        aggregate(costs, arms, surface, MAX_JUMP, 1)
         wrong.append(int(np.count_nonzero(costs.cost.argmin(axis=2) != base)))
     assert wrong[0] == 0
     assert wrong[1] > 300

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from dvc._jit import python_twin
 from dvc.multiview.volumes import _kernels as kernels
-from dvc.multiview.volumes.aggregation import MAX_JUMP
 from dvc.multiview.volumes.belief_propagation import BeliefPropagation
 from dvc.multiview.volumes.inference import SemiGlobal
 from tests.reference import cost_volumes as reference
@@ -40,7 +39,9 @@ def strengths(method: BeliefPropagation, image: NDArray[np.uint8]) -> tuple[Any,
 def rises(base: NDArray[np.int64]) -> tuple[Any, Any]:
     """Return the steps of a base surface to the right, and downwards; none at its jumps."""
     across, down = (np.diff(base, axis=k) for k in (1, 0))
-    return np.where(abs(across) > MAX_JUMP, 0, across), np.where(abs(down) > MAX_JUMP, 0, down)
+    return np.where(abs(across) > BeliefPropagation.max_jump, 0, across), np.where(
+        abs(down) > BeliefPropagation.max_jump, 0, down
+    )
 
 
 @pytest.mark.nojit
