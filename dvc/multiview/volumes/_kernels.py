@@ -147,7 +147,7 @@ def cut_arms(arms, base, jump, cut):
 def sum_line(values, base, before, after, sums, total):
     """Sum (n, labels) over each pixel's segment, labels counted from a base surface; outside them is nothing.
 
-    `sums`: work space (n + 1, 2 * labels or more); the base is shifted to start at 0 by the caller.
+    `sums`: work space (n + 1, labels and the range of the base, or more).
     """
     length, count = values.shape
     lowest, highest = base[0], base[0]
@@ -173,7 +173,7 @@ def sum_line(values, base, before, after, sums, total):
 @kernel
 def sum_rows(volume, base, arms, total):
     """`sum_line` along each row."""
-    sums = np.empty((volume.shape[1] + 1, 2 * volume.shape[2]), np.float32)
+    sums = np.empty((volume.shape[1] + 1, volume.shape[2] + base.max() - base.min()), np.float32)
     for y in range(volume.shape[0]):
         sum_line(volume[y], base[y], arms[y, :, BEFORE_X], arms[y, :, AFTER_X], sums, total[y])
 
@@ -181,7 +181,7 @@ def sum_rows(volume, base, arms, total):
 @kernel
 def sum_columns(volume, base, arms, total):
     """`sum_line` along each column."""
-    sums = np.empty((volume.shape[0] + 1, 2 * volume.shape[2]), np.float32)
+    sums = np.empty((volume.shape[0] + 1, volume.shape[2] + base.max() - base.min()), np.float32)
     for x in range(volume.shape[1]):
         before, after = arms[:, x, BEFORE_Y], arms[:, x, AFTER_Y]
         sum_line(volume[:, x], base[:, x], before, after, sums, total[:, x])

@@ -65,7 +65,9 @@ def cross_arms(image: NDArray[np.uint8], window: Window) -> Arms:
     return arms
 
 
-def aggregate(costs: WeightedCosts, arms: Arms, base: Labels, max_jump: int, iterations: int) -> None:
+def aggregate(
+    costs: WeightedCosts, arms: Arms, base: Labels, origin: Labels, max_jump: int, iterations: int
+) -> None:
     """Replace costs by the weighted mean over the cross-shaped regions of pixels.
 
     Parameters
@@ -76,6 +78,8 @@ def aggregate(costs: WeightedCosts, arms: Arms, base: Labels, max_jump: int, ite
         Of the same rows; those that leave them are cut.
     base : ndarray of shape (rows, W), int64
         Labels of the base surface; constant: windows of one disparity.
+    origin : ndarray of shape (rows, W), int64
+        Label of the first cost of each pixel.
     max_jump : int
         Labels by which the base may change from pixel to pixel; more is a discontinuity, where arms end.
     iterations : int
@@ -83,6 +87,7 @@ def aggregate(costs: WeightedCosts, arms: Arms, base: Labels, max_jump: int, ite
     """
     cut = np.empty_like(arms)
     _kernels.cut_arms(arms, base, max_jump, cut)
+    first = base - origin
     cost, weight = costs
     work = np.empty_like(cost)
     for iteration in range(iterations):
@@ -90,7 +95,7 @@ def aggregate(costs: WeightedCosts, arms: Arms, base: Labels, max_jump: int, ite
         support = np.ones((*base.shape, 1), np.float32)
         single = np.empty_like(support)
         flat = np.zeros_like(base)
-        for volume, surface, other in ((cost, base, work), (weight, base, work), (support, flat, single)):
+        for volume, surface, other in ((cost, first, work), (weight, first, work), (support, flat, single)):
             if iteration % 2 == 0:
                 _kernels.sum_rows(volume, surface, cut, other)
                 _kernels.sum_columns(other, surface, cut, volume)

@@ -139,10 +139,10 @@ def _compared(
         _kernels.clear_invisible(*own, *theirs, moved, origin, slack, rows.start, costs.weight)
     if not regions.windows:
         return costs
-    base = regions.base[rows] - regions.band.origin[rows]
+    surface = regions.base[rows], regions.band.origin[rows]
     copies = [costs, *(WeightedCosts(*map(np.copy, costs)) for _ in regions.windows[1:])]
     for copy, arms, window in zip(copies, regions.arms, regions.windows, strict=True):
-        aggregate(copy, arms[rows], base, max_jump(comparison.fineness), window.iterations)
+        aggregate(copy, arms[rows], *surface, max_jump(comparison.fineness), window.iterations)
     for copy in copies[1:]:
         costs = mean_costs(costs, copy)
     return costs

@@ -13,9 +13,9 @@ from dvc.multiview.volumes.aggregation import Window, aggregate, cross_arms
 from dvc.multiview.volumes.matching_costs import WeightedCosts
 from tests.reference import cost_volumes as reference
 
-MAX_JUMP = 2
-
 SHAPE = (7, 9)
+JUMP = 20
+"""A step of the base surface that is a discontinuity."""
 WINDOW = Window(reach_px=5, near_reach_px=2, iterations=1)
 KERNELS = "grow_arms", "cut_arms", "sum_rows", "sum_columns", "apply_weights", "normalise"
 
@@ -63,13 +63,14 @@ def test_arms(rng: np.random.Generator, window: Window) -> None:
 def test_weighted_means_along_a_base_surface(rng: np.random.Generator, iterations: int) -> None:
     """Labels are counted from the base, arms end at its jumps and at the first and last row."""
     count = 5
-    base = rng.choice([0, 1, 1, 2, 4], SHAPE)
+    base = rng.choice([0, 1, 1, 2, 4], SHAPE) + JUMP * (np.indices(SHAPE)[1] > 5)
+    origin = rng.integers(-1, 3, SHAPE) + JUMP * (np.indices(SHAPE)[0] > 4)
     arms = cross_arms(np.full((SHAPE[0] + 4, SHAPE[1], 3), 90, np.uint8), WINDOW)[2:-2]
     cost, weight = rng.random((*SHAPE, count)), rng.integers(0, 2, (*SHAPE, count)).astype(np.float64)
     costs = WeightedCosts(cost.astype(np.float32), weight.astype(np.float32))
-    aggregate(costs, arms, base, MAX_JUMP, iterations)
-    lengths = reference.cut(arms.astype(np.int64), base, MAX_JUMP)
-    expected = reference.aggregate(cost, weight, lengths, base, iterations)
+    aggregate(costs, arms, base, origin, 2, iterations)
+    lengths = reference.cut(arms.astype(np.int64), base, 2)
+    expected = reference.aggregate(cost, weight, lengths, base - origin, iterations)
     np.testing.assert_allclose(costs.weight, expected[1], atol=1e-5)
     np.testing.assert_allclose(costs.cost, expected[0], atol=2e-5)
     assert (lengths < arms).any()
@@ -81,9 +82,8 @@ def test_region_of_one_colour_is_a_window() -> None:
     cost = rng.random((13, 15, 3))
     costs = WeightedCosts(cost.astype(np.float32), np.ones(cost.shape, np.float32))
     window = Window(4, 4, 1)
-    aggregate(
-        costs, cross_arms(np.zeros((13, 15, 3), np.uint8), window), np.zeros((13, 15), np.int64), MAX_JUMP, 1
-    )
+    arms, nothing = cross_arms(np.zeros((13, 15, 3), np.uint8), window), np.zeros((13, 15), np.int64)
+    aggregate(costs, arms, nothing, nothing, 2, 1)
     for y, x in np.ndindex(13, 15):
         square = cost[max(y - 3, 0) : y + 4, max(x - 3, 0) : x + 4]
         np.testing.assert_allclose(costs.cost[y, x], square.mean(axis=(0, 1)), rtol=1e-4)
@@ -98,7 +98,7 @@ def test_what_is_not_known_takes_what_its_region_says() -> None:
     cost[:, :, 1], weight[:, :, 1] = 5.0, 0.0
     costs = WeightedCosts(cost, weight)
     arms = cross_arms(np.zeros((9, 9, 3), np.uint8), Window(4, 4, 1))
-    aggregate(costs, arms, np.zeros((9, 9), np.int64), MAX_JUMP, 1)
+    aggregate(costs, arms, *2 * (np.zeros((9, 9), np.int64),), 2, 1)
     np.testing.assert_allclose(costs.cost[:, :, 0], 0.25, rtol=1e-5)
     assert costs.weight[4, 4, 0] == pytest.approx(24 / 49)
     assert not costs.cost[:, :, 1].any()
@@ -116,7 +116,7 @@ def test_windows_follow_a_slanted_surface() -> None:
     wrong = []
     for surface in (base, np.zeros_like(base)):
         costs = WeightedCosts(cost.copy(), np.ones_like(cost))
-        aggregate(costs, arms, surface, MAX_JUMP, 1)
+        aggregate(costs, arms, surface, np.zeros_like(base), 2, 1)
         wrong.append(int(np.count_nonzero(costs.cost.argmin(axis=2) != base)))
     assert wrong[0] == 0
     assert wrong[1] > 300

@@ -11,7 +11,6 @@ from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, 
 from dvc.stereo.surfaces import _kernels as kernels
 from dvc.stereo.surfaces import occupancy
 from dvc.stereo.surfaces.occupancy import Occupancy, agreeing, neighbours, seen_elsewhere, shifts, supported
-from dvc.stereo.surfaces.photometric import HIDING_SLACK
 from tests.reference import stereo_volumes as volumes
 from tests.stereo.plane_scenes import BACKGROUND, LABELS, SCENE, Plane, reconstruction_of, square_lattice
 
@@ -65,20 +64,22 @@ def test_agreement(choose: Choose, rng: np.random.Generator, m: int, n: int, tol
 
 
 @pytest.mark.nojit
-@pytest.mark.parametrize(("m", "n"), [(1, 0), (-2, 0), (0, 1)])
-def test_hidden_voxels_lose_their_weight(choose: Choose, rng: np.random.Generator, m: int, n: int) -> None:
+@pytest.mark.parametrize(("m", "n", "slack"), [(1, 0, 1), (-2, 0, 0), (0, 1, 1), (-1, 0, 2)])
+def test_hidden_voxels_lose_their_weight(
+    choose: Choose, rng: np.random.Generator, m: int, n: int, slack: int
+) -> None:
     """What the own camera sees and the other does not is not valid: (2.19) of one neighbour, with (2.17)."""
     own, other = random_occupancy(rng), random_occupancy(rng, 0.4)
     origin = rng.integers(-2, 3, SHAPE)
     weight = np.ones((6, SHAPE[1], FEW.num_labels), np.float32)
     moved = shifts(FEW, CENTRE, LatticePosition(m, n))
-    choose(kernels.clear_invisible)(*own, *other, moved, origin, HIDING_SLACK, 2, weight)
+    choose(kernels.clear_invisible)(*own, *other, moved, origin, slack, 2, weight)
     mine, theirs = (
-        volumes.visibility(volumes.occupancy(*one, FEW.num_labels), HIDING_SLACK) for one in (own, other)
+        volumes.visibility(volumes.occupancy(*one, FEW.num_labels), slack) for one in (own, other)
     )
     valid = volumes.validity(mine, [volumes.sheared(theirs, -m, -n, True)])
     np.testing.assert_array_equal(weight, volumes.banded(valid, origin, FEW.num_labels, True)[2:8])
-    assert 0 < np.count_nonzero(weight == 0) < weight.size / 2
+    assert 0 < np.count_nonzero(weight == 0) < 0.7 * weight.size
 
 
 @pytest.mark.nojit
