@@ -39,7 +39,7 @@ class BeliefPropagation:
     max_jump: int = 2
     edge_levels: float = 5.0
     edge_strength: float = 0.05
-    iterations: int = 5
+    iterations: int = 3
     levels: int = 5
 
     def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Inferred:

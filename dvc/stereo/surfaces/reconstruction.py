@@ -35,7 +35,7 @@ LARGE_CELLS = 40_000_000
 """Above it, views of half the size tell first which labels are tried."""
 HALF_BAND_PX, BAND_ITERATIONS = 5, 2
 """Parallax that is then tried at each pixel to both sides of that of the half; and how often."""
-OVERLAP_ROWS = 40
+OVERLAP_ROWS = 80
 """Rows by which strips reach into each other: as far as the arms of pixels."""
 BASE_MEDIAN_PX = 5
 """Side of the median that frees a base surface of single wrong labels."""

@@ -96,7 +96,7 @@ class StereoSettings:
         if self.cost == "squared":
             return ()
         # wide ones for what has little texture; narrow ones for steep surfaces, before there is a base
-        wide, narrow = Window(34, 17, 2), Window(9, 5, 1)
+        wide, narrow = Window(80, 34, 2, far_limit=12), Window(9, 5, 1)
         return (wide, narrow) if iteration == 0 else (wide,)
 
     def inference_method(self, iteration: int, fineness: float) -> "Inference":
