@@ -44,7 +44,7 @@ def arms(
                 last = np.abs(levels[line[k]] - levels[line[k - 1]]).max()
                 belongs.append(whole < limit and last < limit and (k <= near_reach or whole < far_limit))
             length = belongs.index(False) if False in belongs else len(belongs)
-            lengths[y, x, side] = max(length, min(1, len(line) - 1))
+            lengths[y, x, side] = length
     return lengths
 
 

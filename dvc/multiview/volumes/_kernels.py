@@ -120,8 +120,6 @@ def grow_arms(image, reach, near_reach, limit, far_limit, arms):
                     if length + 1 > near_reach and distance >= far_limit:
                         break
                     length += 1
-                if length == 0 and 0 <= y + dy < height and 0 <= x + dx < width:
-                    length = 1
                 arms[y, x, side] = length
 
 

@@ -213,7 +213,8 @@ class _Solver:
         ):
             label = filled
             if self.settings.sub_pixel:
-                label = filled + np.where(occupancy.supported, inferred.offset, 0.0)
+                offset = np.where(occupancy.supported, inferred.offset, 0.0)
+                label = np.clip(filled + offset, 0.0, self.labels.num_labels - 1.0)
             seen = seen_elsewhere(self.array, self.labels, final, index)
             clear = 1.0 - np.exp(-inferred.margin / CLEAR_MARGIN)
             confidence = np.where(occupancy.supported, clear, 0.0).astype(np.float32)
