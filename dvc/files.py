@@ -112,6 +112,26 @@ def atomic_output(path: str | Path) -> Iterator[Path]:
             temporary.unlink()
 
 
+def check_folder(path: str | Path) -> None:
+    """Refuse a folder that `atomic_folder` would refuse, before any work is done.
+
+    Parameters
+    ----------
+    path : str or Path
+        Name of a folder to be made.
+
+    Raises
+    ------
+    DvcError
+        If it exists and is not an empty folder, or that in which it would stand does not exist.
+    """
+    target = Path(path)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise DvcError(f"cannot write {target}: it exists and is not an empty folder")
+    if not target.absolute().parent.is_dir():
+        raise DvcError(f"cannot write {target}: the folder {target.parent} does not exist")
+
+
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
     """Give a temporary folder that is renamed to `path` on success and removed on any exception.
@@ -132,8 +152,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
         If the folder cannot be made there.
     """
     target = Path(path)
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise DvcError(f"cannot write {target}: it exists and is not an empty folder")
+    check_folder(target)
     temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.tmp")
     try:
         temporary.mkdir()

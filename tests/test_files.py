@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dvc.errors import DvcError
-from dvc.files import atomic_folder, atomic_output, same_file
+from dvc.files import atomic_folder, atomic_output, check_folder, same_file
 
 
 def test_file_appears_only_after_success(tmp_path: Path) -> None:
@@ -112,3 +112,17 @@ def test_folders_appear_whole(tmp_path: Path) -> None:
     with pytest.raises(KeyError), atomic_folder(tmp_path / "failed"):
         raise KeyError
     assert not list(tmp_path.glob("*failed*"))
+
+
+def test_folder_is_refused_before_any_work(tmp_path: Path) -> None:
+    """What `atomic_folder` would refuse is known without it; an empty folder and a new name are taken."""
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "file").touch()
+    (tmp_path / "empty").mkdir()
+    for name in ("used", "used/file"):
+        with pytest.raises(DvcError, match="not an empty folder"):
+            check_folder(tmp_path / name)
+    with pytest.raises(DvcError, match="does not exist"):
+        check_folder(tmp_path / "none" / "here")
+    check_folder(tmp_path / "empty")
+    check_folder(tmp_path / "new")
