@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 MAX_LABELS = 4096
 """More disparities are a mistake of units."""
+MAX_NUMBER = 1e6
+"""As are larger positions and disparities."""
+MIN_STEP = 1e-6
+"""Disparities nearer to each other are the same in single precision."""
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
@@ -37,7 +41,7 @@ def parse_disparities(text: str) -> "DisparityLabels":
     Raises
     ------
     argparse.ArgumentTypeError
-        If it is something else, empty, or of more than `MAX_LABELS` disparities.
+        If it is something else, empty, of more than `MAX_LABELS` disparities, or beyond `MAX_NUMBER`.
     """
     from dvc.multiview.camera_array import DisparityLabels
 
@@ -45,8 +49,12 @@ def parse_disparities(text: str) -> "DisparityLabels":
     if not match:
         raise argparse.ArgumentTypeError(f"expected MIN:MAX or MIN:MAX:STEP such as 0:60, got {text!r}")
     low, high, step = float(match[1]), float(match[2]), float(match[3] or 1.0)
-    if not all(map(math.isfinite, (low, high, step))) or step <= 0.0 or high < low:
-        raise argparse.ArgumentTypeError(f"expected MIN <= MAX and STEP > 0, got {text!r}")
+    if not all(map(_is_moderate, (low, high, step))) or step <= 0.0 or high < low:
+        raise argparse.ArgumentTypeError(
+            f"expected MIN <= MAX and STEP > 0, none beyond {MAX_NUMBER:g}, got {text!r}"
+        )
+    if step < MIN_STEP:
+        raise argparse.ArgumentTypeError(f"expected a step of {MIN_STEP:g} at least, got {text!r}")
     if (high - low) / step > MAX_LABELS - 1:
         raise argparse.ArgumentTypeError(f"at most {MAX_LABELS} disparities, got {text!r}")
     return DisparityLabels(low, step, math.floor((high - low) / step + 1e-9) + 1)
@@ -73,9 +81,13 @@ def parse_position(text: str) -> "LatticePosition":
     from dvc.multiview.camera_array import LatticePosition
 
     match = re.fullmatch(rf"({_NUMBER}),({_NUMBER})", text)
-    if not match or not all(math.isfinite(float(number)) for number in match.groups()):
+    if not match or not all(_is_moderate(float(number)) for number in match.groups()):
         raise argparse.ArgumentTypeError(f"expected M,N such as 0,0 or -1,2, got {text!r}")
     return LatticePosition(float(match[1]), float(match[2]))
+
+
+def _is_moderate(number: float) -> bool:
+    return abs(number) <= MAX_NUMBER
 
 
 def read_positions(path: str | Path) -> dict[str, "LatticePosition"]:
@@ -106,8 +118,8 @@ def read_positions(path: str | Path) -> dict[str, "LatticePosition"]:
                 if name in positions:
                     raise ConfigError(f"{path}: {name} is named twice")
                 positions[name] = LatticePosition(float(row["m"]), float(row["n"]))
-                if not all(map(math.isfinite, positions[name])):
-                    raise ConfigError(f"{path}: {name} has no finite position")
+                if not all(map(_is_moderate, positions[name])):
+                    raise ConfigError(f"{path}: {name} has no position within {MAX_NUMBER:g}")
     except KeyError as err:
         raise ConfigError(f"{path}: expected the columns file, m and n; there is no {err}") from err
     except (ValueError, TypeError, csv.Error) as err:
@@ -139,7 +151,10 @@ def read_picture(path: str | Path) -> "NDArray[np.uint8]":
     import numpy as np
 
     content = np.fromfile(path, np.uint8)
-    stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    try:
+        stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    except cv2.error:
+        stored = None
     if stored is None or stored.dtype not in (np.uint8, np.uint16):
         raise DvcError(f"{path}: not a picture of 8 or 16 bits that can be read")
     if stored.dtype == np.uint16:

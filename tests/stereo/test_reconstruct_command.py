@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
+from dvc.errors import ConfigError
+from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.pfm import read_pfm
 from dvc.stereo.__main__ import main
+from dvc.stereo.surfaces import reconstruction
 from dvc.stereo.surfaces.folder import read_reconstruction
+from dvc.stereo.surfaces.reconstruction import most_steps, reconstruct
+from dvc.stereo.surfaces.settings import StereoSettings
 from tests.stereo.data import pair_of_planes
 
 
@@ -23,6 +28,12 @@ def views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     cv2.imwrite(str(tmp_path / "truth.png"), (disparity * 16).astype(np.uint8))
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Return a fresh generator."""
+    return np.random.default_rng(216)
 
 
 def run(*arguments: str) -> int:
@@ -105,6 +116,10 @@ def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFi
         (["left.png", "text.png", "--disparities", "0:8"], "not a picture"),
         (["left.png", "right.png"], "--disparities"),
         (["left.png", "right.png", "--disparities", "8:0"], "MIN <= MAX"),
+        (["left.png", "right.png", "--disparities", "0:1e9:1e6"], "none beyond 1e+06"),
+        (["left.png", "right.png", "--disparities", "0:0:1e-300"], "expected a step of"),
+        (["left.png", "right.png", "--lattice", "0,0", "1e300,0", "--disparities", "0:8"], "expected M,N"),
+        (["left.png", "right.png", "--disparities", "0:8", "--mask", "truth.png"], "need --truth"),
         (["left.png", "right.png", "--disparities", "0:8", "--ply", "a.obj"], "ends in .ply"),
         (["left.png", "right.png", "--disparities", "0:8", "--json", "left.png"], "is also an input"),
         (["left.png", "right.png", "--disparities", "0:8", "--truth", "truth.png"], "--truth-scale"),
@@ -145,3 +160,43 @@ def test_page_opens_without_an_error_or_a_request(views: Path, browser: Browser)
     assert logged == []
     assert [url for url in requests if not url.startswith("data:")] == [address]
     page.close()
+
+
+def test_views_in_the_wrong_order_are_refused(
+    views: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What views share tells that the right one comes first, or that the range is another one."""
+    scene = cv2.GaussianBlur(rng.integers(0, 256, (80, 160, 3), dtype=np.uint8), (0, 0), 1.2)
+    scene = np.clip(3.0 * (scene - 127.5) + 127.5, 0, 255).astype(np.uint8)
+    for name, left in (("a", 0), ("b", 4)):
+        cv2.imwrite(f"{name}.png", scene[:, left : left + 150])
+    assert run("b.png", "a.png", "--disparities", "0:8", "--out", "out") == 2
+    assert "have disparities from -4" in capsys.readouterr().err
+    assert run("a.png", "b.png", "--disparities", "20:30", "--out", "out") == 2
+    assert "not 20 to 30" in capsys.readouterr().err
+    assert not (views / "out").exists()
+    assert run("b.png", "a.png", "--lattice", "1,0", "0,0", "--disparities", "0:8", "--out", "out") == 0
+
+
+def test_work_space_is_bounded() -> None:
+    """Labels that no strip of wide views has room for are refused before any work."""
+    views = tuple(
+        ArrayView(f"{m}", np.zeros((400, 2700, 3), np.uint8), LatticePosition(m, 0.0)) for m in (0.0, 1.0)
+    )
+    with pytest.raises(ConfigError, match="4001 disparities in steps"):
+        reconstruct(CameraArray(views), DisparityLabels(0.0, 0.01, 4001))
+
+
+@pytest.mark.parametrize("large_cells", [1 << 30, 10_000])
+def test_progress_has_an_end(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, large_cells: int
+) -> None:
+    """As many steps are told as were announced, with views of half the size as well."""
+    monkeypatch.setattr(reconstruction, "LARGE_CELLS", large_cells)
+    scene = rng.integers(0, 256, (60, 110, 3), dtype=np.uint8)
+    views = [ArrayView(f"{m}", scene[:, 4 * m : 4 * m + 100], LatticePosition(m, 0.0)) for m in (0, 1)]
+    array, labels = CameraArray(tuple(views)), DisparityLabels(0.0, 1.0, 8)
+    settings = StereoSettings(min_change=-1.0, inference="semi-global", cost="squared")
+    done: list[int] = []
+    reconstruct(array, labels, settings, advance=done.append)
+    assert sum(done) == most_steps(array, labels, settings)

@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     import sys
 
-    from dvc.files import atomic_folder
+    from dvc.files import atomic_folder, check_folder
     from dvc.page.gallery import write_gallery
     from dvc.stereo.layers.layered_depth_image import layered_depth_image
     from dvc.stereo.layers.layers_folder import write_layers
@@ -80,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvc.stereo.output.layer_pictures import draw_layers, draw_values_per_pixel
     from dvc.stereo.surfaces.folder import read_reconstruction, write_png
 
+    check_folder(arguments.out)
     meshes = check_export(arguments)
     cli.check_outputs([], [*meshes, *([arguments.json] if arguments.json not in (None, "-") else [])])
     reconstruction = read_reconstruction(arguments.path)

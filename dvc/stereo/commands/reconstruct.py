@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from dvc import array_files, cli
 from dvc.errors import ConfigError
 from dvc.stereo.commands.options import add_export_options, add_truth_options, check_export, read_truth_of
+from dvc.stereo.commands.views import rectified_views
 from dvc.stereo.surfaces.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES
 
 if TYPE_CHECKING:
@@ -92,20 +93,26 @@ def run(arguments: argparse.Namespace) -> int:
     int
         Exit status.
     """
-    from dvc.files import atomic_folder
+    from dvc.files import atomic_folder, check_folder
     from dvc.stereo.output.report import check_views, reported, summary, write_previews
+    from dvc.stereo.rectification.rectified_array import check_disparities
     from dvc.stereo.rectification.rectified_folder import rectification_index, write_original_views
     from dvc.stereo.surfaces.folder import write_reconstruction
-    from dvc.stereo.surfaces.reconstruction import reconstruct
+    from dvc.stereo.surfaces.reconstruction import most_steps, reconstruct
 
+    check_folder(arguments.out)
     shapes = _check_outputs(arguments)
     array, labels, rectified = _views(arguments)
     rectification = None if rectified is None else rectified.rectification
     truth = _truth(arguments, array)
     warnings = check_views(array, labels)
+    if rectified is None and arguments.disparities is not None:
+        check_disparities(array, labels)
+    settings = _settings(arguments)
     with atomic_folder(arguments.out) as folder:
-        with cli.progress_bar("surfaces", None, arguments.quiet) as advance:
-            found = reconstruct(array, labels, _settings(arguments), jobs=arguments.jobs, advance=advance)
+        total = most_steps(array, labels, settings)
+        with cli.progress_bar("surfaces", total, arguments.quiet) as advance:
+            found = reconstruct(array, labels, settings, jobs=arguments.jobs, advance=advance)
         found = reported(found, truth, warnings)
         if rectified is not None:
             found.figures["rectification"] = rectification_index(rectified)
@@ -140,21 +147,14 @@ def _views(
     arguments: argparse.Namespace,
 ) -> tuple["CameraArray", "DisparityLabels", "RectifiedArray | None"]:
     """Read the views, and rectify them where cameras are given; find disparities where none are."""
-    from dvc.stereo.rectification.rectified_array import found_labels, rectified_array
+    from dvc.stereo.rectification.rectified_array import found_labels
 
     positions = array_files.positions_of(arguments, arguments.paths)
     if arguments.cameras is None:
         array = array_files.load_array(arguments.paths, positions)
         labels, rectified = arguments.disparities or found_labels(array), None
     else:
-        with cli.progress_bar("views", len(arguments.paths), arguments.quiet) as advance:
-            rectified = rectified_array(
-                arguments.paths,
-                arguments.cameras,
-                positions,
-                keep_cameras=arguments.keep_cameras,
-                advance=advance,
-            )
+        rectified = rectified_views(arguments, positions)
         array, labels = rectified.array, arguments.disparities or rectified.labels
     if labels is None:
         raise ConfigError("too few points match to find the range of disparities: give --disparities MIN:MAX")
@@ -175,6 +175,8 @@ def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None
     from dvc.stereo.output.report import Truth
 
     if arguments.truth is None:
+        if arguments.mask is not None or arguments.truth_scale is not None:
+            raise ConfigError("--mask and --truth-scale need --truth")
         return None
     truth, mask = read_truth_of(arguments)
     disparity_error(truth, truth, mask)

@@ -4,7 +4,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING, Any
 
-from dvc import array_files, cli
+from dvc import array_files
+from dvc.stereo.commands.views import rectified_views
 
 if TYPE_CHECKING:
     from dvc.stereo.rectification.rectified_array import RectifiedArray
@@ -56,20 +57,12 @@ def run(arguments: argparse.Namespace) -> int:
     int
         Exit status.
     """
-    from dvc.files import atomic_folder
-    from dvc.stereo.rectification.rectified_array import rectified_array
+    from dvc.files import atomic_folder, check_folder
     from dvc.stereo.rectification.rectified_folder import write_rectified
 
+    check_folder(arguments.out)
     positions = array_files.positions_of(arguments, arguments.paths)
-    with cli.progress_bar("views", len(arguments.paths), arguments.quiet) as advance:
-        rectified = rectified_array(
-            arguments.paths,
-            arguments.cameras,
-            positions,
-            with_matches=True,
-            keep_cameras=arguments.keep_cameras,
-            advance=advance,
-        )
+    rectified = rectified_views(arguments, positions, with_matches=True)
     with atomic_folder(arguments.out) as folder:
         write_rectified(folder, rectified)
     if not arguments.quiet:

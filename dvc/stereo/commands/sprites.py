@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     import sys
 
-    from dvc.files import atomic_folder
+    from dvc.files import atomic_folder, check_folder
     from dvc.page.gallery import write_gallery
     from dvc.stereo.layers.sprites import extract_sprites
     from dvc.stereo.layers.sprites_folder import write_sprites
@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
     from dvc.stereo.output.layer_pictures import draw_sprites
     from dvc.stereo.surfaces.folder import write_png
 
+    check_folder(arguments.out)
     meshes = check_export(arguments)
     cli.check_outputs([], [*meshes, *([arguments.json] if arguments.json not in (None, "-") else [])])
     image = _read(Path(arguments.path), arguments.quiet)

@@ -18,6 +18,7 @@ from dvc.stereo.rectification.rectified_space import Rectification
 from dvc.stereo.rectification.rectify import rectify, usual_disparity
 from dvc.stereo.rectification.refinement import refined_pair
 from dvc.stereo.rectification.resampling import resample
+from dvc.stereo.surfaces.occupancy import neighbours
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ FAR_MARGIN, NEAR_MARGIN, MARGIN_PX = 0.15, 0.35, 1.0
 """Added to the range of known disparities: in parts of it, and in pixels. The nearest points are few."""
 MIN_MATCHES = 20
 MIN_LABELS = 16
+MOST_OUTSIDE = 0.9
+"""Share of matches outside a range of disparities that shows it to be wrong."""
 _MAX_PARTNERS = 8
 
 
@@ -181,6 +184,40 @@ def found_labels(array: CameraArray) -> DisparityLabels | None:
     positions, features = [view.position for view in array], [Features(view.image) for view in array]
     found = _range_of_matches(row_matches(positions, features))
     return None if found is None else suggested_labels(*found)
+
+
+def check_disparities(array: CameraArray, labels: DisparityLabels) -> None:
+    """Compare disparities to try with those of points that the reference view and its neighbours share.
+
+    Parameters
+    ----------
+    array : CameraArray
+        Views that are rectified already.
+    labels : DisparityLabels
+        Disparities to try.
+
+    Raises
+    ------
+    ConfigError
+        If nearly all points lie outside the range, as where views are in the wrong order, or mirrored.
+    """
+    reference = array.reference
+    own = Features(array[reference].image)
+    for index in neighbours(array, reference).all:
+        pair = array[reference], array[index]
+        origin, place = (view.position for view in pair)
+        baseline = LatticePosition(place.m - origin.m, place.n - origin.n)
+        found = row_matches([LatticePosition(0.0, 0.0), baseline], [own, Features(pair[1].image)]).disparities
+        slack = MARGIN_PX / float(np.hypot(*baseline))
+        outside = (found < labels.lowest - slack) | (found > labels.highest + slack)
+        if len(found) < MIN_MATCHES or outside.mean() < MOST_OUTSIDE:
+            continue
+        low, high = _range(found)
+        raise ConfigError(
+            f"points that {pair[0].name} and {pair[1].name} share have disparities from {low:.3g} to "
+            f"{high:.3g} px, not {labels.lowest:g} to {labels.highest:g}: the range, or the order or the "
+            "positions of the views are wrong"
+        )
 
 
 def _range(disparities: Floats) -> tuple[float, float]:

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.array_files import MAX_LABELS
 from dvc.multiview.camera_array import CameraArray, DisparityLabels, LatticePosition
 from dvc.multiview.volumes.matching_costs import offsets
 from dvc.stereo.surfaces import _kernels
@@ -102,12 +103,12 @@ def fineness(array: CameraArray, labels: DisparityLabels) -> float:
     Returns
     -------
     float
-        1 at least.
+        1 at least, and `MAX_LABELS` at most.
     """
     places = np.array([view.position for view in array])
     apart = np.abs(places[:, None] - places[None]).max(axis=2)
     nearest = np.where(apart > 0.0, apart, np.inf).min(axis=1)
-    return max(1.0, 1.0 / (labels.step * float(np.median(nearest))))
+    return max(1.0, 1.0 / max(labels.step * float(np.median(nearest)), 1.0 / MAX_LABELS))
 
 
 def shifts(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> Labels:

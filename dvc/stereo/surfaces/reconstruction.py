@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.errors import ConfigError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
 from dvc.multiview.volumes.aggregation import Arms, cross_arms
 from dvc.multiview.volumes.inference import Inferred
@@ -31,6 +32,8 @@ Floats = NDArray[np.float64]
 
 MAX_CELLS = 24_000_000
 """Pixels times labels that are inferred at once; larger views are cut into strips of rows."""
+MOST_CELLS = 128_000_000
+"""Strips cannot be narrower than what they share; about 32 bytes each in every thread, 4 GiB in all."""
 LARGE_CELLS = 40_000_000
 """Above it, views of half the size tell first which labels are tried."""
 HALF_BAND_PX, BAND_ITERATIONS = 5, 2
@@ -78,18 +81,49 @@ def reconstruct(
     jobs : int, optional
         Threads; the result is the same for any number.
     advance : callable, optional
-        Told the number of views of an iteration that have just been finished.
+        Told the number of views of an iteration that have just been finished; there are `most_steps` in all,
+        or fewer.
 
     Returns
     -------
     Reconstruction
         A surface for each view.
+
+    Raises
+    ------
+    ConfigError
+        If there are so many labels that views as wide cannot be inferred in a few gigabytes.
     """
     with ThreadPoolExecutor(jobs) as pool:
         solver = _Solver(_equally_exposed(array), labels, settings, pool, advance)
         state, changes = solver.solve()
     figures = {"iterations": len(changes), "changed": [round(change, 6) for change in changes]}
     return Reconstruction(array, labels, solver.surfaces(state), figures)
+
+
+def most_steps(array: CameraArray, labels: DisparityLabels, settings: StereoSettings) -> int:
+    """Return how many views of iterations `reconstruct` finishes if none ends early.
+
+    Parameters
+    ----------
+    array : CameraArray
+        The views.
+    labels : DisparityLabels
+        Disparities to try.
+    settings : StereoSettings
+        How.
+
+    Returns
+    -------
+    int
+        Counted for views of half the size as well, where these come first.
+    """
+    (height, width), num_labels = array.shape, labels.num_labels
+    iterations = settings.max_iterations
+    while _is_large((height, width), num_labels):
+        height, width, num_labels = height // 2, width // 2, _halved(num_labels)
+        iterations += BAND_ITERATIONS
+    return iterations * len(array)
 
 
 class _Solver:
@@ -122,10 +156,16 @@ class _Solver:
         smaller = settings.occlusion != "none"
         self.comparison = Comparison(array, labels, COSTS[settings.cost], smaller)
         self.near = [neighbours(array, index) for index in range(len(array))]
-        self.is_large = array.shape[0] * array.shape[1] * labels.num_labels > LARGE_CELLS
+        self.is_large = _is_large(array.shape, labels.num_labels)
         self.half_band = round(HALF_BAND_PX * self.comparison.fineness)
         self.num_labels = 2 * self.half_band + 1 if self.is_large else labels.num_labels
         self.strips = _strips(array.shape, self.num_labels)
+        rows = min(self.strips[0].stop + 2 * OVERLAP_ROWS, array.shape[0])
+        if rows * array.shape[1] * self.num_labels > MOST_CELLS:
+            raise ConfigError(
+                f"{labels.num_labels} disparities in steps of {labels.step:g} px are too many for the memory "
+                f"that views {array.shape[1]} pixels wide need: larger steps or smaller views are accepted"
+            )
 
     def solve(self) -> tuple[_State, list[float]]:
         """Iterate until nothing changes; return what is known then, and what share each iteration changed."""
@@ -143,7 +183,7 @@ class _Solver:
     def _coarse(self) -> _State:
         """What views of half the size tell."""
         labels = self.labels
-        halved = DisparityLabels(0.5 * labels.lowest, labels.step, labels.num_labels // 2 + 1)
+        halved = DisparityLabels(0.5 * labels.lowest, labels.step, _halved(labels.num_labels))
         views = tuple(_half(view) for view in self.array)
         solver = _Solver(CameraArray(views), halved, self.settings, self.pool, self.advance)
         state, _ = solver.solve()
@@ -221,6 +261,15 @@ class _Solver:
             disparity = self.labels.disparity(label).astype(np.float32)
             surfaces.append(Surface(disparity, ~seen, confidence))
         return tuple(surfaces)
+
+
+def _is_large(shape: tuple[int, int], num_labels: int) -> bool:
+    return shape[0] * shape[1] * num_labels > LARGE_CELLS and min(shape) > 1
+
+
+def _halved(num_labels: int) -> int:
+    """Labels of views of half the size: the same step, half the range."""
+    return num_labels // 2 + 1
 
 
 def _strips(shape: tuple[int, int], num_labels: int) -> list[slice]:
