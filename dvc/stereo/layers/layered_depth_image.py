@@ -12,6 +12,7 @@ positions of cameras need not be whole numbers. Readings of (2.21), where it lea
   or more apart, there are two.
 * Inside the frame the reference sees the first value, so nothing lies before it, and what the reference
   itself has found is not left for a deeper layer. Further values of a pixel are sorted from near to far.
+* Regions of a few pixels behind two other surfaces are left out.
 * A value has the median colour of its voters; the first one inside the frame that of the reference view.
 """
 
@@ -19,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +35,8 @@ Masks = list[NDArray[np.bool_]]
 
 MAX_LAYERS = 8
 """More values at one pixel are errors of the surfaces."""
+MIN_HIDDEN_REGION_PX = 20
+"""Smaller regions behind two other surfaces are accidents at their borders."""
 MAX_CANVAS_FRAMES = 16
 """The canvas is at most this many times as large as a view."""
 MAX_MAGNITUDE = 1e6
@@ -325,7 +329,22 @@ def _vote(
     for kind in range(3):
         parts = [_deepened(strip[kind], num_layers) for strip in strips]
         whole.append(np.concatenate(parts, axis=1))
-    return whole[2], whole[0], whole[1]
+    colour, disparity, votes = _without_strays(whole[2], whole[0], whole[1])
+    return colour, disparity, votes
+
+
+def _without_strays(
+    colour: NDArray[np.uint8], disparity: NDArray[np.float32], votes: NDArray[np.uint8]
+) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.uint8]]:
+    """Drop small regions behind two other surfaces, and layers that are then empty."""
+    for layer in range(len(votes) - 1, 1, -1):
+        _, region, sizes, _ = cv2.connectedComponentsWithStats((votes[layer] > 0).astype(np.uint8))
+        stray = (votes[layer] > 0) & (sizes[region, cv2.CC_STAT_AREA] < MIN_HIDDEN_REGION_PX)
+        for values in (colour, disparity, votes):
+            values[layer:-1, stray] = values[layer + 1 :, stray]
+            values[-1, stray] = 0
+    kept = max(1, int(votes.any(axis=(1, 2)).sum()))
+    return colour[:kept], disparity[:kept], votes[:kept]
 
 
 def _deepened(layers: NDArray[Any], num_layers: int) -> NDArray[Any]:
