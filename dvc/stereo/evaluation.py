@@ -88,7 +88,8 @@ def evaluate(
     error, counted = disparity_error(disparity, truth, mask)
     errors = error[counted]
     if not errors.size:
-        raise ConfigError("no pixel counts: the truth is unknown wherever the mask is 255")
+        counting = "everywhere" if mask is None else "wherever the mask is 255"
+        raise ConfigError(f"no pixel counts: the truth is unknown {counting}")
     known = np.isfinite(errors)
     return Evaluation(
         int(errors.size),
@@ -192,7 +193,10 @@ def read_mask(path: str | Path) -> NDArray[np.bool_]:
 
 def _levels(path: str | Path) -> NDArray[np.float64]:
     content = np.fromfile(path, np.uint8)
-    stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    try:
+        stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    except cv2.error:
+        stored = None
     if stored is None or stored.dtype not in (np.uint8, np.uint16):
         raise DvcError(f"{path}: expected a picture of 8 or 16 bits, or a PFM file")
     if stored.ndim == 3:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
-from dvc.errors import ConfigError
+from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.pfm import read_pfm
 from dvc.stereo.__main__ import main
@@ -102,6 +102,8 @@ def test_identical_views_have_no_disparity(views: Path, capsys: pytest.CaptureFi
     assert run("left.png", "same.png", "--disparities=-3:3", "--out", "out") == 0
     assert "identical" in capsys.readouterr().err
     assert np.abs(read_pfm(views / "out" / "disparity-left.pfm")).max() < 0.5
+    assert run("left.png", "same.png", "--disparities", "0:3", "--out", "from0") == 0
+    assert len(capsys.readouterr().err.splitlines()) == 1, "0 is right, though the end of the range"
     assert run("left.png", "same.png", "--disparities", "1:3", "--out", "none") == 2
     assert "no disparity but 0 fits" in capsys.readouterr().err
 
@@ -200,3 +202,26 @@ def test_progress_has_an_end(
     done: list[int] = []
     reconstruct(array, labels, settings, advance=done.append)
     assert sum(done) == most_steps(array, labels, settings)
+
+
+@pytest.mark.parametrize(
+    ("part", "values", "message"),
+    [
+        ("disparities", {"num_labels": 3.5}, "disparities make no sense"),
+        ("disparities", {"step": 1e-300}, "disparities make no sense"),
+        ("disparities", {"lowest": 1e300}, "disparities make no sense"),
+        ("view", {"m": 1e300}, "makes no sense"),
+        ("view", {"m": 1.0}, "two views have one position"),
+    ],
+)
+def test_impossible_numbers_of_an_index_are_refused(
+    views: Path, part: str, values: dict[str, float], message: str
+) -> None:
+    """Numbers that the command would not take are not taken from its folder either."""
+    assert run("left.png", "right.png", "--disparities", "0:8", "--out", "out", "--quiet") == 0
+    path = views / "out" / "stereo.json"
+    index = json.loads(path.read_text())
+    (index["views"][0] if part == "view" else index["disparities"]).update(values)
+    path.write_text(json.dumps(index))
+    with pytest.raises(DvcError, match=message):
+        read_reconstruction(views / "out")

@@ -29,7 +29,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "reproduce",
-        description="Tables 2.1 to 2.3 and figures 2.2 to 2.11 of the thesis, measured and drawn again.",
+        description="Tables 2.1 to 2.3 and figures 2.2 and 2.4 to 2.11 of the thesis, measured again.",
         examples=EXAMPLES,
         help="tables and figures of the thesis",
     )

@@ -98,9 +98,10 @@ def reported(
         {"name": view.name, **_surface_figures(view, surface, labels)}
         for view, surface in zip(array, reconstruction.surfaces, strict=True)
     ]
+    all_identical = len({view.image.tobytes() for view in array}) == 1
     figures: dict[str, Any] = {
         "surfaces": surfaces,
-        "warnings": [*warnings, *_range_warnings(surfaces, labels)],
+        "warnings": [*warnings, *_range_warnings(surfaces, labels, all_identical)],
     }
     if truth is not None:
         found = reconstruction.surfaces[array.reference].disparity
@@ -122,7 +123,7 @@ def summary(reconstruction: Reconstruction) -> str:
         A line for each view, and one for the evaluation.
     """
     lines = [
-        f"{one['name']}: disparities {one['lowest_px']:g} to {one['highest_px']:g} px, "
+        f"{one['name']}: disparities {_rounded(one['lowest_px'])} to {_rounded(one['highest_px'])} px, "
         f"{one['occluded_percent']:.1f} % seen in no other view"
         for one in reconstruction.figures["surfaces"]
     ]
@@ -132,6 +133,10 @@ def summary(reconstruction: Reconstruction) -> str:
         reference = reconstruction.array[reconstruction.array.reference].name
         lines.append(f"bad pixels of {reference}: {bad}")
     return "\n".join(lines)
+
+
+def _rounded(disparity: float) -> str:
+    return f"{round(disparity, 3) + 0.0:g}"
 
 
 def write_previews(folder: Path, reconstruction: Reconstruction, truth: Truth | None = None) -> None:
@@ -177,12 +182,16 @@ def _surface_figures(view: ArrayView, surface: Surface, labels: DisparityLabels)
     }
 
 
-def _range_warnings(surfaces: Sequence[dict[str, Any]], labels: DisparityLabels) -> list[str]:
+def _range_warnings(
+    surfaces: Sequence[dict[str, Any]], labels: DisparityLabels, all_identical: bool
+) -> list[str]:
     if labels.num_labels < 3:
         return []
     told = []
     ends = (("first", "lowest", labels.lowest), ("last", "highest", labels.highest))
     for key, name, value in ends:
+        if value == 0.0 and all_identical:
+            continue
         share = float(np.mean([one[f"at_{key}_percent"] for one in surfaces]))
         if share > MAX_AT_AN_END_PERCENT:
             told.append(
@@ -222,7 +231,7 @@ def _gallery(reconstruction: Reconstruction, groups: Sequence[Group]) -> Gallery
         (
             view.name,
             f"{view.position.m:g}, {view.position.n:g}",
-            f"{one['lowest_px']:.4g} to {one['highest_px']:.4g}",
+            f"{_rounded(one['lowest_px'])} to {_rounded(one['highest_px'])}",
             f"{one['occluded_percent']:.1f} %",
             f"{one['mean_confidence']:.2f}",
         )

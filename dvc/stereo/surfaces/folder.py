@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.array_files import MAX_LABELS, read_picture
+from dvc.array_files import MAX_LABELS, MAX_NUMBER, MIN_STEP, read_picture
 from dvc.errors import DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.pfm import read_pfm, write_pfm
@@ -73,8 +73,11 @@ def read_reconstruction(folder: str | Path) -> Reconstruction:
     index = _index(folder / INDEX)
     try:
         labels = DisparityLabels(**index["disparities"])
-        if not (0 < labels.num_labels <= MAX_LABELS and labels.step > 0.0 and np.isfinite(labels).all()):
+        if not (labels.num_labels in range(1, MAX_LABELS + 1) and labels.step >= MIN_STEP):
             raise DvcError(f"{folder / INDEX}: disparities make no sense")
+        if not np.abs(labels[:2]).max() <= MAX_NUMBER:
+            raise DvcError(f"{folder / INDEX}: disparities make no sense")
+        labels = labels._replace(num_labels=int(labels.num_labels))
         shape = int(index["height"]), int(index["width"])
         pairs = [_read_view(folder, entry, shape) for entry in index["views"]]
     except (KeyError, TypeError, ValueError) as err:
@@ -84,6 +87,8 @@ def read_reconstruction(folder: str | Path) -> Reconstruction:
     known = {"format", "version", "width", "height", "disparities", "reference", "views"}
     figures = {key: value for key, value in index.items() if key not in known}
     views, surfaces = zip(*pairs, strict=True)
+    if len({view.position for view in views}) < len(views):
+        raise DvcError(f"{folder / INDEX}: two views have one position")
     return Reconstruction(CameraArray(tuple(views)), labels, tuple(surfaces), figures)
 
 
@@ -139,7 +144,9 @@ def _read_view(folder: Path, entry: dict[str, Any], shape: tuple[int, int]) -> t
     for path, found in zip(paths.values(), shapes, strict=True):
         if found != shape:
             raise DvcError(f"{path}: {found[1]}x{found[0]}, expected {shape[1]}x{shape[0]}")
-    if not (np.isfinite(disparity).all() and np.isfinite(position).all()):
+    if not np.abs(position).max() <= MAX_NUMBER:
+        raise DvcError(f"{folder / INDEX}: position {position.m:g},{position.n:g} makes no sense")
+    if not np.isfinite(disparity).all():
         raise DvcError(f"{paths['disparity']}: not finite")
     surface = Surface(disparity, occluded > 127, (confidence / 255.0).astype(np.float32))
     valid = seen[0] > 127 if seen else None
