@@ -16,8 +16,9 @@ from dvc.multiview.camera_array import LatticePosition
 from dvc.pfm import read_pfm
 from dvc.stereo.rectification.camera_files import load_cameras
 from dvc.stereo.rectification.cameras import Camera
+from dvc.stereo.rectification.disparity_range import suggested_labels
 from dvc.stereo.rectification.feature_matching import Features
-from dvc.stereo.rectification.rectified_array import rectified_array, suggested_labels
+from dvc.stereo.rectification.rectified_array import rectified_array
 from dvc.stereo.rectification.rectified_space import Rectification
 from dvc.stereo.rectification.rectify import rectify
 from dvc.stereo.rectification.refinement import refined_pair

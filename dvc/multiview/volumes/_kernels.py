@@ -34,14 +34,9 @@ def count_bits(word):
 
 
 @kernel
-def place(x, y, label, shifts, seen):
-    """Phase, column and row of a point in the other view; phase -1 where that sees nothing."""
-    if label < 0 or label >= shifts.shape[0]:
-        return -1, 0, 0
-    u, v = x + shifts[label, 1], y + shifts[label, 2]
-    if u < 0 or v < 0 or u >= seen.shape[1] or v >= seen.shape[0] or not seen[v, u]:
-        return -1, 0, 0
-    return shifts[label, 0], u, v
+def sees(u, v, seen):
+    """Tell whether a view shows something at a place."""
+    return 0 <= u < seen.shape[1] and 0 <= v < seen.shape[0] and seen[v, u]
 
 
 @kernel
@@ -56,16 +51,20 @@ def census_cost(own, other, shifts, origin, top, census_table, level_table, cost
     for i in range(cost.shape[0]):
         y = top + i
         for x in range(cost.shape[1]):
+            red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+            word, first = bits[y, x], origin[y, x]
             for k in range(cost.shape[2]):
-                phase, u, v = place(x, y, origin[y, x] + k, shifts, seen)
-                if phase < 0:
-                    cost[i, x, k] = 0.0
-                    weight[i, x, k] = 0.0
+                label = first + k
+                cost[i, x, k] = 0.0
+                weight[i, x, k] = 0.0
+                if label < 0 or label >= shifts.shape[0]:
                     continue
-                difference = np.float32(0.0)
-                for channel in range(3):
-                    difference += abs(image[y, x, channel] - others[phase, v, u, channel])
-                different = count_bits(bits[y, x] ^ other_bits[phase, v, u])
+                phase, u, v = shifts[label, 0], x + shifts[label, 1], y + shifts[label, 2]
+                if not sees(u, v, seen):
+                    continue
+                pixel = others[phase, v, u]
+                difference = abs(red - pixel[0]) + abs(green - pixel[1]) + abs(blue - pixel[2])
+                different = count_bits(word ^ other_bits[phase, v, u])
                 cost[i, x, k] = census_table[different] + level_table[int(difference)]
                 weight[i, x, k] = 1.0
 
@@ -76,16 +75,19 @@ def squared_cost(image, others, seen, shifts, origin, top, limit, cost, weight):
     for i in range(cost.shape[0]):
         y = top + i
         for x in range(cost.shape[1]):
+            red, green, blue = image[y, x, 0], image[y, x, 1], image[y, x, 2]
+            first = origin[y, x]
             for k in range(cost.shape[2]):
-                phase, u, v = place(x, y, origin[y, x] + k, shifts, seen)
-                if phase < 0:
-                    cost[i, x, k] = 0.0
-                    weight[i, x, k] = 0.0
+                label = first + k
+                cost[i, x, k] = 0.0
+                weight[i, x, k] = 0.0
+                if label < 0 or label >= shifts.shape[0]:
                     continue
-                total = np.float32(0.0)
-                for channel in range(3):
-                    difference = image[y, x, channel] - others[phase, v, u, channel]
-                    total += difference * difference
+                phase, u, v = shifts[label, 0], x + shifts[label, 1], y + shifts[label, 2]
+                if not sees(u, v, seen):
+                    continue
+                pixel = others[phase, v, u]
+                total = (red - pixel[0]) ** 2 + (green - pixel[1]) ** 2 + (blue - pixel[2]) ** 2
                 cost[i, x, k] = min(total / np.float32(3.0), limit) / limit
                 weight[i, x, k] = 1.0
 

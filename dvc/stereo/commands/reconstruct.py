@@ -95,8 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from dvc.files import atomic_folder, check_folder
     from dvc.stereo.output.report import check_views, reported, summary, write_previews
-    from dvc.stereo.rectification.rectified_array import check_disparities
-    from dvc.stereo.rectification.rectified_folder import rectification_index, write_original_views
+    from dvc.stereo.rectification.disparity_range import check_disparities
     from dvc.stereo.surfaces.folder import write_reconstruction
     from dvc.stereo.surfaces.reconstruction import most_steps, reconstruct
 
@@ -115,6 +114,8 @@ def run(arguments: argparse.Namespace) -> int:
             found = reconstruct(array, labels, settings, jobs=arguments.jobs, advance=advance)
         found = reported(found, truth, warnings)
         if rectified is not None:
+            from dvc.stereo.rectification.rectified_folder import rectification_index, write_original_views
+
             found.figures["rectification"] = rectification_index(rectified)
             write_original_views(folder, found, rectified.rectification)
         write_reconstruction(folder, found)
@@ -147,18 +148,22 @@ def _views(
     arguments: argparse.Namespace,
 ) -> tuple["CameraArray", "DisparityLabels", "RectifiedArray | None"]:
     """Read the views, and rectify them where cameras are given; find disparities where none are."""
-    from dvc.stereo.rectification.rectified_array import found_labels
-
     positions = array_files.positions_of(arguments, arguments.paths)
     if arguments.cameras is None:
         array = array_files.load_array(arguments.paths, positions)
-        labels, rectified = arguments.disparities or found_labels(array), None
+        labels, rectified = arguments.disparities or _found_labels(array), None
     else:
         rectified = rectified_views(arguments, positions)
         array, labels = rectified.array, arguments.disparities or rectified.labels
     if labels is None:
         raise ConfigError("too few points match to find the range of disparities: give --disparities MIN:MAX")
     return array, labels, rectified
+
+
+def _found_labels(array: "CameraArray") -> "DisparityLabels | None":
+    from dvc.stereo.rectification.disparity_range import found_labels
+
+    return found_labels(array)
 
 
 def _check_outputs(arguments: argparse.Namespace) -> list[Path]:
