@@ -12,7 +12,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from dvc.multiview import _kernels
 from dvc.multiview.cameras import ViewPair
@@ -218,6 +217,8 @@ def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth 
     """Take the depth of known points around them, where the views agree on none; call it consistent."""
     if known is None or not len(known.points):
         return DepthMap(depth, visibility)
+    from scipy.ndimage import distance_transform_edt
+
     column, row = np.floor(known.points + 0.5).astype(np.int64).T
     at_points = np.full(depth.shape, np.nan)
     at_points[row, column] = known.inverse_depth
