@@ -50,15 +50,33 @@ def render_depth(views: Sequence[DepthView], camera: Floats, frame: PixelFrame) 
     rest = reliable.copy()
     for view in views:
         warp = warp_matrix(view.camera, camera, frame)
-        inverse_depth, jumps = view.depth.inverse_depth, view.discontinuities
-        vertices = warp_grid(warp, inverse_depth)
         doubtful = _cells(~view.depth.reliable)
         for buffer, chosen in ((reliable, ~doubtful), (rest, doubtful)):
-            _kernels.rasterise(vertices, jumps | ~chosen, buffer)
-            _kernels.rasterise_discontinuities(warp, inverse_depth, jumps & chosen, PIECE, buffer)
+            draw(view.depth.inverse_depth, warp, view.discontinuities, chosen, buffer)
     drawn = reliable > EMPTY
     visibility = np.where(drawn, Visibility.CONSISTENT, Visibility.OCCLUDED).astype(np.int8)
     return DepthMap(fill_holes(np.where(drawn, reliable, rest)), visibility)
+
+
+def draw(inverse_depth: Floats, warp: Floats, discontinuities: Mask, chosen: Mask, nearest: Floats) -> None:
+    """Draw a depth map into another view, before what lies behind it there.
+
+    Parameters
+    ----------
+    inverse_depth : ndarray of shape (H, W), float64
+        Of the pixels.
+    warp : ndarray of shape (3, 4), float64
+        To the other view.
+    discontinuities : ndarray of shape (H - 1, W - 1), bool
+        Cells between four pixels that do not belong to one surface: each pixel keeps its half of them.
+    chosen : ndarray of shape (H - 1, W - 1), bool
+        Cells to draw.
+    nearest : ndarray of the shape of the other view, float64
+        Largest inverse depth so far, `EMPTY` where there is none; changed.
+    """
+    vertices = warp_grid(warp, inverse_depth)
+    _kernels.rasterise(vertices, discontinuities | ~chosen, nearest)
+    _kernels.rasterise_discontinuities(warp, inverse_depth, discontinuities & chosen, PIECE, nearest)
 
 
 def render_grid(vertices: Floats, shape: tuple[int, ...]) -> Floats:
@@ -87,13 +105,15 @@ def _cells(points: Mask) -> Mask:
     return cells
 
 
-def fill_holes(inverse_depth: Floats) -> Floats:
+def fill_holes(inverse_depth: Floats, quantile: float = 0.0) -> Floats:
     """Give what nothing was drawn on the depth of what is around and behind it.
 
     Parameters
     ----------
     inverse_depth : ndarray of shape (H, W), float64
         `EMPTY` in holes.
+    quantile : float, optional
+        Which of the depths around is taken: the farthest by default, the nearest with 1.
 
     Returns
     -------
@@ -111,7 +131,7 @@ def fill_holes(inverse_depth: Floats) -> Floats:
         even, slopes, none = np.zeros(empty.shape), np.zeros((*empty.shape, 2)), np.zeros((3, 4))
         source, filled = filled, np.empty(empty.shape)
         _kernels.fill_depth(
-            source, visibility, even, slopes, 1.0, 0.0, 0.0, source, nowhere, none, none, 0.0, filled
+            source, visibility, even, slopes, 1.0, 0.0, quantile, source, nowhere, none, none, 0.0, filled
         )
         empty = filled <= EMPTY
     return filled

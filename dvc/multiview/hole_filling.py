@@ -1,0 +1,89 @@
+"""Hole filling: what no picture shows takes up the background around it, by the Poisson equation.
+
+A hole opens between a near surface that has moved and a far one that it no longer covers. Its pixels belong
+to the far one: levels are those of a membrane spanned over the hole from the background alone, free at the
+near surface.
+
+References
+----------
+[Perez2003] P. Pérez, M. Gangnet, A. Blake, "Poisson image editing", ACM Trans. Graph. 22(3), 2003.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import splu
+
+from dvc.multiview.rendering import EMPTY, fill_holes
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+STIFFNESS = 1e-6
+"""Pull of the nearest level, against 1 of each neighbour: holes that nothing bounds have a solution, too."""
+
+
+def fill_from_background(image: Floats, inverse_depth: Floats) -> tuple[Floats, Floats]:
+    """Fill the holes of a rendered picture.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, C), float64
+        Levels; of no meaning in holes.
+    inverse_depth : ndarray of shape (H, W), float64
+        `EMPTY` in holes.
+
+    Returns
+    -------
+    image : ndarray of shape (H, W, C), float64
+        Without holes: the Laplace equation holds in them; black if there is nothing at all.
+    inverse_depth : ndarray of shape (H, W), float64
+        Without holes.
+    """
+    holes = inverse_depth <= EMPTY
+    if not holes.any():
+        return image, inverse_depth
+    if holes.all():
+        return np.zeros_like(image), np.zeros_like(inverse_depth)
+    far, near = fill_holes(inverse_depth), fill_holes(inverse_depth, 1.0)
+    nearest = distance_transform_edt(holes, return_distances=False, return_indices=True)
+    guess = image[nearest[0], nearest[1]]
+    filled = image.copy()
+    filled[holes] = _membrane(image, holes, far, 0.5 * (far + near), guess)
+    return filled, far
+
+
+def _membrane(image: Floats, holes: Mask, depth: Floats, limit: Floats, guess: Floats) -> Floats:
+    """Levels (K, C) of the K pixels of holes; what is drawn nearer than the limit does not bound them."""
+    number = np.full(holes.shape, -1, np.int64)
+    number[holes] = np.arange(holes.sum())
+    diagonal = np.full(number.max() + 1, STIFFNESS)
+    right = STIFFNESS * guess[holes]
+    rows: list[Indices] = []
+    columns: list[Indices] = []
+    for here, there in _neighbours(holes.shape):
+        own, other = number[here], number[there]
+        joined = (own >= 0) & (other >= 0)
+        bound = (own >= 0) & (other < 0) & (depth[there] <= limit[here])
+        np.add.at(diagonal, own[joined | bound], 1.0)
+        np.add.at(right, own[bound], image[there][bound])
+        rows.append(own[joined])
+        columns.append(other[joined])
+    row, column = np.concatenate(rows), np.concatenate(columns)
+    every = np.arange(diagonal.size)
+    values = np.concatenate([diagonal, np.full(row.size, -1.0)])
+    places = np.concatenate([every, row]), np.concatenate([every, column])
+    matrix = csc_matrix((values, places), shape=(diagonal.size, diagonal.size))
+    return np.asarray(splu(matrix, permc_spec="MMD_AT_PLUS_A").solve(right))
+
+
+def _neighbours(shape: tuple[int, ...]) -> list[tuple[tuple[slice, slice], tuple[slice, slice]]]:
+    """Pixels and their neighbours in each of four directions."""
+    height, width = shape
+    all_rows, all_columns = slice(0, height), slice(0, width)
+    upper, lower = slice(0, height - 1), slice(1, height)
+    left, right = slice(0, width - 1), slice(1, width)
+    pairs = [((upper, all_columns), (lower, all_columns)), ((all_rows, left), (all_rows, right))]
+    return pairs + [(there, here) for here, there in pairs]

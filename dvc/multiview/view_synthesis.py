@@ -1,0 +1,173 @@
+"""View synthesis: the picture of another view from pictures with depth, and what none of them shows.
+
+Surfaces are drawn forward with depth order, so that near ones cover far ones; every pixel that they reach
+then fetches its levels from between the pixels of the source. What is left continues the background.
+
+References
+----------
+[Maitre2008] Sec. 3.2: several pictures with depth in one stream; (3.4): forward compensation.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.multiview.camera_array import LatticePosition
+from dvc.multiview.hole_filling import fill_from_background
+from dvc.multiview.rendering import EMPTY, draw
+from dvc.multiview.sampling import sample
+from dvc.multiview.warping import inverse_warp, warp_grid
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+DISCONTINUITY_PX = 1.5
+"""Neighbours whose motions differ by more may belong to different surfaces."""
+SAME_SURFACE_PX = 1.0
+"""Largest parallax between what two sources show of one surface."""
+FALLBACK_WEIGHT = 1e-6
+"""Weight, relative to 1, of sources that are shown where no other one sees anything."""
+
+
+class PictureWithDepth(NamedTuple):
+    """A picture with the depth of its pixels, and where the wanted view lies.
+
+    Attributes
+    ----------
+    image : ndarray of shape (H, W, C), uint8
+        The picture.
+    inverse_depth : ndarray of shape (H, W), float64
+        Of its pixels; disparity in rectified arrays.
+    warp : ndarray of shape (3, 4), float64
+        To the wanted view, in pixels; see `dvc.multiview.warping`.
+    step : float
+        Inverse depth between neighbours of one surface is at most this, whatever the motion: the
+        precision with which it is known.
+    weight : float
+        Share in what several pictures show; with 0, shown only where no other one sees anything.
+    """
+
+    image: NDArray[np.uint8]
+    inverse_depth: Floats
+    warp: Floats
+    step: float = 0.0
+    weight: float = 1.0
+
+
+class SynthesisedView(NamedTuple):
+    """A picture that no camera has taken.
+
+    Attributes
+    ----------
+    image : ndarray of shape (H, W, C), float64
+        Levels from 0 to 255, without holes.
+    inverse_depth : ndarray of shape (H, W), float64
+        In the wanted view, without holes.
+    drawn : ndarray of shape (H, W), bool
+        What a source shows; the rest is filled.
+    """
+
+    image: Floats
+    inverse_depth: Floats
+    drawn: Mask
+
+
+def lattice_warp(source: LatticePosition, target: LatticePosition) -> Floats:
+    """Return the warp between two rectified views, for which disparity is inverse depth.
+
+    Parameters
+    ----------
+    source, target : LatticePosition
+        Where the cameras stand.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        Of (2.5): a point at (x, y) with disparity d is at ``(x - m d, y - n d)`` from (m, n).
+    """
+    m, n = target.m - source.m, target.n - source.n
+    return np.array([[1.0, 0.0, 0.0, -m], [0.0, 1.0, 0.0, -n], [0.0, 0.0, 1.0, 0.0]])
+
+
+def calibrated_warp(source: tuple[Floats, Floats], target: tuple[Floats, Floats]) -> Floats:
+    """Return the warp between two calibrated views; inverse depth is 1/z of the source.
+
+    Parameters
+    ----------
+    source, target : tuple of two ndarray, of shapes (3, 3) and (3, 4), float64
+        K and [R | t] of each, from the world to the camera.
+
+    Returns
+    -------
+    ndarray of shape (3, 4), float64
+        ``[K' R K^-1 | K' t]`` with the motion R, t from one camera to the other.
+    """
+    (intrinsic, pose), (other_intrinsic, other_pose) = source, target
+    rotation = other_pose[:, :3] @ pose[:, :3].T
+    translation = other_pose[:, 3] - rotation @ pose[:, 3]
+    turned = other_intrinsic @ rotation @ np.linalg.inv(intrinsic)
+    return np.ascontiguousarray(np.column_stack([turned, other_intrinsic @ translation]))
+
+
+def synthesise(sources: Sequence[PictureWithDepth], shape: tuple[int, int]) -> SynthesisedView:
+    """Render a view.
+
+    Parameters
+    ----------
+    sources : sequence of PictureWithDepth
+        At least one; all of as many channels.
+    shape : tuple of int
+        Height and width of the wanted view.
+
+    Returns
+    -------
+    SynthesisedView
+        The view; where several sources show the nearest surface, their mean by weight.
+    """
+    drawn = [_drawn(source, shape) for source in sources]
+    nearest = np.maximum.reduce(drawn)
+    total = np.zeros(shape)
+    image = np.zeros((*shape, sources[0].image.shape[2]))
+    for source, depth in zip(sources, drawn, strict=True):
+        seen = depth > EMPTY
+        if not seen.any():
+            continue
+        back = inverse_warp(source.warp)
+        positions = warp_grid(back, np.where(seen, depth, 0.0))
+        before = warp_grid(back, np.where(seen, nearest, 0.0))
+        parallax = np.hypot(*(positions - before)[..., :2].transpose(2, 0, 1))
+        weights = np.where(seen & (parallax <= SAME_SURFACE_PX), max(source.weight, FALLBACK_WEIGHT), 0.0)
+        planes = (np.ascontiguousarray(plane) for plane in source.image.transpose(2, 0, 1))
+        image += weights[..., None] * np.stack([sample(plane, positions) for plane in planes], axis=-1)
+        total += weights
+    reached = total > 0.0
+    image[reached] /= total[reached][:, None]
+    filled, inverse_depth = fill_from_background(image, np.where(reached, nearest, EMPTY))
+    return SynthesisedView(filled, inverse_depth, reached)
+
+
+def _drawn(source: PictureWithDepth, shape: tuple[int, int]) -> Floats:
+    """Inverse depth of one source in the wanted view, `EMPTY` where it shows nothing."""
+    depth = source.inverse_depth
+    missing = [(0, max(2 - size, 0)) for size in depth.shape]  # a cell has four corners
+    depth = np.pad(depth, missing, mode="edge") if any(pad for _, pad in missing) else depth
+    nearest = np.full(shape, EMPTY)
+    jumps = _discontinuities(depth, source.warp, source.step)
+    draw(depth, source.warp, jumps, np.ones(jumps.shape, dtype=bool), nearest)
+    return nearest
+
+
+def _discontinuities(depth: Floats, warp: Floats, step: float) -> Mask:
+    """Cells whose corners belong to different surfaces."""
+    x_and_y = warp_grid(warp, depth)[..., :2]
+    flat = warp_grid(warp, np.full(depth.shape, depth.min()))[..., :2]
+    found: Mask = (_spread(x_and_y - flat).max(axis=-1) > DISCONTINUITY_PX) & (_spread(depth) > 1.5 * step)
+    return found
+
+
+def _spread(plane: Floats) -> Floats:
+    """Largest difference between the four corners of each cell."""
+    corners = np.stack([plane[:-1, :-1], plane[:-1, 1:], plane[1:, :-1], plane[1:, 1:]])
+    return np.asarray(corners.max(axis=0) - corners.min(axis=0))
