@@ -1,4 +1,4 @@
-"""Camera arrays as files: pictures, positions on the lattice, and disparities, as commands are given them."""
+"""Camera arrays as files: views, positions on the lattice, and disparities, as commands are given them."""
 
 import argparse
 import csv
@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dvc.errors import ConfigError, DvcError
+from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -129,43 +129,6 @@ def read_positions(path: str | Path) -> dict[str, "LatticePosition"]:
     return positions
 
 
-def read_picture(path: str | Path) -> "NDArray[np.uint8]":
-    """Read a picture as eight-bit red, green and blue.
-
-    Parameters
-    ----------
-    path : str or Path
-        Grey or colour, 8 or 16 bits; transparency is ignored.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        The picture; 16 bits are rounded to 8, grey ones have three equal channels.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be read.
-    """
-    import cv2
-    import numpy as np
-
-    content = np.fromfile(path, np.uint8)
-    try:
-        stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
-    except cv2.error:
-        stored = None
-    if stored is None or stored.dtype not in (np.uint8, np.uint16):
-        raise DvcError(f"{path}: not a picture of 8 or 16 bits that can be read")
-    if stored.dtype == np.uint16:
-        stored = ((stored.astype(np.uint32) + 128) // 257).astype(np.uint8)
-    if stored.ndim == 2:
-        stored = stored[:, :, None]
-    colours = stored[:, :, :1].repeat(3, axis=2) if stored.shape[2] < 3 else stored[:, :, 2::-1]
-    picture: NDArray[np.uint8] = np.ascontiguousarray(colours)
-    return picture
-
-
 def read_pictures(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
     """Read the pictures of at least two cameras.
 
@@ -177,13 +140,15 @@ def read_pictures(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
     Returns
     -------
     list of ndarray of shape (H, W, 3), uint8
-        As `read_picture` gives them, of any size.
+        As `dvc.picture_files.read_picture` gives them, of any size.
 
     Raises
     ------
     DvcError
         If they are too few, a name is there twice, or a picture cannot be read.
     """
+    from dvc.picture_files import read_picture
+
     if len(paths) < 2:
         raise ConfigError("at least two views are needed")
     _check_distinct("name", [Path(path).stem for path in paths])

@@ -18,8 +18,8 @@ from benchmarks.figures.stereo.calibrations import write_cameras
 from benchmarks.figures.stereo.runs import data_folder, reconstruction_folder
 from benchmarks.pictures.drawing import Picture, write_picture
 from dvc import cli
+from dvc.page.drawing import colour_disparity, colour_error, in_rows, with_title
 from dvc.stereo.evaluation import disparity_error, read_mask
-from dvc.stereo.output.drawing import colour_disparity, colour_error, in_rows, with_title
 from dvc.stereo.surfaces.folder import read_reconstruction
 from dvc.stereo.surfaces.surface import Reconstruction
 from dvc.stereo.thesis.opencv_baseline import semi_global_baseline

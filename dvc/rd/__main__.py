@@ -4,15 +4,16 @@ import argparse
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from dvc import cli
+from dvc import cli, subcommands
 from dvc.config import DEFAULT_CODEC, VARIANTS
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.points import ANCHORS
+from dvc.subcommands import Subcommand
 
 PROG = "dvc-rd"
 REPORTS = ("html", "md")
@@ -27,15 +28,6 @@ EXAMPLES = """\
   dvc-rd export results/scenes --csv points.csv                               a line per point
   dvc-rd reproduce thesis --out results/thesis --jobs 2                       its tables and figures
 """
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = cli.ArgumentParser(PROG, "Measure and report rate-distortion curves.", EXAMPLES)
-    commands = parser.add_subparsers(dest="command", required=True, metavar=f"{{{','.join(_COMMANDS)}}}")
-    for name, command in _COMMANDS.items():
-        prog, (summary, description) = f"{PROG} {name}", command[:2]
-        command.add_options(commands.add_parser(name, prog=prog, description=description, help=summary))
-    return parser
 
 
 def _add_report(report: argparse.ArgumentParser) -> None:
@@ -283,36 +275,27 @@ def _reproduce(arguments: argparse.Namespace) -> int:
     return status
 
 
-class _Command(NamedTuple):
-    """What `--help` says of a command, what it takes, and what it does."""
-
-    summary: str
-    description: str
-    add_options: Callable[[argparse.ArgumentParser], None]
-    run: Callable[[argparse.Namespace], int]
-
-
-_COMMANDS = {
-    "run": _Command("measure points", "Measure points.", _add_run, _run),
-    "report": _Command(
+_SUBCOMMANDS = {
+    "run": Subcommand("measure points", "Measure points.", _add_run, _run),
+    "report": Subcommand(
         "write a page, tables and plots",
         "Write tables, plots, and a page that holds all of them and opens in any browser.",
         _add_report,
         _report,
     ),
-    "compare": _Command(
+    "compare": Subcommand(
         "compare curves: which needs less, and by how much",
         "Compare the curves that two experiments have in common, or those of one experiment.",
         _add_compare,
         _compare,
     ),
-    "export": _Command(
+    "export": Subcommand(
         "write points as CSV",
         "Write points, or their frames, as comma-separated values.",
         _add_export,
         _export,
     ),
-    "reproduce": _Command(
+    "reproduce": Subcommand(
         "all tables and figures of the thesis",
         "Measure and write the tables and figures of the thesis; goes on where it stopped.",
         _add_reproduce,
@@ -320,9 +303,7 @@ _COMMANDS = {
     ),
 }
 
-main = cli.command(
-    PROG, _parser, lambda arguments: _COMMANDS[arguments.command].run(arguments), has_subcommands=True
-)
+main = subcommands.command(PROG, "Measure and report rate-distortion curves.", EXAMPLES, _SUBCOMMANDS)
 
 if __name__ == "__main__":
     sys.exit(main())

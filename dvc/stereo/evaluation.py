@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.array_files import read_picture
-from dvc.errors import ConfigError, DvcError
+from dvc.errors import ConfigError
 from dvc.pfm import read_pfm
+from dvc.picture_files import read_levels, read_picture
 
 Floats = NDArray[np.floating]
 MASKS = ("nonocc", "all", "disc")
@@ -166,7 +165,7 @@ def read_truth(
         is_pfm = file.read(2) in (b"Pf", b"PF")
     if not is_pfm and scale is None:
         raise ConfigError(f"{path}: a picture needs --truth-scale: disparity = value / scale")
-    values = read_pfm(path).astype(np.float64) if is_pfm else _levels(path)
+    values = read_pfm(path).astype(np.float64) if is_pfm else read_levels(path)
     is_known = np.isfinite(values)
     if unknown is not None:
         is_known &= values != unknown
@@ -189,19 +188,3 @@ def read_mask(path: str | Path) -> NDArray[np.bool_]:
     """
     mask: NDArray[np.bool_] = read_picture(path)[:, :, 0] == 255
     return mask
-
-
-def _levels(path: str | Path) -> NDArray[np.float64]:
-    content = np.fromfile(path, np.uint8)
-    try:
-        stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
-    except cv2.error:
-        stored = None
-    if stored is None or stored.dtype not in (np.uint8, np.uint16):
-        raise DvcError(f"{path}: expected a picture of 8 or 16 bits, or a PFM file")
-    if stored.ndim == 3:
-        colours = stored[:, :, :3] if stored.shape[2] > 2 else stored[:, :, :1]
-        if (colours != colours[:, :, :1]).any():
-            raise DvcError(f"{path}: expected grey levels, got colours")
-        stored = colours[:, :, 0]
-    return stored.astype(np.float64)

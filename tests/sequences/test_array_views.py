@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.array_files import read_picture, read_positions
+from dvc.array_files import read_positions
 from dvc.pfm import read_pfm
+from dvc.picture_files import read_picture
 from sequences.__main__ import main
 from sequences.array_views import render_view
 from sequences.cameras import back_project, project

@@ -14,11 +14,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dvc.errors import DvcError
+from dvc.picture_files import write_png
 from dvc.stereo.layers import layers_folder, sprites_folder
 from dvc.stereo.layers.canvas import Canvas
 from dvc.stereo.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
 from dvc.stereo.layers.sprites import extract_sprites
-from dvc.stereo.surfaces.folder import write_png
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 from tests.stereo.test_sprites import random_layers
 

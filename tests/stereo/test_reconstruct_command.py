@@ -207,10 +207,10 @@ def test_progress_has_an_end(
 @pytest.mark.parametrize(
     ("part", "values", "message"),
     [
-        ("disparities", {"num_labels": 3.5}, "disparities make no sense"),
-        ("disparities", {"step": 1e-300}, "disparities make no sense"),
-        ("disparities", {"lowest": 1e300}, "disparities make no sense"),
-        ("view", {"m": 1e300}, "makes no sense"),
+        ("disparities", {"num_labels": 3.5}, "'num_labels' is no whole number"),
+        ("disparities", {"step": 1e-300}, "'step' is out of range"),
+        ("disparities", {"lowest": 1e300}, "'lowest' is out of range"),
+        ("view", {"m": 1e300}, "'m' is out of range"),
         ("view", {"m": 1.0}, "two views have one position"),
     ],
 )

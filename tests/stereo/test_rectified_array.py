@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.figures.stereo.calibrations import write_cameras
-from dvc.array_files import read_picture
 from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import LatticePosition
 from dvc.pfm import read_pfm
+from dvc.picture_files import read_picture
 from dvc.stereo.rectification.camera_files import load_cameras
 from dvc.stereo.rectification.cameras import Camera
 from dvc.stereo.rectification.disparity_range import suggested_labels

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dvc.array_files import read_picture
 from dvc.pfm import read_pfm
+from dvc.picture_files import read_picture
 from dvc.stereo.__main__ import main
 from dvc.stereo.surfaces.folder import read_reconstruction
 from sequences.array_views import write_array

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.figures.harness import Figure, Measured, Setting, run_module
-from dvc.array_files import read_picture
 from dvc.pfm import read_pfm
+from dvc.picture_files import read_picture
 from dvc.stereo.rectification.rectified_array import rectified_array
 from dvc.stereo.surfaces.folder import read_reconstruction
 from sequences.array_views import RenderedView, render_view

@@ -1,1 +1,1 @@
-"""Subcommands of `dvc-stereo`: each module has `add_parser`, and `run` that takes the arguments."""
+"""Subcommands of `dvc-stereo`: modules as `dvc.subcommands` takes them."""

@@ -1,7 +1,7 @@
 """`dvc-stereo evaluate`: a disparity map against the truth."""
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dvc import cli
 from dvc.stereo.commands.options import add_truth_options, parse_number, read_truth_of
@@ -9,6 +9,8 @@ from dvc.stereo.commands.options import add_truth_options, parse_number, read_tr
 if TYPE_CHECKING:
     from dvc.stereo.evaluation import Evaluation
 
+SUMMARY = "a disparity map against the truth"
+DESCRIPTION = "Bad pixels and mean absolute error of a disparity map."
 EXAMPLES = """\
   dvc-stereo evaluate surfaces/disparity-left.pfm --truth disp2.png --truth-scale 4 --mask nonocc.png
   dvc-stereo evaluate map.pfm --truth disp.png --truth-scale 1024 --truth-offset -16 --truth-unknown none
@@ -16,25 +18,14 @@ EXAMPLES = """\
 """
 
 
-def add_parser(subparsers: Any) -> argparse.ArgumentParser:
-    """Add the subcommand.
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the subcommand takes.
 
     Parameters
     ----------
-    subparsers : action of `add_subparsers`
-        Of the command.
-
-    Returns
-    -------
-    argparse.ArgumentParser
+    parser : argparse.ArgumentParser
         Of the subcommand.
     """
-    parser: argparse.ArgumentParser = subparsers.add_parser(
-        "evaluate",
-        description="Bad pixels and mean absolute error of a disparity map.",
-        examples=EXAMPLES,
-        help="a disparity map against the truth",
-    )
     parser.add_argument("path", metavar="MAP.pfm", help="disparity map")
     add_truth_options(parser)
     thresholds = "pixels farther off are bad, in pixels; default: 0.5,1,2"
@@ -45,7 +36,6 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "--json", metavar="FILE", help="write the figures; - for standard output, in place of text"
     )
     parser.add_argument("--error-map", metavar="PNG", help="draw which pixels are bad by more than 1 px")
-    return parser
 
 
 def parse_thresholds(text: str) -> tuple[float, ...]:
@@ -88,10 +78,10 @@ def run(arguments: argparse.Namespace) -> int:
     import sys
     from pathlib import Path
 
+    from dvc.page.drawing import colour_error
     from dvc.pfm import read_pfm
+    from dvc.picture_files import write_png
     from dvc.stereo.evaluation import disparity_error, evaluate
-    from dvc.stereo.output.drawing import colour_error
-    from dvc.stereo.surfaces.folder import write_png
 
     outputs = [name for name in (arguments.json, arguments.error_map) if name not in (None, "-")]
     inputs = [arguments.path, arguments.truth, *([arguments.mask] if arguments.mask else [])]

@@ -1,14 +1,15 @@
 """`dvc-stereo layers`: a layered depth image from the surfaces of all views."""
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dvc import cli
-from dvc.stereo.commands.options import add_export_options, check_export
+from dvc.stereo.commands.options import add_export_options, check_outputs
 
 if TYPE_CHECKING:
     from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
 
+SUMMARY = "layered depth image from surfaces"
 EXAMPLES = """\
   dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
   dvc-stereo layers surfaces --out layers
@@ -20,25 +21,16 @@ colour a pixel, from near to far. docs/layers.md describes the files.
 """
 
 
-def add_parser(subparsers: Any) -> argparse.ArgumentParser:
-    """Add the subcommand.
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the subcommand takes.
 
     Parameters
     ----------
-    subparsers : action of `add_subparsers`
-        Of the command.
-
-    Returns
-    -------
-    argparse.ArgumentParser
+    parser : argparse.ArgumentParser
         Of the subcommand.
     """
-    parser: argparse.ArgumentParser = subparsers.add_parser(
-        "layers", description=DESCRIPTION, examples=EXAMPLES, help="layered depth image from surfaces"
-    )
     parser.add_argument("path", metavar="DIR", help="folder that `dvc-stereo reconstruct` has written")
     add_output_options(parser)
-    return parser
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
@@ -70,19 +62,18 @@ def run(arguments: argparse.Namespace) -> int:
     """
     import sys
 
-    from dvc.files import atomic_folder, check_folder
+    from dvc.files import atomic_folder
     from dvc.page.gallery import write_gallery
+    from dvc.picture_files import write_png
     from dvc.stereo.layers.layered_depth_image import layered_depth_image
     from dvc.stereo.layers.layers_folder import write_layers
     from dvc.stereo.output.export import write_shape
     from dvc.stereo.output.layer_meshes import layers_shape
     from dvc.stereo.output.layer_page import PAGE, layers_gallery
     from dvc.stereo.output.layer_pictures import draw_layers, draw_values_per_pixel
-    from dvc.stereo.surfaces.folder import read_reconstruction, write_png
+    from dvc.stereo.surfaces.folder import read_reconstruction
 
-    check_folder(arguments.out)
-    meshes = check_export(arguments)
-    cli.check_outputs([], [*meshes, *([arguments.json] if arguments.json not in (None, "-") else [])])
+    meshes = check_outputs(arguments)
     reconstruction = read_reconstruction(arguments.path)
     with cli.progress_bar("layers", len(reconstruction.array), arguments.quiet) as advance:
         image = layered_depth_image(reconstruction, advance=advance)

@@ -2,9 +2,11 @@
 
 import argparse
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dvc import cli
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -125,6 +127,35 @@ def check_export(arguments: argparse.Namespace) -> list[Path]:
 
         require_trimesh()
     return [path for path, _ in asked]
+
+
+def check_outputs(arguments: argparse.Namespace, inputs: Sequence[str | Path] = ()) -> list[Path]:
+    """Refuse folders and files that cannot be written, before any work is done.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With `out`, `json`, `ply` and `glb`.
+    inputs : sequence of str or Path, optional
+        Files that will be read.
+
+    Returns
+    -------
+    list of Path
+        Meshes that are asked for, to be given to `write_shape`.
+
+    Raises
+    ------
+    DvcError
+        If one cannot be written, or has the name of another file.
+    """
+    from dvc.files import check_folder
+
+    check_folder(arguments.out)
+    meshes = check_export(arguments)
+    named = [] if arguments.json in (None, "-") else [arguments.json]
+    cli.check_outputs([*inputs], [*meshes, *named])
+    return meshes
 
 
 def _parse_unknown(text: str) -> float | None:

@@ -3,11 +3,11 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dvc import array_files, cli
 from dvc.errors import ConfigError
-from dvc.stereo.commands.options import add_export_options, add_truth_options, check_export, read_truth_of
+from dvc.stereo.commands.options import add_export_options, add_truth_options, check_outputs, read_truth_of
 from dvc.stereo.commands.views import rectified_views
 from dvc.stereo.surfaces.settings import COST_NAMES, INFERENCE_NAMES, OCCLUSION_NAMES
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from dvc.stereo.surfaces.surface import Reconstruction
 
 
+SUMMARY = "surfaces of all views"
+DESCRIPTION = "Surfaces of all views, consistent with each other and with what they hide."
 EXAMPLES = """\
   dvc-stereo reconstruct left.png right.png --disparities 0:60 --out surfaces
   dvc-stereo reconstruct a.png b.png c.png --lattice -1,0 0,0 1,0 --disparities -4:12:0.5 --out surfaces
@@ -29,22 +31,14 @@ EXAMPLES = """\
 """
 
 
-def add_parser(subparsers: Any) -> argparse.ArgumentParser:
-    """Add the subcommand.
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the subcommand takes.
 
     Parameters
     ----------
-    subparsers : action of `add_subparsers`
-        Of the command.
-
-    Returns
-    -------
-    argparse.ArgumentParser
+    parser : argparse.ArgumentParser
         Of the subcommand.
     """
-    parser: argparse.ArgumentParser = subparsers.add_parser(
-        "reconstruct", description="Surfaces of all views.", examples=EXAMPLES, help="surfaces of all views"
-    )
     parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
     array_files.add_array_options(parser)
     array_files.add_camera_option(parser)
@@ -56,7 +50,6 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add_export_options(parser)
     _add_method(parser)
     parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
-    return parser
 
 
 def _add_method(parser: argparse.ArgumentParser) -> None:
@@ -93,14 +86,14 @@ def run(arguments: argparse.Namespace) -> int:
     int
         Exit status.
     """
-    from dvc.files import atomic_folder, check_folder
+    from dvc.files import atomic_folder
     from dvc.stereo.output.report import check_views, reported, summary, write_previews
     from dvc.stereo.rectification.disparity_range import check_disparities
     from dvc.stereo.surfaces.folder import write_reconstruction
     from dvc.stereo.surfaces.reconstruction import most_steps, reconstruct
 
-    check_folder(arguments.out)
-    shapes = _check_outputs(arguments)
+    maps = [name for name in (arguments.truth, arguments.mask) if name is not None]
+    shapes = check_outputs(arguments, [*arguments.paths, *maps])
     array, labels, rectified = _views(arguments)
     rectification = None if rectified is None else rectified.rectification
     truth = _truth(arguments, array)
@@ -164,15 +157,6 @@ def _found_labels(array: "CameraArray") -> "DisparityLabels | None":
     from dvc.stereo.rectification.disparity_range import found_labels
 
     return found_labels(array)
-
-
-def _check_outputs(arguments: argparse.Namespace) -> list[Path]:
-    """Check all names before any work is done, and return those of meshes."""
-    shapes = check_export(arguments)
-    named = [] if arguments.json in (None, "-") else [arguments.json]
-    inputs = [*arguments.paths, *(name for name in (arguments.truth, arguments.mask) if name is not None)]
-    cli.check_outputs(inputs, [*shapes, *named])
-    return shapes
 
 
 def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None":

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dvc import array_files
 from dvc.stereo.commands.views import rectified_views
@@ -10,6 +10,8 @@ from dvc.stereo.commands.views import rectified_views
 if TYPE_CHECKING:
     from dvc.stereo.rectification.rectified_array import RectifiedArray
 
+SUMMARY = "rectified views of calibrated or plain pictures"
+DESCRIPTION = "Rectified views of cameras that stand in a plane."
 EXAMPLES = """\
   dvc-stereo rectify *.jpg --cameras auto --out rectified
   dvc-stereo rectify a.png b.png --cameras cameras.json --out rectified
@@ -17,31 +19,19 @@ EXAMPLES = """\
 """
 
 
-def add_parser(subparsers: Any) -> argparse.ArgumentParser:
-    """Add the subcommand.
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the subcommand takes.
 
     Parameters
     ----------
-    subparsers : action of `add_subparsers`
-        Of the command.
-
-    Returns
-    -------
-    argparse.ArgumentParser
+    parser : argparse.ArgumentParser
         Of the subcommand.
     """
-    parser: argparse.ArgumentParser = subparsers.add_parser(
-        "rectify",
-        description="Rectified views of cameras that stand in a plane.",
-        examples=EXAMPLES,
-        help="rectified views of calibrated or plain pictures",
-    )
     parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
     array_files.add_camera_option(parser, required=True)
     array_files.add_lattice_options(parser, "found from the cameras")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -3,41 +3,30 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
 
 from dvc import cli
 from dvc.errors import ConfigError
 
+SUMMARY = "tables and figures of the thesis"
+DESCRIPTION = "Tables 2.1 to 2.3 and figures 2.2 and 2.4 to 2.11 of the thesis, measured again."
 EXAMPLES = """\
   dvc-stereo reproduce --data ../shared/stereo --out results/chapter2
 """
 SETS = ("tsukuba", "venus", "teddy", "cones")
 
 
-def add_parser(subparsers: Any) -> argparse.ArgumentParser:
-    """Add the subcommand.
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the subcommand takes.
 
     Parameters
     ----------
-    subparsers : action of `add_subparsers`
-        Of the command.
-
-    Returns
-    -------
-    argparse.ArgumentParser
+    parser : argparse.ArgumentParser
         Of the subcommand.
     """
-    parser: argparse.ArgumentParser = subparsers.add_parser(
-        "reproduce",
-        description="Tables 2.1 to 2.3 and figures 2.2 and 2.4 to 2.11 of the thesis, measured again.",
-        examples=EXAMPLES,
-        help="tables and figures of the thesis",
-    )
     parser.add_argument("--data", metavar="DIR", required=True, help=f"with the folders {', '.join(SETS)}")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     cli.add_integer(parser, "--jobs", (1, 64), "processor cores that may be used", default=1)
     parser.add_argument("--quiet", action="store_true", help="show no progress and print no tables")
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from dvc import cli
 from dvc.stereo.commands.layers import add_output_options
-from dvc.stereo.commands.options import check_export
+from dvc.stereo.commands.options import check_outputs
 
 if TYPE_CHECKING:
     from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
     from dvc.stereo.layers.sprites import SpriteSet
 
+SUMMARY = "sprites with depth from layers"
 EXAMPLES = """\
   dvc-stereo layers surfaces --out layers
   dvc-stereo sprites layers --out sprites
@@ -23,26 +24,17 @@ files.
 """
 
 
-def add_parser(subparsers: Any) -> argparse.ArgumentParser:
-    """Add the subcommand.
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the subcommand takes.
 
     Parameters
     ----------
-    subparsers : action of `add_subparsers`
-        Of the command.
-
-    Returns
-    -------
-    argparse.ArgumentParser
+    parser : argparse.ArgumentParser
         Of the subcommand.
     """
-    parser: argparse.ArgumentParser = subparsers.add_parser(
-        "sprites", description=DESCRIPTION, examples=EXAMPLES, help="sprites with depth from layers"
-    )
     written = "folder that `dvc-stereo layers` or `dvc-stereo reconstruct` has written"
     parser.add_argument("path", metavar="DIR", help=written)
     add_output_options(parser)
-    return parser
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -60,19 +52,17 @@ def run(arguments: argparse.Namespace) -> int:
     """
     import sys
 
-    from dvc.files import atomic_folder, check_folder
+    from dvc.files import atomic_folder
     from dvc.page.gallery import write_gallery
+    from dvc.picture_files import write_png
     from dvc.stereo.layers.sprites import extract_sprites
     from dvc.stereo.layers.sprites_folder import write_sprites
     from dvc.stereo.output.export import write_shape
     from dvc.stereo.output.layer_meshes import sprites_shape
     from dvc.stereo.output.layer_page import PAGE, sprites_gallery
     from dvc.stereo.output.layer_pictures import draw_sprites
-    from dvc.stereo.surfaces.folder import write_png
 
-    check_folder(arguments.out)
-    meshes = check_export(arguments)
-    cli.check_outputs([], [*meshes, *([arguments.json] if arguments.json not in (None, "-") else [])])
+    meshes = check_outputs(arguments)
     image = _read(Path(arguments.path), arguments.quiet)
     with cli.progress_bar("sprites", int(image.occupied.sum()), arguments.quiet) as advance:
         sprites = extract_sprites(image, advance=advance)

@@ -3,24 +3,17 @@
 The format is described in docs/layers.md.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from dvc.errors import DvcError
+from dvc.index_files import Entry, read_index, write_index
 from dvc.pfm import write_pfm
+from dvc.picture_files import read_plane, write_png
 from dvc.stereo.layers.canvas import Canvas
-from dvc.stereo.layers.index_files import (
-    Entry,
-    canvas_values,
-    read_canvas,
-    read_disparity,
-    read_index,
-    read_plane,
-)
+from dvc.stereo.layers.canvas_files import canvas_values, read_canvas, read_disparity
 from dvc.stereo.layers.layered_depth_image import MAX_LAYERS, LayeredDepthImage
-from dvc.stereo.surfaces.folder import write_png
 
 INDEX = "layers.json"
 FORMAT, VERSION = "dvc3d layers", 1
@@ -49,8 +42,7 @@ def write_layers(folder: Path, image: LayeredDepthImage) -> None:
         write_pfm(folder / names["disparity"], disparity)
         write_png(folder / names["votes"], image.votes[layer])
         entries.append(names)
-    index = {"format": FORMAT, "version": VERSION, **canvas_values(image.canvas), "layers": entries}
-    (folder / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_index(folder / INDEX, FORMAT, VERSION, {**canvas_values(image.canvas), "layers": entries})
 
 
 def read_layers(folder: str | Path) -> LayeredDepthImage:

@@ -3,24 +3,17 @@
 The format is described in docs/layers.md.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
 
 from dvc.errors import DvcError
+from dvc.index_files import Entry, read_index, write_index
 from dvc.pfm import write_pfm
+from dvc.picture_files import read_plane, write_png
 from dvc.stereo.layers.canvas import Canvas
-from dvc.stereo.layers.index_files import (
-    Entry,
-    canvas_values,
-    read_canvas,
-    read_disparity,
-    read_index,
-    read_plane,
-)
+from dvc.stereo.layers.canvas_files import canvas_values, read_canvas, read_disparity
 from dvc.stereo.layers.sprites import Sprite, SpriteSet
-from dvc.stereo.surfaces.folder import write_png
 
 INDEX = "sprites.json"
 FORMAT, VERSION = "dvc3d sprites", 1
@@ -55,8 +48,7 @@ def write_sprites(folder: Path, sprites: SpriteSet) -> None:
         height, width = sprite.mask.shape
         place = {"left": sprite.left, "top": sprite.top, "width": width, "height": height}
         entries.append({**place, "num_values": sprite.num_values, **names})
-    index = {"format": FORMAT, "version": VERSION, **canvas_values(sprites.canvas), "sprites": entries}
-    (folder / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_index(folder / INDEX, FORMAT, VERSION, {**canvas_values(sprites.canvas), "sprites": entries})
 
 
 def read_sprites(folder: str | Path) -> SpriteSet:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
+from dvc.page.drawing import Picture, colour_disparity, colour_error, disparity_legend
 from dvc.page.gallery import Gallery, Group, Shown, Table, write_gallery
+from dvc.picture_files import write_png
 from dvc.stereo.evaluation import disparity_error, evaluate
-from dvc.stereo.output.drawing import Picture, colour_disparity, colour_error, disparity_legend
-from dvc.stereo.surfaces.folder import write_png
 from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 PAGE = "index.html"

@@ -1,6 +1,5 @@
 """Rectified views as a folder, and what a reconstruction of them says of the original pictures."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -9,16 +8,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.index_files import write_index
 from dvc.multiview.camera_array import CameraArray
 from dvc.pfm import write_pfm
+from dvc.picture_files import write_png
 from dvc.stereo.rectification.rectified_array import RectifiedArray
 from dvc.stereo.rectification.rectified_space import Rectification
 from dvc.stereo.rectification.resampling import metric_depth, to_original_view
-from dvc.stereo.surfaces.folder import write_png
 from dvc.stereo.surfaces.surface import Reconstruction
 
 INDEX = "rectification.json"
-VERSION = 1
+FORMAT, VERSION = "dvc3d rectification", 1
 _MAX_SHOWN = 12
 _PREVIEW_WIDTH_PX = 1600
 _NUM_LINES = 8
@@ -43,8 +43,7 @@ def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
         rows.append(f"view-{view.name}.png,{view.position.m!r},{view.position.n!r}")
     (folder / "views.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     write_png(folder / "preview.png", preview(rectified.array))
-    index = {"format": "dvc3d rectification", "version": VERSION, **rectification_index(rectified)}
-    (folder / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_index(folder / INDEX, FORMAT, VERSION, rectification_index(rectified))
 
 
 def rectification_index(rectified: RectifiedArray) -> dict[str, Any]:

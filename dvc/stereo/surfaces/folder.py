@@ -1,21 +1,19 @@
 """A reconstruction as a folder: pictures and disparities of all views, and `stereo.json` that names them."""
 
-import json
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from dvc.array_files import MAX_LABELS, MAX_NUMBER, MIN_STEP, read_picture
 from dvc.errors import DvcError
-from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
+from dvc.index_files import MAX_SIDE, Entry, read_index, read_labels, write_index
+from dvc.multiview.camera_array import ArrayView, CameraArray, LatticePosition
 from dvc.pfm import read_pfm, write_pfm
+from dvc.picture_files import read_picture, read_plane, write_png
 from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 INDEX = "stereo.json"
-VERSION = 1
+FORMAT, VERSION = "dvc3d stereo", 1
+MAX_VIEWS = 1 << 15
 
 
 def write_reconstruction(folder: Path, reconstruction: Reconstruction) -> None:
@@ -39,8 +37,6 @@ def write_reconstruction(folder: Path, reconstruction: Reconstruction) -> None:
         write_png(folder / files["confidence"], np.rint(surface.confidence * 255).astype(np.uint8))
     height, width = array.shape
     index = {
-        "format": "dvc3d stereo",
-        "version": VERSION,
         "width": width,
         "height": height,
         "disparities": labels._asdict(),
@@ -48,7 +44,7 @@ def write_reconstruction(folder: Path, reconstruction: Reconstruction) -> None:
         "views": [{"name": v.name, "m": v.position.m, "n": v.position.n, **_files(v)} for v in array],
         **reconstruction.figures,
     }
-    (folder / INDEX).write_text(json.dumps(index, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_index(folder / INDEX, FORMAT, VERSION, index)
 
 
 def read_reconstruction(folder: str | Path) -> Reconstruction:
@@ -69,43 +65,16 @@ def read_reconstruction(folder: str | Path) -> Reconstruction:
     DvcError
         If a file is missing, damaged, of another size, or lies outside the folder.
     """
-    folder = Path(folder)
-    index = _index(folder / INDEX)
-    try:
-        labels = DisparityLabels(**index["disparities"])
-        if not (labels.num_labels in range(1, MAX_LABELS + 1) and labels.step >= MIN_STEP):
-            raise DvcError(f"{folder / INDEX}: disparities make no sense")
-        if not np.abs(labels[:2]).max() <= MAX_NUMBER:
-            raise DvcError(f"{folder / INDEX}: disparities make no sense")
-        labels = labels._replace(num_labels=int(labels.num_labels))
-        shape = int(index["height"]), int(index["width"])
-        pairs = [_read_view(folder, entry, shape) for entry in index["views"]]
-    except (KeyError, TypeError, ValueError) as err:
-        raise DvcError(f"{folder / INDEX}: not what `dvc-stereo reconstruct` writes") from err
-    if not pairs:
-        raise DvcError(f"{folder / INDEX}: names no view")
-    known = {"format", "version", "width", "height", "disparities", "reference", "views"}
-    figures = {key: value for key, value in index.items() if key not in known}
-    views, surfaces = zip(*pairs, strict=True)
+    index = read_index(Path(folder) / INDEX, FORMAT, VERSION, "dvc-stereo reconstruct")
+    labels = read_labels(index.entry("disparities"))
+    shape = index.integer("height", 1, MAX_SIDE), index.integer("width", 1, MAX_SIDE)
+    views, surfaces = zip(
+        *(_read_view(entry, shape) for entry in index.entries("views", MAX_VIEWS)), strict=True
+    )
     if len({view.position for view in views}) < len(views):
-        raise DvcError(f"{folder / INDEX}: two views have one position")
-    return Reconstruction(CameraArray(tuple(views)), labels, tuple(surfaces), figures)
-
-
-def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Write a picture.
-
-    Parameters
-    ----------
-    path : Path
-        File to make.
-    picture : ndarray of shape (H, W) or (H, W, 3 or 4), uint8
-        Grey levels, or blue, green, red (and opacity).
-    """
-    done, content = cv2.imencode(".png", picture)
-    if not done:
-        raise DvcError(f"cannot write {path}")
-    path.write_bytes(content.tobytes())
+        index.refuse("two views have one position")
+    figures = index.others("format", "version", "width", "height", "disparities", "reference", "views")
+    return Reconstruction(CameraArray(views), labels, surfaces, figures)
 
 
 def _files(view: ArrayView) -> dict[str, str]:
@@ -116,38 +85,16 @@ def _files(view: ArrayView) -> dict[str, str]:
     return {kind: name.format(view.name) for kind, name in kinds.items()}
 
 
-def _index(path: Path) -> dict[str, Any]:
-    try:
-        index = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as err:
-        raise DvcError(f"{path}: not a JSON file") from err
-    if not isinstance(index, dict) or index.get("format") != "dvc3d stereo":
-        raise DvcError(f"{path}: not what `dvc-stereo reconstruct` writes")
-    if index.get("version") != VERSION:
-        raise DvcError(f"{path}: version {index.get('version')} is not known, only {VERSION}")
-    return index
-
-
-def _read_view(folder: Path, entry: dict[str, Any], shape: tuple[int, int]) -> tuple[ArrayView, Surface]:
-    paths = {}
-    for kind in ("image", "disparity", "occluded", "confidence", "valid"):
-        if kind == "valid" and kind not in entry:
-            continue
-        name = str(entry[kind])
-        if Path(name).name != name:
-            raise DvcError(f"{folder / INDEX}: {name} lies outside the folder")
-        paths[kind] = folder / name
-    position = LatticePosition(float(entry["m"]), float(entry["n"]))
-    image, disparity = read_picture(paths["image"]), read_pfm(paths["disparity"])
-    occluded, confidence, *seen = (read_picture(path)[:, :, 0] for path in list(paths.values())[2:])
-    shapes = [image.shape[:2], disparity.shape, *(plane.shape for plane in (occluded, confidence, *seen))]
-    for path, found in zip(paths.values(), shapes, strict=True):
+def _read_view(entry: Entry, shape: tuple[int, int]) -> tuple[ArrayView, Surface]:
+    position = LatticePosition(entry.number("m"), entry.number("n"))
+    image, disparity = read_picture(entry.file("image")), read_pfm(entry.file("disparity"))
+    for kind, found in (("image", image.shape[:2]), ("disparity", disparity.shape)):
         if found != shape:
-            raise DvcError(f"{path}: {found[1]}x{found[0]}, expected {shape[1]}x{shape[0]}")
-    if not np.abs(position).max() <= MAX_NUMBER:
-        raise DvcError(f"{folder / INDEX}: position {position.m:g},{position.n:g} makes no sense")
+            wrong = f"{entry.file(kind)}: {found[1]}x{found[0]}"
+            raise DvcError(f"{wrong}, expected {shape[1]}x{shape[0]}")
     if not np.isfinite(disparity).all():
-        raise DvcError(f"{paths['disparity']}: not finite")
+        raise DvcError(f"{entry.file('disparity')}: not finite")
+    kinds = ["occluded", "confidence", *(["valid"] if "valid" in entry else [])]
+    occluded, confidence, *seen = (read_plane(entry.file(kind), 1, shape) for kind in kinds)
     surface = Surface(disparity, occluded > 127, (confidence / 255.0).astype(np.float32))
-    valid = seen[0] > 127 if seen else None
-    return ArrayView(str(entry["name"]), image, position, valid), surface
+    return ArrayView(entry.text("name"), image, position, seen[0] > 127 if seen else None), surface

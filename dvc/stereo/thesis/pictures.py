@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.camera_array import ArrayView, DisparityLabels
+from dvc.page.drawing import Picture, colour_disparity, colour_error, in_rows, with_title
 from dvc.page.gallery import Group, Shown
 from dvc.stereo.evaluation import disparity_error
-from dvc.stereo.output.drawing import Picture, colour_disparity, colour_error, in_rows, with_title
 from dvc.stereo.surfaces.surface import Reconstruction
 
 Floats = NDArray[np.floating]

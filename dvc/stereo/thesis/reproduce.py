@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from dvc import cli
 from dvc.errors import DvcError
 from dvc.multiview.camera_array import CameraArray, DisparityLabels
+from dvc.page.drawing import Picture, colour_disparity, in_rows, with_title
 from dvc.page.gallery import Gallery, Group, Shown, Table, write_gallery
+from dvc.picture_files import write_png
 from dvc.stereo.evaluation import read_mask
 from dvc.stereo.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
 from dvc.stereo.layers.sprites import extract_sprites
-from dvc.stereo.output.drawing import Picture, colour_disparity, in_rows, with_title
 from dvc.stereo.output.layer_pictures import draw_layers, draw_sprites, draw_surfaces, draw_values_per_pixel
 from dvc.stereo.rectification.rectified_folder import preview
-from dvc.stereo.surfaces.folder import write_png
 from dvc.stereo.surfaces.reconstruction import reconstruct
 from dvc.stereo.surfaces.settings import StereoSettings
 from dvc.stereo.surfaces.surface import Reconstruction

@@ -1,24 +1,19 @@
-"""Index files of folders: JSON that names pictures and maps, read strictly; and those files."""
+"""Index files of folders: JSON that names pictures and maps, written in one form and read strictly."""
 
 import json
 import math
 from pathlib import Path
 from typing import Any, NoReturn
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.array_files import MAX_LABELS
+from dvc.array_files import MAX_LABELS, MAX_NUMBER, MIN_STEP
 from dvc.errors import DvcError
 from dvc.multiview.camera_array import DisparityLabels
-from dvc.pfm import read_pfm
-from dvc.stereo.layers.canvas import Canvas, Frame
 
 MAX_SIDE = 1 << 15
 """Larger pictures are refused."""
-MAX_DISPARITY = 1e6
-"""Larger magnitudes of numbers are refused."""
 
 
 class Entry:
@@ -54,6 +49,24 @@ class Entry:
             Always.
         """
         raise DvcError(f"{self.path}: {self.where + ': ' if self.where else ''}{reason}")
+
+    def others(self, *keys: str) -> dict[str, Any]:
+        """Return all values but some.
+
+        Parameters
+        ----------
+        *keys : str
+            Names of those that are left out.
+
+        Returns
+        -------
+        dict
+            The others by name.
+        """
+        return {key: value for key, value in self._values.items() if key not in keys}
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
 
     def value(self, key: str) -> Any:
         """Return a value of any kind.
@@ -112,7 +125,7 @@ class Entry:
     def _number(self, value: object, key: str, above: float = -math.inf) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             self.refuse(f"{key!r} is no number")
-        if not abs(value) <= MAX_DISPARITY or not value > above:
+        if not abs(value) <= MAX_NUMBER or not value > above:
             self.refuse(f"{key!r} is out of range")
         return float(value)
 
@@ -211,6 +224,24 @@ class Entry:
         return self.path.parent / name
 
 
+def write_index(path: Path, format_name: str, version: int, values: dict[str, Any]) -> None:
+    """Write an index file; inverse of `read_index`.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    format_name : str
+        What its `format` says.
+    version : int
+        Of the format.
+    values : dict
+        The rest of its object, JSON-safe.
+    """
+    index = {"format": format_name, "version": version, **values}
+    path.write_text(json.dumps(index, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
 def read_index(path: Path, format_name: str, version: int, writer: str) -> Entry:
     """Read an index file.
 
@@ -246,133 +277,25 @@ def read_index(path: Path, format_name: str, version: int, writer: str) -> Entry
     return Entry(path, values)
 
 
-def canvas_values(canvas: Canvas) -> dict[str, Any]:
-    """Return what an index file tells of a canvas; inverse of `read_canvas`.
+def read_labels(entry: Entry) -> DisparityLabels:
+    """Read the disparities of an index file, under the names of their fields.
 
     Parameters
     ----------
-    canvas : Canvas
-        The canvas.
+    entry : Entry
+        Their object.
 
     Returns
     -------
-    dict
-        JSON-safe values.
-    """
-    homography = canvas.world_from_rectified
-    return {
-        "width": canvas.shape[1],
-        "height": canvas.shape[0],
-        "frame": canvas.frame._asdict(),
-        "disparities": canvas.labels._asdict(),
-        "resolution": canvas.resolution,
-        "reference": canvas.reference,
-        "num_cameras": canvas.num_cameras,
-        "world_from_rectified": None if homography is None else homography.tolist(),
-        "depth": canvas.depth_scale._asdict(),
-    }
-
-
-def read_canvas(index: Entry) -> Canvas:
-    """Read a canvas from an index file; inverse of `canvas_values`.
-
-    Parameters
-    ----------
-    index : Entry
-        The object of the file.
-
-    Returns
-    -------
-    Canvas
-        The canvas.
+    DisparityLabels
+        Disparities to choose from.
 
     Raises
     ------
     DvcError
         If something is missing or makes no sense.
     """
-    shape = index.integer("height", 1, MAX_SIDE), index.integer("width", 1, MAX_SIDE)
-    inner = index.entry("frame")
-    left, top = inner.integer("left", 0, shape[1] - 1), inner.integer("top", 0, shape[0] - 1)
-    width, height = inner.integer("width", 1, shape[1] - left), inner.integer("height", 1, shape[0] - top)
-    disparities = index.entry("disparities")
-    labels = DisparityLabels(
-        disparities.number("lowest"),
-        disparities.number("step", 0.0),
-        disparities.integer("num_labels", 1, MAX_LABELS),
-    )
-    matrix = None if index.value("world_from_rectified") is None else index.matrix("world_from_rectified", 4)
-    if matrix is not None and matrix[3, 2] == 0.0:
-        index.refuse("'world_from_rectified' gives no depth")
-    return Canvas(
-        shape,
-        Frame(left, top, width, height),
-        labels,
-        index.number("resolution", 0.0),
-        index.text("reference"),
-        index.integer("num_cameras", 1, 1 << 15),
-        matrix,
-    )
-
-
-def read_plane(path: Path, channels: int, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Read a PNG file of eight bits as it was written.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    channels : int
-        1: grey; 4: red, green, blue and opacity.
-    shape : tuple of int
-        Height and width that it must have.
-
-    Returns
-    -------
-    ndarray of shape (H, W) or (H, W, 4), uint8
-        Levels.
-
-    Raises
-    ------
-    DvcError
-        If it is something else.
-    """
-    content = np.fromfile(path, np.uint8)
-    try:
-        stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
-    except cv2.error:
-        stored = None
-    expected = shape if channels == 1 else (*shape, channels)
-    if stored is None or stored.dtype != np.uint8 or stored.shape != expected:
-        kind = "grey" if channels == 1 else "RGBA"
-        raise DvcError(f"{path}: not an eight-bit {kind} picture of {shape[1]}x{shape[0]}")
-    return np.asarray(stored if channels == 1 else stored[:, :, [2, 1, 0, 3]], np.uint8)
-
-
-def read_disparity(path: Path, mask: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Read disparities that are known where there is something, and infinite elsewhere.
-
-    Parameters
-    ----------
-    path : Path
-        PFM file.
-    mask : ndarray of shape (H, W), bool
-        Where there is something.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float32
-        Disparities; 0 where there is nothing.
-
-    Raises
-    ------
-    DvcError
-        If the file is damaged, of another size, or does not fit the mask.
-    """
-    disparity = read_pfm(path)
-    if disparity.shape != mask.shape:
-        found, expected = disparity.shape, mask.shape
-        raise DvcError(f"{path}: {found[1]}x{found[0]}, expected {expected[1]}x{expected[0]}")
-    if not np.array_equal(np.abs(disparity) <= MAX_DISPARITY, mask) or not (disparity[~mask] == np.inf).all():
-        raise DvcError(f"{path}: values are not where the picture has them")
-    return np.where(mask, disparity, np.float32(0.0))
+    step, num_labels = entry.number("step", 0.0), entry.integer("num_labels", 1, MAX_LABELS)
+    if step < MIN_STEP:
+        entry.refuse("'step' is out of range")
+    return DisparityLabels(entry.number("lowest"), step, num_labels)

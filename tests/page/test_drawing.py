@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc.stereo.output.drawing import (
+from dvc.page.drawing import (
     BAD,
     GOOD,
     UNKNOWN,

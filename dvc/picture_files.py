@@ -1,0 +1,133 @@
+"""Picture files: views in colour, levels as they are stored, planes of a folder."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.errors import DvcError
+
+
+def read_picture(path: str | Path) -> NDArray[np.uint8]:
+    """Read a picture as eight-bit red, green and blue.
+
+    Parameters
+    ----------
+    path : str or Path
+        Grey or colour, 8 or 16 bits; transparency is ignored.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), uint8
+        The picture; 16 bits are rounded to 8, grey ones have three equal channels.
+
+    Raises
+    ------
+    DvcError
+        If it cannot be read.
+    """
+    stored = _stored(path)
+    if stored is None:
+        raise DvcError(f"{path}: not a picture of 8 or 16 bits that can be read")
+    if stored.dtype == np.uint16:
+        stored = ((stored.astype(np.uint32) + 128) // 257).astype(np.uint8)
+    if stored.ndim == 2:
+        stored = stored[:, :, None]
+    colours = stored[:, :, :1].repeat(3, axis=2) if stored.shape[2] < 3 else stored[:, :, 2::-1]
+    picture: NDArray[np.uint8] = np.ascontiguousarray(colours)
+    return picture
+
+
+def read_levels(path: str | Path) -> NDArray[np.float64]:
+    """Read the levels of a grey picture as they are stored.
+
+    Parameters
+    ----------
+    path : str or Path
+        8 or 16 bits; several channels must be equal, transparency is ignored.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Whole numbers.
+
+    Raises
+    ------
+    DvcError
+        If it cannot be read, or is coloured.
+    """
+    stored = _stored(path)
+    if stored is None:
+        raise DvcError(f"{path}: expected a picture of 8 or 16 bits, or a PFM file")
+    if stored.ndim == 3:
+        colours = stored[:, :, :3] if stored.shape[2] > 2 else stored[:, :, :1]
+        if (colours != colours[:, :, :1]).any():
+            raise DvcError(f"{path}: expected grey levels, got colours")
+        stored = colours[:, :, 0]
+    return stored.astype(np.float64)
+
+
+def read_plane(path: Path, channels: int, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Read a PNG file of eight bits as it was written.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    channels : int
+        1: grey; 4: red, green, blue and opacity.
+    shape : tuple of int
+        Height and width that it must have.
+
+    Returns
+    -------
+    ndarray of shape (H, W) or (H, W, 4), uint8
+        Levels.
+
+    Raises
+    ------
+    DvcError
+        If it is something else.
+    """
+    stored = _stored(path)
+    expected = shape if channels == 1 else (*shape, channels)
+    if stored is None or stored.dtype != np.uint8 or stored.shape != expected:
+        kind = "grey" if channels == 1 else "RGBA"
+        raise DvcError(f"{path}: not an eight-bit {kind} picture of {shape[1]}x{shape[0]}")
+    return np.asarray(stored if channels == 1 else stored[:, :, [2, 1, 0, 3]], np.uint8)
+
+
+def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
+    """Write a picture.
+
+    Parameters
+    ----------
+    path : Path
+        File to make.
+    picture : ndarray of shape (H, W) or (H, W, 3 or 4), uint8
+        Grey levels, or blue, green, red (and opacity).
+
+    Raises
+    ------
+    DvcError
+        If it is too large for a PNG file.
+    """
+    try:
+        done, content = cv2.imencode(".png", picture)
+    except cv2.error:
+        done = False
+    if not done:
+        raise DvcError(f"cannot write {path}")
+    path.write_bytes(content.tobytes())
+
+
+def _stored(path: str | Path) -> NDArray[Any] | None:
+    """Decode a picture as it is, blue first; None if it has not 8 or 16 bits, or is none."""
+    content = np.fromfile(path, np.uint8)
+    try:
+        stored = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+    except cv2.error:
+        return None
+    return stored if stored is not None and stored.dtype in (np.uint8, np.uint16) else None

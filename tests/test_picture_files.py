@@ -1,0 +1,71 @@
+"""Picture files: levels are kept, other kinds are taken where that is harmless, and refused elsewhere."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from dvc.errors import DvcError
+from dvc.picture_files import read_levels, read_picture, read_plane, write_png
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Return a fresh generator."""
+    return np.random.default_rng(5)
+
+
+@pytest.mark.parametrize("channels", [1, 4])
+def test_planes_come_back(tmp_path: Path, rng: np.random.Generator, channels: int) -> None:
+    """Grey levels, and colours with opacity, are what was written."""
+    plane = rng.integers(0, 256, (6, 5, channels), dtype=np.uint8).squeeze()
+    write_png(tmp_path / "a.png", plane)
+    found = read_plane(tmp_path / "a.png", channels, (6, 5))
+    np.testing.assert_array_equal(found, plane if channels == 1 else plane[:, :, [2, 1, 0, 3]])
+
+
+def test_pictures_are_red_green_blue(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Colours are turned, grey is tripled, 16 bits are rounded, opacity is left out."""
+    colours = rng.integers(0, 256, (4, 3, 4), dtype=np.uint8)
+    write_png(tmp_path / "a.png", colours)
+    np.testing.assert_array_equal(read_picture(tmp_path / "a.png"), colours[:, :, 2::-1])
+    cv2.imwrite(str(tmp_path / "deep.png"), colours[:, :, 0].astype(np.uint16) * 257 + 100)
+    np.testing.assert_array_equal(read_picture(tmp_path / "deep.png"), colours[:, :, :1].repeat(3, axis=2))
+
+
+def test_levels_are_not_rounded(tmp_path: Path, rng: np.random.Generator) -> None:
+    """16 bits stay 16 bits, three equal channels are one, and colours are no levels."""
+    deep = rng.integers(0, 1 << 16, (4, 3), dtype=np.uint16)
+    cv2.imwrite(str(tmp_path / "deep.png"), deep)
+    np.testing.assert_array_equal(read_levels(tmp_path / "deep.png"), deep)
+    write_png(tmp_path / "grey.png", np.full((2, 2, 3), 7, np.uint8))
+    assert (read_levels(tmp_path / "grey.png") == 7.0).all()
+    write_png(tmp_path / "red.png", np.full((2, 2, 3), (0, 0, 9), np.uint8))
+    with pytest.raises(DvcError, match="got colours"):
+        read_levels(tmp_path / "red.png")
+
+
+@pytest.mark.parametrize(
+    "read",
+    [read_picture, read_levels, lambda path: read_plane(path, 1, (2, 2))],
+    ids=["picture", "levels", "plane"],
+)
+@pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n", b"text"])
+def test_other_files_are_refused(tmp_path: Path, read: Callable[[Path], Any], content: bytes) -> None:
+    """What is no picture is told by name."""
+    (tmp_path / "x.png").write_bytes(content)
+    with pytest.raises(DvcError, match=r"x\.png"):
+        read(tmp_path / "x.png")
+
+
+def test_planes_of_other_kinds_are_refused(tmp_path: Path) -> None:
+    """Another size, another number of channels, and empty pictures to be written."""
+    write_png(tmp_path / "a.png", np.zeros((3, 2), np.uint8))
+    for channels, shape in ((1, (2, 3)), (4, (3, 2))):
+        with pytest.raises(DvcError, match="not an eight-bit"):
+            read_plane(tmp_path / "a.png", channels, shape)
+    with pytest.raises(DvcError, match="cannot write"):
+        write_png(tmp_path / "b.png", np.zeros((0, 2), np.uint8))
