@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.multiview.camera_array import LatticePosition
 from dvc.multiview.hole_filling import fill_from_background
 from dvc.multiview.rendering import EMPTY, draw
 from dvc.multiview.sampling import sample
@@ -72,43 +71,6 @@ class SynthesisedView(NamedTuple):
     image: Floats
     inverse_depth: Floats
     drawn: Mask
-
-
-def lattice_warp(source: LatticePosition, target: LatticePosition) -> Floats:
-    """Return the warp between two rectified views, for which disparity is inverse depth.
-
-    Parameters
-    ----------
-    source, target : LatticePosition
-        Where the cameras stand.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        Of (2.5): a point at (x, y) with disparity d is at ``(x - m d, y - n d)`` from (m, n).
-    """
-    m, n = target.m - source.m, target.n - source.n
-    return np.array([[1.0, 0.0, 0.0, -m], [0.0, 1.0, 0.0, -n], [0.0, 0.0, 1.0, 0.0]])
-
-
-def calibrated_warp(source: tuple[Floats, Floats], target: tuple[Floats, Floats]) -> Floats:
-    """Return the warp between two calibrated views; inverse depth is 1/z of the source.
-
-    Parameters
-    ----------
-    source, target : tuple of two ndarray, of shapes (3, 3) and (3, 4), float64
-        K and [R | t] of each, from the world to the camera.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        ``[K' R K^-1 | K' t]`` with the motion R, t from one camera to the other.
-    """
-    (intrinsic, pose), (other_intrinsic, other_pose) = source, target
-    rotation = other_pose[:, :3] @ pose[:, :3].T
-    translation = other_pose[:, 3] - rotation @ pose[:, 3]
-    turned = other_intrinsic @ rotation @ np.linalg.inv(intrinsic)
-    return np.ascontiguousarray(np.column_stack([turned, other_intrinsic @ translation]))
 
 
 def synthesise(sources: Sequence[PictureWithDepth], shape: tuple[int, int]) -> SynthesisedView:

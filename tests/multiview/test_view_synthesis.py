@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dvc.multiview.camera_array import LatticePosition
-from dvc.multiview.view_synthesis import PictureWithDepth, calibrated_warp, lattice_warp, synthesise
-from dvc.multiview.warping import warp_grid
+from dvc.multiview.view_synthesis import PictureWithDepth, synthesise
+from dvc.multiview.viewpoints import lattice_warp
 
 ORIGIN = LatticePosition(0.0, 0.0)
 
@@ -87,27 +87,3 @@ def test_nothing_seen_is_black():
     view = synthesise([PictureWithDepth(_picture((8, 8)), np.full((8, 8), 100.0), warp)], (8, 8))
     assert not view.drawn.any()
     assert not view.image.any()
-
-
-def test_calibrated_warp_projects_as_cameras_do():
-    generator = np.random.default_rng(3)
-    cameras = []
-    for _ in range(2):
-        rotation, _ = np.linalg.qr(np.eye(3) + 0.05 * generator.normal(size=(3, 3)))
-        rotation *= np.sign(np.linalg.det(rotation))
-        pose = np.column_stack([rotation, generator.normal(size=3)])
-        cameras.append((np.array([[90.0, 0, 20], [0, 80.0, 12], [0, 0, 1]]), pose))
-    (intrinsic, pose), (other_intrinsic, other_pose) = cameras
-    point = np.array([1.5, 2.5, 40.0])  # in the first camera
-    world = pose[:, :3].T @ (point - pose[:, 3])
-    expected = other_intrinsic @ (other_pose[:, :3] @ world + other_pose[:, 3])
-    x, y, z = intrinsic @ point
-    u, v, rho = calibrated_warp(*cameras) @ np.array([x / z, y / z, 1.0, 1.0 / point[2]])
-    np.testing.assert_allclose((u / rho, v / rho), expected[:2] / expected[2], rtol=1e-10)
-
-
-def test_lattice_warp_moves_by_disparity():
-    moved = warp_grid(
-        lattice_warp(LatticePosition(1.0, 1.0), LatticePosition(3.0, 0.5)), np.full((2, 2), 2.0)
-    )
-    np.testing.assert_allclose(moved[1, 1], (1 - 4.0, 1 + 1.0, 2.0))

@@ -1,0 +1,1 @@
+"""The stream of pictures with depth: a header, and quality layers that can be cut off."""

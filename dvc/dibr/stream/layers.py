@@ -1,0 +1,136 @@
+"""Quality layers: what each adds to the pictures and disparities of those before, and their checksums."""
+
+import zlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from dvc.bits import decode_varint, encode_varint
+from dvc.dibr.stream.header import Header, decode_header, encode_header
+from dvc.errors import BitstreamError
+
+_CRC_BYTES = 4
+
+
+class PairLayer(NamedTuple):
+    """What a layer adds to a picture and its disparities.
+
+    Attributes
+    ----------
+    picture, disparity : bytes
+        Code of each; empty: nothing.
+    """
+
+    picture: bytes
+    disparity: bytes
+
+
+Layer = tuple[PairLayer, ...]
+"""One entry for each reference."""
+
+
+class Stream(NamedTuple):
+    """A stream, as far as it can be read.
+
+    Attributes
+    ----------
+    header : Header
+        What it is.
+    layers : tuple of Layer
+        The layers that are there and whole, in order.
+    damage : str or None
+        Why there are no more of them, if there should be.
+    """
+
+    header: Header
+    layers: tuple[Layer, ...]
+    damage: str | None = None
+
+
+def encode_stream(header: Header, layers: Sequence[Layer]) -> bytes:
+    """Return the bytes of a stream.
+
+    Parameters
+    ----------
+    header : Header
+        What it is.
+    layers : sequence of Layer
+        All layers.
+
+    Returns
+    -------
+    bytes
+        The file.
+    """
+    return encode_header(header) + b"".join(encode_layer(layer) for layer in layers)
+
+
+def encode_layer(layer: Layer) -> bytes:
+    """Return the bytes of a layer.
+
+    Parameters
+    ----------
+    layer : Layer
+        The layer.
+
+    Returns
+    -------
+    bytes
+        Lengths and code of its parts, and a checksum.
+    """
+    data = b"".join(encode_varint(len(part)) + part for pair in layer for part in pair)
+    return data + zlib.crc32(data).to_bytes(_CRC_BYTES, "little")
+
+
+def decode_stream(data: bytes) -> Stream:
+    """Read a stream; layers that are cut or damaged are left out, with all after them.
+
+    Parameters
+    ----------
+    data : bytes
+        A file, or its beginning.
+
+    Returns
+    -------
+    Stream
+        At least one layer.
+
+    Raises
+    ------
+    BitstreamError
+        If not even the header and the first layer are whole.
+    """
+    header, position = decode_header(data)
+    layers: list[Layer] = []
+    damage = None
+    while len(layers) < header.num_layers and damage is None:
+        try:
+            layer, position = _decode_layer(data, position, len(header.references))
+            layers.append(layer)
+        except BitstreamError as error:
+            damage = f"layer {len(layers) + 1} of {header.num_layers}: {error}"
+    if not layers:
+        raise BitstreamError(str(damage))
+    if damage is None and position != len(data):
+        damage = f"{len(data) - position} bytes follow the last layer"
+    return Stream(header, tuple(layers), damage)
+
+
+def _decode_layer(data: bytes, start: int, num_pairs: int) -> tuple[Layer, int]:
+    parts = []
+    position = start
+    for _ in range(2 * num_pairs):
+        try:
+            size, position = decode_varint(data, position)
+        except BitstreamError:
+            raise BitstreamError(f"the stream ends within it, after {len(data)} bytes") from None
+        if size > len(data) - position:
+            raise BitstreamError(f"the stream ends within it, after {len(data)} bytes")
+        parts.append(data[position : position + size])
+        position += size
+    checksum = data[position : position + _CRC_BYTES]
+    if len(checksum) < _CRC_BYTES:
+        raise BitstreamError(f"the stream ends within it, after {len(data)} bytes")
+    if zlib.crc32(data[start:position]).to_bytes(_CRC_BYTES, "little") != checksum:
+        raise BitstreamError(f"it is damaged, between bytes {start} and {position}")
+    pairs = tuple(PairLayer(*pair) for pair in zip(parts[::2], parts[1::2], strict=True))
+    return pairs, position + _CRC_BYTES
