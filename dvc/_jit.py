@@ -13,6 +13,24 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+def _skip_blas() -> None:
+    """Keep numba from importing scipy's linear algebra for `np.dot`: slow, and not called."""
+
+    def _missing() -> None:
+        raise ImportError
+
+    with contextlib.suppress(ImportError, AttributeError):
+        linalg: Any = import_module("numba.np.linalg")
+        ensure, linalg.ensure_blas = linalg.ensure_blas, _missing
+        try:
+            import_module("numba.np.arraymath")
+        finally:
+            linalg.ensure_blas = ensure
+
+
+_skip_blas()
+
+
 def kernel(function: Function) -> Function:
     """Compile a kernel on first call, keep the machine code on disk, and release the GIL while it runs.
 
