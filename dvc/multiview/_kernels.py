@@ -236,8 +236,11 @@ def check_consistency(depth, other, there, back, tolerance, visibility):
 
 
 @kernel
-def local_slopes(depth, reliable, wanted, radius, limit, slopes):
-    """Slope (x, y) of the plane through the reliable neighbours of like depth, around each wanted point."""
+def local_slopes(depth, reliable, wanted, radius, spacing, limit, slopes):
+    """Slope (x, y) of the plane through the reliable neighbours of like depth, around each wanted point.
+
+    `spacing`: between the rows, and the columns, of the neighbours that are looked at.
+    """
     height, width = depth.shape
     for y in range(height):
         for x in range(width):
@@ -247,8 +250,8 @@ def local_slopes(depth, reliable, wanted, radius, limit, slopes):
                 continue
             xx, xy, yy, xr, yr, rr = 1e-9, 0.0, 1e-9, 0.0, 0.0, 1e-30
             sx, sy, sr, n = 0.0, 0.0, 0.0, 0.0
-            for i in range(max(y - radius, 0), min(y + radius + 1, height)):
-                for j in range(max(x - radius, 0), min(x + radius + 1, width)):
+            for i in range(max(y - radius, y % spacing), min(y + radius + 1, height), spacing):
+                for j in range(max(x - radius, x % spacing), min(x + radius + 1, width), spacing):
                     if reliable[i, j] and abs(depth[i, j] - depth[y, x]) <= limit:
                         dx, dy, dr = j - x, i - y, depth[i, j] - depth[y, x]
                         n += 1.0
@@ -265,7 +268,7 @@ def local_slopes(depth, reliable, wanted, radius, limit, slopes):
             xr, yr = xr - sx * sr / n, yr - sy * sr / n
             determinant = xx * yy - xy * xy
             rr -= sr * sr / n
-            if n >= 2 * radius * radius and determinant > 0.01 * xx * yy:
+            if n * spacing * spacing >= 2 * radius * radius and determinant > 0.01 * xx * yy:
                 slope_x = (xr * yy - yr * xy) / determinant
                 slope_y = (yr * xx - xr * xy) / determinant
                 explained = min(max((slope_x * xr + slope_y * yr) / rr, 0.0), 1.0)

@@ -27,11 +27,14 @@ class Slopes(NamedTuple):
         Inverse depth by which a surface may differ in this radius.
     reach_px : float
         How far slopes are continued; farther away their error would be larger than that of constant depth.
+    spacing_px : int
+        Between points that slopes are measured with; a divisor of the radius.
     """
 
     radius_px: int
     limit: float
     reach_px: float
+    spacing_px: int = 1
 
 
 class SeenDepth(NamedTuple):
@@ -83,7 +86,8 @@ def continue_surfaces(
     measured, filled = np.empty((*reliable.shape, 2)), np.empty(reliable.shape)
     # only the rim of what is consistent is continued
     rim = reliable & (cv2.dilate((~reliable).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
-    _kernels.local_slopes(own.inverse_depth, reliable, rim, slopes.radius_px, slopes.limit, measured)
+    window = slopes.radius_px, slopes.spacing_px, slopes.limit
+    _kernels.local_slopes(own.inverse_depth, reliable, rim, *window, measured)
     _kernels.fill_depth(
         *own,
         luma,

@@ -137,7 +137,7 @@ def test_planes_are_continued_across_gaps(choose: Choose) -> None:
     visibility[5:8, 6:14] = 1
     slopes, filled = np.empty((*plane.shape, 2)), np.empty_like(plane)
     damaged = np.where(visibility == 0, plane, 9.0)
-    choose(kernels.local_slopes)(damaged, visibility == 0, visibility == 0, 3, 0.1, slopes)
+    choose(kernels.local_slopes)(damaged, visibility == 0, visibility == 0, 3, 1, 0.1, slopes)
     np.testing.assert_allclose(slopes[2, 3], [0.01, -0.004], rtol=1e-6)
     nowhere, quantile = np.ones(plane.shape, np.int8), 0.5
     arguments = (damaged, visibility, np.zeros(plane.shape), slopes, 10.0, 30.0, quantile)

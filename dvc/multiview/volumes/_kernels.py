@@ -9,28 +9,27 @@ BEFORE_Y, AFTER_Y, BEFORE_X, AFTER_X = 0, 1, 2, 3
 
 
 @kernel
-def census(grey, radius, dead_zone, bits):
-    """One bit for each neighbour, set where it is clearly darker; the border repeats."""
-    height, width = grey.shape
-    for y in range(height):
-        for x in range(width):
-            word = np.uint32(0)
-            for dy in range(-radius, radius + 1):
-                for dx in range(-radius, radius + 1):
-                    if dy == 0 and dx == 0:
-                        continue
-                    i, j = min(max(y + dy, 0), height - 1), min(max(x + dx, 0), width - 1)
-                    word = (word << np.uint32(1)) | np.uint32(grey[i, j] < grey[y, x] - dead_zone)
+def census(padded, radius, dead_zone, bits):
+    """One bit for each neighbour, set where it is clearly darker; `padded` by the radius on all sides."""
+    side = 2 * radius + 1
+    for y in range(bits.shape[0]):
+        for x in range(bits.shape[1]):
+            word = np.uint64(0)
+            level = padded[y + radius, x + radius] - dead_zone
+            for i in range(side):
+                for j in range(side):
+                    if i != radius or j != radius:
+                        word = (word << np.uint64(1)) | np.uint64(padded[y + i, x + j] < level)
             bits[y, x] = word
 
 
 @kernel
 def count_bits(word):
-    """Number of ones of 32 bits."""
-    word = word - ((word >> np.uint32(1)) & np.uint32(0x55555555))
-    word = (word & np.uint32(0x33333333)) + ((word >> np.uint32(2)) & np.uint32(0x33333333))
-    word = (word + (word >> np.uint32(4))) & np.uint32(0x0F0F0F0F)
-    return ((word * np.uint32(0x01010101)) >> np.uint32(24)) & np.uint32(0xFF)
+    """Number of ones of 64 bits."""
+    word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    word = (word & np.uint64(0x3333333333333333)) + ((word >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return (word * np.uint64(0x0101010101010101)) >> np.uint64(56)
 
 
 @kernel
@@ -64,7 +63,7 @@ def census_cost(own, other, shifts, origin, top, census_table, level_table, cost
                     continue
                 pixel = others[phase, v, u]
                 difference = abs(red - pixel[0]) + abs(green - pixel[1]) + abs(blue - pixel[2])
-                different = count_bits(word ^ other_bits[phase, v, u])
+                different = count_bits(np.uint64(word ^ other_bits[phase, v, u]))
                 cost[i, x, k] = census_table[different] + level_table[int(difference)]
                 weight[i, x, k] = 1.0
 
@@ -106,20 +105,28 @@ def colour_distance(image, y, x, i, j):
 def grow_arms(image, reach, near_reach, limit, far_limit, arms):
     """Length of the arms of each pixel: to where the colour changes, farther only at a smaller change."""
     height, width = image.shape[:2]
+    for side in range(4):
+        dy = (-1, 1, 0, 0)[side]
+        dx = (0, 0, -1, 1)[side]
+        for m in range(height):
+            y = m if dy <= 0 else height - 1 - m
+            for n in range(width):
+                x = n if dx <= 0 else width - 1 - n
+                # the neighbour is done: one pixel more follows without a step
+                i, j = y + dy, x + dx
+                even = 0
+                if 0 <= i < height and 0 <= j < width and colour_distance(image, y, x, i, j) < limit:
+                    even = arms[i, j, side] + 1
+                arms[y, x, side] = even
     for y in range(height):
         for x in range(width):
             for side in range(4):
                 dy = (-1, 1, 0, 0)[side]
                 dx = (0, 0, -1, 1)[side]
-                length = 0
-                while length + 1 < reach:
-                    i, j = y + dy * (length + 1), x + dx * (length + 1)
-                    if i < 0 or j < 0 or i >= height or j >= width:
-                        break
-                    distance = colour_distance(image, y, x, i, j)
-                    if distance >= limit or colour_distance(image, i - dy, j - dx, i, j) >= limit:
-                        break
-                    if length + 1 > near_reach and distance >= far_limit:
+                length, most = 0, min(arms[y, x, side], reach - 1)
+                while length < most:
+                    distance = colour_distance(image, y, x, y + dy * (length + 1), x + dx * (length + 1))
+                    if distance >= limit or (length >= near_reach and distance >= far_limit):
                         break
                     length += 1
                 arms[y, x, side] = length
@@ -129,18 +136,22 @@ def grow_arms(image, reach, near_reach, limit, far_limit, arms):
 def cut_arms(arms, base, jump, cut):
     """Shorten arms to where the base surface jumps."""
     height, width = base.shape
+    for side in range(4):
+        dy = (-1, 1, 0, 0)[side]
+        dx = (0, 0, -1, 1)[side]
+        for m in range(height):
+            y = m if dy <= 0 else height - 1 - m
+            for n in range(width):
+                x = n if dx <= 0 else width - 1 - n
+                i, j = y + dy, x + dx
+                even = 0
+                if 0 <= i < height and 0 <= j < width and abs(base[i, j] - base[y, x]) <= jump:
+                    even = cut[i, j, side] + 1
+                cut[y, x, side] = even
     for y in range(height):
         for x in range(width):
             for side in range(4):
-                dy = (-1, 1, 0, 0)[side]
-                dx = (0, 0, -1, 1)[side]
-                length = 0
-                while length < arms[y, x, side]:
-                    i, j = y + dy * (length + 1), x + dx * (length + 1)
-                    if i < 0 or i >= height or abs(base[i, j] - base[i - dy, j - dx]) > jump:
-                        break
-                    length += 1
-                cut[y, x, side] = length
+                cut[y, x, side] = min(cut[y, x, side], arms[y, x, side])
 
 
 @kernel
@@ -158,16 +169,17 @@ def sum_line(values, base, before, after, sums, total):
         sums[0, j] = 0.0
     for n in range(length):
         start = highest - base[n]
-        for j in range(start):
+        for j in range(width):
             sums[n + 1, j] = sums[n, j]
+        added = sums[n + 1, start : start + count]
         for k in range(count):
-            sums[n + 1, start + k] = sums[n, start + k] + values[n, k]
-        for j in range(start + count, width):
-            sums[n + 1, j] = sums[n, j]
+            added[k] += values[n, k]
     for n in range(length):
-        first, end, start = n - before[n], n + after[n] + 1, highest - base[n]
+        start = highest - base[n]
+        end = sums[n + after[n] + 1, start : start + count]
+        first = sums[n - before[n], start : start + count]
         for k in range(count):
-            total[n, k] = sums[end, start + k] - sums[first, start + k]
+            total[n, k] = end[k] - first[k]
 
 
 @kernel
@@ -181,10 +193,17 @@ def sum_rows(volume, base, arms, total):
 @kernel
 def sum_columns(volume, base, arms, total):
     """`sum_line` along each column."""
-    sums = np.empty((volume.shape[0] + 1, volume.shape[2] + base.max() - base.min()), np.float32)
-    for x in range(volume.shape[1]):
-        before, after = arms[:, x, BEFORE_Y], arms[:, x, AFTER_Y]
-        sum_line(volume[:, x], base[:, x], before, after, sums, total[:, x])
+    height, width, count = volume.shape
+    sums = np.empty((height + 1, count + base.max() - base.min()), np.float32)
+    column, summed = np.empty((height, count), np.float32), np.empty((height, count), np.float32)
+    for x in range(width):
+        for y in range(height):
+            for k in range(count):
+                column[y, k] = volume[y, x, k]
+        sum_line(column, base[:, x], arms[:, x, BEFORE_Y], arms[:, x, AFTER_Y], sums, summed)
+        for y in range(height):
+            for k in range(count):
+                total[y, x, k] = summed[y, k]
 
 
 @kernel
@@ -246,30 +265,62 @@ def fill_undefined(cost, weight, constant, share):
 
 @kernel
 def send(cost, first, second, third, strength, slope, limit, shift, message, work):
-    """Message to a neighbour whose base surface is `shift` labels higher; truncated linear smoothness."""
+    """Message to a neighbour whose base surface is `shift` labels higher; truncated linear smoothness.
+
+    `work`: from `message_space`.
+    """
     count = cost.shape[0]
-    lowest = np.float32(1e30)
+    margin = (work.shape[1] - count) // 2
+    beliefs, other = work[0, margin : margin + count], 1
     for k in range(count):
-        work[k] = cost[k] + first[k] + second[k] + third[k]
-        lowest = min(lowest, work[k])
+        beliefs[k] = cost[k] + first[k] + second[k] + third[k]
+    lowest = smallest(beliefs)
     step, highest = slope * strength, lowest + limit * strength
-    for k in range(1, count):
-        work[k] = min(work[k], work[k - 1] + step)
-    for k in range(count - 2, -1, -1):
-        work[k] = min(work[k], work[k + 1] + step)
+    distance = 1
+    while distance <= margin:
+        # covers all distances below twice this one
+        source, spread = work[1 - other], work[other, margin : margin + count]
+        below, here, above = source[margin - distance :], source[margin:], source[margin + distance :]
+        rise = np.float32(distance) * step
+        for k in range(count):
+            spread[k] = min(here[k], min(below[k], above[k]) + rise)
+        beliefs, other = spread, 1 - other
+        distance *= 2
     if shift == 0:
         for k in range(count):
-            message[k] = min(work[k], highest) - lowest
+            message[k] = min(beliefs[k], highest) - lowest
         return
     for k in range(count):
         source = k - shift
         if source < 0:
-            value = work[0] - step * source
+            value = beliefs[0] - step * source
         elif source >= count:
-            value = work[count - 1] + step * (source - count + 1)
+            value = beliefs[count - 1] + step * (source - count + 1)
         else:
-            value = work[source]
+            value = beliefs[source]
         message[k] = min(value, highest) - lowest
+
+
+@kernel
+def smallest(values):
+    """Smallest of some numbers: four at a time, so that they need not wait for each other."""
+    a = b = c = d = values[0]
+    quarters = values.shape[0] // 4
+    for m in range(quarters):
+        a, b = min(a, values[4 * m]), min(b, values[4 * m + 1])
+        c, d = min(c, values[4 * m + 2]), min(d, values[4 * m + 3])
+    for k in range(4 * quarters, values.shape[0]):
+        a = min(a, values[k])
+    return min(a, b, c, d)
+
+
+@kernel
+def message_space(count, slope, limit):
+    """Work space of `send`: two lines of labels between infinite costs, as far as smoothness reaches."""
+    margin = 1
+    while 2 * margin < count and 2 * margin * slope <= limit:
+        margin *= 2
+    return np.full((2, count + 2 * margin), np.inf, np.float32)
 
 
 @kernel
@@ -282,7 +333,7 @@ def exchange(cost, strengths, messages, slope, limit, parity):
     across, down, rise_x, rise_y = strengths
     up, downwards, left, right = messages
     height, width, count = cost.shape
-    work = np.empty(count, np.float32)
+    work = message_space(count, slope, limit)
     for y in range(height):
         for x in range((y + parity) % 2, width, 2):
             here = cost[y, x]

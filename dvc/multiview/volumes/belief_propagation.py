@@ -122,4 +122,9 @@ def _coarser(cost: Volume) -> Volume:
 
 
 def _finer(message: Volume, shape: tuple[int, ...]) -> Volume:
-    return np.ascontiguousarray(message.repeat(2, axis=0).repeat(2, axis=1)[: shape[0], : shape[1]])
+    fine = np.empty((*shape, message.shape[2]), np.float32)
+    for dy in (0, 1):
+        for dx in (0, 1):
+            part = fine[dy::2, dx::2]
+            part[...] = message[: part.shape[0], : part.shape[1]]
+    return fine

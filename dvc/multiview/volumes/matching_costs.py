@@ -145,7 +145,8 @@ def census(image: NDArray[np.float32]) -> NDArray[np.uint32]:
     grey = image[:, :, 0] * np.float32(0.299) + image[:, :, 1] * np.float32(0.587)
     grey += image[:, :, 2] * np.float32(0.114)
     bits = np.empty(grey.shape, np.uint32)
-    _kernels.census(grey, CENSUS_RADIUS_PX, np.float32(DEAD_ZONE), bits)
+    padded = np.pad(grey, CENSUS_RADIUS_PX, mode="edge")
+    _kernels.census(padded, CENSUS_RADIUS_PX, np.float32(DEAD_ZONE), bits)
     return bits
 
 

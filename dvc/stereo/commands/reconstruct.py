@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> int:
     truth = _truth(arguments, array)
     warnings = check_views(array, labels)
     if rectified is None and arguments.disparities is not None:
-        check_disparities(array, labels)
+        check_disparities(array, labels, arguments.jobs)
     settings = _settings(arguments)
     with atomic_folder(arguments.out) as folder:
         total = most_steps(array, labels, settings)
@@ -111,8 +111,8 @@ def run(arguments: argparse.Namespace) -> int:
 
             found.figures["rectification"] = rectification_index(rectified)
             write_original_views(folder, found, rectified.rectification)
-        write_reconstruction(folder, found)
-        write_previews(folder, found, truth)
+        write_reconstruction(folder, found, arguments.jobs)
+        write_previews(folder, found, truth, arguments.jobs)
         _write_shapes(shapes, found, rectification)
     for warning in found.figures["warnings"]:
         sys.stderr.write(f"dvc-stereo: {warning}\n")

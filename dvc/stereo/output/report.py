@@ -1,6 +1,7 @@
 """What is told of a reconstruction beside its data: figures, warnings, previews, and a page of them."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -139,7 +140,9 @@ def _rounded(disparity: float) -> str:
     return f"{round(disparity, 3) + 0.0:g}"
 
 
-def write_previews(folder: Path, reconstruction: Reconstruction, truth: Truth | None = None) -> None:
+def write_previews(
+    folder: Path, reconstruction: Reconstruction, truth: Truth | None = None, jobs: int = 1
+) -> None:
     """Write pictures beside the data, and the page that shows them all.
 
     Parameters
@@ -150,20 +153,24 @@ def write_previews(folder: Path, reconstruction: Reconstruction, truth: Truth | 
         As `reported` returns it.
     truth : Truth, optional
         Of the reference view.
+    jobs : int, optional
+        Threads.
     """
-    array = reconstruction.array
-    groups = []
-    for index, (view, surface) in enumerate(zip(array, reconstruction.surfaces, strict=True)):
-        coloured = _coloured(view, surface, reconstruction.labels)
-        legend = disparity_legend(array.shape[1], reconstruction.labels.lowest, reconstruction.labels.highest)
+    array, labels = reconstruction.array, reconstruction.labels
+    legend = disparity_legend(array.shape[1], labels.lowest, labels.highest)
+
+    def _previewed(index: int) -> Group:
+        view, surface = array[index], reconstruction.surfaces[index]
+        coloured = _coloured(view, surface, labels)
         write_png(folder / f"preview-{view.name}.png", np.vstack([coloured, legend]))
         error = None
         if truth is not None and index == array.reference:
             error = colour_error(*disparity_error(surface.disparity, truth.disparity, truth.mask))
             write_png(folder / f"error-{view.name}.png", error)
-        groups.append(
-            _group(view.name, np.ascontiguousarray(view.image[:, :, ::-1]), surface, coloured, error)
-        )
+        return _group(view.name, np.ascontiguousarray(view.image[:, :, ::-1]), surface, coloured, error)
+
+    with ThreadPoolExecutor(jobs) as pool:
+        groups = list(pool.map(_previewed, range(len(array))))
     write_gallery(folder / PAGE, _gallery(reconstruction, groups))
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +83,7 @@ def found_labels(array: CameraArray) -> DisparityLabels | None:
     return None if found is None else suggested_labels(*found)
 
 
-def check_disparities(array: CameraArray, labels: DisparityLabels) -> None:
+def check_disparities(array: CameraArray, labels: DisparityLabels, jobs: int = 1) -> None:
     """Compare disparities to try with those of points that the reference view and its neighbours share.
 
     Parameters
@@ -91,6 +92,8 @@ def check_disparities(array: CameraArray, labels: DisparityLabels) -> None:
         Views that are rectified already.
     labels : DisparityLabels
         Disparities to try.
+    jobs : int, optional
+        Threads.
 
     Raises
     ------
@@ -98,12 +101,14 @@ def check_disparities(array: CameraArray, labels: DisparityLabels) -> None:
         If nearly all points lie outside the range, as where views are in the wrong order, or mirrored.
     """
     reference = array.reference
-    own = Features(array[reference].image)
-    for index in neighbours(array, reference).all:
+    near = neighbours(array, reference).all
+    with ThreadPoolExecutor(jobs) as pool:
+        own, *others = pool.map(Features, [array[index].image for index in (reference, *near)])
+    for index, other in zip(near, others, strict=True):
         pair = array[reference], array[index]
         origin, place = (view.position for view in pair)
         baseline = LatticePosition(place.m - origin.m, place.n - origin.n)
-        found = row_matches([LatticePosition(0.0, 0.0), baseline], [own, Features(pair[1].image)]).disparities
+        found = row_matches([LatticePosition(0.0, 0.0), baseline], [own, other]).disparities
         slack = MARGIN_PX / float(np.hypot(*baseline))
         outside = (found < labels.lowest - slack) | (found > labels.highest + slack)
         if len(found) < MIN_MATCHES or outside.mean() < MOST_OUTSIDE:

@@ -10,10 +10,12 @@ from dvc.stereo.surfaces.occupancy import Occupancy
 
 Floats = NDArray[np.float64]
 
-SLOPE_RADIUS_PX = 35
+SLOPE_RADIUS_PX = 34
 """Where the slope of a surface is measured: wide, since labels are whole numbers."""
 SLOPE_LIMIT = 3.0
 """Pixels of parallax by which a surface may differ in this radius."""
+SLOPE_SPACING_PX = 2
+"""Between the pixels that it is measured with; these are enough."""
 REACH_PX = 80.0
 """How far slopes are continued."""
 SLACK_PX = 1.5
@@ -49,7 +51,7 @@ def continued(
         Labels; whole numbers where they are supported.
     """
     warps = _warp(labels, *positions), _warp(labels, *positions[::-1])
-    slopes = Slopes(SLOPE_RADIUS_PX, SLOPE_LIMIT * fineness, REACH_PX)
+    slopes = Slopes(SLOPE_RADIUS_PX, SLOPE_LIMIT * fineness, REACH_PX, SLOPE_SPACING_PX)
     red, green, blue = np.moveaxis(image.astype(np.float64), 2, 0)
     luma = 0.299 * red + 0.587 * green + 0.114 * blue
     filled = continue_surfaces(_seen(own), luma, _seen(other), warps, slopes, SLACK_PX)

@@ -1,5 +1,6 @@
 """A reconstruction as a folder: pictures and disparities of all views, and `stereo.json` that names them."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ FORMAT, VERSION = "dvc3d stereo", 1
 MAX_VIEWS = 1 << 15
 
 
-def write_reconstruction(folder: Path, reconstruction: Reconstruction) -> None:
+def write_reconstruction(folder: Path, reconstruction: Reconstruction, jobs: int = 1) -> None:
     """Write `stereo.json` and, of each view, its picture, disparity, occlusions and confidence.
 
     Parameters
@@ -25,9 +26,12 @@ def write_reconstruction(folder: Path, reconstruction: Reconstruction) -> None:
         A folder that exists.
     reconstruction : Reconstruction
         What to write.
+    jobs : int, optional
+        Threads.
     """
     array, labels = reconstruction.array, reconstruction.labels
-    for view, surface in zip(array, reconstruction.surfaces, strict=True):
+
+    def _write_view(view: ArrayView, surface: Surface) -> None:
         files = _files(view)
         if view.valid is not None:
             write_png(folder / files["valid"], view.valid.astype(np.uint8) * 255)
@@ -35,6 +39,9 @@ def write_reconstruction(folder: Path, reconstruction: Reconstruction) -> None:
         write_pfm(folder / files["disparity"], surface.disparity)
         write_png(folder / files["occluded"], surface.occluded.astype(np.uint8) * 255)
         write_png(folder / files["confidence"], np.rint(surface.confidence * 255).astype(np.uint8))
+
+    with ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(_write_view, array, reconstruction.surfaces))
     height, width = array.shape
     index = {
         "width": width,

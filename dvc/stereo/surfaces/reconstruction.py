@@ -8,7 +8,7 @@ whom (2.17), and its windows follow them.
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import cv2
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels
-from dvc.multiview.volumes.aggregation import Arms, cross_arms
+from dvc.multiview.volumes.aggregation import Arms, Window, cross_arms
 from dvc.multiview.volumes.inference import Inferred
 from dvc.multiview.volumes.matching_costs import COSTS, Band
 from dvc.stereo.surfaces import _kernels
@@ -97,8 +97,9 @@ def reconstruct(
     with ThreadPoolExecutor(jobs) as pool:
         solver = _Solver(_equally_exposed(array), labels, settings, pool, advance)
         state, changes = solver.solve()
+        surfaces = solver.surfaces(state)
     figures = {"iterations": len(changes), "changed": [round(change, 6) for change in changes]}
-    return Reconstruction(array, labels, solver.surfaces(state), figures)
+    return Reconstruction(array, labels, surfaces, figures)
 
 
 def most_steps(array: CameraArray, labels: DisparityLabels, settings: StereoSettings) -> int:
@@ -155,6 +156,7 @@ class _Solver:
         self.pool, self.advance = pool, advance
         smaller = settings.occlusion != "none"
         self.comparison = Comparison(array, labels, COSTS[settings.cost], smaller)
+        self.arms: dict[tuple[int, Window], Arms] = {}
         self.near = [neighbours(array, index) for index in range(len(array))]
         self.is_large = _is_large(array.shape, labels.num_labels)
         self.half_band = round(HALF_BAND_PX * self.comparison.fineness)
@@ -200,6 +202,7 @@ class _Solver:
         def _infer(task: tuple[int, slice]) -> Inferred:
             return self._inferred(state, *task)
 
+        self._grow_arms(self.settings.windows(0 if state is None else 1))
         parts = self.pool.map(_infer, [(index, strip) for index in views for strip in self.strips])
         inferred = []
         for _ in views:
@@ -214,6 +217,14 @@ class _Solver:
         filled = list(self.pool.map(lambda index: self._continued(occupancy, index), views))
         return _State(occupancy, inferred, filled, [_base(surface, self.labels) for surface in filled])
 
+    def _grow_arms(self, windows: Sequence[Window]) -> None:
+        """Find arms for these windows alone; what an iteration before has found is kept."""
+        wanted = list(product(range(len(self.array)), windows))
+        missing = [task for task in wanted if task not in self.arms]
+        grown = self.pool.map(lambda task: cross_arms(self.array[task[0]].image, task[1]), missing)
+        found = self.arms | dict(zip(missing, grown, strict=True))
+        self.arms = {task: found[task] for task in wanted}
+
     def _inferred(self, state: _State | None, index: int, strip: slice) -> Inferred:
         """Labels of a strip of a view (2.13)."""
         settings, view = self.settings, self.array[index]
@@ -221,7 +232,7 @@ class _Solver:
         rows = slice(max(strip.start - OVERLAP_ROWS, 0), min(strip.stop + OVERLAP_ROWS, view.shape[0]))
         base = np.zeros(view.shape, np.int64) if state is None else state.bases[index]
         windows = settings.windows(iteration)
-        arms: Sequence[Arms] = [cross_arms(view.image, window) for window in windows]
+        arms = [self.arms[index, window] for window in windows]
         explicit = state is not None and settings.occlusion == "explicit"
         occupancy = state.occupancy if state is not None and explicit else None
         origin = base - self.half_band if self.is_large else np.zeros(view.shape, np.int64)
@@ -247,20 +258,18 @@ class _Solver:
     def surfaces(self, state: _State) -> tuple[Surface, ...]:
         """Turn labels into disparities; what no camera agrees on counts as occluded."""
         final = [np.floor(surface + 0.5).astype(np.int64) for surface in state.filled]
-        surfaces = []
-        for index, (occupancy, inferred, filled) in enumerate(
-            zip(state.occupancy, state.inferred, state.filled, strict=True)
-        ):
-            label = filled
+
+        def _surface(index: int) -> Surface:
+            occupancy, inferred, label = state.occupancy[index], state.inferred[index], state.filled[index]
             if self.settings.sub_pixel:
                 offset = np.where(occupancy.supported, inferred.offset, 0.0)
-                label = np.clip(filled + offset, 0.0, self.labels.num_labels - 1.0)
+                label = np.clip(label + offset, 0.0, self.labels.num_labels - 1.0)
             seen = seen_elsewhere(self.array, self.labels, final, index)
             clear = 1.0 - np.exp(-inferred.margin / CLEAR_MARGIN)
             confidence = np.where(occupancy.supported, clear, 0.0).astype(np.float32)
-            disparity = self.labels.disparity(label).astype(np.float32)
-            surfaces.append(Surface(disparity, ~seen, confidence))
-        return tuple(surfaces)
+            return Surface(self.labels.disparity(label).astype(np.float32), ~seen, confidence)
+
+        return tuple(self.pool.map(_surface, range(len(self.array))))
 
 
 def _is_large(shape: tuple[int, int], num_labels: int) -> bool:

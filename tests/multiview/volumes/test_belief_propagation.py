@@ -48,10 +48,10 @@ def rises(base: NDArray[np.int64]) -> tuple[Any, Any]:
 @pytest.mark.parametrize("shift", [-7, -2, -1, 0, 1, 3, 9])
 def test_message(choose: Choose, rng: np.random.Generator, shift: int) -> None:
     """It is the least cost over all labels of who sends it, in linear time, also across a rise."""
-    for slope, limit in ((0.3, 0.8), (0.7, 0.5), (0.05, 2.0)):
+    for slope, limit in ((0.3, 0.8), (0.7, 0.5), (0.05, 2.0), (0.2, 0.6), (0.0, 0.4), (0.3, 0.0)):
         parts = rng.uniform(0, 1, (4, 6)).astype(np.float32)
-        message, work = np.empty((2, 6), np.float32)
-        numbers = (np.float32(value) for value in (0.6, slope, limit))
+        message, numbers = np.empty(6, np.float32), [np.float32(value) for value in (0.6, slope, limit)]
+        work = choose(kernels.message_space)(6, *numbers[1:])
         choose(kernels.send)(*parts, *numbers, shift, message, work)
         expected = reference.message(parts.sum(axis=0).astype(np.float64), 0.6, slope, limit, shift)
         np.testing.assert_allclose(message, expected, atol=1e-5)
