@@ -186,6 +186,37 @@ def code_decision(coder: CoderState, probability: float, decision: int) -> int:
 
 
 @kernel
+def is_settled(coder: CoderState, probability: float, num_bytes: int) -> bool:
+    """Tell whether a decision is the same whatever follows the data, compiled.
+
+    So a sequence that was cut can be read up to its last decision that is sure.
+
+    Parameters
+    ----------
+    coder : CoderState
+        Where to read.
+    probability : float
+        Of a 1.
+    num_bytes : int
+        How many there are.
+
+    Returns
+    -------
+    bool
+        Whether `code_decision` would read it right.
+    """
+    missing = 4 * np.int64(coder.fields[POSITION]) - num_bytes
+    if missing <= 0:
+        return True
+    if missing >= 8:
+        return False
+    first_one = np.uint64((1.0 - probability) * _FREE_WEIGHT) + _ONE
+    border = (coder.fields[RANGE] >> _PRECISION) * first_one
+    low = coder.fields[LOW]
+    return bool(low >= border or border - low > (_ONE << np.uint64(8 * missing)) - _ONE)
+
+
+@kernel
 def code_uniform(coder: CoderState, bound: int, value: int) -> int:
     """Code a number all of whose values are as probable, compiled.
 

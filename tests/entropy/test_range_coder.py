@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.entropy import RangeCoder, code_decision, code_uniform
-from dvc.entropy.range_coder import MAX_BOUND
+from dvc.entropy.range_coder import MAX_BOUND, is_settled
 from dvc.errors import BitstreamError
 from tests.reference import entropy as reference
 
@@ -143,3 +143,22 @@ def test_a_sequence_takes_its_information() -> None:
     ones = sum(decisions)
     ideal_bits = -ones * np.log2(0.02) - (len(decisions) - ones) * np.log2(0.98)
     assert ideal_bits - 8 < 8 * len(writer.to_bytes()) < ideal_bits + 40
+
+
+@pytest.mark.nojit
+@given(st.lists(DECISIONS, min_size=1, max_size=60), st.integers(0, 40), st.binary(min_size=16, max_size=16))
+def test_settled_decisions_do_not_depend_on_what_follows(
+    symbols: list[Symbol], length: int, following: bytes
+) -> None:
+    """Decisions that a part of the data settles are right, whatever follows; all data settle all."""
+    writer = RangeCoder.writer()
+    coded(writer, symbols)
+    whole = writer.to_bytes() + bytes(12)
+    data = whole[:length]
+    reader, other = RangeCoder.reader(data).room_for(0), RangeCoder.reader(data + following).room_for(0)
+    for number, (probability, _, decision) in enumerate(symbols):
+        if not is_settled(reader, probability, len(data)):
+            assert len(data) < len(whole), number
+            break
+        assert code_decision(other, probability, 0) == decision
+        assert code_decision(reader, probability, 0) == decision

@@ -1,0 +1,1 @@
+"""Pictures of a reference view as embedded streams."""

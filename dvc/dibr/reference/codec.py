@@ -1,0 +1,330 @@
+"""The reference view: a picture as an embedded stream, and back.
+
+Planes (gray, or luma and chroma) are transformed, and all their coefficients coded together: chroma is scaled
+by `CHROMA_WEIGHT`, so its bit planes come among those of luma. Any part of the bytes from the beginning is a
+picture, and what it is depends on these bytes alone: an encoder that wants to know what a decoder has calls
+`decode`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dvc.dibr.reference.colour import rgb_from_ycbcr, ycbcr_from_rgb
+from dvc.dibr.spiht import coder
+from dvc.dibr.spiht.coder import MAX_PLANES, DecodedCoefficients
+from dvc.dibr.spiht.significance import significance_maps
+from dvc.dibr.spiht.trees import Forest, Shape, zerotrees
+from dvc.dibr.wavelets.lifting import WAVELETS, Pyramid, analyse, low_band_gain, most_levels, synthesise
+from dvc.errors import BitstreamError
+
+STEP = 0.25
+"""Of the quantiser once all bit planes are read, in steps of 8-bit intensities."""
+
+CHROMA_WEIGHT = 0.5
+"""Factor on chroma coefficients; squared, what its errors weigh beside those of luma."""
+
+DEFAULT_LEVELS = 6
+MAX_LEVELS = 15
+_MIDDLE = 128.0
+_PEAK = 255.0
+_POINT_STEP, _FIRST_POINT, _NUM_POINTS = 1 / 32, 2, 16
+
+
+@dataclass(frozen=True)
+class ReferenceHeader:
+    """What a decoder needs beside size and data.
+
+    Attributes
+    ----------
+    num_levels : int
+        How many times planes are split, at most `MAX_LEVELS`.
+    num_bit_planes : int
+        Bit planes of the coefficients, at most `MAX_PLANES`.
+    colour : bool
+        Three planes instead of one.
+    wavelet : str
+        ``9/7`` or ``5/3``.
+    adaptive : bool
+        Arithmetic coding; else plain bits.
+    points : tuple of int
+        Where coefficients lie in their intervals, at first and once refined: k for (k + 2) / 32; below 16.
+    """
+
+    num_levels: int
+    num_bit_planes: int
+    colour: bool = False
+    wavelet: str = "9/7"
+    adaptive: bool = True
+    points: tuple[int, int] = (10, 12)
+
+    SIZE = 3
+    """Bytes."""
+
+    def to_bytes(self) -> bytes:
+        """Return the header as bytes; the inverse of `from_bytes`.
+
+        Returns
+        -------
+        bytes
+            `SIZE` of them.
+        """
+        flags = self.colour | (self.wavelet == "5/3") << 1 | self.adaptive << 2
+        return bytes(
+            [self.num_levels | flags << 4, self.num_bit_planes, self.points[0] << 4 | self.points[1]]
+        )
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """Read a header.
+
+        Parameters
+        ----------
+        data : bytes
+            At least `SIZE` bytes; what follows is ignored.
+
+        Returns
+        -------
+        ReferenceHeader
+            The header.
+
+        Raises
+        ------
+        BitstreamError
+            If there are fewer, or none that is written like this.
+        """
+        if len(data) < cls.SIZE:
+            raise BitstreamError("the header of the reference view is cut off")
+        first, num_bit_planes, points = data[: cls.SIZE]
+        flags = first >> 4
+        if flags > 7 or num_bit_planes > MAX_PLANES:
+            raise BitstreamError("the header of the reference view is damaged")
+        wavelet = "5/3" if flags & 2 else "9/7"
+        return cls(
+            first & 15, num_bit_planes, bool(flags & 1), wavelet, bool(flags & 4), (points >> 4, points & 15)
+        )
+
+
+@dataclass(frozen=True)
+class DecodedReference:
+    """A decoded picture.
+
+    Attributes
+    ----------
+    planes : ndarray of shape (1 or 3, H, W), float64
+        Gray, or Y, Cb and Cr; intensities from 0 to 255, neither rounded nor clipped.
+    significance : list of ndarray of shape (ceil(H / 2^j), ceil(W / 2^j)), bool
+        Where coefficients are significant (3.3), from j = 1 on, down to one pixel; of the full resolution.
+    """
+
+    planes: NDArray[np.float64]
+    significance: list[NDArray[np.bool_]]
+
+    def picture(self) -> NDArray[np.uint8]:
+        """Return the picture.
+
+        Returns
+        -------
+        ndarray of shape (H, W) or (H, W, 3), uint8
+            Gray, or red, green and blue.
+        """
+        exact = self.planes[0] if len(self.planes) == 1 else rgb_from_ycbcr(self.planes)
+        return np.clip(np.rint(exact), 0.0, _PEAK).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class ReferenceCode:
+    """An encoded picture, to be cut where the caller wants.
+
+    Attributes
+    ----------
+    header : ReferenceHeader
+        The header, of usual points.
+    data : bytes
+        All data.
+    shape : tuple of int
+        Rows and columns.
+    bits_per_pixel : ndarray of shape (n,), float64
+        Lengths at which the data may be cut, increasing; the header is not counted.
+    mse : ndarray of shape (n,), float64
+        Mean squared error there, intensities from 0 to 1, as coefficients tell it: chroma counts by
+        its weight.
+    """
+
+    header: ReferenceHeader
+    data: bytes = field(repr=False)
+    shape: Shape
+    bits_per_pixel: NDArray[np.float64]
+    mse: NDArray[np.float64]
+    _forest: Forest = field(repr=False)
+    _coefficients: NDArray[np.float64] = field(repr=False)
+
+    def bytes_at_slope(self, slope: float) -> int:
+        """Return where to cut so that the last bits were worth a slope.
+
+        Parameters
+        ----------
+        slope : float
+            Mean squared error, intensities from 0 to 1, per bit per pixel; λ of (3.5).
+
+        Returns
+        -------
+        int
+            Length in bytes of the point of least ``mse + slope * bits_per_pixel``.
+        """
+        best = int(np.argmin(self.mse + slope * self.bits_per_pixel))
+        num_pixels = self.shape[0] * self.shape[1]
+        return min(round(float(self.bits_per_pixel[best]) * num_pixels / 8), len(self.data))
+
+    def cut(self, num_bytes: int) -> tuple[ReferenceHeader, bytes]:
+        """Return a part, and the header that suits it best.
+
+        Parameters
+        ----------
+        num_bytes : int
+            Length of the data, without the header; all there are, if there are fewer.
+
+        Returns
+        -------
+        header : ReferenceHeader
+            The header, of fitted points; it also serves any other part.
+        data : bytes
+            The data.
+        """
+        data = self.data[: max(num_bytes, 0)]
+        known = coder.decode(self._forest, data, self.header.num_bit_planes, self.header.adaptive)
+        fitted = [
+            min(max(round(point / _POINT_STEP) - _FIRST_POINT, 0), _NUM_POINTS - 1)
+            for point in known.fitted_points(self._coefficients)
+        ]
+        return replace(self.header, points=(fitted[0], fitted[1])), data
+
+
+def encode(
+    picture: ArrayLike,
+    max_bytes: int | None = None,
+    num_levels: int | None = None,
+    wavelet: str = "9/7",
+    adaptive: bool = True,
+) -> ReferenceCode:
+    """Code a picture.
+
+    Parameters
+    ----------
+    picture : array_like of shape (H, W) or (H, W, 3)
+        Gray, or red, green and blue, from 0 to 255.
+    max_bytes : int, optional
+        Length of the data at which to stop; after the last bit plane by default.
+    num_levels : int, optional
+        How many times planes are split, at most `MAX_LEVELS`; by default `DEFAULT_LEVELS`, or down to one
+        pixel.
+    wavelet : str, optional
+        ``9/7`` or ``5/3``.
+    adaptive : bool, optional
+        Arithmetic coding; else plain bits.
+
+    Returns
+    -------
+    ReferenceCode
+        The code, to be cut.
+
+    Raises
+    ------
+    ValueError
+        If the picture has another shape, or an option another value.
+    """
+    planes = _planes_of(np.asarray(picture, np.float64))
+    shape = (planes[0].shape[0], planes[0].shape[1])
+    if num_levels is None:
+        num_levels = min(DEFAULT_LEVELS, most_levels(shape))
+    if not 0 <= num_levels <= MAX_LEVELS:
+        raise ValueError(f"`num_levels` must be from 0 to {MAX_LEVELS}, got {num_levels}")
+    if wavelet not in WAVELETS:
+        raise ValueError(f"`wavelet` must be one of {', '.join(WAVELETS)}, got {wavelet!r}")
+    forest = _forest(shape, num_levels, len(planes) == 3)
+    pyramids = [analyse(plane, num_levels, WAVELETS[wavelet]) for plane in planes]
+    coefficients = forest.gather(pyramids) / STEP
+    code = coder.encode(forest, coefficients, max_bytes, adaptive)
+    header = ReferenceHeader(num_levels, code.num_planes, len(planes) == 3, wavelet, adaptive)
+    num_pixels = shape[0] * shape[1]
+    mse = code.squared_error * (STEP / _PEAK) ** 2 / num_pixels
+    return ReferenceCode(header, code.data, shape, code.bits / num_pixels, mse, forest, coefficients)
+
+
+def decode(
+    header: ReferenceHeader, data: bytes, shape: Shape, num_skipped_levels: int = 0
+) -> DecodedReference:
+    """Decode a picture, or as much of it as some bytes hold.
+
+    Parameters
+    ----------
+    header : ReferenceHeader
+        The header.
+    data : bytes
+        Data, from their beginning.
+    shape : tuple of int
+        Rows and columns of the picture.
+    num_skipped_levels : int, optional
+        How many times the picture is halved; at most as often as it was split.
+
+    Returns
+    -------
+    DecodedReference
+        The picture and its significance maps.
+
+    Raises
+    ------
+    BitstreamError
+        If the data are damaged.
+    ValueError
+        If there are not so many levels.
+    """
+    if not 0 <= num_skipped_levels <= header.num_levels:
+        raise ValueError(
+            f"`num_skipped_levels` must be from 0 to {header.num_levels}, got {num_skipped_levels}"
+        )
+    forest = _forest(shape, header.num_levels, header.colour)
+    known = coder.decode(forest, data, header.num_bit_planes, header.adaptive)
+    points = tuple((point + _FIRST_POINT) * _POINT_STEP for point in header.points)
+    pyramids = forest.scatter(known.reconstruct((points[0], points[1])) * STEP)
+    planes = _synthesised(pyramids, header, shape, num_skipped_levels)
+    return DecodedReference(planes, _significance(forest, known, shape))
+
+
+def _significance(forest: Forest, known: DecodedCoefficients, shape: Shape) -> list[NDArray[np.bool_]]:
+    return significance_maps(forest, known, shape, most_levels(shape))
+
+
+def _synthesised(
+    pyramids: Sequence[Pyramid], header: ReferenceHeader, shape: Shape, num_skipped_levels: int
+) -> NDArray[np.float64]:
+    gain = low_band_gain(shape, num_skipped_levels)
+    planes = []
+    for pyramid, (middle, weight) in zip(pyramids, _SCALES, strict=False):
+        kept = Pyramid(pyramid.low, pyramid.details[num_skipped_levels:])
+        planes.append(synthesise(kept, WAVELETS[header.wavelet]) / (gain * weight) + middle)
+    return np.stack(planes)
+
+
+_SCALES = ((_MIDDLE, 1.0), (0.0, CHROMA_WEIGHT), (0.0, CHROMA_WEIGHT))
+
+
+def _planes_of(picture: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the planes of a picture as they are transformed."""
+    if picture.ndim == 2:
+        planes = picture[np.newaxis]
+    elif picture.ndim == 3 and picture.shape[2] == 3:
+        planes = ycbcr_from_rgb(picture)
+    else:
+        raise ValueError(f"`picture` must be of shape (H, W) or (H, W, 3), got {picture.shape}")
+    if planes.size == 0:
+        raise ValueError("`picture` must not be empty")
+    return [(plane - middle) * weight for plane, (middle, weight) in zip(planes, _SCALES, strict=False)]
+
+
+def _forest(shape: Shape, num_levels: int, colour: bool) -> Forest:
+    num_planes = 3 if colour else 1
+    return zerotrees([shape] * num_planes, [num_levels] * num_planes)

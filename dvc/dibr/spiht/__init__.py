@@ -1,0 +1,1 @@
+"""Embedded coding of wavelet coefficients by zerotrees: SPIHT with contexts."""

@@ -1,0 +1,239 @@
+"""Set partitioning in hierarchical trees, with contexts: coefficients as bytes that can be cut anywhere.
+
+Magnitudes are whole numbers of steps, with a dead zone. Their bit planes are coded from the highest on; in
+each, first the coefficients beside significant ones, then the next digits of those that were significant
+before, then all others and the sets, so that what gains most for its bits comes first. That, decisions that
+follow from others and are left out, and contexts are what differs from the original algorithm; its sets are
+the same.
+
+The probability of a decision is a logistic mixture of those of three adaptive contexts: what is known of the
+neighbours, of parent and children, and of the surroundings at that scale.
+
+A reader of a part of the bytes takes all decisions that these settle, whatever might follow, and no others.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.spiht import _kernels as kernels
+from dvc.dibr.spiht.trees import Forest
+from dvc.entropy import CoderState, RangeCoder
+from dvc.entropy.range_coder import POSITION
+from dvc.errors import BitstreamError
+
+MAX_PLANES = 30
+"""Most bit planes of magnitudes."""
+
+_MAX_BYTES_PER_NODE = 8
+
+
+@dataclass(frozen=True)
+class EmbeddedCode:
+    """Coefficients as bytes.
+
+    Attributes
+    ----------
+    data : bytes
+        Any part from the beginning is the code of an approximation.
+    num_planes : int
+        Bit planes; the reader must be told.
+    bits : ndarray of shape (n,), float64
+        Lengths, increasing.
+    squared_error : ndarray of shape (n,), float64
+        Of the coefficients, in squared steps, once that many bits are read.
+    """
+
+    data: bytes
+    num_planes: int
+    bits: NDArray[np.float64]
+    squared_error: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DecodedCoefficients:
+    """What bytes tell of coefficients.
+
+    Attributes
+    ----------
+    values : ndarray of shape (S,), int32
+        Lower bounds of magnitudes, in steps, with their signs; 0 where nothing is significant.
+    last_planes : ndarray of shape (S,), int32
+        Lowest bit plane of each that is known: a magnitude is less than ``2^last_plane`` above its bound.
+    """
+
+    values: NDArray[np.int32]
+    last_planes: NDArray[np.int32]
+
+    def reconstruct(self, points: tuple[float, float]) -> NDArray[np.float64]:
+        """Return coefficients, in steps.
+
+        Parameters
+        ----------
+        points : tuple of float
+            Where in their intervals those of one known digit lie, and all others, from 0 to 1.
+
+        Returns
+        -------
+        ndarray of shape (S,), float64
+            Coefficients.
+        """
+        magnitude, width, found = self._intervals()
+        inside = np.where(found, points[0], points[1]) * width
+        return np.where(self.values == 0, 0.0, np.copysign(magnitude + inside, self.values))
+
+    def fitted_points(self, exact: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the points of the least squared error.
+
+        Parameters
+        ----------
+        exact : ndarray of shape (S,), float64
+            The coefficients, in steps.
+
+        Returns
+        -------
+        tuple of float
+            As `reconstruct` takes them; 0.5 where there is nothing to fit to.
+        """
+        magnitude, width, found = self._intervals()
+        excess = np.abs(exact) - magnitude
+        points = []
+        for group in (found, ~found):
+            chosen = group & (self.values != 0)
+            energy = float(np.sum(width[chosen] ** 2))
+            points.append(float(np.sum((excess * width)[chosen])) / energy if energy else 0.5)
+        return points[0], points[1]
+
+    def _intervals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        magnitude = np.abs(self.values.astype(np.float64))
+        width = np.ldexp(1.0, self.last_planes)
+        return magnitude, width, magnitude == width
+
+
+def encode(
+    forest: Forest, coefficients: NDArray[np.float64], max_bytes: int | None = None, adaptive: bool = True
+) -> EmbeddedCode:
+    """Code coefficients; the inverse of `decode`.
+
+    Parameters
+    ----------
+    forest : Forest
+        How they are arranged.
+    coefficients : ndarray of shape (S,), float64
+        Coefficients by node, in steps of the quantiser.
+    max_bytes : int, optional
+        Where to stop; after the last bit plane by default.
+    adaptive : bool, optional
+        Arithmetic coding with contexts; else every decision takes one bit.
+
+    Returns
+    -------
+    EmbeddedCode
+        The code, of at most `max_bytes`.
+
+    Raises
+    ------
+    ValueError
+        If a coefficient is not finite, or too large for `MAX_PLANES`.
+    """
+    exact = np.abs(coefficients)
+    if not np.all(exact < 2.0**MAX_PLANES):
+        raise ValueError(f"`coefficients` must be finite and below 2^{MAX_PLANES} steps")
+    most = _MAX_BYTES_PER_NODE * len(forest.nodes) if max_bytes is None else max_bytes
+    target = np.trunc(coefficients).astype(np.int32)
+    num_planes = int(np.abs(target).max(initial=0)).bit_length()
+    nodes = forest.nodes.copy()
+    nodes[:, kernels.TARGET] = target
+    kernels.gather_below(nodes, kernels.TARGET, kernels.LARGEST_BELOW, kernels.LARGEST_DEEPER)
+    energy = float(np.sum(exact * exact))
+    if not num_planes:
+        return EmbeddedCode(b"", 0, np.zeros(1), np.array([energy]))
+    coder = RangeCoder.writer()
+    num_words = most // 4 + 4
+    curve = np.zeros(num_words + 1)
+    curve[-1] = energy
+    run = _new_run(coder.room_for(num_words), forest, nodes, exact, curve, most + 8, adaptive)
+    kernels.code_planes(run, forest.roots, num_planes)
+    num_written = int(run.coder.fields[POSITION]) + 1
+    curve[num_written - 1] = curve[-1]
+    data = coder.to_bytes().ljust(4 * num_written + 4, b"\0")  # zeros follow for ever
+    bits = np.append(np.arange(0.0, 32.0 * num_written, 32.0), 8.0 * len(data))
+    errors = np.concatenate([[energy], curve[:num_written]])
+    within = bits <= 8.0 * most
+    return EmbeddedCode(data[:most], num_planes, bits[within], errors[within])
+
+
+def decode(forest: Forest, data: bytes, num_planes: int, adaptive: bool = True) -> DecodedCoefficients:
+    """Read what some bytes tell of coefficients.
+
+    Parameters
+    ----------
+    forest : Forest
+        How they are arranged.
+    data : bytes
+        Code, from its beginning.
+    num_planes : int
+        Bit planes.
+    adaptive : bool, optional
+        As it was written.
+
+    Returns
+    -------
+    DecodedCoefficients
+        Coefficients, by node.
+
+    Raises
+    ------
+    BitstreamError
+        If that number of bit planes, or the data, cannot have been written.
+    """
+    if not 0 <= num_planes <= MAX_PLANES:
+        raise BitstreamError(f"{num_planes} bit planes; there are at most {MAX_PLANES}")
+    coder = RangeCoder.reader(data)
+    nodes = forest.nodes.copy()
+    nothing = np.zeros(len(nodes))
+    run = _new_run(coder.room_for(0), forest, nodes, nothing, np.zeros(1), len(data), adaptive)
+    kernels.code_planes(run, forest.roots, num_planes)
+    coder.check()
+    return DecodedCoefficients(run.values, nodes[:, kernels.LAST_PLANE].copy())
+
+
+def _new_run(
+    coder: CoderState,
+    forest: Forest,
+    nodes: NDArray[np.int32],
+    exact: NDArray[np.float64],
+    curve: NDArray[np.float64],
+    num_bytes: int,
+    adaptive: bool,
+) -> kernels.Run:
+    bands = np.array([[b.stride, b.kind, b.level, b.component] for b in forest.bands], np.int32)
+    return kernels.Run(
+        coder,
+        np.zeros(8, np.int64),
+        np.zeros(len(nodes), np.int32),
+        nodes,
+        bands,
+        np.zeros((4, len(nodes)), np.int32),
+        exact,
+        curve,
+        np.tile([0.5, 0.0], (kernels.NUM_CONTEXTS, 1)),
+        np.full((kernels.NUM_WEIGHTS, 3), 0.4),
+        _TABLES,
+        num_bytes,
+        adaptive,
+    )
+
+
+def _logistic_tables() -> NDArray[np.float64]:
+    """Return the tables of the mixture, rounded so that they are the same on every processor."""
+    size, limit = kernels.TABLE_SIZE, kernels.STRETCH_LIMIT
+    middles = (np.arange(size) + 0.5) / size
+    stretch = np.round(np.log(middles / (1.0 - middles)) * 2**12) / 2**12
+    squash = np.round(2**20 / (1.0 + np.exp(limit - 2 * limit * middles))) / 2**20
+    rates = 1.0 / (np.minimum(np.arange(size), kernels.MAX_COUNT) + 1.6)
+    return np.stack([stretch, np.clip(squash, 2.0**-13, 1.0 - 2.0**-13), rates])
+
+
+_TABLES = _logistic_tables()

@@ -1,0 +1,1 @@
+"""Wavelet transforms of planes of any size."""
