@@ -106,6 +106,11 @@ class ArrayView:
         """Height and width."""
         return self.image.shape[0], self.image.shape[1]
 
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Where the camera has seen something: `valid`, or everywhere."""
+        return np.ones(self.shape, np.bool_) if self.valid is None else self.valid
+
 
 @dataclass(frozen=True, eq=False)
 class CameraArray:

@@ -45,6 +45,20 @@ def with_support(own: Volume, horizontal: list[Volume], vertical: list[Volume]) 
     return kept
 
 
+def with_support_in_frames(
+    own: Volume, horizontal: list[tuple[Volume, Volume]], vertical: list[tuple[Volume, Volume]]
+) -> Volume:
+    """Do so where a neighbour looks: a direction whose frames all end before a voxel asks for nothing.
+
+    Of each neighbour its voxels, and those inside its frame; one at least must have the voxel.
+    """
+    kept, found = own.copy(), np.zeros_like(own)
+    for direction in filter(None, (horizontal, vertical)):
+        occupied, inside = (np.logical_or.reduce(volumes) for volumes in zip(*direction, strict=True))
+        kept, found = kept & (occupied | ~inside), found | occupied
+    return kept & found
+
+
 def geometric_cost(volume: Volume, limit: float) -> Floats:
     """Return the truncated distance to the nearest occupied voxel of a column, (2.16)."""
     cost = np.zeros(volume.shape)

@@ -106,7 +106,7 @@ class CensusCost:
         level_table = _robust(np.arange(3 * 256) / 3.0, LEVEL_SCALE)
         costs = _empty(view, band, rows)
         image = view.image.astype(np.float32)
-        pictures = (image, census(image)), (others, bits, _seen(other))
+        pictures = (image, census(image)), (others, bits, other.seen)
         tables = census_table, level_table
         _kernels.census_cost(*pictures, shifts, band.origin, rows.start, *tables, *costs)
         return costs
@@ -124,7 +124,7 @@ class SquaredCost:
         others, shifts = phases(other, view.position, labels)
         costs = _empty(view, band, rows)
         limit = np.float32(SQUARED_LIMIT)
-        pictures = view.image.astype(np.float32), others, _seen(other)
+        pictures = view.image.astype(np.float32), others, other.seen
         _kernels.squared_cost(*pictures, shifts, band.origin, rows.start, limit, *costs)
         return costs
 
@@ -230,10 +230,6 @@ def _cubic_taps(fraction: float) -> NDArray[np.float32]:
 def _robust(distance: NDArray[np.float64] | NDArray[np.int64], scale: float) -> NDArray[np.float32]:
     robust: NDArray[np.float32] = (1.0 - np.exp(-distance / scale)).astype(np.float32)
     return robust
-
-
-def _seen(other: ArrayView) -> NDArray[np.bool_]:
-    return np.ones(other.shape, np.bool_) if other.valid is None else other.valid
 
 
 def _empty(view: ArrayView, band: Band, rows: slice) -> WeightedCosts:

@@ -137,7 +137,7 @@ def unrefuted(reconstruction: Reconstruction) -> Masks:
     tolerance = 1.001 * resolution(array, reconstruction.labels)
     masks = []
     for index, (view, surface) in enumerate(zip(array, surfaces, strict=True)):
-        mask = np.ones(array.shape, np.bool_) if view.valid is None else view.valid.copy()
+        mask = view.seen.copy()
         for pair in _neighbours(array, index):
             best, worst = np.zeros(array.shape, np.uint8), np.full(array.shape, _kernels.CONFIRMED, np.uint8)
             for other in pair:
@@ -194,13 +194,12 @@ def layered_depth_image(
     _check_magnitudes(reconstruction)
     reference = array[array.reference]
     masks = unrefuted(reconstruction)
-    seen = np.ones(array.shape, np.bool_) if reference.valid is None else reference.valid
-    masks[array.reference] = seen
+    masks[array.reference] = reference.seen
     positions = np.array([np.subtract(view.position, reference.position) for view in array], np.float64)
     canvas = _canvas(reconstruction, masks, positions)
     points = _splat(reconstruction, masks, positions, canvas, advance)
     colour, disparity, votes = _vote(reconstruction, positions, canvas, points)
-    colour[0, *canvas.frame.slices][seen] = reference.image[seen]
+    colour[0, *canvas.frame.slices][reference.seen] = reference.image[reference.seen]
     return LayeredDepthImage(canvas, colour, disparity, votes)
 
 

@@ -176,7 +176,7 @@ def write_previews(
 
 def _surface_figures(view: ArrayView, surface: Surface, labels: DisparityLabels) -> dict[str, float]:
     """Count what the camera has seen; what rectification leaves empty does not count."""
-    seen = np.ones(view.shape, np.bool_) if view.valid is None else view.valid
+    seen = view.seen
     disparity = surface.disparity[seen]
     label = labels.label(disparity)
     return {

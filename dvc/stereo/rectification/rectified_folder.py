@@ -38,8 +38,7 @@ def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
     rows = ["file,m,n"]
     for view in rectified.array:
         write_png(folder / f"view-{view.name}.png", view.image[:, :, ::-1])
-        valid = np.ones(view.shape, np.bool_) if view.valid is None else view.valid
-        write_png(folder / f"valid-{view.name}.png", valid.astype(np.uint8) * 255)
+        write_png(folder / f"valid-{view.name}.png", view.seen.astype(np.uint8) * 255)
         rows.append(f"view-{view.name}.png,{view.position.m!r},{view.position.n!r}")
     (folder / "views.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     write_png(folder / "preview.png", preview(rectified.array))

@@ -10,16 +10,15 @@ from dvc._jit import kernel
 
 
 @kernel
-def agree(own, other, shifts, tolerance, agreeing):
-    """Tell where another camera's label at the same point is the own one, or near it (2.15)."""
+def agree(own, other, other_seen, shifts, tolerance, agreeing, looking):
+    """Tell where another camera's label at the same point is the own one, or near it (2.15), or has any."""
     height, width = own.shape
     for y in range(height):
         for x in range(width):
             k = own[y, x]
             u, v = x + shifts[k, 0], y + shifts[k, 1]
-            agreeing[y, x] = False
-            if 0 <= u < width and 0 <= v < height:
-                agreeing[y, x] = abs(other[v, u] - k) <= tolerance
+            looking[y, x] = 0 <= u < width and 0 <= v < height and other_seen[v, u]
+            agreeing[y, x] = looking[y, x] and abs(other[v, u] - k) <= tolerance
 
 
 @kernel

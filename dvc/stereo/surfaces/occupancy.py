@@ -129,9 +129,24 @@ def shifts(labels: DisparityLabels, view: LatticePosition, other: LatticePositio
     return np.floor(offsets(labels, view, other) + 0.5).astype(np.int64)
 
 
-def agreeing(
+class Agreement(NamedTuple):
+    """What another camera says of a camera's surface.
+
+    Attributes
+    ----------
+    agreeing : ndarray of shape (H, W), bool
+        Where its label at the same point is the own one, within `tolerance`.
+    looking : ndarray of shape (H, W), bool
+        Where it sees anything at that point: this lies inside its view, and that is not empty there.
+    """
+
+    agreeing: Mask
+    looking: Mask
+
+
+def agreement(
     array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], pair: tuple[int, int]
-) -> Mask:
+) -> Agreement:
     """Tell where two cameras see one surface.
 
     Parameters
@@ -147,13 +162,14 @@ def agreeing(
 
     Returns
     -------
-    ndarray of shape (H, W), bool
-        Where the other's label at the same point is the own one, within `tolerance`.
+    Agreement
+        In that frame.
     """
     own, other = pair
-    found = np.empty(array.shape, np.bool_)
+    found = Agreement(np.empty(array.shape, np.bool_), np.empty(array.shape, np.bool_))
     moved = shifts(labels, array[own].position, array[other].position)
-    _kernels.agree(maps[own], maps[other], moved, tolerance(fineness(array, labels)), found)
+    near = tolerance(fineness(array, labels))
+    _kernels.agree(maps[own], maps[other], array[other].seen, moved, near, *found)
     return found
 
 
@@ -174,12 +190,16 @@ def supported(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels
     Returns
     -------
     ndarray of shape (H, W), bool
-        A direction in which there is no neighbour asks for nothing; speckles are left out.
+        A direction from which no neighbour looks at a point asks for nothing, as long as the other one does;
+        speckles are left out.
     """
-    kept = np.ones(array.shape, np.bool_)
+    kept, found = array[index].seen, np.zeros(array.shape, np.bool_)
     for direction in neighbours(array, index):
         if direction:
-            kept &= np.logical_or.reduce([agreeing(array, labels, maps, (index, k)) for k in direction])
+            others = [agreement(array, labels, maps, (index, k)) for k in direction]
+            agreeing, looking = (np.logical_or.reduce(masks) for masks in zip(*others, strict=True))
+            kept, found = kept & (agreeing | ~looking), found | agreeing
+    kept = kept & found
     speckles = np.where(kept, maps[index], -2).astype(np.int16)
     cv2.filterSpeckles(speckles, -2, MIN_REGION_PX, tolerance(fineness(array, labels)))
     large: Mask = speckles != -2
@@ -208,5 +228,5 @@ def seen_elsewhere(array: CameraArray, labels: DisparityLabels, maps: Sequence[L
     found = np.zeros(array.shape, np.bool_)
     for other in range(len(array)):
         if other != index:
-            found |= agreeing(array, labels, maps, (index, other))
+            found |= agreement(array, labels, maps, (index, other)).agreeing
     return found

@@ -1,6 +1,7 @@
 """Occupancy as maps, against volumes of voxels: agreement, support and visibility of several cameras."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from dvc._jit import python_twin
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
 from dvc.stereo.surfaces import _kernels as kernels
 from dvc.stereo.surfaces import occupancy
-from dvc.stereo.surfaces.occupancy import Occupancy, agreeing, neighbours, seen_elsewhere, shifts, supported
+from dvc.stereo.surfaces.occupancy import Occupancy, agreement, neighbours, seen_elsewhere, shifts, supported
 from tests.reference import stereo_volumes as volumes
 from tests.stereo.plane_scenes import BACKGROUND, LABELS, SCENE, Plane, reconstruction_of, square_lattice
 
@@ -53,14 +54,15 @@ def seen_by(other: Occupancy, m: int, n: int, reach: int = 0) -> volumes.Volume:
 @pytest.mark.parametrize("tolerance", [0, 1])
 def test_agreement(choose: Choose, rng: np.random.Generator, m: int, n: int, tolerance: int) -> None:
     """A voxel agrees that the other camera has, too, in the same frame and within the tolerance (2.15)."""
-    everywhere = np.ones(SHAPE, bool)
-    own, other = (Occupancy(random_occupancy(rng).label, everywhere) for _ in range(2))
-    found = np.empty(SHAPE, bool)
+    own, other = Occupancy(random_occupancy(rng).label, np.ones(SHAPE, bool)), random_occupancy(rng)
+    found, looking = np.empty(SHAPE, bool), np.empty(SHAPE, bool)
     moved = shifts(FEW, CENTRE, LatticePosition(m, n))
-    choose(kernels.agree)(own.label, other.label, moved, tolerance, found)
+    choose(kernels.agree)(own.label, *other, moved, tolerance, found, looking)
     mine = volumes.occupancy(*own, FEW.num_labels)
     np.testing.assert_array_equal(found, (mine & seen_by(other, m, n, tolerance)).any(axis=2))
-    assert 0 < found.sum() < found.size
+    seen = np.repeat(other.supported[:, :, None], FEW.num_labels, axis=2)
+    np.testing.assert_array_equal(looking, (mine & volumes.sheared(seen, -m, -n, False)).any(axis=2))
+    assert 0 < found.sum() < looking.sum() < found.size
 
 
 @pytest.mark.nojit
@@ -99,15 +101,32 @@ def test_support_is_that_of_volumes(rng: np.random.Generator, monkeypatch: pytes
     monkeypatch.setattr(occupancy, "MIN_REGION_PX", 0)
     places = [(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)]
     maps = [rng.integers(1, 4, SHAPE) for _ in places]
-    all_seen = np.ones(SHAPE, bool)
-    others = [seen_by(Occupancy(label, all_seen), *at, 1) for label, at in zip(maps, places, strict=True)]
+    all_seen, everywhere = np.ones(SHAPE, bool), np.ones((*SHAPE, FEW.num_labels), bool)
+    others = [
+        (seen_by(Occupancy(label, all_seen), *at, 1), volumes.sheared(everywhere, -at[0], -at[1], False))
+        for label, at in zip(maps, places, strict=True)
+    ]
     mine = volumes.occupancy(maps[0], all_seen, FEW.num_labels)
-    expected = volumes.with_support(mine, others[1:3], others[3:]).any(axis=2)
+    expected = volumes.with_support_in_frames(mine, others[1:3], others[3:]).any(axis=2)
     got = supported(array_at(*places), FEW, maps, 0)
     np.testing.assert_array_equal(got, expected)
     assert 0 < got.sum() < got.size
     pair = supported(array_at(*places[:2]), FEW, maps[:2], 0)
-    np.testing.assert_array_equal(pair, volumes.with_support(mine, others[1:2], []).any(axis=2))
+    np.testing.assert_array_equal(pair, volumes.with_support(mine, [others[1][0]], []).any(axis=2))
+
+
+def test_nothing_agrees_with_what_is_empty() -> None:
+    """What rectification leaves empty is no support, hides nothing and sees nothing."""
+    places, shape = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], (30, 40)
+    array, flat = array_at(*places, shape=shape), [np.full(shape, 2)] * 3
+    valid = np.indices(shape)[1] < 25
+    emptied = CameraArray((array[0], replace(array[1], valid=valid), replace(array[2], valid=valid)))
+    y, x = np.indices(shape)
+    besides, below = (x >= 2) & (x - 2 < 25), (y >= 2) & (x < 25)
+    np.testing.assert_array_equal(seen_elsewhere(emptied, LABELS, flat, 0), besides | below)
+    np.testing.assert_array_equal(supported(emptied, LABELS, flat, 0), besides | below)
+    mine = CameraArray((replace(array[0], valid=valid), array[1], array[2]))
+    np.testing.assert_array_equal(supported(mine, LABELS, flat, 0), valid & ((x >= 2) | (y >= 2)))
 
 
 def test_speckles_have_no_support() -> None:
@@ -140,14 +159,14 @@ def test_what_is_hidden_from_all_others_is_seen_nowhere() -> None:
     assert not seen[~inside].any()
     np.testing.assert_array_equal(seen[inside], maps[1][v[inside], u[inside]] == maps[0][inside])
     assert not seen[inside].all(), "some must be occluded"
-    np.testing.assert_array_equal(seen, agreeing(pair, LABELS, maps, (0, 1)))
+    np.testing.assert_array_equal(seen, agreement(pair, LABELS, maps, (0, 1)).agreeing)
 
 
 def test_inclined_surface_agrees_within_one_label() -> None:
     """Labels of a slanted plane are rounded where each camera sees it, and still are one surface."""
     scene = reconstruction_of([Plane(2.0, slope=0.11)], [(0.0, 0.0), (1.0, 0.0)], LABELS)
     maps = [LABELS.label(surface.disparity) for surface in scene.surfaces]
-    seen = agreeing(scene.array, LABELS, maps, (0, 1))
+    seen = agreement(scene.array, LABELS, maps, (0, 1)).agreeing
     x = np.arange(seen.shape[1])
     assert seen[:, x - maps[0][0] >= 0].all()
 
