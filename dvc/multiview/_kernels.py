@@ -335,6 +335,37 @@ def nearest_reliable(visibility, image, y, x, dy, dx):
 
 
 @kernel
+def along_epipolar_lines(depth, epipole, far, near):
+    """Depths where the epipolar line through a hole leaves it: farthest; nearest, infinite if it has no pair."""
+    height, width = depth.shape
+    for y in range(height):
+        for x in range(width):
+            if depth[y, x] > EMPTY:
+                far[y, x] = near[y, x] = depth[y, x]
+                continue
+            dx, dy = epipole[0] - x * epipole[2], epipole[1] - y * epipole[2]
+            length = max(abs(dx), abs(dy))
+            found = 0
+            for side in (-1.0, 1.0):
+                k = 0
+                while length > 0.0:
+                    k += 1
+                    i = int(np.floor(y + side * k * dy / length + 0.5))
+                    j = int(np.floor(x + side * k * dx / length + 0.5))
+                    if not (0 <= i < height and 0 <= j < width):
+                        break
+                    if depth[i, j] > EMPTY:
+                        far[y, x] = min(far[y, x], depth[i, j]) if found else depth[i, j]
+                        near[y, x] = max(near[y, x], depth[i, j]) if found else depth[i, j]
+                        found += 1
+                        break
+            if found == 0:
+                far[y, x] = near[y, x] = EMPTY
+            if found < 2:
+                near[y, x] = np.inf
+
+
+@kernel
 def is_transparent(there, back, x, y, rho, other, other_visibility, slack):
     """Tell whether another view looks through a point: sees something consistent behind it."""
     height, width = other.shape

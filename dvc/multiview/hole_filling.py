@@ -1,8 +1,9 @@
 """Hole filling: what no picture shows takes up the background around it, by the Poisson equation.
 
-A hole opens between a near surface that has moved and a far one that it no longer covers. Its pixels belong
-to the far one: levels are those of a membrane spanned over the hole from the background alone, free at the
-near surface.
+A hole opens between a near surface that has moved and a far one that it no longer covers, along the
+epipolar line. Its pixels belong to the far one: levels are those of a membrane spanned over the hole from the
+background alone, free at the near surface. Beside the frame of what was seen there is no such pair, and all
+that surrounds it bounds it.
 
 References
 ----------
@@ -15,6 +16,7 @@ from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
+from dvc.multiview import _kernels
 from dvc.multiview.rendering import EMPTY, fill_holes
 
 Floats = NDArray[np.float64]
@@ -25,7 +27,7 @@ STIFFNESS = 1e-6
 """Pull of the nearest level, against 1 of each neighbour: holes that nothing bounds have a solution, too."""
 
 
-def fill_from_background(image: Floats, inverse_depth: Floats) -> tuple[Floats, Floats]:
+def fill_from_background(image: Floats, inverse_depth: Floats, epipole: Floats) -> tuple[Floats, Floats]:
     """Fill the holes of a rendered picture.
 
     Parameters
@@ -34,6 +36,8 @@ def fill_from_background(image: Floats, inverse_depth: Floats) -> tuple[Floats, 
         Levels; of no meaning in holes.
     inverse_depth : ndarray of shape (H, W), float64
         `EMPTY` in holes.
+    epipole : ndarray of shape (3,), float64
+        Homogeneous image of the camera that has seen the rest, in pixels: epipolar lines go through it.
 
     Returns
     -------
@@ -47,12 +51,13 @@ def fill_from_background(image: Floats, inverse_depth: Floats) -> tuple[Floats, 
         return image, inverse_depth
     if holes.all():
         return np.zeros_like(image), np.zeros_like(inverse_depth)
-    far, near = fill_holes(inverse_depth), fill_holes(inverse_depth, 1.0)
+    far, near = np.empty_like(inverse_depth), np.empty_like(inverse_depth)
+    _kernels.along_epipolar_lines(inverse_depth, np.ascontiguousarray(epipole), far, near)
     nearest = distance_transform_edt(holes, return_distances=False, return_indices=True)
     guess = image[nearest[0], nearest[1]]
     filled = image.copy()
-    filled[holes] = _membrane(image, holes, far, 0.5 * (far + near), guess)
-    return filled, far
+    filled[holes] = _membrane(image, holes, inverse_depth, 0.5 * (far + near), guess)
+    return filled, fill_holes(far)
 
 
 def _membrane(image: Floats, holes: Mask, depth: Floats, limit: Floats, guess: Floats) -> Floats:

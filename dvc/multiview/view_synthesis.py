@@ -106,7 +106,8 @@ def synthesise(sources: Sequence[PictureWithDepth], shape: tuple[int, int]) -> S
         total += weights
     reached = total > 0.0
     image[reached] /= total[reached][:, None]
-    filled, inverse_depth = fill_from_background(image, np.where(reached, nearest, EMPTY))
+    epipole = max(sources, key=lambda source: source.weight).warp[:, 3]
+    filled, inverse_depth = fill_from_background(image, np.where(reached, nearest, EMPTY), epipole)
     return SynthesisedView(filled, inverse_depth, reached)
 
 
