@@ -1,0 +1,75 @@
+"""Rendering of decoded pictures with disparities: any view, from one of them or from all."""
+
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.codec.decoder import Decoded
+from dvc.multiview.view_synthesis import PictureWithDepth, SynthesisedView, synthesise
+from dvc.multiview.viewpoints import Viewpoint, distance, warp_between
+
+NEAR_VIEW = 1e-3
+"""Added to distances, relative to the largest, before weights are their inverses."""
+
+
+class Blend(StrEnum):
+    """What is shown where several references see a point."""
+
+    NEAREST = "nearest"
+    """The nearest of them that sees anything there."""
+    DISTANCE = "distance"
+    """All that see it, by the inverse of their distance."""
+
+
+def render(decoded: Decoded, viewpoint: Viewpoint, blend: Blend = Blend.DISTANCE) -> SynthesisedView:
+    """Render a view.
+
+    Parameters
+    ----------
+    decoded : Decoded
+        Pictures and disparities.
+    viewpoint : Viewpoint
+        The wanted one, of the kind of the others.
+    blend : Blend, optional
+        What is shown where several references see a point.
+
+    Returns
+    -------
+    SynthesisedView
+        The view, of the size of the pictures.
+    """
+    away = [distance(pair.viewpoint, viewpoint) for pair in decoded.pairs]
+    near = NEAR_VIEW * max(max(away), 1e-9)
+    weights = [near / (reach + near) for reach in away]
+    if blend is Blend.NEAREST:
+        weights = [float(index == int(np.argmin(away))) for index in range(len(away))]
+    step = decoded.header.labels.step / 2.0**decoded.resolution
+    sources = [
+        PictureWithDepth(
+            pair.picture.reshape(*pair.picture.shape[:2], -1),
+            pair.disparity,
+            warp_between(pair.viewpoint, viewpoint),
+            step,
+            weight,
+        )
+        for pair, weight in zip(decoded.pairs, weights, strict=True)
+    ]
+    return synthesise(sources, decoded.pairs[0].picture.shape[:2])
+
+
+def picture_of(view: SynthesisedView) -> NDArray[np.uint8]:
+    """Return the picture of a view, as files have it.
+
+    Parameters
+    ----------
+    view : SynthesisedView
+        The view.
+
+    Returns
+    -------
+    ndarray of shape (H, W) or (H, W, 3), uint8
+        Rounded levels.
+    """
+    levels = np.clip(np.floor(view.image + 0.5), 0.0, 255.0).astype(np.uint8)
+    return levels[..., 0] if levels.shape[2] == 1 else levels
