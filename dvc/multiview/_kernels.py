@@ -336,7 +336,7 @@ def nearest_reliable(visibility, image, y, x, dy, dx):
 
 @kernel
 def along_epipolar_lines(depth, epipole, far, near):
-    """Farthest and nearest depth where the epipolar line through a hole leaves it; infinite without a pair."""
+    """Farthest and nearest depth where the epipolar line through a hole leaves it; infinite if alone."""
     height, width = depth.shape
     for y in range(height):
         for x in range(width):
