@@ -1,0 +1,1 @@
+"""Disparity maps that predict views best for their bits: integer wavelets, and what to compare them with."""

@@ -1,0 +1,744 @@
+"""Compiled loops of disparity trees; described by their callers.
+
+Pictures are float32 (rows, columns, channels), tensors float32 (rows, columns, labels), maps of labels and
+coefficients int32. `costs` (kinds, 4) holds what a coefficient costs when it is as predicted, the constant
+and the slope over its magnitude when not, and the cost of any value; `merge` what a label of a neighbour
+costs, and `flags` (kinds, 2) that of a node without and with coefficients below. INF forbids.
+"""
+
+import numpy as np
+
+from dvc._jit import kernel
+from dvc.entropy.binarisation import NUM_EXPONENTS as BINARY_EXPONENTS
+from dvc.entropy.binarisation import code_exp_golomb
+from dvc.entropy.contexts import code_adaptive
+from dvc.entropy.range_coder import FAILED, code_decision
+
+INF = np.float32(np.inf)
+ZERO, NONZERO, SLOPE, JUMP = range(4)
+NUM_CANDIDATES = 2
+NONE = -1  # instead of the label of a candidate
+
+# ---- error tensor ----
+
+MARGIN = 1e-6  # px, by which positions may lie outside for rounding
+
+
+@kernel
+def add_squared_errors(target, view, homographies, tensor, count):
+    """Add the squared errors of one view at every label, and count where it sees the pixel."""
+    height, width, channels = view.shape
+    share = np.float32(1.0 / channels)
+    labels = tensor.shape[2]
+    for m in range(tensor.shape[0]):
+        for n in range(tensor.shape[1]):
+            for k in range(labels):
+                h = homographies[k]
+                x = h[0, 0] * n + h[0, 1] * m + h[0, 2]
+                y = h[1, 0] * n + h[1, 1] * m + h[1, 2]
+                z = h[2, 0] * n + h[2, 1] * m + h[2, 2]
+                if z != 1.0:
+                    if z <= 0.0:
+                        continue
+                    x, y = x / z, y / z
+                if not (-MARGIN <= x <= width - 1 + MARGIN and -MARGIN <= y <= height - 1 + MARGIN):
+                    continue
+                x0, y0 = min(max(int(x), 0), width - 1), min(max(int(y), 0), height - 1)
+                x1, y1 = min(x0 + 1, width - 1), min(y0 + 1, height - 1)
+                right, down = np.float32(x - x0), np.float32(y - y0)
+                total = np.float32(0.0)
+                for c in range(channels):
+                    value = view[y0, x0, c]
+                    if right != 0.0:
+                        value += right * (view[y0, x1, c] - value)
+                    if down != 0.0:
+                        lower = view[y1, x0, c]
+                        if right != 0.0:
+                            lower += right * (view[y1, x1, c] - lower)
+                        value += down * (lower - value)
+                    total += (value - target[m, n, c]) ** 2
+                if np.isfinite(total):
+                    tensor[m, n, k] += share * total
+                    count[m, n, k] += 1
+
+
+@kernel
+def normalise_errors(tensor, count, num_views):
+    """Turn sums over the views that see a pixel into shares of all views, the reference included."""
+    height, width, labels = tensor.shape
+    for m in range(height):
+        for n in range(width):
+            least = INF
+            for k in range(labels):
+                seen = np.float32(count[m, n, k])
+                if seen > 0:
+                    tensor[m, n, k] *= np.float32(num_views) / (seen * np.float32(num_views + 1))
+                    least = min(least, tensor[m, n, k])
+            for k in range(labels):
+                if count[m, n, k] == 0:
+                    tensor[m, n, k] = least if least < INF else np.float32(0.0)
+
+
+# ---- dynamic programming: L ----
+
+
+@kernel
+def distance_transform(values, slope, transformed):
+    """Lower envelope of cones with a slope at all values, in two passes; return the least value."""
+    labels = values.shape[0]
+    running = transformed[0] = values[0]
+    least = running
+    for d in range(1, labels):
+        running = running + slope
+        running = min(running, values[d])
+        transformed[d] = running
+        least = min(least, running)
+    for d in range(labels - 2, -1, -1):
+        running = running + slope
+        running = min(running, transformed[d])
+        transformed[d] = running
+    return least
+
+
+@kernel
+def add_child_l(values, prediction, cost, merge, candidates, transformed, full):
+    """Add to `full` what the best coefficient of a child costs, for each label of its parent."""
+    labels = values.shape[0]
+    if not cost[NONZERO] < INF and not cost[JUMP] < INF:
+        bound = INF
+    else:
+        least = distance_transform(values, cost[SLOPE], transformed)
+        bound = least + cost[JUMP]
+    for c in range(NUM_CANDIDATES):
+        if candidates[c] >= 0:
+            bound = min(bound, values[candidates[c]] + merge[c])
+    if prediction == 0 and cost[NONZERO] < INF:
+        for d in range(labels):
+            best = values[d] + cost[ZERO]
+            linear = transformed[d] + cost[NONZERO]
+            best = linear if linear < best else best
+            full[d] += bound if bound < best else best
+        return
+    for d in range(labels):
+        place = d + prediction
+        inside = min(max(place, 0), labels - 1)
+        best = bound
+        if place == inside:
+            best = min(best, values[place] + cost[ZERO])
+        if cost[NONZERO] < INF:
+            best = min(
+                best, transformed[inside] + cost[SLOPE] * np.float32(abs(place - inside)) + cost[NONZERO]
+            )
+        full[d] += best
+
+
+@kernel
+def shifted_sum(values, prediction, flat):
+    """Add the values of a child at the labels that its parent predicts."""
+    labels = values.shape[0]
+    if prediction == 0:
+        for d in range(labels):
+            flat[d] += values[d]
+        return
+    for d in range(labels):
+        place = d + prediction
+        flat[d] = flat[d] + values[place] if 0 <= place < labels else INF
+
+
+@kernel
+def join(full, flat, flags, values):
+    """Choose between no coefficients below a node and some; return what was subtracted from both."""
+    least = INF
+    for d in range(full.shape[0]):
+        values[d] = min(flat[d] + flags[0], full[d] + flags[1])
+        least = min(least, values[d])
+    for d in range(full.shape[0]):
+        values[d] -= least
+        flat[d] -= least
+    return least
+
+
+@kernel
+def pass_up_l(values, flat, predictions, kinds, costs, merge, candidates, node_kinds, flags, up, flat_up):
+    """One level of the bottom-up pass (3.28); return what was subtracted from all nodes."""
+    height, width, labels = values.shape
+    transformed, full = np.empty(labels, np.float32), np.empty(labels, np.float32)
+    total = 0.0
+    for m in range(up.shape[0]):
+        for n in range(up.shape[1]):
+            full[:] = 0.0
+            below = flat_up[m, n]
+            below[:] = 0.0
+            splits = flags[node_kinds[m, n], 1] < INF
+            for i in range(2 * m, min(2 * m + 2, height)):
+                for j in range(2 * n, min(2 * n + 2, width)):
+                    if splits:
+                        add_child_l(
+                            values[i, j],
+                            predictions[i, j],
+                            costs[kinds[i, j]],
+                            merge[kinds[i, j]],
+                            candidates[i, j],
+                            transformed,
+                            full,
+                        )
+                    shifted_sum(flat[i, j], predictions[i, j], below)
+            total += join(full, below, flags[node_kinds[m, n]], up[m, n])
+    return total
+
+
+@kernel
+def best_child_l(values, predicted, cost, merge, candidates):
+    """Label of a child that its parent chooses, given what it predicts, and what it costs."""
+    labels = values.shape[0]
+    best, label = INF, 0
+    if 0 <= predicted < labels:
+        best, label = values[predicted] + cost[ZERO], predicted
+    for c in range(NUM_CANDIDATES):
+        if candidates[c] >= 0 and values[candidates[c]] + merge[c] < best:
+            best, label = values[candidates[c]] + merge[c], candidates[c]
+    if cost[NONZERO] < INF or cost[JUMP] < INF:
+        for d in range(labels):
+            step = min(cost[NONZERO] + cost[SLOPE] * np.float32(abs(d - predicted)), cost[JUMP])
+            if values[d] + step < best:
+                best, label = values[d] + step, d
+    return label, best
+
+
+@kernel
+def pass_down_l(
+    values,
+    flat,
+    predictions,
+    kinds,
+    costs,
+    merge,
+    candidates,
+    node_kinds,
+    flags,
+    parents,
+    alive,
+    labels,
+    live,
+):
+    """One level of back-tracking: labels of children, and which of them may have coefficients below."""
+    height, width, _ = values.shape
+    chosen = np.zeros((2, 2), np.int64)
+    for m in range(parents.shape[0]):
+        for n in range(parents.shape[1]):
+            flag = flags[node_kinds[m, n]]
+            splits = False
+            if alive[m, n] and flag[1] < INF:
+                full, below = flag[1], flag[0]
+                for i in range(2 * m, min(2 * m + 2, height)):
+                    for j in range(2 * n, min(2 * n + 2, width)):
+                        predicted = parents[m, n] + predictions[i, j]
+                        kind = kinds[i, j]
+                        label, cost = best_child_l(
+                            values[i, j], predicted, costs[kind], merge[kind], candidates[i, j]
+                        )
+                        chosen[i - 2 * m, j - 2 * n] = label
+                        full += cost
+                        inside = 0 <= predicted < values.shape[2]
+                        below += flat[i, j, predicted] if inside else INF
+                splits = full < below
+            for i in range(2 * m, min(2 * m + 2, height)):
+                for j in range(2 * n, min(2 * n + 2, width)):
+                    predicted = parents[m, n] + predictions[i, j]
+                    labels[i, j] = chosen[i - 2 * m, j - 2 * n] if splits else predicted
+                    live[i, j] = splits
+
+
+# ---- dynamic programming: S ----
+
+
+@kernel
+def combine_s(first, second, prediction, cost, floor, low):
+    """Low-pass errors of two samples (3.29): for each mean the best difference, those near first."""
+    labels = low.shape[0]
+    low[:] = INF
+    limit = labels + abs(prediction)
+    for magnitude in range(limit):
+        step = (
+            cost[ZERO]
+            if magnitude == 0
+            else min(cost[NONZERO] + cost[SLOPE] * np.float32(magnitude), cost[JUMP])
+        )
+        if magnitude > 0 and not step < INF:
+            break
+        if magnitude > abs(prediction) and magnitude % 8 == 0:
+            highest = np.float32(0.0)
+            for d in range(labels):
+                highest = max(highest, low[d])
+            if step + floor >= highest:
+                break
+        for side in range(1 if magnitude == 0 else 2):
+            high = prediction + (magnitude if side == 0 else -magnitude)
+            down = high >> 1
+            up = high - down
+            # S_0 = d + up and S_1 = d - down
+            begin, end = max(0, -up, down), min(labels, labels - up, labels + down)
+            for d in range(begin, end):
+                error = first[d + up] + second[d - down] + step
+                low[d] = error if error < low[d] else low[d]
+
+
+@kernel
+def best_s(first, second, low, prediction, cost):
+    """Difference of two samples whose mean is known, and what it costs."""
+    labels = first.shape[0]
+    best, chosen = INF, prediction
+    down = prediction >> 1
+    if 0 <= low + prediction - down < labels and 0 <= low - down < labels:
+        best = first[low + prediction - down] + second[low - down] + cost[ZERO]
+    for high in range(-labels + 1, labels):
+        down = high >> 1
+        if 0 <= low + high - down < labels and 0 <= low - down < labels and high != prediction:
+            step = min(cost[NONZERO] + cost[SLOPE] * np.float32(abs(high - prediction)), cost[JUMP])
+            error = first[low + high - down] + second[low - down] + step
+            if error < best:
+                best, chosen = error, high
+    return chosen, best
+
+
+@kernel
+def columns_s(values, predictions, kinds, costs, m, n, columns):
+    """Low-pass errors of the columns below a node; return how many there are."""
+    height, width, _labels = values.shape
+    count = min(2, width - 2 * n)
+    for c in range(count):
+        i, j = 2 * m, 2 * n + c
+        if i + 1 < height:
+            combine_s(
+                values[i, j], values[i + 1, j], predictions[i + 1, j], costs[kinds[i + 1, j]], 0.0, columns[c]
+            )
+        else:
+            columns[c, :] = values[i, j]
+    return count
+
+
+@kernel
+def flat_s(flat, predictions, m, n, low, total):
+    """Errors of all labels of a node whose coefficients are as predicted, from `low` on."""
+    height, width, labels = flat.shape
+    for d in range(low, low + total.shape[0]):
+        error = np.float32(0.0)
+        for c in range(min(2, width - 2 * n)):
+            column = np.int64(d)
+            if 2 * n + 1 < width:
+                high = predictions[2 * m, 2 * n + 1]
+                column = d - (high >> 1) + (high if c == 0 else 0)
+            for r in range(min(2, height - 2 * m)):
+                place = column
+                if 2 * m + 1 < height:
+                    high = predictions[2 * m + 1, 2 * n + c]
+                    place = column - (high >> 1) + (high if r == 0 else 0)
+                error += flat[2 * m + r, 2 * n + c, place] if 0 <= place < labels else INF
+        total[d - low] = error
+
+
+@kernel
+def pass_up_s(values, flat, predictions, kinds, costs, node_kinds, flags, up, flat_up):
+    """One level of the bottom-up pass (3.29), vertically, then horizontally."""
+    labels = values.shape[2]
+    columns, full = np.empty((2, labels), np.float32), np.empty(labels, np.float32)
+    total = 0.0
+    for m in range(up.shape[0]):
+        for n in range(up.shape[1]):
+            flat_s(flat, predictions, m, n, 0, flat_up[m, n])
+            if not flags[node_kinds[m, n], 1] < INF:
+                full[:] = INF
+            elif columns_s(values, predictions, kinds, costs, m, n, columns) == 2:
+                cost = costs[kinds[2 * m, 2 * n + 1]]
+                floor = columns[0].min() + columns[1].min()
+                combine_s(columns[0], columns[1], predictions[2 * m, 2 * n + 1], cost, floor, full)
+            else:
+                full[:] = columns[0]
+            total += join(full, flat_up[m, n], flags[node_kinds[m, n]], up[m, n])
+    return total
+
+
+@kernel
+def pass_down_s(
+    values, flat, predictions, kinds, costs, node_kinds, flags, parents, alive, highs, labels, live
+):
+    """One level of back-tracking: coefficients, and labels of the children."""
+    height, width, num_labels = values.shape
+    columns, below = np.empty((2, num_labels), np.float32), np.empty(1, np.float32)
+    for m in range(parents.shape[0]):
+        for n in range(parents.shape[1]):
+            flag, low = flags[node_kinds[m, n]], parents[m, n]
+            splits, horizontal = False, np.int64(0)
+            if 2 * n + 1 < width:
+                horizontal = np.int64(predictions[2 * m, 2 * n + 1])
+            if alive[m, n] and flag[1] < INF:
+                flat_s(flat, predictions, m, n, low, below)
+                if columns_s(values, predictions, kinds, costs, m, n, columns) == 2:
+                    cost = costs[kinds[2 * m, 2 * n + 1]]
+                    high, full = best_s(columns[0], columns[1], low, horizontal, cost)
+                else:
+                    high, full = horizontal, columns[0, low]
+                splits = full + flag[1] < below[0] + flag[0]
+                horizontal = high if splits else horizontal
+            if 2 * n + 1 < width:
+                highs[2 * m, 2 * n + 1] = horizontal
+            for c in range(min(2, width - 2 * n)):
+                i, j = 2 * m, 2 * n + c
+                column = low
+                if 2 * n + 1 < width:
+                    column = low - (horizontal >> 1) + (horizontal if c == 0 else 0)
+                labels[i, j], live[i, j] = column, splits
+                if i + 1 < height:
+                    high = np.int64(predictions[i + 1, j])
+                    if splits:
+                        high, _ = best_s(values[i, j], values[i + 1, j], column, high, costs[kinds[i + 1, j]])
+                    highs[i + 1, j] = high
+                    labels[i, j], labels[i + 1, j] = column - (high >> 1) + high, column - (high >> 1)
+                    live[i + 1, j] = splits
+
+
+# ---- coding ----
+
+NUM_LEVELS = 6  # that contexts tell apart; coarser ones share the last
+NUM_CLASSES = 4  # of significance
+NUM_PLACES = (
+    5  # what the neighbours of a sample say: 0: as predicted, then one or more that differ a little or much
+)
+LITTLE = 2  # labels
+NUM_COEFFICIENT_KINDS = NUM_CLASSES * NUM_PLACES
+NUM_NODE_KINDS = 1 + 3 * NUM_CLASSES * NUM_PLACES  # the first has nothing below
+NUM_EXPONENTS = 13
+
+FLAGS = 0
+ZEROS = FLAGS + NUM_LEVELS * NUM_NODE_KINDS
+MERGES = ZEROS + NUM_LEVELS * NUM_COEFFICIENT_KINDS * 3
+SIGNS = MERGES + NUM_LEVELS * NUM_CANDIDATES * NUM_PLACES
+EXPONENTS = SIGNS + 3
+MANTISSAS = EXPONENTS + NUM_LEVELS * NUM_EXPONENTS
+NUM_CONTEXTS = MANTISSAS + NUM_EXPONENTS
+MAX_SYMBOLS = 1 + 4 * (2 + NUM_CANDIDATES + 2 * NUM_EXPONENTS)  # of a node
+
+# What is counted while coding, by level and kind of coefficient.
+SAME, OTHER, MERGED, UNMERGED, RESTS, MAGNITUDES = 0, 1, 2, 4, 6, 7
+NUM_STATISTICS = 8
+
+
+@kernel
+def note(value, predicted, place, candidates):
+    """Take a neighbour into account: how many differ a little and much, where to, and their labels."""
+    difference = np.int64(value) - predicted
+    if difference == 0:
+        return
+    place[0 if abs(difference) <= LITTLE else 1] += 1
+    place[2] += 1 if difference > 0 else -1
+    for c in range(NUM_CANDIDATES):
+        if candidates[c] == value:
+            return
+        if candidates[c] == NONE:
+            candidates[c] = value
+            return
+
+
+@kernel
+def summary(place):
+    """Number of a place, from `NUM_PLACES`."""
+    if place[1] > 0:
+        return 3 if place[1] == 1 else 4
+    return min(place[0], 2)
+
+
+@kernel
+def look_around_l(labels, parents, i, j, predicted, place, candidates):
+    """Look at the neighbours of a sample that are known before it; return the number of its place."""
+    place[:] = 0
+    candidates[:] = NONE
+    if j > 0:
+        note(labels[i, j - 1], predicted, place, candidates)
+    if i > 0:
+        note(labels[i - 1, j], predicted, place, candidates)
+    if j % 2 == 1 and j // 2 + 1 < parents.shape[1]:
+        note(parents[i // 2, j // 2 + 1], predicted, place, candidates)
+    if i % 2 == 1 and i // 2 + 1 < parents.shape[0]:
+        note(parents[i // 2 + 1, j // 2], predicted, place, candidates)
+    return summary(place)
+
+
+@kernel
+def look_around_s(labels, parents, i, j, mean, place, candidates):
+    """Look at what lies on both sides of two samples that are about to be told apart."""
+    place[:] = 0
+    candidates[:] = NONE
+    m, n = i // 2, j // 2
+    if i % 2 == 1:  # a vertical difference
+        if m > 0:
+            note(labels[2 * m - 1, j], mean, place, candidates)
+        hint = place[2]
+        if m + 1 < parents.shape[0]:
+            note(parents[m + 1, n], mean, place, candidates)
+    else:
+        if n > 0:
+            note(labels[i, 2 * n - 1], mean, place, candidates)
+        hint = place[2]
+        if n + 1 < parents.shape[1]:
+            note(parents[m, n + 1], mean, place, candidates)
+    place[2] = 2 * hint - place[2]
+    candidates[:] = NONE
+    return summary(place)
+
+
+@kernel
+def kind_of_node(m, n, parents, splits, significance, is_open, place, candidates):
+    """Kind of a node, by its neighbours and what was found below those before it."""
+    if not is_open[m, n]:
+        return 0
+    place[:] = 0
+    before = 0
+    if n > 0:
+        note(parents[m, n - 1], parents[m, n], place, candidates)
+        before += splits[m, n - 1]
+    if m > 0:
+        note(parents[m - 1, n], parents[m, n], place, candidates)
+        before += splits[m - 1, n]
+    if n + 1 < parents.shape[1]:
+        note(parents[m, n + 1], parents[m, n], place, candidates)
+    if m + 1 < parents.shape[0]:
+        note(parents[m + 1, n], parents[m, n], place, candidates)
+    return 1 + (significance[m, n] * NUM_PLACES + summary(place)) * 3 + before
+
+
+@kernel
+def code_rest(coder, counts, level, sign, value):
+    """Code a number that is not 0: its sign, and its magnitude less one by an adaptive code of Exp-Golomb."""
+    positive = code_adaptive(coder, counts, SIGNS + sign, int(value > 0))
+    magnitude = abs(value)  # at least 1
+    exponent = 0
+    while code_adaptive(
+        coder, counts, EXPONENTS + level * NUM_EXPONENTS + exponent, int(magnitude >> (exponent + 1) > 0)
+    ):
+        exponent += 1
+        if exponent >= NUM_EXPONENTS:
+            coder.fields[FAILED] = 1
+            return 1
+    coded = 1
+    for k in range(exponent - 1, -1, -1):
+        digit = magnitude >> k & 1
+        if k == exponent - 1:
+            coded = coded << 1 | code_adaptive(coder, counts, MANTISSAS + exponent, digit)
+        else:
+            coded = coded << 1 | code_decision(coder, 0.5, digit)
+    return coded if positive else -coded
+
+
+@kernel
+def code_coefficient(coder, counts, level, kind, before, predicted, value, place, candidates, statistics):
+    """Code a label or coefficient by how it differs from what is predicted, and return it."""
+    context = ZEROS + ((level * NUM_COEFFICIENT_KINDS) + kind) * 3 + before
+    seen = statistics[kind]
+    if not code_adaptive(coder, counts, context, int(value != predicted)):
+        seen[SAME] += 1
+        return predicted
+    seen[OTHER] += 1
+    for c in range(NUM_CANDIDATES):
+        if candidates[c] != NONE:
+            context = MERGES + (level * NUM_CANDIDATES + c) * NUM_PLACES + kind % NUM_PLACES
+            merged = code_adaptive(coder, counts, context, int(value == candidates[c]))
+            seen[(MERGED if merged else UNMERGED) + c] += 1
+            if merged:
+                return np.int64(candidates[c])
+    sign = 1 + (place[2] > 0) - (place[2] < 0)
+    difference = code_rest(coder, counts, level, sign, value - predicted)
+    seen[RESTS] += 1
+    seen[MAGNITUDES] += abs(difference) - 1
+    return predicted + difference
+
+
+@kernel
+def code_row_l(
+    coder,
+    counts,
+    level,
+    m,
+    parents,
+    alive,
+    significance,
+    is_open,
+    predictions,
+    num_labels,
+    splits,
+    labels,
+    live,
+    flags,
+    seen,
+):
+    """Code what is below a row of nodes: whether there is anything, and the labels of their children."""
+    height, width = labels.shape
+    place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
+    for n in range(parents.shape[1]):
+        split = 0
+        if alive[m, n]:
+            kind = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
+            if kind > 0:
+                split = code_adaptive(coder, counts, FLAGS + level * NUM_NODE_KINDS + kind, int(splits[m, n]))
+                flags[kind, split] += 1
+        splits[m, n] = split
+        before = 0
+        for i in range(2 * m, min(2 * m + 2, height)):
+            for j in range(2 * n, min(2 * n + 2, width)):
+                predicted = np.int64(parents[m, n]) + predictions[i, j]
+                label = predicted
+                if split and significance[m, n]:
+                    where = look_around_l(labels, parents, i, j, predicted, place, candidates)
+                    kind = significance[m, n] * NUM_PLACES + where
+                    label = code_coefficient(
+                        coder,
+                        counts,
+                        level,
+                        kind,
+                        before,
+                        predicted,
+                        np.int64(labels[i, j]),
+                        place,
+                        candidates,
+                        seen,
+                    )
+                    before = 2 if label != predicted else max(before, 1)
+                labels[i, j] = min(max(label, 0), num_labels - 1)
+                live[i, j] = split
+
+
+@kernel
+def code_row_s(
+    coder,
+    counts,
+    level,
+    m,
+    parents,
+    alive,
+    significance,
+    is_open,
+    predictions,
+    num_labels,
+    splits,
+    highs,
+    labels,
+    live,
+    flags,
+    seen,
+):
+    """Code what is below a row of nodes: whether there is anything, and the differences of their children."""
+    height, width = labels.shape
+    place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
+    for n in range(parents.shape[1]):
+        split = 0
+        if alive[m, n]:
+            kind = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
+            if kind > 0:
+                split = code_adaptive(coder, counts, FLAGS + level * NUM_NODE_KINDS + kind, int(splits[m, n]))
+                flags[kind, split] += 1
+        splits[m, n] = split
+        coded = split and significance[m, n]
+        before, horizontal = 0, np.int64(0)
+        mean = np.int64(parents[m, n])
+        if 2 * n + 1 < width:
+            i, j = 2 * m, 2 * n + 1
+            horizontal = np.int64(predictions[i, j])
+            if coded:
+                where = look_around_s(labels, parents, i, j, mean, place, candidates)
+                kind = significance[m, n] * NUM_PLACES + where
+                value = code_coefficient(
+                    coder, counts, level, kind, 0, horizontal, np.int64(highs[i, j]), place, candidates, seen
+                )
+                before = 2 if value != horizontal else 1
+                horizontal = value
+            horizontal = min(max(horizontal, -num_labels), num_labels)
+            highs[i, j] = horizontal
+        for c in range(min(2, width - 2 * n)):
+            i, j = 2 * m, 2 * n + c
+            column = mean
+            if 2 * n + 1 < width:
+                column = mean - (horizontal >> 1) + (horizontal if c == 0 else 0)
+            labels[i, j], live[i, j] = min(max(column, 0), num_labels - 1), split
+            if i + 1 < height:
+                vertical = np.int64(predictions[i + 1, j])
+                if coded:
+                    where = look_around_s(labels, parents, i + 1, j, column, place, candidates)
+                    kind = significance[m, n] * NUM_PLACES + where
+                    value = code_coefficient(
+                        coder,
+                        counts,
+                        level,
+                        kind,
+                        before,
+                        vertical,
+                        np.int64(highs[i + 1, j]),
+                        place,
+                        candidates,
+                        seen,
+                    )
+                    before = 2 if value != vertical else max(before, 1)
+                    vertical = value
+                vertical = min(max(vertical, -num_labels), num_labels)
+                highs[i + 1, j] = vertical
+                labels[i, j] = min(max(column - (vertical >> 1) + vertical, 0), num_labels - 1)
+                labels[i + 1, j] = min(max(column - (vertical >> 1), 0), num_labels - 1)
+                live[i + 1, j] = split
+
+
+@kernel
+def kinds_l(parents, labels, predictions, significance, kinds, candidates):
+    """Kinds of the coefficients of a solution, and labels of their neighbours."""
+    place = np.zeros(3, np.int64)
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            predicted = np.int64(parents[i // 2, j // 2]) + predictions[i, j]
+            where = look_around_l(labels, parents, i, j, predicted, place, candidates[i, j])
+            kinds[i, j] = significance[i // 2, j // 2] * NUM_PLACES + where
+
+
+@kernel
+def kinds_s(parents, labels, significance, kinds):
+    """Kinds of the coefficients of a solution."""
+    place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
+    for i in range(labels.shape[0]):
+        for j in range(labels.shape[1]):
+            mean = np.int64(parents[i // 2, j // 2])
+            if i % 2 == 1:
+                mean = (np.int64(labels[i - 1, j]) + labels[i, j]) >> 1
+            where = look_around_s(labels, parents, i, j, mean, place, candidates)
+            kinds[i, j] = significance[i // 2, j // 2] * NUM_PLACES + where
+
+
+@kernel
+def kinds_of_nodes(parents, splits, significance, is_open, kinds):
+    """Kinds of the nodes of a solution."""
+    place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
+    for m in range(kinds.shape[0]):
+        for n in range(kinds.shape[1]):
+            kinds[m, n] = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
+
+
+@kernel
+def code_differences(coder, counts, values, predictions):
+    """Code a plane as differences."""
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            difference = np.int64(values[i, j]) - predictions[i, j]
+            values[i, j] = predictions[i, j] + code_exp_golomb(
+                coder, counts, 0, 1, 2, 2 + BINARY_EXPONENTS, difference
+            )
+
+
+@kernel
+def code_squares(coder, counts, level, first, num_digits, num_labels, alive, split, given, labels):
+    """Code for a row of squares of a quadtree which are split, and the labels of those that are not."""
+    for n in range(alive.shape[0]):
+        if not alive[n]:
+            split[n] = False
+            continue
+        if level > 0:
+            split[n] = code_adaptive(coder, counts, level, int(split[n])) > 0
+        if not split[n]:
+            prefix = 1
+            for k in range(num_digits - 1, -1, -1):
+                prefix = prefix << 1 | code_adaptive(coder, counts, first + prefix, given[n] >> k & 1)
+            labels[n] = min(prefix - (1 << num_digits), num_labels - 1)

@@ -1,0 +1,263 @@
+"""Wavelet trees as bytes: scale by scale from the roots, with adaptive contexts.
+
+For each node whether anything below it differs from what is predicted, then the coefficients of its children
+where the reference is significant. Coefficients are 0 or not; in L those that are not may lead to the label
+of a neighbour that is known already; the rest has a sign and a magnitude. Contexts are the scale, the class
+of significance, and how far the neighbours known so far are from the prediction.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.disparity import _kernels
+from dvc.dibr.disparity.integer_transforms import (
+    S_TRANSFORM,
+    IntegerTransform,
+    Labels,
+    WaveletTree,
+    level_shapes,
+)
+from dvc.entropy import RangeCoder, context_counts
+from dvc.entropy.binarisation import MAX_DECISIONS
+from dvc.entropy.binarisation import NUM_EXPONENTS as _EXPONENTS
+
+Classes = NDArray[np.uint8]
+
+MAX_CLASS = _kernels.NUM_CLASSES - 1
+"""Highest class of significance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """How often what was coded, by level.
+
+    Attributes
+    ----------
+    flags : ndarray of shape (levels, node kinds, 2), int64
+        Nodes without and with coefficients below.
+    coefficients : ndarray of shape (levels, kinds, 8), int64
+        Coefficients that were as predicted, or not; labels of neighbours taken, and not taken; the rest, and
+        the sum of their magnitudes less one each.
+    """
+
+    flags: NDArray[np.int64]
+    coefficients: NDArray[np.int64]
+
+
+def no_statistics(num_levels: int) -> Statistics:
+    """Return the statistics of nothing.
+
+    Parameters
+    ----------
+    num_levels : int
+        Levels of coefficients.
+
+    Returns
+    -------
+    Statistics
+        Zeros.
+    """
+    return Statistics(
+        np.zeros((num_levels, _kernels.NUM_NODE_KINDS, 2), np.int64),
+        np.zeros((num_levels, _kernels.NUM_COEFFICIENT_KINDS, _kernels.NUM_STATISTICS), np.int64),
+    )
+
+
+def all_significant(shape: tuple[int, int], num_levels: int | None = None) -> list[Classes]:
+    """Return the classes of significance that forbid nothing.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of the map.
+    num_levels : int, optional
+        How often to halve; by default until one sample is left.
+
+    Returns
+    -------
+    list of ndarray of shape (H_j+1, W_j+1), uint8
+        1 everywhere.
+    """
+    return [np.ones(size, np.uint8) for size in level_shapes(shape, num_levels)[1:]]
+
+
+def open_nodes(significance: Sequence[Classes]) -> list[NDArray[np.bool_]]:
+    """Tell which nodes may have coefficients, or nodes below them that may.
+
+    Parameters
+    ----------
+    significance : sequence of ndarray of shape (H_j+1, W_j+1), uint8
+        0 where the coefficients below a node are 0.
+
+    Returns
+    -------
+    list of ndarray of the same shapes, bool
+        Whether any class at or below a node is not 0.
+    """
+    opened: list[NDArray[np.bool_]] = []
+    for classes in significance:
+        here = classes > 0
+        opened.append(here | _any_child(opened[-1], here.shape) if opened else here)
+    return opened
+
+
+def _any_child(children: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Tell which nodes have a child that is marked."""
+    below = np.zeros((2 * shape[0], 2 * shape[1]), np.bool_)
+    below[: children.shape[0], : children.shape[1]] = children
+    found: NDArray[np.bool_] = below[0::2, 0::2] | below[0::2, 1::2] | below[1::2, 0::2] | below[1::2, 1::2]
+    return found
+
+
+def split_nodes(tree: WaveletTree, predictions: Sequence[Labels]) -> list[NDArray[np.bool_]]:
+    """Tell which nodes have any coefficient below them that is not as predicted.
+
+    Parameters
+    ----------
+    tree : WaveletTree
+        The coefficients.
+    predictions : sequence of ndarray of shape (H_j, W_j), int32
+        What they are predicted to be.
+
+    Returns
+    -------
+    list of ndarray of shape (H_j+1, W_j+1), bool
+        By level.
+    """
+    shapes = [*(high.shape for high in tree.highs), tree.roots.shape][1:]
+    splits: list[NDArray[np.bool_]] = []
+    for high, predicted, shape in zip(tree.highs, predictions, shapes, strict=True):
+        changed = high != predicted
+        splits.append(_any_child(changed | splits[-1] if splits else changed, shape))
+    return splits
+
+
+def encode_tree(
+    tree: WaveletTree, significance: Sequence[Classes], previous: WaveletTree | None = None
+) -> tuple[bytes, Statistics]:
+    """Write a tree; inverse of `decode_tree`.
+
+    Parameters
+    ----------
+    tree : WaveletTree
+        Of labels from 0 to ``num_labels - 1``; coefficients that are not significant are as predicted.
+    significance : sequence of ndarray of shape (H_j+1, W_j+1), uint8
+        Class of each node, up to `MAX_CLASS`; where it is 0, coefficients are as predicted.
+    previous : WaveletTree, optional
+        What coefficients are predicted from; 0 by default.
+
+    Returns
+    -------
+    tuple of bytes and Statistics
+        The payload, and what it is made of.
+    """
+    coder = RangeCoder.writer()
+    shape = (tree.highs[0] if tree.highs else tree.roots).shape
+    _, statistics = _code_tree(coder, tree, (shape[0], shape[1]), significance, previous)
+    return coder.to_bytes(), statistics
+
+
+def decode_tree(
+    payload: bytes,
+    transform: IntegerTransform,
+    shape: tuple[int, int],
+    num_labels: int,
+    significance: Sequence[Classes],
+    previous: WaveletTree | None = None,
+) -> WaveletTree:
+    """Read a tree; inverse of `encode_tree`.
+
+    Parameters
+    ----------
+    payload : bytes
+        As `encode_tree` returns it.
+    transform : IntegerTransform
+        L or S.
+    shape : tuple of int
+        Rows and columns of the map.
+    num_labels : int
+        How many labels there are.
+    significance : sequence of ndarray, uint8
+        As it was when writing.
+    previous : WaveletTree, optional
+        Likewise.
+
+    Returns
+    -------
+    WaveletTree
+        The tree; any, if the payload is damaged, but of valid labels.
+
+    Raises
+    ------
+    BitstreamError
+        If the payload cannot have been written.
+    """
+    shapes = level_shapes(shape, len(significance))
+    highs = tuple(np.zeros(size, np.int32) for size in shapes[:-1])
+    empty = WaveletTree(transform, num_labels, np.zeros(shapes[-1], np.int32), highs)
+    coder = RangeCoder.reader(payload)
+    tree, _ = _code_tree(coder, empty, shape, significance, previous)
+    coder.check()
+    return tree
+
+
+def _code_tree(
+    coder: RangeCoder,
+    tree: WaveletTree,
+    shape: tuple[int, int],
+    significance: Sequence[Classes],
+    previous: WaveletTree | None,
+) -> tuple[WaveletTree, Statistics]:
+    """Code a tree, and return that which was written or read."""
+    num_levels = len(tree.highs)
+    predictions = previous.highs if previous is not None else [np.zeros_like(high) for high in tree.highs]
+    levels, splits, opened = tree.levels(), split_nodes(tree, predictions), open_nodes(significance)
+    statistics = no_statistics(num_levels)
+    counts = _initial_counts()
+    parents = roots = _code_roots(coder, tree, previous)
+    alive, highs = np.ones(parents.shape, np.uint8), list(tree.highs)
+    for level in reversed(range(num_levels)):
+        labels, live = levels[level].copy(), np.zeros(levels[level].shape, np.uint8)
+        split, classes = splits[level].astype(np.uint8), significance[level]
+        high = highs[level].copy()
+        coded = (high, labels, live) if tree.transform is S_TRANSFORM else (labels, live)
+        code_row = _kernels.code_row_s if tree.transform is S_TRANSFORM else _kernels.code_row_l
+        given = parents, alive, classes, opened[level], predictions[level], tree.num_labels
+        seen = statistics.flags[level], statistics.coefficients[level]
+        context_level = min(level, _kernels.NUM_LEVELS - 1)
+        for m in range(len(parents)):
+            state = coder.room_for(parents.shape[1] * _kernels.MAX_SYMBOLS)
+            code_row(state, counts, context_level, m, *given, split, *coded, *seen)
+        if tree.transform is not S_TRANSFORM:
+            high = labels - tree.transform.synthesise(parents, np.zeros_like(labels))
+        highs[level], parents, alive = high, labels, live
+    return WaveletTree(tree.transform, tree.num_labels, roots, tuple(highs)), statistics
+
+
+def _code_roots(coder: RangeCoder, tree: WaveletTree, previous: WaveletTree | None) -> Labels:
+    """Code the low-pass coefficients of the coarsest level, or how they differ from those before."""
+    roots = tree.roots.copy()
+    if previous is not None:
+        counts = context_counts(np.full(2 + 2 * _EXPONENTS, 50))
+        state = coder.room_for(roots.size * MAX_DECISIONS)
+        _kernels.code_differences(state, counts, roots, previous.roots)
+        return np.clip(roots, 0, tree.num_labels - 1)
+    for place, label in np.ndenumerate(roots):
+        roots[place] = coder.uniform(tree.num_labels, int(label))
+    return roots
+
+
+def _initial_counts() -> NDArray[np.int64]:
+    """Return counts from which the contexts start."""
+    percent = np.full(_kernels.NUM_CONTEXTS, 50)
+    flags = percent[_kernels.FLAGS : _kernels.ZEROS].reshape(_kernels.NUM_LEVELS, -1)
+    of_nodes = flags[:, 1:].reshape(_kernels.NUM_LEVELS, _kernels.NUM_CLASSES, _kernels.NUM_PLACES, 3)
+    of_nodes[:, :, 0] = 15
+    zeros = percent[_kernels.ZEROS : _kernels.MERGES].reshape(
+        _kernels.NUM_LEVELS, _kernels.NUM_CLASSES, _kernels.NUM_PLACES, 3
+    )
+    zeros[:, :, 0] = 20
+    return context_counts(percent)

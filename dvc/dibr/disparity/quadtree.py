@@ -1,0 +1,214 @@
+"""Quadtree of disparities: squares of one label each, split where that pays.
+
+The tree begins with one square around the whole map and may go down to single pixels. Leaves have labels that
+are independent of each other, as in the thesis: adaptive contexts learn how frequent each label is, and how
+often squares of each size are split, and the tree is pruned with the costs that follow from a first tree.
+
+References
+----------
+[Sullivan1994] G. J. Sullivan, R. L. Baker, "Efficient quadtree coding of images and video", IEEE Trans. Image
+Process. 3(3), 1994.
+[Maitre2008] Section 3.4.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.disparity import _kernels
+from dvc.dibr.disparity.coding import Classes
+from dvc.dibr.disparity.error_tensor import Tensor
+from dvc.dibr.disparity.integer_transforms import Labels, level_shapes
+from dvc.entropy import RangeCoder, context_counts
+
+Floats = NDArray[np.float64]
+
+NUM_ITERATIONS = 4
+_SPLIT_PRIOR, _PRIOR_WEIGHT = 0.3, 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Quadtree:
+    """A map of labels, constant in squares.
+
+    Attributes
+    ----------
+    labels : ndarray of shape (H, W), int32
+        The map.
+    splits : tuple of ndarray of shape (H_j, W_j), bool
+        Which squares of side 2^j are split, for j = 1, 2, ...; False below one that is not.
+    num_labels : int
+        How many labels there are.
+    """
+
+    labels: Labels
+    splits: tuple[NDArray[np.bool_], ...]
+    num_labels: int
+
+    def disparity(self, level: int = 0) -> Labels:
+        """Return the map of labels, every 2^level-th pixel; see `Representation`."""
+        return self.labels[:: 1 << level, :: 1 << level]
+
+
+class QuadtreeCodec:
+    """Quadtrees of least error and bits (exactly, for the costs of labels and splits); no significance."""
+
+    name = "quadtree"
+    layered = False
+
+    def optimise(
+        self,
+        tensor: Tensor,
+        slope: float,
+        significance: Sequence[Classes] | None = None,
+        previous: Quadtree | None = None,
+    ) -> Quadtree:
+        """Prune the tree; see `DisparityCodec`."""
+        sums = _sums(tensor)
+        pixels = tensor.shape[0] * tensor.shape[1]
+        label_bits = np.full(tensor.shape[2], np.log2(tensor.shape[2]))
+        split_bits = np.tile(-np.log2([1.0 - _SPLIT_PRIOR, _SPLIT_PRIOR]), (len(sums), 1))
+        best, least = None, np.inf
+        for _ in range(NUM_ITERATIONS):
+            tree = prune(sums, slope * label_bits, slope * split_bits)
+            errors = np.take_along_axis(tensor, tree.labels[:, :, None], 2).sum(dtype=np.float64)
+            cost = errors + slope * 8 * len(self.encode(tree))
+            if cost < least - 1e-6 * pixels * slope:
+                best, least = tree, cost
+            label_bits, split_bits = _measured_bits(tree)
+        assert best is not None
+        return best
+
+    def encode(
+        self,
+        representation: Quadtree,
+        significance: Sequence[Classes] | None = None,
+        previous: Quadtree | None = None,
+    ) -> bytes:
+        """Write the tree; see `DisparityCodec`."""
+        coder = RangeCoder.writer()
+        _code(coder, representation)
+        return coder.to_bytes()
+
+    def decode(
+        self,
+        payload: bytes,
+        shape: tuple[int, int],
+        num_labels: int,
+        significance: Sequence[Classes] | None = None,
+        previous: Quadtree | None = None,
+    ) -> Quadtree:
+        """Read the tree; see `DisparityCodec`."""
+        empty = tuple(np.zeros(size, np.bool_) for size in level_shapes(shape)[1:])
+        coder = RangeCoder.reader(payload)
+        tree = _code(coder, Quadtree(np.zeros(shape, np.int32), empty, num_labels))
+        coder.check()
+        return tree
+
+
+def prune(sums: Sequence[Tensor], label_costs: Floats, split_costs: Floats) -> Quadtree:
+    """Find the tree of least errors and costs.
+
+    Parameters
+    ----------
+    sums : sequence of ndarray of shape (H_j, W_j, labels), float32
+        Errors of each label in squares of side 2^j, j = 0 first.
+    label_costs : ndarray of shape (labels,), float64
+        Cost of each label of a leaf.
+    split_costs : ndarray of shape (levels, 2), float64
+        Cost of squares that are leaves, and that are split; the first level has single pixels, and none.
+
+    Returns
+    -------
+    Quadtree
+        The tree; of equal ones, the smaller.
+    """
+    costs, leaves, splits = [], [], []
+    for level, errors in enumerate(sums):
+        total = errors + label_costs.astype(np.float32)
+        leaf = total.argmin(axis=2).astype(np.int32)
+        cost = np.take_along_axis(total, leaf[:, :, None], 2)[:, :, 0].astype(np.float64)
+        if level > 0:
+            cost += split_costs[level, 0]
+            below = _sum_of_squares(costs[-1][:, :, None])[:, :, 0] + split_costs[level, 1]
+            splits.append(below < cost)
+            cost = np.minimum(cost, below)
+        costs.append(cost)
+        leaves.append(leaf)
+    labels, alive = leaves[-1], np.ones(leaves[-1].shape, np.bool_)
+    for level in reversed(range(len(splits))):
+        splits[level] &= alive
+        alive = _spread(splits[level], leaves[level].shape)
+        labels = np.where(alive, leaves[level], _spread(labels, leaves[level].shape))
+    return Quadtree(labels.astype(np.int32), tuple(splits), sums[0].shape[2])
+
+
+def _sums(tensor: Tensor) -> list[Tensor]:
+    sums = [tensor]
+    while max(sums[-1].shape[:2]) > 1:
+        sums.append(_sum_of_squares(sums[-1]))
+    return sums
+
+
+def _sum_of_squares(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Add values of 2 x 2 children; those beyond the border do not exist."""
+    rows = values[0::2].copy()
+    rows[: values.shape[0] // 2] += values[1::2]
+    columns = rows[:, 0::2].copy()
+    columns[:, : values.shape[1] // 2] += rows[:, 1::2]
+    return columns
+
+
+def _spread(values: NDArray[np.generic], shape: tuple[int, ...]) -> NDArray[np.generic]:
+    return values.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
+
+
+def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
+    """Return the bits of labels (labels,) and of leaves and splits (levels, 2), as frequent as in a tree."""
+    split_bits = np.zeros((len(tree.splits) + 1, 2))
+    counts = np.zeros(tree.num_labels)
+    alive = np.ones(tree.splits[-1].shape if tree.splits else tree.labels.shape, np.bool_)
+    for level in reversed(range(len(tree.splits))):
+        split = tree.splits[level]
+        share = (split.sum() + _SPLIT_PRIOR * _PRIOR_WEIGHT) / (alive.sum() + _PRIOR_WEIGHT)
+        split_bits[level + 1] = -np.log2([1.0 - share, share])
+        side = 2 << level
+        counts += np.bincount(tree.labels[::side, ::side][alive & ~split], minlength=tree.num_labels)
+        alive = _spread(split, tree.splits[level - 1].shape if level else tree.labels.shape)
+    counts += np.bincount(tree.labels[alive], minlength=tree.num_labels)
+    return -np.log2((counts + 0.5) / (counts.sum() + 0.5 * tree.num_labels)), split_bits
+
+
+def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
+    """Code a tree, squares of one size after the other, and return that which was written or read."""
+    num_digits = (tree.num_labels - 1).bit_length()
+    counts = context_counts(np.full(len(tree.splits) + 1 + (1 << num_digits), 50))
+    counts[: len(tree.splits) + 1] = context_counts(30)
+    shapes = level_shapes((tree.labels.shape[0], tree.labels.shape[1]))
+    alive, splits = np.ones(shapes[-1], np.bool_), []
+    labels = np.zeros(shapes[-1], np.int32)
+    for level in reversed(range(len(shapes))):
+        split = tree.splits[level - 1].copy() if level else np.zeros(alive.shape, np.bool_)
+        step = 1 << level
+        given = tree.labels[::step, ::step]
+        for m in range(len(alive)):
+            state = coder.room_for(alive.shape[1] * (num_digits + 1))
+            _kernels.code_squares(
+                state,
+                counts,
+                level,
+                len(shapes),
+                num_digits,
+                tree.num_labels,
+                alive[m],
+                split[m],
+                given[m],
+                labels[m],
+            )
+        if level:
+            splits.append(split)
+            alive = _spread(split, shapes[level - 1])
+            labels = np.ascontiguousarray(_spread(labels, shapes[level - 1]))
+    return Quadtree(labels, tuple(splits[::-1]), tree.num_labels)
