@@ -8,6 +8,7 @@ of significance, and how far the neighbours known so far are from the prediction
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -224,7 +225,7 @@ def _code_tree(
         split, classes = splits[level].astype(np.uint8), significance[level]
         high = highs[level].copy()
         coded = (high, labels, live) if tree.transform is S_TRANSFORM else (labels, live)
-        code_row = _kernels.code_row_s if tree.transform is S_TRANSFORM else _kernels.code_row_l
+        code_row: Any = _kernels.code_row_s if tree.transform is S_TRANSFORM else _kernels.code_row_l
         given = parents, alive, classes, opened[level], predictions[level], tree.num_labels
         seen = statistics.flags[level], statistics.coefficients[level]
         context_level = min(level, _kernels.NUM_LEVELS - 1)

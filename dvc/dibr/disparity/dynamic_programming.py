@@ -107,16 +107,12 @@ def _bottom_up(
     for level, shape in enumerate(shapes[1:]):
         errors = [np.empty((*shape, tensor.shape[2]), np.float32) for _ in range(2)]
         cost = costs[level]
+        of_nodes = cost.node_kind, cost.flags, *errors
+        below = *pyramid[-1], predictions[level], cost.coefficient_kind, cost.coefficients
         if transform is S_TRANSFORM:
-            of_coefficients = cost.coefficient_kind, cost.coefficients
-            total += _kernels.pass_up_s(
-                *pyramid[-1], predictions[level], *of_coefficients, cost.node_kind, cost.flags, *errors
-            )
+            total += _kernels.pass_up_s(*below, *of_nodes)
         else:
-            of_coefficients = cost.coefficient_kind, cost.coefficients, cost.merges, cost.candidates
-            total += _kernels.pass_up_l(
-                *pyramid[-1], predictions[level], *of_coefficients, cost.node_kind, cost.flags, *errors
-            )
+            total += _kernels.pass_up_l(*below, cost.merges, cost.candidates, *of_nodes)
         pyramid.append((errors[0], errors[1]))
     return pyramid, total
 
@@ -133,25 +129,13 @@ def _top_down(
     for level in reversed(range(len(costs))):
         shape, cost = pyramid[level][0].shape[:2], costs[level]
         labels, live = np.empty(shape, np.int32), np.empty(shape, np.bool_)
+        below = *pyramid[level], predictions[level], cost.coefficient_kind, cost.coefficients
+        of_nodes = cost.node_kind, cost.flags, parents, alive
         if transform is S_TRANSFORM:
             high = np.zeros(shape, np.int32)
-            of_coefficients = cost.coefficient_kind, cost.coefficients, cost.node_kind, cost.flags
-            _kernels.pass_down_s(
-                *pyramid[level], predictions[level], *of_coefficients, parents, alive, high, labels, live
-            )
+            _kernels.pass_down_s(*below, *of_nodes, high, labels, live)
         else:
-            of_level = cost.coefficient_kind, cost.coefficients, cost.merges, cost.candidates
-            _kernels.pass_down_l(
-                *pyramid[level],
-                predictions[level],
-                *of_level,
-                cost.node_kind,
-                cost.flags,
-                parents,
-                alive,
-                labels,
-                live,
-            )
+            _kernels.pass_down_l(*below, cost.merges, cost.candidates, *of_nodes, labels, live)
             high = labels - transform.synthesise(parents, np.zeros(shape, np.int32))
         highs.append(high)
         parents, alive = labels, live

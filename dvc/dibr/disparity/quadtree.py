@@ -13,6 +13,7 @@ Process. 3(3), 1994.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,11 +126,13 @@ def prune(sums: Sequence[Tensor], label_costs: Floats, split_costs: Floats) -> Q
     Quadtree
         The tree; of equal ones, the smaller.
     """
-    costs, leaves, splits = [], [], []
+    costs: list[Floats] = []
+    leaves: list[Labels] = []
+    splits: list[NDArray[np.bool_]] = []
     for level, errors in enumerate(sums):
         total = errors + label_costs.astype(np.float32)
         leaf = total.argmin(axis=2).astype(np.int32)
-        cost = np.take_along_axis(total, leaf[:, :, None], 2)[:, :, 0].astype(np.float64)
+        cost: Floats = np.take_along_axis(total, leaf[:, :, None], 2)[:, :, 0].astype(np.float64)
         if level > 0:
             cost += split_costs[level, 0]
             below = _sum_of_squares(costs[-1][:, :, None])[:, :, 0] + split_costs[level, 1]
@@ -137,7 +140,8 @@ def prune(sums: Sequence[Tensor], label_costs: Floats, split_costs: Floats) -> Q
             cost = np.minimum(cost, below)
         costs.append(cost)
         leaves.append(leaf)
-    labels, alive = leaves[-1], np.ones(leaves[-1].shape, np.bool_)
+    labels: NDArray[Any] = leaves[-1]
+    alive: NDArray[Any] = np.ones(leaves[-1].shape, np.bool_)
     for level in reversed(range(len(splits))):
         splits[level] &= alive
         alive = _spread(splits[level], leaves[level].shape)
@@ -161,7 +165,7 @@ def _sum_of_squares(values: NDArray[np.floating]) -> NDArray[np.floating]:
     return columns
 
 
-def _spread(values: NDArray[np.generic], shape: tuple[int, ...]) -> NDArray[np.generic]:
+def _spread(values: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     return values.repeat(2, axis=0)[: shape[0]].repeat(2, axis=1)[:, : shape[1]]
 
 
@@ -169,7 +173,7 @@ def _measured_bits(tree: Quadtree) -> tuple[Floats, Floats]:
     """Return the bits of labels (labels,) and of leaves and splits (levels, 2), as frequent as in a tree."""
     split_bits = np.zeros((len(tree.splits) + 1, 2))
     counts = np.zeros(tree.num_labels)
-    alive = np.ones(tree.splits[-1].shape if tree.splits else tree.labels.shape, np.bool_)
+    alive: NDArray[Any] = np.ones(tree.splits[-1].shape if tree.splits else tree.labels.shape, np.bool_)
     for level in reversed(range(len(tree.splits))):
         split = tree.splits[level]
         share = (split.sum() + _SPLIT_PRIOR * _PRIOR_WEIGHT) / (alive.sum() + _PRIOR_WEIGHT)
@@ -187,7 +191,8 @@ def _code(coder: RangeCoder, tree: Quadtree) -> Quadtree:
     counts = context_counts(np.full(len(tree.splits) + 1 + (1 << num_digits), 50))
     counts[: len(tree.splits) + 1] = context_counts(30)
     shapes = level_shapes((tree.labels.shape[0], tree.labels.shape[1]))
-    alive, splits = np.ones(shapes[-1], np.bool_), []
+    alive: NDArray[Any] = np.ones(shapes[-1], np.bool_)
+    splits: list[NDArray[np.bool_]] = []
     labels = np.zeros(shapes[-1], np.int32)
     for level in reversed(range(len(shapes))):
         split = tree.splits[level - 1].copy() if level else np.zeros(alive.shape, np.bool_)

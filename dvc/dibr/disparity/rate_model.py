@@ -238,8 +238,11 @@ def code_costs(
     """
     coefficients, merges = _coefficient_bits(statistics.coefficients.astype(np.float64), num_labels)
     flags = _flag_bits(statistics.flags.astype(np.float64))
-    scaled = [(np.float32(slope) * bits.astype(np.float32)) for bits in (coefficients, merges, flags)]
-    return [LevelCosts(*(table[level] for table in scaled), *kinds[level]) for level in range(len(kinds))]
+    tables = [np.float32(slope) * bits.astype(np.float32) for bits in (coefficients, merges, flags)]
+    return [
+        LevelCosts(tables[0][level], tables[1][level], tables[2][level], *of_level)
+        for level, of_level in enumerate(kinds)
+    ]
 
 
 def _flag_bits(counts: Floats) -> Floats:
