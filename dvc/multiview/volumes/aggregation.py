@@ -24,6 +24,10 @@ Labels = NDArray[np.int64]
 Arms = NDArray[np.int16]
 
 
+DARK_LEVEL = 40
+"""Below it a step counts more: noise falls with the square root of the level, and so does contrast."""
+
+
 class Window(NamedTuple):
     """How far the windows reach.
 
@@ -34,7 +38,7 @@ class Window(NamedTuple):
     iterations : int
         Times that costs are summed along the arms of rows and columns.
     limit, far_limit : int
-        Colour differences that end an arm, in levels.
+        Colour differences that end an arm, in levels; smaller ones do below `DARK_LEVEL`.
     """
 
     reach_px: int
@@ -61,8 +65,20 @@ def cross_arms(image: NDArray[np.uint8], window: Window) -> Arms:
     """
     arms = np.empty((*image.shape[:2], 4), np.int16)
     limits = window.reach_px, window.near_reach_px, window.limit, window.far_limit
-    _kernels.grow_arms(image, *limits, arms)
+    _kernels.grow_arms(evened_levels()[image], *limits, arms)
     return arms
+
+
+def evened_levels() -> NDArray[np.int16]:
+    """Return levels in whose differences noise is alike.
+
+    Returns
+    -------
+    ndarray of shape (256,), int16
+        For each level the sum of all steps up to it.
+    """
+    steps = np.sqrt(np.maximum(DARK_LEVEL / np.arange(1.0, 256.0), 1.0))
+    return np.floor(np.concatenate([[0.0], np.cumsum(steps)]) + 0.5).astype(np.int16)
 
 
 def aggregate(

@@ -7,7 +7,7 @@ whom (2.17), and its windows follow them.
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from typing import Any
 
@@ -154,8 +154,7 @@ class _Solver:
     ) -> None:
         self.array, self.labels, self.settings = array, labels, settings
         self.pool, self.advance = pool, advance
-        smaller = settings.occlusion != "none"
-        self.comparison = Comparison(array, labels, COSTS[settings.cost], smaller)
+        self.comparison = Comparison(array, labels, COSTS[settings.cost])
         self.arms: dict[tuple[int, Window], Arms] = {}
         self.near = [neighbours(array, index) for index in range(len(array))]
         self.is_large = _is_large(array.shape, labels.num_labels)
@@ -237,7 +236,8 @@ class _Solver:
         occupancy = state.occupancy if state is not None and explicit else None
         origin = base - self.half_band if self.is_large else np.zeros(view.shape, np.int64)
         regions = Regions(arms, windows, base, Band(origin, self.num_labels))
-        cost = photometric_cost(self.comparison, index, self.near[index], regions, occupancy, rows)
+        comparison = replace(self.comparison, smaller_of_opposite=settings.takes_smaller(iteration))
+        cost = photometric_cost(comparison, index, self.near[index], regions, occupancy, rows)
         if state is not None and settings.geometric_weight > 0.0:
             label, kept = (plane[rows] for plane in state.occupancy[index])
             strength = np.float32(settings.geometric_weight)

@@ -57,8 +57,8 @@ class StereoSettings:
     inference : str
         Method, of `INFERENCE_NAMES`.
     occlusion : str
-        What is done about hidden points: visibility is computed from surfaces (2.19), only the better one of
-        opposite neighbours counts (2.18), or nothing, all neighbours counting alike.
+        What is done about hidden points: visibility is computed from surfaces (2.19), as soon as there are
+        any; the better one of opposite neighbours counts (2.18); or nothing is done, all count alike.
     max_iterations : int
         Times that surfaces are found, at most; the first time nothing is known of visibility.
     min_change : float
@@ -77,6 +77,23 @@ class StereoSettings:
     geometric_weight: float = 0.0
     geometric_limit: float = 3.0
     sub_pixel: bool = False
+
+    def takes_smaller(self, iteration: int) -> bool:
+        """Tell whether the smaller cost of opposite neighbours counts (2.18), or the mean of both.
+
+        Parameters
+        ----------
+        iteration : int
+            From 0.
+
+        Returns
+        -------
+        bool
+            Costs that are summed over regions do without it once visibility is known.
+        """
+        if self.occlusion == "explicit":
+            return iteration == 0 or self.cost == "squared"
+        return self.occlusion == "implicit"
 
     def windows(self, iteration: int) -> "tuple[Window, ...]":
         """Return what costs are summed over.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dvc._jit import python_twin
 from dvc.multiview.volumes import _kernels as kernels
-from dvc.multiview.volumes.aggregation import Window, aggregate, cross_arms
+from dvc.multiview.volumes.aggregation import DARK_LEVEL, Window, aggregate, cross_arms, evened_levels
 from dvc.multiview.volumes.matching_costs import WeightedCosts
 from tests.reference import cost_volumes as reference
 
@@ -55,6 +55,20 @@ def test_arms(rng: np.random.Generator, window: Window) -> None:
     flat = cross_arms(np.full((9, 9, 3), 70, np.uint8), window)
     assert flat[4, 4].tolist() == [min(window.reach_px - 1, 4)] * 4
     assert flat[0, 0].tolist() == [0, min(window.reach_px - 1, 8)] * 2
+
+
+def test_small_steps_count_more_in_the_dark() -> None:
+    """Levels stay apart as they are but for dark ones, whose steps grow with the inverse square root."""
+    levels = evened_levels().astype(np.int64)
+    np.testing.assert_array_equal(np.diff(levels[DARK_LEVEL:]), 1)
+    assert (np.diff(levels) >= 1).all()
+    assert levels[10] - levels[0] == pytest.approx(sum((DARK_LEVEL / k) ** 0.5 for k in range(1, 11)), abs=1)
+    window = Window(9, 9, 1, limit=12)
+    picture = np.where(np.indices(SHAPE)[1] < 4, 0, 9).astype(np.uint8)
+    reach = [
+        cross_arms(np.repeat((picture + dark)[:, :, None], 3, axis=2), window)[0, 0, 3] for dark in (5, 60)
+    ]
+    assert reach == [3, 8]
 
 
 @pytest.mark.nojit

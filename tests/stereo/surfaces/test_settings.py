@@ -31,6 +31,22 @@ def test_raw_costs_have_no_windows(iteration: int) -> None:
     assert StereoSettings(cost="census").windows(iteration)
 
 
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        (StereoSettings(), [True, False, False]),
+        (StereoSettings(cost="squared"), [True, True, True]),
+        (StereoSettings(occlusion="implicit"), [True, True, True]),
+        (StereoSettings(occlusion="none"), [False, False, False]),
+    ],
+)
+def test_smaller_costs_count_until_visibility_is_known(
+    settings: StereoSettings, expected: list[bool]
+) -> None:
+    """Regions know without them what is hidden; pixels by themselves are treated as (2.18) says."""
+    assert [settings.takes_smaller(iteration) for iteration in range(3)] == expected
+
+
 def test_scanlines_find_the_first_base_surface() -> None:
     """Messages follow the base, which scanlines find; raw costs and the other method are all of one kind."""
     kinds = [type(StereoSettings().inference_method(k, 1.0)) for k in range(3)]
