@@ -10,14 +10,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.figures.stereo.calibrations import write_cameras
+from dvc.calibration.camera_files import load_cameras
+from dvc.calibration.cameras import Camera
+from dvc.calibration.feature_matching import Features
 from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import LatticePosition
 from dvc.pfm import read_pfm
 from dvc.picture_files import read_picture
-from dvc.stereo.rectification.camera_files import load_cameras
-from dvc.stereo.rectification.cameras import Camera
 from dvc.stereo.rectification.disparity_range import suggested_labels
-from dvc.stereo.rectification.feature_matching import Features
 from dvc.stereo.rectification.rectified_array import rectified_array
 from dvc.stereo.rectification.rectified_space import Rectification
 from dvc.stereo.rectification.rectify import rectify

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dvc.calibration.cameras import Camera
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.rectification.cameras import Camera
 from dvc.stereo.rectification.rectified_space import (
     SWAP,
     first_homography,

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.figures.harness import Figure, Measured, Setting
-from dvc.stereo.rectification.cameras import Camera
+from dvc.calibration.cameras import Camera
 from dvc.stereo.rectification.rectified_space import (
     SWAP,
     first_homography,

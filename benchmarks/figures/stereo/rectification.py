@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from benchmarks.figures.harness import Figure, Measured, Setting
 from benchmarks.figures.stereo.calibrations import write_cameras
 from benchmarks.figures.stereo.runs import data_folder
+from dvc.calibration.camera_files import load_cameras
+from dvc.calibration.cameras import Camera
+from dvc.calibration.feature_matching import Features
 from dvc.picture_files import read_picture
-from dvc.stereo.rectification.camera_files import load_cameras
-from dvc.stereo.rectification.cameras import Camera
-from dvc.stereo.rectification.feature_matching import Features
 from dvc.stereo.rectification.rectified_array import rectified_array
 
 AREA = "stereo"

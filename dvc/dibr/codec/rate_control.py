@@ -51,7 +51,7 @@ def encode_to_size(encode: Callable[[float], Encoded], max_bytes: int) -> Encode
     if fits is None:
         least = encode(STEEPEST)
         if len(least.data) > max_bytes:
-            raise ConfigError(f"{max_bytes} bytes are too few: {len(least.data)} are the least for these views")
+            raise ConfigError(f"{max_bytes} bytes are too few: these views need {len(least.data)} at least")
         fits = least
     return fits
 

@@ -40,7 +40,7 @@ def render(decoded: Decoded, viewpoint: Viewpoint, blend: Blend = Blend.DISTANCE
         The view, of the size of the pictures.
     """
     away = [distance(pair.viewpoint, viewpoint) for pair in decoded.pairs]
-    near = NEAR_VIEW * max(max(away), 1e-9)
+    near = NEAR_VIEW * max(*away, 1e-9)
     weights = [near / (reach + near) for reach in away]
     if blend is Blend.NEAREST:
         weights = [float(index == int(np.argmin(away))) for index in range(len(away))]

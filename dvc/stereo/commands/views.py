@@ -35,7 +35,7 @@ def rectified_views(
     DvcError
         If a file cannot be read, cameras are missing, or they do not stand in a plane.
     """
-    from dvc.stereo.rectification.camera_files import AUTO
+    from dvc.calibration.camera_files import AUTO
     from dvc.stereo.rectification.rectified_array import rectified_array
 
     # nobody knows how long cameras take to be estimated

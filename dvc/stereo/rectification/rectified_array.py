@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.array_files import read_pictures
+from dvc.calibration.camera_files import AUTO, load_cameras
+from dvc.calibration.cameras import CalibratedViews
+from dvc.calibration.feature_matching import Features
 from dvc.errors import ConfigError, DvcError
 from dvc.multiview.camera_array import ArrayView, CameraArray, DisparityLabels, LatticePosition
-from dvc.stereo.rectification.camera_files import AUTO, load_cameras
-from dvc.stereo.rectification.cameras import CalibratedViews
 from dvc.stereo.rectification.disparity_range import (
     MIN_MATCHES,
     RowMatches,
@@ -20,7 +21,6 @@ from dvc.stereo.rectification.disparity_range import (
     row_matches,
     suggested_labels,
 )
-from dvc.stereo.rectification.feature_matching import Features
 from dvc.stereo.rectification.rectified_space import Rectification
 from dvc.stereo.rectification.rectify import rectify, usual_disparity
 from dvc.stereo.rectification.refinement import refined_pair
@@ -81,7 +81,7 @@ def rectified_array(
     paths : sequence of str or Path
         At least two pictures.
     cameras : str or Path
-        As for `dvc.stereo.rectification.camera_files.load_cameras`.
+        As for `dvc.calibration.camera_files.load_cameras`.
     positions : sequence of LatticePosition, optional
         Places of the cameras, one for each; found from their centres if None.
     with_matches : bool, optional

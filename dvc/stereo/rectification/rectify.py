@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.calibration.cameras import LARGEST, Camera
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import LatticePosition
-from dvc.stereo.rectification.cameras import LARGEST, Camera
 from dvc.stereo.rectification.lattice import (
     Lattice,
     Orientation,

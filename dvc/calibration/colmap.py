@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.calibration.cameras import CalibratedViews, Camera, camera_from_matrices
+from dvc.calibration.feature_matching import Features
 from dvc.errors import ConfigError, DvcError
-from dvc.stereo.rectification.cameras import CalibratedViews, Camera, camera_from_matrices
-from dvc.stereo.rectification.feature_matching import Features
 
 Floats = NDArray[np.float64]
 Size = tuple[int, int]

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.errors import ConfigError
-from dvc.stereo.rectification import colmap
-from dvc.stereo.rectification.cameras import (
+from dvc.calibration import colmap
+from dvc.calibration.cameras import (
     LARGEST,
     CalibratedViews,
     Camera,
     camera_from_matrices,
     decomposed,
 )
+from dvc.errors import ConfigError
 
 Floats = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.calibration.camera_files import load_cameras
+from dvc.calibration.cameras import Camera, camera_from_matrices, decomposed
 from dvc.errors import ConfigError, DvcError
-from dvc.stereo.rectification.camera_files import load_cameras
-from dvc.stereo.rectification.cameras import Camera, camera_from_matrices, decomposed
 from tests.stereo.rigs import random_rig
 
 PICTURES = [np.zeros((120, 160, 3), np.uint8)] * 2

@@ -1,0 +1,1 @@
+"""Calibrated cameras: from files of several kinds, or estimated from plain pictures."""
