@@ -141,4 +141,3 @@ def layer_slopes(slope: float, num_layers: int) -> list[float]:
     """
     ratio = min(MAX_SLOPE_RATIO, SLOPE_RANGE ** (1.0 / max(num_layers - 1, 1)))
     return [slope * ratio**step for step in range(num_layers - 1, -1, -1)]
-

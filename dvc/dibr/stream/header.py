@@ -19,10 +19,9 @@ MAX_PIXELS = 2**26
 MAX_LABELS = 2**15 - 1
 MAX_VIEWS = 255
 MAX_LAYERS = 32
-MAX_LEVELS = 16
-_FIXED = struct.Struct("<4sBBHHffHBBBB")
+_FIXED = struct.Struct("<4sBBHHffHBBB")
 _CRC_BYTES = 4
-_GRAY, _CALIBRATED, _METHOD_SHIFT = 1, 2, 2
+_CALIBRATED, _METHOD_SHIFT = 1, 1
 _POSITION = struct.Struct("<2f")
 _CAMERA = struct.Struct("<11f")
 
@@ -44,12 +43,8 @@ class Header:
     ----------
     shape : tuple of int
         Height and width of the views.
-    is_gray : bool
-        Whether pictures are of luma alone.
     method : DisparityMethod
         How disparities are coded.
-    num_levels : int
-        Levels of the wavelet transform of pictures.
     labels : DisparityLabels
         Disparities in pixels per unit of m and n; of calibrated cameras, inverse depths.
     references : tuple of int
@@ -61,9 +56,7 @@ class Header:
     """
 
     shape: tuple[int, int]
-    is_gray: bool
     method: DisparityMethod
-    num_levels: int
     labels: DisparityLabels
     references: tuple[int, ...]
     num_layers: int
@@ -85,8 +78,6 @@ class Header:
         ):
             if not 1 <= value <= highest:
                 raise ConfigError(f"{value} {name}: 1 to {highest} are accepted")
-        if self.num_levels > MAX_LEVELS:
-            raise ConfigError(f"{self.num_levels} wavelet levels: up to {MAX_LEVELS} are accepted")
 
 
 def encode_header(header: Header) -> bytes:
@@ -100,12 +91,12 @@ def encode_header(header: Header) -> bytes:
     Returns
     -------
     bytes
-        28, one for each reference, and 8 for each view, or 44 where cameras are calibrated.
+        27, one for each reference, and 8 for each view, or 44 where cameras are calibrated.
     """
     height, width = header.shape
     is_calibrated = isinstance(header.viewpoints[0], CalibratedViewpoint)
-    flags = _GRAY * header.is_gray | _CALIBRATED * is_calibrated | header.method << _METHOD_SHIFT
-    sizes = header.num_levels, header.num_layers, len(header.references), len(header.viewpoints)
+    flags = _CALIBRATED * is_calibrated | header.method << _METHOD_SHIFT
+    sizes = header.num_layers, len(header.references), len(header.viewpoints)
     fixed = _FIXED.pack(MAGIC, FORMAT_VERSION, flags, width, height, *header.labels, *sizes)
     views = b"".join(_encode_viewpoint(viewpoint) for viewpoint in header.viewpoints)
     data = fixed + bytes(header.references) + views
@@ -139,7 +130,7 @@ def decode_header(data: bytes) -> tuple[Header, int]:
     _, version, flags, width, height, lowest, step, num_labels, *sizes = _FIXED.unpack_from(data)
     if version != FORMAT_VERSION:
         raise BitstreamError(f"the stream is of version {version}; {FORMAT_VERSION} is accepted")
-    num_levels, num_layers, num_references, num_views = sizes
+    num_layers, num_references, num_views = sizes
     layout = _CAMERA if flags & _CALIBRATED else _POSITION
     views = _FIXED.size + num_references
     end = views + num_views * layout.size
@@ -152,8 +143,7 @@ def decode_header(data: bytes) -> tuple[Header, int]:
     try:
         method = DisparityMethod(flags >> _METHOD_SHIFT)
         labels = DisparityLabels(lowest, step, num_labels)
-        shape, is_gray = (height, width), bool(flags & _GRAY)
-        header = Header(shape, is_gray, method, num_levels, labels, references, num_layers, viewpoints)
+        header = Header((height, width), method, labels, references, num_layers, viewpoints)
     except (ConfigError, ValueError) as error:
         raise BitstreamError(f"the header of the stream cannot have been written: {error}") from None
     if max(references) >= num_views:

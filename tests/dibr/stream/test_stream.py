@@ -23,9 +23,7 @@ LAYERS = [
 def _header(**changes):
     values = {
         "shape": (375, 450),
-        "is_gray": True,
         "method": DisparityMethod.S,
-        "num_levels": 5,
         "labels": DisparityLabels(-3.5, 0.25, 60),
         "references": (0, 2),
         "num_layers": 2,
@@ -74,7 +72,6 @@ def test_calibrated_cameras_come_back():
         ({"references": ()}, "0 references"),
         ({"references": (0, 1, 2, 1)}, "4 references"),
         ({"viewpoints": POSITIONS * 100}, "300 views"),
-        ({"num_levels": 99}, "99 wavelet levels"),
     ],
 )
 def test_what_does_not_fit_is_refused(changes, message):
