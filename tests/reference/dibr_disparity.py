@@ -123,7 +123,7 @@ def total_costs(
 def error_tensor(
     reference: Floats, views: Sequence[Floats], offsets: Sequence[tuple[float, float]], disparities: Floats
 ) -> Floats:
-    """Return (3.31) of rectified gray views, pixel by pixel; what no view sees has the least error seen."""
+    """Return (3.31) of rectified gray views, pixel by pixel; what no view sees has the mean error."""
     height, width = reference.shape
     tensor = np.full((height, width, len(disparities)), np.nan)
     for m, n, k in np.ndindex(tensor.shape):
@@ -139,5 +139,5 @@ def error_tensor(
                 squares.append(((1 - fy) * upper + fy * lower - reference[m, n]) ** 2)
         if squares:
             tensor[m, n, k] = np.mean(squares) * len(views) / (len(views) + 1)
-    least = np.nanmin(tensor, axis=2, keepdims=True)
-    return np.where(np.isnan(tensor), least, tensor)
+    blind = np.nanmean(tensor, axis=2, keepdims=True)
+    return np.where(np.isnan(tensor), blind, tensor)

@@ -7,6 +7,8 @@ disparities that predict the other views best from the picture that a decoder ha
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from dvc.dibr.codec.decoder import significance_classes
 from dvc.dibr.codec.views import Views
 from dvc.dibr.disparity.error_tensor import Tensor, error_tensor
@@ -121,7 +123,9 @@ class ViewEncoder:
         viewpoints = self.header.viewpoints
         warps = [warp_between(viewpoints[reference], viewpoints[other]) for other in others]
         pictures = [self.views.pictures[other] / 255.0 for other in others]
-        return error_tensor(decoded.picture() / 255.0, pictures, warps, self.header.labels)
+        labels = self.header.labels
+        inverse_depths = labels.disparity(np.arange(labels.num_labels, dtype=np.float64))
+        return error_tensor(decoded.picture() / 255.0, pictures, warps, inverse_depths)
 
 
 def layer_slopes(slope: float, num_layers: int) -> list[float]:

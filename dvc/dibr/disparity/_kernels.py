@@ -68,18 +68,17 @@ def normalise_errors(tensor, count, num_views):
     height, width, labels = tensor.shape
     for m in range(height):
         for n in range(width):
-            least = INF
+            total, num_seen = 0.0, 0
             for k in range(labels):
                 seen = np.float32(count[m, n, k])
                 if seen > 0:
                     tensor[m, n, k] *= np.float32(num_views) / (seen * np.float32(num_views + 1))
-                    least = min(least, tensor[m, n, k])
+                    total += tensor[m, n, k]
+                    num_seen += 1
+            blind = np.float32(total / num_seen) if num_seen > 0 else np.float32(0.0)
             for k in range(labels):
                 if count[m, n, k] == 0:
-                    tensor[m, n, k] = least if least < INF else np.float32(0.0)
-
-
-# ---- dynamic programming: L ----
+                    tensor[m, n, k] = blind
 
 
 @kernel

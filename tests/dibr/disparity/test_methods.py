@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from dvc.dibr.disparity.error_tensor import RectifiedTranslation, error_tensor
+from dvc.dibr.disparity.error_tensor import error_tensor
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, WaveletTree, level_shapes
 from dvc.dibr.disparity.methods import METHODS
 from dvc.dibr.disparity.wavelet_codec import WaveletCodec
 from dvc.errors import BitstreamError
-from dvc.multiview.camera_array import DisparityLabels, LatticePosition
+from dvc.multiview.camera_array import LatticePosition
+from dvc.multiview.viewpoints import lattice_warp
 
 NAMES = pytest.mark.parametrize("name", METHODS)
 LAYERED = [name for name, codec in METHODS.items() if codec.layered]
@@ -33,8 +34,8 @@ def step_edge(
     view = texture[:, np.minimum(columns + 3, width + 15)].copy()
     view[8:24, 11:31] = near[8:24, 20:40]
     view += noise * rng.normal(size=view.shape)
-    one = RectifiedTranslation(LatticePosition(1.0, 0.0), DisparityLabels(0.0, 1.0, NUM_LABELS))
-    return error_tensor(target, [view], [one]), labels
+    warp = lattice_warp(LatticePosition(0.0, 0.0), LatticePosition(1.0, 0.0))
+    return error_tensor(target, [view], [warp], np.arange(float(NUM_LABELS))), labels
 
 
 def random_significance(seed: int, shape: tuple[int, int]) -> list[NDArray[np.uint8]]:
