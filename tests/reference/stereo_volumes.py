@@ -120,3 +120,30 @@ def banded(
         if 0 <= origin[y, x] + k < volume.shape[2]:
             found[y, x, k] = volume[y, x, origin[y, x] + k]
     return found
+
+
+def fused(index: int, maps: Floats, seen: Volume, shifts: Any, tolerance: float) -> Floats:
+    """Return the labels of a camera that those of the others confirm, camera by camera and pixel by pixel."""
+    found = maps[index].copy()
+    others = [k for k in range(len(maps)) if k != index]
+
+    def _labels(y: int, x: int, label: int) -> list[float]:
+        places = [(k, y + shifts[k, label, 1], x + shifts[k, label, 0]) for k in others]
+        inside = [p for p in places if 0 <= p[1] < maps.shape[1] and 0 <= p[2] < maps.shape[2]]
+        return [float(maps[place]) for place in inside if seen[place]]
+
+    for y, x in np.ndindex(found.shape):
+        own, label = float(maps[index, y, x]), round(float(maps[index, y, x]))
+        looking = _labels(y, x, label)
+        agreeing = sorted([own, *(value for value in looking if abs(value - own) <= tolerance)])
+        beyond = [value for value in looking if value < own - tolerance]
+        if len(beyond) <= len(agreeing):
+            middle = agreeing[(len(agreeing) - 1) // 2], agreeing[len(agreeing) // 2]
+            found[y, x] = np.clip(own, *middle)
+            continue
+        behind = range(label - int(tolerance) - 1, -1, -1)
+        votes = {other: sum(abs(v - other) <= 1.0 for v in _labels(y, x, other)) for other in behind}
+        most = max(votes.values(), default=0)
+        if most > len(agreeing):
+            found[y, x] = max(other for other, count in votes.items() if count == most)
+    return found

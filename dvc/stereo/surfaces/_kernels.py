@@ -49,3 +49,46 @@ def add_distance(own, supported, origin, strength, limit, cost):
                 for k in range(cost.shape[2]):
                     distance = abs(origin[y, x] + k - own[y, x])
                     cost[y, x, k] += strength * np.float32(min(distance, limit))
+
+
+@kernel
+def fuse(index, maps, seen, shifts, tolerance, fused):
+    """Replace labels by the median of cameras that agree, or by another where most cameras look through."""
+    num, height, width = maps.shape
+    values = np.empty(num)
+    for y in range(height):
+        for x in range(width):
+            own = maps[index, y, x]
+            label = np.int64(np.floor(own + 0.5))
+            values[0], count, num_beyond = own, 1, 0
+            for k in range(num):
+                u, v = x + shifts[k, label, 0], y + shifts[k, label, 1]
+                if k == index or not (0 <= u < width and 0 <= v < height) or not seen[k, v, u]:
+                    continue
+                if abs(maps[k, v, u] - own) <= tolerance:
+                    values[count] = maps[k, v, u]
+                    count += 1
+                elif maps[k, v, u] < own:
+                    num_beyond += 1
+            if num_beyond > count:
+                lower = most_confirmed(index, x, y, maps, seen, shifts, label - tolerance - 1, count)
+                fused[y, x] = own if lower < 0 else lower
+            else:
+                agreeing = np.sort(values[:count])
+                fused[y, x] = min(max(own, agreeing[(count - 1) // 2]), agreeing[count // 2])
+
+
+@kernel
+def most_confirmed(index, x, y, maps, seen, shifts, highest, count):
+    """Find the label that most other cameras have, more than `count` and up to `highest`; -1: none."""
+    num, height, width = maps.shape
+    best = -1
+    for label in range(highest, -1, -1):
+        found = 0
+        for k in range(num):
+            u, v = x + shifts[k, label, 0], y + shifts[k, label, 1]
+            if k != index and 0 <= u < width and 0 <= v < height and seen[k, v, u]:
+                found += abs(maps[k, v, u] - label) <= 1.0
+        if found > count:
+            best, count = label, found
+    return best

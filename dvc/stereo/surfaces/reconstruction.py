@@ -2,12 +2,14 @@
 
 Each iteration infers the labels of every camera from its photometric cost (2.13), keeps what several cameras
 agree on (2.15), and continues it over the rest. The next one knows from these surfaces what is hidden from
-whom (2.17), and its windows follow them.
+whom (2.17), and its windows follow them. In the end, where labels are finer than pixels, each camera takes
+what most of those that see a point say of it.
 """
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise, product
 from typing import Any
 
@@ -22,9 +24,10 @@ from dvc.multiview.volumes.inference import Inferred
 from dvc.multiview.volumes.matching_costs import COSTS, Band
 from dvc.stereo.surfaces import _kernels
 from dvc.stereo.surfaces.continuation import continued
+from dvc.stereo.surfaces.fusion import FUSION_ROUNDS, fused
 from dvc.stereo.surfaces.occupancy import Occupancy, neighbours, seen_elsewhere, supported
 from dvc.stereo.surfaces.photometric import Comparison, Regions, photometric_cost
-from dvc.stereo.surfaces.settings import StereoSettings
+from dvc.stereo.surfaces.settings import StereoSettings, tolerance
 from dvc.stereo.surfaces.surface import Reconstruction, Surface
 
 Labels = NDArray[np.int64]
@@ -257,19 +260,32 @@ class _Solver:
 
     def surfaces(self, state: _State) -> tuple[Surface, ...]:
         """Turn labels into disparities; what no camera agrees on counts as occluded."""
-        final = [np.floor(surface + 0.5).astype(np.int64) for surface in state.filled]
+        views = range(len(self.array))
+        refined = [self._refined(state, index) for index in views]
+        found = refined
+        # labels of whole pixels are as consistent as they can be; finer ones differ from camera to camera
+        if self.settings.occlusion == "explicit" and self.comparison.fineness > 1.0:
+            for _ in range(FUSION_ROUNDS):
+                found = list(self.pool.map(partial(fused, self.array, self.labels, found), views))
+        final = [np.floor(label + 0.5).astype(np.int64) for label in found]
+        near = tolerance(self.comparison.fineness)
 
         def _surface(index: int) -> Surface:
-            occupancy, inferred, label = state.occupancy[index], state.inferred[index], state.filled[index]
-            if self.settings.sub_pixel:
-                offset = np.where(occupancy.supported, inferred.offset, 0.0)
-                label = np.clip(label + offset, 0.0, self.labels.num_labels - 1.0)
+            clear = 1.0 - np.exp(-state.inferred[index].margin / CLEAR_MARGIN)
+            kept = state.occupancy[index].supported & (np.abs(found[index] - refined[index]) <= near)
+            confidence = np.where(kept, clear, 0.0).astype(np.float32)
             seen = seen_elsewhere(self.array, self.labels, final, index)
-            clear = 1.0 - np.exp(-inferred.margin / CLEAR_MARGIN)
-            confidence = np.where(occupancy.supported, clear, 0.0).astype(np.float32)
-            return Surface(self.labels.disparity(label).astype(np.float32), ~seen, confidence)
+            return Surface(self.labels.disparity(found[index]).astype(np.float32), ~seen, confidence)
 
-        return tuple(self.pool.map(_surface, range(len(self.array))))
+        return tuple(self.pool.map(_surface, views))
+
+    def _refined(self, state: _State, index: int) -> Floats:
+        """Labels of a view, and what lies between them where that is asked for."""
+        label = state.filled[index]
+        if not self.settings.sub_pixel:
+            return label
+        offset = np.where(state.occupancy[index].supported, state.inferred[index].offset, 0.0)
+        return np.clip(label + offset, 0.0, self.labels.num_labels - 1.0)
 
 
 def _is_large(shape: tuple[int, int], num_labels: int) -> bool:
