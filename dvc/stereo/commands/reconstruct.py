@@ -177,10 +177,10 @@ def _truth(arguments: argparse.Namespace, array: "CameraArray") -> "Truth | None
 
 def _write_shapes(paths: list[Path], found: "Reconstruction", rectification: "Rectification | None") -> None:
     """Write the surface of the reference view."""
-    from dvc.stereo.output.export import points_in_world, points_of_disparity, surface_shape, write_shape
-
     if not paths:
         return
+    from dvc.stereo.output.export import points_in_world, points_of_disparity, surface_shape, write_shape
+
     view, surface = found.array[found.array.reference], found.surfaces[found.array.reference]
     kept = view.valid
     if rectification is None:
