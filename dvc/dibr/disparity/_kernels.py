@@ -6,7 +6,10 @@ and the slope over its magnitude when not, and the cost of any value; `merge` wh
 costs, and `flags` (kinds, 2) that of a node without and with coefficients below. INF forbids.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.entropy.binarisation import NUM_EXPONENTS as BINARY_EXPONENTS
@@ -401,25 +404,91 @@ def pass_down_s(
 NUM_LEVELS = 6  # that contexts tell apart; coarser ones share the last
 NUM_CLASSES = 4  # of significance
 NUM_PLACES = (
-    5  # what the neighbours of a sample say: 0: as predicted, then one or more that differ a little or much
+    5  # what the neighbours of a sample say: 0: as predicted; then one or more differ a little or much
 )
 LITTLE = 2  # labels
+NUM_DISTANCES = 5  # of a candidate from the prediction: 1, 2 to 3, 4 to 7, ...
 NUM_COEFFICIENT_KINDS = NUM_CLASSES * NUM_PLACES
 NUM_NODE_KINDS = 1 + 3 * NUM_CLASSES * NUM_PLACES  # the first has nothing below
 NUM_EXPONENTS = 13
 
+# Contexts: those of all levels, then those by level.
 FLAGS = 0
-ZEROS = FLAGS + NUM_LEVELS * NUM_NODE_KINDS
-MERGES = ZEROS + NUM_LEVELS * NUM_COEFFICIENT_KINDS * 3
-SIGNS = MERGES + NUM_LEVELS * NUM_CANDIDATES * NUM_PLACES
+ZEROS = FLAGS + (1 + NUM_LEVELS) * NUM_NODE_KINDS
+MERGES = ZEROS + (1 + NUM_LEVELS) * NUM_COEFFICIENT_KINDS * 3
+DISTANCES = MERGES + (1 + NUM_LEVELS) * NUM_CANDIDATES * NUM_PLACES
+SIGNS = DISTANCES + NUM_CANDIDATES * NUM_DISTANCES
 EXPONENTS = SIGNS + 3
-MANTISSAS = EXPONENTS + NUM_LEVELS * NUM_EXPONENTS
+MANTISSAS = EXPONENTS + (1 + NUM_LEVELS) * NUM_EXPONENTS
 NUM_CONTEXTS = MANTISSAS + NUM_EXPONENTS
 MAX_SYMBOLS = 1 + 4 * (2 + NUM_CANDIDATES + 2 * NUM_EXPONENTS)  # of a node
+
+# Mixtures.
+MIX_FLAG, MIX_ZERO, MIX_MERGE, MIX_EXPONENT, MIX_SINGLE = range(5)
+NUM_MIXTURES = 5
+
+STRETCH, SQUASH, RATE = range(3)
+TABLE_SIZE = 4096
+STRETCH_LIMIT = 12.0
+MAX_COUNT = 255
+LEARNING_RATE = 0.02
 
 # What is counted while coding, by level and kind of coefficient.
 SAME, OTHER, MERGED, UNMERGED, RESTS, MAGNITUDES = 0, 1, 2, 4, 6, 7
 NUM_STATISTICS = 8
+
+
+class Model(NamedTuple):
+    """Probabilities of decisions, and how those of two contexts are mixed.
+
+    Attributes
+    ----------
+    contexts : ndarray of shape (contexts, 2), float64
+        Probability of a 1, and how often the context was met.
+    weights : ndarray of shape (mixtures, 2), float64
+        Weights of the two contexts.
+    tables : ndarray of shape (3, TABLE_SIZE), float64
+        Of the logistic mixture.
+    """
+
+    contexts: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    tables: NDArray[np.float64]
+
+
+@kernel
+def learn(model, context, decision):
+    """Draw the probability of a context to a decision."""
+    state = model.contexts[context]
+    count = np.int64(state[1])
+    state[0] += (decision - state[0]) * model.tables[RATE, count]
+    state[1] = min(count + 1, MAX_COUNT)
+
+
+@kernel
+def code_mixed(coder, model, first, second, mixture, decision):
+    """Code a decision, its probability mixed of those of two contexts, and return it."""
+    tables, weights = model.tables, model.weights[mixture]
+    a = tables[STRETCH, np.int64(model.contexts[first, 0] * TABLE_SIZE)]
+    b = tables[STRETCH, np.int64(model.contexts[second, 0] * TABLE_SIZE)]
+    mixed = weights[0] * a + weights[1] * b
+    mixed = min(max(mixed, 0.01 - STRETCH_LIMIT), STRETCH_LIMIT - 0.01)
+    probability = tables[SQUASH, np.int64((mixed + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT)))]
+    decision = code_decision(coder, probability, decision)
+    error = (decision - probability) * LEARNING_RATE
+    weights[0] += error * a
+    weights[1] += error * b
+    learn(model, first, decision)
+    learn(model, second, decision)
+    return decision
+
+
+@kernel
+def code_single(coder, model, context, decision):
+    """Code a decision in one context, and return it."""
+    decision = code_decision(coder, min(max(model.contexts[context, 0], 2.0**-12), 1.0 - 2.0**-12), decision)
+    learn(model, context, decision)
+    return decision
 
 
 @kernel
@@ -506,13 +575,18 @@ def kind_of_node(m, n, parents, splits, significance, is_open, place, candidates
 
 
 @kernel
-def code_rest(coder, counts, level, sign, value):
-    """Code a number that is not 0: its sign, and its magnitude less one by an adaptive code of Exp-Golomb."""
-    positive = code_adaptive(coder, counts, SIGNS + sign, int(value > 0))
+def code_rest(coder, model, level, sign, value):
+    """Code a number that is not 0: its sign, and its magnitude by an adaptive code of Exp-Golomb."""
+    positive = code_single(coder, model, SIGNS + sign, int(value > 0))
     magnitude = abs(value)  # at least 1
     exponent = 0
-    while code_adaptive(
-        coder, counts, EXPONENTS + level * NUM_EXPONENTS + exponent, int(magnitude >> (exponent + 1) > 0)
+    while code_mixed(
+        coder,
+        model,
+        EXPONENTS + exponent,
+        EXPONENTS + (1 + level) * NUM_EXPONENTS + exponent,
+        MIX_EXPONENT,
+        int(magnitude >> (exponent + 1) > 0),
     ):
         exponent += 1
         if exponent >= NUM_EXPONENTS:
@@ -522,30 +596,49 @@ def code_rest(coder, counts, level, sign, value):
     for k in range(exponent - 1, -1, -1):
         digit = magnitude >> k & 1
         if k == exponent - 1:
-            coded = coded << 1 | code_adaptive(coder, counts, MANTISSAS + exponent, digit)
+            coded = coded << 1 | code_single(coder, model, MANTISSAS + exponent, digit)
         else:
             coded = coded << 1 | code_decision(coder, 0.5, digit)
     return coded if positive else -coded
 
 
 @kernel
-def code_coefficient(coder, counts, level, kind, before, predicted, value, place, candidates, statistics):
+def code_flag(coder, model, level, kind, split):
+    """Code whether there is anything below a node, and return it."""
+    first = FLAGS + kind
+    return code_mixed(coder, model, first, first + (1 + level) * NUM_NODE_KINDS, MIX_FLAG, split)
+
+
+@kernel
+def distance_class(difference):
+    """Class of how far a candidate is, from `NUM_DISTANCES`."""
+    magnitude, found = abs(difference), 0
+    while magnitude > 1 and found < NUM_DISTANCES - 1:
+        magnitude >>= 1
+        found += 1
+    return found
+
+
+@kernel
+def code_coefficient(coder, model, level, kind, before, predicted, value, place, candidates, statistics):
     """Code a label or coefficient by how it differs from what is predicted, and return it."""
-    context = ZEROS + ((level * NUM_COEFFICIENT_KINDS) + kind) * 3 + before
+    first = ZEROS + kind * 3 + before
+    second = first + (1 + level) * NUM_COEFFICIENT_KINDS * 3
     seen = statistics[kind]
-    if not code_adaptive(coder, counts, context, int(value != predicted)):
+    if not code_mixed(coder, model, first, second, MIX_ZERO, int(value != predicted)):
         seen[SAME] += 1
         return predicted
     seen[OTHER] += 1
     for c in range(NUM_CANDIDATES):
         if candidates[c] != NONE:
-            context = MERGES + (level * NUM_CANDIDATES + c) * NUM_PLACES + kind % NUM_PLACES
-            merged = code_adaptive(coder, counts, context, int(value == candidates[c]))
+            first = DISTANCES + c * NUM_DISTANCES + distance_class(candidates[c] - predicted)
+            second = MERGES + ((1 + level) * NUM_CANDIDATES + c) * NUM_PLACES + kind % NUM_PLACES
+            merged = code_mixed(coder, model, first, second, MIX_MERGE, int(value == candidates[c]))
             seen[(MERGED if merged else UNMERGED) + c] += 1
             if merged:
                 return np.int64(candidates[c])
     sign = 1 + (place[2] > 0) - (place[2] < 0)
-    difference = code_rest(coder, counts, level, sign, value - predicted)
+    difference = code_rest(coder, model, level, sign, value - predicted)
     seen[RESTS] += 1
     seen[MAGNITUDES] += abs(difference) - 1
     return predicted + difference
@@ -554,7 +647,7 @@ def code_coefficient(coder, counts, level, kind, before, predicted, value, place
 @kernel
 def code_row_l(
     coder,
-    counts,
+    model,
     level,
     m,
     parents,
@@ -577,7 +670,7 @@ def code_row_l(
         if alive[m, n]:
             kind = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
             if kind > 0:
-                split = code_adaptive(coder, counts, FLAGS + level * NUM_NODE_KINDS + kind, int(splits[m, n]))
+                split = code_flag(coder, model, level, kind, int(splits[m, n]))
                 flags[kind, split] += 1
         splits[m, n] = split
         before = 0
@@ -590,7 +683,7 @@ def code_row_l(
                     kind = significance[m, n] * NUM_PLACES + where
                     label = code_coefficient(
                         coder,
-                        counts,
+                        model,
                         level,
                         kind,
                         before,
@@ -608,7 +701,7 @@ def code_row_l(
 @kernel
 def code_row_s(
     coder,
-    counts,
+    model,
     level,
     m,
     parents,
@@ -632,7 +725,7 @@ def code_row_s(
         if alive[m, n]:
             kind = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
             if kind > 0:
-                split = code_adaptive(coder, counts, FLAGS + level * NUM_NODE_KINDS + kind, int(splits[m, n]))
+                split = code_flag(coder, model, level, kind, int(splits[m, n]))
                 flags[kind, split] += 1
         splits[m, n] = split
         coded = split and significance[m, n]
@@ -645,7 +738,7 @@ def code_row_s(
                 where = look_around_s(labels, parents, i, j, mean, place, candidates)
                 kind = significance[m, n] * NUM_PLACES + where
                 value = code_coefficient(
-                    coder, counts, level, kind, 0, horizontal, np.int64(highs[i, j]), place, candidates, seen
+                    coder, model, level, kind, 0, horizontal, np.int64(highs[i, j]), place, candidates, seen
                 )
                 before = 2 if value != horizontal else 1
                 horizontal = value
@@ -664,7 +757,7 @@ def code_row_s(
                     kind = significance[m, n] * NUM_PLACES + where
                     value = code_coefficient(
                         coder,
-                        counts,
+                        model,
                         level,
                         kind,
                         before,

@@ -217,7 +217,7 @@ def _code_tree(
     predictions = previous.highs if previous is not None else [np.zeros_like(high) for high in tree.highs]
     levels, splits, opened = tree.levels(), split_nodes(tree, predictions), open_nodes(significance)
     statistics = no_statistics(num_levels)
-    counts = _initial_counts()
+    model = _initial_model()
     parents = roots = _code_roots(coder, tree, previous)
     alive, highs = np.ones(parents.shape, np.uint8), list(tree.highs)
     for level in reversed(range(num_levels)):
@@ -231,7 +231,7 @@ def _code_tree(
         context_level = min(level, _kernels.NUM_LEVELS - 1)
         for m in range(len(parents)):
             state = coder.room_for(parents.shape[1] * _kernels.MAX_SYMBOLS)
-            code_row(state, counts, context_level, m, *given, split, *coded, *seen)
+            code_row(state, model, context_level, m, *given, split, *coded, *seen)
         if tree.transform is not S_TRANSFORM:
             high = labels - tree.transform.synthesise(parents, np.zeros_like(labels))
         highs[level], parents, alive = high, labels, live
@@ -251,14 +251,32 @@ def _code_roots(coder: RangeCoder, tree: WaveletTree, previous: WaveletTree | No
     return roots
 
 
-def _initial_counts() -> NDArray[np.int64]:
-    """Return counts from which the contexts start."""
-    percent = np.full(_kernels.NUM_CONTEXTS, 50)
-    flags = percent[_kernels.FLAGS : _kernels.ZEROS].reshape(_kernels.NUM_LEVELS, -1)
-    of_nodes = flags[:, 1:].reshape(_kernels.NUM_LEVELS, _kernels.NUM_CLASSES, _kernels.NUM_PLACES, 3)
-    of_nodes[:, :, 0] = 15
-    zeros = percent[_kernels.ZEROS : _kernels.MERGES].reshape(
-        _kernels.NUM_LEVELS, _kernels.NUM_CLASSES, _kernels.NUM_PLACES, 3
-    )
-    zeros[:, :, 0] = 20
-    return context_counts(percent)
+def _logistic_tables() -> NDArray[np.float64]:
+    """Return the tables of the mixture, rounded so that they are the same on every processor."""
+    size, limit = _kernels.TABLE_SIZE, _kernels.STRETCH_LIMIT
+    middles = (np.arange(size) + 0.5) / size
+    stretch = np.round(np.log(middles / (1.0 - middles)) * 2**12) / 2**12
+    squash = np.round(2**20 / (1.0 + np.exp(limit - 2 * limit * middles))) / 2**20
+    rates = 1.0 / (np.minimum(np.arange(size), _kernels.MAX_COUNT) + 1.6)
+    return np.stack([stretch, np.clip(squash, 2.0**-13, 1.0 - 2.0**-13), rates])
+
+
+_TABLES = _logistic_tables()
+_FIRST_COUNT = 4.0  # as if each context had been met so often
+_FIRST_WEIGHT = 0.6
+_FLAGS = 0.15, 0.45, 0.6, 0.45, 0.6  # by place
+_ZEROS = 0.15, 0.4, 0.45, 0.35, 0.4
+_MERGE, _DISTANCE = 0.6, 0.5
+
+
+def _initial_model() -> _kernels.Model:
+    """Return probabilities from which contexts start."""
+    share = np.full(_kernels.NUM_CONTEXTS, 0.5)
+    flags = share[_kernels.FLAGS : _kernels.ZEROS].reshape(1 + _kernels.NUM_LEVELS, _kernels.NUM_NODE_KINDS)
+    flags[:, 1:] = np.tile(np.repeat(_FLAGS, 3), _kernels.NUM_CLASSES)
+    zeros = share[_kernels.ZEROS : _kernels.MERGES].reshape(-1, _kernels.NUM_PLACES, 3)
+    zeros[:] = np.array(_ZEROS)[:, None]
+    share[_kernels.MERGES : _kernels.DISTANCES] = _MERGE
+    share[_kernels.DISTANCES : _kernels.SIGNS] = _DISTANCE
+    contexts = np.stack([share, np.full(share.shape, _FIRST_COUNT)], axis=1)
+    return _kernels.Model(contexts, np.full((_kernels.NUM_MIXTURES, 2), _FIRST_WEIGHT), _TABLES)
