@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dvc.dibr.disparity.coding import Classes
+from dvc.dibr.disparity.distortion import Distortion
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import Labels
 from dvc.errors import BitstreamError
@@ -56,6 +57,7 @@ class BlockCodec:
         slope: float,
         significance: Sequence[Classes] | None = None,
         previous: BlockMap | None = None,
+        distortion: Distortion | None = None,
     ) -> BlockMap:
         """Choose labels; see `DisparityCodec`."""
         sums = np.add.reduceat(tensor, np.arange(0, tensor.shape[0], SIDE_PX), axis=0)

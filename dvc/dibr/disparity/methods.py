@@ -5,6 +5,7 @@ from typing import Any, Protocol
 
 from dvc.dibr.disparity.blocks import BlockCodec
 from dvc.dibr.disparity.coding import Classes
+from dvc.dibr.disparity.distortion import Distortion
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, Labels
 from dvc.dibr.disparity.quadtree import QuadtreeCodec
@@ -49,6 +50,7 @@ class DisparityCodec(Protocol):
         slope: float,
         significance: Sequence[Classes] | None = None,
         previous: Any = None,
+        distortion: Distortion | None = None,
     ) -> Any:
         """Find the representation of least errors and bits.
 
@@ -63,6 +65,9 @@ class DisparityCodec(Protocol):
             coefficients below are as predicted; others are contexts. By default all are 1.
         previous : Representation, optional
             Of the same kind and size, from the quality layer before; only where `layered`.
+        distortion : callable, optional
+            Squared error of a map, summed over the pixels, mean of all views with the reference: what the
+            representations that were tried are chosen by; by default what the tensor tells.
 
         Returns
         -------

@@ -13,6 +13,7 @@ Process. 3(3), 1994.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from dvc.dibr.disparity import _kernels
 from dvc.dibr.disparity.coding import Classes
+from dvc.dibr.disparity.distortion import Distortion, backward_error
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import Labels, level_shapes
 from dvc.entropy import RangeCoder, context_counts
@@ -65,6 +67,7 @@ class QuadtreeCodec:
         slope: float,
         significance: Sequence[Classes] | None = None,
         previous: Quadtree | None = None,
+        distortion: Distortion | None = None,
     ) -> Quadtree:
         """Prune the tree; see `DisparityCodec`."""
         sums = _sums(tensor)
@@ -72,10 +75,10 @@ class QuadtreeCodec:
         label_bits = np.full(tensor.shape[2], np.log2(tensor.shape[2]))
         split_bits = np.tile(-np.log2([1.0 - _SPLIT_PRIOR, _SPLIT_PRIOR]), (len(sums), 1))
         best, least = None, np.inf
+        measured = distortion or partial(backward_error, tensor)
         for _ in range(NUM_ITERATIONS):
             tree = prune(sums, slope * label_bits, slope * split_bits)
-            errors = np.take_along_axis(tensor, tree.labels[:, :, None], 2).sum(dtype=np.float64)
-            cost = errors + slope * 8 * len(self.encode(tree))
+            cost = measured(tree.labels) + slope * 8 * len(self.encode(tree))
             if cost < least - 1e-6 * pixels * slope:
                 best, least = tree, cost
             label_bits, split_bits = _measured_bits(tree)

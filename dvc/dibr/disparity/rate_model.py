@@ -217,6 +217,7 @@ def code_costs(
     num_labels: int,
     statistics: Statistics,
     kinds: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int32]]],
+    smoothness: float = 0.0,
 ) -> list[LevelCosts]:
     """Return what the code of `encode_tree` costs, from how often it had what to code.
 
@@ -230,6 +231,9 @@ def code_costs(
         Of a tree that was coded; zeros for none.
     kinds : sequence of tuple of ndarray
         For each level the kinds of its coefficients, those of the nodes above, and candidates.
+    smoothness : float, optional
+        Squared error that a difference of one label causes beside what the tensor knows, by the holes that
+        it opens in other views. With any, all differences cost in proportion, whatever the neighbours.
 
     Returns
     -------
@@ -239,6 +243,10 @@ def code_costs(
     coefficients, merges = _coefficient_bits(statistics.coefficients.astype(np.float64), num_labels)
     flags = _flag_bits(statistics.flags.astype(np.float64))
     tables = [np.float32(slope) * bits.astype(np.float32) for bits in (coefficients, merges, flags)]
+    if smoothness > 0.0:
+        tables[0][..., _kernels.SLOPE] += np.float32(smoothness)
+        tables[0][..., _kernels.JUMP] = np.inf
+        tables[1][:] = np.inf
     return [
         LevelCosts(tables[0][level], tables[1][level], tables[2][level], *of_level)
         for level, of_level in enumerate(kinds)
