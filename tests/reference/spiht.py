@@ -29,7 +29,6 @@ class SpihtTwin:
         self.found: list[Node] = []
         self.pending: list[Node] = []
         self.sets: list[tuple[Node, bool]] = []
-        self.tested: dict[Node, int] = {}
 
     def value(self, node: Node) -> int:
         return int(self.bands[node[:3]][node[3:]])
@@ -75,30 +74,15 @@ class SpihtTwin:
         self.sets = [(node, False) for node in self.pending if self.children(node)]
         for plane in reversed(range(self.num_planes)):
             before = list(self.found)
-            self.pending_pass(plane, likely=True)
-            self.decisions += [abs(self.value(node)) >> plane & 1 for node in before]
-            self.pending_pass(plane, likely=False)
+            self.pending = [node for node in self.pending if not self.coefficient(node, plane)]
             self.set_pass(plane)
+            self.decisions += [abs(self.value(node)) >> plane & 1 for node in before]
         return self.decisions
-
-    def pending_pass(self, plane: int, likely: bool) -> None:
-        left = []
-        for node in self.pending:
-            skipped = self.tested.get(node) == plane or (likely and not self.has_neighbours(node))
-            if skipped or not self.coefficient(node, plane):
-                left.append(node)
-        self.pending = left
-
-    def has_neighbours(self, node: Node) -> bool:
-        found, (m, n) = set(self.found), node[3:]
-        around = [(m + a, n + b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)]
-        return any((*node[:3], *place) in found for place in around)
 
     def coefficient(self, node: Node, plane: int, certain: bool = False) -> bool:
         significant = bool(abs(self.value(node)) >> plane)
         if not certain:
             self.decisions.append(int(significant))
-        self.tested[node] = plane
         if significant:
             self.decisions.append(self.sign_decision(node))
             self.found.append(node)

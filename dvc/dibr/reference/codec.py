@@ -150,8 +150,8 @@ class ReferenceCode:
     bits_per_pixel : ndarray of shape (n,), float64
         Lengths at which the data may be cut, increasing; the header is not counted.
     mse : ndarray of shape (n,), float64
-        Mean squared error there, intensities from 0 to 1, as coefficients tell it: chroma counts by
-        its weight.
+        Mean squared error there, intensities from 0 to 1, as coefficients tell it, which is some percent less
+        than that of pixels; chroma counts by its weight.
     """
 
     header: ReferenceHeader

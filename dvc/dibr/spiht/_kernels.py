@@ -113,11 +113,10 @@ def code_planes(run, roots, num_planes):
     for plane in range(num_planes - 1, -1, -1):
         fields[PLANE] = plane
         num_refinable = fields[SIGNIFICANT]
-        _pending_pass(run, True)
+        _pending_pass(run)
+        _set_pass(run)
         for k in range(num_refinable):
             _refine(run, np.int64(lists[SIGNIFICANT, k]))
-        _pending_pass(run, False)
-        _set_pass(run)
         if fields[STOPPED]:
             return
 
@@ -129,36 +128,16 @@ def _append(fields, lists, which, entry):
 
 
 @kernel
-def _pending_pass(run, likely):
-    """Code coefficients that are not yet significant: at first those beside one that is, then all others."""
-    fields, lists, nodes = run.fields, run.lists, run.nodes
-    kept, plane = 0, fields[PLANE]
+def _pending_pass(run):
+    """Code which of the coefficients that are not yet significant are now."""
+    fields, lists = run.fields, run.lists
+    kept = 0
     for k in range(fields[PENDING]):
         i = np.int64(lists[PENDING, k])
-        if fields[STOPPED] or nodes[i, LAST_PLANE] == plane or (likely and not _has_neighbours(run, i)):
-            found = False
-        else:
-            found = _code_coefficient(run, i, 0, False)
-        if not found:
+        if fields[STOPPED] or not _code_coefficient(run, i, 0, False):
             lists[PENDING, kept] = i
             kept += 1
     fields[PENDING] = kept
-
-
-@kernel
-def _has_neighbours(run, i):
-    values = run.values
-    s = np.int64(run.bands[run.nodes[i, BAND], STRIDE])
-    return (
-        values[i - 1] != 0
-        or values[i + 1] != 0
-        or values[i - s] != 0
-        or values[i + s] != 0
-        or values[i - s - 1] != 0
-        or values[i - s + 1] != 0
-        or values[i + s - 1] != 0
-        or values[i + s + 1] != 0
-    )
 
 
 @kernel
@@ -249,7 +228,7 @@ def _split(run, node):
 
 @kernel
 def _level(value, plane):
-    """Return a magnitude on a scale of about two levels an octave: 0; below 1/2; from 1/2, 1, 2, 4 ... on."""
+    """Return the level of a magnitude: of 0, less, 1, 2, 4 ... half thresholds 0, 1, 2, 3, 5 ..."""
     steps = (value << 1) >> plane
     if steps == 0:
         return 1 if value > 0 else 0

@@ -1,10 +1,9 @@
 """Set partitioning in hierarchical trees, with contexts: coefficients as bytes that can be cut anywhere.
 
 Magnitudes are whole numbers of steps, with a dead zone. Their bit planes are coded from the highest on; in
-each, first the coefficients beside significant ones, then the next digits of those that were significant
-before, then all others and the sets, so that what gains most for its bits comes first. That, decisions that
-follow from others and are left out, and contexts are what differs from the original algorithm; its sets are
-the same.
+each, first the coefficients that stand alone, then the sets, then the next digits of coefficients that were
+significant before. From the original algorithm this differs in its contexts, in that decisions that follow
+from others are left out, and in that a set is coded down to its leaves at once.
 
 The probability of a decision is a logistic mixture of those of three adaptive contexts: what is known of the
 neighbours, of parent and children, and of the surroundings at that scale.

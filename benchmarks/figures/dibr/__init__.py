@@ -1,0 +1,1 @@
+"""Views and depth, coded together: the codec of the reference view, and what is built on it."""
