@@ -1,11 +1,12 @@
 """Rendering of decoded pictures with disparities: any view, from one of them or from all."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.codec.decoder import Decoded
+from dvc.dibr.codec.decoder import Decoded, PictureAndDisparity
 from dvc.multiview.view_synthesis import PictureWithDepth, SynthesisedView, synthesise
 from dvc.multiview.viewpoints import Viewpoint, distance, warp_between
 
@@ -39,12 +40,34 @@ def render(decoded: Decoded, viewpoint: Viewpoint, blend: Blend = Blend.DISTANCE
     SynthesisedView
         The view, of the size of the pictures.
     """
-    away = [distance(pair.viewpoint, viewpoint) for pair in decoded.pairs]
+    step = decoded.header.labels.step / 2.0**decoded.resolution
+    return render_pairs(decoded.pairs, viewpoint, step, blend)
+
+
+def render_pairs(
+    pairs: Sequence[PictureAndDisparity], viewpoint: Viewpoint, step: float, blend: Blend = Blend.DISTANCE
+) -> SynthesisedView:
+    """Render a view from pictures with disparities.
+
+    Parameters
+    ----------
+    pairs : sequence of PictureAndDisparity
+        At least one.
+    viewpoint, blend
+        As for `render`.
+    step : float
+        Distance of the disparities that are told apart.
+
+    Returns
+    -------
+    SynthesisedView
+        The view, of the size of the pictures.
+    """
+    away = [distance(pair.viewpoint, viewpoint) for pair in pairs]
     near = NEAR_VIEW * max(*away, 1e-9)
     weights = [near / (reach + near) for reach in away]
     if blend is Blend.NEAREST:
         weights = [float(index == int(np.argmin(away))) for index in range(len(away))]
-    step = decoded.header.labels.step / 2.0**decoded.resolution
     sources = [
         PictureWithDepth(
             pair.picture.reshape(*pair.picture.shape[:2], -1),
@@ -53,9 +76,10 @@ def render(decoded: Decoded, viewpoint: Viewpoint, blend: Blend = Blend.DISTANCE
             step,
             weight,
         )
-        for pair, weight in zip(decoded.pairs, weights, strict=True)
+        for pair, weight in zip(pairs, weights, strict=True)
     ]
-    return synthesise(sources, decoded.pairs[0].picture.shape[:2])
+    shape = pairs[0].picture.shape
+    return synthesise(sources, (shape[0], shape[1]))
 
 
 def picture_of(view: SynthesisedView) -> NDArray[np.uint8]:
