@@ -162,7 +162,7 @@ def squared_error(found: Picture, truth: Picture) -> float:
         Summed over pixels, the mean over channels.
     """
     difference = (found.astype(np.float64) - truth) / 255.0
-    return float(np.mean(difference * difference)) * difference.shape[0] * difference.shape[1]
+    return float(np.mean(difference * difference) * difference.shape[0] * difference.shape[1])
 
 
 def layer_slopes(slope: float, num_layers: int) -> list[float]:
