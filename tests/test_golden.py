@@ -79,6 +79,7 @@ GOLDEN = [
     scene("rigid-order", (104, 88), " --gop 3 --wz-q 5"),
     scene("td-rigid-order", (104, 88), "-td --gop 3 --wz-q 6 --luma-only"),
     scene("te-rigid-order", (105, 87), "-te --gop 3 --min-gop 3 --wz-q 4"),
+    scene("td-both-depths", (104, 88), "-td --gop 3 --references all --wz-q 6 --luma-only"),
 ]
 ALL_PROCESSORS = os.environ.get("DVC_ALL_PROCESSORS") == "1"
 """Whether all frozen streams are decoded on every processor, as in continuous integration, or one a codec."""

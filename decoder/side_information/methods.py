@@ -1,17 +1,19 @@
 """The methods: what `--side-information` and the configuration may name."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.protocol import SceneInterpolatorType, SideInformationMethod
+from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
 from decoder.side_information.scene.blocks import BlockInterpolator
 from decoder.side_information.scene.depth import DepthInterpolator
 from decoder.side_information.scene.fused import FusedInterpolator
 from decoder.side_information.scene.mesh import MeshInterpolator
 from decoder.side_information.scene.tracked import TrackedSceneInterpolation
 from decoder.side_information.scene.untracked import SceneInterpolation
-from dvc.config import CodecConfig
+from dvc.config import CodecConfig, SideInformationConfig
 
 INTERPOLATORS: dict[str, SceneInterpolatorType] = {
     DepthInterpolator.name: DepthInterpolator,
@@ -22,11 +24,30 @@ INTERPOLATORS: dict[str, SceneInterpolatorType] = {
 """How the motion between key frames is modelled from a scene, by the name of the method."""
 
 
+def interpolator_of(config: SideInformationConfig) -> SceneInterpolatorType:
+    """Choose how the motion between key frames is modelled.
+
+    Parameters
+    ----------
+    config : SideInformationConfig
+        With one of `INTERPOLATORS` as the method.
+
+    Returns
+    -------
+    SceneInterpolatorType
+        That of the method; for `depth` that of the costs, too.
+    """
+    if config.method == DepthInterpolator.name and config.depth_costs == "both":
+        return AveragedDepthInterpolator
+    return INTERPOLATORS[config.method]
+
+
 def _block_motion(config: CodecConfig) -> SideInformationMethod:
     return BlockMotionInterpolation(config.side_information)
 
 
-def _scene(interpolator: SceneInterpolatorType, config: CodecConfig) -> SideInformationMethod:
+def _scene(method: str, config: CodecConfig) -> SideInformationMethod:
+    interpolator = interpolator_of(replace(config.side_information, method=method))
     if interpolator is FusedInterpolator and config.codec == "2d":
         return _block_motion(config)  # nothing to fuse it with
     if config.tracks.kind == "none":
@@ -36,6 +57,6 @@ def _scene(interpolator: SceneInterpolatorType, config: CodecConfig) -> SideInfo
 
 METHODS: dict[str, Callable[[CodecConfig], SideInformationMethod]] = {
     BlockMotionInterpolation.name: _block_motion,
-    **{name: partial(_scene, interpolator) for name, interpolator in INTERPOLATORS.items()},
+    **{name: partial(_scene, name) for name in INTERPOLATORS},
 }
 """How to build each method from the configuration, by the name that the configuration uses."""

@@ -43,6 +43,7 @@ FIELD_NUMBERS = {
     "side_information.search_radius": 58,
     "side_information.smoothness": 59,
     "side_information.track_corrections": 60,
+    "side_information.depth_costs": 61,
     "geometry.backend": 72,
     "geometry.path_regularity": 73,
     "geometry.rigid_order": 74,

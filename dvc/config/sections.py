@@ -9,6 +9,7 @@ from dvc.errors import ConfigError
 
 REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
+DEPTH_COSTS = ("gradient", "both")
 SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
@@ -184,6 +185,9 @@ class SideInformationConfig(Section):
     search_radius: int = 16  # of the motion search, in pixels of the coarsest level
     smoothness: int = 6  # weight of smooth motion against matching blocks
     track_corrections: bool = False  # move what is rendered to where neighbouring tracks agree that it is
+    # What method `depth` compares key frames by: levels and gradients; or also, for a second depth, levels
+    # and census bits: the two predictions are averaged.
+    depth_costs: str = "gradient"
 
     def _check_values(self) -> None:
         if not _NAME.fullmatch(self.method):
@@ -194,6 +198,7 @@ class SideInformationConfig(Section):
             raise ConfigError(f"`block_size` must be 4, 8 or 16, got {shown(self.block_size)}")
         check_range("search_radius", self.search_radius, 0, 64)
         check_range("smoothness", self.smoothness, 0, 1000)
+        check_choice("depth_costs", self.depth_costs, DEPTH_COSTS)
 
 
 @dataclass(frozen=True)

@@ -121,6 +121,7 @@ class CodecVariant:
         return GopConfig(usual if length is None else length, references or self.references)
 
 
+_DEPTH = SideInformationConfig("depth", depth_costs="both")
 _GEOMETRY = GeometryConfig(rigid_order=True)
 
 VARIANTS = {
@@ -133,7 +134,7 @@ VARIANTS = {
     ),
     "3d": CodecVariant(
         summary="a reconstruction of the scene",
-        side_information=SideInformationConfig("depth"),
+        side_information=_DEPTH,
         tracks=TracksConfig("none"),
         references="keys",
         usual_groups=GroupPreset(2),
@@ -141,7 +142,7 @@ VARIANTS = {
     ),
     "3d-td": CodecVariant(
         summary="the scene, with cameras from corners of every frame, which the decoder matches",
-        side_information=SideInformationConfig("depth"),
+        side_information=_DEPTH,
         tracks=TracksConfig("decoder", num_points=176),  # of each frame, as many as there are in the thesis
         references="hierarchical",
         usual_groups=GroupPreset(10),
@@ -149,7 +150,7 @@ VARIANTS = {
     ),
     "3d-te": CodecVariant(
         summary="the scene, with cameras from points that the encoder tracks, which set the key frames, too",
-        side_information=SideInformationConfig("depth"),
+        side_information=_DEPTH,
         # Half pixels: what they cost is less than what they save.
         tracks=TracksConfig("encoder", subpixel_bits=1),
         references="hierarchical",

@@ -110,16 +110,32 @@ def sample_image(image, positions, samples):
 
 
 @kernel
+def warp_hypotheses(warp, x, y, low, step, us, vs):
+    """Positions of a point in the other view, one for each hypothesis; far away if behind."""
+    a = warp[0, 0] * x + warp[0, 1] * y + warp[0, 2]
+    b = warp[1, 0] * x + warp[1, 1] * y + warp[1, 2]
+    c = warp[2, 0] * x + warp[2, 1] * y + warp[2, 2]
+    for k in range(us.size):
+        rho = low + k * step
+        w = c + rho * warp[2, 3]
+        behind = w < 1e-6
+        us[k] = -1e9 if behind else (a + rho * warp[0, 3]) / w
+        vs[k] = -1e9 if behind else (b + rho * warp[1, 3]) / w
+
+
+@kernel
 def matching_cost(base, other, warp, low, step, limits, outside_cost, cost):
     """Truncated difference of levels and gradients of a base view and another, per pixel and hypothesis.
 
     `base`, `other`: (3, H, W) level, horizontal and vertical gradient; `limits`: truncation of each.
     """
     height, width = base.shape[1:]
+    us, vs = np.empty(cost.shape[2]), np.empty(cost.shape[2])
     for y in range(height):
         for x in range(width):
+            warp_hypotheses(warp, x, y, low, step, us, vs)
             for k in range(cost.shape[2]):
-                u, v, _ = warp_point(warp, x, y, low + k * step)
+                u, v = us[k], vs[k]
                 if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
                     cost[y, x, k] = outside_cost
                     continue
@@ -131,6 +147,53 @@ def matching_cost(base, other, warp, low, step, limits, outside_cost, cost):
                     lower = other[m, v0 + 1, u0] + fu * (other[m, v0 + 1, u0 + 1] - other[m, v0 + 1, u0])
                     total += min(abs(upper + fv * (lower - upper) - base[m, y, x]), limits[m])
                 cost[y, x, k] = np.int16(total)
+
+
+@kernel
+def census(padded, radius, dead_zone, bits):
+    """One bit for each neighbour, set where it is clearly darker; `padded` by the radius on all sides."""
+    side = 2 * radius + 1
+    for y in range(bits.shape[0]):
+        for x in range(bits.shape[1]):
+            word = np.uint64(0)
+            level = padded[y + radius, x + radius] - dead_zone
+            for i in range(side):
+                for j in range(side):
+                    if i != radius or j != radius:
+                        word = (word << np.uint64(1)) | np.uint64(padded[y + i, x + j] < level)
+            bits[y, x] = word
+
+
+@kernel
+def count_bits(word):
+    """Number of ones of 64 bits."""
+    word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
+    word = (word & np.uint64(0x3333333333333333)) + ((word >> np.uint64(2)) & np.uint64(0x3333333333333333))
+    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
+    return (word * np.uint64(0x0101010101010101)) >> np.uint64(56)
+
+
+@kernel
+def census_cost(base, other, warp, low, step, limit, bit_cost, outside_cost, cost):
+    """Truncated difference of levels, and census bits that differ, per pixel and hypothesis.
+
+    `base`, `other`: (H, W) level and census bits; the bits are those of the nearest pixel.
+    """
+    levels, bits = base
+    other_levels, other_bits = other
+    height, width = levels.shape
+    us, vs = np.empty(cost.shape[2]), np.empty(cost.shape[2])
+    for y in range(height):
+        for x in range(width):
+            warp_hypotheses(warp, x, y, low, step, us, vs)
+            for k in range(cost.shape[2]):
+                u, v = us[k], vs[k]
+                if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
+                    cost[y, x, k] = outside_cost
+                    continue
+                difference = min(abs(bilinear(other_levels, u, v) - levels[y, x]), limit)
+                different = count_bits(bits[y, x] ^ other_bits[int(v + 0.5), int(u + 0.5)])
+                cost[y, x, k] = np.int16(difference) + np.int16(bit_cost * np.int64(different))
 
 
 @kernel
@@ -178,15 +241,25 @@ def aggregate_path(cost, image, dy, dx, small, large, previous, current, total):
 
 
 @kernel
+def smallest(line, first, end):
+    """Smallest of some entries."""
+    lowest = line[first]
+    for k in range(first + 1, end):
+        lowest = min(lowest, line[k])
+    return lowest
+
+
+@kernel
 def best_hypothesis(total, hypothesis, confidence):
     """Choose the hypothesis of smallest cost with a parabola through its neighbours."""
     height, width, count = total.shape
     for y in range(height):
         for x in range(width):
+            line = total[y, x]
+            lowest = smallest(line, 0, count)
             best = 0
-            for k in range(1, count):
-                if total[y, x, k] < total[y, x, best]:
-                    best = k
+            while line[best] != lowest:
+                best += 1
             hypothesis[y, x] = best
             if 0 < best < count - 1:
                 left = float(total[y, x, best - 1]) - total[y, x, best]
@@ -194,10 +267,11 @@ def best_hypothesis(total, hypothesis, confidence):
                 if max(left, right) > 0:
                     hypothesis[y, x] += 0.5 * (left - right) / max(left, right)
             second = np.int64(1) << 30
-            for k in range(count):
-                if abs(k - best) > 2:
-                    second = min(second, np.int64(total[y, x, k]))
-            confidence[y, x] = second - total[y, x, best]
+            if best > 2:
+                second = min(second, np.int64(smallest(line, 0, best - 2)))
+            if best + 3 < count:
+                second = min(second, np.int64(smallest(line, best + 3, count)))
+            confidence[y, x] = second - np.int64(lowest)
 
 
 @kernel
@@ -299,20 +373,27 @@ def fill_depth(
     """
     values, weights = np.empty(8), np.empty(8)
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
+    nearest = np.empty((8, *depth.shape), np.int32)
+    edges = np.empty((8, *depth.shape))
+    for direction in range(8):
+        dy, dx = steps[direction]
+        nearest_reliable(visibility, image, dy, dx, nearest[direction], edges[direction])
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):
             filled[y, x] = depth[y, x]
             if visibility[y, x] == CONSISTENT:
                 continue
             count = 0
-            for dy, dx in steps:
-                i, j, crossed = nearest_reliable(visibility, image, y, x, dy, dx)
-                if i < 0:
+            for direction in range(8):
+                distance = nearest[direction, y, x]
+                if distance < 0:
                     continue
+                dy, dx = steps[direction]
+                i, j = y + distance * dy, x + distance * dx
                 length = float(max(abs(i - y), abs(j - x)))
                 slope = slopes[i, j, 0] * (x - j) + slopes[i, j, 1] * (y - i)
                 values[count] = depth[i, j] + min(1.0, reach / length) * slope
-                crossed /= sigma
+                crossed = edges[direction, y, x] / sigma
                 weights[count] = 1.0 / ((1.0 + crossed * crossed) * (length + 1.0))
                 if is_transparent(there, back, x, y, values[count], other, other_visibility, slack):
                     weights[count] *= 0.001
@@ -322,16 +403,25 @@ def fill_depth(
 
 
 @kernel
-def nearest_reliable(visibility, image, y, x, dy, dx):
-    """Walk to the nearest consistent point: its row and column (-1 if none), and the highest step crossed."""
-    crossed = 0.0
-    i, j = y + dy, x + dx
-    while 0 <= i < visibility.shape[0] and 0 <= j < visibility.shape[1]:
-        crossed = max(crossed, abs(image[i, j] - image[i - dy, j - dx]))
-        if visibility[i, j] == CONSISTENT:
-            return i, j, crossed
-        i, j = i + dy, j + dx
-    return -1, -1, crossed
+def nearest_reliable(visibility, image, dy, dx, distance, edge):
+    """Steps from each point to the nearest consistent one in a direction (-1: none), and the highest edge."""
+    height, width = visibility.shape
+    first_y, end_y, step_y = (height - 1, -1, -1) if dy > 0 else (0, height, 1)
+    first_x, end_x, step_x = (width - 1, -1, -1) if dx > 0 else (0, width, 1)
+    for y in range(first_y, end_y, step_y):
+        for x in range(first_x, end_x, step_x):
+            distance[y, x] = -1
+            edge[y, x] = 0.0
+            i, j = y + dy, x + dx
+            if not (0 <= i < height and 0 <= j < width):
+                continue
+            step = abs(image[i, j] - image[y, x])
+            if visibility[i, j] == CONSISTENT:
+                distance[y, x] = 1
+                edge[y, x] = step
+            elif distance[i, j] > 0:
+                distance[y, x] = distance[i, j] + 1
+                edge[y, x] = max(step, edge[i, j])
 
 
 @kernel

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dvc.multiview import _kernels
 from dvc.multiview.cameras import ViewPair
 from dvc.multiview.continuation import SeenDepth, Slopes, continue_surfaces
-from dvc.multiview.plane_sweep import SweepSettings, depth_hypotheses, sweep
+from dvc.multiview.plane_sweep import GRADIENT_SWEEP, SweepSettings, depth_hypotheses, sweep
 from dvc.multiview.warping import inverse_warp, warp_grid, warp_matrix
 
 Floats = NDArray[np.float64]
@@ -131,7 +131,11 @@ class _Side(NamedTuple):
 
 
 def estimate_depths(
-    pair: ViewPair, first: Luma, second: Luma, known: Known = (None, None)
+    pair: ViewPair,
+    first: Luma,
+    second: Luma,
+    known: Known = (None, None),
+    settings: SweepSettings = GRADIENT_SWEEP,
 ) -> tuple[DepthView, DepthView]:
     """Estimate the depth of two views.
 
@@ -143,6 +147,8 @@ def estimate_depths(
         Luma of the views.
     known : tuple of two (KnownDepth or None), optional
         What is known of the depth of each already, from other views.
+    settings : SweepSettings, optional
+        How planes are swept.
 
     Returns
     -------
@@ -152,7 +158,9 @@ def estimate_depths(
     there = warp_matrix(*pair.cameras, pair.pixel_frame)
     back = inverse_warp(there)
     sides = (_Side(first, there, back), _Side(second, back, there))
-    swept = [_swept(sides[k], sides[1 - k].luma, pair.inverse_depth_ranges[k], known[k]) for k in (0, 1)]
+    swept = [
+        _swept(sides[k], sides[1 - k].luma, pair.inverse_depth_ranges[k], known[k], settings) for k in (0, 1)
+    ]
     visible = [_checked(sides[k], swept[k], swept[1 - k][0]) for k in (0, 1)]
     maps = [_with_points(swept[k][0], visible[k], known[k]) for k in (0, 1)]
     for _ in range(2):  # the second time, what is continued in one view limits the other
@@ -189,10 +197,13 @@ def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
 
 
 def _swept(
-    side: _Side, other: Luma, inverse_depth_range: tuple[float, float], known: KnownDepth | None
+    side: _Side,
+    other: Luma,
+    inverse_depth_range: tuple[float, float],
+    known: KnownDepth | None,
+    settings: SweepSettings,
 ) -> tuple[Floats, Floats]:
     """Inverse depth and its confidence."""
-    settings = SweepSettings()
     hypotheses = depth_hypotheses(inverse_depth_range, side.there, side.luma.shape, settings)
     expected = known.depth if known else None
     prior = (expected.inverse_depth, expected.reliable) if expected else None

@@ -1,8 +1,9 @@
 """Plane sweep: the inverse depth of every pixel of a view, or of every block of a virtual one.
 
-For every pixel and every depth hypothesis (a plane of constant inverse depth) the levels and gradients of two
-pictures are compared where the warp puts the point; semi-global inference favours depths without jumps, and a
-parabola refines the best hypothesis. A virtual view has no picture: both pictures are warped into it.
+For every pixel and every depth hypothesis (a plane of constant inverse depth) the levels of two pictures, and
+their gradients or census bits, are compared where the warp puts the point; semi-global inference favours
+depths without jumps, and a parabola refines the best hypothesis. A virtual view has no picture: both pictures
+are warped into it.
 
 References
 ----------
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview import _kernels
+from dvc.multiview.census import census_bits
 from dvc.multiview.inference import semi_global
 from dvc.multiview.warping import warp_points
 
@@ -31,6 +33,8 @@ GRADIENT_WEIGHT = 3.0
 """Of a gradient against a level; gradients survive changes of exposure, and quantisation damps them."""
 OUTSIDE_COST = 30
 """Cost of a point outside the other picture: that of a wrong one, so that borders do not attract it."""
+CENSUS_LEVEL_LIMIT, CENSUS_BIT_COST, CENSUS_OUTSIDE_COST = 20.0, 4, 45
+"""Beside census bits: truncation of a difference of levels, cost of a bit, and of a point outside."""
 PRIOR_WEIGHT, PRIOR_LIMIT = 8.0, 24.0
 """Cost of the distance from an expected depth, per hypothesis, and its truncation: below a wrong match."""
 GOLDEN_STEPS = 6
@@ -51,12 +55,26 @@ class SweepSettings:
         Most hypotheses.
     small_jump, large_jump : int
         Cost of a change of depth by one hypothesis, and of a larger one across equal levels.
+    near_margin : float
+        How far hypotheses go beyond the nearest known point, as a share of the range.
+    census : bool
+        Whether census bits are compared in place of gradients.
     """
 
     step_px: float = 0.6
     max_hypotheses: int = 160
     small_jump: int = 8
     large_jump: int = 100
+    near_margin: float = 0.2
+    census: bool = False
+
+
+GRADIENT_SWEEP = SweepSettings()
+"""The usual one."""
+CENSUS_SWEEP = SweepSettings(
+    step_px=1.0, max_hypotheses=96, small_jump=14, large_jump=500, near_margin=0.5, census=True
+)
+"""A coarser one with stiffer surfaces, which errs elsewhere."""
 
 
 class DepthHypotheses(NamedTuple):
@@ -113,19 +131,39 @@ def depth_hypotheses(
     """
     lowest, highest = inverse_depth_range
     span = max(highest - lowest, 1e-6 * max(abs(lowest), abs(highest), 1e-3))
-    lowest, highest = lowest - 0.1 * span, highest + 0.2 * span
+    lowest, highest = lowest - 0.1 * span, highest + settings.near_margin * span
+    wanted = parallax_px((lowest, highest), warp, shape) / settings.step_px
+    most = min(settings.max_hypotheses, MAX_CELLS // (shape[0] * shape[1]))
+    count = int(np.clip(np.ceil(wanted) + 1, 4, max(most, 4)))
+    return DepthHypotheses(float(lowest), float((highest - lowest) / (count - 1)), count)
+
+
+def parallax_px(inverse_depths: tuple[float, float], warp: Floats, shape: tuple[int, int]) -> float:
+    """Measure how far a change of depth moves points.
+
+    Parameters
+    ----------
+    inverse_depths : tuple of float
+        From which one to which.
+    warp : ndarray of shape (3, 4), float64
+        To the other view.
+    shape : tuple of int
+        Height and width.
+
+    Returns
+    -------
+    float
+        Of the points that stay before the other camera, the 95th percentile; at most the longer side.
+    """
     height, width = shape
     x, y = np.meshgrid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9))
     points = np.column_stack([x.ravel(), y.ravel()])
     (far, far_seen), (near, near_seen) = (
-        warp_points(warp, points, np.full(81, rho)) for rho in (lowest, highest)
+        warp_points(warp, points, np.full(81, rho)) for rho in inverse_depths
     )
     both = far_seen & near_seen
     parallax = np.hypot(*(near - far)[both].T) if both.any() else np.zeros(1)
-    wanted = float(np.quantile(np.minimum(parallax, max(shape)), 0.95)) / settings.step_px
-    most = min(settings.max_hypotheses, MAX_CELLS // (height * width))
-    count = int(np.clip(np.ceil(wanted) + 1, 4, max(most, 4)))
-    return DepthHypotheses(float(lowest), float((highest - lowest) / (count - 1)), count)
+    return float(np.quantile(np.minimum(parallax, max(shape)), 0.95))
 
 
 def sweep(
@@ -147,7 +185,7 @@ def sweep(
     hypotheses : DepthHypotheses
         Inverse depths to try.
     settings : SweepSettings
-        Cost of jumps.
+        What is compared, and the cost of jumps.
     prior : tuple of ndarray of shape (H, W), float64 and bool, optional
         Inverse depth that is expected, and where it is.
 
@@ -158,22 +196,28 @@ def sweep(
     confidence : ndarray of shape (H, W), float64
         By how much the best hypothesis beats all that are not its neighbours.
     """
-    cost = np.empty((*base.shape, hypotheses.num_hypotheses), np.int16)
-    _kernels.matching_cost(
-        luma_features(base),
-        luma_features(other),
-        warp,
-        hypotheses.lowest,
-        hypotheses.step,
-        _limits(),
-        OUTSIDE_COST,
-        cost,
-    )
-    cost = _box(cost)
+    cost = _box((_census_costs if settings.census else _gradient_costs)(base, other, warp, hypotheses))
     if prior is not None:
         _kernels.add_prior(*prior, hypotheses.lowest, hypotheses.step, PRIOR_WEIGHT, PRIOR_LIMIT, cost)
     chosen, confidence = semi_global(cost, base, settings.small_jump, settings.large_jump)
     return hypotheses.inverse_depth(chosen), confidence
+
+
+def _gradient_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypotheses) -> Costs:
+    lowest, step, count = hypotheses
+    cost = np.empty((*base.shape, count), np.int16)
+    features = luma_features(base), luma_features(other)
+    _kernels.matching_cost(*features, warp, lowest, step, _limits(), OUTSIDE_COST, cost)
+    return cost
+
+
+def _census_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypotheses) -> Costs:
+    lowest, step, count = hypotheses
+    cost = np.empty((*base.shape, count), np.int16)
+    own, others = ((luma.astype(np.float32), census_bits(luma.astype(np.float32))) for luma in (base, other))
+    limits = np.float32(CENSUS_LEVEL_LIMIT), CENSUS_BIT_COST, CENSUS_OUTSIDE_COST
+    _kernels.census_cost(own, others, warp, lowest, step, *limits, cost)
+    return cost
 
 
 def luma_features(luma: Luma) -> NDArray[np.float32]:

@@ -95,6 +95,19 @@ def test_matching_cost(choose: Choose, rng: np.random.Generator) -> None:
     assert (cost == 77).any()
 
 
+def test_census_cost(choose: Choose, rng: np.random.Generator) -> None:
+    """Levels that differ, up to a limit, and bits that differ at the nearest pixel."""
+    levels = rng.uniform(0, 60, (2, *SHAPE)).astype(np.float32)
+    bits = rng.integers(0, 1 << 24, (2, *SHAPE)).astype(np.uint32)
+    cost = np.empty((*SHAPE, 4), np.int16)
+    pictures = tuple(zip(levels, bits, strict=True))
+    with np.errstate(over="ignore"):  # the count of bits wraps around on purpose
+        choose(kernels.census_cost)(*pictures, THERE, 0.0, 0.3, np.float32(20.0), 3, 77, cost)
+    expected = reference.census_cost(*pictures, THERE, np.array([0.0, 0.3, 0.6, 0.9]), 20.0, 3, 77)
+    assert np.abs(cost - expected).max() <= 1  # single precision may round down
+    assert (cost == 77).any()
+
+
 def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> None:
     """Path costs and the hypotheses chosen from them are those of a plain recursion."""
     cost = rng.integers(0, 90, (*SHAPE, 6)).astype(np.int16)

@@ -60,6 +60,29 @@ def matching_cost(
     return cost
 
 
+def census_cost(
+    base: tuple[Floats, NDArray[np.uint32]],
+    other: tuple[Floats, NDArray[np.uint32]],
+    warp: Floats,
+    rhos: Floats,
+    limit: float,
+    bit_cost: int,
+    outside_cost: int,
+) -> NDArray[np.int16]:
+    """Return the truncated differences of levels, and the cost of bits that differ at the nearest pixel."""
+    height, width = base[0].shape
+    cost = np.empty((height, width, len(rhos)), np.int16)
+    for y, x, k in np.ndindex(cost.shape):
+        u, v, _ = moved(warp, x, y, rhos[k])
+        if not (0 <= u <= width - 1 and 0 <= v <= height - 1):
+            cost[y, x, k] = outside_cost
+            continue
+        words = int(base[1][y, x]), int(other[1][int(np.floor(v + 0.5)), int(np.floor(u + 0.5))])
+        level = min(abs(bilinear(other[0], u, v) - base[0][y, x]), limit)
+        cost[y, x, k] = int(level) + bit_cost * (words[0] ^ words[1]).bit_count()
+    return cost
+
+
 def aggregate(cost: NDArray[np.int16], image: Floats, small: int, large: int) -> NDArray[np.int64]:
     """Return the path costs of all eight directions, by recursion over pixels."""
     height, width, count = cost.shape

@@ -5,6 +5,7 @@ import os
 import tempfile
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -24,9 +25,14 @@ from benchmarks.figures.harness import (
     mean_over_clips,
     run_module,
 )
-from decoder.side_information.methods import INTERPOLATORS, METHODS
-from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
-from dvc.config import CodecConfig, VideoConfig
+from decoder.side_information.methods import METHODS, interpolator_of
+from decoder.side_information.protocol import (
+    Prediction,
+    ReferenceFrame,
+    SceneInterpolatorType,
+    SideInformationMethod,
+)
+from dvc.config import VARIANTS, CodecConfig, VideoConfig
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.triangulation import triangulate_depth
@@ -48,6 +54,10 @@ Floats = NDArray[np.float64]
 def _method(name: str, frame: Luma) -> SideInformationMethod:
     height, width = frame.shape
     return METHODS[name](CodecConfig.preset("3d", VideoConfig(width, height, 25, 1)))
+
+
+def _build(name: str) -> SceneInterpolatorType:
+    return interpolator_of(replace(VARIANTS["3d"].side_information, method=name))
 
 
 def _mean_psnr(originals: Sequence[Luma], predictions: Sequence[Prediction]) -> float:
@@ -153,7 +163,7 @@ def _true_cameras(setting: Setting, clip: str, method: str) -> Measured:
         found = reconstruct(pair.first, pair.second)
         second = _in_frame_of(first, _camera(clip, pair.index + GOP), frame)
         model = _model_with_true_cameras(found.stages["propagation"], second, frame)
-        interpolator = INTERPOLATORS[method](model, pair.first, pair.second)
+        interpolator = _build(method)(model, pair.first, pair.second)
         psnrs = []
         for step in range(1, GOP, setting.choose(1, 4)):
             original = render_frame(built, pair.index + step, WIDTH, HEIGHT).frame.luma
@@ -188,7 +198,7 @@ def frame_time(setting: Setting, clip: str) -> Measured:
     assert model is not None
     values: dict[str, float] = {}
     for name in LIMIT_S:
-        build = INTERPOLATORS[name]
+        build = _build(name)
         build(model, pair.first, pair.second).interpolate(model.second_camera, 0.9)  # loads the kernels
         began = time.process_time()
         interpolator = build(model, pair.first, pair.second)

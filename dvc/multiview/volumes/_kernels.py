@@ -3,33 +3,10 @@
 import numpy as np
 
 from dvc._jit import kernel
+from dvc.multiview._kernels import count_bits
 
 BEFORE_Y, AFTER_Y, BEFORE_X, AFTER_X = 0, 1, 2, 3
 """Arms of a pixel: how many pixels up, down, to the left and to the right belong to it."""
-
-
-@kernel
-def census(padded, radius, dead_zone, bits):
-    """One bit for each neighbour, set where it is clearly darker; `padded` by the radius on all sides."""
-    side = 2 * radius + 1
-    for y in range(bits.shape[0]):
-        for x in range(bits.shape[1]):
-            word = np.uint64(0)
-            level = padded[y + radius, x + radius] - dead_zone
-            for i in range(side):
-                for j in range(side):
-                    if i != radius or j != radius:
-                        word = (word << np.uint64(1)) | np.uint64(padded[y + i, x + j] < level)
-            bits[y, x] = word
-
-
-@kernel
-def count_bits(word):
-    """Number of ones of 64 bits."""
-    word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
-    word = (word & np.uint64(0x3333333333333333)) + ((word >> np.uint64(2)) & np.uint64(0x3333333333333333))
-    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return (word * np.uint64(0x0101010101010101)) >> np.uint64(56)
 
 
 @kernel

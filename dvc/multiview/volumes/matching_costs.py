@@ -16,15 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.multiview.camera_array import ArrayView, DisparityLabels, LatticePosition
+from dvc.multiview.census import CENSUS_RADIUS_PX, census_bits
 from dvc.multiview.volumes import _kernels
 
 Volume = NDArray[np.float32]
 
 PHASES_PER_PX = 16
 """Positions between pixels are rounded to this."""
-CENSUS_RADIUS_PX = 2
-DEAD_ZONE = 0.5
-"""Levels by which a neighbour must be darker for its bit, so that none is set by rounding in flat places."""
 CENSUS_SCALE, LEVEL_SCALE = 12.0, 10.0
 """Bits that differ, and mean difference of levels, at which a cost is at 1 - 1/e of its limit."""
 SQUARED_LIMIT = 400.0
@@ -140,14 +138,11 @@ def census(image: NDArray[np.float32]) -> NDArray[np.uint32]:
     Returns
     -------
     ndarray of shape (H, W), uint32
-        A bit for each neighbour within `CENSUS_RADIUS_PX`, set where it is darker.
+        A bit for each neighbour, see `census_bits`.
     """
     grey = image[:, :, 0] * np.float32(0.299) + image[:, :, 1] * np.float32(0.587)
     grey += image[:, :, 2] * np.float32(0.114)
-    bits = np.empty(grey.shape, np.uint32)
-    padded = np.pad(grey, CENSUS_RADIUS_PX, mode="edge")
-    _kernels.census(padded, CENSUS_RADIUS_PX, np.float32(DEAD_ZONE), bits)
-    return bits
+    return census_bits(grey)
 
 
 def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> NDArray[np.float64]:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from dvc._jit import python_twin
 from dvc.multiview.camera_array import ArrayView, DisparityLabels, LatticePosition
+from dvc.multiview.census import DEAD_ZONE
 from dvc.multiview.volumes import _kernels as kernels
-from dvc.multiview.volumes import matching_costs
 from dvc.multiview.volumes.matching_costs import COSTS, Band, census, offsets, phases
 from tests.reference import cost_volumes as reference
 from tests.reference.stereo_volumes import banded
@@ -59,27 +59,6 @@ def place(
 
 def every_label(labels: DisparityLabels, shape: tuple[int, int]) -> Band:
     return Band(np.zeros(shape, np.int64), labels.num_labels)
-
-
-@pytest.mark.nojit
-@pytest.mark.parametrize("radius", [1, 2])
-def test_census_bits(choose: Choose, rng: np.random.Generator, radius: int) -> None:
-    """Neighbours that are darker by more than the dead zone, row by row; the border repeats."""
-    grey = rng.integers(0, 12, SHAPE).astype(np.float32)
-    bits = np.empty(SHAPE, np.uint32)
-    choose(kernels.census)(np.pad(grey, radius, mode="edge"), radius, np.float32(2.0), bits)
-    expected = reference.census(grey.astype(np.float64), radius, 2.0)
-    length = (2 * radius + 1) ** 2 - 1
-    np.testing.assert_array_equal(np.vectorize(lambda word: f"{word:0{length}b}")(bits), expected)
-
-
-@pytest.mark.nojit
-def test_bits_are_counted(choose: Choose, rng: np.random.Generator) -> None:
-    """All words of 64 bits, with none and with all of them set."""
-    words = [0, 1, 1 << 63, (1 << 64) - 1, *rng.integers(0, 1 << 64, 50, np.uint64).tolist()]
-    with np.errstate(over="ignore"):  # the product wraps around on purpose
-        found = [int(choose(kernels.count_bits)(np.uint64(word))) for word in words]
-    assert found == [word.bit_count() for word in words]
 
 
 @pytest.mark.nojit
@@ -215,6 +194,6 @@ def test_census_is_blind_to_exposure(rng: np.random.Generator) -> None:
     """Bits stay where all levels rise by as much; those of noise in a flat place are not set."""
     image = rng.integers(0, 200, (*SHAPE, 3)).astype(np.float32)
     np.testing.assert_array_equal(census(image), census(image + np.float32(40.0)))
-    noise = rng.uniform(0, 0.9 * matching_costs.DEAD_ZONE, SHAPE)
+    noise = rng.uniform(0, 0.9 * DEAD_ZONE, SHAPE)
     flat = np.float32(100.0) + np.repeat(noise[:, :, None], 3, axis=2).astype(np.float32)
     assert not census(flat).any()
