@@ -263,8 +263,7 @@ class _Solver:
         views = range(len(self.array))
         refined = [self._refined(state, index) for index in views]
         found = refined
-        # labels of whole pixels are as consistent as they can be; finer ones differ from camera to camera
-        if self.settings.occlusion == "explicit" and self.comparison.fineness > 1.0:
+        if self.settings.occlusion == "explicit":
             for _ in range(FUSION_ROUNDS):
                 found = list(self.pool.map(partial(fused, self.array, self.labels, found), views))
         final = [np.floor(label + 0.5).astype(np.int64) for label in found]
