@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import json
 import logging
+import math
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -226,6 +227,57 @@ def parse_frame_rate(text: str) -> Fraction:
     except (ValueError, ZeroDivisionError) as err:
         message = f"expected a frame rate such as 30 or 30000/1001, got {text!r}"
         raise argparse.ArgumentTypeError(message) from err
+
+
+def parse_number(text: str) -> float:
+    """Read a finite number.
+
+    Parameters
+    ----------
+    text : str
+        The number.
+
+    Returns
+    -------
+    float
+        Its value.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is something else.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}")
+    return value
+
+
+def parse_positive(text: str) -> float:
+    """Read a positive number.
+
+    Parameters
+    ----------
+    text : str
+        The number.
+
+    Returns
+    -------
+    float
+        Its value.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is something else.
+    """
+    value = parse_number(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"expected a positive number, got {text!r}")
+    return value
 
 
 def integer(low: int, high: int) -> Callable[[str], int]:

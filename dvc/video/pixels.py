@@ -97,6 +97,25 @@ def frame_from_picture(picture: "av.VideoFrame") -> Frame:
     return Frame(luma, (cb, cr))
 
 
+def frame_from_rgb(picture: Plane) -> Frame:
+    """Convert a picture to a frame, as RGB sources are converted.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W) or (H, W, 3), uint8
+        Gray of full range, or red, green and blue.
+
+    Returns
+    -------
+    Frame
+        8-bit 4:2:0 of BT.601 limited range.
+    """
+    import av
+
+    colour = picture if picture.ndim == 3 else np.repeat(picture[:, :, None], 3, axis=2)
+    return frame_from_picture(av.VideoFrame.from_ndarray(np.ascontiguousarray(colour), "rgb24"))
+
+
 def picture_from_frame(frame: Frame, pixel_format: str) -> "av.VideoFrame":
     """Put a frame into an FFmpeg picture; the inverse of `frame_from_picture` for these two formats.
 

@@ -76,15 +76,46 @@ def views_of_array(array: CameraArray, references: Sequence[int] = (0,), *, gray
     references : sequence of int, optional
         Numbers of those that are coded.
     gray : bool, optional
-        Luma alone.
+        Luma alone, as where no picture has any colour.
 
     Returns
     -------
     Views
         The same pictures.
     """
-    pictures = tuple(luma(view.image) if gray else view.image for view in array)
-    return Views(pictures, tuple(view.position for view in array), tuple(references))
+    return views_of_pictures(
+        [view.image for view in array], [view.position for view in array], references, gray=gray
+    )
+
+
+def views_of_pictures(
+    pictures: Sequence[Picture],
+    viewpoints: Sequence[Viewpoint],
+    references: Sequence[int] = (0,),
+    *,
+    gray: bool = False,
+) -> Views:
+    """Return views; where no picture has any colour, of luma alone.
+
+    Parameters
+    ----------
+    pictures : sequence of ndarray of shape (H, W) or (H, W, 3), uint8
+        At least two.
+    viewpoints : sequence of Viewpoint
+        One for each, of one kind.
+    references : sequence of int, optional
+        Numbers of those that are coded.
+    gray : bool, optional
+        Luma alone in any case.
+
+    Returns
+    -------
+    Views
+        The same pictures.
+    """
+    gray = gray or all(picture.ndim == 2 or not np.ptp(picture, axis=2).any() for picture in pictures)
+    kept = tuple(luma(picture) if gray else picture for picture in pictures)
+    return Views(kept, tuple(viewpoints), tuple(references))
 
 
 def luma(picture: Picture) -> Picture:

@@ -4,7 +4,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from dvc import cli
-from dvc.stereo.commands.options import add_truth_options, parse_number, read_truth_of
+from dvc.stereo.commands.options import add_truth_options, read_truth_of
 
 if TYPE_CHECKING:
     from dvc.stereo.evaluation import Evaluation
@@ -56,7 +56,7 @@ def parse_thresholds(text: str) -> tuple[float, ...]:
     argparse.ArgumentTypeError
         If it is something else.
     """
-    values = tuple(dict.fromkeys(parse_number(part) for part in text.split(",")))
+    values = tuple(dict.fromkeys(cli.parse_number(part) for part in text.split(",")))
     if min(values) < 0.0:
         raise argparse.ArgumentTypeError(f"expected thresholds in pixels such as 0.5,1,2, got {text!r}")
     return values

@@ -1,7 +1,6 @@
 """Options that several subcommands have: what the truth is, and which files are made for other programs."""
 
 import argparse
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,9 +27,9 @@ def add_truth_options(parser: argparse.ArgumentParser, *, required: bool = True)
         "--truth", metavar="MAP", required=required, help="8-bit or 16-bit picture, or PFM file"
     )
     scale = "disparity = value / S + offset; needed for pictures, 1 for PFM files"
-    parser.add_argument("--truth-scale", type=parse_number, metavar="S", help=scale)
+    parser.add_argument("--truth-scale", type=cli.parse_number, metavar="S", help=scale)
     offset = "added after the division; default: 0"
-    parser.add_argument("--truth-offset", type=parse_number, default=0.0, metavar="O", help=offset)
+    parser.add_argument("--truth-offset", type=cli.parse_number, default=0.0, metavar="O", help=offset)
     unknown = "value that means unknown, or none; default: 0"
     parser.add_argument("--truth-unknown", type=_parse_unknown, default=0.0, metavar="V", help=unknown)
     parser.add_argument("--mask", metavar="PNG", help="only pixels of value 255 count")
@@ -59,33 +58,6 @@ def read_truth_of(
         arguments.truth, arguments.truth_scale, arguments.truth_offset, arguments.truth_unknown
     )
     return truth, None if arguments.mask is None else read_mask(arguments.mask)
-
-
-def parse_number(text: str) -> float:
-    """Read a finite number.
-
-    Parameters
-    ----------
-    text : str
-        The number.
-
-    Returns
-    -------
-    float
-        Its value.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else.
-    """
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}")
-    return value
 
 
 def add_export_options(parser: argparse.ArgumentParser) -> None:
@@ -159,4 +131,4 @@ def check_outputs(arguments: argparse.Namespace, inputs: Sequence[str | Path] = 
 
 
 def _parse_unknown(text: str) -> float | None:
-    return None if text == "none" else parse_number(text)
+    return None if text == "none" else cli.parse_number(text)

@@ -1,0 +1,1 @@
+"""Subcommands of `dvc-dibr`: modules as `dvc.subcommands` takes them."""

@@ -1,0 +1,169 @@
+"""What several subcommands share: options, viewpoints as they are typed, streams as files."""
+
+import argparse
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dvc import array_files, cli
+from dvc.errors import BitstreamError, ConfigError
+
+if TYPE_CHECKING:
+    from dvc.dibr.stream.header import Header
+    from dvc.dibr.stream.layers import Stream
+    from dvc.multiview.camera_array import LatticePosition
+    from dvc.multiview.viewpoints import Viewpoint
+
+MAX_LAYERS = 32
+
+
+def add_stream(parser: argparse.ArgumentParser) -> None:
+    """Add the stream that a subcommand reads.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the subcommand.
+    """
+    parser.add_argument("path", metavar="IN.dibr", help="stream, whole or cut")
+
+
+def add_layers(parser: argparse.ArgumentParser) -> None:
+    """Add the option that leaves quality layers out.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the subcommand.
+    """
+    text = "decode the first K quality layers; default: all"
+    cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), text, metavar="K")
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add the option that writes figures.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the subcommand.
+    """
+    text = "write the figures; - for standard output, in place of text"
+    parser.add_argument("--json", metavar="FILE", help=text)
+
+
+def json_files(arguments: argparse.Namespace) -> list[str | Path]:
+    """Return the file of `add_json` for `dvc.cli.check_outputs`.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With `json`.
+
+    Returns
+    -------
+    list of str or Path
+        None or one.
+    """
+    return [] if arguments.json in (None, "-") else [arguments.json]
+
+
+def parse_view(text: str) -> "LatticePosition | int":
+    """Read where a view is taken from.
+
+    Parameters
+    ----------
+    text : str
+        M,N on a lattice, or the number of a view of the stream.
+
+    Returns
+    -------
+    LatticePosition or int
+        As `viewpoint_of` takes it.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is something else.
+    """
+    if re.fullmatch(r"\d{1,3}", text):
+        return int(text)
+    try:
+        return array_files.parse_position(text)
+    except argparse.ArgumentTypeError as err:
+        raise argparse.ArgumentTypeError(f"{err}, or a number of a view") from None
+
+
+def viewpoint_of(header: "Header", view: "LatticePosition | int") -> "Viewpoint":
+    """Return the viewpoint that was typed.
+
+    Parameters
+    ----------
+    header : Header
+        Of the stream.
+    view : LatticePosition or int
+        As `parse_view` returns it.
+
+    Returns
+    -------
+    Viewpoint
+        Of the kind of the stream's.
+
+    Raises
+    ------
+    ConfigError
+        If the stream has no such view, or its cameras stand on no lattice.
+    """
+    from dvc.multiview.camera_array import LatticePosition
+
+    if not isinstance(view, LatticePosition):
+        if view >= len(header.viewpoints):
+            raise ConfigError(f"view {view}: the stream has 0 to {len(header.viewpoints) - 1}")
+        return header.viewpoints[view]
+    if not isinstance(header.viewpoints[0], LatticePosition):
+        raise ConfigError(
+            f"view {view.m:g},{view.n:g}: the cameras of the stream stand on no lattice; "
+            f"numbers from 0 to {len(header.viewpoints) - 1} are accepted"
+        )
+    return view
+
+
+def read_stream(path: str) -> "Stream":
+    """Read a stream.
+
+    Parameters
+    ----------
+    path : str
+        Its file.
+
+    Returns
+    -------
+    Stream
+        At least one layer.
+
+    Raises
+    ------
+    BitstreamError
+        If it is none, or not even its first layer is whole.
+    """
+    from dvc.dibr.stream.layers import decode_stream
+
+    try:
+        return decode_stream(Path(path).read_bytes())
+    except BitstreamError as err:
+        raise BitstreamError(f"{path}: {err}") from None
+
+
+def warn(path: str, damage: str | None) -> None:
+    """Say on standard error what is missing of a stream.
+
+    Parameters
+    ----------
+    path : str
+        Its file.
+    damage : str or None
+        What is wrong; None: nothing.
+    """
+    if damage is not None:
+        sys.stderr.write(f"dvc-dibr: {path}: {cli.one_line(damage)}; what precedes it is decoded\n")
