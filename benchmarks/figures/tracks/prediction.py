@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.figures.harness import clip_source
-from benchmarks.figures.tracks.runs import GOP, Run
+from benchmarks.figures.tracks.runs import GOP, Run, Way
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from dvc import cli
@@ -191,22 +191,26 @@ def predictions(run: Run) -> Iterator[tuple[ReceivedGroup, list[tuple[int, Predi
     for group in received_groups(run):
         if method is None:
             luma = group.keys[0].frame.luma
-            codec = run.way.codec
-            config = CodecConfig.preset(
-                codec,
-                VideoConfig(luma.shape[1], luma.shape[0], 25, 1, luma_only=True),
-                gop=GopConfig(),
-                side_information=replace(
-                    VARIANTS[codec].side_information,
-                    method=run.way.method,
-                    track_corrections=run.way.track_corrections,
-                ),
-                geometry=replace(VARIANTS[codec].geometry, path_regularity=run.way.path_regularity),
-            )
-            method = METHODS[run.way.method](config)
+            video = VideoConfig(luma.shape[1], luma.shape[0], 25, 1, luma_only=True)
+            method = METHODS[run.way.method](_prediction_configuration(run.way, video))
         points = group.points if run.way.codec == run.coding else None
         instants = list(range(group.keys[0].index + 1, group.keys[1].index, run.every))
         yield group, list(zip(instants, method.predict(group.keys, points, instants), strict=True))
+
+
+def _prediction_configuration(way: Way, video: VideoConfig) -> CodecConfig:
+    """Return the configuration that frames are predicted with."""
+    variant = VARIANTS[way.codec]
+    side_information = replace(
+        variant.side_information, method=way.method, track_corrections=way.track_corrections
+    )
+    geometry = replace(variant.geometry, path_regularity=way.path_regularity)
+    if way.single_depth:
+        side_information = replace(side_information, depth_costs="gradient")
+        geometry = replace(geometry, rigid_order=False)
+    return CodecConfig.preset(
+        way.codec, video, gop=GopConfig(), side_information=side_information, geometry=geometry
+    )
 
 
 def frame_results(run: Run, folder: Path) -> tuple[FrameResult, ...]:

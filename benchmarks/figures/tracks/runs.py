@@ -28,6 +28,8 @@ class Way:
         Weight of second differences of the camera's path.
     subpixel_bits : int or None
         Precision of the tracks; None: the encoder's default.
+    single_depth : bool
+        Whether depth is found once, by gradients, in the order that self-calibration gives it.
     """
 
     codec: str
@@ -35,6 +37,7 @@ class Way:
     track_corrections: bool = False
     path_regularity: float = 0.0
     subpixel_bits: int | None = None
+    single_depth: bool = False
 
     @property
     def name(self) -> str:
@@ -93,4 +96,5 @@ class Run:
         parts = [self.clip, way.codec, way.method, keys, quality, self.num_frames, self.every]
         if replace(way, codec=BLOCK_MOTION.codec, method=BLOCK_MOTION.method) != BLOCK_MOTION:
             parts += [int(way.track_corrections), way.path_regularity, way.subpixel_bits]
+            parts += ["single"] * way.single_depth
         return "_".join(map(str, parts))
