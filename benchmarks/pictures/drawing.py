@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.figures.harness import MissingClip
 from dvc.files import atomic_output
-from dvc.rd.plots import COLOURS, DPI
+from dvc.page.plotting import COLOURS, DPI
 from dvc.tracks import PointTracks
 
 ZOOM = 3
@@ -36,7 +36,7 @@ class Line:
     points : mapping of int to float
         PSNR in dB by frame.
     colour : int
-        Its number in `dvc.rd.plots.COLOURS`.
+        Its number in `dvc.page.plotting.COLOURS`.
     style : str
         Of the line, as matplotlib knows it.
     peaks : mapping of int to float

@@ -1,45 +1,38 @@
 """Plots of rate-distortion curves and of the frames behind their points."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from io import BytesIO
 from typing import TYPE_CHECKING
 
+from dvc.page.plotting import (
+    COLOURS,
+    DASHES,
+    MARKERS,
+    MATPLOTLIB_DASHES,
+    SIZE_INCHES,
+    SUFFIXES,
+    contents,
+    new_figure,
+    plain,
+)
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
 from dvc.rd.differences import compare_curves
 from dvc.rd.point_result import PointResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-# The palette of Okabe and Ito, which the colour-blind can tell apart; markers and dashes differ as well.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B87F00", "#3D93CC")
-MARKERS = ("o", "s", "^", "D", "v", "P")
 ANCHOR_COLOURS = ("#333333", "#B87F00", "#3D93CC", "#CC79A7", "#777777", "#009E73")
 ANCHOR_MARKERS = ("x", "o", "s", "^", "D", "v")
-DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 ANCHOR_DASHES = ("dash", "dot", "dashdot", "longdash", "longdashdot", "dash")
-MATPLOTLIB_DASHES = {
-    "solid": (0, ()),
-    "dash": (0, (5, 2)),
-    "dot": (0, (1, 1.6)),
-    "dashdot": (0, (5, 1.6, 1, 1.6)),
-    "longdash": (0, (9, 2.5)),
-    "longdashdot": (0, (9, 2, 1, 2)),
-}
 FRAME_LINES = {
     "psnr": ("decoded", "-o", ""),
     "refined": ("side information, refined", "--", "#777777"),
     "initial": ("side information, initial", ":", "#333333"),
 }
 """Title, line and colour (that of the curve where there is none) of what is drawn of each frame."""
-SIZE_INCHES = (7.0, 4.8)
 FRAMES_INCHES = (7.0, 3.2)
-DPI = 150
 LABEL_ROOM_PX = 14
-SUFFIXES = (".png", ".svg")
 
 
 @dataclass(frozen=True)
@@ -117,9 +110,9 @@ def render_experiment(
     dict of str to bytes
         Contents by suffix.
     """
-    with _figure(SIZE_INCHES) as figure:
+    with new_figure(SIZE_INCHES) as figure:
         _draw(figure.add_subplot(), experiment, styles, experiment.anchor(anchor))
-        return {suffix: _contents(figure, suffix) for suffix in suffixes}
+        return {suffix: contents(figure, suffix) for suffix in suffixes}
 
 
 def render_frames(curve: Curve, point: PointResult, style: Style) -> bytes | None:
@@ -142,39 +135,19 @@ def render_frames(curve: Curve, point: PointResult, style: Style) -> bytes | Non
     columns = point.frame_columns
     if "psnr" not in columns:
         return None
-    with _figure(FRAMES_INCHES) as figure:
+    with new_figure(FRAMES_INCHES) as figure:
         axes = figure.add_subplot()
         for name, (title, line, colour) in FRAME_LINES.items():
             values = columns.get(name, [])
             there = [(columns["first"] + i, value) for i, value in enumerate(values) if value is not None]
             if there:
                 axes.plot(*zip(*there, strict=True), line, color=colour or style.colour, label=title, ms=3)
-        axes.set_title(_plain(f"{curve.label}, {point.label}"), fontsize=9)
+        axes.set_title(plain(f"{curve.label}, {point.label}"), fontsize=9)
         axes.set_xlabel("frame")
         axes.set_ylabel("luma PSNR [dB]")
         axes.grid(color="#dddddd", linewidth=0.8)
         axes.legend(loc="best", fontsize=8)
-        return _contents(figure, ".svg")
-
-
-def _contents(figure: "Figure", suffix: str) -> bytes:
-    contents = BytesIO()
-    metadata = {"Date": None} if suffix == ".svg" else {}
-    figure.savefig(contents, format=suffix[1:], dpi=DPI, metadata=metadata)
-    return contents.getvalue()
-
-
-@contextmanager
-def _figure(size_inches: tuple[float, float]) -> "Iterator[Figure]":
-    """Give a figure; a fixed salt, so that the same results give the same bytes."""
-    import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context({"svg.hashsalt": "dvc3d", "svg.fonttype": "none", "font.size": 10}):
-        figure = Figure(figsize=size_inches, layout="constrained")
-        FigureCanvasAgg(figure)
-        yield figure
+        return contents(figure, ".svg")
 
 
 def _draw(axes: "Axes", experiment: Experiment, styles: Mapping[str, Style], anchor: Curve | None) -> None:
@@ -189,23 +162,18 @@ def _draw(axes: "Axes", experiment: Experiment, styles: Mapping[str, Style], anc
             marker=style.marker,
             markerfacecolor="none" if style.is_open else style.colour,
             linestyle=MATPLOTLIB_DASHES[style.dash],
-            label=_plain(_legend(curve, anchor)),
+            label=plain(_legend(curve, anchor)),
         )
     if any(len(curve.points) > 1 for curve in codecs):
         _focus(axes, codecs)
     if codecs:
         _name_points(axes, codecs[0], styles[codecs[0].label].colour)
-    axes.set_title(_plain(experiment.title), fontsize=10)
+    axes.set_title(plain(experiment.title), fontsize=10)
     axes.set_xlabel("rate [kbit/s]")
     axes.set_ylabel("luma PSNR [dB]")
     axes.grid(color="#dddddd", linewidth=0.8)
     axes.set_axisbelow(True)
     axes.legend(loc="best", frameon=True, fontsize=8 if len(curves) > 4 else 10)
-
-
-def _plain(text: str) -> str:
-    """Keep a name from being read as a formula, or as a line that has no place in the legend."""
-    return text.replace("$", r"\$").removeprefix("_")
 
 
 def _name_points(axes: "Axes", curve: Curve, colour: str) -> None:

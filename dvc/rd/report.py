@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from dvc.errors import DvcError
 from dvc.files import atomic_output
+from dvc.page.plotting import SUFFIXES
 from dvc.rd.curves import ANCHOR_LABEL, Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves
-from dvc.rd.plots import SUFFIXES, curve_styles, render_experiment
+from dvc.rd.plots import curve_styles, render_experiment
 from dvc.rd.point_result import PointResult
 from dvc.rd.tables import NOTHING, escaped, fenced, points_cells, preface, table
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from dvc.files import atomic_output
 from dvc.page.document import SHARED, asset, content_policy, data_uri, script_json, template
+from dvc.page.plotting import MATPLOTLIB_DASHES
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.page.pictures import MAX_POINTS, NOISE_GAIN, Gallery, build_gallery
 from dvc.rd.page.tables import SHARE_TITLES, chart_points, cost_table, shares, side_information_table
 from dvc.rd.page.verdict import Verdict, verdicts
 from dvc.rd.plots import (
-    MATPLOTLIB_DASHES,
     Style,
     curve_styles,
     render_experiment,

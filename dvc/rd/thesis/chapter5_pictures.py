@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.files import atomic_output
+from dvc.page.plotting import COLOURS, DPI, MARKERS
 from dvc.rd.pictures import read_picture
-from dvc.rd.plots import ANCHOR_COLOURS, ANCHOR_MARKERS, COLOURS, DPI, MARKERS
+from dvc.rd.plots import ANCHOR_COLOURS, ANCHOR_MARKERS
 from dvc.rd.point_result import PointResult
 from dvc.rd.thesis.chapter5_curves import ChapterPoints
 

@@ -1,0 +1,1 @@
+"""What else codes several views of a scene, to compare with."""

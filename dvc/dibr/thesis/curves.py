@@ -1,0 +1,318 @@
+"""Points of rate-distortion curves, measured on what a decoder makes of the file."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dvc.dibr.codec.decoder import Decoded, PictureAndDisparity, decode
+from dvc.dibr.codec.encoder import Encoded, ViewEncoder
+from dvc.dibr.codec.rendering import picture_of, render
+from dvc.dibr.codec.views import Picture, Views
+from dvc.dibr.peers.quality import Quality, quality_of
+from dvc.dibr.reference import codec as reference_codec
+from dvc.dibr.reference.codec import ReferenceCode
+from dvc.dibr.stream.header import DisparityMethod
+from dvc.dibr.stream.layers import Stream, decode_stream
+from dvc.errors import RdCurveError
+from dvc.metrics import bd_psnr, bd_rate
+from dvc.multiview.camera_array import DisparityLabels
+
+STEEPEST, FLATTEST = 1.0, 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """One file, decoded, and all views rendered from it.
+
+    Attributes
+    ----------
+    slope : float
+        Squared error, intensities from 0 to 1, that the last bit of a pixel was worth.
+    num_bytes : int
+        Of the file, or of its first layers.
+    num_pixels : int
+        Of the reference.
+    picture_bytes, disparity_bytes : int
+        Parts of it.
+    quality : Quality
+        PSNR of all views.
+    pair : PictureAndDisparity
+        What was decoded.
+    rendered : tuple of ndarray of shape (H, W), uint8
+        All views.
+    """
+
+    slope: float
+    num_bytes: int
+    num_pixels: int
+    picture_bytes: int
+    disparity_bytes: int
+    quality: Quality
+    pair: PictureAndDisparity
+    rendered: tuple[Picture, ...]
+
+    @property
+    def rate_bpp(self) -> float:
+        """Bits of the file over pixels of the reference."""
+        return 8.0 * self.num_bytes / self.num_pixels
+
+    @property
+    def reference_bpp(self) -> float:
+        """Bits of the reference view over its pixels."""
+        return 8.0 * self.picture_bytes / self.num_pixels
+
+    @property
+    def share(self) -> float:
+        """Share of the disparities in the file."""
+        return self.disparity_bytes / self.num_bytes
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the numbers.
+
+        Returns
+        -------
+        dict
+            JSON-safe.
+        """
+        return {
+            "slope": self.slope,
+            "bytes": self.num_bytes,
+            "picture_bytes": self.picture_bytes,
+            "disparity_bytes": self.disparity_bytes,
+            "rate_bpp": self.rate_bpp,
+            "reference_bpp": self.reference_bpp,
+            "disparity_share": self.share,
+            "psnr_pooled_db": self.quality.pooled_db,
+            "psnr_mean_db": self.quality.mean_db,
+            "psnr_by_view_db": list(self.quality.by_view_db),
+        }
+
+
+def reference_slopes(views: Views, rates_bpp: Sequence[float]) -> list[float]:
+    """Return the slopes at which the reference view takes given rates.
+
+    Parameters
+    ----------
+    views : Views
+        The views.
+    rates_bpp : sequence of float
+        Bits of the reference view over its pixels.
+
+    Returns
+    -------
+    list of float
+        One for each.
+    """
+    code = reference_codec.encode(views.pictures[views.references[0]])
+    num_pixels = views.shape[0] * views.shape[1]
+    return [_slope_of(code, rate * num_pixels / 8.0) for rate in rates_bpp]
+
+
+def _slope_of(code: ReferenceCode, num_bytes: float) -> float:
+    low, high = np.log(FLATTEST), np.log(STEEPEST)
+    for _ in range(30):
+        middle = (low + high) / 2.0
+        if code.bytes_at_slope(float(np.exp(middle))) > num_bytes:
+            low = middle
+        else:
+            high = middle
+    return float(np.exp(high))
+
+
+def measure(views: Views, encoded: Encoded, num_layers: int | None = None) -> Point:
+    """Decode a file, and render all views from it.
+
+    Parameters
+    ----------
+    views : Views
+        What was encoded.
+    encoded : Encoded
+        The file.
+    num_layers : int, optional
+        Quality layers to decode; what follows them does not count as bytes.
+
+    Returns
+    -------
+    Point
+        What came of it.
+    """
+    stream = decode_stream(encoded.data)
+    decoded = decode(stream, num_layers)
+    layers = stream.layers[: decoded.num_layers]
+    picture, disparity = (sum(len(pair[part]) for layer in layers for pair in layer) for part in (0, 1))
+    rendered = rendered_views(views, decoded)
+    return Point(
+        encoded.slope,
+        len(encoded.data) - _bytes_after(stream, decoded.num_layers),
+        views.shape[0] * views.shape[1],
+        picture,
+        disparity,
+        quality_of(rendered, views.pictures),
+        decoded.pairs[0],
+        rendered,
+    )
+
+
+def rendered_views(views: Views, decoded: Decoded) -> tuple[Picture, ...]:
+    """Render all views from a decoded file.
+
+    Parameters
+    ----------
+    views : Views
+        What was encoded.
+    decoded : Decoded
+        What a decoder has.
+
+    Returns
+    -------
+    tuple of ndarray of shape (H, W), uint8
+        The references as they were decoded.
+    """
+    own = dict(zip(views.references, decoded.pairs, strict=True))
+    return tuple(
+        own[index].picture if index in own else picture_of(render(decoded, viewpoint))
+        for index, viewpoint in enumerate(decoded.header.viewpoints)
+    )
+
+
+def _bytes_after(stream: Stream, num_layers: int) -> int:
+    from dvc.dibr.stream.layers import encode_layer
+
+    return sum(len(encode_layer(layer)) for layer in stream.layers[num_layers:])
+
+
+def curve(
+    views: Views,
+    labels: DisparityLabels,
+    method: DisparityMethod,
+    slopes: Sequence[float],
+    advance: Callable[[int], None] = lambda _: None,
+) -> list[Point]:
+    """Measure a curve.
+
+    Parameters
+    ----------
+    views : Views
+        The views.
+    labels : DisparityLabels
+        Disparities to choose from.
+    method : DisparityMethod
+        How they are coded.
+    slopes : sequence of float
+        One for each point.
+    advance : callable, optional
+        Told 1 for each point.
+
+    Returns
+    -------
+    list of Point
+        In the order of the slopes.
+    """
+    encoder = ViewEncoder(views, labels, method)
+    points = []
+    for slope in slopes:
+        points.append(measure(views, encoder.encode(slope)))
+        advance(1)
+    return points
+
+
+def layered_points(
+    views: Views, labels: DisparityLabels, method: DisparityMethod, slope: float, num_layers: int
+) -> list[Point]:
+    """Measure a file with quality layers, cut after each of them.
+
+    Parameters
+    ----------
+    views, labels, method
+        As for `curve`.
+    slope : float
+        Of the last layer.
+    num_layers : int
+        How many there are.
+
+    Returns
+    -------
+    list of Point
+        One for each layer and all before it.
+    """
+    encoded = ViewEncoder(views, labels, method, num_layers).encode(slope)
+    return [measure(views, encoded, count) for count in range(1, num_layers + 1)]
+
+
+def psnr_at(points: Sequence[Point], rate_bpp: float) -> float | None:
+    """Interpolate a curve over the logarithm of the rate.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        The curve.
+    rate_bpp : float
+        Rate.
+
+    Returns
+    -------
+    float or None
+        Pooled PSNR in dB; None outside the curve.
+    """
+    return _interpolated(points, rate_bpp, lambda point: point.rate_bpp, lambda point: point.quality.pooled_db)
+
+
+def _interpolated(
+    points: Sequence[Point], at: float, x: Callable[[Point], float], y: Callable[[Point], float]
+) -> float | None:
+    ordered = sorted(points, key=x)
+    xs, ys = np.log([x(point) for point in ordered]), [y(point) for point in ordered]
+    inside = xs[0] - 1e-9 <= np.log(at) <= xs[-1] + 1e-9
+    return float(np.interp(np.log(at), xs, ys)) if inside else None
+
+
+def differences(points: Sequence[Point], anchor: Sequence[Point]) -> tuple[float, float] | None:
+    """Return Bjontegaard differences of a curve against another one.
+
+    Parameters
+    ----------
+    points, anchor : sequence of Point
+        The curves; rates are those of whole files.
+
+    Returns
+    -------
+    tuple of float or None
+        Decibels (positive: better) and per cent of rate (negative: less); None where they do not overlap.
+    """
+    sides = [
+        ([point.rate_bpp for point in side], [point.quality.pooled_db for point in side])
+        for side in (anchor, points)
+    ]
+    try:
+        return bd_psnr(*sides[0], *sides[1]).value, bd_rate(*sides[0], *sides[1]).value
+    except RdCurveError:
+        return None
+
+
+def worst_loss(points: Sequence[Point], unlayered: Sequence[Point]) -> float | None:
+    """Return the largest loss of PSNR by quality layers at equal rates.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        Of a file with layers.
+    unlayered : sequence of Point
+        Curve of files without.
+
+    Returns
+    -------
+    float or None
+        Decibels; None if no layer is within the curve.
+    """
+    losses = [
+        expected - point.quality.pooled_db
+        for point in points
+        if (expected := psnr_at(unlayered, point.rate_bpp)) is not None
+    ]
+    return max(losses) if losses else None
+
+
+Curves = Mapping[str, Sequence[Point]]
+"""By the name of the method."""

@@ -1,0 +1,217 @@
+"""Tables of the chapter: what the thesis prints beside what was measured."""
+
+from collections.abc import Mapping, Sequence
+
+from dvc.dibr.peers.quality import PeerResult
+from dvc.dibr.thesis.curves import Curves, Point, differences, worst_loss
+from dvc.page.gallery import Table
+
+ANCHOR = "quadtree"
+TITLES = {"l": "L transform", "s": "S transform", ANCHOR: "quadtree", "blocks": "8x8 blocks"}
+"""By the name that options have."""
+THESIS_GAINS_DB = {"tsukuba": {"l": -0.09, "s": -0.12}, "teddy": {"l": 0.84, "s": 0.70}}
+THESIS_LAYER_LOSS_DB = {"tsukuba": {"l": 0.29, "s": 0.29}, "teddy": {"l": 0.34, "s": 0.47}}
+THESIS_SLOPES = {0.1: 1e-2, 0.5: 2e-3, 1.0: 4e-4}
+"""By the rate of the reference view in bits per pixel."""
+NOTHING = "-"
+
+
+def points_table(name: str, curves: Curves) -> Table:
+    """List all points of the curves of figure 3.13.
+
+    Parameters
+    ----------
+    name : str
+        The scene.
+    curves : mapping of str to sequence of Point
+        By method.
+
+    Returns
+    -------
+    Table
+        One row for each point.
+    """
+    head = ("method", "slope", "bytes", "rate [bpp]", "PSNR by (3.1) [dB]", "mean of PSNRs [dB]")
+    rows = [
+        (
+            TITLES[method],
+            f"{point.slope:.2e}",
+            str(point.num_bytes),
+            f"{point.rate_bpp:.3f}",
+            f"{point.quality.pooled_db:.2f}",
+            f"{point.quality.mean_db:.2f}",
+        )
+        for method, points in curves.items()
+        for point in points
+    ]
+    caption = f"{name}: whole files over pixels of the reference, all views rendered from the decoded file"
+    return Table(f"{name}: points of figure 3.13", caption, head, tuple(rows))
+
+
+def gains_table(by_scene: Mapping[str, Curves]) -> Table:
+    """Compare methods with the quadtree.
+
+    Parameters
+    ----------
+    by_scene : mapping of str to Curves
+        Curves of figure 3.13.
+
+    Returns
+    -------
+    Table
+        One row for each scene and method, and the mean of each method.
+    """
+    head = ("scene", "method", "BD-PSNR [dB]", "BD-rate [%]", "thesis [dB]")
+    rows, gains = [], {}
+    for scene, curves in by_scene.items():
+        for method, points in curves.items():
+            if method == ANCHOR or ANCHOR not in curves:
+                continue
+            found = differences(points, curves[ANCHOR])
+            cells = (NOTHING, NOTHING) if found is None else (f"{found[0]:+.2f}", f"{found[1]:+.1f}")
+            if found is not None:
+                gains.setdefault(method, []).append(found[0])
+            thesis = THESIS_GAINS_DB.get(scene, {}).get(method)
+            told = NOTHING if thesis is None else f"{thesis:+.2f}"
+            rows.append((scene, TITLES[method], *cells, told))
+    rows += [
+        ("mean", TITLES[method], f"{sum(values) / len(values):+.2f}", "", "")
+        for method, values in gains.items()
+    ]
+    caption = "Bjontegaard differences against the quadtree at the same slopes, PSNR by (3.1)"
+    return Table("Methods against the quadtree (figure 3.13)", caption, head, tuple(rows), 2)
+
+
+def share_table(by_scene: Mapping[str, Curves], rates_bpp: Sequence[float]) -> Table:
+    """State slope and share of the disparities where the reference has given rates.
+
+    Parameters
+    ----------
+    by_scene : mapping of str to Curves
+        Curves, whose points are in the order of the rates where slopes were chosen for them.
+    rates_bpp : sequence of float
+        Rates of the reference.
+
+    Returns
+    -------
+    Table
+        One row for each scene and point of L and S.
+    """
+    head = ("scene", "method", "reference [bpp]", "slope", "slope, thesis", "share of disparities [%]")
+    rows = []
+    for scene, curves in by_scene.items():
+        for method in ("l", "s"):
+            for point in curves.get(method, ()):
+                near = [rate for rate in rates_bpp if abs(point.reference_bpp / rate - 1.0) < 0.05]
+                if not near:
+                    continue
+                thesis = THESIS_SLOPES.get(near[0])
+                told = NOTHING if thesis is None else f"about {thesis:.0e}"
+                bpp, share = f"{point.reference_bpp:.3f}", f"{100.0 * point.share:.1f}"
+                rows.append((scene, TITLES[method], bpp, f"{point.slope:.2e}", told, share))
+    caption = "Split of the rate; the thesis reports 13 to 23 % but for very low rates"
+    return Table("Share of the disparities (figure 3.15)", caption, head, tuple(rows), 2)
+
+
+def layers_table(by_scene: Mapping[str, Curves], layered: Mapping[str, Curves]) -> Table:
+    """State what quality layers cost.
+
+    Parameters
+    ----------
+    by_scene : mapping of str to Curves
+        Files without layers.
+    layered : mapping of str to Curves
+        Files cut after each layer.
+
+    Returns
+    -------
+    Table
+        One row for each scene and method.
+    """
+    head = ("scene", "method", "layers", "largest loss [dB]", "thesis, at most [dB]")
+    rows = []
+    for scene, curves in layered.items():
+        for method, points in curves.items():
+            loss = worst_loss(points, by_scene[scene][method])
+            thesis = THESIS_LAYER_LOSS_DB.get(scene, {}).get(method)
+            told = NOTHING if thesis is None else f"{thesis:.2f}"
+            cost = NOTHING if loss is None else f"{loss:.2f}"
+            rows.append((scene, TITLES[method], str(len(points)), cost, told))
+    caption = "Loss of PSNR by (3.1) at equal rates against files of one layer, where these have such rates"
+    return Table("Quality layers (figure 3.14)", caption, head, tuple(rows), 2)
+
+
+def decomposition_table(by_scene: Mapping[str, Mapping[str, Point]]) -> Table:
+    """Compare decompositions.
+
+    Parameters
+    ----------
+    by_scene : mapping
+        Point by decomposition, by scene.
+
+    Returns
+    -------
+    Table
+        One row for each.
+    """
+    head = ("scene", "decomposition", "rate [bpp]", "disparities [bytes]", "PSNR by (3.1) [dB]")
+    rows = [
+        (
+            scene,
+            told,
+            f"{point.rate_bpp:.3f}",
+            str(point.disparity_bytes),
+            f"{point.quality.pooled_db:.2f}",
+        )
+        for scene, points in by_scene.items()
+        for told, point in points.items()
+    ]
+    caption = "L transform at one slope: down to one pixel, or stopped earlier"
+    return Table("Decomposition", caption, head, tuple(rows), 2)
+
+
+def peers_table(name: str, ours: Sequence[Point], theirs: Mapping[str, Sequence[PeerResult | None]]) -> Table:
+    """Compare with other codecs in as many bytes.
+
+    Parameters
+    ----------
+    name : str
+        The scene.
+    ours : sequence of Point
+        Files.
+    theirs : mapping of str to sequence of (PeerResult or None)
+        For each of these files what a peer made of as many bytes; None: too few.
+
+    Returns
+    -------
+    Table
+        One row for each rate and codec, ours first.
+    """
+    head = (
+        "rate [bpp]",
+        "codec",
+        "bytes",
+        "PSNR by (3.1) [dB]",
+        "mean of PSNRs [dB]",
+        "ours less this, mean [dB]",
+        "second part [%]",
+    )
+    rows = []
+    for index, point in enumerate(ours):
+        rate, own = f"{point.rate_bpp:.3f}", point.quality
+        cells = (str(point.num_bytes), f"{own.pooled_db:.2f}", f"{own.mean_db:.2f}")
+        rows.append((rate, "ours, L transform", *cells, "", f"{100.0 * point.share:.0f}"))
+        for peer, results in theirs.items():
+            result = results[index]
+            if result is None:
+                rows.append((rate, peer, "needs more", NOTHING, NOTHING, NOTHING, NOTHING))
+                continue
+            found = result.quality
+            cells = (str(result.num_bytes), f"{found.pooled_db:.2f}", f"{found.mean_db:.2f}")
+            gain = f"{own.mean_db - found.mean_db:+.2f}"
+            rows.append((rate, peer, *cells, gain, f"{100.0 * result.split:.0f}"))
+    caption = (
+        f"{name}, reference and one more view: the best that others make of at most as many bytes; "
+        "second part: disparities, or the second view; P frames and two pictures give no other views"
+    )
+    return Table(f"{name}: other codecs", caption, head, tuple(rows), 2)

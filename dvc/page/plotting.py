@@ -1,0 +1,138 @@
+"""Line plots that the colour-blind can read, as bytes that are the same for the same numbers."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from io import BytesIO
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# The palette of Okabe and Ito, which the colour-blind can tell apart; markers and dashes differ as well.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B87F00", "#3D93CC")
+MARKERS = ("o", "s", "^", "D", "v", "P")
+DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
+MATPLOTLIB_DASHES = {
+    "solid": (0, ()),
+    "dash": (0, (5, 2)),
+    "dot": (0, (1, 1.6)),
+    "dashdot": (0, (5, 1.6, 1, 1.6)),
+    "longdash": (0, (9, 2.5)),
+    "longdashdot": (0, (9, 2, 1, 2)),
+}
+SIZE_INCHES = (7.0, 4.8)
+DPI = 150
+SUFFIXES = (".png", ".svg")
+
+
+class Line(NamedTuple):
+    """One line of a plot.
+
+    Attributes
+    ----------
+    label : str
+        For the legend.
+    xs, ys : sequence of float
+        Its points.
+    """
+
+    label: str
+    xs: Sequence[float]
+    ys: Sequence[float]
+
+
+@contextmanager
+def new_figure(size_inches: tuple[float, float] = SIZE_INCHES) -> "Iterator[Figure]":
+    """Give a figure; a fixed salt, so that the same results give the same bytes.
+
+    Parameters
+    ----------
+    size_inches : tuple of float, optional
+        Width and height.
+
+    Yields
+    ------
+    Figure
+        Of matplotlib.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context({"svg.hashsalt": "dvc3d", "svg.fonttype": "none", "font.size": 10}):
+        figure = Figure(figsize=size_inches, layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+
+
+def contents(figure: "Figure", suffix: str) -> bytes:
+    """Return a figure as a file.
+
+    Parameters
+    ----------
+    figure : Figure
+        Of `new_figure`, before that ends.
+    suffix : str
+        One of `SUFFIXES`.
+
+    Returns
+    -------
+    bytes
+        The file.
+    """
+    written = BytesIO()
+    metadata = {"Date": None} if suffix == ".svg" else {}
+    figure.savefig(written, format=suffix[1:], dpi=DPI, metadata=metadata)
+    return written.getvalue()
+
+
+def plain(text: str) -> str:
+    """Keep a name from being read as a formula, or as a line that has no place in the legend.
+
+    Parameters
+    ----------
+    text : str
+        The name.
+
+    Returns
+    -------
+    str
+        For labels and titles.
+    """
+    return text.replace("$", r"\$").removeprefix("_")
+
+
+def line_plot(lines: Sequence[Line], title: str, x_label: str, y_label: str) -> dict[str, bytes]:
+    """Draw lines.
+
+    Parameters
+    ----------
+    lines : sequence of Line
+        In the order of the legend.
+    title, x_label, y_label : str
+        What is drawn, and in which units.
+
+    Returns
+    -------
+    dict of str to bytes
+        Files by suffix.
+    """
+    with new_figure() as figure:
+        axes = figure.add_subplot()
+        for number, line in enumerate(lines):
+            round_, i = divmod(number, len(COLOURS))
+            axes.plot(
+                line.xs,
+                line.ys,
+                color=COLOURS[i],
+                marker=MARKERS[(i + round_) % len(MARKERS)],
+                linestyle=MATPLOTLIB_DASHES[DASHES[i % len(DASHES)]],
+                label=plain(line.label),
+            )
+        axes.set_title(plain(title), fontsize=10)
+        axes.set_xlabel(x_label)
+        axes.set_ylabel(y_label)
+        axes.grid(color="#dddddd", linewidth=0.8)
+        axes.set_axisbelow(True)
+        axes.legend(loc="best", frameon=True)
+        return {suffix: contents(figure, suffix) for suffix in SUFFIXES}
