@@ -97,7 +97,7 @@ class WaveletCodec:
         return decode_tree(payload, self.transform, shape, num_labels, classes, previous)
 
     def classes(self, shape: tuple[int, int], significance: Sequence[Classes] | None) -> Sequence[Classes]:
-        """Return classes of significance, where none are given those that forbid nothing.
+        """Return classes of significance by level, where none are given those that forbid nothing.
 
         Parameters
         ----------
@@ -111,7 +111,9 @@ class WaveletCodec:
         sequence of ndarray of shape (H_j+1, W_j+1), uint8
             Classes by level.
         """
-        return all_significant(shape, self.num_levels) if significance is None else significance
+        if significance is None:
+            return all_significant(shape, self.num_levels)
+        return significance[: self.num_levels]
 
 
 class _Search:

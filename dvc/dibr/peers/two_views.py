@@ -119,9 +119,7 @@ def _size(ladders: list[Ladder], level: int, offset: int) -> int:
     return sum(one.num_bytes for one in _pair(ladders, level, offset))
 
 
-def intra_and_predicted(
-    pictures: tuple[Picture, Picture], coder: VideoCoder, max_bytes: int
-) -> PeerResult:
+def intra_and_predicted(pictures: tuple[Picture, Picture], coder: VideoCoder, max_bytes: int) -> PeerResult:
     """Code the first view as an I frame and the second one as a P frame, at the best pair of QPs.
 
     Parameters
@@ -164,9 +162,7 @@ def intra_and_predicted(
     return max(tried, key=lambda result: result.quality.pooled_db)
 
 
-def encode_two(
-    pictures: tuple[Picture, Picture], coder: VideoCoder, qp: int, offset: int
-) -> Iterator[bytes]:
+def encode_two(pictures: tuple[Picture, Picture], coder: VideoCoder, qp: int, offset: int) -> Iterator[bytes]:
     """Code two frames.
 
     Parameters
@@ -262,5 +258,5 @@ def without_messages(stream: bytes, decoder: str) -> bytes:
 def _luma(frame: "VideoFrame") -> Picture:
     """Return samples as they were coded, whatever range the stream tells."""
     plane = frame.planes[0]
-    rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
+    rows = np.frombuffer(bytes(plane), np.uint8).reshape(-1, plane.line_size)
     return np.ascontiguousarray(rows[: plane.height, : plane.width])

@@ -217,9 +217,7 @@ def _draw(result: SceneResult) -> None:
 
 
 def _line(label: str, points: Sequence[Point]) -> Line:
-    return Line(
-        label, [point.rate_bpp for point in points], [point.quality.pooled_db for point in points]
-    )
+    return Line(label, [point.rate_bpp for point in points], [point.quality.pooled_db for point in points])
 
 
 def _rate_distortion(result: SceneResult) -> dict[str, bytes]:

@@ -256,7 +256,9 @@ def psnr_at(points: Sequence[Point], rate_bpp: float) -> float | None:
     float or None
         Pooled PSNR in dB; None outside the curve.
     """
-    return _interpolated(points, rate_bpp, lambda point: point.rate_bpp, lambda point: point.quality.pooled_db)
+    return _interpolated(
+        points, rate_bpp, lambda point: point.rate_bpp, lambda point: point.quality.pooled_db
+    )
 
 
 def _interpolated(
@@ -304,13 +306,11 @@ def worst_loss(points: Sequence[Point], unlayered: Sequence[Point]) -> float | N
     Returns
     -------
     float or None
-        Decibels; None if no layer is within the curve.
+        Decibels, at the rates of the points of either curve; None if they have no rate in common.
     """
-    losses = [
-        expected - point.quality.pooled_db
-        for point in points
-        if (expected := psnr_at(unlayered, point.rate_bpp)) is not None
-    ]
+    rates = [point.rate_bpp for point in (*points, *unlayered)]
+    both = [(psnr_at(unlayered, rate), psnr_at(points, rate)) for rate in rates]
+    losses = [single - several for single, several in both if single is not None and several is not None]
     return max(losses) if losses else None
 
 

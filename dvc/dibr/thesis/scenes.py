@@ -75,6 +75,24 @@ def scene_of_array(name: str, array: CameraArray, labels: DisparityLabels) -> Sc
     return Scene(name, CameraArray((array[first], *others)), labels)
 
 
+def scene_of_views(array: CameraArray, labels: DisparityLabels) -> Scene:
+    """Make a scene of the views of a user.
+
+    Parameters
+    ----------
+    array : CameraArray
+        The views, the reference first.
+    labels : DisparityLabels
+        Disparities to choose from.
+
+    Returns
+    -------
+    Scene
+        Of the name "views".
+    """
+    return Scene("views", array, labels)
+
+
 def _pair(name: str, data: Path) -> Scene:
     one = PAIRS[name]
     return scene_of_array(name, one.pair(data), one.labels)
@@ -132,7 +150,32 @@ def toy() -> Scene:
     rectified = rectified_toy()
     if rectified.labels is None:
         raise DvcError("toy: no disparities were found")
-    return scene_of_array("toy", rectified.array, rectified.labels)
+    return scene_of_array("toy", everywhere_valid(rectified.array), rectified.labels)
+
+
+def everywhere_valid(array: CameraArray) -> CameraArray:
+    """Crop rectified views to a common frame in which every camera has seen something.
+
+    Parameters
+    ----------
+    array : CameraArray
+        The views.
+
+    Returns
+    -------
+    CameraArray
+        The views, cut on the side where most is missing, line by line.
+    """
+    seen = np.logical_and.reduce([view.seen for view in array])
+    top, left, (bottom, right) = 0, 0, seen.shape
+    while not (inner := seen[top:bottom, left:right]).all():
+        sides = [float(np.mean(~line)) for line in (inner[0], inner[-1], inner[:, 0], inner[:, -1])]
+        side = sides.index(max(sides))
+        top, bottom = top + (side == 0), bottom - (side == 1)
+        left, right = left + (side == 2), right - (side == 3)
+    cut = slice(top, bottom), slice(left, right)
+    views = [replace(view, image=np.ascontiguousarray(view.image[cut]), valid=None) for view in array]
+    return CameraArray(tuple(views))
 
 
 def motorcycle() -> Scene:

@@ -62,7 +62,8 @@ def gains_table(by_scene: Mapping[str, Curves]) -> Table:
         One row for each scene and method, and the mean of each method.
     """
     head = ("scene", "method", "BD-PSNR [dB]", "BD-rate [%]", "thesis [dB]")
-    rows, gains = [], {}
+    rows: list[tuple[str, ...]] = []
+    gains: dict[str, list[float]] = {}
     for scene, curves in by_scene.items():
         for method, points in curves.items():
             if method == ANCHOR or ANCHOR not in curves:
@@ -137,7 +138,7 @@ def layers_table(by_scene: Mapping[str, Curves], layered: Mapping[str, Curves]) 
             told = NOTHING if thesis is None else f"{thesis:.2f}"
             cost = NOTHING if loss is None else f"{loss:.2f}"
             rows.append((scene, TITLES[method], str(len(points)), cost, told))
-    caption = "Loss of PSNR by (3.1) at equal rates against files of one layer, where these have such rates"
+    caption = "Loss of PSNR by (3.1) at equal rates against files of one layer"
     return Table("Quality layers (figure 3.14)", caption, head, tuple(rows), 2)
 
 
