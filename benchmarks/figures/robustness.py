@@ -47,6 +47,10 @@ def _geometry(setting: Setting, _clip: str) -> Measured:
     return mutations(setting, batches.GEOMETRY, NUM_GEOMETRY_MUTATIONS)
 
 
+def _pictures(setting: Setting, _clip: str) -> Measured:
+    return mutations(setting, batches.PICTURES)
+
+
 AREA = "robustness"
 _ASKED = "no crash, hang, allocation over 1 GiB or traceback"
 FIGURES = (
@@ -63,6 +67,13 @@ FIGURES = (
         "1,000 mutations of streams with tracks or points, most of them there",
         _ASKED,
         _geometry,
+    ),
+    Figure(
+        AREA,
+        "pictures",
+        "10,000 mutations of streams of pictures with depth",
+        f"{_ASKED}; every layer before the damage is decoded, or nothing",
+        _pictures,
     ),
     Figure(AREA, "messages", "10,000 mutations of live messages", _ASKED, _messages),
 )

@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.hostile.material import Luma, decode_live, decoded_groups, material, serve, tracked_material
 from benchmarks.hostile.mutations import mutate, mutate_record, mutate_tracks, record_spans
+from benchmarks.hostile.pictures import try_pictures
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.stream import StreamReader
 from dvc.stream.records import RecordType
@@ -138,4 +139,5 @@ def kinds() -> dict[str, Callable[[int], str]]:
         "points": partial(try_tracked, "3d-td"),
         "to-decoder": partial(try_messages, made.to_decoder, decode_live),
         "to-encoder": partial(try_messages, made.to_encoder, partial(serve, made.frames, made.config)),
+        "pictures": try_pictures,
     }

@@ -22,8 +22,8 @@ BATCH = 250
 GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
-KINDS = ("buffered", "punctured", "tracks", "points", "to-decoder", "to-encoder")
-STREAMS, GEOMETRY, MESSAGES = KINDS[:2], KINDS[2:4], KINDS[4:]
+KINDS = ("buffered", "punctured", "tracks", "points", "to-decoder", "to-encoder", "pictures")
+STREAMS, GEOMETRY, MESSAGES, PICTURES = KINDS[:2], KINDS[2:4], KINDS[4:6], KINDS[6:]
 
 
 @contextmanager

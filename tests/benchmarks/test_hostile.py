@@ -1,12 +1,14 @@
 """Hostile input: mutations are what they claim, and the outcomes of a few of each kind are good."""
 
 import io
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from benchmarks.hostile import attempts, batches, material, mutations
+from benchmarks.hostile import attempts, batches, material, mutations, pictures
+from dvc.dibr.stream.layers import decode_stream
 from dvc.errors import BitstreamError
 from dvc.stream import RecordType, StreamReader
 
@@ -37,6 +39,17 @@ def test_mended_records_pass_their_checksums() -> None:
     for seed in range(40):
         damaged = mutations.mutate_record(stream, np.random.default_rng(seed))
         assert "checksum" not in _complaint(damaged)
+
+
+def test_mended_layers_pass_their_checksums() -> None:
+    """Damage of layers with mended checksums reaches the decoders behind them."""
+    stream = pictures.good_streams()[0]
+    num_whole = 0
+    for seed in range(40):
+        with suppress(BitstreamError):
+            found = decode_stream(pictures.mutate_pictures(stream, np.random.default_rng(seed)))
+            num_whole += found.damage is None
+    assert num_whole > 20
 
 
 def test_mutations_depend_on_their_number_alone() -> None:

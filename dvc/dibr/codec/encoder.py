@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dvc.dibr.codec.decoder import PictureAndDisparity, significance_classes
+from dvc.dibr.codec.memory import check_memory
 from dvc.dibr.codec.rendering import picture_of, render_pairs
 from dvc.dibr.codec.views import Picture, Views
 from dvc.dibr.disparity.error_tensor import Tensor, error_tensor
@@ -76,6 +77,7 @@ class ViewEncoder:
         num_layers: int = 1,
         advance: Callable[[int], None] = lambda _: None,
     ) -> None:
+        check_memory(views.shape, labels.num_labels)
         exact = Header(views.shape, method, labels, views.references, num_layers, views.viewpoints)
         self.header, _ = decode_header(encode_header(exact))
         self.views, self.advance = views, advance

@@ -15,7 +15,7 @@ from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint
 MAGIC = b"DIBR"
 FORMAT_VERSION = 1
 MAX_SIDE = 2**16 - 1
-MAX_PIXELS = 2**26
+MAX_PIXELS = 2**24
 MAX_LABELS = 2**15 - 1
 MAX_VIEWS = 255
 MAX_LAYERS = 32

@@ -1,0 +1,129 @@
+"""Streams of pictures with depth: good ones, their mutations, and their decoder, which must bear them."""
+
+import zlib
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.hostile.mutations import mutate
+from dvc.dibr.codec.decoder import decode
+from dvc.dibr.codec.encoder import ViewEncoder
+from dvc.dibr.codec.rendering import picture_of, render
+from dvc.dibr.codec.views import Views
+from dvc.dibr.stream.header import DisparityMethod, decode_header
+from dvc.dibr.stream.layers import PairLayer, decode_stream, encode_layer
+from dvc.errors import BitstreamError
+from dvc.multiview.camera_array import DisparityLabels, LatticePosition
+from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint, between
+
+NUM_LAYERS = 2
+_HEIGHT, _WIDTH = 21, 34
+_CRC_BYTES = 4
+
+
+@cache
+def good_streams() -> tuple[bytes, ...]:
+    """Encode small views in all ways.
+
+    Returns
+    -------
+    tuple of bytes
+        Every method, gray and coloured, one and two references, of a lattice and of calibrated cameras.
+    """
+    streams = []
+    for number, method in enumerate(DisparityMethod):
+        for calibrated in (False, True):
+            coloured = (number + calibrated) % 2 == 1
+            views = _views(coloured, calibrated, references=(0, 2) if number % 3 == 0 else (0,))
+            labels = DisparityLabels(0.05, 0.025, 7) if calibrated else DisparityLabels(0.0, 1.0, 7)
+            streams.append(ViewEncoder(views, labels, method, NUM_LAYERS).encode(2e-3).data)
+    return tuple(streams)
+
+
+def _views(coloured: bool, calibrated: bool, references: tuple[int, ...]) -> Views:
+    rng = np.random.default_rng(3)
+    channels = 3 if coloured else 1
+    near, far = (rng.integers(0, 256, (_HEIGHT, _WIDTH + 12, channels), np.uint8) for _ in range(2))
+    pictures = []
+    for m in range(3):
+        picture = far[:, m : m + _WIDTH].copy()
+        left = 16 - 5 * m
+        picture[6:15, max(left, 0) : left + 12] = near[6:15, max(-left, 0) : 12]
+        pictures.append(picture if coloured else picture[:, :, 0])
+    return Views(tuple(pictures), tuple(_viewpoint(m, calibrated) for m in range(3)), references)
+
+
+def _viewpoint(m: int, calibrated: bool) -> Viewpoint:
+    if not calibrated:
+        return LatticePosition(float(m), 0.0)
+    intrinsic = np.array([[30.0, 0.0, 16.5], [0.0, 30.0, 10.0], [0.0, 0.0, 1.0]])
+    return CalibratedViewpoint(intrinsic, np.column_stack([np.eye(3), [-float(m), 0.0, 0.0]]))
+
+
+def mutate_pictures(stream: bytes, rng: np.random.Generator) -> bytes:
+    """Damage the header, or one part of one layer, and mend its checksum, so that the damage is parsed.
+
+    Parameters
+    ----------
+    stream : bytes
+        A good stream.
+    rng : numpy.random.Generator
+        Chooses.
+
+    Returns
+    -------
+    bytes
+        The stream with the damage.
+    """
+    found = decode_stream(stream)
+    _, start = decode_header(stream)
+    if rng.integers(4) == 0:
+        header = mutate(stream[: start - _CRC_BYTES], rng)
+        return header + zlib.crc32(header).to_bytes(_CRC_BYTES, "little") + stream[start:]
+    layers = [list(layer) for layer in found.layers]
+    layer, pair, part = (int(rng.integers(size)) for size in (len(layers), len(layers[0]), 2))
+    parts = list(layers[layer][pair])
+    parts[part] = mutate(parts[part], rng)
+    layers[layer][pair] = PairLayer(*parts)
+    return stream[:start] + b"".join(encode_layer(tuple(layer)) for layer in layers)
+
+
+def try_pictures(number: int) -> str:
+    """Decode a mutation of a stream, and render a view of what comes out.
+
+    Parameters
+    ----------
+    number : int
+        Of the mutation.
+
+    Returns
+    -------
+    str
+        The outcome.
+    """
+    streams = good_streams()
+    stream = streams[number % len(streams)]
+    rng = np.random.default_rng(number)
+    damaged = mutate(stream, rng) if rng.integers(4) == 0 else mutate_pictures(stream, rng)
+    try:
+        decoded = decode(decode_stream(damaged))
+        viewpoints = decoded.header.viewpoints
+        view = picture_of(render(decoded, between(viewpoints[0], viewpoints[-1], 0.4)))
+    except BitstreamError:
+        return "refused"
+    return _judged(stream, damaged, decoded.num_layers, view, decoded.header.shape)
+
+
+def _judged(
+    stream: bytes, damaged: bytes, num_layers: int, view: NDArray[np.uint8], shape: tuple[int, int]
+) -> str:
+    """Tell whether layers that precede the damage are all there."""
+    if view.shape[:2] != shape:
+        return f"a view of {view.shape}, not {shape}"
+    _, end = decode_header(stream)
+    intact = 0
+    for layer in decode_stream(stream).layers:
+        end += len(encode_layer(layer))
+        intact += damaged[:end] == stream[:end]
+    return "decoded" if num_layers >= intact else f"a whole layer is lost: {num_layers} of {intact}"

@@ -1,0 +1,34 @@
+"""Memory that encoding takes, told before it is taken."""
+
+from dvc.errors import ConfigError
+
+MAX_GIB = 4.0
+"""More is refused."""
+_BYTES_PER_ERROR = 12.0
+"""Of error tensors and what is kept of them, measured with quadtrees; others need less."""
+_BYTES_PER_PIXEL = 400.0
+"""Of the reference, its trees and its views."""
+
+
+def check_memory(shape: tuple[int, int], num_labels: int) -> None:
+    """Refuse views that are too large for so many labels.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width.
+    num_labels : int
+        Disparities to choose from.
+
+    Raises
+    ------
+    ConfigError
+        If encoding may take more than `MAX_GIB`.
+    """
+    num_pixels = shape[0] * shape[1]
+    gib = num_pixels * (_BYTES_PER_PIXEL + _BYTES_PER_ERROR * num_labels) / 2**30
+    if gib > MAX_GIB:
+        raise ConfigError(
+            f"{num_labels} disparities of {shape[1]}x{shape[0]} pixels take about {gib:.1f} GiB, more than "
+            f"{MAX_GIB:g}: fewer disparities, or smaller views"
+        )
