@@ -58,6 +58,7 @@ pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real c
 	$(BIN)/python -m benchmarks.pictures.scene
 	$(BIN)/python -m benchmarks.pictures.tracks
 	$(BIN)/python -m benchmarks.pictures.stereo
+	$(BIN)/python -m benchmarks.pictures.dibr
 
 format: $(INSTALLED)  ## format the code
 	$(BIN)/ruff format .

@@ -21,9 +21,9 @@ from dvc.multiview.camera_array import CameraArray, DisparityLabels
 Floats = NDArray[np.float64]
 
 PEAK = 255
-FIRST_SHARES = 0.02, 0.05, 0.1, 0.2, 0.35
+FIRST_SHARES = 0.04, 0.1, 0.2, 0.35
 """Shares of the disparities that are tried first; then those beside the best one."""
-REFINEMENTS = 4
+REFINEMENTS = 3
 
 
 def semi_global_disparity(array: CameraArray, labels: DisparityLabels) -> Floats:
@@ -105,6 +105,7 @@ class IndependentCodec:
     coder: PictureCoder
     _pictures: Ladder = field(init=False, repr=False)
     _depths: Ladder = field(init=False, repr=False)
+    _results: dict[tuple[int, int], PeerResult] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         self._pictures = Ladder(self.coder, self.views.pictures[self.views.references[0]])
@@ -156,10 +157,13 @@ class IndependentCodec:
         picture = self._pictures.within(max_bytes - depth.num_bytes)
         if depth.level in tried or picture is None:
             return
-        num_bytes = picture.num_bytes + depth.num_bytes
-        quality = quality_of(self._rendered(picture.picture, depth.picture), self.views.pictures)
-        setting = f"{self.coder.name} at {picture.level} and {depth.level}"
-        tried[depth.level] = PeerResult(num_bytes, quality, depth.num_bytes / num_bytes, setting)
+        key = picture.level, depth.level
+        if key not in self._results:
+            num_bytes = picture.num_bytes + depth.num_bytes
+            quality = quality_of(self._rendered(picture.picture, depth.picture), self.views.pictures)
+            setting = f"{self.coder.name} at {picture.level} and {depth.level}"
+            self._results[key] = PeerResult(num_bytes, quality, depth.num_bytes / num_bytes, setting)
+        tried[depth.level] = self._results[key]
 
     def _rendered(self, picture: Picture, depth: Picture) -> list[Picture]:
         span = self.labels.highest - self.labels.lowest

@@ -277,7 +277,7 @@ def all_tables(results: Sequence[SceneResult]) -> list[Table]:
     found = [
         tables.gains_table(curves),
         tables.layers_table(curves, {one.scene.name: one.layered for one in results}),
-        tables.share_table(curves, REFERENCE_BPP),
+        tables.share_table(curves),
         tables.decomposition_table({one.scene.name: one.decompositions for one in results}),
     ]
     for one in results:

@@ -103,7 +103,7 @@ def reference_slopes(views: Views, rates_bpp: Sequence[float]) -> list[float]:
     Returns
     -------
     list of float
-        One for each.
+        One for each; rates are those of the embedded code that are nearest.
     """
     code = reference_codec.encode(views.pictures[views.references[0]])
     num_pixels = views.shape[0] * views.shape[1]
@@ -118,7 +118,8 @@ def _slope_of(code: ReferenceCode, num_bytes: float) -> float:
             low = middle
         else:
             high = middle
-    return float(np.exp(high))
+    slopes = [float(np.exp(end)) for end in (low, high)]
+    return min(slopes, key=lambda slope: abs(np.log(max(code.bytes_at_slope(slope), 1) / num_bytes)))
 
 
 def measure(views: Views, encoded: Encoded, num_layers: int | None = None) -> Point:

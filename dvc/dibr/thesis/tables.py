@@ -1,5 +1,6 @@
 """Tables of the chapter: what the thesis prints beside what was measured."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from dvc.dibr.peers.quality import PeerResult
@@ -83,15 +84,13 @@ def gains_table(by_scene: Mapping[str, Curves]) -> Table:
     return Table("Methods against the quadtree (figure 3.13)", caption, head, tuple(rows), 2)
 
 
-def share_table(by_scene: Mapping[str, Curves], rates_bpp: Sequence[float]) -> Table:
-    """State slope and share of the disparities where the reference has given rates.
+def share_table(by_scene: Mapping[str, Curves]) -> Table:
+    """State slope and share of the disparities where the reference is nearest to the rates of the thesis.
 
     Parameters
     ----------
     by_scene : mapping of str to Curves
-        Curves, whose points are in the order of the rates where slopes were chosen for them.
-    rates_bpp : sequence of float
-        Rates of the reference.
+        Curves of figure 3.13.
 
     Returns
     -------
@@ -102,12 +101,9 @@ def share_table(by_scene: Mapping[str, Curves], rates_bpp: Sequence[float]) -> T
     rows = []
     for scene, curves in by_scene.items():
         for method in ("l", "s"):
-            for point in curves.get(method, ()):
-                near = [rate for rate in rates_bpp if abs(point.reference_bpp / rate - 1.0) < 0.05]
-                if not near:
-                    continue
-                thesis = THESIS_SLOPES.get(near[0])
-                told = NOTHING if thesis is None else f"about {thesis:.0e}"
+            for rate, thesis in THESIS_SLOPES.items() if method in curves else ():
+                point = min(curves[method], key=lambda one: abs(math.log(one.reference_bpp / rate)))
+                told = f"about {thesis:.0e} at {rate:g} bpp"
                 bpp, share = f"{point.reference_bpp:.3f}", f"{100.0 * point.share:.1f}"
                 rows.append((scene, TITLES[method], bpp, f"{point.slope:.2e}", told, share))
     caption = "Split of the rate; the thesis reports 13 to 23 % but for very low rates"

@@ -1,0 +1,121 @@
+"""Measure chapter 3 into `results`, and bring to `docs` what `docs/dibr-results.md` shows.
+
+Photographs of the real sets are not the project's to show: in `docs` there are curves and maps of them, and
+views of a rendered scene.
+"""
+
+import argparse
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.figures.harness import MissingClip, run_module
+from benchmarks.figures.stereo.runs import data_folder
+from benchmarks.pictures.drawing import Picture, write_picture
+from dvc import cli
+from dvc.dibr.stream.header import DisparityMethod
+
+PROG = "python -m benchmarks.pictures.dibr"
+EXAMPLES = """\
+  python -m benchmarks.pictures.dibr               all of them; many minutes
+  python -m benchmarks.pictures.dibr --name toy    one
+"""
+FOLDER = Path("docs") / "dibr"
+RESULTS = Path("results") / "dibr"
+PLOTS = "3.13", "3.14", "3.15"
+MAP = "teddy"
+"""Set whose disparity maps are shown."""
+
+
+def _chapter(name: str, options: Sequence[object]) -> Path:
+    """Measure the chapter on a scene; other codecs are figures of their own."""
+    folder = RESULTS / name
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    run_module("dvc.dibr", ["evaluate", *options, "--sets", name, "--no-peers", "--out", folder, "--quiet"])
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _without_first_row(path: Path) -> Picture:
+    """Read panels in rows, one for each method, without those of the reference view above them."""
+    picture = np.asarray(cv2.imread(str(path)), np.uint8)
+    rows = len(DisparityMethod) + 1
+    return picture[-(-picture.shape[0] // rows) :]
+
+
+def draw_toy() -> list[Path]:
+    """Draw levels of resolution and rendered views of the rendered array."""
+    folder = _chapter("toy", [])
+    written = []
+    for number in ("3.9", "3.10", "3.12"):
+        picture = np.asarray(cv2.imread(str(folder / f"figure-{number}-toy.png")), np.uint8)
+        write_picture(FOLDER / f"toy-{number}.jpg", picture)
+        written.append(FOLDER / f"toy-{number}.jpg")
+    return written
+
+
+def draw_set(name: str) -> list[Path]:
+    """Draw curves of a real set, and the disparity maps of one.
+
+    Parameters
+    ----------
+    name : str
+        The set.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+    """
+    folder = _chapter(name, ["--data", data_folder(name)])
+    written = []
+    for number in PLOTS:
+        shutil.copy(folder / f"figure-{number}-{name}.png", FOLDER / f"figure-{number}-{name}.png")
+        written.append(FOLDER / f"figure-{number}-{name}.png")
+    if name == MAP:
+        maps = FOLDER / f"maps-{name}.jpg"
+        write_picture(maps, _without_first_row(folder / f"figure-3.10-{name}.png"))
+        written.append(maps)
+    return written
+
+
+PICTURES: dict[str, Callable[[], list[Path]]] = {"toy": draw_toy, MAP: lambda: draw_set(MAP)}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Draw.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    parser = cli.ArgumentParser(PROG, "Draw the pictures of docs/dibr-results.md.", EXAMPLES)
+    parser.add_argument("--name", choices=PICTURES, help="only these")
+    arguments: argparse.Namespace = parser.parse_args(argv)
+    return cli.run(PROG, lambda: _draw([arguments.name] if arguments.name else list(PICTURES)))
+
+
+def _draw(names: Sequence[str]) -> int:
+    for name in names:
+        try:
+            paths = PICTURES[name]()
+        except MissingClip as err:
+            print(f"{name}: {err}", file=sys.stderr)
+            continue
+        print(f"{name}: " + ", ".join(map(str, paths)), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
