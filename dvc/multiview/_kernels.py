@@ -456,6 +456,67 @@ def along_epipolar_lines(depth, epipole, far, near):
 
 
 @kernel
+def membrane_equations(number, depth, limit, image, stiffness, neighbours, diagonal, right):
+    """Set up the Laplace equation in holes; what is drawn nearer than the limit does not bound them."""
+    height, width = number.shape
+    for y in range(height):
+        for x in range(width):
+            row = number[y, x]
+            if row < 0:
+                continue
+            diagonal[row] = stiffness
+            for side in range(4):
+                i = y + (-1 if side == 0 else 1 if side == 1 else 0)
+                j = x + (-1 if side == 2 else 1 if side == 3 else 0)
+                neighbours[row, side] = -1
+                if not (0 <= i < height and 0 <= j < width):
+                    continue
+                if number[i, j] >= 0:
+                    neighbours[row, side] = number[i, j]
+                    diagonal[row] += 1.0
+                elif depth[i, j] <= limit[y, x]:
+                    diagonal[row] += 1.0
+                    for c in range(image.shape[2]):
+                        right[c, row] += image[i, j, c]
+
+
+@kernel
+def membrane_product(neighbours, diagonal, levels, product):
+    """Multiply levels by the matrix of the equations."""
+    for row in range(levels.shape[0]):
+        total = diagonal[row] * levels[row]
+        for side in range(4):
+            column = neighbours[row, side]
+            if column >= 0:
+                total -= levels[column]
+        product[row] = total
+
+
+@kernel
+def solve_membrane(neighbours, diagonal, right, tolerance, levels):
+    """Solve the equations of one channel by conjugate gradients, from levels that are about right."""
+    product = np.empty_like(levels)
+    membrane_product(neighbours, diagonal, levels, product)
+    residual = right - product
+    direction = residual.copy()
+    squared = float((residual * residual).sum())
+    limit = tolerance * tolerance * levels.shape[0]
+    for _ in range(10 * levels.shape[0]):
+        if squared <= limit:
+            break
+        membrane_product(neighbours, diagonal, direction, product)
+        step = squared / (direction * product).sum()
+        before, squared = squared, 0.0
+        for row in range(levels.shape[0]):
+            levels[row] += step * direction[row]
+            residual[row] -= step * product[row]
+            squared += residual[row] * residual[row]
+        share = squared / before
+        for row in range(levels.shape[0]):
+            direction[row] = residual[row] + share * direction[row]
+
+
+@kernel
 def is_transparent(there, back, x, y, rho, other, other_visibility, slack):
     """Tell whether another view looks through a point: sees something consistent behind it."""
     height, width = other.shape

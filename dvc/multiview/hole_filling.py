@@ -13,18 +13,17 @@ References
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
-from scipy.sparse import csc_matrix
-from scipy.sparse.linalg import splu
 
 from dvc.multiview import _kernels
 from dvc.multiview.rendering import EMPTY, fill_holes
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 STIFFNESS = 1e-6
 """Pull of the nearest level, against 1 of each neighbour: holes that nothing bounds have a solution, too."""
+TOLERANCE = 1e-4
+"""Root mean square of what is left of the equations, in levels."""
 
 
 def fill_from_background(image: Floats, inverse_depth: Floats, epipole: Floats) -> tuple[Floats, Floats]:
@@ -62,33 +61,13 @@ def fill_from_background(image: Floats, inverse_depth: Floats, epipole: Floats) 
 
 def _membrane(image: Floats, holes: Mask, depth: Floats, limit: Floats, guess: Floats) -> Floats:
     """Levels (K, C) of the K pixels of holes; what is drawn nearer than the limit does not bound them."""
-    number = np.full(holes.shape, -1, np.int64)
-    number[holes] = np.arange(holes.sum())
-    diagonal = np.full(number.max() + 1, STIFFNESS)
-    right = STIFFNESS * guess[holes]
-    rows: list[Indices] = []
-    columns: list[Indices] = []
-    for here, there in _neighbours(holes.shape):
-        own, other = number[here], number[there]
-        joined = (own >= 0) & (other >= 0)
-        bound = (own >= 0) & (other < 0) & (depth[there] <= limit[here])
-        np.add.at(diagonal, own[joined | bound], 1.0)
-        np.add.at(right, own[bound], image[there][bound])
-        rows.append(own[joined])
-        columns.append(other[joined])
-    row, column = np.concatenate(rows), np.concatenate(columns)
-    every = np.arange(diagonal.size)
-    values = np.concatenate([diagonal, np.full(row.size, -1.0)])
-    places = np.concatenate([every, row]), np.concatenate([every, column])
-    matrix = csc_matrix((values, places), shape=(diagonal.size, diagonal.size))
-    return np.asarray(splu(matrix, permc_spec="MMD_AT_PLUS_A").solve(right))
-
-
-def _neighbours(shape: tuple[int, ...]) -> list[tuple[tuple[slice, slice], tuple[slice, slice]]]:
-    """Pixels and their neighbours in each of four directions."""
-    height, width = shape
-    all_rows, all_columns = slice(0, height), slice(0, width)
-    upper, lower = slice(0, height - 1), slice(1, height)
-    left, right = slice(0, width - 1), slice(1, width)
-    pairs = [((upper, all_columns), (lower, all_columns)), ((all_rows, left), (all_rows, right))]
-    return pairs + [(there, here) for here, there in pairs]
+    number = np.full(holes.shape, -1, np.int32)
+    count = int(holes.sum())
+    number[holes] = np.arange(count, dtype=np.int32)
+    neighbours, diagonal = np.empty((count, 4), np.int32), np.empty(count)
+    levels = np.ascontiguousarray(guess[holes].T)
+    right = STIFFNESS * levels
+    _kernels.membrane_equations(number, depth, limit, image, STIFFNESS, neighbours, diagonal, right)
+    for channel, target in zip(levels, right, strict=True):
+        _kernels.solve_membrane(neighbours, diagonal, target, TOLERANCE, channel)
+    return levels.T

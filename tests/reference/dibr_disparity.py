@@ -18,15 +18,16 @@ def coefficient_cost(
 ) -> Floats:
     """Return the least of the ways to code a coefficient that differs so much from its prediction."""
     kind = costs.coefficient_kind[i, j]
-    zero, constant, slope, jump = costs.coefficients[kind].astype(float)
+    zero, constant, slope, jump, tear = costs.coefficients[kind].astype(float)
     with np.errstate(invalid="ignore"):
         linear = np.where(np.isinf(slope), np.inf, constant + slope * np.abs(difference))
+    apart = tear * np.abs(difference)
     cost = np.minimum(np.where(difference == 0, zero, linear), jump)
-    cost = np.minimum(cost, linear)
+    cost = np.minimum(cost, linear) + apart
     if label is not None:
         for candidate, merge in zip(costs.candidates[i, j], costs.merges[kind], strict=True):
             if candidate >= 0:
-                cost = np.where(label == candidate, np.minimum(cost, merge), cost)
+                cost = np.where(label == candidate, np.minimum(cost, merge + apart), cost)
     return cost
 
 

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dvc.dibr.codec.decoder import PictureAndDisparity, significance_classes
+from dvc.dibr.codec.decoder import significance_classes
+from dvc.dibr.codec.forward_errors import ForwardErrors
 from dvc.dibr.codec.memory import check_memory
-from dvc.dibr.codec.rendering import picture_of, render_pairs
 from dvc.dibr.codec.views import Picture, Views
 from dvc.dibr.disparity.error_tensor import Tensor, error_tensor
-from dvc.dibr.disparity.integer_transforms import Labels
 from dvc.dibr.disparity.methods import METHODS, DisparityCodec
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.codec import DecodedReference, ReferenceCode
@@ -121,22 +120,12 @@ class ViewEncoder:
             self.advance(1)
         return layers
 
-    def _distortion(self, index: int, picture: Picture) -> Callable[[Labels], float]:
-        """Return what maps of labels cause where views are rendered forward (3.5), summed over pixels."""
+    def _distortion(self, index: int, picture: Picture) -> ForwardErrors:
+        """What maps of labels cause where views are rendered forward (3.5)."""
         reference = self.header.references[index]
         others = self.views.predicted_from(reference)
-        own, labels = self.header.viewpoints[reference], self.header.labels
-
-        def _measured(found: Labels) -> float:
-            disparity = labels.disparity(found.astype(np.float64))
-            pair = PictureAndDisparity(picture, disparity, own)
-            total = 0.0
-            for other in others:
-                view = render_pairs([pair], self.header.viewpoints[other], labels.step)
-                total += squared_error(picture_of(view), self.views.pictures[other])
-            return total / (len(others) + 1)
-
-        return _measured
+        views = [(self.views.pictures[other], self.header.viewpoints[other]) for other in others]
+        return ForwardErrors(picture, self.header.viewpoints[reference], self.header.labels, views)
 
     def _tensor(self, index: int, decoded: DecodedReference) -> Tensor:
         """Errors of the views that are predicted from one reference (3.31)."""
@@ -148,23 +137,6 @@ class ViewEncoder:
         labels = self.header.labels
         inverse_depths = labels.disparity(np.arange(labels.num_labels, dtype=np.float64))
         return error_tensor(decoded.picture() / 255.0, pictures, warps, inverse_depths)
-
-
-def squared_error(found: Picture, truth: Picture) -> float:
-    """Return the squared error of a picture, intensities from 0 to 1.
-
-    Parameters
-    ----------
-    found, truth : ndarray of shape (H, W) or (H, W, 3), uint8
-        Pictures.
-
-    Returns
-    -------
-    float
-        Summed over pixels, the mean over channels.
-    """
-    difference = (found.astype(np.float64) - truth) / 255.0
-    return float(np.mean(difference * difference) * difference.shape[0] * difference.shape[1])
 
 
 def layer_slopes(slope: float, num_layers: int) -> list[float]:

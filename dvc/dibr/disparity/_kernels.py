@@ -1,8 +1,9 @@
 """Compiled loops of disparity trees; described by their callers.
 
 Pictures are float32 (rows, columns, channels), tensors float32 (rows, columns, labels), maps of labels and
-coefficients int32. `costs` (kinds, 4) holds what a coefficient costs when it is as predicted, the constant
-and the slope over its magnitude when not, and the cost of any value; `merge` what a label of a neighbour
+coefficients int32. `costs` (kinds, 5) holds what a coefficient costs when it is as predicted, the constant
+and the slope over its magnitude when not, the cost of any value, and what each label of difference costs
+whatever the way; `merge` what a label of a neighbour
 costs, and `flags` (kinds, 2) that of a node without and with coefficients below. INF forbids.
 """
 
@@ -18,7 +19,7 @@ from dvc.entropy.contexts import code_adaptive
 from dvc.entropy.range_coder import FAILED, code_decision
 
 INF = np.float32(np.inf)
-ZERO, NONZERO, SLOPE, JUMP = range(4)
+ZERO, NONZERO, SLOPE, JUMP, TEAR = range(5)
 NUM_CANDIDATES = 2
 NONE = -1  # instead of the label of a candidate
 
@@ -66,6 +67,23 @@ def add_squared_errors(target, view, homographies, tensor, count):
 
 
 @kernel
+def subtract_at_labels(plane, homographies, weight, tensor):
+    """Subtract from each label of a pixel what a plane has where the label would draw it."""
+    height, width = plane.shape
+    for m in range(tensor.shape[0]):
+        for n in range(tensor.shape[1]):
+            for k in range(tensor.shape[2]):
+                h = homographies[k]
+                z = h[2, 0] * n + h[2, 1] * m + h[2, 2]
+                if z <= 0.0:
+                    continue
+                x = int(np.floor((h[0, 0] * n + h[0, 1] * m + h[0, 2]) / z + 0.5))
+                y = int(np.floor((h[1, 0] * n + h[1, 1] * m + h[1, 2]) / z + 0.5))
+                if 0 <= x < width and 0 <= y < height:
+                    tensor[m, n, k] -= weight * plane[y, x]
+
+
+@kernel
 def normalise_errors(tensor, count, num_views):
     """Turn sums over the views that see a pixel into shares of all views, the reference included."""
     height, width, labels = tensor.shape
@@ -86,51 +104,46 @@ def normalise_errors(tensor, count, num_views):
 
 @kernel
 def distance_transform(values, slope, transformed):
-    """Lower envelope of cones with a slope at all values, in two passes; return the least value."""
+    """Lower envelope of cones with a slope at all values, in two passes; in place, if wanted."""
     labels = values.shape[0]
     running = transformed[0] = values[0]
-    least = running
     for d in range(1, labels):
         running = running + slope
         running = min(running, values[d])
         transformed[d] = running
-        least = min(least, running)
     for d in range(labels - 2, -1, -1):
         running = running + slope
         running = min(running, transformed[d])
         transformed[d] = running
-    return least
 
 
 @kernel
-def add_child_l(values, prediction, cost, merge, candidates, transformed, full):
+def add_child_l(values, prediction, cost, merge, candidates, transformed, loose, full):
     """Add to `full` what the best coefficient of a child costs, for each label of its parent."""
     labels = values.shape[0]
-    if not cost[NONZERO] < INF and not cost[JUMP] < INF:
-        bound = INF
-    else:
-        least = distance_transform(values, cost[SLOPE], transformed)
-        bound = least + cost[JUMP]
+    tear = cost[TEAR]
+    slope = cost[SLOPE] + tear
+    is_linear = cost[NONZERO] < INF
+    if is_linear:
+        distance_transform(values, slope, transformed)
+    is_loose = cost[JUMP] < INF
+    for d in range(labels):
+        loose[d] = values[d] + cost[JUMP]
     for c in range(NUM_CANDIDATES):
-        if candidates[c] >= 0:
-            bound = min(bound, values[candidates[c]] + merge[c])
-    if prediction == 0 and cost[NONZERO] < INF:
-        for d in range(labels):
-            best = values[d] + cost[ZERO]
-            linear = transformed[d] + cost[NONZERO]
-            best = linear if linear < best else best
-            full[d] += bound if bound < best else best
-        return
+        if candidates[c] >= 0 and merge[c] < INF:
+            loose[candidates[c]] = min(loose[candidates[c]], values[candidates[c]] + merge[c])
+            is_loose = True
+    if is_loose:
+        distance_transform(loose, tear, loose)
     for d in range(labels):
         place = d + prediction
         inside = min(max(place, 0), labels - 1)
-        best = bound
+        beyond = np.float32(abs(place - inside))
+        best = loose[inside] + tear * beyond
         if place == inside:
             best = min(best, values[place] + cost[ZERO])
-        if cost[NONZERO] < INF:
-            best = min(
-                best, transformed[inside] + cost[SLOPE] * np.float32(abs(place - inside)) + cost[NONZERO]
-            )
+        if is_linear:
+            best = min(best, transformed[inside] + slope * beyond + cost[NONZERO])
         full[d] += best
 
 
@@ -164,7 +177,11 @@ def join(full, flat, flags, values):
 def pass_up_l(values, flat, predictions, kinds, costs, merge, candidates, node_kinds, flags, up, flat_up):
     """One level of the bottom-up pass (3.28); return what was subtracted from all nodes."""
     height, width, labels = values.shape
-    transformed, full = np.empty(labels, np.float32), np.empty(labels, np.float32)
+    transformed, loose, full = (
+        np.empty(labels, np.float32),
+        np.empty(labels, np.float32),
+        np.empty(labels, np.float32),
+    )
     total = 0.0
     for m in range(up.shape[0]):
         for n in range(up.shape[1]):
@@ -182,11 +199,19 @@ def pass_up_l(values, flat, predictions, kinds, costs, merge, candidates, node_k
                             merge[kinds[i, j]],
                             candidates[i, j],
                             transformed,
+                            loose,
                             full,
                         )
                     shifted_sum(flat[i, j], predictions[i, j], below)
             total += join(full, below, flags[node_kinds[m, n]], up[m, n])
     return total
+
+
+@kernel
+def step_cost(cost, magnitude):
+    """Cost of a coefficient that is not as predicted, but for labels of neighbours."""
+    step = np.float32(magnitude)
+    return min(cost[NONZERO] + cost[SLOPE] * step, cost[JUMP]) + cost[TEAR] * step
 
 
 @kernel
@@ -197,11 +222,14 @@ def best_child_l(values, predicted, cost, merge, candidates):
     if 0 <= predicted < labels:
         best, label = values[predicted] + cost[ZERO], predicted
     for c in range(NUM_CANDIDATES):
-        if candidates[c] >= 0 and values[candidates[c]] + merge[c] < best:
-            best, label = values[candidates[c]] + merge[c], candidates[c]
+        if candidates[c] >= 0:
+            label_cost = values[candidates[c]] + merge[c]
+            label_cost += cost[TEAR] * np.float32(abs(candidates[c] - predicted))
+            if label_cost < best:
+                best, label = label_cost, np.int64(candidates[c])
     if cost[NONZERO] < INF or cost[JUMP] < INF:
         for d in range(labels):
-            step = min(cost[NONZERO] + cost[SLOPE] * np.float32(abs(d - predicted)), cost[JUMP])
+            step = step_cost(cost, abs(d - predicted))
             if values[d] + step < best:
                 best, label = values[d] + step, d
     return label, best
@@ -261,11 +289,7 @@ def combine_s(first, second, prediction, cost, floor, low):
     low[:] = INF
     limit = labels + abs(prediction)
     for magnitude in range(limit):
-        step = (
-            cost[ZERO]
-            if magnitude == 0
-            else min(cost[NONZERO] + cost[SLOPE] * np.float32(magnitude), cost[JUMP])
-        )
+        step = cost[ZERO] if magnitude == 0 else step_cost(cost, magnitude)
         if magnitude > 0 and not step < INF:
             break
         if magnitude > abs(prediction) and magnitude % 8 == 0:
@@ -296,7 +320,7 @@ def best_s(first, second, low, prediction, cost):
     for high in range(-labels + 1, labels):
         down = high >> 1
         if 0 <= low + high - down < labels and 0 <= low - down < labels and high != prediction:
-            step = min(cost[NONZERO] + cost[SLOPE] * np.float32(abs(high - prediction)), cost[JUMP])
+            step = step_cost(cost, abs(high - prediction))
             error = first[low + high - down] + second[low - down] + step
             if error < best:
                 best, chosen = error, high

@@ -4,15 +4,95 @@ Backward compensation knows nothing of the holes that a map opens when other vie
 from it. Where these errors are known, the codecs choose by them.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dvc.dibr.disparity import _kernels
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import Labels
 
-Distortion = Callable[[Labels], float]
-"""From a map of labels (H, W), int32, to its squared error: summed over the pixels, mean of all views."""
+Floats = NDArray[np.float64]
+Plane = NDArray[np.float32]
+
+
+class Distortion(Protocol):
+    """What maps cause in the rendered views.
+
+    Attributes
+    ----------
+    parallax : float
+        Motion per label in px, mean of all views with the reference.
+    """
+
+    parallax: float
+
+    def measure(self, labels: Labels) -> tuple[float, list[Plane]]:
+        """Return the error of a map.
+
+        Parameters
+        ----------
+        labels : ndarray of shape (H, W), int32
+            The map.
+
+        Returns
+        -------
+        float
+            Squared error: summed over pixels, mean of all views with the reference.
+        list of ndarray of shape (H, W), float32
+            Squared errors of the views, 0 where something is drawn.
+        """
+
+    def claimed(self, tensor: Tensor, holes: Sequence[Plane], weight: float) -> Tensor:
+        """Return a tensor in which labels that would cover a hole have less error.
+
+        Parameters
+        ----------
+        tensor : ndarray of shape (H, W, labels), float32
+            Error tensor.
+        holes : sequence of ndarray of shape (H, W), float32
+            Errors in the holes of the views, as from `measure`.
+        weight : float
+            Share of them that is subtracted.
+
+        Returns
+        -------
+        ndarray of the same shape, float32
+            The tensor.
+        """
+
+
+def subtract_hole_errors(
+    tensor: Tensor, holes: Sequence[Plane], warps: Sequence[Floats], inverse_depths: Floats, weight: float
+) -> Tensor:
+    """Credit each label with the errors in holes where it would draw its pixel.
+
+    Parameters
+    ----------
+    tensor : ndarray of shape (H, W, labels), float32
+        Error tensor.
+    holes : sequence of ndarray of shape (H, W), float32
+        Errors in the holes of each view.
+    warps : sequence of ndarray of shape (3, 4), float64
+        To each view.
+    inverse_depths : ndarray of shape (labels,), float64
+        Of the labels.
+    weight : float
+        Share of the errors that is subtracted.
+
+    Returns
+    -------
+    ndarray of the same shape, float32
+        May be negative.
+    """
+    credited = tensor.copy()
+    for plane, warp in zip(holes, warps, strict=True):
+        homographies = np.tile(warp[:, :3], (len(inverse_depths), 1, 1))
+        homographies[:, :, 2] += inverse_depths[:, None] * warp[:, 3]
+        _kernels.subtract_at_labels(plane, homographies, np.float32(weight / (len(holes) + 1)), credited)
+    return credited
 
 
 def backward_error(tensor: Tensor, labels: Labels) -> float:

@@ -36,9 +36,10 @@ class LevelCosts:
 
     Attributes
     ----------
-    coefficients : ndarray of shape (kinds, 4), float32
+    coefficients : ndarray of shape (kinds, 5), float32
         Cost of a coefficient that is as predicted; constant and slope of a cost linear in how far it is from
-        that; and a cost that is enough for any. The first is not above the sum of the next two.
+        that; a cost that is enough for any; and a slope that is added to all three and to `merges`. The first
+        is not above the sum of the next two.
     merges : ndarray of shape (kinds, 2), float32
         Cost of a coefficient that leads to one of the labels in `candidates` (L only).
     flags : ndarray of shape (node kinds, 2), float32

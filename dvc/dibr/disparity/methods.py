@@ -65,9 +65,9 @@ class DisparityCodec(Protocol):
             coefficients below are as predicted; others are contexts. By default all are 1.
         previous : Representation, optional
             Of the same kind and size, from the quality layer before; only where `layered`.
-        distortion : callable, optional
-            Squared error of a map, summed over the pixels, mean of all views with the reference: what the
-            representations that were tried are chosen by; by default what the tensor tells.
+        distortion : Distortion, optional
+            What maps cause in other views, by which the representations that were tried are chosen; by
+            default what the tensor tells.
 
         Returns
         -------

@@ -13,7 +13,6 @@ Process. 3(3), 1994.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -75,10 +74,14 @@ class QuadtreeCodec:
         label_bits = np.full(tensor.shape[2], np.log2(tensor.shape[2]))
         split_bits = np.tile(-np.log2([1.0 - _SPLIT_PRIOR, _SPLIT_PRIOR]), (len(sums), 1))
         best, least = None, np.inf
-        measured = distortion or partial(backward_error, tensor)
         for _ in range(NUM_ITERATIONS):
             tree = prune(sums, slope * label_bits, slope * split_bits)
-            cost = measured(tree.labels) + slope * 8 * len(self.encode(tree))
+            error = (
+                distortion.measure(tree.labels)[0]
+                if distortion is not None
+                else backward_error(tensor, tree.labels)
+            )
+            cost = error + slope * 8 * len(self.encode(tree))
             if cost < least - 1e-6 * pixels * slope:
                 best, least = tree, cost
             label_bits, split_bits = _measured_bits(tree)

@@ -112,7 +112,9 @@ def laplacian_costs(
     list of LevelCosts
         By level.
     """
-    coefficients = np.array([[0.0, np.inf, np.inf, np.inf], [constant, constant, mu, np.inf]], np.float32)
+    coefficients = np.array(
+        [[0.0, np.inf, np.inf, np.inf, 0.0], [constant, constant, mu, np.inf, 0.0]], np.float32
+    )
     flags = np.array([[np.inf, 0.0]], np.float32)
     costs = []
     for size, classes in zip(level_shapes(shape, len(significance)), significance, strict=False):
@@ -217,7 +219,7 @@ def code_costs(
     num_labels: int,
     statistics: Statistics,
     kinds: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int32]]],
-    smoothness: float = 0.0,
+    tear: float = 0.0,
 ) -> list[LevelCosts]:
     """Return what the code of `encode_tree` costs, from how often it had what to code.
 
@@ -231,9 +233,9 @@ def code_costs(
         Of a tree that was coded; zeros for none.
     kinds : sequence of tuple of ndarray
         For each level the kinds of its coefficients, those of the nodes above, and candidates.
-    smoothness : float, optional
-        Squared error that a difference of one label causes beside what the tensor knows, by the holes that
-        it opens in other views. With any, all differences cost in proportion, whatever the neighbours.
+    tear : float, optional
+        Squared error that a difference of one label causes in other views along each pixel, by the hole
+        that it opens.
 
     Returns
     -------
@@ -243,10 +245,8 @@ def code_costs(
     coefficients, merges = _coefficient_bits(statistics.coefficients.astype(np.float64), num_labels)
     flags = _flag_bits(statistics.flags.astype(np.float64))
     tables = [np.float32(slope) * bits.astype(np.float32) for bits in (coefficients, merges, flags)]
-    if smoothness > 0.0:
-        tables[0][..., _kernels.SLOPE] += np.float32(smoothness)
-        tables[0][..., _kernels.JUMP] = np.inf
-        tables[1][:] = np.inf
+    for level, table in enumerate(tables[0]):
+        table[:, _kernels.TEAR] = tear * 2.0**level
     return [
         LevelCosts(tables[0][level], tables[1][level], tables[2][level], *of_level)
         for level, of_level in enumerate(kinds)
@@ -262,7 +262,7 @@ def _flag_bits(counts: Floats) -> Floats:
 
 
 def _coefficient_bits(counts: Floats, num_labels: int) -> tuple[Floats, Floats]:
-    """Return the bits of coefficients (levels, kinds, 4), and of labels of neighbours (levels, kinds, 2)."""
+    """Return the bits of coefficients (levels, kinds, 5), and of labels of neighbours (levels, kinds, 2)."""
     same, other, merged, unmerged = (
         counts[..., _kernels.SAME],
         counts[..., _kernels.OTHER],
@@ -284,9 +284,9 @@ def _coefficient_bits(counts: Floats, num_labels: int) -> tuple[Floats, Floats]:
     constant = nonzero + refused + 1.0 - np.log2(1.0 - q)[:, None] - slope
     jump = nonzero + refused + 2.0 + math.log2(num_labels)
     zero = np.minimum(-np.log2(1.0 - changed), constant + slope)
-    bits = np.stack([zero, constant, slope, jump], axis=-1)
+    bits = np.stack([zero, constant, slope, jump, np.zeros_like(jump)], axis=-1)
     insignificant = slice(0, _kernels.NUM_PLACES)
-    bits[:, insignificant] = 0.0, np.inf, np.inf, np.inf
+    bits[:, insignificant] = 0.0, np.inf, np.inf, np.inf, 0.0
     merges[:, insignificant] = np.inf
     return bits, merges
 

@@ -3,34 +3,41 @@
 The costs of the dynamic programming and the statistics of the code follow from each other: from an optimum,
 what coefficients cost in the places where they are, and from these costs the next optimum, a few times. Where
 it is known what maps cause when other views are rendered from them, differences of labels may cost more than
-their bits, as those open holes: by how much is tried.
+their bits, as those open holes, and labels that cover a hole less: by how much is tried.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from dvc.dibr.disparity.coding import (
     Classes,
+    Statistics,
     all_significant,
     decode_tree,
     encode_tree,
     no_statistics,
 )
-from dvc.dibr.disparity.distortion import Distortion, backward_error
+from dvc.dibr.disparity.distortion import Distortion, Plane, backward_error
 from dvc.dibr.disparity.dynamic_programming import optimise_tree
 from dvc.dibr.disparity.error_tensor import Tensor
-from dvc.dibr.disparity.integer_transforms import IntegerTransform, WaveletTree, level_shapes
+from dvc.dibr.disparity.integer_transforms import (
+    IntegerTransform,
+    Labels,
+    WaveletTree,
+    level_shapes,
+)
 from dvc.dibr.disparity.rate_model import code_costs, kinds_of
 
-NUM_ITERATIONS = 3
-"""How often costs and tree follow from each other before smoothness is tried."""
-SMOOTHNESS = 1e-3, 3e-3, 1e-2, 3e-2, 1e-1
-"""Squared errors by holes, per label, to choose from where it is known what comes of them."""
-MAX_FAILURES = 2
-"""How many of them, one after the other, may be worse than a smaller one."""
+NUM_ITERATIONS = 2
+"""How often costs and tree follow from each other before tears are tried."""
+TEARS = 0.05, 0.1, 0.2
+"""Squared errors of pixels of holes, relative to the mean of the tensor, to choose from where it is known
+what comes of them."""
+CREDITS = 0.1, 0.1, 0.2, 0.3
+"""Shares of the errors in holes to credit labels with that would cover them, one after the other."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +72,12 @@ class WaveletCodec:
         """Find the best tree; see `DisparityCodec`."""
         search = _Search(self, tensor, slope, significance, previous, distortion)
         for _ in range(NUM_ITERATIONS):
-            search.refine(search.tree, 0.0)
-        failures = 0
-        for smoothness in SMOOTHNESS if distortion else ():
-            failures = 0 if search.refine(search.best, smoothness) else failures + 1
-            if failures == MAX_FAILURES:
-                break
-        return search.best
+            search.refine(search.latest)
+        for tear in TEARS if distortion is not None else ():
+            search.refine(search.best, tear)
+        for credit in CREDITS if distortion is not None else ():
+            search.refine(search.best, search.best.tear, credit)
+        return search.best.tree
 
     def encode(
         self,
@@ -116,6 +122,16 @@ class WaveletCodec:
         return significance[: self.num_levels]
 
 
+class _Found(NamedTuple):
+    """A tree: what it costs and is made of, with which tears it was found, and what is worth covering."""
+
+    tree: WaveletTree
+    cost: float
+    statistics: Statistics
+    tear: float
+    holes: list[Plane]
+
+
 class _Search:
     """Trees of one tensor, each by the costs that the last one had, and the best of all."""
 
@@ -131,24 +147,39 @@ class _Search:
         shape = tensor.shape[0], tensor.shape[1]
         self._transform, self._tensor, self._slope = codec.transform, tensor, slope
         self._classes, self._previous = codec.classes(shape, significance), previous
-        self._distortion = distortion or partial(backward_error, tensor)
-        self._statistics = no_statistics(len(self._classes))
-        self._least = np.inf
+        self._distortion = distortion
+        self._error_of_tears = (
+            float(tensor.mean(dtype=np.float64)) * distortion.parallax if distortion is not None else 0.0
+        )
         if previous is None:
             previous = _constant(codec.transform, shape, tensor.shape[2], len(self._classes))
-        self.tree = self.best = previous
+        nothing = no_statistics(len(self._classes))
+        self.latest = self.best = _Found(previous, np.inf, nothing, 0.0, [])
 
-    def refine(self, tree: WaveletTree, smoothness: float) -> bool:
-        """Find the best tree by the costs of another one, and tell whether it is the best so far."""
-        kinds = kinds_of(tree, self._classes, self._previous)
-        costs = code_costs(self._slope, tree.num_labels, self._statistics, kinds, smoothness)
-        self.tree, _ = optimise_tree(self._transform, self._tensor, costs, self._previous)
-        payload, self._statistics = encode_tree(self.tree, self._classes, self._previous)
-        cost = self._distortion(self.tree.disparity()) + self._slope * 8 * len(payload)
-        if cost >= self._least:
-            return False
-        self.best, self._least = self.tree, cost
-        return True
+    def refine(self, start: _Found, tear: float = 0.0, credit: float = 0.0) -> None:
+        """Find the best tree by the costs of another one, and keep it if it is the best so far."""
+        tensor = self._tensor
+        if credit > 0.0 and self._distortion is not None:
+            tensor = self._distortion.claimed(tensor, self.best.holes, credit)
+        kinds = kinds_of(start.tree, self._classes, self._previous)
+        costs = code_costs(
+            self._slope, start.tree.num_labels, start.statistics, kinds, tear * self._error_of_tears
+        )
+        tree, _ = optimise_tree(self._transform, tensor, costs, self._previous)
+        payload, statistics = encode_tree(tree, self._classes, self._previous)
+        error, holes = self._measured(tree.disparity())
+        if credit > 0.0:  # what was a hole is still worth covering
+            before = self.best.holes
+            holes = [np.where(now > 0.0, now, was) for now, was in zip(holes, before, strict=True)]
+        cost = error + self._slope * 8 * len(payload)
+        self.latest = _Found(tree, cost, statistics, tear, holes)
+        if cost < self.best.cost:
+            self.best = self.latest
+
+    def _measured(self, labels: Labels) -> tuple[float, list[Plane]]:
+        if self._distortion is None:
+            return backward_error(self._tensor, labels), []
+        return self._distortion.measure(labels)
 
 
 def _constant(

@@ -26,11 +26,12 @@ def random_costs(rng: np.random.Generator, shape: tuple[int, int], num_labels: i
     costs = []
     shapes = level_shapes(shape)
     for size, above in itertools.pairwise(shapes):
-        table = rng.uniform(0.0, 0.4, (KINDS, 4)).astype(np.float32)
+        table = rng.uniform(0.0, 0.4, (KINDS, 5)).astype(np.float32)
+        table[:, 4] *= rng.integers(0, 2)
         table[:, 0] *= 0.5
         table[:, 1] += table[:, 0]
         table[:, 3] += table[:, 1]
-        table[0] = 0.0, np.inf, np.inf, np.inf
+        table[0] = 0.0, np.inf, np.inf, np.inf, 0.0
         merges = rng.uniform(0.0, 0.4, (KINDS, 2)).astype(np.float32)
         merges[0] = np.inf
         flags = rng.uniform(0.0, 0.3, (KINDS, 2)).astype(np.float32)
@@ -97,7 +98,7 @@ def cost_of(
 
 @pytest.mark.parametrize("transform", [L_TRANSFORM, S_TRANSFORM], ids=lambda one: one.name)
 def test_general_costs_give_the_optimum_of_exhaustive_search(transform: IntegerTransform) -> None:
-    """Zero trees, jumps, labels of neighbours, several kinds and predictions: the least cost of all trees."""
+    """Zero trees, jumps, labels of neighbours, tears, kinds, predictions: the least cost of all trees."""
     rng, search = np.random.default_rng(3), Search()
     for case in range(NUM_CASES):
         shape = SHAPES[case % len(SHAPES)]

@@ -1,11 +1,15 @@
 """Search for the best tree: chosen by what rendering tells, at costs that rise with differences."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from dvc._jit import python_twin
+from dvc.dibr.disparity import _kernels
 from dvc.dibr.disparity.coding import all_significant, encode_tree, no_statistics
-from dvc.dibr.disparity.distortion import backward_error
+from dvc.dibr.disparity.distortion import backward_error, subtract_hole_errors
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform, WaveletTree
 from dvc.dibr.disparity.rate_model import code_costs, kinds_of
 from dvc.dibr.disparity.wavelet_codec import WaveletCodec
@@ -21,24 +25,60 @@ def noisy_tensor() -> NDArray[np.float32]:
     return (errors + rng.uniform(0.0, 0.01, (*SHAPE, NUM_LABELS))).astype(np.float32)
 
 
-def holes(labels: NDArray[np.int32]) -> float:
-    """Return how far neighbours in a row are apart, which is where other views have holes."""
-    return float(np.abs(np.diff(labels, axis=1)).sum())
+class Rendered:
+    """Views one label to the right per pixel of parallax: what is not reached is wrong by 0.02."""
+
+    parallax = 0.5
+
+    def __init__(self, tensor: NDArray[np.float32]) -> None:
+        self.tensor = tensor
+
+    def measure(self, labels: NDArray[np.int32]) -> tuple[float, list[NDArray[np.float32]]]:
+        """Return the error of a map, that of its holes with it."""
+        reached = np.zeros(SHAPE, np.bool_)
+        rows, columns = np.indices(SHAPE)
+        inside = columns - labels >= 0
+        reached[rows[inside], (columns - labels)[inside]] = True
+        empty = np.where(reached, 0.0, 0.02).astype(np.float32)
+        return backward_error(self.tensor, labels) + float(empty.sum()), [empty]
+
+    def claimed(
+        self, tensor: NDArray[np.float32], holes: Sequence[NDArray[np.float32]], weight: float
+    ) -> NDArray[np.float32]:
+        """Credit labels that cover holes."""
+        warp = np.array([[1.0, 0.0, 0.0, -1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+        return subtract_hole_errors(tensor, holes, [warp], np.arange(NUM_LABELS, dtype=np.float64), weight)
 
 
 @pytest.mark.parametrize("transform", [L_TRANSFORM, S_TRANSFORM], ids=lambda one: one.name)
 def test_maps_are_chosen_by_the_errors_that_they_cause(transform: IntegerTransform) -> None:
-    """Told that holes are errors, the codec finds a map of fewer holes, and of less cost in all."""
+    """Told what holes cost, the codec finds a map of less cost in all, with fewer holes."""
     tensor, codec = noisy_tensor(), WaveletCodec(transform)
+    rendered = Rendered(tensor)
+    trees = codec.optimise(tensor, SLOPE), codec.optimise(tensor, SLOPE, distortion=rendered)
+    plain, chosen = (rendered.measure(tree.disparity()) for tree in trees)
+    spent = [SLOPE * 8 * len(codec.encode(tree)) for tree in trees]
+    assert chosen[0] + spent[1] < 0.98 * (plain[0] + spent[0])
+    assert chosen[1][0].sum() < plain[1][0].sum()
 
-    def distortion(labels: NDArray[np.int32]) -> float:
-        return backward_error(tensor, labels) + 0.01 * holes(labels)
 
-    plain = codec.optimise(tensor, SLOPE)
-    smooth = codec.optimise(tensor, SLOPE, distortion=distortion)
-    costs = [distortion(tree.disparity()) + SLOPE * 8 * len(codec.encode(tree)) for tree in (plain, smooth)]
-    assert costs[1] < 0.9 * costs[0]
-    assert holes(smooth.disparity()) < 0.7 * holes(plain.disparity())
+def test_labels_that_would_cover_a_hole_are_credited() -> None:
+    """What is subtracted is the error where a label draws its pixel, by weight and number of views."""
+    rng = np.random.default_rng(1)
+    tensor = rng.uniform(size=(6, 9, 4)).astype(np.float32)
+    hole = np.zeros((6, 9), np.float32)
+    hole[2, 5] = 0.5
+    warp = np.array([[1.0, 0.0, 0.0, -1.0], [0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]])
+    found = subtract_hole_errors(tensor, [hole, np.zeros_like(hole)], [warp] * 2, np.arange(4.0), 0.3)
+    expected = tensor.copy()
+    for label in range(3):  # from (5 + d, 2 - d)
+        expected[2 - label, 5 + label, label] -= np.float32(0.3 / 3) * hole[2, 5]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    credited = tensor.copy()
+    homographies = np.tile(warp[:, :3], (4, 1, 1))
+    homographies[:, :, 2] += np.arange(4.0)[:, None] * warp[:, 3]
+    python_twin(_kernels.subtract_at_labels)(hole, homographies, np.float32(0.1), credited)
+    np.testing.assert_allclose(found, credited, rtol=1e-6)
 
 
 def test_costs_of_the_code_are_near_its_length() -> None:
@@ -64,17 +104,16 @@ def test_costs_of_the_code_are_near_its_length() -> None:
     assert bits == pytest.approx(8 * len(payload), rel=0.15)
 
 
-def test_smoothness_makes_differences_dearer() -> None:
-    """With smoothness a coefficient costs more by it for each label, and neighbours are no help."""
+def test_tears_make_differences_dearer() -> None:
+    """A label of difference costs more by the side of its square, whatever way it is coded."""
     tree = WaveletTree.of_labels(
         L_TRANSFORM, np.arange(720, dtype=np.int32).reshape(SHAPE) % NUM_LABELS, NUM_LABELS
     )
     kinds = kinds_of(tree, all_significant(SHAPE))
-    plain = code_costs(SLOPE, NUM_LABELS, no_statistics(len(kinds)), kinds)[0]
-    smooth = code_costs(SLOPE, NUM_LABELS, no_statistics(len(kinds)), kinds, 0.02)[0]
-    significant = slice(5, None)
-    np.testing.assert_allclose(
-        smooth.coefficients[significant, 2], plain.coefficients[significant, 2] + np.float32(0.02), rtol=1e-5
-    )
-    assert np.isinf(smooth.merges).all()
-    assert np.isinf(smooth.coefficients[:, 3]).all()
+    plain = code_costs(SLOPE, NUM_LABELS, no_statistics(len(kinds)), kinds)
+    torn = code_costs(SLOPE, NUM_LABELS, no_statistics(len(kinds)), kinds, 0.02)
+    for level, (before, after) in enumerate(zip(plain, torn, strict=True)):
+        np.testing.assert_array_equal(before.coefficients[:, 4], 0.0)
+        np.testing.assert_allclose(after.coefficients[:, 4], 0.02 * 2**level, rtol=1e-6)
+        np.testing.assert_array_equal(after.coefficients[:, :4], before.coefficients[:, :4])
+        np.testing.assert_array_equal(after.merges, before.merges)

@@ -1,0 +1,133 @@
+"""Errors of rendered views: what a map of labels causes where views are rendered forward from it (3.5)."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.codec.decoder import PictureAndDisparity
+from dvc.dibr.codec.rendering import picture_of, render_pairs
+from dvc.dibr.codec.views import Picture
+from dvc.dibr.disparity.distortion import Plane, subtract_hole_errors
+from dvc.dibr.disparity.error_tensor import Tensor
+from dvc.dibr.disparity.integer_transforms import Labels
+from dvc.multiview.camera_array import DisparityLabels
+from dvc.multiview.viewpoints import Viewpoint, warp_between
+
+Floats = NDArray[np.float64]
+
+
+class ForwardErrors:
+    """Errors of the views that one decoded picture predicts; see `dvc.dibr.disparity.distortion.Distortion`.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W) or (H, W, 3), uint8
+        The decoded reference.
+    viewpoint : Viewpoint
+        Of it.
+    labels : DisparityLabels
+        What labels mean.
+    views : sequence of tuple of ndarray and Viewpoint
+        The true views, of the same shape, and where they stand; at least one.
+    """
+
+    def __init__(
+        self,
+        picture: Picture,
+        viewpoint: Viewpoint,
+        labels: DisparityLabels,
+        views: Sequence[tuple[Picture, Viewpoint]],
+    ) -> None:
+        self._picture, self._viewpoint, self._labels, self._views = picture, viewpoint, labels, views
+        self._warps = [warp_between(viewpoint, place) for _, place in views]
+        self._inverse_depths = labels.disparity(np.arange(labels.num_labels, dtype=np.float64))
+        motions = [parallax_px(warp, picture.shape, self._inverse_depths) for warp in self._warps]
+        self.parallax = sum(motions) / (len(views) + 1)
+
+    def measure(self, labels: Labels) -> tuple[float, list[Plane]]:
+        """Render all views; see `Distortion`.
+
+        Parameters
+        ----------
+        labels : ndarray of shape (H, W), int32
+            The map.
+
+        Returns
+        -------
+        float
+            Squared error: summed over pixels, mean of all views with the reference.
+        list of ndarray of shape (H, W), float32
+            Squared errors of the views, 0 where something is drawn.
+        """
+        disparity = self._labels.disparity(labels.astype(np.float64))
+        pair = PictureAndDisparity(self._picture, disparity, self._viewpoint)
+        total, holes = 0.0, []
+        for truth, place in self._views:
+            view = render_pairs([pair], place, self._labels.step)
+            errors = squared_errors(picture_of(view), truth)
+            total += float(errors.sum(dtype=np.float64))
+            holes.append(np.where(view.drawn, np.float32(0.0), errors))
+        return total / (len(self._views) + 1), holes
+
+    def claimed(self, tensor: Tensor, holes: Sequence[Plane], weight: float) -> Tensor:
+        """Credit labels that would cover holes; see `Distortion`.
+
+        Parameters
+        ----------
+        tensor : ndarray of shape (H, W, labels), float32
+            Error tensor.
+        holes : sequence of ndarray of shape (H, W), float32
+            Errors in the holes of the views.
+        weight : float
+            Share of them that is subtracted.
+
+        Returns
+        -------
+        ndarray of the same shape, float32
+            The tensor.
+        """
+        return subtract_hole_errors(tensor, holes, self._warps, self._inverse_depths, weight)
+
+
+def parallax_px(warp: Floats, shape: tuple[int, ...], inverse_depths: Floats) -> float:
+    """Return how far the middle of a picture moves in another view from one label to the next.
+
+    Parameters
+    ----------
+    warp : ndarray of shape (3, 4), float64
+        To the other view.
+    shape : tuple of int
+        Height and width, and more.
+    inverse_depths : ndarray of shape (labels,), float64
+        Of the labels.
+
+    Returns
+    -------
+    float
+        Mean over the labels; 0 if there is but one.
+    """
+    if len(inverse_depths) < 2:
+        return 0.0
+    middle = np.array([(shape[1] - 1) / 2.0, (shape[0] - 1) / 2.0, 1.0])
+    ends = warp[:, :3] @ middle + inverse_depths[[0, -1], None] * warp[:, 3]
+    first, last = ends[:, :2] / ends[:, 2:]
+    return float(np.hypot(*(last - first))) / (len(inverse_depths) - 1)
+
+
+def squared_errors(found: Picture, truth: Picture) -> Plane:
+    """Return the squared errors of a picture, intensities from 0 to 1.
+
+    Parameters
+    ----------
+    found, truth : ndarray of shape (H, W) or (H, W, 3), uint8
+        Pictures.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float32
+        Mean over channels.
+    """
+    difference = (found.astype(np.float32) - truth) / np.float32(255.0)
+    errors = difference * difference
+    return np.asarray(errors if errors.ndim == 2 else errors.mean(axis=2), np.float32)
