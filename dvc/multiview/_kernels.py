@@ -61,10 +61,12 @@ def rasterise_triangle(a, b, c, nearest):
     if right < 0 or bottom < 0 or left > width - 1 or top > height - 1:
         return
     area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    if area <= 1e-9:
+    if not 1e-9 < area < np.inf:
         return
-    for y in range(max(0, int(np.ceil(top))), min(height - 1, int(np.floor(bottom))) + 1):
-        for x in range(max(0, int(np.ceil(left))), min(width - 1, int(np.floor(right))) + 1):
+    left, right = max(left, 0.0), min(right, width - 1.0)
+    top, bottom = max(top, 0.0), min(bottom, height - 1.0)
+    for y in range(int(np.ceil(top)), int(np.floor(bottom)) + 1):
+        for x in range(int(np.ceil(left)), int(np.floor(right)) + 1):
             of_b = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
             of_c = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
             if of_b < -1e-9 or of_c < -1e-9 or of_b + of_c > 1.0 + 1e-9:

@@ -19,6 +19,8 @@ MAX_PIXELS = 2**24
 MAX_LABELS = 2**15 - 1
 MAX_VIEWS = 255
 MAX_LAYERS = 32
+MAX_NUMBER = 1e12
+"""Of what describes cameras and disparities; anything beyond is no measurement."""
 _FIXED = struct.Struct("<4sBBHHffHBBB")
 _CRC_BYTES = 4
 _CALIBRATED, _METHOD_SHIFT = 1, 1
@@ -69,7 +71,7 @@ class Header:
         lowest, step, num_labels = self.labels
         if not 1 <= num_labels <= MAX_LABELS:
             raise ConfigError(f"{num_labels} disparities: 1 to {MAX_LABELS} are accepted")
-        if not (np.isfinite((lowest, step)).all() and step > 0.0):
+        if not (abs(lowest) <= MAX_NUMBER and 0.0 < step <= MAX_NUMBER):
             raise ConfigError(f"disparities from {lowest} in steps of {step}: positive steps are accepted")
         for name, value, highest in (
             ("quality layers", self.num_layers, MAX_LAYERS),
@@ -160,8 +162,8 @@ def _encode_viewpoint(viewpoint: Viewpoint) -> bytes:
 
 
 def _decode_viewpoint(numbers: tuple[float, ...]) -> Viewpoint:
-    if not np.isfinite(numbers).all():
-        raise BitstreamError("the header of the stream has a camera that is not finite")
+    if not all(abs(number) <= MAX_NUMBER for number in numbers):
+        raise BitstreamError("the header of the stream has a camera that is nowhere")
     if len(numbers) == len(LatticePosition._fields):
         return LatticePosition(*numbers)
     intrinsic = np.array([numbers[:3], (0.0, *numbers[3:5]), (0.0, 0.0, 1.0)])

@@ -146,5 +146,13 @@ def test_cameras_that_are_not_finite_are_refused():
     data = bytearray(encode_header(_header())[:-4])
     data[-4:] = struct.pack("<f", float("nan"))
     data += zlib.crc32(data).to_bytes(4, "little")
-    with pytest.raises(BitstreamError, match="not finite"):
+    with pytest.raises(BitstreamError, match="nowhere"):
         decode_header(bytes(data))
+
+
+@pytest.mark.parametrize("place", [1e13, -1.7e38, np.inf, np.nan])
+def test_cameras_that_are_nowhere_are_refused(place):
+    """Positions that no lattice has would make rendering run over nothing for ever."""
+    data = encode_header(_header(viewpoints=(LatticePosition(0.0, place), *POSITIONS[1:])))
+    with pytest.raises(BitstreamError, match="nowhere"):
+        decode_header(data)
