@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from benchmarks.figures import anchor_rates, anchors, codec, rates, report, reproduction, robustness, turbo
+from benchmarks.figures.dibr import peers
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
 from benchmarks.figures.house import emulation, golden, sources, times
@@ -35,6 +36,7 @@ MODULES: tuple[ModuleType, ...] = (
     rectification,
     toy,
     stereo_times,
+    peers,
     sources,
     times,
     golden,
