@@ -1,0 +1,140 @@
+"""Frozen streams of pictures with depth decode to the same pictures and labels for ever, on any processor.
+
+`DVC_REGENERATE=1` makes them anew, with a new version of the format; a missing one fails. What is frozen
+depends on streams alone: the pictures are those that encoding had, and another encoder may make others.
+"""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dvc.calibration.cameras import Camera
+from dvc.dibr.codec.calibrated import labels_of_depths, views_of_cameras
+from dvc.dibr.codec.decoder import decode
+from dvc.dibr.codec.encoder import ViewEncoder
+from dvc.dibr.codec.views import Views, views_of_pictures
+from dvc.dibr.stream.header import DisparityMethod
+from dvc.dibr.stream.layers import decode_stream
+from dvc.environment import baseline_environment
+from dvc.multiview.camera_array import DisparityLabels, LatticePosition
+from tests.dibr.scenes import FOCAL_PX, views_of_square
+
+FOLDER = Path(__file__).resolve().parents[1] / "golden" / "dibr"
+RECORDS = FOLDER / "records.json"
+MAX_BYTES = 20_000
+LABELS = DisparityLabels(0.0, 1.0, 9)
+
+
+def _row(gray: bool = True, references: tuple[int, ...] = (0,), size: tuple[int, int] = (32, 48)) -> Views:
+    pictures = views_of_square((0, 1, -1), *size)
+    places = [LatticePosition(float(m), 0.0) for m in (0, 1, -1)]
+    return views_of_pictures(pictures, places, references, gray=gray)
+
+
+def _stream(
+    method: DisparityMethod, views: Views, num_layers: int = 1, labels: DisparityLabels = LABELS
+) -> bytes:
+    return ViewEncoder(views, labels, method, num_layers).encode(2e-5).data
+
+
+def _calibrated() -> bytes:
+    intrinsic = np.array([[FOCAL_PX, 0.0, 24.0], [0.0, FOCAL_PX, 16.0], [0.0, 0.0, 1.0]])
+    cameras = [Camera(f"{m}", intrinsic, np.eye(3), np.array([-m, 0.0, 0.0]), (48, 32)) for m in (0.0, 1.0)]
+    views = views_of_cameras(views_of_square((0, 1)), cameras)
+    return _stream(DisparityMethod.L, views, labels=labels_of_depths(views, FOCAL_PX / 8, np.inf))
+
+
+GOLDEN: dict[str, Callable[[], bytes]] = {
+    "l": lambda: _stream(DisparityMethod.L, _row()),
+    "s": lambda: _stream(DisparityMethod.S, _row()),
+    "quadtree": lambda: _stream(DisparityMethod.QUADTREE, _row()),
+    "blocks": lambda: _stream(DisparityMethod.BLOCKS, _row()),
+    "l-layers": lambda: _stream(DisparityMethod.L, _row(), 4),
+    "s-layers-odd": lambda: _stream(DisparityMethod.S, _row(size=(29, 51)), 3),
+    "colour": lambda: _stream(DisparityMethod.L, _row(gray=False)),
+    "two-references": lambda: _stream(DisparityMethod.L, _row(gray=False, references=(0, 2)), 2),
+    "calibrated": _calibrated,
+}
+PROCESSORS = {
+    "baseline": baseline_environment(),
+    "generic": {"NUMBA_CPU_NAME": "generic", "OPENBLAS_CORETYPE": "Sandybridge"},
+}
+"""What makes libraries believe that they run on another processor than this one."""
+
+
+def record(data: bytes) -> dict[str, Any]:
+    """Return what is frozen of a stream: digests of pictures and disparities at each layer and resolution."""
+    stream = decode_stream(data)
+    assert stream.damage is None
+    decoded = [decode(stream, layers + 1) for layers in range(stream.header.num_layers)]
+    decoded += [decode(stream, None, resolution) for resolution in (1, 2)]
+    return {
+        "stream_sha256": hashlib.sha256(data).hexdigest(),
+        "pairs_sha256": [
+            [_digest(pair.picture) + _digest(pair.disparity) for pair in one.pairs] for one in decoded
+        ],
+    }
+
+
+def _digest(values: Any) -> str:
+    array = np.ascontiguousarray(values)
+    return hashlib.sha256(str((array.shape, array.dtype)).encode() + array.tobytes()).hexdigest()[:32]
+
+
+def records() -> dict[str, Any]:
+    """Return what is frozen of every stream."""
+    found: dict[str, Any] = json.loads(RECORDS.read_text())
+    return found
+
+
+def main() -> None:
+    """Print what all frozen streams decode to, for a process of another environment."""
+    found = {name: record((FOLDER / f"{name}.dibr").read_bytes()) for name in GOLDEN}
+    sys.stdout.write(json.dumps(found))
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_golden_stream_decodes_to_the_frozen_pictures(name: str) -> None:
+    """Pictures and disparities of each layer and resolution are those of the day it was made."""
+    path = FOLDER / f"{name}.dibr"
+    if os.environ.get("DVC_REGENERATE") == "1":
+        path.write_bytes(GOLDEN[name]())
+        kept = (records() if RECORDS.exists() else {}) | {name: record(path.read_bytes())}
+        RECORDS.write_text(json.dumps(dict(sorted(kept.items())), indent=1) + "\n")
+    assert path.stat().st_size <= MAX_BYTES
+    assert record(path.read_bytes()) == records()[name]
+
+
+@pytest.mark.parametrize("processor", PROCESSORS)
+def test_golden_streams_decode_alike_on_every_processor(processor: str) -> None:
+    """Whatever libraries find, pictures and disparities are the frozen ones."""
+    environment = os.environ | PROCESSORS[processor]
+    command = [sys.executable, "-c", "from tests.dibr.test_golden import main; main()"]
+    done = subprocess.run(
+        command, cwd=FOLDER.parents[2], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == records()
+
+
+def test_every_frozen_stream_is_listed() -> None:
+    """No stream lies in the folder, and no record in the list, that nothing decodes."""
+    assert {path.stem for path in FOLDER.glob("*.dibr")} == set(GOLDEN) == set(records())
+
+
+def test_frozen_streams_are_of_their_kinds() -> None:
+    """What a name says is in the header."""
+    streams = {name: decode_stream((FOLDER / f"{name}.dibr").read_bytes()) for name in GOLDEN}
+    assert {stream.header.method for stream in streams.values()} == set(DisparityMethod)
+    assert streams["l-layers"].header.num_layers == 4
+    assert streams["two-references"].header.references == (0, 2)
+    assert streams["s-layers-odd"].header.shape == (29, 51)
+    assert not isinstance(streams["calibrated"].header.viewpoints[0], LatticePosition)
