@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from benchmarks.figures import anchor_rates, anchors, codec, rates, report, reproduction, robustness, turbo
-from benchmarks.figures.dibr import peers
+from benchmarks.figures.dibr import curves, peers, reference
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
 from benchmarks.figures.house import emulation, golden, sources, times
@@ -36,6 +36,8 @@ MODULES: tuple[ModuleType, ...] = (
     rectification,
     toy,
     stereo_times,
+    reference,
+    curves,
     peers,
     sources,
     times,
