@@ -4,6 +4,7 @@ Each quality layer first takes what its slope is worth from the embedded code of
 disparities that predict the other views best from the picture that a decoder has at that layer (3.8, 3.36).
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -24,6 +25,10 @@ from dvc.multiview.viewpoints import warp_between
 
 SLOPE_RANGE, MAX_SLOPE_RATIO = 64.0, 4.0
 """Slopes of the first quality layer and the last; and of one and the next, at most."""
+PICTURE_SHARE = 0.85
+"""Share of the pictures in most streams."""
+LIKELY_SLOPES, SLOPE_STEPS = (1e-7, 1.0), 30
+"""Slopes between which one is looked for, and how often the interval is halved."""
 
 
 class Encoded(NamedTuple):
@@ -102,6 +107,28 @@ class ViewEncoder:
         data = encode_stream(self.header, layers)
         picture, disparity = (sum(len(pair[part]) for layer in layers for pair in layer) for part in (0, 1))
         return Encoded(data, slope, len(data) - picture - disparity, picture, disparity)
+
+    def likely_slope(self, num_bytes: int) -> float:
+        """Return about the slope at which a stream has some length, without encoding one.
+
+        Parameters
+        ----------
+        num_bytes : int
+            The length.
+
+        Returns
+        -------
+        float
+            Where the pictures alone take `PICTURE_SHARE` of it.
+        """
+        low, high = (math.log(slope) for slope in LIKELY_SLOPES)
+        for _ in range(SLOPE_STEPS):
+            middle = math.exp(0.5 * (low + high))
+            if sum(code.bytes_at_slope(middle) for code in self.codes) > PICTURE_SHARE * num_bytes:
+                low = math.log(middle)
+            else:
+                high = math.log(middle)
+        return math.exp(high)
 
     def _pair_layers(self, index: int, code: ReferenceCode, slopes: Sequence[float]) -> list[PairLayer]:
         """All layers of one picture and its disparities."""

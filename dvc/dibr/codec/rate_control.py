@@ -14,7 +14,9 @@ TOLERANCE = 0.005
 MAX_STEPS = 12
 
 
-def encode_to_size(encode: Callable[[float], Encoded], max_bytes: int) -> Encoded:
+def encode_to_size(
+    encode: Callable[[float], Encoded], max_bytes: int, first_slope: float = FIRST_SLOPE
+) -> Encoded:
     """Encode at the slope whose stream fits a size best.
 
     Parameters
@@ -23,6 +25,8 @@ def encode_to_size(encode: Callable[[float], Encoded], max_bytes: int) -> Encode
         Encodes at a slope; flatter slopes give longer streams.
     max_bytes : int
         The longest stream that is wanted.
+    first_slope : float, optional
+        What to try first.
 
     Returns
     -------
@@ -34,7 +38,7 @@ def encode_to_size(encode: Callable[[float], Encoded], max_bytes: int) -> Encode
     ConfigError
         If not even the steepest slope gives so short a stream.
     """
-    found = encode(FIRST_SLOPE)
+    found = encode(min(max(first_slope, FLATTEST), STEEPEST))
     fits: Encoded | None = None
     exceeds: Encoded | None = None
     for _ in range(MAX_STEPS):
