@@ -135,7 +135,7 @@ def speed(setting: Setting, clip: str) -> Measured:
     Gives seconds of both.
     """
     del clip
-    picture = np.asarray(Image.open(data_folder("teddy") / "im2.png").convert("L"))
+    picture = np.asarray(Image.open(data_folder("teddy") / "teddy" / "im2.png").convert("L"))
     max_bytes = picture.size // 8
     repetitions = setting.choose(5, 1)
     encode_s = _least_seconds(repetitions, lambda: codec.encode(picture, max_bytes))

@@ -17,7 +17,7 @@ from dvc.dibr.codec.views import Picture, Views
 from dvc.dibr.disparity.error_tensor import Tensor, error_tensor
 from dvc.dibr.disparity.methods import METHODS, DisparityCodec
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import DecodedReference, ReferenceCode
+from dvc.dibr.reference.codec import DecodedReference
 from dvc.dibr.stream.header import DisparityMethod, Header, decode_header, encode_header
 from dvc.dibr.stream.layers import Layer, PairLayer, encode_stream
 from dvc.multiview.camera_array import DisparityLabels
@@ -25,10 +25,12 @@ from dvc.multiview.viewpoints import warp_between
 
 SLOPE_RANGE, MAX_SLOPE_RATIO = 64.0, 4.0
 """Slopes of the first quality layer and the last; and of one and the next, at most."""
-PICTURE_SHARE = 0.85
-"""Share of the pictures in most streams."""
-LIKELY_SLOPES, SLOPE_STEPS = (1e-7, 1.0), 30
-"""Slopes between which one is looked for, and how often the interval is halved."""
+STEEPEST, FLATTEST = 10.0, 1e-8
+"""Slopes at which next to nothing is coded, and all that there is."""
+SLOPE_SHARES = tuple(0.8 + 0.05 * step for step in range(9))
+"""Lengths, relative to one, whose slopes are averaged."""
+SLOPE_STEPS = 40
+"""How often the interval between them is halved where a slope is looked for."""
 
 
 class Encoded(NamedTuple):
@@ -88,13 +90,15 @@ class ViewEncoder:
         self.codec: DisparityCodec = METHODS[method.name.lower()]
         self.codes = [reference_codec.encode(views.pictures[index]) for index in views.references]
 
-    def encode(self, slope: float) -> Encoded:
+    def encode(self, slope: float, picture_bytes: int | None = None) -> Encoded:
         """Encode all layers.
 
         Parameters
         ----------
         slope : float
             Of the last layer: squared error, intensities from 0 to 1, that a bit per pixel is worth.
+        picture_bytes : int, optional
+            How long the code of all pictures is; by default as long as the slope says.
 
         Returns
         -------
@@ -102,14 +106,15 @@ class ViewEncoder:
             The stream.
         """
         slopes = layer_slopes(slope, self.header.num_layers)
-        by_pair = [self._pair_layers(index, code, slopes) for index, code in enumerate(self.codes)]
+        sizes = self._picture_sizes(slopes[-1], picture_bytes)
+        by_pair = [self._pair_layers(index, slopes, size) for index, size in enumerate(sizes)]
         layers: list[Layer] = list(zip(*by_pair, strict=True))
         data = encode_stream(self.header, layers)
         picture, disparity = (sum(len(pair[part]) for layer in layers for pair in layer) for part in (0, 1))
         return Encoded(data, slope, len(data) - picture - disparity, picture, disparity)
 
-    def likely_slope(self, num_bytes: int) -> float:
-        """Return about the slope at which a stream has some length, without encoding one.
+    def slope_of_pictures(self, num_bytes: int) -> float:
+        """Return the slope at which the code of all pictures has some length.
 
         Parameters
         ----------
@@ -119,22 +124,38 @@ class ViewEncoder:
         Returns
         -------
         float
-            Where the pictures alone take `PICTURE_SHARE` of it.
+            From `FLATTEST` to `STEEPEST`; lengths leap where a slope is passed, so it is a mean of those of
+            neighbouring lengths.
         """
-        low, high = (math.log(slope) for slope in LIKELY_SLOPES)
-        for _ in range(SLOPE_STEPS):
-            middle = math.exp(0.5 * (low + high))
-            if sum(code.bytes_at_slope(middle) for code in self.codes) > PICTURE_SHARE * num_bytes:
-                low = math.log(middle)
-            else:
-                high = math.log(middle)
-        return math.exp(high)
+        around = [self._log_slope(share * num_bytes) for share in SLOPE_SHARES]
+        return math.exp(sum(around) / len(around))
 
-    def _pair_layers(self, index: int, code: ReferenceCode, slopes: Sequence[float]) -> list[PairLayer]:
-        """All layers of one picture and its disparities."""
+    def _log_slope(self, num_bytes: float) -> float:
+        """Logarithm of the flattest slope at which pictures are no longer than that."""
+        low, high = math.log(FLATTEST), math.log(STEEPEST)
+        for _ in range(SLOPE_STEPS):
+            middle = 0.5 * (low + high)
+            if sum(code.bytes_at_slope(math.exp(middle)) for code in self.codes) > num_bytes:
+                low = middle
+            else:
+                high = middle
+        return high
+
+    def _picture_sizes(self, slope: float, num_bytes: int | None) -> list[int]:
+        """Lengths of the codes of pictures, in proportion to those at a slope."""
+        sizes = [code.bytes_at_slope(slope) for code in self.codes]
+        if num_bytes is None:
+            return sizes
+        return [num_bytes * (size + 1) // (sum(sizes) + len(sizes)) for size in sizes]
+
+    def _pair_layers(self, index: int, slopes: Sequence[float], size: int) -> list[PairLayer]:
+        """All layers of one picture, of a given length, and its disparities."""
         layers, done, previous = [], 0, None
-        for slope in slopes:
-            header, data = code.cut(max(code.bytes_at_slope(slope), done))
+        code = self.codes[index]
+        for layer, slope in enumerate(slopes):
+            is_last = layer == len(slopes) - 1
+            end = size if is_last else min(code.bytes_at_slope(slope), size)
+            header, data = code.cut(max(end, done))
             decoded = reference_codec.decode(header, data, self.header.shape)
             classes = significance_classes(decoded)
             tensor = self._tensor(index, decoded)

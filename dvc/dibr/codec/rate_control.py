@@ -1,80 +1,73 @@
-"""Rate control: the slope at which a stream is as long as it may be."""
+"""Rate control: a stream that is as long as it may be.
 
-import math
-from collections.abc import Callable
+The code of pictures can be cut at any byte, that of disparities is what it is at a slope. So pictures get
+what disparities leave, and disparities the slope that pictures have at that length, again and again.
+"""
 
-from dvc.dibr.codec.encoder import Encoded
+from typing import Protocol
+
+from dvc.dibr.codec.encoder import STEEPEST, Encoded
 from dvc.errors import ConfigError
 
-FIRST_SLOPE = 2e-3
-"""About that of 0.5 bits a pixel."""
-STEEPEST, FLATTEST = 10.0, 1e-8
+PICTURE_SHARE = 0.85
+"""Share of the pictures in most streams: where the search begins."""
 TOLERANCE = 0.005
 """Share of the budget that may be left."""
-MAX_STEPS = 12
+GROWTH = 0.7, 3.0
+"""Limits of how many bytes streams grow by for a byte of the pictures."""
+MAX_STEPS = 8
 
 
-def encode_to_size(
-    encode: Callable[[float], Encoded], max_bytes: int, first_slope: float = FIRST_SLOPE
-) -> Encoded:
-    """Encode at the slope whose stream fits a size best.
+class SizedEncoder(Protocol):
+    """What encodes views at a slope; see `dvc.dibr.codec.encoder.ViewEncoder`."""
+
+    def encode(self, slope: float, picture_bytes: int | None = None) -> Encoded:
+        """Encode; see `ViewEncoder.encode`."""
+
+    def slope_of_pictures(self, num_bytes: int) -> float:
+        """Return a slope; see `ViewEncoder.slope_of_pictures`."""
+
+
+def encode_to_size(encoder: SizedEncoder, max_bytes: int) -> Encoded:
+    """Encode views to a stream of some length.
 
     Parameters
     ----------
-    encode : callable
-        Encodes at a slope; flatter slopes give longer streams.
+    encoder : SizedEncoder
+        Encodes them.
     max_bytes : int
         The longest stream that is wanted.
-    first_slope : float, optional
-        What to try first.
 
     Returns
     -------
     Encoded
-        The longest stream found that fits; shorter by at most `TOLERANCE` where lengths change that finely.
+        The longest stream found that fits, shorter by at most `TOLERANCE` in most cases.
 
     Raises
     ------
     ConfigError
         If not even the steepest slope gives so short a stream.
     """
-    found = encode(min(max(first_slope, FLATTEST), STEEPEST))
-    fits: Encoded | None = None
-    exceeds: Encoded | None = None
+    best: Encoded | None = None
+    picture_bytes, growth = int(PICTURE_SHARE * max_bytes), 1.0 / PICTURE_SHARE
+    tried: list[tuple[int, int]] = []
     for _ in range(MAX_STEPS):
-        if len(found.data) <= max_bytes:
-            fits = found
-        else:
-            exceeds = found
-        if len(found.data) == max_bytes or _is_close(fits, max_bytes):
+        found = encoder.encode(encoder.slope_of_pictures(picture_bytes), picture_bytes)
+        size = len(found.data)
+        if size <= max_bytes and (best is None or size > len(best.data)):
+            best = found
+        if (1.0 - TOLERANCE) * max_bytes <= size <= max_bytes:
             break
-        slope = _next_slope(fits, exceeds, max_bytes)
-        if not FLATTEST <= slope <= STEEPEST:
-            break
-        found = encode(slope)
-    if fits is None:
-        least = encode(STEEPEST)
-        if len(least.data) > max_bytes:
-            raise ConfigError(f"{max_bytes} bytes are too few: these views need {len(least.data)} at least")
-        fits = least
-    return fits
-
-
-def _is_close(fits: Encoded | None, max_bytes: int) -> bool:
-    return fits is not None and len(fits.data) >= (1.0 - TOLERANCE) * max_bytes
-
-
-def _next_slope(fits: Encoded | None, exceeds: Encoded | None, max_bytes: int) -> float:
-    """Interpolate between both ends, or go on beyond the only one; in logarithms."""
-    if fits is None or exceeds is None:
-        known = fits or exceeds
-        assert known is not None
-        excess = math.log(len(known.data) / max_bytes)
-        # squared errors fall with about the square of the rate
-        step = math.copysign(max(2.0 * abs(excess), 0.02), excess)
-        return known.slope * math.exp(max(-math.log(16.0), min(math.log(16.0), 1.1 * step)))
-    wanted = (1.0 - 0.4 * TOLERANCE) * max_bytes
-    low, high = math.log(len(fits.data)), math.log(len(exceeds.data))
-    share = (math.log(wanted) - low) / max(high - low, 1e-9)
-    share = min(max(share, 0.05), 0.95)
-    return math.exp(math.log(fits.slope) + share * (math.log(exceeds.slope) - math.log(fits.slope)))
+        if tried and tried[-1][0] != picture_bytes:
+            measured = (size - tried[-1][1]) / (picture_bytes - tried[-1][0])
+            growth = min(max(measured, GROWTH[0]), GROWTH[1])
+        tried.append((picture_bytes, size))
+        # half of the tolerance is aimed at, as the code of disparities varies a little
+        wanted = (1.0 - 0.5 * TOLERANCE) * max_bytes
+        picture_bytes = max(picture_bytes + round((wanted - size) / growth), 0)
+    if best is not None:
+        return best
+    least = encoder.encode(STEEPEST)
+    if len(least.data) > max_bytes:
+        raise ConfigError(f"{max_bytes} bytes are too few: these views need {len(least.data)} at least")
+    return least

@@ -191,8 +191,7 @@ def _encoded(
         if known:
             return encoder, encoder.encode(arguments.slope)
         num_pixels = views.shape[0] * views.shape[1]
-        max_bytes = int(arguments.bpp * num_pixels / 8.0)
-        return encoder, encode_to_size(encoder.encode, max_bytes, encoder.likely_slope(max_bytes))
+        return encoder, encode_to_size(encoder, int(arguments.bpp * num_pixels / 8.0))
 
 
 def _figures(encoder: "ViewEncoder", encoded: "Encoded") -> dict[str, Any]:
