@@ -98,7 +98,7 @@ def decode(stream: Stream, num_layers: int | None = None, resolution: int = 0) -
         pairs.append(PictureAndDisparity(picture, disparity, header.viewpoints[reference]))
     if len({pair.picture.ndim for pair in pairs}) > 1:
         raise BitstreamError("some pictures of the stream are gray and some are not")
-    damage = stream.damage if len(layers) < wanted else None
+    damage = stream.damage if len(layers) < wanted or num_layers is None else None
     return Decoded(header, tuple(pairs), len(layers), resolution, damage)
 
 

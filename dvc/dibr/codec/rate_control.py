@@ -22,10 +22,34 @@ class SizedEncoder(Protocol):
     """What encodes views at a slope; see `dvc.dibr.codec.encoder.ViewEncoder`."""
 
     def encode(self, slope: float, picture_bytes: int | None = None) -> Encoded:
-        """Encode; see `ViewEncoder.encode`."""
+        """Encode; see `ViewEncoder.encode`.
+
+        Parameters
+        ----------
+        slope : float
+            Of the last layer.
+        picture_bytes : int, optional
+            How long the code of all pictures is.
+
+        Returns
+        -------
+        Encoded
+            The stream.
+        """
 
     def slope_of_pictures(self, num_bytes: int) -> float:
-        """Return a slope; see `ViewEncoder.slope_of_pictures`."""
+        """Return a slope; see `ViewEncoder.slope_of_pictures`.
+
+        Parameters
+        ----------
+        num_bytes : int
+            Length of the code of all pictures.
+
+        Returns
+        -------
+        float
+            The slope.
+        """
 
 
 def encode_to_size(encoder: SizedEncoder, max_bytes: int) -> Encoded:

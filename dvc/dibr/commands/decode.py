@@ -36,7 +36,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_stream(parser)
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     add_layers(parser)
-    text = "halve both sides J times; default: 0"
+    text = "halve both sides J times"
     cli.add_integer(parser, "--resolution", (0, 15), text, default=0, metavar="J")
     add_json(parser)
     parser.add_argument("--quiet", action="store_true", help="print no summary")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import array_files, cli
-from dvc.dibr.commands.options import MAX_LAYERS, add_json, json_files
+from dvc.dibr.commands.options import MAX_LAYERS, add_json, json_files, parse_slope
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     bpp = "bits of the whole file per pixel of the reference, at most"
     rate.add_argument("--bpp", type=cli.parse_positive, metavar="R", help=bpp)
     slope = "squared error (intensities from 0 to 1) that a bit per pixel is worth"
-    rate.add_argument("--slope", type=cli.parse_positive, metavar="S", help=slope)
+    rate.add_argument("--slope", type=parse_slope, metavar="S", help=slope)
     method = "how disparities are coded; default: %(default)s"
     parser.add_argument("--disparity", choices=METHODS, default=METHODS[0], help=method)
     cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), "layers that can be cut off", default=1)
@@ -191,7 +191,10 @@ def _encoded(
         if known:
             return encoder, encoder.encode(arguments.slope)
         num_pixels = views.shape[0] * views.shape[1]
-        return encoder, encode_to_size(encoder, int(arguments.bpp * num_pixels / 8.0))
+        try:
+            return encoder, encode_to_size(encoder, int(arguments.bpp * num_pixels / 8.0))
+        except ConfigError as err:
+            raise ConfigError(f"--bpp {arguments.bpp:g} of {num_pixels} pixels: {err}") from None
 
 
 def _figures(encoder: "ViewEncoder", encoded: "Encoded") -> dict[str, Any]:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import array_files, cli
-from dvc.dibr.commands.options import add_json, json_files
+from dvc.dibr.commands.options import add_json, json_files, parse_slope
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     sets = "which sets; default: teddy tsukuba cones cgtoy with --data, else toy motorcycle"
     parser.add_argument("--sets", nargs="+", metavar="NAME", help=sets)
     slopes = "of the points of curves; default: where the reference has 0.1, 0.25, 0.5, 0.75, 1 bit per pixel"
-    parser.add_argument("--slopes", nargs="+", type=cli.parse_positive, metavar="S", help=slopes)
+    parser.add_argument("--slopes", nargs="+", type=parse_slope, metavar="S", help=slopes)
     parser.add_argument("--no-peers", action="store_true", help="do not measure other codecs")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     add_json(parser)

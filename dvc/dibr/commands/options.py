@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from dvc.multiview.viewpoints import Viewpoint
 
 MAX_LAYERS = 32
+"""As in `dvc.dibr.stream.header`, which is not loaded for help."""
+SLOPES = 1e-8, 10.0
+"""As in `dvc.dibr.codec.encoder`, flattest and steepest."""
 
 
 def add_stream(parser: argparse.ArgumentParser) -> None:
@@ -93,6 +96,32 @@ def parse_view(text: str) -> "LatticePosition | int":
         return array_files.parse_position(text)
     except argparse.ArgumentTypeError as err:
         raise argparse.ArgumentTypeError(f"{err}, or a number of a view") from None
+
+
+def parse_slope(text: str) -> float:
+    """Read a slope.
+
+    Parameters
+    ----------
+    text : str
+        A number.
+
+    Returns
+    -------
+    float
+        Squared error, intensities from 0 to 1, for a bit per pixel.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is none, or so steep or flat that nothing or everything is coded.
+    """
+    slope = cli.parse_positive(text)
+    if not SLOPES[0] <= slope <= SLOPES[1]:
+        raise argparse.ArgumentTypeError(
+            f"expected a slope from {SLOPES[0]:g} to {SLOPES[1]:g}, got {text!r}"
+        )
+    return slope
 
 
 def viewpoint_of(header: "Header", view: "LatticePosition | int") -> "Viewpoint":

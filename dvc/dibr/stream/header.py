@@ -93,7 +93,7 @@ def encode_header(header: Header) -> bytes:
     Returns
     -------
     bytes
-        27, one for each reference, and 8 for each view, or 44 where cameras are calibrated.
+        27 with the checksum, one for each reference, and 8 for each view, or 44 where cameras are calibrated.
     """
     height, width = header.shape
     is_calibrated = isinstance(header.viewpoints[0], CalibratedViewpoint)

@@ -69,3 +69,4 @@ def test_a_stream_of_a_rate_is_decoded():
     found = encode_to_size(encoder, 1500)
     assert 1400 <= len(found.data) <= 1500
     assert decode(decode_stream(found.data)).damage is None
+    assert "4 bytes follow" in str(decode(decode_stream(found.data + b"more")).damage)

@@ -1,0 +1,24 @@
+"""What subcommands share."""
+
+import argparse
+
+import pytest
+
+from dvc.dibr.codec import encoder
+from dvc.dibr.commands import options
+from dvc.dibr.stream import header
+
+
+def test_limits_are_those_of_the_codec():
+    assert options.MAX_LAYERS == header.MAX_LAYERS
+    assert (encoder.FLATTEST, encoder.STEEPEST) == options.SLOPES
+
+
+@pytest.mark.parametrize("text", ["1e-300", "1e300", "0", "-1", "nan", "x"])
+def test_slopes_out_of_range_are_refused(text):
+    with pytest.raises(argparse.ArgumentTypeError):
+        options.parse_slope(text)
+
+
+def test_slopes_in_range_are_numbers():
+    assert [options.parse_slope(text) for text in ("1e-8", "2e-3", "10")] == [1e-8, 2e-3, 10.0]
