@@ -4,7 +4,6 @@ Photographs of the real sets are not the project's to show: in `docs` there are 
 views of a rendered scene.
 """
 
-import argparse
 import shutil
 import sys
 from collections.abc import Callable, Sequence
@@ -13,10 +12,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.figures.harness import MissingClip, run_module
+from benchmarks.figures.harness import run_module
 from benchmarks.figures.stereo.runs import data_folder
-from benchmarks.pictures.drawing import Picture, write_picture
-from dvc import cli
+from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
 from dvc.dibr.stream.header import DisparityMethod
 
 PROG = "python -m benchmarks.pictures.dibr"
@@ -87,35 +85,7 @@ def draw_set(name: str) -> list[Path]:
 PICTURES: dict[str, Callable[[], list[Path]]] = {"toy": draw_toy, MAP: lambda: draw_set(MAP)}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
-    parser = cli.ArgumentParser(PROG, "Draw the pictures of docs/dibr-results.md.", EXAMPLES)
-    parser.add_argument("--name", choices=PICTURES, help="only these")
-    arguments: argparse.Namespace = parser.parse_args(argv)
-    return cli.run(PROG, lambda: _draw([arguments.name] if arguments.name else list(PICTURES)))
-
-
-def _draw(names: Sequence[str]) -> int:
-    for name in names:
-        try:
-            paths = PICTURES[name]()
-        except MissingClip as err:
-            print(f"{name}: {err}", file=sys.stderr)
-            continue
-        print(f"{name}: " + ", ".join(map(str, paths)), flush=True)
-    return 0
-
+main = pictures_command(PROG, "Draw the pictures of docs/dibr-results.md.", EXAMPLES, PICTURES)
 
 if __name__ == "__main__":
     sys.exit(main())

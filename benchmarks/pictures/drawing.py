@@ -1,5 +1,6 @@
 """The look of all pictures: tracks and snakes, panels, correlation noise, PSNR by frame."""
 
+import argparse
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.figures.harness import MissingClip
+from dvc import cli
 from dvc.files import atomic_output
 from dvc.page.plotting import COLOURS, DPI
 from dvc.tracks import PointTracks
@@ -275,3 +277,35 @@ def _parts(line: Line) -> list[dict[int, float]]:
         part = frame - number if line.gop is None else frame // line.gop
         parts.setdefault(part, {})[frame] = line.points[frame]
     return list(parts.values())
+
+
+def pictures_command(
+    prog: str, description: str, examples: str, pictures: Mapping[str, Callable[[], list[Path]]]
+) -> Callable[..., int]:
+    """Make the `main` of a command that draws pictures by name.
+
+    Parameters
+    ----------
+    prog : str
+        Name shown before messages.
+    description, examples : str
+        Begin and end its help.
+    pictures : mapping of str to callable
+        Draws each, and returns the files.
+
+    Returns
+    -------
+    callable
+        As `dvc.cli.command` returns it. Pictures whose clips are absent are left out, saying so.
+    """
+
+    def _parser() -> argparse.ArgumentParser:
+        parser = cli.ArgumentParser(prog, description, examples)
+        parser.add_argument("--name", choices=pictures, help="only these")
+        return parser
+
+    def _draw(arguments: argparse.Namespace) -> int:
+        draw_clips([arguments.name] if arguments.name else list(pictures), lambda name: pictures[name]())
+        return 0
+
+    return cli.command(prog, _parser, _draw)

@@ -3,7 +3,6 @@
 Photographs of the real sets are not the project's to show: in `docs` there are maps of them, no pictures.
 """
 
-import argparse
 import shutil
 import sys
 import tempfile
@@ -13,11 +12,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.figures.harness import MissingClip, run_module
+from benchmarks.figures.harness import run_module
 from benchmarks.figures.stereo.calibrations import write_cameras
 from benchmarks.figures.stereo.runs import data_folder, reconstruction_folder
-from benchmarks.pictures.drawing import Picture, write_picture
-from dvc import cli
+from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
 from dvc.page.drawing import colour_disparity, colour_error, in_rows, with_title
 from dvc.stereo.evaluation import disparity_error, read_mask
 from dvc.stereo.surfaces.folder import read_reconstruction
@@ -128,35 +126,7 @@ PICTURES: dict[str, Callable[[], list[Path]]] = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
-    parser = cli.ArgumentParser(PROG, "Draw the pictures of docs/stereo.md.", EXAMPLES)
-    parser.add_argument("--name", choices=PICTURES, help="only these")
-    arguments: argparse.Namespace = parser.parse_args(argv)
-    return cli.run(PROG, lambda: _draw([arguments.name] if arguments.name else list(PICTURES)))
-
-
-def _draw(names: Sequence[str]) -> int:
-    for name in names:
-        try:
-            paths = PICTURES[name]()
-        except MissingClip as err:
-            print(f"{name}: {err}", file=sys.stderr)
-            continue
-        print(f"{name}: " + ", ".join(map(str, paths)), flush=True)
-    return 0
-
+main = pictures_command(PROG, "Draw the pictures of docs/stereo.md.", EXAMPLES, PICTURES)
 
 if __name__ == "__main__":
     sys.exit(main())
