@@ -236,7 +236,7 @@ def add_array_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--disparities", type=parse_disparities, metavar="MIN:MAX[:STEP]", help=disparities)
 
 
-def add_camera_option(parser: argparse.ArgumentParser, required: bool = False) -> None:
+def add_camera_option(parser: argparse.ArgumentParser, required: bool = False, refined: bool = True) -> None:
     """Add the options that say where the cameras of unrectified views are found.
 
     Parameters
@@ -245,12 +245,16 @@ def add_camera_option(parser: argparse.ArgumentParser, required: bool = False) -
         Of a command that takes views.
     required : bool, optional
         Whether there is no other way.
+    refined : bool, optional
+        Whether the calibration of a pair is brought together with its matches, unless told otherwise.
     """
     text = (
         "calibration of views that are not rectified: JSON, Middlebury's calib.txt, the folder of a COLMAP "
         "model, or auto to estimate it"
     )
     parser.add_argument("--cameras", metavar="FILE|auto", required=required, help=text)
+    if not refined:
+        return
     keep = "take the calibration of a pair as it is, even where matches contradict it"
     parser.add_argument("--keep-cameras", action="store_true", help=keep)
 

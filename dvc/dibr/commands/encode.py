@@ -40,10 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     files = "pictures, the reference first, then the stream to write: REFERENCE VIEW... OUT.dibr"
     parser.add_argument("paths", nargs="+", metavar="FILE", help=files)
     array_files.add_array_options(parser)
-    cameras = (
-        "cameras of views that are not rectified: JSON, Middlebury's calib.txt, a COLMAP folder, or auto"
-    )
-    parser.add_argument("--cameras", metavar="FILE", help=cameras)
+    array_files.add_camera_option(parser, refined=False)
     depths = (
         "nearest and farthest depth with --cameras; FAR may be inf; LABELS: how many, even in inverse depth, "
         "by default at most a pixel apart; default: those of known points"
