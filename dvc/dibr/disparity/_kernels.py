@@ -669,6 +669,33 @@ def code_coefficient(coder, model, level, kind, before, predicted, value, place,
 
 
 @kernel
+def code_split(
+    coder, model, level, m, n, parents, alive, significance, is_open, splits, flags, place, candidates
+):
+    """Code whether there is anything below a node."""
+    split = 0
+    if alive[m, n]:
+        kind = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
+        if kind > 0:
+            split = code_flag(coder, model, level, kind, int(splits[m, n]))
+            flags[kind, split] += 1
+    splits[m, n] = split
+    return split
+
+
+@kernel
+def code_difference_s(
+    coder, model, level, kind, before, predicted, i, j, mean, highs, labels, parents, place, candidates, seen
+):
+    """Code a difference of two samples with a mean; `kind` is the first one of its significance."""
+    where = look_around_s(labels, parents, i, j, mean, place, candidates)
+    value = np.int64(highs[i, j])
+    return code_coefficient(
+        coder, model, level, kind + where, before, predicted, value, place, candidates, seen
+    )
+
+
+@kernel
 def code_row_l(
     coder,
     model,
@@ -690,13 +717,9 @@ def code_row_l(
     height, width = labels.shape
     place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
     for n in range(parents.shape[1]):
-        split = 0
-        if alive[m, n]:
-            kind = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
-            if kind > 0:
-                split = code_flag(coder, model, level, kind, int(splits[m, n]))
-                flags[kind, split] += 1
-        splits[m, n] = split
+        split = code_split(
+            coder, model, level, m, n, parents, alive, significance, is_open, splits, flags, place, candidates
+        )
         before = 0
         for i in range(2 * m, min(2 * m + 2, height)):
             for j in range(2 * n, min(2 * n + 2, width)):
@@ -745,24 +768,33 @@ def code_row_s(
     height, width = labels.shape
     place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
     for n in range(parents.shape[1]):
-        split = 0
-        if alive[m, n]:
-            kind = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
-            if kind > 0:
-                split = code_flag(coder, model, level, kind, int(splits[m, n]))
-                flags[kind, split] += 1
-        splits[m, n] = split
+        split = code_split(
+            coder, model, level, m, n, parents, alive, significance, is_open, splits, flags, place, candidates
+        )
         coded = split and significance[m, n]
+        kind = significance[m, n] * NUM_PLACES
         before, horizontal = 0, np.int64(0)
         mean = np.int64(parents[m, n])
         if 2 * n + 1 < width:
             i, j = 2 * m, 2 * n + 1
             horizontal = np.int64(predictions[i, j])
             if coded:
-                where = look_around_s(labels, parents, i, j, mean, place, candidates)
-                kind = significance[m, n] * NUM_PLACES + where
-                value = code_coefficient(
-                    coder, model, level, kind, 0, horizontal, np.int64(highs[i, j]), place, candidates, seen
+                value = code_difference_s(
+                    coder,
+                    model,
+                    level,
+                    kind,
+                    before,
+                    horizontal,
+                    i,
+                    j,
+                    mean,
+                    highs,
+                    labels,
+                    parents,
+                    place,
+                    candidates,
+                    seen,
                 )
                 before = 2 if value != horizontal else 1
                 horizontal = value
@@ -777,16 +809,19 @@ def code_row_s(
             if i + 1 < height:
                 vertical = np.int64(predictions[i + 1, j])
                 if coded:
-                    where = look_around_s(labels, parents, i + 1, j, column, place, candidates)
-                    kind = significance[m, n] * NUM_PLACES + where
-                    value = code_coefficient(
+                    value = code_difference_s(
                         coder,
                         model,
                         level,
                         kind,
                         before,
                         vertical,
-                        np.int64(highs[i + 1, j]),
+                        i + 1,
+                        j,
+                        column,
+                        highs,
+                        labels,
+                        parents,
                         place,
                         candidates,
                         seen,
