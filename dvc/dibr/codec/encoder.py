@@ -17,7 +17,7 @@ from dvc.dibr.codec.views import Picture, Views
 from dvc.dibr.disparity.error_tensor import Tensor, error_tensor
 from dvc.dibr.disparity.methods import METHODS, DisparityCodec
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import DecodedReference
+from dvc.dibr.reference.codec import DecodedReference, slopes_around
 from dvc.dibr.stream.header import DisparityMethod, Header, decode_header, encode_header
 from dvc.dibr.stream.layers import Layer, PairLayer, encode_stream
 from dvc.multiview.camera_array import DisparityLabels
@@ -25,12 +25,8 @@ from dvc.multiview.viewpoints import warp_between
 
 SLOPE_RANGE, MAX_SLOPE_RATIO = 64.0, 4.0
 """Slopes of the first quality layer and the last; and of one and the next, at most."""
-STEEPEST, FLATTEST = 10.0, 1e-8
-"""Slopes at which next to nothing is coded, and all that there is."""
 SLOPE_SHARES = tuple(0.8 + 0.05 * step for step in range(9))
 """Lengths, relative to one, whose slopes are averaged."""
-SLOPE_STEPS = 40
-"""How often the interval between them is halved where a slope is looked for."""
 
 
 class Encoded(NamedTuple):
@@ -127,19 +123,8 @@ class ViewEncoder:
             From `FLATTEST` to `STEEPEST`; lengths leap where a slope is passed, so it is a mean of those of
             neighbouring lengths.
         """
-        around = [self._log_slope(share * num_bytes) for share in SLOPE_SHARES]
+        around = [math.log(slopes_around(self.codes, share * num_bytes)[1]) for share in SLOPE_SHARES]
         return math.exp(sum(around) / len(around))
-
-    def _log_slope(self, num_bytes: float) -> float:
-        """Logarithm of the flattest slope at which pictures are no longer than that."""
-        low, high = math.log(FLATTEST), math.log(STEEPEST)
-        for _ in range(SLOPE_STEPS):
-            middle = 0.5 * (low + high)
-            if sum(code.bytes_at_slope(math.exp(middle)) for code in self.codes) > num_bytes:
-                low = middle
-            else:
-                high = middle
-        return high
 
     def _picture_sizes(self, slope: float, num_bytes: int | None) -> list[int]:
         """Lengths of the codes of pictures, in proportion to those at a slope."""

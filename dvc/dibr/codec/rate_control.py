@@ -6,7 +6,8 @@ what disparities leave, and disparities the slope that pictures have at that len
 
 from typing import Protocol
 
-from dvc.dibr.codec.encoder import STEEPEST, Encoded
+from dvc.dibr.codec.encoder import Encoded
+from dvc.dibr.reference.codec import STEEPEST
 from dvc.errors import ConfigError
 
 PICTURE_SHARE = 0.85

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 MAX_LAYERS = 32
 """As in `dvc.dibr.stream.header`, which is not loaded for help."""
 SLOPES = 1e-8, 10.0
-"""As in `dvc.dibr.codec.encoder`, flattest and steepest."""
+"""As in `dvc.dibr.reference.codec`, flattest and steepest."""
 
 
 def add_stream(parser: argparse.ArgumentParser) -> None:

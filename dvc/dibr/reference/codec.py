@@ -6,6 +6,7 @@ picture, and what it is depends on these bytes alone: an encoder that wants to k
 `decode`.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -27,8 +28,12 @@ STEP = 0.25
 CHROMA_WEIGHT = 0.5
 """Factor on chroma coefficients; squared, what its errors weigh beside those of luma."""
 
+STEEPEST, FLATTEST = 10.0, 1e-8
+"""Slopes at which next to nothing is coded, and all that there is."""
+
 DEFAULT_LEVELS = 6
 MAX_LEVELS = 15
+_SLOPE_STEPS = 40
 _MIDDLE = 128.0
 _PEAK = 255.0
 _POINT_STEP, _FIRST_POINT, _NUM_POINTS = 1 / 32, 2, 16
@@ -201,6 +206,32 @@ class ReferenceCode:
             for point in known.fitted_points(self._coefficients)
         ]
         return replace(self.header, points=(fitted[0], fitted[1])), data
+
+
+def slopes_around(codes: Sequence[ReferenceCode], num_bytes: float) -> tuple[float, float]:
+    """Return the slopes between which the codes of pictures leap past a length.
+
+    Parameters
+    ----------
+    codes : sequence of ReferenceCode
+        The pictures.
+    num_bytes : float
+        Of all their data.
+
+    Returns
+    -------
+    flatter, steeper : float
+        From `FLATTEST` to `STEEPEST`, next to each other: data are longer at the first one, and not at the
+        second one.
+    """
+    low, high = math.log(FLATTEST), math.log(STEEPEST)
+    for _ in range(_SLOPE_STEPS):
+        middle = 0.5 * (low + high)
+        if sum(code.bytes_at_slope(math.exp(middle)) for code in codes) > num_bytes:
+            low = middle
+        else:
+            high = middle
+    return math.exp(low), math.exp(high)
 
 
 def encode(

@@ -12,14 +12,12 @@ from dvc.dibr.codec.rendering import picture_of, render
 from dvc.dibr.codec.views import Picture, Views
 from dvc.dibr.peers.quality import Quality, quality_of
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import ReferenceCode
+from dvc.dibr.reference.codec import ReferenceCode, slopes_around
 from dvc.dibr.stream.header import DisparityMethod
 from dvc.dibr.stream.layers import Stream, decode_stream
 from dvc.errors import RdCurveError
 from dvc.metrics import bd_psnr, bd_rate
 from dvc.multiview.camera_array import DisparityLabels
-
-STEEPEST, FLATTEST = 1.0, 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,14 +109,7 @@ def reference_slopes(views: Views, rates_bpp: Sequence[float]) -> list[float]:
 
 
 def _slope_of(code: ReferenceCode, num_bytes: float) -> float:
-    low, high = np.log(FLATTEST), np.log(STEEPEST)
-    for _ in range(30):
-        middle = (low + high) / 2.0
-        if code.bytes_at_slope(float(np.exp(middle))) > num_bytes:
-            low = middle
-        else:
-            high = middle
-    slopes = [float(np.exp(end)) for end in (low, high)]
+    slopes = slopes_around([code], num_bytes)
     return min(slopes, key=lambda slope: abs(np.log(max(code.bytes_at_slope(slope), 1) / num_bytes)))
 
 

@@ -4,14 +4,14 @@ import argparse
 
 import pytest
 
-from dvc.dibr.codec import encoder
 from dvc.dibr.commands import options
+from dvc.dibr.reference import codec
 from dvc.dibr.stream import header
 
 
 def test_limits_are_those_of_the_codec():
     assert options.MAX_LAYERS == header.MAX_LAYERS
-    assert (encoder.FLATTEST, encoder.STEEPEST) == options.SLOPES
+    assert (codec.FLATTEST, codec.STEEPEST) == options.SLOPES
 
 
 @pytest.mark.parametrize("text", ["1e-300", "1e300", "0", "-1", "nan", "x"])
