@@ -684,10 +684,9 @@ def code_split(
 
 
 @kernel
-def code_difference_s(
-    coder, model, level, kind, before, predicted, i, j, mean, highs, labels, parents, place, candidates, seen
-):
+def code_difference_s(coder, model, level, kind, before, predicted, i, j, mean, highs, around, seen):
     """Code a difference of two samples with a mean; `kind` is the first one of its significance."""
+    labels, parents, place, candidates = around
     where = look_around_s(labels, parents, i, j, mean, place, candidates)
     value = np.int64(highs[i, j])
     return code_coefficient(
@@ -767,6 +766,7 @@ def code_row_s(
     """Code what is below a row of nodes: whether there is anything, and the differences of their children."""
     height, width = labels.shape
     place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
+    around = labels, parents, place, candidates
     for n in range(parents.shape[1]):
         split = code_split(
             coder, model, level, m, n, parents, alive, significance, is_open, splits, flags, place, candidates
@@ -780,21 +780,7 @@ def code_row_s(
             horizontal = np.int64(predictions[i, j])
             if coded:
                 value = code_difference_s(
-                    coder,
-                    model,
-                    level,
-                    kind,
-                    before,
-                    horizontal,
-                    i,
-                    j,
-                    mean,
-                    highs,
-                    labels,
-                    parents,
-                    place,
-                    candidates,
-                    seen,
+                    coder, model, level, kind, before, horizontal, i, j, mean, highs, around, seen
                 )
                 before = 2 if value != horizontal else 1
                 horizontal = value
@@ -810,21 +796,7 @@ def code_row_s(
                 vertical = np.int64(predictions[i + 1, j])
                 if coded:
                     value = code_difference_s(
-                        coder,
-                        model,
-                        level,
-                        kind,
-                        before,
-                        vertical,
-                        i + 1,
-                        j,
-                        column,
-                        highs,
-                        labels,
-                        parents,
-                        place,
-                        candidates,
-                        seen,
+                        coder, model, level, kind, before, vertical, i + 1, j, column, highs, around, seen
                     )
                     before = 2 if value != vertical else max(before, 1)
                     vertical = value
