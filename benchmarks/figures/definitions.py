@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from benchmarks.figures import anchor_rates, anchors, codec, rates, report, reproduction, robustness, turbo
-from benchmarks.figures.dibr import curves, peers, reference
+from benchmarks.figures.dibr import curves, exhaustive, large, peers, reference
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
 from benchmarks.figures.house import emulation, golden, sources, times
@@ -37,7 +37,9 @@ MODULES: tuple[ModuleType, ...] = (
     toy,
     stereo_times,
     reference,
+    exhaustive,
     curves,
+    large,
     peers,
     sources,
     times,

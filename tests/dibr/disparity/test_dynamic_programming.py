@@ -1,135 +1,34 @@
 """Dynamic programming on trees: the optimum of exhaustive search, for all costs."""
 
-import itertools
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
 
-from dvc.dibr.disparity.dynamic_programming import LevelCosts, optimise_tree
-from dvc.dibr.disparity.integer_transforms import (
-    L_TRANSFORM,
-    S_TRANSFORM,
-    IntegerTransform,
-    WaveletTree,
-    level_shapes,
-)
+from dvc.dibr.disparity.dynamic_programming import optimise_tree
+from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform, level_shapes
 from dvc.dibr.disparity.rate_model import laplacian_costs
-from tests.reference import dibr_disparity as reference
+from tests.reference.dibr_trees import Case, ExhaustiveSearch, cost_of, general_cases, laplacian_cases
 
-SHAPES = [(1, 4), (1, 3), (4, 1), (2, 2), (3, 2), (2, 3)]
-KINDS = 3
 NUM_CASES = 250  # for each transform, with simple and with general costs: 1,000 in all
 
 
-def random_costs(rng: np.random.Generator, shape: tuple[int, int], num_labels: int) -> list[LevelCosts]:
-    """Return costs of several kinds; the first kind of coefficients is not significant, nor that of nodes."""
-    costs = []
-    shapes = level_shapes(shape)
-    for size, above in itertools.pairwise(shapes):
-        table = rng.uniform(0.0, 0.4, (KINDS, 5)).astype(np.float32)
-        table[:, 4] *= rng.integers(0, 2)
-        table[:, 0] *= 0.5
-        table[:, 1] += table[:, 0]
-        table[:, 3] += table[:, 1]
-        table[0] = 0.0, np.inf, np.inf, np.inf, 0.0
-        merges = rng.uniform(0.0, 0.4, (KINDS, 2)).astype(np.float32)
-        merges[0] = np.inf
-        flags = rng.uniform(0.0, 0.3, (KINDS, 2)).astype(np.float32)
-        flags[0] = 0.0, np.inf
-        costs.append(
-            LevelCosts(
-                table,
-                merges,
-                flags,
-                rng.integers(0, KINDS, size).astype(np.uint8),
-                rng.integers(0, KINDS, above).astype(np.uint8),
-                rng.integers(-1, num_labels, (*size, 2)).astype(np.int32),
-            )
-        )
-    return costs
-
-
-def random_previous(
-    rng: np.random.Generator, transform: IntegerTransform, shape: tuple[int, int], num_labels: int
-) -> WaveletTree:
-    labels = rng.integers(0, num_labels, shape).astype(np.int32)
-    return WaveletTree.of_labels(transform, labels, num_labels)
-
-
-class Search:
-    """All trees of a size, made once."""
-
-    def __init__(self) -> None:
-        self._trees: dict[tuple[str, tuple[int, int], int], object] = {}
-
-    def costs(
-        self,
-        transform: IntegerTransform,
-        tensor: np.ndarray,
-        costs: list[LevelCosts],
-        previous: WaveletTree | None,
-    ) -> np.ndarray:
-        """Return those of all trees."""
-        shape, num_labels = tensor.shape[:2], tensor.shape[2]
-        predictions = (
-            previous.highs if previous else [np.zeros(size, int) for size in level_shapes(shape)[:-1]]
-        )
-        key = transform.name, shape, num_labels
-        if transform is L_TRANSFORM:
-            levels = self._trees.setdefault(key, reference.all_trees_l(shape, num_labels))
-            differences = reference.differences_l(levels, predictions)
-            return reference.total_costs(tensor.astype(float), levels, differences, costs, False)
-        if key not in self._trees:
-            self._trees[key] = reference.all_trees_s(shape, num_labels)
-        levels, highs = self._trees[key]
-        differences = [high - predicted for high, predicted in zip(highs, predictions, strict=True)]
-        return reference.total_costs(tensor.astype(float), levels, differences, costs, True)
-
-
-def cost_of(
-    tree: WaveletTree, tensor: np.ndarray, costs: list[LevelCosts], previous: WaveletTree | None
-) -> float:
-    levels = [level[None].astype(int) for level in tree.levels()]
-    predictions = previous.highs if previous else [np.zeros_like(high) for high in tree.highs]
-    differences = [(high - predicted)[None] for high, predicted in zip(tree.highs, predictions, strict=True)]
-    redundant = tree.transform is L_TRANSFORM
-    return float(reference.total_costs(tensor.astype(float), levels, differences, costs, not redundant)[0])
-
-
+@pytest.mark.parametrize("cases", [general_cases, laplacian_cases], ids=lambda one: one.__name__)
 @pytest.mark.parametrize("transform", [L_TRANSFORM, S_TRANSFORM], ids=lambda one: one.name)
-def test_general_costs_give_the_optimum_of_exhaustive_search(transform: IntegerTransform) -> None:
-    """Zero trees, jumps, labels of neighbours, tears, kinds, predictions: the least cost of all trees."""
-    rng, search = np.random.default_rng(3), Search()
-    for case in range(NUM_CASES):
-        shape = SHAPES[case % len(SHAPES)]
-        num_labels = 2 if max(shape) * min(shape) > 4 and transform is L_TRANSFORM else 3
-        tensor = rng.uniform(0.0, 1.0, (*shape, num_labels)).astype(np.float32)
-        costs = random_costs(rng, shape, num_labels)
-        previous = random_previous(rng, transform, shape, num_labels) if case % 2 else None
+def test_trees_are_those_of_exhaustive_search(
+    transform: IntegerTransform, cases: Callable[[IntegerTransform, int], Iterator[Case]]
+) -> None:
+    """Zero trees, jumps, labels of neighbours, tears, kinds, predictions: exactly the least of all trees."""
+    search = ExhaustiveSearch()
+    for tensor, costs, previous in cases(transform, NUM_CASES):
         tree, total = optimise_tree(transform, tensor, costs, previous)
-        least = search.costs(transform, tensor, costs, previous).min()
-        assert total == pytest.approx(least, abs=1e-5)
-        assert cost_of(tree, tensor, costs, previous) == pytest.approx(least, abs=1e-5)
+        assert total == search.costs(transform, tensor, costs, previous).min()
+        assert cost_of(tree, tensor, costs, previous) == total
         assert tree.levels()[0].min() >= 0
-        assert tree.levels()[0].max() < num_labels
-
-
-@pytest.mark.parametrize("transform", [L_TRANSFORM, S_TRANSFORM], ids=lambda one: one.name)
-def test_laplacian_costs_give_the_optimum_of_exhaustive_search(transform: IntegerTransform) -> None:
-    """With mu times the magnitude and random significance (3.19), the least cost of all trees."""
-    rng, search = np.random.default_rng(4), Search()
-    for case in range(NUM_CASES):
-        shape = SHAPES[case % len(SHAPES)]
-        num_labels = 2 if max(shape) * min(shape) > 4 and transform is L_TRANSFORM else 3
-        tensor = rng.uniform(0.0, 1.0, (*shape, num_labels)).astype(np.float32)
-        significance = [rng.integers(0, 2, size).astype(np.uint8) for size in level_shapes(shape)[1:]]
-        costs = laplacian_costs(shape, significance, float(rng.uniform(0.0, 0.5)))
-        tree, total = optimise_tree(transform, tensor, costs)
-        assert total == pytest.approx(search.costs(transform, tensor, costs, None).min(), abs=1e-5)
-        assert cost_of(tree, tensor, costs, None) == pytest.approx(total, abs=1e-5)
-        for high, classes in zip(tree.highs, significance, strict=True):
-            rows, columns = np.indices(high.shape) // 2
-            assert not high[classes[rows, columns] == 0].any()
+        assert tree.levels()[0].max() < tensor.shape[2]
+        if cases is laplacian_cases:
+            for high, cost in zip(tree.highs, costs, strict=True):
+                assert not high[cost.coefficient_kind == 0].any()
 
 
 def test_worked_numbers() -> None:
