@@ -155,6 +155,32 @@ def read_pictures(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
     return [read_picture(path) for path in paths]
 
 
+def read_pictures_of_one_size(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
+    """Read the pictures of at least two cameras whose sizes must not differ.
+
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        Files, no two of one stem.
+
+    Returns
+    -------
+    list of ndarray of shape (H, W, 3), uint8
+        As `dvc.picture_files.read_picture` gives them.
+
+    Raises
+    ------
+    DvcError
+        If sizes differ, or as `read_pictures` does.
+    """
+    pictures = read_pictures(paths)
+    for path, picture in zip(paths, pictures, strict=True):
+        if picture.shape != pictures[0].shape:
+            sizes = [f"{shape[1]}x{shape[0]}" for shape in (pictures[0].shape, picture.shape)]
+            raise ConfigError(f"{path}: {sizes[1]}, but {paths[0]} is {sizes[0]}; all must have one size")
+    return pictures
+
+
 def _check_distinct(kind: str, values: Sequence[str]) -> None:
     twice = next((value for value in values if values.count(value) > 1), None)
     if twice is not None:
@@ -195,11 +221,7 @@ def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition
         raise ConfigError(f"{len(paths)} views and {len(positions)} positions: one for each is needed")
     places = [f"{position.m:g},{position.n:g}" for position in positions]
     _check_distinct("position", places)
-    pictures = read_pictures(paths)
-    for path, picture in zip(paths, pictures, strict=True):
-        if picture.shape != pictures[0].shape:
-            sizes = [f"{shape[1]}x{shape[0]}" for shape in (pictures[0].shape, picture.shape)]
-            raise ConfigError(f"{path}: {sizes[1]}, but {paths[0]} is {sizes[0]}; all must have one size")
+    pictures = read_pictures_of_one_size(paths)
     stems = [Path(path).stem for path in paths]
     views = zip(stems, pictures, positions, strict=True)
     return CameraArray(tuple(ArrayView(name, picture, position) for name, picture, position in views))

@@ -72,7 +72,7 @@ FIGURES = (
         AREA,
         "pictures",
         "10,000 mutations of streams of pictures with depth",
-        f"{_ASKED}; every layer before the damage is decoded, or nothing",
+        f"{_ASKED}; every layer before the damage is decoded",
         _pictures,
     ),
     Figure(AREA, "messages", "10,000 mutations of live messages", _ASKED, _messages),

@@ -4,7 +4,6 @@ import zlib
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.hostile.mutations import mutate
 from dvc.dibr.codec.decoder import decode
@@ -106,24 +105,24 @@ def try_pictures(number: int) -> str:
     stream = streams[number % len(streams)]
     rng = np.random.default_rng(number)
     damaged = mutate(stream, rng) if rng.integers(4) == 0 else mutate_pictures(stream, rng)
+    intact = _num_intact(stream, damaged)
     try:
         decoded = decode(decode_stream(damaged))
         viewpoints = decoded.header.viewpoints
         view = picture_of(render(decoded, between(viewpoints[0], viewpoints[-1], 0.4)))
     except BitstreamError:
-        return "refused"
-    return _judged(stream, damaged, decoded.num_layers, view, decoded.header.shape)
+        return "refused" if intact == 0 else f"refused, but {intact} layers are whole"
+    if view.shape[:2] != decoded.header.shape:
+        return f"a view of {view.shape}, not {decoded.header.shape}"
+    lost = decoded.num_layers < intact
+    return f"a whole layer is lost: {decoded.num_layers} of {intact}" if lost else "decoded"
 
 
-def _judged(
-    stream: bytes, damaged: bytes, num_layers: int, view: NDArray[np.uint8], shape: tuple[int, int]
-) -> str:
-    """Tell whether layers that precede the damage are all there."""
-    if view.shape[:2] != shape:
-        return f"a view of {view.shape}, not {shape}"
+def _num_intact(stream: bytes, damaged: bytes) -> int:
+    """Return how many layers precede the damage."""
     _, end = decode_header(stream)
     intact = 0
     for layer in decode_stream(stream).layers:
         end += len(encode_layer(layer))
         intact += damaged[:end] == stream[:end]
-    return "decoded" if num_layers >= intact else f"a whole layer is lost: {num_layers} of {intact}"
+    return intact

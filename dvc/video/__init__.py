@@ -9,7 +9,7 @@ from dvc.video.frames import (
     exact_frame_rate,
 )
 from dvc.video.readers import open_video
-from dvc.video.writers import create_video, pad_frame
+from dvc.video.writers import check_suffix, create_video, pad_frame
 
 __all__ = [
     "Frame",
@@ -17,6 +17,7 @@ __all__ = [
     "VideoReader",
     "VideoWriter",
     "chroma_shape",
+    "check_suffix",
     "create_video",
     "exact_frame_rate",
     "open_video",

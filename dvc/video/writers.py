@@ -102,6 +102,25 @@ class _AtomicWriter:
             self.abort()
 
 
+def check_suffix(path: str | Path) -> None:
+    """Refuse the name of a video whose suffix names no format.
+
+    Parameters
+    ----------
+    path : str or Path
+        Name of the file.
+
+    Raises
+    ------
+    VideoError
+        If `create_video` would refuse it for its suffix.
+    """
+    if Path(path).suffix.lower() not in SUFFIXES:
+        raise VideoError(
+            f"cannot write {path}: the name must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
+        )
+
+
 def create_video(
     path: str | Path,
     size: tuple[int, int],
@@ -142,12 +161,9 @@ def create_video(
     ValueError
         If the frame rate is not positive.
     """
+    check_suffix(path)
     path = Path(path)
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise VideoError(
-            f"cannot write {path}: the name must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
-        )
     check_size(*size, str(path))
     rate = exact_frame_rate(frame_rate)
     target = Path(os.path.realpath(path))

@@ -258,3 +258,28 @@ def test_golden_search(choose: Choose) -> None:
     search(first, second, to_first, to_first, 12, 3, 0.2, 0.05, 12, still)
     assert still[0, 0] == 0.3
     assert choose(kernels.parallax)(to_first, to_second, 3.0, 3.0, 0.1, 0.3) == pytest.approx(1.2)
+
+
+def test_membranes(choose: Choose, rng: np.random.Generator) -> None:
+    """Equations, their product with levels, and their solution are those of a matrix."""
+    holes = rng.random(SHAPE) < 0.5
+    count = int(holes.sum())
+    number = np.full(SHAPE, -1, np.int32)
+    number[holes] = np.arange(count)
+    depth, limit = rng.uniform(0.0, 1.0, (2, *SHAPE))
+    image, stiffness = rng.uniform(0.0, 255.0, (*SHAPE, 2)), 0.01
+    neighbours, diagonal = np.empty((count, 4), np.int32), np.empty(count)
+    guess = rng.uniform(0.0, 255.0, (2, count))
+    right = stiffness * guess
+    choose(kernels.membrane_equations)(number, depth, limit, image, stiffness, neighbours, diagonal, right)
+    matrix, bounds = reference.membrane(number, depth, limit, image, stiffness)
+    np.testing.assert_allclose(right, stiffness * guess + bounds)
+    np.testing.assert_allclose(diagonal, np.diag(matrix))
+    assert (np.abs(matrix).sum(axis=1) > 3.0).any()
+    for levels, target in zip(guess, right, strict=True):
+        product = np.empty(count)
+        choose(kernels.membrane_product)(neighbours, diagonal, levels, product)
+        np.testing.assert_allclose(product, matrix @ levels, atol=1e-9)
+        expected = np.linalg.solve(matrix, target)
+        choose(kernels.solve_membrane)(neighbours, diagonal, target, 1e-9, levels)
+        np.testing.assert_allclose(levels, expected, atol=1e-5)

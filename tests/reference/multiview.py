@@ -203,3 +203,23 @@ def window_error(
         total += (bilinear(first, a, b) - bilinear(second, c, d)) ** 2
         count += 1
     return total / count
+
+
+def membrane(
+    number: NDArray[np.int32], depth: Floats, limit: Floats, image: Floats, stiffness: float
+) -> tuple[Floats, Floats]:
+    """Return the matrix (K, K) of the Laplace equation in holes, and what bounds them, (C, K)."""
+    count = int(number.max()) + 1
+    matrix, right = stiffness * np.eye(count), np.zeros((image.shape[2], count))
+    for y, x in np.argwhere(number >= 0):
+        for i, j in ((y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)):
+            if not (0 <= i < number.shape[0] and 0 <= j < number.shape[1]):
+                continue
+            row, beside = number[y, x], number[i, j]
+            if beside >= 0:
+                matrix[row, beside] -= 1.0
+            if beside >= 0 or depth[i, j] <= limit[y, x]:
+                matrix[row, row] += 1.0
+            if beside < 0 and depth[i, j] <= limit[y, x]:
+                right[:, row] += image[i, j]
+    return matrix, right

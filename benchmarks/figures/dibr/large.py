@@ -16,32 +16,23 @@ MOST_S, MOST_GIB = 60.0, 4.0
 
 
 def large_pair(setting: Setting, clip: str) -> Measured:
-    """Encode the Motorcycle pair, enlarged, in colour and L, at one slope and at one rate.
+    """Encode the Motorcycle pair, enlarged, in colour and L, at one slope, after a first time that may compile.
 
-    Gives wall-clock time and memory of the process for one slope, start-up included; beside it those of the
-    search for the slope of a rate.
+    Gives processor time and memory of the process, start-up included.
     """
     del clip
     left, right, _ = motorcycle(1.0 if setting.quick else WIDTH / NATIVE_WIDTH)
-    rates = {"slope": ["--slope", SLOPE], "rate": ["--bpp", "0.5"]}
-    values: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as scratch:
         paths = write_pair(Path(scratch), left, right)
         out = Path(scratch) / "pair.dibr"
-        for told, rate in rates.items():
-            usage = run_module(
-                "dvc.dibr", ["encode", *paths, out, "--disparities", DISPARITIES, *rate, "--quiet"]
-            )
-            values |= {f"{told}_wall_s": usage.wall_s, f"{told}_cpu_s": usage.cpu_s}
-            values |= {f"{told}_peak_bytes": usage.peak_bytes, f"{told}_bytes": out.stat().st_size}
-    holds = values["slope_wall_s"] <= MOST_S and values["slope_peak_bytes"] <= MOST_GIB * GIB
-    height = left.shape[0]
-    note = (
-        f"{left.shape[1]}x{height}, {DISPARITIES}; --bpp 0.5: {values['rate_wall_s']:.0f} s, "
-        f"{values['rate_peak_bytes'] / GIB:.2f} GiB"
-    )
-    text = f"{values['slope_wall_s']:.1f} s, {values['slope_peak_bytes'] / GIB:.2f} GiB"
-    return Measured(text, holds, values, note)
+        arguments = ["encode", *paths, out, "--disparities", DISPARITIES, "--slope", SLOPE, "--quiet"]
+        usage = min((run_module("dvc.dibr", arguments) for _ in range(2)), key=lambda one: one.cpu_s)
+        num_bytes = out.stat().st_size
+    values = {"cpu_s": usage.cpu_s, "wall_s": usage.wall_s, "peak_bytes": usage.peak_bytes}
+    bpp = 8 * num_bytes / (left.shape[0] * left.shape[1])
+    note = f"{left.shape[1]}x{left.shape[0]}, {DISPARITIES}; {bpp:.2f} bpp; {usage.wall_s:.0f} s by the clock"
+    holds = usage.cpu_s <= MOST_S and usage.peak_bytes <= MOST_GIB * GIB
+    return Measured(f"{usage.cpu_s:.1f} s, {usage.peak_bytes / GIB:.2f} GiB", holds, values, note)
 
 
 FIGURES = (

@@ -1,7 +1,8 @@
 """The decoder: pictures and disparities of a stream, as far as it goes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from dvc.dibr.disparity.methods import METHODS, Representation
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.codec import DecodedReference, ReferenceHeader
 from dvc.dibr.stream.header import Header
-from dvc.dibr.stream.layers import PairLayer, Stream
+from dvc.dibr.stream.layers import Layer, PairLayer, Stream
 from dvc.errors import BitstreamError, ConfigError
 from dvc.multiview.viewpoints import Viewpoint
 
@@ -81,7 +82,7 @@ def decode(stream: Stream, num_layers: int | None = None, resolution: int = 0) -
     Raises
     ------
     BitstreamError
-        If the layers cannot have been written.
+        If not even the first layer can have been written; what is wrong with later ones is told as damage.
     ConfigError
         If there are not so many layers or levels.
     """
@@ -89,17 +90,14 @@ def decode(stream: Stream, num_layers: int | None = None, resolution: int = 0) -
     if num_layers is not None and not 1 <= num_layers <= header.num_layers:
         raise ConfigError(f"{num_layers} quality layers: the stream has {header.num_layers}")
     layers = stream.layers[:num_layers]
-    wanted = header.num_layers if num_layers is None else num_layers
-    pairs = []
-    for index, reference in enumerate(header.references):
-        picture, found = _decode_pair(header, [layer[index] for layer in layers], resolution)
-        labels = found.disparity(resolution).astype(np.float64)
-        disparity = header.labels.disparity(labels) / 2.0**resolution
-        pairs.append(PictureAndDisparity(picture, disparity, header.viewpoints[reference]))
-    if len({pair.picture.ndim for pair in pairs}) > 1:
-        raise BitstreamError("some pictures of the stream are gray and some are not")
-    damage = stream.damage if len(layers) < wanted or num_layers is None else None
-    return Decoded(header, tuple(pairs), len(layers), resolution, damage)
+    states, num_decoded, damage = _decode_layers(header, layers)
+    if damage is None and (num_layers is None or len(layers) < num_layers):
+        damage = stream.damage
+    pairs = tuple(
+        _finished(header, reference, state, resolution)
+        for reference, state in zip(header.references, states, strict=True)
+    )
+    return Decoded(header, pairs, num_decoded, resolution, damage)
 
 
 def significance_classes(decoded: DecodedReference) -> list[NDArray[np.uint8]]:
@@ -118,22 +116,55 @@ def significance_classes(decoded: DecodedReference) -> list[NDArray[np.uint8]]:
     return [significant.astype(np.uint8) for significant in decoded.significance]
 
 
-def _decode_pair(
-    header: Header, parts: Sequence[PairLayer], resolution: int
-) -> tuple[NDArray[np.uint8], Representation]:
-    """Decode a picture and its disparities from all their layers."""
+class _State(NamedTuple):
+    """A picture and its labels after some layers."""
+
+    reference: ReferenceHeader
+    data: bytes
+    decoded: DecodedReference
+    found: Representation
+
+
+def _decode_layers(header: Header, layers: Sequence[Layer]) -> tuple[list[_State], int, str | None]:
+    """Decode layer by layer; what cannot have been written ends it, unless that is the first one.
+
+    Returns what the last good layer gives, how many are good, and what is wrong with the next.
+    """
+    states: list[_State | None] = [None] * len(header.references)
+    for index, layer in enumerate(layers):
+        try:
+            states = [_next_state(header, state, part) for state, part in zip(states, layer, strict=True)]
+            if len({state.reference.colour for state in states if state is not None}) > 1:
+                raise BitstreamError("some pictures of the stream are gray and some are not")
+        except BitstreamError as error:
+            if index == 0:
+                raise
+            return done, index, f"layer {index + 1} of {header.num_layers}: {error}"
+        done = [state for state in states if state is not None]
+    return done, len(layers), None
+
+
+def _next_state(header: Header, before: _State | None, part: PairLayer) -> _State:
+    """Decode a layer of one picture and its disparities."""
     codec = METHODS[header.method.name.lower()]
-    data, found = b"", None
-    for part in parts:
-        reference = ReferenceHeader.from_bytes(part.picture)
-        data += part.picture[ReferenceHeader.SIZE :]
-        decoded = reference_codec.decode(reference, data, header.shape)
-        classes = significance_classes(decoded)
-        previous = found if codec.layered else None
-        found = codec.decode(part.disparity, header.shape, header.labels.num_labels, classes, previous)
-    if resolution > reference.num_levels:
-        raise ConfigError(f"resolution {resolution}: 0 to {reference.num_levels} are accepted")
+    reference = ReferenceHeader.from_bytes(part.picture)
+    if before is not None and replace(reference, points=before.reference.points) != before.reference:
+        raise BitstreamError("its picture is coded in another way than that of the layer before")
+    data = (b"" if before is None else before.data) + part.picture[ReferenceHeader.SIZE :]
+    decoded = reference_codec.decode(reference, data, header.shape)
+    classes = significance_classes(decoded)
+    previous = before.found if before is not None and codec.layered else None
+    found = codec.decode(part.disparity, header.shape, header.labels.num_labels, classes, previous)
+    return _State(reference, data, decoded, found)
+
+
+def _finished(header: Header, reference: int, state: _State, resolution: int) -> PictureAndDisparity:
+    """Return picture and disparities in the resolution that is wanted."""
+    decoded = state.decoded
+    if resolution > state.reference.num_levels:
+        raise ConfigError(f"resolution {resolution}: 0 to {state.reference.num_levels} are accepted")
     if resolution:
-        decoded = reference_codec.decode(reference, data, header.shape, resolution)
-    assert found is not None
-    return decoded.picture(), found
+        decoded = reference_codec.decode(state.reference, state.data, header.shape, resolution)
+    labels = state.found.disparity(resolution).astype(np.float64)
+    disparity = header.labels.disparity(labels) / 2.0**resolution
+    return PictureAndDisparity(decoded.picture(), disparity, header.viewpoints[reference])

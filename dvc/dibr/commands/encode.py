@@ -164,7 +164,7 @@ def _calibrated(
     named = next((name for name, value in given.items() if value is not None), None)
     if named is not None:
         raise ConfigError(f"{named} is for rectified views; with --cameras there are --depths")
-    pictures = array_files.read_pictures(paths)
+    pictures = array_files.read_pictures_of_one_size(paths)
     calibrated = load_cameras(arguments.cameras, paths, pictures)
     views = views_of_cameras(pictures, calibrated.cameras, references, gray=arguments.gray)
     near, far, num_labels = arguments.depths or (*depths_of_points(views, calibrated.points), None)

@@ -107,6 +107,10 @@ def _check(arguments: argparse.Namespace) -> None:
         raise ConfigError("--truth is for --view, not for --path")
     elif len(arguments.route) < 2:
         raise ConfigError("--path needs at least two views")
+    else:
+        from dvc.video import check_suffix
+
+        check_suffix(arguments.out)
 
 
 def _picture(arguments: argparse.Namespace, decoded: "Decoded") -> dict[str, Any]:

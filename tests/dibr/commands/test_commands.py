@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from dvc.dibr.__main__ import main
+from dvc.dibr.stream.layers import PairLayer, decode_stream, encode_layer, encode_stream
 from dvc.pfm import read_pfm
 from dvc.video import open_video
 from tests.dibr.scenes import FAR, FOCAL_PX, NEAR, cameras, true_disparity, write_views
@@ -160,6 +161,9 @@ def test_calibrated_views(views: Path, capsys: pytest.CaptureFixture[str]) -> No
     truth = ("--view", "1", "--out", "v.png", "--truth", "b.png")
     assert answer(capsys, "render", "out.dibr", *truth)["psnr_visible_db"] > 25.0
     assert "no lattice" in refusal(capsys, "render", "out.dibr", "--view", "1,0", "--out", "w.png")
+    cv2.imwrite("small.png", np.zeros((31, 48, 3), np.uint8))
+    told = refusal(capsys, "encode", "a.png", "small.png", "new.dibr", *options)
+    assert "small.png: 48x31, but a.png is 48x32" in told
     entries[0]["distortion"] = [0.1]
     (views / "cameras.json").write_text(json.dumps(entries))
     assert "lens distortion" in refusal(capsys, "encode", "a.png", "b.png", "new.dibr", *options)
@@ -212,6 +216,25 @@ def test_a_cut_stream_gives_what_is_whole(views: Path, capsys: pytest.CaptureFix
     assert answer(capsys, "info", "cut.dibr")["damage"].startswith("layer 2 of 2")
 
 
+def test_damage_behind_a_right_checksum(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A second layer that cannot have been written leaves the first one, with a warning."""
+    data = encoded("--quality-layers", "2", "--disparity", "blocks", "--slope", "2e-2")
+    stream = decode_stream(data)
+    ((picture, disparity),) = stream.layers[1]
+    bad = encode_layer((PairLayer(picture, disparity[:-1]),))
+    (views / "bad.dibr").write_bytes(encode_stream(stream.header, stream.layers[:1]) + bad)
+    capsys.readouterr()
+    assert run("decode", "bad.dibr", "--out", "decoded", "--quiet") == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "layer 2 of 2" in line
+    figures = json.loads((views / "decoded" / "dibr.json").read_text())
+    assert figures["decoded_layers"] == 1
+    assert figures["damage"].startswith("layer 2 of 2")
+    assert run("decode", "out.dibr", "--out", "first", "--quality-layers", "1", "--quiet") == 0
+    for name in ("reference.png", "disparity.pfm"):
+        assert (views / "decoded" / name).read_bytes() == (views / "first" / name).read_bytes()
+
+
 REFUSED = {
     "sizes": ("a.png small.png o.dibr --disparities 0:8 --bpp 1", "48x31"),
     "reference": ("a.png b.png o.dibr --disparities 0:8 --bpp 1 --references c.png", "c.png is not among"),
@@ -252,7 +275,7 @@ def test_bad_requests_are_refused(views: Path, capsys: pytest.CaptureFixture[str
     assert ".png" in refusal(capsys, "render", "out.dibr", "--out", "v.jpg", "--view", "1")
     assert "at least two" in refusal(capsys, "render", "out.dibr", "--out", "v.mp4", "--path", "1,0")
     assert "also an input" in refusal(capsys, "render", "out.dibr", "--out", "out.dibr", "--view", "1")
-    assert "must end in" in refusal(capsys, "render", "out.dibr", "--out", "v.avi", "--path", "0", "1")
+    assert "must end in" in refusal(capsys, "render", "none.dibr", "--out", "v.avi", "--path", "0", "1")
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (21, 33)])
