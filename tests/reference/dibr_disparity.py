@@ -22,7 +22,7 @@ def coefficient_cost(
     with np.errstate(invalid="ignore"):
         linear = np.where(np.isinf(slope), np.inf, constant + slope * np.abs(difference))
     apart = tear * np.abs(difference)
-    cost = np.minimum(np.where(difference == 0, zero, linear), jump)
+    cost: Floats = np.minimum(np.where(difference == 0, zero, linear), jump)
     cost = np.minimum(cost, linear) + apart
     if label is not None:
         for candidate, merge in zip(costs.candidates[i, j], costs.merges[kind], strict=True):
@@ -118,7 +118,8 @@ def total_costs(
         flags = cost.flags[cost.node_kind].astype(float)
         spent = np.minimum(np.where(same_up, flat_up + flags[..., 0], np.inf), up + flags[..., 1])
         flat, same = flat_up, same_up
-    return spent.sum(axis=(1, 2))
+    totals: Floats = spent.sum(axis=(1, 2))
+    return totals
 
 
 def error_tensor(

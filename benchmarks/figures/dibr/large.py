@@ -16,7 +16,7 @@ MOST_S, MOST_GIB = 60.0, 4.0
 
 
 def large_pair(setting: Setting, clip: str) -> Measured:
-    """Encode the Motorcycle pair, enlarged, in colour and L, at one slope, after a first time that may compile.
+    """Encode the Motorcycle pair, enlarged, in colour and L, at one slope; the first time may compile.
 
     Gives processor time and memory of the process, start-up included.
     """

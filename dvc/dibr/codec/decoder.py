@@ -130,18 +130,19 @@ def _decode_layers(header: Header, layers: Sequence[Layer]) -> tuple[list[_State
 
     Returns what the last good layer gives, how many are good, and what is wrong with the next.
     """
-    states: list[_State | None] = [None] * len(header.references)
+    states: list[_State] = []
     for index, layer in enumerate(layers):
+        before: Sequence[_State | None] = states or [None] * len(layer)
         try:
-            states = [_next_state(header, state, part) for state, part in zip(states, layer, strict=True)]
-            if len({state.reference.colour for state in states if state is not None}) > 1:
+            found = [_next_state(header, state, part) for state, part in zip(before, layer, strict=True)]
+            if len({state.reference.colour for state in found}) > 1:
                 raise BitstreamError("some pictures of the stream are gray and some are not")
         except BitstreamError as error:
             if index == 0:
                 raise
-            return done, index, f"layer {index + 1} of {header.num_layers}: {error}"
-        done = [state for state in states if state is not None]
-    return done, len(layers), None
+            return states, index, f"layer {index + 1} of {header.num_layers}: {error}"
+        states = found
+    return states, len(layers), None
 
 
 def _next_state(header: Header, before: _State | None, part: PairLayer) -> _State:
