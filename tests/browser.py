@@ -30,6 +30,13 @@ ARGUMENTS = (
     "--disable-component-update",
     "--disable-sync",
 )
+GRAPHICS_ARGUMENTS = (
+    *(argument for argument in ARGUMENTS if argument != "--disable-gpu"),
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+)
+"""With WebGL 2, drawn by the processor."""
 START_LIMIT_S = 30
 WAIT_LIMIT_S = 60
 INSTALL_LIMIT_S = 600

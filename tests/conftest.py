@@ -1,7 +1,7 @@
 """What all tests share: the hypothesis profile, small videos, and the real sequences where present."""
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,6 +61,16 @@ def moving_frames() -> Callable[..., list[Frame]]:
 @pytest.fixture(scope="module")
 def browser(request: pytest.FixtureRequest) -> Iterator["Browser"]:
     """Start a browser; without one tests of pages are skipped, or fail where it is required."""
+    yield from _started_browser(request, browsers.ARGUMENTS)
+
+
+@pytest.fixture(scope="module")
+def graphics_browser(request: pytest.FixtureRequest) -> Iterator["Browser"]:
+    """Start a browser with WebGL 2, as `browser` does."""
+    yield from _started_browser(request, browsers.GRAPHICS_ARGUMENTS)
+
+
+def _started_browser(request: pytest.FixtureRequest, arguments: Sequence[str]) -> Iterator["Browser"]:
     from playwright.sync_api import sync_playwright
 
     path = browsers.find()
@@ -70,7 +80,6 @@ def browser(request: pytest.FixtureRequest) -> Iterator["Browser"]:
         request.node.add_marker(pytest.mark.skip(browsers.missing()))  # of the module: one line for all tests
         pytest.skip(browsers.missing())
     with sync_playwright() as playwright:
-        arguments = list(browsers.ARGUMENTS)
-        started = playwright.chromium.launch(executable_path=path, args=arguments, timeout=60_000)
+        started = playwright.chromium.launch(executable_path=path, args=list(arguments), timeout=60_000)
         yield started
         started.close()

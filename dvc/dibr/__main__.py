@@ -3,13 +3,14 @@
 import sys
 
 from dvc import subcommands
-from dvc.dibr.commands import decode, encode, evaluate, info, render
+from dvc.dibr.commands import decode, encode, evaluate, info, render, view
 
 EXAMPLES = """\
   dvc-dibr encode left.png right.png pair.dibr --disparities 0:60 --bpp 0.5
   dvc-dibr info pair.dibr
   dvc-dibr decode pair.dibr --out decoded
   dvc-dibr render pair.dibr --view 0.5,0 --out between.png
+  dvc-dibr view pair.dibr --out pair.html
   dvc-dibr evaluate --out chapter3
   dvc-dibr render pair.dibr --path 0,0 1,0 --frames 50 --out flight.mp4
 """
@@ -18,7 +19,7 @@ main = subcommands.command(
     "dvc-dibr",
     "Views and their depth, coded together; any view rendered from them.",
     EXAMPLES,
-    subcommands.by_name((encode, decode, render, info, evaluate)),
+    subcommands.by_name((encode, decode, render, view, info, evaluate)),
 )
 
 if __name__ == "__main__":

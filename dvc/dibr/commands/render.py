@@ -120,7 +120,7 @@ def _picture(arguments: argparse.Namespace, decoded: "Decoded") -> dict[str, Any
     from dvc.files import atomic_output
     from dvc.picture_files import write_png
 
-    truth = None if arguments.truth is None else _truth(arguments.truth, decoded.header.shape)
+    truth = None if arguments.truth is None else read_truth(arguments.truth, decoded.header.shape)
     view = render(decoded, viewpoint_of(decoded.header, arguments.view), Blend(arguments.blend))
     with atomic_output(arguments.out) as temporary:
         write_png(temporary, blue_first(picture_of(view)))
@@ -128,7 +128,26 @@ def _picture(arguments: argparse.Namespace, decoded: "Decoded") -> dict[str, Any
     return figures if truth is None else figures | quality(view, truth)
 
 
-def _truth(path: str, shape: tuple[int, int]) -> "NDArray[np.uint8]":
+def read_truth(path: str, shape: tuple[int, int]) -> "NDArray[np.uint8]":
+    """Read a picture to compare with views.
+
+    Parameters
+    ----------
+    path : str
+        Its file.
+    shape : tuple of int
+        Height and width of the views.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), uint8
+        The picture.
+
+    Raises
+    ------
+    DvcError
+        If it cannot be read or has another size.
+    """
     from dvc.picture_files import read_picture
 
     truth = read_picture(path)

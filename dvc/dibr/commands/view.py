@@ -1,0 +1,210 @@
+"""`dvc-dibr view`: a decoded scene as a page in which the viewpoint is moved by hand."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dvc import cli
+from dvc.dibr.commands.options import (
+    add_json,
+    add_layers,
+    json_files,
+    parse_view,
+    read_stream,
+    viewpoint_of,
+    warn,
+)
+from dvc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from dvc.dibr.codec.decoder import Decoded
+    from dvc.dibr.stream.header import Header
+    from dvc.dibr.viewer.page import Caption
+    from dvc.dibr.viewer.scene import Scene
+    from dvc.multiview.camera_array import LatticePosition
+    from dvc.multiview.viewpoints import Viewpoint
+
+SUMMARY = "a page to look around in a scene"
+DESCRIPTION = (
+    "Write one HTML page in which the viewpoint is moved by mouse, touch or keys; it needs WebGL 2 and no "
+    "network. The scene is a stream, or a folder that dvc-stereo layers or dvc-stereo sprites has written."
+)
+EXAMPLES = """\
+  dvc-dibr view pair.dibr --out pair.html
+  dvc-dibr view pair.dibr --out pair.html --truth left.png right.png
+  dvc-dibr view array.dibr --out array.html --truth 3=centre.png 0.5,0=between.png
+  dvc-dibr view layers --out layers.html
+"""
+INDEX_FILES = "layers.json", "sprites.json"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the subcommand takes.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the subcommand.
+    """
+    parser.add_argument("path", metavar="SCENE", help="stream, whole or cut, or folder of layers or sprites")
+    parser.add_argument("--out", metavar="PAGE.html", required=True, help="the page")
+    add_layers(parser)
+    truth = (
+        "pictures taken at the views of the stream, in their order, or with the place before them: the page "
+        "tells PSNR there"
+    )
+    parser.add_argument("--truth", nargs="+", default=[], metavar="[M,N=|K=]VIEW", help=truth)
+    add_json(parser)
+    parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the page.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        As parsed.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    from dvc.dibr.viewer.page import write_page
+
+    if Path(arguments.out).suffix.lower() not in (".html", ".htm"):
+        raise ConfigError(f"the name of a page must end in .html, got {arguments.out}")
+    truths = [_truth(text) for text in arguments.truth]
+    cli.check_outputs(
+        [arguments.path, *(path for _, path in truths)], [arguments.out, *json_files(arguments)]
+    )
+    if Path(arguments.path).is_dir():
+        if truths or arguments.quality_layers is not None:
+            raise ConfigError("--truth and --quality-layers are for streams, not for folders")
+        scene, caption = _folder(Path(arguments.path))
+    else:
+        scene, caption = _stream(arguments, truths)
+    write_page(arguments.out, scene, caption)
+    figures = _figures(arguments.out, scene, caption)
+    if arguments.json is not None:
+        cli.write_json(arguments.json, figures)
+    if arguments.json != "-" and not arguments.quiet:
+        known = [f"{value:.2f} dB" for value in caption.qualities if value is not None]
+        told = f"; PSNR {', '.join(known)}" if known else ""
+        sys.stdout.write(
+            f"{arguments.out}: {figures['page_bytes']} bytes, {figures['sources']} sources{told}\n"
+        )
+    return 0
+
+
+def _truth(text: str) -> "tuple[LatticePosition | int | None, str]":
+    """Place, if any, and file of a picture; a name that looks like both needs its folder before it."""
+    place, equals, path = text.partition("=")
+    try:
+        return (parse_view(place), path) if equals and path else (None, text)
+    except argparse.ArgumentTypeError:
+        return None, text
+
+
+def _stream(
+    arguments: argparse.Namespace, truths: "list[tuple[LatticePosition | int | None, str]]"
+) -> "tuple[Scene, Caption]":
+    """Scene of a stream, and how near its views are to pictures taken there."""
+    from dataclasses import replace
+
+    from dvc.dibr.codec.decoder import decode
+    from dvc.dibr.viewer.page import Caption
+    from dvc.dibr.viewer.scene import scene_of_stream
+
+    decoded = decode(read_stream(arguments.path), arguments.quality_layers)
+    scene = scene_of_stream(decoded)
+    known = _qualities(decoded, _placed(decoded.header, truths), arguments.quiet)
+    others = [viewpoint for viewpoint, _ in known if viewpoint not in scene.viewpoints]
+    scene = replace(scene, viewpoints=(*scene.viewpoints, *others))
+    qualities = dict(known)
+    warn(arguments.path, decoded.damage)
+    notes = []
+    if decoded.damage is not None:
+        notes.append(f"The stream is damaged: {cli.one_line(decoded.damage)}; what precedes it is shown.")
+    elif decoded.num_layers < decoded.header.num_layers:
+        notes.append(f"{decoded.num_layers} of {decoded.header.num_layers} quality layers are shown.")
+    path = Path(arguments.path)
+    return scene, Caption(
+        path.name,
+        "decoded stream",
+        path.stat().st_size,
+        tuple(notes),
+        tuple(qualities.get(viewpoint) for viewpoint in scene.viewpoints),
+    )
+
+
+def _placed(
+    header: "Header", truths: "list[tuple[LatticePosition | int | None, str]]"
+) -> "list[tuple[Viewpoint, str]]":
+    """Viewpoints of pictures; those without a place are of the views in their order."""
+    placed: list[tuple[Viewpoint, str]] = []
+    number = 0
+    for place, path in truths:
+        if place is None and number >= len(header.viewpoints):
+            raise ConfigError(f"--truth {path}: the stream has {len(header.viewpoints)} views")
+        placed.append((viewpoint_of(header, number if place is None else place), path))
+        number += place is None
+    if len({viewpoint for viewpoint, _ in placed}) < len(placed):
+        raise ConfigError("--truth: two pictures of one view")
+    return placed
+
+
+def _qualities(
+    decoded: "Decoded", truths: "list[tuple[Viewpoint, str]]", quiet: bool
+) -> "list[tuple[Viewpoint, float | None]]":
+    """PSNR of the views of some pictures in dB; None where there is no difference."""
+    from dvc.dibr.codec.rendering import render
+    from dvc.dibr.commands.render import quality, read_truth
+
+    pictures = [(viewpoint, read_truth(path, decoded.header.shape)) for viewpoint, path in truths]
+    known = []
+    with cli.progress_bar("views", len(pictures), quiet) as advance:
+        for viewpoint, picture in pictures:
+            known.append((viewpoint, quality(render(decoded, viewpoint), picture)["psnr_db"]))
+            advance(1)
+    return known
+
+
+def _folder(folder: Path) -> "tuple[Scene, Caption]":
+    """Scene of a folder of layers or sprites."""
+    from dvc.dibr.viewer.page import Caption
+    from dvc.dibr.viewer.scene import scene_of_layers, scene_of_sprites
+    from dvc.stereo.layers.layers_folder import read_layers
+    from dvc.stereo.layers.sprites_folder import read_sprites
+
+    found = [name for name in INDEX_FILES if (folder / name).is_file()]
+    if not found:
+        raise ConfigError(f"{folder}: a folder without {' or '.join(INDEX_FILES)}")
+    if found[0] == INDEX_FILES[0]:
+        image = read_layers(folder)
+        scene, kind = scene_of_layers(image), f"{len(image.votes)} layers, not coded"
+    else:
+        sprites = read_sprites(folder)
+        scene, kind = scene_of_sprites(sprites), f"{len(sprites.sprites)} sprites, not coded"
+    if not scene.sources[0].pieces:
+        raise ConfigError(f"{folder}: nothing to be seen in it")
+    files = [path for kind_of in ("colour", "sprite", "disparity") for path in folder.glob(f"{kind_of}-*")]
+    size = sum(path.stat().st_size for path in files)
+    return scene, Caption(folder.resolve().name, kind, size)
+
+
+def _figures(path: str, scene: "Scene", caption: "Caption") -> dict[str, Any]:
+    height, width = scene.shape
+    return {
+        "page_bytes": Path(path).stat().st_size,
+        "width": width,
+        "height": height,
+        "scene_bytes": caption.num_bytes,
+        "bpp": 8 * caption.num_bytes / (width * height),
+        "sources": len(scene.sources),
+        "pieces": sum(len(source.pieces) for source in scene.sources),
+        "bounds": scene.bounds._asdict(),
+        "psnr_db": list(caption.qualities),
+    }

@@ -1,0 +1,1 @@
+"""A viewer: decoded scenes as one HTML page in which the viewpoint is moved by hand."""

@@ -1,0 +1,236 @@
+"""The page of the viewer: one file with a scene and the programs that draw it, which loads nothing."""
+
+import base64
+import zlib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.viewer.scene import Piece, Scene, Source, places_of, unit_of
+from dvc.files import atomic_output
+from dvc.multiview.camera_array import LatticePosition
+from dvc.multiview.viewpoints import CalibratedViewpoint
+from dvc.page.document import asset, content_policy, data_uri, script_json, template
+from dvc.page.drawing import colour_disparity
+
+Floats = NDArray[np.float64]
+
+TEMPLATES = resources.files("dvc.dibr.viewer") / "templates"
+SCRIPTS = ("warps.js", "decoding.js", "renderer.js", "viewer.js")
+"""In this order; each needs those before it."""
+SHADERS = ("surface.vert", "surface.frag", "view.vert", "view.frag")
+MAX_CODE = 2**16 - 1
+"""Disparities are whole numbers from 1 to this; 0 is where there is nothing."""
+LOSSLESS = 101
+"""Quality of WebP that keeps every level."""
+
+
+@dataclass(frozen=True)
+class Caption:
+    """What the page says of a scene.
+
+    Attributes
+    ----------
+    title : str
+        Its name.
+    kind : str
+        What it was made of, for the heading.
+    num_bytes : int
+        Size of what it was read from.
+    notes : tuple of str
+        What else a visitor must know.
+    qualities : tuple of float or None
+        PSNR of each viewpoint in dB; None where it is not known.
+    """
+
+    title: str
+    kind: str
+    num_bytes: int
+    notes: tuple[str, ...] = ()
+    qualities: tuple[float | None, ...] = ()
+
+
+def write_page(path: str | Path, scene: Scene, caption: Caption) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    scene : Scene
+        What it shows.
+    caption : Caption
+        What it says of it.
+
+    Raises
+    ------
+    DvcError
+        If it cannot be written.
+    """
+    scripts = {name.removesuffix(".js"): asset(TEMPLATES, name) for name in SCRIPTS}
+    shaders = {name: asset(TEMPLATES, name) for name in SHADERS}
+    values = scene_values(scene, caption)
+    still = scene.sources[0].pieces[0].picture
+    text = template(TEMPLATES, "viewer.html.j2").render(
+        caption=caption,
+        bits_per_pixel=8 * caption.num_bytes / (scene.shape[0] * scene.shape[1]),
+        scene=scene,
+        views=values["views"],
+        cameras=values["cameras"],
+        scene_json=script_json(values),
+        shaders_json=script_json(shaders),
+        still=_picture_uri(still),
+        css=asset(TEMPLATES, "viewer.css"),
+        policy=content_policy(scripts.values()),
+        scripts=scripts,
+    )
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
+    """Return what the programs of the page are told.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    caption : Caption
+        Of it.
+
+    Returns
+    -------
+    dict
+        JSON-safe. The picture of the very first piece is not among it: the page shows it until it can draw.
+    """
+    lowest, highest = scene.range
+    places = places_of(scene.viewpoints)
+    qualities = caption.qualities or (None,) * len(places)
+    views = [
+        {"m": float(place[0]), "n": float(place[1]), "psnr_db": quality}
+        for place, quality in zip(places, qualities, strict=True)
+    ]
+    return {
+        "name": Path(caption.title).stem,
+        "width": scene.shape[1],
+        "height": scene.shape[0],
+        "step": scene.step,
+        "infinity": scene.infinity,
+        "lowest": lowest,
+        "highest": max(highest, lowest + scene.step),
+        "bounds": scene.bounds._asdict(),
+        "views": views,
+        "cameras": _cameras(scene, places),
+        "sources": [_source_values(source, index == 0) for index, source in enumerate(scene.sources)],
+        "palette": base64.b64encode(_palette().tobytes()).decode("ascii"),
+    }
+
+
+def _cameras(scene: Scene, places: Floats) -> dict[str, Any] | None:
+    """Where calibrated cameras stand and look; None on a lattice."""
+    views = [view for view in scene.viewpoints if isinstance(view, CalibratedViewpoint)]
+    if not views:
+        return None
+    axes = unit_of(views) * views[0].pose[:, :3]
+    return {
+        "origin": views[0].centre.tolist(),
+        "axes": axes.ravel().tolist(),
+        "views": [
+            {"place": place.tolist(), **_camera_values(view)}
+            for place, view in zip(places, views, strict=True)
+        ],
+    }
+
+
+def _camera_values(view: CalibratedViewpoint) -> dict[str, Any]:
+    return {
+        "intrinsic": view.intrinsic.ravel().tolist(),
+        "rotation": view.pose[:, :3].ravel().tolist(),
+        "centre": view.centre.tolist(),
+    }
+
+
+def _source_values(source: Source, is_first: bool) -> dict[str, Any]:
+    viewpoint = source.viewpoint
+    return {
+        "place": list(viewpoint) if isinstance(viewpoint, LatticePosition) else None,
+        "camera": _camera_values(viewpoint) if isinstance(viewpoint, CalibratedViewpoint) else None,
+        "pieces": [
+            _piece_values(piece, is_first and number == 0) for number, piece in enumerate(source.pieces)
+        ],
+    }
+
+
+def _piece_values(piece: Piece, is_still: bool) -> dict[str, Any]:
+    codes, lowest, unit = disparity_codes(piece)
+    height, width = codes.shape
+    return {
+        "left": piece.left,
+        "top": piece.top,
+        "width": width,
+        "height": height,
+        "lowest": lowest,
+        "unit": unit,
+        "codes": base64.b64encode(pack_codes(codes)).decode("ascii"),
+        "picture": None if is_still else base64.b64encode(_webp(piece.picture)).decode("ascii"),
+    }
+
+
+def disparity_codes(piece: Piece) -> tuple[NDArray[np.uint16], float, float]:
+    """Return the disparities of a piece as whole numbers.
+
+    Parameters
+    ----------
+    piece : Piece
+        The piece.
+
+    Returns
+    -------
+    codes : ndarray of shape (H, W), uint16
+        0 outside the mask; a code of k is a disparity of ``lowest + (k - 1) * unit``.
+    lowest, unit : float
+        Of this formula.
+    """
+    values = piece.disparity[piece.mask]
+    lowest, highest = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+    unit = (highest - lowest) / (MAX_CODE - 1) if highest > lowest else 1.0
+    codes = np.zeros(piece.disparity.shape, np.uint16)
+    codes[piece.mask] = 1 + np.rint((values - lowest) / unit).astype(np.uint16)
+    return codes, lowest, unit
+
+
+def pack_codes(codes: NDArray[np.uint16]) -> bytes:
+    """Return codes as few bytes: differences along rows, high and low bytes apart, deflated.
+
+    Parameters
+    ----------
+    codes : ndarray of shape (H, W), uint16
+        The codes.
+
+    Returns
+    -------
+    bytes
+        In the format of zlib.
+    """
+    differences = np.diff(codes, axis=1, prepend=np.uint16(0))
+    planes = np.stack([differences >> 8, differences & 255]).astype(np.uint8)
+    return zlib.compress(planes.tobytes(), 9)
+
+
+def _webp(picture: NDArray[np.uint8]) -> bytes:
+    _, coded = cv2.imencode(".webp", picture[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, LOSSLESS])
+    return coded.tobytes()
+
+
+def _picture_uri(picture: NDArray[np.uint8]) -> str:
+    return data_uri("image/webp", _webp(picture))
+
+
+def _palette() -> NDArray[np.uint8]:
+    """Red, green and blue from far to near, shape (256, 3)."""
+    return np.ascontiguousarray(colour_disparity(np.linspace(0.0, 1.0, 256)[None], 0.0, 1.0)[0, :, ::-1])

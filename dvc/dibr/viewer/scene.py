@@ -1,0 +1,384 @@
+"""Scenes to look at: pictures with disparities and masks, where they were taken from, and how far to go.
+
+A *source* is what one viewpoint sees, in one piece or in several behind each other; several sources show the
+same scene. Streams, layers and sprites all become that.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.codec.decoder import Decoded
+from dvc.multiview.camera_array import LatticePosition
+from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint, distance
+from dvc.stereo.layers.canvas import DEPTH_RANGE, Canvas
+from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
+from dvc.stereo.layers.sprites import SpriteSet
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+BEYOND = 0.25
+"""How far beyond the views a viewpoint may go, relative to the longer side of their lattice."""
+ACROSS = 0.1
+"""Parallax, relative to the width, that one view alone bears."""
+
+STRAYS = 0.02
+"""Share of points beyond the frame of a canvas that may be errors."""
+
+
+class Piece(NamedTuple):
+    """A surface as one viewpoint sees it.
+
+    Attributes
+    ----------
+    picture : ndarray of shape (H, W, 3), uint8
+        Red, green and blue; beside the mask continued from it.
+    disparity : ndarray of shape (H, W), float64
+        In pixels per unit of m and n; of calibrated cameras, inverse depth.
+    mask : ndarray of shape (H, W), bool
+        Where there is something.
+    left, top : int
+        Column and row of its first pixel in the picture of the viewpoint.
+    """
+
+    picture: NDArray[np.uint8]
+    disparity: Floats
+    mask: Mask
+    left: int = 0
+    top: int = 0
+
+
+class Source(NamedTuple):
+    """What one viewpoint sees.
+
+    Attributes
+    ----------
+    viewpoint : Viewpoint
+        Where it is.
+    pieces : tuple of Piece
+        Surfaces, near ones before far ones wherever they meet.
+    """
+
+    viewpoint: Viewpoint
+    pieces: tuple[Piece, ...]
+
+
+class Bounds(NamedTuple):
+    """How far the viewpoint may be moved.
+
+    Attributes
+    ----------
+    left, right, top, bottom : float
+        Least and largest m and n.
+    """
+
+    left: float
+    right: float
+    top: float
+    bottom: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Height and width of a view, in pixels.
+    sources : tuple of Source
+        At least one, of viewpoints of one kind; the first one is where a visit begins.
+    step : float
+        Neighbours whose disparities differ by at most 1.5 of it are one surface.
+    viewpoints : tuple of Viewpoint
+        Of all views that are known, the first source's first.
+    bounds : Bounds
+        How far the viewpoint may be moved.
+    """
+
+    shape: tuple[int, int]
+    sources: tuple[Source, ...]
+    step: float
+    viewpoints: tuple[Viewpoint, ...]
+    bounds: Bounds
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Least and largest disparity."""
+        values = [piece.disparity[piece.mask] for source in self.sources for piece in source.pieces]
+        known = [each for each in values if each.size]
+        if not known:
+            return 0.0, 0.0
+        return min(float(each.min()) for each in known), max(float(each.max()) for each in known)
+
+    @property
+    def infinity(self) -> float:
+        """Disparity of what is infinitely far; where it is not known, below all others."""
+        lowest, highest = self.range
+        is_calibrated = isinstance(self.viewpoints[0], CalibratedViewpoint)
+        if is_calibrated or (lowest > 0.0 and highest <= DEPTH_RANGE * lowest):
+            return 0.0
+        return lowest - max(highest - lowest, self.step) / (DEPTH_RANGE - 1.0)
+
+
+def source_of(
+    picture: NDArray[np.uint8],
+    disparity: Floats,
+    mask: Mask | None = None,
+    viewpoint: Viewpoint | None = None,
+) -> Source:
+    """Return what a picture with a map of its disparities shows.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W) or (H, W, 3), uint8
+        Gray, or red, green and blue.
+    disparity : ndarray of shape (H, W), float64
+        Of its pixels.
+    mask : ndarray of shape (H, W), bool, optional
+        Where there is something; by default everywhere.
+    viewpoint : Viewpoint, optional
+        By default (0, 0) of a lattice.
+
+    Returns
+    -------
+    Source
+        Of one piece.
+    """
+    known = np.ones(disparity.shape, np.bool_) if mask is None else mask
+    return Source(viewpoint or LatticePosition(0.0, 0.0), (_piece(picture, disparity, known),))
+
+
+def scene_of_picture(source: Source, step: float) -> Scene:
+    """Return the scene of a single picture with disparities.
+
+    Parameters
+    ----------
+    source : Source
+        Of one viewpoint.
+    step : float
+        Distance of the disparities that are told apart.
+
+    Returns
+    -------
+    Scene
+        With bounds that its parallax bears.
+    """
+    shape = source.pieces[0].disparity.shape
+    views = (source.viewpoint,)
+    scene = Scene((shape[0], shape[1]), (source,), step, views, Bounds(0.0, 0.0, 0.0, 0.0))
+    return Scene(scene.shape, scene.sources, step, views, _bounds_of_one(scene))
+
+
+def scene_of_stream(decoded: Decoded) -> Scene:
+    """Return the scene of a decoded stream.
+
+    Parameters
+    ----------
+    decoded : Decoded
+        Pictures and disparities.
+
+    Returns
+    -------
+    Scene
+        A source for each reference.
+    """
+    sources = tuple(source_of(pair.picture, pair.disparity, None, pair.viewpoint) for pair in decoded.pairs)
+    step = decoded.header.labels.step / 2.0**decoded.resolution
+    viewpoints = decoded.header.viewpoints
+    if len(viewpoints) == 1:
+        return scene_of_picture(sources[0], step)
+    height, width = decoded.pairs[0].disparity.shape
+    return Scene((height, width), sources, step, viewpoints, _bounds(viewpoints))
+
+
+def scene_of_layers(image: LayeredDepthImage) -> Scene:
+    """Return the scene of a layered depth image.
+
+    Parameters
+    ----------
+    image : LayeredDepthImage
+        The layers.
+
+    Returns
+    -------
+    Scene
+        Of one source, in which each layer is a piece.
+    """
+    pieces = [
+        _piece(colour, disparity, mask)
+        for colour, disparity, mask in zip(image.colour, image.disparity, image.occupied, strict=True)
+    ]
+    return _scene_of_canvas(image.canvas, pieces)
+
+
+def scene_of_sprites(sprites: SpriteSet) -> Scene:
+    """Return the scene of sprites with depth.
+
+    Parameters
+    ----------
+    sprites : SpriteSet
+        The sprites.
+
+    Returns
+    -------
+    Scene
+        Of one source; sprites that do not touch each other share a piece.
+    """
+    planes: list[_Plane] = []
+    for sprite in sorted(sprites.sprites, key=lambda each: -each.num_values):
+        height, width = sprite.mask.shape
+        inside = slice(sprite.top, sprite.top + height), slice(sprite.left, sprite.left + width)
+        plane = next((each for each in planes if not (each.taken[inside] & sprite.mask).any()), None)
+        if plane is None:
+            plane = _Plane.empty(sprites.canvas.shape)
+            planes.append(plane)
+        plane.colour[inside][sprite.mask] = sprite.colour[sprite.mask]
+        plane.disparity[inside][sprite.mask] = sprite.disparity[sprite.mask]
+        plane.mask[inside] |= sprite.mask
+        rows = slice(max(sprite.top - 1, 0), sprite.top + height + 1)
+        columns = slice(max(sprite.left - 1, 0), sprite.left + width + 1)
+        around = cv2.dilate(plane.mask[rows, columns].astype(np.uint8), np.ones((3, 3), np.uint8))
+        plane.taken[rows, columns] |= around > 0
+    return _scene_of_canvas(sprites.canvas, [_piece(*plane[:3]) for plane in planes])
+
+
+class _Plane(NamedTuple):
+    """Sprites that do not touch each other, and the pixels that no further one may have."""
+
+    colour: NDArray[np.uint8]
+    disparity: Floats
+    mask: Mask
+    taken: Mask
+
+    @classmethod
+    def empty(cls, shape: tuple[int, int]) -> Self:
+        """Return one without sprites."""
+        nowhere = np.zeros(shape, np.bool_)
+        return cls(np.zeros((*shape, 3), np.uint8), np.zeros(shape), nowhere, nowhere.copy())
+
+
+def _scene_of_canvas(canvas: Canvas, pieces: Sequence[Piece]) -> Scene:
+    """Pieces of a canvas, moved so that the reference view begins at (0, 0)."""
+    frame = canvas.frame
+    placed = [
+        piece._replace(left=piece.left - frame.left, top=piece.top - frame.top) for piece in map(_cut, pieces)
+    ]
+    source = Source(LatticePosition(0.0, 0.0), tuple(piece for piece in placed if piece.mask.any()))
+    shape = frame.height, frame.width
+    scene = Scene(shape, (source,), canvas.resolution, (source.viewpoint,), Bounds(0.0, 0.0, 0.0, 0.0))
+    bounds = _bounds_of_canvas(scene, canvas)
+    return Scene(shape, scene.sources, scene.step, scene.viewpoints, bounds)
+
+
+def _cut(piece: Piece) -> Piece:
+    """Leave out what is empty around a piece."""
+    left, top, width, height = cv2.boundingRect(piece.mask.astype(np.uint8))
+    inside = slice(top, top + height), slice(left, left + width)
+    return Piece(piece.picture[inside], piece.disparity[inside], piece.mask[inside], left, top)
+
+
+def _piece(picture: NDArray[np.uint8], disparity: NDArray[np.floating], mask: Mask) -> Piece:
+    """A picture as three channels, continued a little beyond its mask."""
+    image = picture.reshape(*picture.shape[:2], -1)
+    image = np.repeat(image, 3, axis=2) if image.shape[2] == 1 else image
+    return Piece(_continued(image, mask), disparity.astype(np.float64), mask)
+
+
+def _continued(picture: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
+    """Give two pixels beside a mask the mean colour of their neighbours: interpolation reaches so far."""
+    if mask.all():
+        return picture
+    known, total = mask.astype(np.float32), np.where(mask[..., None], picture, 0).astype(np.float32)
+    for _ in range(2):
+        count = cv2.blur(known, (3, 3), borderType=cv2.BORDER_CONSTANT)
+        mean = cv2.blur(total, (3, 3), borderType=cv2.BORDER_CONSTANT) / np.maximum(count, 1e-6)[..., None]
+        new = (known == 0.0) & (count > 1e-6)
+        total[new], known[new] = mean[new], 1.0
+    return np.asarray(np.clip(np.rint(total), 0, 255), np.uint8)
+
+
+def places_of(viewpoints: Sequence[Viewpoint]) -> Floats:
+    """Return where viewpoints are, as the viewer moves.
+
+    Parameters
+    ----------
+    viewpoints : sequence of Viewpoint
+        Of one kind.
+
+    Returns
+    -------
+    ndarray of shape (V, 3), float64
+        m, n, and how far before the plane of the first one. Of calibrated cameras along the axes of the
+        first one, in units of its distance to the one farthest from it.
+    """
+    first = viewpoints[0]
+    if isinstance(first, LatticePosition):
+        return np.array([[*view, 0.0] for view in viewpoints if isinstance(view, LatticePosition)])
+    offsets = [view.centre - first.centre for view in viewpoints if isinstance(view, CalibratedViewpoint)]
+    return np.asarray(offsets @ first.pose[:, :3].T / unit_of(viewpoints))
+
+
+def unit_of(viewpoints: Sequence[Viewpoint]) -> float:
+    """Return the length of a unit of m and n.
+
+    Parameters
+    ----------
+    viewpoints : sequence of Viewpoint
+        Of one kind.
+
+    Returns
+    -------
+    float
+        Of calibrated cameras, the distance from the first one to the one farthest from it; 1 elsewhere.
+    """
+    first = viewpoints[0]
+    if isinstance(first, LatticePosition):
+        return 1.0
+    return max(distance(first, view) for view in viewpoints) or 1.0
+
+
+def _bounds(viewpoints: Sequence[Viewpoint]) -> Bounds:
+    """A bit beyond the lattice of several views."""
+    places = places_of(viewpoints)[:, :2]
+    (left, top), (right, bottom) = places.min(axis=0), places.max(axis=0)
+    beyond = BEYOND * max(float(right - left), float(bottom - top))
+    return Bounds(float(left) - beyond, float(right) + beyond, float(top) - beyond, float(bottom) + beyond)
+
+
+def _bounds_of_one(scene: Scene) -> Bounds:
+    """As far around one view as its parallax bears."""
+    lowest, highest = scene.range
+    reach = ACROSS * scene.shape[1] / max(highest - lowest, scene.step)
+    return Bounds(-reach, reach, -reach, reach)
+
+
+def _bounds_of_canvas(scene: Scene, canvas: Canvas) -> Bounds:
+    """A bit beyond the cameras that have seen what lies beyond the frame; around one view if nothing does.
+
+    A point at column x beyond the frame is in the view of a camera at ``m`` if ``x - m d`` is inside it.
+    """
+    ends = []
+    for axis, size in ((1, scene.shape[1]), (0, scene.shape[0])):
+        needed = [np.zeros(1)]
+        for piece in scene.sources[0].pieces:
+            place = np.nonzero(piece.mask)[axis] + (piece.top, piece.left)[axis]
+            beyond = place - np.clip(place, 0, size - 1)
+            disparity = piece.disparity[piece.mask]
+            counts = (beyond != 0) & (np.abs(disparity) >= canvas.labels.step)
+            needed.append(beyond[counts] / disparity[counts])
+        values = np.concatenate(needed)
+        ends += [
+            min(float(np.quantile(values, STRAYS)), 0.0),
+            max(float(np.quantile(values, 1.0 - STRAYS)), 0.0),
+        ]
+    if max(map(abs, ends)) == 0.0:
+        return _bounds_of_one(scene)
+    beyond_all = BEYOND * max(ends[1] - ends[0], ends[3] - ends[2])
+    left, right, top, bottom = ends
+    return Bounds(left - beyond_all, right + beyond_all, top - beyond_all, bottom + beyond_all)

@@ -1,0 +1,75 @@
+// Data of the page as arrays and pictures.
+const Decoding = (() => {
+  "use strict";
+  const bytesOf = (text) => Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
+
+  const inflated = async (bytes) => {
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  };
+
+  // Disparity above that of infinity of each pixel, -1 where there is nothing.
+  const nearness = async (piece, infinity) => {
+    const { width, height, lowest, unit } = piece, count = width * height;
+    const bytes = await inflated(bytesOf(piece.codes)), values = new Float32Array(count);
+    for (let row = 0; row < height; row++) {
+      for (let column = 0, code = 0; column < width; column++) {
+        const place = row * width + column;
+        code = (code + 256 * bytes[place] + bytes[count + place]) & 0xffff;
+        values[place] = code === 0 ? -1 : Math.max(lowest - infinity + (code - 1) * unit, 0);
+      }
+    }
+    return values;
+  };
+
+  const AS_IT_IS = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
+  const picture = async (piece, still) => {
+    if (piece.picture !== null) {
+      return createImageBitmap(new Blob([bytesOf(piece.picture)], { type: "image/webp" }), AS_IT_IS);
+    }
+    await still.decode();
+    return createImageBitmap(still, AS_IT_IS);
+  };
+
+  // Cells of four pixels of one surface as triangles of a mesh, and the others, which may be torn, by their corner.
+  const mesh = (values, width, height, step) => {
+    const whole = [], torn = [];
+    const at = (row, column) => (row < 0 || column < 0 || row >= height || column >= width ? -1 : values[row * width + column]);
+    for (let row = -1; row < height; row++) {
+      for (let column = -1; column < width; column++) {
+        const corners = [at(row, column), at(row, column + 1), at(row + 1, column), at(row + 1, column + 1)];
+        const most = Math.max(...corners), least = Math.min(...corners);
+        if (most < 0) continue;
+        if (least >= 0 && most - least <= 1.5 * step) {
+          const first = row * width + column, below = first + width;
+          whole.push(first, first + 1, below, below + 1, below, first + 1);
+        } else {
+          torn.push(column, row);
+        }
+      }
+    }
+    return { whole: Uint32Array.from(whole), torn: Int32Array.from(torn) };
+  };
+
+  const source = async (data, scene, still) => ({
+    place: data.place,
+    camera: data.camera,
+    pieces: await Promise.all(data.pieces.map(async (piece) => {
+      const values = await nearness(piece, scene.infinity);
+      return {
+        left: piece.left, top: piece.top, width: piece.width, height: piece.height, values,
+        least: values.reduce((least, value) => (value >= 0 && value < least ? value : least), Infinity),
+        picture: await picture(piece, still),
+        ...mesh(values, piece.width, piece.height, scene.step),
+      };
+    })),
+  });
+
+  const scene = async (data, still) => ({
+    ...data,
+    palette: bytesOf(data.palette),
+    sources: await Promise.all(data.sources.map((each) => source(each, data, still))),
+  });
+
+  return { scene };
+})();

@@ -1,0 +1,81 @@
+// Where pixels of a source lie in the view that is looked at: as in dvc.multiview.viewpoints.
+const Warps = (() => {
+  "use strict";
+  const NEAR_VIEW = 1e-3;
+  const IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1];
+
+  // Matrices are nine numbers, row by row.
+  const times = (a, b) => a.map((_, k) => {
+    const row = 3 * Math.floor(k / 3), column = k % 3;
+    return a[row] * b[column] + a[row + 1] * b[column + 3] + a[row + 2] * b[column + 6];
+  });
+  const apply = (a, v) => [0, 3, 6].map((row) => a[row] * v[0] + a[row + 1] * v[1] + a[row + 2] * v[2]);
+  const transposed = (a) => [a[0], a[3], a[6], a[1], a[4], a[7], a[2], a[5], a[8]];
+  const inverse = (a) => {
+    const [p, q, r, s, t, u, v, w, x] = a;
+    const adjugate = [t * x - u * w, r * w - q * x, q * u - r * t, u * v - s * x, p * x - r * v, r * s - p * u,
+      s * w - t * v, q * v - p * w, p * t - q * s];
+    const determinant = p * adjugate[0] + q * adjugate[3] + r * adjugate[6];
+    return adjugate.map((value) => value / determinant);
+  };
+  const minus = (a, b) => a.map((value, k) => value - b[k]);
+
+  // The rotation nearest to a matrix, by Newton's iteration for its polar decomposition.
+  const orthonormal = (matrix) => {
+    let found = matrix;
+    for (let k = 0; k < 30; k++) {
+      const other = transposed(inverse(found));
+      found = found.map((value, index) => 0.5 * (value + other[index]));
+    }
+    return found;
+  };
+
+  // A camera at (m, n) among calibrated ones: at each of them it is that one, between them a mean of all.
+  const cameraAt = (cameras, m, n) => {
+    const away = cameras.views.map(({ place }) => (place[0] - m) ** 2 + (place[1] - n) ** 2);
+    const there = away.findIndex((value) => value < 1e-12);
+    const weights = away.map((value, k) => (there < 0 ? 1 / value : Number(k === there)));
+    const total = weights.reduce((sum, weight) => sum + weight, 0);
+    const mean = (values) => values[0].map((_, k) =>
+      values.reduce((sum, value, view) => sum + weights[view] / total * value[k], 0));
+    if (there >= 0) return cameras.views[there];
+    const forward = mean(cameras.views.map(({ place }) => [place[2]]))[0];
+    const offset = apply(transposed(cameras.axes), [m, n, forward]);
+    return {
+      intrinsic: mean(cameras.views.map(({ intrinsic }) => intrinsic)),
+      rotation: orthonormal(mean(cameras.views.map(({ rotation }) => rotation))),
+      centre: cameras.origin.map((value, k) => value + offset[k]),
+    };
+  };
+
+  // [turn | shift] from each source to a viewpoint, for nearness (disparity above infinity's); and weights.
+  const warpsTo = (scene, { m, n, closer }) => {
+    const camera = scene.cameras && cameraAt(scene.cameras, m, n);
+    const centre = camera ? [2, 5, 8].map((k) => camera.intrinsic[k])
+      : [(scene.width - 1) / 2, (scene.height - 1) / 2, 1];
+    const rate = closer / (scene.highest - scene.infinity);
+    const all = scene.sources.map((source, index) => {
+      let turn, shift, distance;
+      if (camera) {
+        const own = source.camera, way = minus(own.centre, camera.centre);
+        const seen = times(camera.intrinsic, camera.rotation);
+        turn = times(seen, times(transposed(own.rotation), inverse(own.intrinsic)));
+        shift = apply(seen, way);
+        distance = Math.hypot(...way);
+      } else {
+        const way = [source.place[0] - m, source.place[1] - n];
+        turn = IDENTITY.slice();
+        shift = [...way, 0];
+        distance = Math.hypot(...way);
+      }
+      turn = turn.map((value, k) => value + (k % 3 === 2 ? scene.infinity * shift[Math.floor(k / 3)] : 0));
+      shift = minus(shift, centre.map((value) => rate * value));
+      return { index, turn, shift, back: inverse(turn), distance };
+    });
+    const near = NEAR_VIEW * Math.max(...all.map(({ distance }) => distance), 1e-9);
+    all.forEach((warp) => { warp.weight = near / (warp.distance + near); });
+    return all.sort((a, b) => b.weight - a.weight);
+  };
+
+  return { warpsTo, cameraAt };
+})();
