@@ -484,7 +484,8 @@ def membrane_equations(number, depth, limit, image, stiffness, neighbours, diago
 
 @kernel
 def membrane_product(neighbours, diagonal, levels, product):
-    """Multiply levels by the matrix of the equations."""
+    """Multiply levels by the matrix of the equations; return the product of that with the levels."""
+    form = 0.0
     for row in range(levels.shape[0]):
         total = diagonal[row] * levels[row]
         for side in range(4):
@@ -492,6 +493,8 @@ def membrane_product(neighbours, diagonal, levels, product):
             if column >= 0:
                 total -= levels[column]
         product[row] = total
+        form += levels[row] * total
+    return form
 
 
 @kernel
@@ -506,8 +509,7 @@ def solve_membrane(neighbours, diagonal, right, tolerance, levels):
     for _ in range(10 * levels.shape[0]):
         if squared <= limit:
             break
-        membrane_product(neighbours, diagonal, direction, product)
-        step = squared / (direction * product).sum()
+        step = squared / membrane_product(neighbours, diagonal, direction, product)
         before, squared = squared, 0.0
         for row in range(levels.shape[0]):
             levels[row] += step * direction[row]

@@ -98,9 +98,11 @@ def synthesise(sources: Sequence[PictureWithDepth], shape: tuple[int, int]) -> S
             continue
         back = inverse_warp(source.warp)
         positions = warp_grid(back, np.where(seen, depth, 0.0))
-        before = warp_grid(back, np.where(seen, nearest, 0.0))
-        parallax = np.hypot(*(positions - before)[..., :2].transpose(2, 0, 1))
-        weights = np.where(seen & (parallax <= SAME_SURFACE_PX), max(source.weight, FALLBACK_WEIGHT), 0.0)
+        if len(sources) > 1:
+            before = warp_grid(back, np.where(seen, nearest, 0.0))
+            parallax = np.hypot(*(positions - before)[..., :2].transpose(2, 0, 1))
+            seen &= parallax <= SAME_SURFACE_PX
+        weights = np.where(seen, max(source.weight, FALLBACK_WEIGHT), 0.0)
         planes = (np.ascontiguousarray(plane) for plane in source.image.transpose(2, 0, 1))
         image += weights[..., None] * np.stack([sample(plane, positions) for plane in planes], axis=-1)
         total += weights
@@ -132,5 +134,6 @@ def _discontinuities(depth: Floats, warp: Floats, step: float) -> Mask:
 
 def _spread(plane: Floats) -> Floats:
     """Largest difference between the four corners of each cell."""
-    corners = np.stack([plane[:-1, :-1], plane[:-1, 1:], plane[1:, :-1], plane[1:, 1:]])
-    return np.asarray(corners.max(axis=0) - corners.min(axis=0))
+    sides = plane[:, :-1], plane[:, 1:]
+    most, least = np.maximum(*sides), np.minimum(*sides)
+    return np.asarray(np.maximum(most[:-1], most[1:]) - np.minimum(least[:-1], least[1:]))

@@ -278,8 +278,9 @@ def test_membranes(choose: Choose, rng: np.random.Generator) -> None:
     assert (np.abs(matrix).sum(axis=1) > 3.0).any()
     for levels, target in zip(guess, right, strict=True):
         product = np.empty(count)
-        choose(kernels.membrane_product)(neighbours, diagonal, levels, product)
+        form = choose(kernels.membrane_product)(neighbours, diagonal, levels, product)
         np.testing.assert_allclose(product, matrix @ levels, atol=1e-9)
+        assert form == pytest.approx(levels @ matrix @ levels)
         expected = np.linalg.solve(matrix, target)
         choose(kernels.solve_membrane)(neighbours, diagonal, target, 1e-9, levels)
         np.testing.assert_allclose(levels, expected, atol=1e-5)
