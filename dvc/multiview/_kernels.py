@@ -458,6 +458,55 @@ def along_epipolar_lines(depth, epipole, far, near):
 
 
 @kernel
+def nearest_drawn(holes, rows, columns):
+    """Place of the nearest pixel that is no hole, for each pixel; not all may be holes.
+
+    Nearest pixels along columns are candidates along rows; those that others keep from being nearest
+    anywhere are dropped.
+    """
+    height, width = holes.shape
+    for x in range(width):
+        above = -1
+        for y in range(height):
+            above = above if holes[y, x] else y
+            rows[y, x] = above
+        below = -1
+        for y in range(height - 1, -1, -1):
+            below = below if holes[y, x] else y
+            if below >= 0 and (rows[y, x] < 0 or below - y < y - rows[y, x]):
+                rows[y, x] = below
+    kept, found = np.empty(width, np.int64), np.empty(width, np.int64)
+    for y in range(height):
+        last = -1
+        for x in range(width):
+            if rows[y, x] < 0:
+                continue
+            away = (rows[y, x] - y) ** 2
+            while last >= 1:
+                first, second = kept[last - 1], kept[last]
+                left, right = second - first, x - second
+                before, between = (rows[y, first] - y) ** 2, (rows[y, second] - y) ** 2
+                both = left + right
+                if both * between - right * before - left * away - left * right * both <= 0:
+                    break
+                last -= 1
+            last += 1
+            kept[last] = x
+        here = 0
+        for x in range(width):
+            distance = (rows[y, kept[here]] - y) ** 2 + (kept[here] - x) ** 2
+            while here < last:
+                following = (rows[y, kept[here + 1]] - y) ** 2 + (kept[here + 1] - x) ** 2
+                if distance <= following:
+                    break
+                distance = following
+                here += 1
+            columns[y, x] = kept[here]
+            found[x] = rows[y, kept[here]]
+        rows[y] = found
+
+
+@kernel
 def membrane_equations(number, depth, limit, image, stiffness, neighbours, diagonal, right):
     """Set up the Laplace equation in holes; what is drawn nearer than the limit does not bound them."""
     height, width = number.shape

@@ -12,7 +12,6 @@ References
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from dvc.multiview import _kernels
 from dvc.multiview.rendering import EMPTY, fill_holes
@@ -52,8 +51,9 @@ def fill_from_background(image: Floats, inverse_depth: Floats, epipole: Floats) 
         return np.zeros_like(image), np.zeros_like(inverse_depth)
     far, near = np.empty_like(inverse_depth), np.empty_like(inverse_depth)
     _kernels.along_epipolar_lines(inverse_depth, np.ascontiguousarray(epipole), far, near)
-    nearest = distance_transform_edt(holes, return_distances=False, return_indices=True)
-    guess = image[nearest[0], nearest[1]]
+    rows, columns = np.empty((2, *holes.shape), np.int64)
+    _kernels.nearest_drawn(holes, rows, columns)
+    guess = image[rows, columns]
     filled = image.copy()
     filled[holes] = _membrane(image, holes, inverse_depth, 0.5 * (far + near), guess)
     return filled, fill_holes(far)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 
 from dvc._jit import python_twin
 from dvc.multiview import _kernels as kernels
@@ -284,3 +285,15 @@ def test_membranes(choose: Choose, rng: np.random.Generator) -> None:
         expected = np.linalg.solve(matrix, target)
         choose(kernels.solve_membrane)(neighbours, diagonal, target, 1e-9, levels)
         np.testing.assert_allclose(levels, expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.7, 0.97])
+def test_nearest_drawn(choose: Choose, rng: np.random.Generator, share: float) -> None:
+    """Of each pixel the nearest that is no hole, of equal ones the same as scipy takes."""
+    for shape in ((13, 22), (1, 9), (8, 1)):
+        holes = rng.random(shape) < share
+        holes[rng.integers(shape[0]), rng.integers(shape[1])] = False
+        rows, columns = np.empty((2, *shape), np.int64)
+        choose(kernels.nearest_drawn)(holes, rows, columns)
+        expected = distance_transform_edt(holes, return_distances=False, return_indices=True)
+        np.testing.assert_array_equal([rows, columns], expected)
