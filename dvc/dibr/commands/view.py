@@ -37,6 +37,8 @@ EXAMPLES = """\
   dvc-dibr view layers --out layers.html
 """
 INDEX_FILES = "layers.json", "sprites.json"
+MAX_PIXELS = 1 << 23
+"""Of all pictures of a page together: browsers need some 50 bytes for each."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -118,8 +120,10 @@ def _stream(
     from dvc.dibr.viewer.page import Caption
     from dvc.dibr.viewer.scene import scene_of_stream
 
-    decoded = decode(read_stream(arguments.path), arguments.quality_layers)
-    scene = scene_of_stream(decoded)
+    stream = read_stream(arguments.path)
+    decoded = decode(stream, arguments.quality_layers)
+    halvings = _halvings(decoded.header)
+    scene = scene_of_stream(decode(stream, arguments.quality_layers, halvings) if halvings else decoded)
     known = _qualities(decoded, _placed(decoded.header, truths), arguments.quiet)
     others = [viewpoint for viewpoint, _ in known if viewpoint not in scene.viewpoints]
     scene = replace(scene, viewpoints=(*scene.viewpoints, *others))
@@ -130,14 +134,27 @@ def _stream(
         notes.append(f"The stream is damaged: {cli.one_line(decoded.damage)}; what precedes it is shown.")
     elif decoded.num_layers < decoded.header.num_layers:
         notes.append(f"{decoded.num_layers} of {decoded.header.num_layers} quality layers are shown.")
+    if halvings:
+        notes.append(f"The stream is too large for a page: its sides are shown {2**halvings} times shorter.")
     path = Path(arguments.path)
+    height, width = decoded.header.shape
     return scene, Caption(
         path.name,
         "decoded stream",
         path.stat().st_size,
+        height * width,
         tuple(notes),
         tuple(qualities.get(viewpoint) for viewpoint in scene.viewpoints),
     )
+
+
+def _halvings(header: "Header") -> int:
+    """How often the sides of pictures are halved, so that all of them fit into a page."""
+    height, width = header.shape
+    num_pixels, count = height * width * len(header.references), 0
+    while num_pixels > MAX_PIXELS:
+        num_pixels, count = num_pixels // 4, count + 1
+    return count
 
 
 def _placed(
@@ -190,9 +207,11 @@ def _folder(folder: Path) -> "tuple[Scene, Caption]":
         scene, kind = scene_of_sprites(sprites), f"{len(sprites.sprites)} sprites, not coded"
     if not scene.sources[0].pieces:
         raise ConfigError(f"{folder}: nothing to be seen in it")
+    if scene.num_pixels > MAX_PIXELS:
+        raise ConfigError(f"{folder}: {scene.num_pixels} pixels in all; a page takes {MAX_PIXELS} at most")
     files = [path for kind_of in ("colour", "sprite", "disparity") for path in folder.glob(f"{kind_of}-*")]
     size = sum(path.stat().st_size for path in files)
-    return scene, Caption(folder.resolve().name, kind, size)
+    return scene, Caption(folder.resolve().name, kind, size, scene.shape[0] * scene.shape[1])
 
 
 def _figures(path: str, scene: "Scene", caption: "Caption") -> dict[str, Any]:
@@ -202,7 +221,7 @@ def _figures(path: str, scene: "Scene", caption: "Caption") -> dict[str, Any]:
         "width": width,
         "height": height,
         "scene_bytes": caption.num_bytes,
-        "bpp": 8 * caption.num_bytes / (width * height),
+        "bpp": caption.bits_per_pixel,
         "sources": len(scene.sources),
         "pieces": sum(len(source.pieces) for source in scene.sources),
         "bounds": scene.bounds._asdict(),

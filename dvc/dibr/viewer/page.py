@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.viewer.scene import Piece, Scene, Source, places_of, unit_of
+from dvc.dibr.viewer.scene import Piece, Scene, Source, is_whole, places_of, seen_of, unit_of
 from dvc.files import atomic_output
 from dvc.multiview.camera_array import LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint
@@ -28,6 +28,8 @@ MAX_CODE = 2**16 - 1
 """Disparities are whole numbers from 1 to this; 0 is where there is nothing."""
 LOSSLESS = 101
 """Quality of WebP that keeps every level."""
+STILL_QUALITY = 85
+"""Of a picture that is only shown where nothing can be drawn."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ class Caption:
         What it was made of, for the heading.
     num_bytes : int
         Size of what it was read from.
+    num_pixels : int
+        Of a view as it was coded, for the rate.
     notes : tuple of str
         What else a visitor must know.
     qualities : tuple of float or None
@@ -51,8 +55,14 @@ class Caption:
     title: str
     kind: str
     num_bytes: int
+    num_pixels: int
     notes: tuple[str, ...] = ()
     qualities: tuple[float | None, ...] = ()
+
+    @property
+    def bits_per_pixel(self) -> float:
+        """The rate."""
+        return 8 * self.num_bytes / self.num_pixels
 
 
 def write_page(path: str | Path, scene: Scene, caption: Caption) -> None:
@@ -75,16 +85,14 @@ def write_page(path: str | Path, scene: Scene, caption: Caption) -> None:
     scripts = {name.removesuffix(".js"): asset(TEMPLATES, name) for name in SCRIPTS}
     shaders = {name: asset(TEMPLATES, name) for name in SHADERS}
     values = scene_values(scene, caption)
-    still = scene.sources[0].pieces[0].picture
     text = template(TEMPLATES, "viewer.html.j2").render(
         caption=caption,
-        bits_per_pixel=8 * caption.num_bytes / (scene.shape[0] * scene.shape[1]),
         scene=scene,
         views=values["views"],
         cameras=values["cameras"],
         scene_json=script_json(values),
         shaders_json=script_json(shaders),
-        still=_picture_uri(still),
+        still=_still(scene),
         css=asset(TEMPLATES, "viewer.css"),
         policy=content_policy(scripts.values()),
         scripts=scripts,
@@ -106,7 +114,8 @@ def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
     Returns
     -------
     dict
-        JSON-safe. The picture of the very first piece is not among it: the page shows it until it can draw.
+        JSON-safe. The picture of a first piece that is all of the first view is not among it: the page shows
+        it until it can draw.
     """
     lowest, highest = scene.range
     places = places_of(scene.viewpoints)
@@ -126,7 +135,10 @@ def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
         "bounds": scene.bounds._asdict(),
         "views": views,
         "cameras": _cameras(scene, places),
-        "sources": [_source_values(source, index == 0) for index, source in enumerate(scene.sources)],
+        "sources": [
+            _source_values(source, index == 0 and is_whole(source, scene.shape))
+            for index, source in enumerate(scene.sources)
+        ],
         "palette": base64.b64encode(_palette().tobytes()).decode("ascii"),
     }
 
@@ -155,14 +167,12 @@ def _camera_values(view: CalibratedViewpoint) -> dict[str, Any]:
     }
 
 
-def _source_values(source: Source, is_first: bool) -> dict[str, Any]:
+def _source_values(source: Source, is_still: bool) -> dict[str, Any]:
     viewpoint = source.viewpoint
     return {
         "place": list(viewpoint) if isinstance(viewpoint, LatticePosition) else None,
         "camera": _camera_values(viewpoint) if isinstance(viewpoint, CalibratedViewpoint) else None,
-        "pieces": [
-            _piece_values(piece, is_first and number == 0) for number, piece in enumerate(source.pieces)
-        ],
+        "pieces": [_piece_values(piece, is_still) for piece in source.pieces],
     }
 
 
@@ -222,13 +232,17 @@ def pack_codes(codes: NDArray[np.uint16]) -> bytes:
     return zlib.compress(planes.tobytes(), 9)
 
 
-def _webp(picture: NDArray[np.uint8]) -> bytes:
-    _, coded = cv2.imencode(".webp", picture[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, LOSSLESS])
+def _webp(picture: NDArray[np.uint8], quality: int = LOSSLESS) -> bytes:
+    _, coded = cv2.imencode(".webp", picture[:, :, ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])
     return coded.tobytes()
 
 
-def _picture_uri(picture: NDArray[np.uint8]) -> str:
-    return data_uri("image/webp", _webp(picture))
+def _still(scene: Scene) -> str:
+    """Address of what the first viewpoint sees: its only picture, or one for this purpose alone."""
+    first = scene.sources[0]
+    if is_whole(first, scene.shape):
+        return data_uri("image/webp", _webp(first.pieces[0].picture))
+    return data_uri("image/webp", _webp(seen_of(first, scene.shape), STILL_QUALITY))
 
 
 def _palette() -> NDArray[np.uint8]:

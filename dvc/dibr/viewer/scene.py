@@ -108,6 +108,11 @@ class Scene:
     bounds: Bounds
 
     @property
+    def num_pixels(self) -> int:
+        """Of all pieces together."""
+        return sum(piece.mask.size for source in self.sources for piece in source.pieces)
+
+    @property
     def range(self) -> tuple[float, float]:
         """Least and largest disparity."""
         values = [piece.disparity[piece.mask] for source in self.sources for piece in source.pieces]
@@ -301,6 +306,57 @@ def _continued(picture: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
         new = (known == 0.0) & (count > 1e-6)
         total[new], known[new] = mean[new], 1.0
     return np.asarray(np.clip(np.rint(total), 0, 255), np.uint8)
+
+
+def is_whole(source: Source, shape: tuple[int, int]) -> bool:
+    """Tell whether a source is one piece that is all of its view.
+
+    Parameters
+    ----------
+    source : Source
+        The source.
+    shape : tuple of int
+        Height and width of a view.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
+    first = source.pieces[0]
+    place = first.left, first.top
+    return (
+        len(source.pieces) == 1 and first.mask.shape == shape and place == (0, 0) and bool(first.mask.all())
+    )
+
+
+def seen_of(source: Source, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return what a source shows at its own viewpoint.
+
+    Parameters
+    ----------
+    source : Source
+        The source.
+    shape : tuple of int
+        Height and width of a view.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), uint8
+        Of each pixel the nearest surface; black where there is none.
+    """
+    picture, nearest = np.zeros((*shape, 3), np.uint8), np.full(shape, -np.inf)
+    for piece in source.pieces:
+        y, x = (
+            index + first
+            for index, first in zip(np.nonzero(piece.mask), (piece.top, piece.left), strict=True)
+        )
+        inside = (x >= 0) & (y >= 0) & (x < shape[1]) & (y < shape[0])
+        y, x, disparity = y[inside], x[inside], piece.disparity[piece.mask][inside]
+        front = disparity > nearest[y, x]
+        nearest[y[front], x[front]] = disparity[front]
+        picture[y[front], x[front]] = piece.picture[piece.mask][inside][front]
+    return picture
 
 
 def places_of(viewpoints: Sequence[Viewpoint]) -> Floats:

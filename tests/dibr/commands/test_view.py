@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from dvc.dibr.__main__ import main
+from dvc.dibr.commands import view
 from dvc.stereo.layers.layered_depth_image import layered_depth_image
 from dvc.stereo.layers.layers_folder import write_layers
 from dvc.stereo.layers.sprites import extract_sprites
@@ -70,19 +71,19 @@ def test_page_is_one_file_that_loads_nothing(stream: str, capsys: pytest.Capture
 def test_quality_is_that_of_rendered_views(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Pictures are those of the views in their order, or of the place before them."""
     wanted = []
-    for view, truth in (("0", "a.png"), ("1", "b.png"), ("-1,0", "c.png")):
+    for place, truth in (("0", "a.png"), ("1", "b.png"), ("-1,0", "c.png")):
         capsys.readouterr()
         assert (
-            run("render", stream, "--view", view, "--out", "view.png", "--truth", truth, "--json", "-") == 0
+            run("render", stream, "--view", place, "--out", "view.png", "--truth", truth, "--json", "-") == 0
         )
         wanted.append(json.loads(capsys.readouterr().out)["psnr_db"])
     truths = ("--truth", "a.png", "b.png", "-1,0=c.png")
     assert run("view", stream, "--out", "page.html", *truths, "--quiet") == 0
     assert capsys.readouterr().out == ""
-    assert [view["psnr_db"] for view in scene_of("page.html")["views"]] == wanted
+    assert [place["psnr_db"] for place in scene_of("page.html")["views"]] == wanted
     assert run("view", stream, "--out", "page.html", "--truth", "1=b.png") == 0
     assert f"PSNR {wanted[1]:.2f} dB" in capsys.readouterr().out
-    assert [view["psnr_db"] for view in scene_of("page.html")["views"]] == [None, wanted[1]]
+    assert [place["psnr_db"] for place in scene_of("page.html")["views"]] == [None, wanted[1]]
 
 
 def test_folders_of_layers_and_sprites(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -115,6 +116,35 @@ def test_damaged_streams_are_shown_as_far_as_they_go(stream: str, capsys: pytest
     assert "The stream is damaged" in Path("page.html").read_text(encoding="utf-8")
     assert run("view", "layers.dibr", "--out", "page.html", "--quality-layers", "2", "--quiet") == 0
     assert "2 of 3 quality layers" in Path("page.html").read_text(encoding="utf-8")
+
+
+def test_large_streams_are_shown_smaller(
+    stream: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Sides are halved until a page can bear them; rate and PSNR stay those of the whole."""
+    truth = ("--truth", "a.png", "--json", "-")
+    assert run("view", stream, "--out", "page.html", *truth) == 0
+    whole = json.loads(capsys.readouterr().out)
+    monkeypatch.setattr(view, "MAX_PIXELS", 32 * 48 // 4)
+    assert run("view", stream, "--out", "page.html", *truth) == 0
+    smaller = json.loads(capsys.readouterr().out)
+    assert (smaller["width"], smaller["height"]) == (24, 16)
+    assert (smaller["bpp"], smaller["psnr_db"]) == (whole["bpp"], whole["psnr_db"])
+    assert smaller["bounds"] == whole["bounds"]
+    assert "2 times shorter" in Path("page.html").read_text(encoding="utf-8")
+    scene = scene_of("page.html")
+    assert scene["highest"] < 5.0, "disparities are in pixels that are twice as large"
+
+
+def test_large_folders_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line tells how many pixels there are."""
+    monkeypatch.chdir(tmp_path)
+    Path("layers").mkdir()
+    write_layers(Path("layers"), layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS)))
+    monkeypatch.setattr(view, "MAX_PIXELS", 1000)
+    assert "1000 at most" in refusal(capsys, "layers", "--out", "page.html")
 
 
 def test_refusals(stream: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

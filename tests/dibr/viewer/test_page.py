@@ -48,19 +48,19 @@ def test_picture_of_the_first_piece_is_there_once(tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     picture = rng.integers(0, 256, (20, 30, 3)).astype(np.uint8)
     scene = scene_of_picture(source_of(picture, np.ones((20, 30))), 1.0)
-    values = scene_values(scene, Caption("one", "picture", 10))
+    values = scene_values(scene, Caption("one", "picture", 10, 600))
     assert values["sources"][0]["pieces"][0]["picture"] is None
     assert values["highest"] > values["lowest"] > values["infinity"]
     assert len(base64.b64decode(values["palette"])) == 768
-    write_page(tmp_path / "page.html", scene, Caption("one", "picture", 10))
+    write_page(tmp_path / "page.html", scene, Caption("one", "picture", 10, 600))
     assert (tmp_path / "page.html").read_text(encoding="utf-8").count("data:image/webp;base64,") == 1
 
 
 def test_hostile_names_do_not_run(tmp_path: Path) -> None:
     """Markup in a title or a note is text."""
     scene = scene_of_picture(source_of(np.zeros((4, 5), np.uint8), np.ones((4, 5))), 1.0)
-    write_page(tmp_path / "page.html", scene, Caption(HOSTILE, HOSTILE, 10, (HOSTILE,)))
+    write_page(tmp_path / "page.html", scene, Caption(HOSTILE, HOSTILE, 10, 20, (HOSTILE,)))
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<script>window.stolen" not in text
     with pytest.raises(DvcError, match="cannot write"):
-        write_page(tmp_path / "nowhere" / "page.html", scene, Caption("one", "picture", 10))
+        write_page(tmp_path / "nowhere" / "page.html", scene, Caption("one", "picture", 10, 600))

@@ -42,9 +42,9 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
         path = str(folder / f"{name}.html")
         assert main(["view", str(GOLDEN / f"{name}.dibr"), "--out", path, "--quiet"]) == 0
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
-    write_page(folder / "layers.html", scene_of_layers(image), Caption("layers", "3 layers", 1000))
+    write_page(folder / "layers.html", scene_of_layers(image), Caption("layers", "3 layers", 1000, 2400))
     sprites = scene_of_sprites(extract_sprites(image))
-    write_page(folder / "sprites.html", sprites, Caption("sprites", "sprites", 1000))
+    write_page(folder / "sprites.html", sprites, Caption("sprites", "sprites", 1000, 2400))
     return folder
 
 
@@ -256,6 +256,18 @@ def test_missing_features_are_told(opened: Opened, script: str, name: str) -> No
     assert name in page.inner_text("#message")
     assert page.locator("#still").is_visible()
     assert page.evaluate("document.getElementById('still').naturalWidth") == 48
+
+
+def test_data_that_cannot_be_read_is_told(opened: Opened) -> None:
+    """What goes wrong while unpacking or drawing is one line as well."""
+    broken = "window.createImageBitmap = () => Promise.reject(new Error('no such picture'));"
+    page = opened("colour", broken, until=TOLD)
+    assert page.inner_text("#message") == "The scene cannot be drawn here: no such picture."
+    page = opened("colour")
+    page.evaluate("window.dispatchEvent(new ErrorEvent('error', {message: 'out of memory'}))")
+    wait_until(page, TOLD)
+    assert "out of memory" in page.inner_text("#message")
+    assert page.locator("#still").is_visible()
 
 
 def test_page_without_javascript_shows_a_picture(graphics_browser: Browser, pages: Path) -> None:

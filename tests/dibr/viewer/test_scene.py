@@ -9,11 +9,13 @@ from dvc.dibr.codec.decoder import decode
 from dvc.dibr.stream.layers import decode_stream
 from dvc.dibr.viewer.scene import (
     Bounds,
+    is_whole,
     places_of,
     scene_of_layers,
     scene_of_picture,
     scene_of_sprites,
     scene_of_stream,
+    seen_of,
     source_of,
 )
 from dvc.multiview.camera_array import LatticePosition
@@ -95,6 +97,18 @@ def test_sprites_share_pieces_without_touching() -> None:
             both &= np.take(piece.mask, range(1, piece.mask.shape[axis]), axis=axis)
             jumps = np.abs(np.diff(piece.disparity, axis=axis))[both]
             assert jumps.max(initial=0.0) <= 1.5 * scene.step
+
+
+def test_first_view_is_what_its_pieces_show() -> None:
+    """Of layers and of sprites it is the reference; a picture that fills its view needs no drawing."""
+    image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
+    for scene in (scene_of_layers(image), scene_of_sprites(extract_sprites(image))):
+        (source,) = scene.sources
+        assert not is_whole(source, scene.shape)
+        np.testing.assert_array_equal(seen_of(source, scene.shape), image.colour[0][image.canvas.frame.slices])
+    alone = source_of(np.zeros((3, 4), np.uint8), np.zeros((3, 4)))
+    assert is_whole(alone, (3, 4))
+    assert not is_whole(alone, (3, 5))
 
 
 def test_an_empty_scene_has_a_range() -> None:

@@ -1,7 +1,11 @@
 // Data of the page as arrays and pictures.
 const Decoding = (() => {
   "use strict";
-  const bytesOf = (text) => Uint8Array.from(atob(text), (character) => character.charCodeAt(0));
+  const bytesOf = (text) => {
+    const characters = atob(text), bytes = new Uint8Array(characters.length);
+    for (let k = 0; k < bytes.length; k++) bytes[k] = characters.charCodeAt(k);
+    return bytes;
+  };
 
   const inflated = async (bytes) => {
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
@@ -33,22 +37,24 @@ const Decoding = (() => {
 
   // Cells of four pixels of one surface as triangles of a mesh, and the others, which may be torn, by their corner.
   const mesh = (values, width, height, step) => {
-    const whole = [], torn = [];
+    const whole = new Uint32Array(6 * width * height), torn = [];
+    let end = 0;
     const at = (row, column) => (row < 0 || column < 0 || row >= height || column >= width ? -1 : values[row * width + column]);
     for (let row = -1; row < height; row++) {
+      let a = -1, c = -1;  // the corners on the left, above and below
       for (let column = -1; column < width; column++) {
-        const corners = [at(row, column), at(row, column + 1), at(row + 1, column), at(row + 1, column + 1)];
-        const most = Math.max(...corners), least = Math.min(...corners);
-        if (most < 0) continue;
+        const b = at(row, column + 1), d = at(row + 1, column + 1);
+        const most = Math.max(a, b, c, d), least = Math.min(a, b, c, d);
         if (least >= 0 && most - least <= 1.5 * step) {
           const first = row * width + column, below = first + width;
-          whole.push(first, first + 1, below, below + 1, below, first + 1);
-        } else {
+          for (const vertex of [first, first + 1, below, below + 1, below, first + 1]) whole[end++] = vertex;
+        } else if (most >= 0) {
           torn.push(column, row);
         }
+        [a, c] = [b, d];
       }
     }
-    return { whole: Uint32Array.from(whole), torn: Int32Array.from(torn) };
+    return { whole: whole.slice(0, end), torn: Int32Array.from(torn) };
   };
 
   const source = async (data, scene, still) => ({

@@ -160,6 +160,11 @@ class Renderer {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
+  // Wait until all is drawn.
+  finish() {
+    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
+  }
+
   bind(unit, kind, texture) {
     this.gl.activeTexture(this.gl.TEXTURE0 + unit);
     this.gl.bindTexture(kind, texture);

@@ -16,7 +16,8 @@ uniform bool u_by_cells;       // instances are cells that may be torn; else ver
 layout(location = 0) in ivec2 a_cell;  // column and row of its first corner; may be -1
 out vec2 v_position;                   // in pixels of this piece
 
-const float EMPTY = 0.02, TORN_PX = 1.5, PIECE_PX = 0.5;
+const float EMPTY = 0.02, PIECE_PX = 0.5;
+const float TORN_PX = 1.501;  // one and a half is not torn, in spite of rounding
 const vec4 NOWHERE = vec4(2.0, 2.0, 2.0, 1.0);
 
 vec3 moved(vec2 position, float nearness) {

@@ -24,7 +24,8 @@ uniform bool u_fill;
 
 layout(location = 0) out vec4 colour;
 
-const float EMPTY = 0.02, SAME_SURFACE_PX = 1.0;
+const float EMPTY = 0.02;
+const float SAME_SURFACE_PX = 1.001;  // whole pixels count as equal in spite of rounding
 
 struct Shown {
   vec3 colour;
