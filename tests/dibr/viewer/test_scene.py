@@ -105,7 +105,9 @@ def test_first_view_is_what_its_pieces_show() -> None:
     for scene in (scene_of_layers(image), scene_of_sprites(extract_sprites(image))):
         (source,) = scene.sources
         assert not is_whole(source, scene.shape)
-        np.testing.assert_array_equal(seen_of(source, scene.shape), image.colour[0][image.canvas.frame.slices])
+        np.testing.assert_array_equal(
+            seen_of(source, scene.shape), image.colour[0][image.canvas.frame.slices]
+        )
     alone = source_of(np.zeros((3, 4), np.uint8), np.zeros((3, 4)))
     assert is_whole(alone, (3, 4))
     assert not is_whole(alone, (3, 5))
