@@ -131,13 +131,17 @@ def kinds() -> dict[str, Callable[[int], str]]:
     dict of str to callable
         Takes the number of a mutation, returns its outcome.
     """
-    made = material()
     return {
-        "buffered": partial(try_stream, made.buffered),
-        "punctured": partial(try_stream, made.punctured),
+        "buffered": lambda number: try_stream(material().buffered, number),
+        "punctured": lambda number: try_stream(material().punctured, number),
         "tracks": partial(try_tracked, "3d-te"),
         "points": partial(try_tracked, "3d-td"),
-        "to-decoder": partial(try_messages, made.to_decoder, decode_live),
-        "to-encoder": partial(try_messages, made.to_encoder, partial(serve, made.frames, made.config)),
+        "to-decoder": lambda number: try_messages(material().to_decoder, decode_live, number),
+        "to-encoder": _try_encoder,
         "pictures": try_pictures,
     }
+
+
+def _try_encoder(number: int) -> str:
+    made = material()
+    return try_messages(made.to_encoder, partial(serve, made.frames, made.config), number)
