@@ -1,14 +1,10 @@
-"""Errors of rendered views, and streams of several quality layers."""
+"""Errors of rendered views."""
 
 import numpy as np
 import pytest
 
-from dvc.dibr.codec.decoder import decode
-from dvc.dibr.codec.encoder import ViewEncoder
 from dvc.dibr.codec.forward_errors import ForwardErrors, parallax_px
 from dvc.dibr.codec.views import Views
-from dvc.dibr.stream.header import DisparityMethod
-from dvc.dibr.stream.layers import decode_stream
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 
 SHAPE, SHIFT = (24, 32), 3
@@ -51,22 +47,3 @@ def test_labels_that_lead_into_holes_are_credited() -> None:
 def test_parallax_of_one_label_is_none() -> None:
     """Where nothing can move nothing does."""
     assert parallax_px(np.eye(3, 4), SHAPE, np.array([2.0])) == 0.0
-
-
-@pytest.mark.parametrize("method", [DisparityMethod.L, DisparityMethod.S], ids=lambda one: one.name)
-def test_layers_of_a_cut_stream_are_those_of_the_whole_one(method: DisparityMethod) -> None:
-    """The first k layers decode to the same, whether the others follow or have been cut off."""
-    views = shifted_views()
-    data = ViewEncoder(views, LABELS, method, num_layers=3).encode(1e-4).data
-    whole = decode_stream(data)
-    assert whole.damage is None
-    for count in (1, 2, 3):
-        wanted = decode(whole, count)
-        cut = decode(whole._replace(layers=whole.layers[:count]))
-        assert wanted.num_layers == cut.num_layers == count
-        np.testing.assert_array_equal(wanted.pairs[0].picture, cut.pairs[0].picture)
-        np.testing.assert_array_equal(wanted.pairs[0].disparity, cut.pairs[0].disparity)
-    errors = [
-        np.square(decode(whole, k).pairs[0].picture.astype(float) - views.pictures[0]).mean() for k in (1, 3)
-    ]
-    assert errors[1] < errors[0]
