@@ -8,13 +8,16 @@ from numpy.typing import NDArray
 from dvc.dibr.codec.decoder import PictureAndDisparity
 from dvc.dibr.codec.rendering import picture_of, render_pairs
 from dvc.dibr.codec.views import Picture
-from dvc.dibr.disparity.distortion import Plane, subtract_hole_errors
+from dvc.dibr.disparity.distortion import Holes, Plane, subtract_hole_errors
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import Labels
 from dvc.multiview.camera_array import DisparityLabels
 from dvc.multiview.viewpoints import Viewpoint, warp_between
 
 Floats = NDArray[np.float64]
+
+SAME_SURFACE_LABELS = 1.5
+"""How far behind what is drawn a label still counts as seen."""
 
 
 class ForwardErrors:
@@ -45,7 +48,7 @@ class ForwardErrors:
         motions = [parallax_px(warp, picture.shape, self._inverse_depths) for warp in self._warps]
         self.parallax = sum(motions) / (len(views) + 1)
 
-    def measure(self, labels: Labels) -> tuple[float, list[Plane]]:
+    def measure(self, labels: Labels) -> tuple[float, list[Holes]]:
         """Render all views; see `Distortion`.
 
         Parameters
@@ -57,8 +60,8 @@ class ForwardErrors:
         -------
         float
             Squared error: summed over pixels, mean of all views with the reference.
-        list of ndarray of shape (H, W), float32
-            Squared errors of the views, 0 where something is drawn.
+        list of Holes
+            Of each view.
         """
         disparity = self._labels.disparity(labels.astype(np.float64))
         pair = PictureAndDisparity(self._picture, disparity, self._viewpoint)
@@ -67,18 +70,25 @@ class ForwardErrors:
             view = render_pairs([pair], place, self._labels.step)
             errors = squared_errors(picture_of(view), truth)
             total += float(errors.sum(dtype=np.float64))
-            holes.append(np.where(view.drawn, np.float32(0.0), errors))
+            first_label = np.where(view.drawn, self._first_label_before(view.inverse_depth), 0)
+            holes.append(Holes(np.where(view.drawn, np.float32(0.0), errors), first_label.astype(np.int32)))
         return total / (len(self._views) + 1), holes
 
-    def claimed(self, tensor: Tensor, holes: Sequence[Plane], weight: float) -> Tensor:
+    def _first_label_before(self, inverse_depth: Floats) -> Labels:
+        """Return the lowest labels that are seen before a surface, or as part of it."""
+        lowest, step, num_labels = self._labels
+        first = np.ceil((inverse_depth - lowest) / step - SAME_SURFACE_LABELS)
+        return np.clip(first, 0, num_labels).astype(np.int32)
+
+    def claimed(self, tensor: Tensor, holes: Sequence[Holes], weight: float) -> Tensor:
         """Credit labels that would cover holes; see `Distortion`.
 
         Parameters
         ----------
         tensor : ndarray of shape (H, W, labels), float32
             Error tensor.
-        holes : sequence of ndarray of shape (H, W), float32
-            Errors in the holes of the views.
+        holes : sequence of Holes
+            Of the views; errors of former holes may be there, too.
         weight : float
             Share of them that is subtracted.
 

@@ -67,20 +67,25 @@ def add_squared_errors(target, view, homographies, tensor, count):
 
 
 @kernel
-def subtract_at_labels(plane, homographies, weight, tensor):
-    """Subtract from each label of a pixel what a plane has where the label would draw it."""
-    height, width = plane.shape
-    for m in range(tensor.shape[0]):
-        for n in range(tensor.shape[1]):
-            for k in range(tensor.shape[2]):
+def subtract_at_labels(plane, first_label, homographies, weight, tensor):
+    """Subtract what a plane has from labels, from a first one on, of the pixels that these would draw there.
+
+    Homographies are those from the plane back to the pixels.
+    """
+    height, width, labels = tensor.shape
+    for i in range(plane.shape[0]):
+        for j in range(plane.shape[1]):
+            if plane[i, j] == 0.0:
+                continue
+            for k in range(first_label[i, j], labels):
                 h = homographies[k]
-                z = h[2, 0] * n + h[2, 1] * m + h[2, 2]
+                z = h[2, 0] * j + h[2, 1] * i + h[2, 2]
                 if z <= 0.0:
                     continue
-                x = int(np.floor((h[0, 0] * n + h[0, 1] * m + h[0, 2]) / z + 0.5))
-                y = int(np.floor((h[1, 0] * n + h[1, 1] * m + h[1, 2]) / z + 0.5))
-                if 0 <= x < width and 0 <= y < height:
-                    tensor[m, n, k] -= weight * plane[y, x]
+                n = np.int64(np.floor((h[0, 0] * j + h[0, 1] * i + h[0, 2]) / z + 0.5))
+                m = np.int64(np.floor((h[1, 0] * j + h[1, 1] * i + h[1, 2]) / z + 0.5))
+                if 0 <= n < width and 0 <= m < height:
+                    tensor[m, n, k] -= weight * plane[i, j]
 
 
 @kernel

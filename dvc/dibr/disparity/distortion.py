@@ -5,7 +5,7 @@ from it. Where these errors are known, the codecs choose by them.
 """
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,21 @@ from dvc.dibr.disparity.integer_transforms import Labels
 
 Floats = NDArray[np.float64]
 Plane = NDArray[np.float32]
+
+
+class Holes(NamedTuple):
+    """What is not drawn in one view.
+
+    Attributes
+    ----------
+    errors : ndarray of shape (H, W), float32
+        Squared errors, 0 where something is drawn.
+    first_label : ndarray of shape (H, W), int32
+        Lowest label that would be seen: 0 in holes, elsewhere the first one before what is drawn.
+    """
+
+    errors: Plane
+    first_label: Labels
 
 
 class Distortion(Protocol):
@@ -29,7 +44,7 @@ class Distortion(Protocol):
 
     parallax: float
 
-    def measure(self, labels: Labels) -> tuple[float, list[Plane]]:
+    def measure(self, labels: Labels) -> tuple[float, list[Holes]]:
         """Return the error of a map.
 
         Parameters
@@ -41,19 +56,19 @@ class Distortion(Protocol):
         -------
         float
             Squared error: summed over pixels, mean of all views with the reference.
-        list of ndarray of shape (H, W), float32
-            Squared errors of the views, 0 where something is drawn.
+        list of Holes
+            Of each view.
         """
 
-    def claimed(self, tensor: Tensor, holes: Sequence[Plane], weight: float) -> Tensor:
+    def claimed(self, tensor: Tensor, holes: Sequence[Holes], weight: float) -> Tensor:
         """Return a tensor in which labels that would cover a hole have less error.
 
         Parameters
         ----------
         tensor : ndarray of shape (H, W, labels), float32
             Error tensor.
-        holes : sequence of ndarray of shape (H, W), float32
-            Errors in the holes of the views, as from `measure`.
+        holes : sequence of Holes
+            Of the views, as from `measure`; errors of former holes may be there, too.
         weight : float
             Share of them that is subtracted.
 
@@ -65,16 +80,16 @@ class Distortion(Protocol):
 
 
 def subtract_hole_errors(
-    tensor: Tensor, holes: Sequence[Plane], warps: Sequence[Floats], inverse_depths: Floats, weight: float
+    tensor: Tensor, holes: Sequence[Holes], warps: Sequence[Floats], inverse_depths: Floats, weight: float
 ) -> Tensor:
-    """Credit each label with the errors in holes where it would draw its pixel.
+    """Credit each label with the errors in holes where it would draw its pixel, if that would be seen.
 
     Parameters
     ----------
     tensor : ndarray of shape (H, W, labels), float32
         Error tensor.
-    holes : sequence of ndarray of shape (H, W), float32
-        Errors in the holes of each view.
+    holes : sequence of Holes
+        Of each view.
     warps : sequence of ndarray of shape (3, 4), float64
         To each view.
     inverse_depths : ndarray of shape (labels,), float64
@@ -88,11 +103,21 @@ def subtract_hole_errors(
         May be negative.
     """
     credited = tensor.copy()
-    for plane, warp in zip(holes, warps, strict=True):
+    share = np.float32(weight / (len(holes) + 1))
+    for (errors, first_label), warp in zip(holes, warps, strict=True):
         homographies = np.tile(warp[:, :3], (len(inverse_depths), 1, 1))
         homographies[:, :, 2] += inverse_depths[:, None] * warp[:, 3]
-        _kernels.subtract_at_labels(plane, homographies, np.float32(weight / (len(holes) + 1)), credited)
+        _kernels.subtract_at_labels(errors, first_label, _adjugates(homographies), share, credited)
     return credited
+
+
+def _adjugates(homographies: Floats) -> Floats:
+    """Return the inverses of homographies, but for positive scales; zeros where they are singular."""
+    rows = homographies.transpose(1, 0, 2)
+    columns = [np.cross(rows[(k + 1) % 3], rows[(k + 2) % 3]) for k in range(3)]
+    determinants = (rows[0] * columns[0]).sum(axis=1)
+    adjugates: Floats = np.stack(columns, axis=2) * np.sign(determinants)[:, None, None]
+    return adjugates
 
 
 def backward_error(tensor: Tensor, labels: Labels) -> float:

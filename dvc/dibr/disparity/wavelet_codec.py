@@ -6,7 +6,7 @@ it is known what maps cause when other views are rendered from them, differences
 their bits, as those open holes, and labels that cover a hole less: by how much is tried.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from dvc.dibr.disparity.coding import (
     encode_tree,
     no_statistics,
 )
-from dvc.dibr.disparity.distortion import Distortion, Plane, backward_error
+from dvc.dibr.disparity.distortion import Distortion, Holes, backward_error
 from dvc.dibr.disparity.dynamic_programming import optimise_tree
 from dvc.dibr.disparity.error_tensor import Tensor
 from dvc.dibr.disparity.integer_transforms import (
@@ -33,11 +33,13 @@ from dvc.dibr.disparity.rate_model import code_costs, kinds_of
 
 NUM_ITERATIONS = 2
 """How often costs and tree follow from each other before tears are tried."""
-TEARS = 0.05, 0.1, 0.2
+TEARS = 0.025, 0.05, 0.1, 0.2
 """Squared errors of pixels of holes, relative to the mean of the tensor, to choose from where it is known
 what comes of them."""
-CREDITS = 0.1, 0.1, 0.2, 0.3
+CREDITS = 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5
 """Shares of the errors in holes to credit labels with that would cover them, one after the other."""
+MAX_FAILURES = 2
+"""How many tears or credits in a row may do no good before the others are left out."""
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,11 @@ class WaveletCodec:
     ) -> WaveletTree:
         """Find the best tree; see `DisparityCodec`."""
         search = _Search(self, tensor, slope, significance, previous, distortion)
-        for _ in range(NUM_ITERATIONS):
-            search.refine(search.latest)
-        for tear in TEARS if distortion is not None else ():
-            search.refine(search.best, tear)
-        for credit in CREDITS if distortion is not None else ():
-            search.refine(search.best, search.best.tear, credit)
+        for step in range(NUM_ITERATIONS):
+            search.refine(search.latest, is_candidate=distortion is None or step == NUM_ITERATIONS - 1)
+        if distortion is not None:
+            search.climb((tear, 0.0) for tear in TEARS)
+            search.climb((search.best.tear, credit) for credit in CREDITS)
         return search.best.tree
 
     def encode(
@@ -129,7 +130,7 @@ class _Found(NamedTuple):
     cost: float
     statistics: Statistics
     tear: float
-    holes: list[Plane]
+    holes: list[Holes]
 
 
 class _Search:
@@ -156,7 +157,17 @@ class _Search:
         nothing = no_statistics(len(self._classes))
         self.latest = self.best = _Found(previous, np.inf, nothing, 0.0, [])
 
-    def refine(self, start: _Found, tear: float = 0.0, credit: float = 0.0) -> None:
+    def climb(self, steps: Iterable[tuple[float, float]]) -> None:
+        """Refine the best tree with tears and credits, until several in a row do no good."""
+        num_failures = 0
+        for tear, credit in steps:
+            num_failures = 0 if self.refine(self.best, tear, credit) else num_failures + 1
+            if num_failures == MAX_FAILURES:
+                break
+
+    def refine(
+        self, start: _Found, tear: float = 0.0, credit: float = 0.0, *, is_candidate: bool = True
+    ) -> bool:
         """Find the best tree by the costs of another one, and keep it if it is the best so far."""
         tensor = self._tensor
         if credit > 0.0 and self._distortion is not None:
@@ -167,16 +178,20 @@ class _Search:
         )
         tree, _ = optimise_tree(self._transform, tensor, costs, self._previous)
         payload, statistics = encode_tree(tree, self._classes, self._previous)
-        error, holes = self._measured(tree.disparity())
+        error, holes = self._measured(tree.disparity()) if is_candidate else (np.inf, [])
         if credit > 0.0:  # what was a hole is still worth covering
-            before = self.best.holes
-            holes = [np.where(now > 0.0, now, was) for now, was in zip(holes, before, strict=True)]
+            holes = [
+                now._replace(errors=np.where(now.errors > 0.0, now.errors, was.errors))
+                for now, was in zip(holes, self.best.holes, strict=True)
+            ]
         cost = error + self._slope * 8 * len(payload)
         self.latest = _Found(tree, cost, statistics, tear, holes)
-        if cost < self.best.cost:
+        is_better = cost < self.best.cost
+        if is_better:
             self.best = self.latest
+        return is_better
 
-    def _measured(self, labels: Labels) -> tuple[float, list[Plane]]:
+    def _measured(self, labels: Labels) -> tuple[float, list[Holes]]:
         if self._distortion is None:
             return backward_error(self._tensor, labels), []
         return self._distortion.measure(labels)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from dvc._jit import python_twin
 from dvc.dibr.disparity import _kernels
 from dvc.dibr.disparity.coding import all_significant, encode_tree, no_statistics
-from dvc.dibr.disparity.distortion import backward_error, subtract_hole_errors
+from dvc.dibr.disparity.distortion import Holes, backward_error, subtract_hole_errors
 from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, IntegerTransform, WaveletTree
 from dvc.dibr.disparity.rate_model import code_costs, kinds_of
 from dvc.dibr.disparity.wavelet_codec import WaveletCodec
@@ -33,17 +33,18 @@ class Rendered:
     def __init__(self, tensor: NDArray[np.float32]) -> None:
         self.tensor = tensor
 
-    def measure(self, labels: NDArray[np.int32]) -> tuple[float, list[NDArray[np.float32]]]:
+    def measure(self, labels: NDArray[np.int32]) -> tuple[float, list[Holes]]:
         """Return the error of a map, that of its holes with it."""
         reached = np.zeros(SHAPE, np.bool_)
         rows, columns = np.indices(SHAPE)
         inside = columns - labels >= 0
         reached[rows[inside], (columns - labels)[inside]] = True
         empty = np.where(reached, 0.0, 0.02).astype(np.float32)
-        return backward_error(self.tensor, labels) + float(empty.sum()), [empty]
+        holes = Holes(empty, np.zeros(SHAPE, np.int32))
+        return backward_error(self.tensor, labels) + float(empty.sum()), [holes]
 
     def claimed(
-        self, tensor: NDArray[np.float32], holes: Sequence[NDArray[np.float32]], weight: float
+        self, tensor: NDArray[np.float32], holes: Sequence[Holes], weight: float
     ) -> NDArray[np.float32]:
         """Credit labels that cover holes."""
         warp = np.array([[1.0, 0.0, 0.0, -1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
@@ -59,7 +60,7 @@ def test_maps_are_chosen_by_the_errors_that_they_cause(transform: IntegerTransfo
     plain, chosen = (rendered.measure(tree.disparity()) for tree in trees)
     spent = [SLOPE * 8 * len(codec.encode(tree)) for tree in trees]
     assert chosen[0] + spent[1] < 0.98 * (plain[0] + spent[0])
-    assert chosen[1][0].sum() < plain[1][0].sum()
+    assert chosen[1][0].errors.sum() < plain[1][0].errors.sum()
 
 
 def test_labels_that_would_cover_a_hole_are_credited() -> None:
@@ -69,16 +70,35 @@ def test_labels_that_would_cover_a_hole_are_credited() -> None:
     hole = np.zeros((6, 9), np.float32)
     hole[2, 5] = 0.5
     warp = np.array([[1.0, 0.0, 0.0, -1.0], [0.0, 1.0, 0.0, 1.0], [0.0, 0.0, 1.0, 0.0]])
-    found = subtract_hole_errors(tensor, [hole, np.zeros_like(hole)], [warp] * 2, np.arange(4.0), 0.3)
+    first_label = np.full(hole.shape, 1, np.int32)
+    holes = [Holes(hole, first_label), Holes(np.zeros_like(hole), first_label)]
+    found = subtract_hole_errors(tensor, holes, [warp] * 2, np.arange(4.0), 0.3)
     expected = tensor.copy()
-    for label in range(3):  # from (5 + d, 2 - d)
+    for label in range(1, 3):  # from (5 + d, 2 - d); label 0 would be hidden
         expected[2 - label, 5 + label, label] -= np.float32(0.3 / 3) * hole[2, 5]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
     credited = tensor.copy()
-    homographies = np.tile(warp[:, :3], (4, 1, 1))
-    homographies[:, :, 2] += np.arange(4.0)[:, None] * warp[:, 3]
-    python_twin(_kernels.subtract_at_labels)(hole, homographies, np.float32(0.1), credited)
+    back = np.tile(np.eye(3), (4, 1, 1))
+    back[:, :, 2] -= np.arange(4.0)[:, None] * warp[:, 3]
+    back[:, 2, 2] = 1.0
+    python_twin(_kernels.subtract_at_labels)(hole, first_label, back, np.float32(0.1), credited)
     np.testing.assert_allclose(found, credited, rtol=1e-6)
+
+
+def test_holes_of_slanted_planes_are_credited_where_they_were_seen_from() -> None:
+    """Whatever a homography does, and its scale, the pixel is the one that it takes to the hole."""
+    hole = np.zeros((40, 50), np.float32)
+    hole[17, 31] = 1.0
+    warp = np.array([[1.1, 0.05, -2.0, 3.0], [-0.04, 0.97, 1.0, 0.5], [1e-4, 2e-4, 1.0, 0.0]])
+    holes = [Holes(hole, np.zeros(hole.shape, np.int32))]
+    found = subtract_hole_errors(
+        np.zeros((40, 50, 2), np.float32), holes, [2.0 * warp], np.array([0.0, -2.0]), 1.0
+    )
+    for label, inverse_depth in enumerate((0.0, -2.0)):
+        ((row, column),) = np.argwhere(found[..., label])
+        x, y, z = warp @ [column, row, 1.0, inverse_depth]
+        assert abs(x / z - 31.0) < 0.6
+        assert abs(y / z - 17.0) < 0.6
 
 
 def test_costs_of_the_code_are_near_its_length() -> None:
