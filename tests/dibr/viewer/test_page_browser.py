@@ -14,10 +14,10 @@ from dvc.dibr.codec.decoder import Decoded, decode
 from dvc.dibr.codec.rendering import picture_of, render
 from dvc.dibr.stream.layers import decode_stream
 from dvc.dibr.viewer.page import Caption, write_page
-from dvc.dibr.viewer.scene import scene_of_layers, scene_of_sprites
+from dvc.dibr.viewer.scene import Bounds, Scene, scene_of_layers, scene_of_sprites, source_of
 from dvc.metrics import psnr_db
 from dvc.multiview.camera_array import LatticePosition
-from dvc.multiview.viewpoints import Viewpoint
+from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint
 from dvc.picture_files import read_picture
 from dvc.stereo.layers.layered_depth_image import layered_depth_image
 from dvc.stereo.layers.sprites import extract_sprites
@@ -29,6 +29,8 @@ TIMEOUT_MS = 60_000
 READY = "document.documentElement.classList.contains('ready')"
 MESSAGE = "document.getElementById('message')"
 TOLD = f"!{MESSAGE}.hidden && !{MESSAGE}.textContent.startsWith('Unpacking')"
+INTRINSIC = np.array([[60.0, 0.0, 30.0], [0.0, 60.0, 20.0], [0.0, 0.0, 1.0]])
+APART = np.column_stack([np.eye(3), [-1.0, 0.0, 0.0]])
 NO_WEBGL = "HTMLCanvasElement.prototype.getContext = () => null;"
 
 Opened = Callable[..., Page]
@@ -45,7 +47,25 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_page(folder / "layers.html", scene_of_layers(image), Caption("layers", "3 layers", 1000, 2400))
     sprites = scene_of_sprites(extract_sprites(image))
     write_page(folder / "sprites.html", sprites, Caption("sprites", "sprites", 1000, 2400))
+    write_page(folder / "flat.html", flat_scene(LatticePosition(0.0, 0.0)), Caption("flat", "plane", 1, 1))
+    cameras = [CalibratedViewpoint(INTRINSIC, np.eye(3, 4)), CalibratedViewpoint(INTRINSIC, APART)]
+    write_page(
+        folder / "cameras.html", flat_scene(*cameras), Caption("flat", "plane", 1, 1, (), (None, None))
+    )
     return folder
+
+
+def flat_scene(*viewpoints: Viewpoint) -> Scene:
+    """Return a plane before the first of some viewpoints."""
+    rng = np.random.default_rng(2)
+    picture = np.kron(rng.integers(0, 256, (8, 12, 3)), np.ones((5, 5, 1))).astype(np.uint8)
+    source = source_of(
+        picture,
+        np.full((40, 60), 0.2 if isinstance(viewpoints[0], CalibratedViewpoint) else 10.0),
+        None,
+        viewpoints[0],
+    )
+    return Scene((40, 60), (source,), 0.1, viewpoints, Bounds(-1.0, 1.0, -1.0, 1.0))
 
 
 @pytest.fixture
@@ -223,6 +243,18 @@ def test_depth_and_grid_are_shown(opened: Opened) -> None:
     page.locator("#view").focus()
     page.keyboard.press("v")
     assert page.locator("#picture").is_checked()
+
+
+@pytest.mark.parametrize("name", ["flat", "cameras"])
+def test_middle_is_held_in_place(opened: Opened, name: str) -> None:
+    """A plane before the cameras stays where it is, if that is wanted, and moves if not."""
+    page = opened(name)
+    before = saved(page).astype(int)
+    go(page, 0.5, 0.2)
+    assert np.abs(saved(page) - before)[8:-8, 8:-8].mean() > 10.0
+    page.locator("#view").focus()
+    page.keyboard.press("h")
+    assert np.abs(saved(page) - before)[8:-8, 8:-8].max() <= 2
 
 
 def test_context_that_is_lost_comes_back(opened: Opened) -> None:

@@ -71,11 +71,22 @@ const Decoding = (() => {
     })),
   });
 
-  const scene = async (data, still) => ({
-    ...data,
-    palette: bytesOf(data.palette),
-    sources: await Promise.all(data.sources.map((each) => source(each, data, still))),
-  });
+  const mean = (pieces) => {
+    let sum = 0, count = 0;
+    for (const { values } of pieces) {
+      for (const value of values) {
+        if (value < 0) continue;
+        sum += value;
+        count++;
+      }
+    }
+    return count ? sum / count : 0;
+  };
+
+  const scene = async (data, still) => {
+    const sources = await Promise.all(data.sources.map((each) => source(each, data, still)));
+    return { ...data, palette: bytesOf(data.palette), sources, middle: mean(sources[0].pieces) };
+  };
 
   return { scene };
 })();

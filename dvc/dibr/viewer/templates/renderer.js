@@ -93,9 +93,10 @@ class Renderer {
     this.layers = { colour, depth, framebuffers };
   }
 
-  // mode: "picture", "depth" or "lines"; fill: whether what no source shows continues the background.
-  draw(viewpoint, { mode, fill }) {
-    const warps = Warps.warpsTo(this.scene, viewpoint).slice(0, Renderer.MAX_SOURCES);
+  // mode: "picture", "depth" or "lines"; fill: whether what no source shows continues the background; hold:
+  // whether the middle of the scene stays where it is.
+  draw(viewpoint, { mode, fill, hold }) {
+    const warps = Warps.warpsTo(this.scene, viewpoint, hold).slice(0, Renderer.MAX_SOURCES);
     const lines = mode === "lines";
     this.gl.viewport(0, 0, this.gl.canvas.width, this.gl.canvas.height);
     warps.forEach((warp, layer) => this.drawSource(this.sources[warp.index], warp, layer, lines));

@@ -37,6 +37,7 @@
   const options = () => ({
     mode: MODES.find((mode) => element(mode).checked),
     fill: !element("mark").checked,
+    hold: element("hold").checked,
   });
 
   const fineScale = () => {
@@ -160,6 +161,8 @@
       choose(MODES[(MODES.findIndex((mode) => element(mode).checked) + 1) % MODES.length]);
     } else if (event.key === "u") {
       choose("mark");
+    } else if (event.key === "h") {
+      choose("hold");
     } else if (event.key === "?") {
       help.showModal();
     }
@@ -167,7 +170,7 @@
 
   // --- buttons
 
-  MODES.concat("mark").forEach((id) => element(id).addEventListener("change", draw));
+  MODES.concat("mark", "hold").forEach((id) => element(id).addEventListener("change", draw));
   element("reset").addEventListener("click", () => move(START, true));
   element("help-button").addEventListener("click", () => help.showModal());
   document.querySelectorAll("[data-view]").forEach((button) => button.addEventListener("click", () => {

@@ -48,13 +48,26 @@ const Warps = (() => {
     };
   };
 
+  // The same view, moved so that the middle of the scene stays in the middle of it.
+  const held = (warps, scene) => {
+    const { turn, shift } = warps[0], middle = [(scene.width - 1) / 2, (scene.height - 1) / 2, 1];
+    const there = apply(turn, middle).map((value, k) => value + scene.middle * shift[k]);
+    const [right, down] = [0, 1].map((k) => middle[k] - there[k] / there[2]);
+    const moved = (matrix) => times([1, 0, right, 0, 1, down, 0, 0, 1], matrix);
+    return warps.map((warp) => {
+      const turned = moved(warp.turn);
+      const [x, y, w] = warp.shift;
+      return { ...warp, turn: turned, shift: [x + right * w, y + down * w, w], back: inverse(turned) };
+    });
+  };
+
   // [turn | shift] from each source to a viewpoint, for nearness (disparity above infinity's); and weights.
-  const warpsTo = (scene, { m, n, closer }) => {
+  const warpsTo = (scene, { m, n, closer }, hold = false) => {
     const camera = scene.cameras && cameraAt(scene.cameras, m, n);
     const centre = camera ? [2, 5, 8].map((k) => camera.intrinsic[k])
       : [(scene.width - 1) / 2, (scene.height - 1) / 2, 1];
     const rate = closer / (scene.highest - scene.infinity);
-    const all = scene.sources.map((source, index) => {
+    let all = scene.sources.map((source, index) => {
       let turn, shift, distance;
       if (camera) {
         const own = source.camera, way = minus(own.centre, camera.centre);
@@ -72,6 +85,7 @@ const Warps = (() => {
       shift = minus(shift, centre.map((value) => rate * value));
       return { index, turn, shift, back: inverse(turn), distance };
     });
+    if (hold) all = held(all, scene);
     const near = NEAR_VIEW * Math.max(...all.map(({ distance }) => distance), 1e-9);
     all.forEach((warp) => { warp.weight = near / (warp.distance + near); });
     return all.sort((a, b) => b.weight - a.weight);
