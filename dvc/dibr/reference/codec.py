@@ -19,7 +19,9 @@ from dvc.dibr.spiht import coder
 from dvc.dibr.spiht.coder import MAX_PLANES, DecodedCoefficients
 from dvc.dibr.spiht.significance import significance_maps
 from dvc.dibr.spiht.trees import Forest, Shape, zerotrees
-from dvc.dibr.wavelets.lifting import WAVELETS, Pyramid, analyse, low_band_gain, most_levels, synthesise
+from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.dibr.wavelets.lifting import WAVELETS, Pyramid, low_band_gain, most_levels
+from dvc.dibr.wavelets.transform import Transform
 from dvc.errors import BitstreamError
 
 STEP = 0.25
@@ -240,6 +242,8 @@ def encode(
     num_levels: int | None = None,
     wavelet: str = "9/7",
     adaptive: bool = True,
+    edges: EdgeMaps | None = None,
+    order: int = 0,
 ) -> ReferenceCode:
     """Code a picture.
 
@@ -256,6 +260,10 @@ def encode(
         ``9/7`` or ``5/3``.
     adaptive : bool, optional
         Arithmetic coding; else plain bits.
+    edges : EdgeMaps, optional
+        Where the transform is to stop, which the decoder must be told; nowhere by default.
+    order : int, optional
+        Of the extrapolation at edges.
 
     Returns
     -------
@@ -276,7 +284,8 @@ def encode(
     if wavelet not in WAVELETS:
         raise ValueError(f"`wavelet` must be one of {', '.join(WAVELETS)}, got {wavelet!r}")
     forest = _forest(shape, num_levels, len(planes) == 3)
-    pyramids = [analyse(plane, num_levels, WAVELETS[wavelet]) for plane in planes]
+    transform = Transform(num_levels, wavelet, edges, order)
+    pyramids = [transform.analyse(plane) for plane in planes]
     coefficients = forest.gather(pyramids) / STEP
     code = coder.encode(forest, coefficients, max_bytes, adaptive)
     header = ReferenceHeader(num_levels, code.num_planes, len(planes) == 3, wavelet, adaptive)
@@ -286,7 +295,12 @@ def encode(
 
 
 def decode(
-    header: ReferenceHeader, data: bytes, shape: Shape, num_skipped_levels: int = 0
+    header: ReferenceHeader,
+    data: bytes,
+    shape: Shape,
+    num_skipped_levels: int = 0,
+    edges: EdgeMaps | None = None,
+    order: int = 0,
 ) -> DecodedReference:
     """Decode a picture, or as much of it as some bytes hold.
 
@@ -300,6 +314,10 @@ def decode(
         Rows and columns of the picture.
     num_skipped_levels : int, optional
         How many times the picture is halved; at most as often as it was split.
+    edges : EdgeMaps, optional
+        As it was encoded.
+    order : int, optional
+        Of the extrapolation at edges.
 
     Returns
     -------
@@ -321,7 +339,8 @@ def decode(
     known = coder.decode(forest, data, header.num_bit_planes, header.adaptive)
     points = tuple((point + _FIRST_POINT) * _POINT_STEP for point in header.points)
     pyramids = forest.scatter(known.reconstruct((points[0], points[1])) * STEP)
-    planes = _synthesised(pyramids, header, shape, num_skipped_levels)
+    transform = Transform(header.num_levels, header.wavelet, edges, order)
+    planes = _synthesised(pyramids, transform, shape, num_skipped_levels)
     return DecodedReference(planes, _significance(forest, known, shape))
 
 
@@ -330,13 +349,13 @@ def _significance(forest: Forest, known: DecodedCoefficients, shape: Shape) -> l
 
 
 def _synthesised(
-    pyramids: Sequence[Pyramid], header: ReferenceHeader, shape: Shape, num_skipped_levels: int
+    pyramids: Sequence[Pyramid], transform: Transform, shape: Shape, num_skipped_levels: int
 ) -> NDArray[np.float64]:
     gain = low_band_gain(shape, num_skipped_levels)
     planes = []
     for pyramid, (middle, weight) in zip(pyramids, _SCALES, strict=False):
         kept = Pyramid(pyramid.low, pyramid.details[num_skipped_levels:])
-        planes.append(synthesise(kept, WAVELETS[header.wavelet]) / (gain * weight) + middle)
+        planes.append(transform.synthesise(kept) / (gain * weight) + middle)
     return np.stack(planes)
 
 

@@ -1,0 +1,127 @@
+"""The decoder of depth maps and of pictures with depth maps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.depth_image.depth_scale import Plane
+from dvc.dibr.depth_image.stream import DepthImageStream, PlaneCode
+from dvc.dibr.edges import chain_code
+from dvc.dibr.reference import codec as reference_codec
+from dvc.dibr.reference.codec import DecodedReference
+from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.errors import ConfigError
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedDepthImage:
+    """A decoded stream.
+
+    Attributes
+    ----------
+    stream : DepthImageStream
+        What was decoded.
+    depth : ndarray of shape (H, W), float64
+        The map, in its own numbers.
+    picture : ndarray of shape (H, W) or (H, W, 3), uint8, or None
+        Gray, or red, green and blue.
+    edges : EdgeMaps
+        Of the full resolution.
+    resolution : int
+        How many times map and picture are halved.
+    """
+
+    stream: DepthImageStream
+    depth: Plane
+    picture: NDArray[np.uint8] | None
+    edges: EdgeMaps
+    resolution: int
+
+    @property
+    def disparity(self) -> Plane:
+        """Disparity, in pixels of the map per unit of m and n."""
+        return self.stream.scale.disparity(self.depth) / 2.0**self.resolution
+
+
+def decode(stream: DepthImageStream, resolution: int = 0) -> DecodedDepthImage:
+    """Decode a stream.
+
+    Parameters
+    ----------
+    stream : DepthImageStream
+        As it was read.
+    resolution : int, optional
+        How many times map and picture are halved.
+
+    Returns
+    -------
+    DecodedDepthImage
+        Map and picture.
+
+    Raises
+    ------
+    BitstreamError
+        If the stream cannot have been written.
+    ConfigError
+        If there are not so many resolutions.
+    """
+    num_levels = stream.depth.header.num_levels
+    if not 0 <= resolution <= num_levels:
+        raise ConfigError(f"resolution {resolution}: 0 to {num_levels} are accepted")
+    edges = decode_edges(stream)
+    depth = decode_plane(stream.depth, edges, stream.shape, resolution)
+    picture = None
+    if stream.picture:
+        chosen = edges if stream.picture_edges else None
+        picture = decode_plane(stream.picture, chosen, stream.shape, resolution).picture()
+    return DecodedDepthImage(stream, stream.scale.depth(depth.planes[0]), picture, edges, resolution)
+
+
+def decode_edges(stream: DepthImageStream) -> EdgeMaps:
+    """Return the edges of a stream.
+
+    Parameters
+    ----------
+    stream : DepthImageStream
+        As it was read.
+
+    Returns
+    -------
+    EdgeMaps
+        Edges.
+
+    Raises
+    ------
+    BitstreamError
+        If they cannot have been written.
+    """
+    if not stream.edges:
+        return EdgeMaps.none(stream.shape)
+    return chain_code.decode(stream.edges, stream.shape, stream.edge_code)
+
+
+def decode_plane(
+    code: PlaneCode, edges: EdgeMaps | None, shape: tuple[int, int], resolution: int = 0
+) -> DecodedReference:
+    """Decode a map, as levels, or a picture.
+
+    Parameters
+    ----------
+    code : PlaneCode
+        Its code.
+    edges : EdgeMaps or None
+        Where its transform stopped.
+    shape : tuple of int
+        Height and width.
+    resolution : int, optional
+        How many times it is halved.
+
+    Returns
+    -------
+    DecodedReference
+        Levels.
+    """
+    if edges is not None and not edges.count():
+        edges = None
+    return reference_codec.decode(code.header, code.data, shape, resolution, edges, code.order)

@@ -1,0 +1,255 @@
+"""A depth map coded with several selections of edges, to choose from: the best at a length, or at a slope."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvc.dibr.depth_image.decoder import decode_plane
+from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
+from dvc.dibr.depth_image.stream import PlaneCode
+from dvc.dibr.edges import chain_code, selection
+from dvc.dibr.edges.chain_code import EdgeCode
+from dvc.dibr.edges.chains import trace
+from dvc.dibr.reference import codec as reference_codec
+from dvc.dibr.reference.codec import ReferenceCode
+from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.dibr.wavelets.lifting import WAVELETS
+
+_PEAK = 255.0
+
+
+@dataclass(frozen=True)
+class DepthOptions:
+    """How a depth map is transformed.
+
+    Attributes
+    ----------
+    wavelet : str
+        ``9/7`` or ``5/3``.
+    num_levels : int
+        How many times it is split.
+    order : int
+        Of the extrapolation at edges.
+    adaptive : bool
+        Arithmetic coding of coefficients; else plain bits.
+    """
+
+    wavelet: str = "9/7"
+    num_levels: int = 5
+    order: int = 1
+    adaptive: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class CodedEdges:
+    """Edges and their code.
+
+    Attributes
+    ----------
+    maps : EdgeMaps or None
+        The edges, if there are any.
+    code : EdgeCode
+        How they are coded.
+    data : bytes
+        Their code.
+    """
+
+    maps: EdgeMaps | None
+    code: EdgeCode
+    data: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class DepthCode:
+    """A depth map coded with some edges.
+
+    Attributes
+    ----------
+    edges : CodedEdges
+        The edges.
+    plane : PlaneCode
+        Its code.
+    mse : float
+        Mean squared error of the decoded map, in the map's own units.
+    """
+
+    edges: CodedEdges
+    plane: PlaneCode
+    mse: float
+
+
+@dataclass(frozen=True, eq=False)
+class DepthCandidate:
+    """A depth map coded with some edges, to be cut.
+
+    Attributes
+    ----------
+    edges : CodedEdges
+        The edges.
+    code : ReferenceCode
+        Of the map's levels.
+    depth : ndarray of shape (H, W), float64
+        The map.
+    scale : DepthScale
+        Of its numbers.
+    order : int
+        Of the extrapolation at edges.
+    """
+
+    edges: CodedEdges
+    code: ReferenceCode
+    depth: Plane
+    scale: DepthScale
+    order: int
+
+    def cut(self, num_bytes: int) -> DepthCode | None:
+        """Return what fits into a length.
+
+        Parameters
+        ----------
+        num_bytes : int
+            Of edges and code.
+
+        Returns
+        -------
+        DepthCode or None
+            None if not even the edges do.
+        """
+        room = num_bytes - len(self.edges.data)
+        if room < 0:
+            return None
+        header, data = self.code.cut(room)
+        plane = PlaneCode(header, self.order, data)
+        height, width = self.depth.shape
+        decoded = self.scale.depth(decode_plane(plane, self.edges.maps, (height, width)).planes[0])
+        return DepthCode(self.edges, plane, float(np.mean((decoded - self.depth) ** 2)))
+
+    def mse_at(self, num_bytes: float) -> float:
+        """Return about what the squared error is at a length.
+
+        Parameters
+        ----------
+        num_bytes : float
+            Of edges and code.
+
+        Returns
+        -------
+        float
+            In the map's own units, as coefficients tell it; infinite if the edges do not fit.
+        """
+        room = 8.0 * (num_bytes - len(self.edges.data)) / self.depth.size
+        if room < 0:
+            return np.inf
+        levels = float(np.interp(room, self.code.bits_per_pixel, self.code.mse)) * _PEAK**2
+        return levels * self.scale.unit**2
+
+
+def code_edges(edges: EdgeMaps, code: EdgeCode | None = None) -> CodedEdges:
+    """Code edges.
+
+    Parameters
+    ----------
+    edges : EdgeMaps
+        Edges.
+    code : EdgeCode, optional
+        How; by default the shorter.
+
+    Returns
+    -------
+    CodedEdges
+        Edges and code.
+    """
+    if not edges.count():
+        return CodedEdges(None, EdgeCode.ADAPTIVE, b"")
+    chains = trace(edges)
+    codes = [EdgeCode.ADAPTIVE, EdgeCode.FIXED] if code is None else [code]
+    found = [CodedEdges(edges, one, chain_code.encode(chains, one)) for one in codes]
+    return min(found, key=lambda coded: len(coded.data))
+
+
+def code_with_edges(
+    depth: Plane, scale: DepthScale, edges: CodedEdges, max_bytes: int, options: DepthOptions
+) -> DepthCandidate:
+    """Code a depth map with given edges.
+
+    Parameters
+    ----------
+    depth : ndarray of shape (H, W), float64
+        The map, all finite.
+    scale : DepthScale
+        Of its numbers.
+    edges : CodedEdges
+        The edges.
+    max_bytes : int
+        Most that edges and code will be cut to.
+    options : DepthOptions
+        How it is transformed.
+
+    Returns
+    -------
+    DepthCandidate
+        The code.
+    """
+    room = max(max_bytes - len(edges.data), 0)
+    code = reference_codec.encode(
+        scale.levels(depth),
+        room,
+        options.num_levels,
+        options.wavelet,
+        options.adaptive,
+        edges.maps,
+        options.order,
+    )
+    return DepthCandidate(edges, code, depth, scale, options.order)
+
+
+def code_with_selections(
+    depth: Plane,
+    scale: DepthScale,
+    max_bytes: int,
+    options: DepthOptions,
+    advance: Callable[[int], None] = lambda _: None,
+) -> list[DepthCandidate]:
+    """Code a depth map with the edges that pay at several rates, and with none.
+
+    Parameters
+    ----------
+    depth, scale, max_bytes, options
+        As for `code_with_edges`.
+    advance : callable, optional
+        Called with 1 for each.
+
+    Returns
+    -------
+    list of DepthCandidate
+        Those whose edges fit.
+    """
+    none = CodedEdges(None, EdgeCode.ADAPTIVE, b"")
+    found = [code_with_edges(depth, scale, none, max_bytes, options)]
+    wavelet = WAVELETS[options.wavelet]
+    for _, edges in selection.ladder(depth, 8.0 * max_bytes, options.order, wavelet):
+        coded = code_edges(edges)
+        if len(coded.data) <= max_bytes:
+            found.append(code_with_edges(depth, scale, coded, max_bytes, options))
+        advance(1)
+    return found
+
+
+def best_at(candidates: Sequence[DepthCandidate], num_bytes: int) -> DepthCode | None:
+    """Return the code of the least squared error.
+
+    Parameters
+    ----------
+    candidates : sequence of DepthCandidate
+        Codes of one map.
+    num_bytes : int
+        Of edges and code, at most.
+
+    Returns
+    -------
+    DepthCode or None
+        None if no candidate has room for its edges.
+    """
+    found = [code for candidate in candidates if (code := candidate.cut(num_bytes)) is not None]
+    return min(found, key=lambda code: code.mse, default=None)

@@ -1,0 +1,252 @@
+"""Streams of a depth map, with its picture or without: header, edges, and embedded code of both, interleaved.
+
+The bytes of depth and picture alternate in proportion to their numbers, so a stream that is cut anywhere after
+its edges has the same share of both.
+"""
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.bits import decode_varint, encode_varint
+from dvc.dibr.depth_image.depth_scale import DepthScale, decode_extent, encode_extent
+from dvc.dibr.edges.chain_code import EdgeCode
+from dvc.dibr.reference.codec import ReferenceHeader
+from dvc.dibr.stream.header import MAGIC, MAX_NUMBER, MAX_PIXELS
+from dvc.errors import BitstreamError
+
+FORMAT_VERSION = 3
+_FIXED = struct.Struct("<4sBBHHfH")
+_SCALE = struct.Struct("<2f")
+_CHECK_BYTES = 4
+_PICTURE, _ADAPTIVE_EDGES, _PICTURE_EDGES, _SCALED = 1, 2, 4, 8
+_DEPTH_ORDER_SHIFT, _PICTURE_ORDER_SHIFT, _ORDER_MASK = 4, 6, 3
+_MASKED = 0x80
+_MAX_BYTES = 2**31
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneCode:
+    """The embedded code of a depth map or of a picture.
+
+    Attributes
+    ----------
+    header : ReferenceHeader
+        What its decoder must know.
+    order : int
+        Of the extrapolation at edges, from 0 to 3.
+    data : bytes
+        The code, or as much as there is of it.
+    """
+
+    header: ReferenceHeader
+    order: int
+    data: bytes
+
+
+@dataclass(frozen=True, eq=False)
+class DepthImageStream:
+    """A stream.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Height and width.
+    scale : DepthScale
+        Of the numbers of the map.
+    edges : bytes
+        Their code; empty if there are none.
+    edge_code : EdgeCode
+        How they are coded.
+    depth : PlaneCode
+        The map.
+    picture : PlaneCode or None
+        The picture, of as many levels and the same wavelet.
+    picture_edges : bool
+        Whether the picture's transform stops at the edges, too.
+    masked : bool
+        Whether the edges also tell where there is anything.
+    damage : str or None
+        What is missing.
+    """
+
+    shape: tuple[int, int]
+    scale: DepthScale
+    edges: bytes
+    edge_code: EdgeCode
+    depth: PlaneCode
+    picture: PlaneCode | None = None
+    picture_edges: bool = False
+    masked: bool = False
+    damage: str | None = None
+
+
+def encode_stream(stream: DepthImageStream) -> bytes:
+    """Return the bytes of a stream.
+
+    Parameters
+    ----------
+    stream : DepthImageStream
+        The stream, whole.
+
+    Returns
+    -------
+    bytes
+        A file.
+    """
+    depth, picture, scale = stream.depth, stream.picture, stream.scale
+    is_scaled = (scale.factor, scale.offset) != (1.0, 0.0)
+    flags = _PICTURE * (picture is not None) | _ADAPTIVE_EDGES * (stream.edge_code is EdgeCode.ADAPTIVE)
+    flags |= _PICTURE_EDGES * stream.picture_edges | _SCALED * is_scaled | depth.order << _DEPTH_ORDER_SHIFT
+    flags |= (picture.order if picture else 0) << _PICTURE_ORDER_SHIFT
+    extent = encode_extent(scale.extent)
+    data = _FIXED.pack(MAGIC, FORMAT_VERSION, flags, *stream.shape[::-1], scale.lowest, extent)
+    data += _SCALE.pack(scale.factor, scale.offset) if is_scaled else b""
+    colour = picture is not None and picture.header.colour
+    first, *rest = replace(depth.header, colour=colour).to_bytes()
+    data += bytes([first | _MASKED * stream.masked, *rest])
+    data += picture.header.to_bytes()[1:] if picture else b""
+    parts = [stream.edges, depth.data, *([picture.data] if picture else [])]
+    data += b"".join(encode_varint(len(part)) for part in parts) + stream.edges
+    data += _interleave(depth.data, picture.data if picture else b"")
+    return data + zlib.crc32(data).to_bytes(_CHECK_BYTES, "little")
+
+
+def decode_stream(data: bytes) -> DepthImageStream:
+    """Read a stream, or the beginning of one.
+
+    Parameters
+    ----------
+    data : bytes
+        A file.
+
+    Returns
+    -------
+    DepthImageStream
+        The stream.
+
+    Raises
+    ------
+    BitstreamError
+        If it is none, of another version, damaged, or cut before the end of its edges.
+    """
+    stream, sizes, position = _decode_header(data)
+    num_edges, num_depth, num_picture = sizes
+    end = position + num_edges + num_depth + num_picture
+    if len(data) < position + num_edges:
+        raise BitstreamError(f"the stream ends within its edges, after {len(data)} bytes")
+    if len(data) >= end + _CHECK_BYTES:
+        if zlib.crc32(data[:end]).to_bytes(_CHECK_BYTES, "little") != data[end : end + _CHECK_BYTES]:
+            raise BitstreamError("the stream is damaged")
+        damage = f"{len(data) - end - _CHECK_BYTES} bytes follow" if len(data) > end + _CHECK_BYTES else None
+    else:
+        damage = f"the stream ends after {len(data)} of {end + _CHECK_BYTES} bytes"
+    edges = data[position : position + num_edges]
+    depth_data, picture_data = _separate(data[position + num_edges : end], num_depth, num_picture)
+    picture = replace(stream.picture, data=picture_data) if stream.picture else None
+    depth = replace(stream.depth, data=depth_data)
+    return replace(stream, edges=edges, depth=depth, picture=picture, damage=damage)
+
+
+def header_bytes(stream: DepthImageStream) -> int:
+    """Return the bytes of a stream that are neither edges nor code.
+
+    Parameters
+    ----------
+    stream : DepthImageStream
+        The stream, whole.
+
+    Returns
+    -------
+    int
+        With lengths and checksum.
+    """
+    parts = [stream.edges, stream.depth.data, stream.picture.data if stream.picture else b""]
+    return len(encode_stream(stream)) - sum(map(len, parts))
+
+
+def _decode_header(data: bytes) -> tuple[DepthImageStream, tuple[int, int, int], int]:
+    """Read what precedes the edges: a stream without data, their lengths, and where they begin."""
+    cut = f"the stream ends within its header, after {len(data)} bytes"
+    if not data.startswith(MAGIC[: max(len(data), 1)]):
+        raise BitstreamError("not a stream of pictures with depth: it does not begin with DIBR")
+    if len(data) < _FIXED.size:
+        raise BitstreamError(cut)
+    _, version, flags, width, height, lowest, extent = _FIXED.unpack_from(data)
+    if version != FORMAT_VERSION:
+        raise BitstreamError(f"the stream is of version {version}; {FORMAT_VERSION} is accepted")
+    position = _FIXED.size
+    factor, offset = 1.0, 0.0
+    if flags & _SCALED:
+        if len(data) < position + _SCALE.size:
+            raise BitstreamError(cut)
+        factor, offset = _SCALE.unpack_from(data, position)
+        position += _SCALE.size
+    scale = DepthScale(lowest, decode_extent(extent), factor, offset)
+    if not (0 < height * width <= MAX_PIXELS and _is_moderate(scale)):
+        raise BitstreamError("the header of the stream cannot have been written")
+    has_picture = bool(flags & _PICTURE)
+    planes = data[position : position + ReferenceHeader.SIZE]
+    position += ReferenceHeader.SIZE
+    more = data[position : position + 2] if has_picture else b""
+    position += 2 * has_picture
+    if len(data) < position:
+        raise BitstreamError(cut)
+    first = planes[0] & ~_MASKED
+    depth_header = replace(ReferenceHeader.from_bytes(bytes([first]) + planes[1:]), colour=False)
+    picture_header = ReferenceHeader.from_bytes(bytes([first]) + more) if has_picture else None
+    sizes = [0, 0, 0]
+    for number in range(2 + has_picture):
+        sizes[number], position = _decode_size(data, position, cut)
+    orders = flags >> _DEPTH_ORDER_SHIFT & _ORDER_MASK, flags >> _PICTURE_ORDER_SHIFT & _ORDER_MASK
+    stream = DepthImageStream(
+        (height, width),
+        scale,
+        b"",
+        EdgeCode(int(bool(flags & _ADAPTIVE_EDGES))),
+        PlaneCode(depth_header, orders[0], b""),
+        PlaneCode(picture_header, orders[1], b"") if picture_header else None,
+        bool(flags & _PICTURE_EDGES),
+        bool(planes[0] & _MASKED),
+    )
+    return stream, (sizes[0], sizes[1], sizes[2]), position
+
+
+def _decode_size(data: bytes, position: int, cut: str) -> tuple[int, int]:
+    try:
+        size, position = decode_varint(data, position)
+    except BitstreamError:
+        raise BitstreamError(cut) from None
+    if size > _MAX_BYTES:
+        raise BitstreamError("the header of the stream cannot have been written")
+    return size, position
+
+
+def _is_moderate(scale: DepthScale) -> bool:
+    numbers = scale.lowest, scale.extent, scale.factor, scale.offset
+    return all(math.isfinite(number) and abs(number) <= 2.0 * MAX_NUMBER for number in numbers)
+
+
+def _depth_places(num_depth: int, num_picture: int, length: int) -> NDArray[np.bool_]:
+    """Which of the first bytes of both are the depth's."""
+    ends = np.arange(length + 1, dtype=np.int64) * num_depth
+    return np.diff(ends // max(num_depth + num_picture, 1)) > 0
+
+
+def _interleave(depth: bytes, picture: bytes) -> bytes:
+    places = _depth_places(len(depth), len(picture), len(depth) + len(picture))
+    mixed = np.empty(len(places), np.uint8)
+    mixed[places] = np.frombuffer(depth, np.uint8)
+    mixed[~places] = np.frombuffer(picture, np.uint8)
+    return mixed.tobytes()
+
+
+def _separate(mixed: bytes, num_depth: int, num_picture: int) -> tuple[bytes, bytes]:
+    """Take apart as many of the bytes as there are."""
+    places = _depth_places(num_depth, num_picture, len(mixed))
+    found = np.frombuffer(mixed, np.uint8)
+    return found[places].tobytes(), found[~places].tobytes()

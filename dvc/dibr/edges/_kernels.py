@@ -1,0 +1,240 @@
+"""Compiled loops over chains of edges: following them, and coding their turns."""
+
+import numpy as np
+
+from dvc._jit import kernel
+from dvc.entropy.mixing import code_mixed
+from dvc.entropy.range_coder import code_decision
+
+RIGHT, UP, LEFT, DOWN = range(4)
+
+NUM_HISTORIES = 3**6
+MAX_RUN = 11
+NUM_RUNS = (MAX_RUN + 1) * (MAX_RUN + 1) * 3
+
+# Contexts: whether a chain ends, goes straight on, and which way it turns; three tables each.
+END, STRAIGHT, TURN = range(3)
+_SIZES = NUM_HISTORIES + NUM_RUNS + 81
+NUM_CONTEXTS = 3 * _SIZES
+NUM_MIXTURES = 6
+
+
+@kernel
+def has_element(below, right, row, column, direction):
+    """Return whether an edge leads from a vertex in a direction.
+
+    Vertex (row, column) is the upper left corner of that sample.
+    """
+    if direction == RIGHT:
+        return row > 0 and column < below.shape[1] and below[row - 1, column] != 0
+    if direction == LEFT:
+        return row > 0 and column > 0 and below[row - 1, column - 1] != 0
+    if direction == DOWN:
+        return column > 0 and row < right.shape[0] and right[row, column - 1] != 0
+    return column > 0 and row > 0 and right[row - 1, column - 1] != 0
+
+
+@kernel
+def is_inside(below, row, column, direction):
+    """Return whether an edge can lead from a vertex in a direction, between two samples."""
+    height, width = below.shape
+    if direction == RIGHT or direction == LEFT:
+        return 0 < row < height and (column < width if direction == RIGHT else column > 0)
+    return 0 < column < width and (row < height if direction == DOWN else row > 0)
+
+
+@kernel
+def set_element(below, right, row, column, direction, value):
+    """Set the edge from a vertex in a direction."""
+    if direction == RIGHT:
+        below[row - 1, column] = value
+    elif direction == LEFT:
+        below[row - 1, column - 1] = value
+    elif direction == DOWN:
+        right[row, column - 1] = value
+    else:
+        right[row - 1, column - 1] = value
+
+
+@kernel
+def degree(below, right, row, column):
+    """Return how many edges meet at a vertex."""
+    number = 0
+    for direction in range(4):
+        if has_element(below, right, row, column, direction):
+            number += 1
+    return number
+
+
+@kernel
+def follow(below, right, row, column, directions, count):
+    """Follow a chain from a vertex to its end, straight on where it can, and erase it; return the count."""
+    last = -1
+    turn = 0
+    while True:
+        chosen = -1
+        if last < 0:
+            for direction in range(4):
+                if chosen < 0 and has_element(below, right, row, column, direction):
+                    chosen = direction
+        elif has_element(below, right, row, column, last):
+            chosen = last
+        else:
+            first = (last - turn) % 4 if turn != 0 else (last + 1) % 4
+            if has_element(below, right, row, column, first):
+                chosen = first
+            elif has_element(below, right, row, column, (first + 2) % 4):
+                chosen = (first + 2) % 4
+        if chosen < 0:
+            return count
+        set_element(below, right, row, column, chosen, 0)
+        directions[count] = chosen
+        count += 1
+        if last >= 0 and chosen != last:
+            turn = (chosen - last + 1) % 4 - 1
+        last = chosen
+        row += (chosen == DOWN) - (chosen == UP)
+        column += (chosen == RIGHT) - (chosen == LEFT)
+
+
+@kernel
+def trace(below, right, starts, lengths, directions):
+    """Decompose edges, which are erased, into as few chains as there are; return how many.
+
+    Chains that begin and end where an odd number of edges meets come first, then closed ones.
+    """
+    height, width = below.shape
+    chains, count = 0, 0
+    for closed in range(2):
+        for row in range(height + 1):
+            for column in range(width + 1):
+                while True:
+                    number = degree(below, right, row, column)
+                    if number == 0 or (closed == 0 and number % 2 == 0):
+                        break
+                    after = follow(below, right, row, column, directions, count)
+                    starts[chains] = row * (width + 1) + column
+                    lengths[chains] = after - count
+                    count = after
+                    chains += 1
+    return chains
+
+
+@kernel
+def draw(below, right, row, column, directions):
+    """Set the edges of a chain; return whether it stays inside."""
+    for k in range(len(directions)):
+        direction = np.int64(directions[k])
+        if not is_inside(below, row, column, direction):
+            return False
+        set_element(below, right, row, column, direction, 1)
+        row += (direction == DOWN) - (direction == UP)
+        column += (direction == RIGHT) - (direction == LEFT)
+    return True
+
+
+@kernel
+def _is_touched(below, right, row, column, last):
+    """Return whether a vertex has edges other than the one that led there."""
+    for direction in range(4):
+        if (direction + 2) % 4 != last and has_element(below, right, row, column, direction):
+            return 1
+    return 0
+
+
+@kernel
+def _is_open(below, right, row, column, direction):
+    """Return whether an edge that is not there yet can lead from a vertex in a direction."""
+    return is_inside(below, row, column, direction) and not has_element(below, right, row, column, direction)
+
+
+@kernel
+def code_chain(coder, mixture, below, right, row, column, directions, length):
+    """Code the directions of a chain after the first one, and draw all; return its length.
+
+    Parameters
+    ----------
+    coder : CoderState
+        Where to write or to read.
+    mixture : Mixture
+        Of `NUM_CONTEXTS` contexts.
+    below, right : ndarray of shape (H, W), uint8
+        Edges of the chains before: changed.
+    row, column : int
+        Vertex at which it begins.
+    directions : ndarray of shape (E,), int8
+        Directions, from 0 to 3; the first one is known, the others are set when reading.
+    length : int
+        Of the chain; of no meaning when reading.
+
+    Returns
+    -------
+    int
+        The length; -1 if there is no such chain.
+    """
+    last = np.int64(directions[0])
+    if not _is_open(below, right, row, column, last):
+        return -1
+    history, run, run_before, same, turn = 0, 0, 0, 0, 0
+    count = 1
+    while True:
+        set_element(below, right, row, column, last, 1)
+        row += (last == DOWN) - (last == UP)
+        column += (last == RIGHT) - (last == LEFT)
+        straight = _is_open(below, right, row, column, last)
+        left = _is_open(below, right, row, column, (last + 1) % 4)
+        after = _is_open(below, right, row, column, (last + 3) % 4)
+        ways = np.int64(straight) + np.int64(left) + np.int64(after)
+        if ways == 0 or count >= len(directions):
+            return count
+        touched = _is_touched(below, right, row, column, last)
+        near = history % 81
+        runs = (run * (MAX_RUN + 1) + run_before) * 3 + same + 1
+        base = END * _SIZES
+        ended = code_mixed(
+            coder, mixture, base + touched, base + 2 + touched * 3 + history % 3, base + 8 + touched * 12 + run, touched, int(count == length)
+        )
+        if ended:
+            return count
+        goes = 0
+        target = (np.int64(directions[count]) - last + 1) % 4 - 1 if count < length else 0
+        if straight:
+            if ways == 1:
+                goes = 1
+            else:
+                base = STRAIGHT * _SIZES
+                goes = code_mixed(
+                    coder, mixture, base + near, base + 81 + history, base + 81 + NUM_HISTORIES + runs, 2 + min(run, 1), int(target == 0)
+                )
+        step = 0
+        if not goes:
+            if left and after:
+                base = TURN * _SIZES
+                positive = code_mixed(
+                    coder, mixture, base + near, base + 81 + history, base + 81 + NUM_HISTORIES + runs, 4 + min(run, 1), int(target > 0)
+                )
+                step = 1 if positive else -1
+            else:
+                step = 1 if left else -1
+        history = (history * 3 + step + 1) % NUM_HISTORIES
+        if step == 0:
+            run = min(run + 1, MAX_RUN)
+        else:
+            same = 0 if turn == 0 else (1 if turn == step else -1)
+            turn, run_before, run = step, run, 0
+        last = (last + step) % 4
+        directions[count] = last
+        count += 1
+
+
+@kernel
+def code_words(coder, directions):
+    """Write or read the differential directions of a chain (4.6), (4.7) by the words 10, 0, 11."""
+    for k in range(1, len(directions)):
+        last = np.int64(directions[k - 1])
+        step = (np.int64(directions[k]) - last + 1) % 4 - 1
+        if code_decision(coder, 0.5, int(step != 0)):
+            step = 1 if code_decision(coder, 0.5, int(step > 0)) else -1
+        else:
+            step = 0
+        directions[k] = (last + step) % 4

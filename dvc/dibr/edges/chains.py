@@ -1,0 +1,135 @@
+"""Chains: edges as ways from vertex to vertex of the dual lattice, and differential directions along them.
+
+Vertex (row, column) is the upper left corner of that sample, so there is one more of each. Directions are
+0 right, 1 up, 2 left, 3 down.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.edges import _kernels as kernels
+from dvc.dibr.wavelets.edge_maps import EdgeMaps
+
+
+@dataclass(frozen=True, eq=False)
+class Chains:
+    """Edges as chains.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Rows and columns of the plane.
+    starts : ndarray of shape (N,), int64
+        Vertices at which chains begin, row by row, not decreasing.
+    lengths : ndarray of shape (N,), int64
+        Edge elements of each, at least 1.
+    directions : ndarray of shape (E,), int8
+        Of all elements, chain by chain.
+    """
+
+    shape: tuple[int, int]
+    starts: NDArray[np.int64]
+    lengths: NDArray[np.int64]
+    directions: NDArray[np.int8]
+
+    def parts(self) -> list[NDArray[np.int8]]:
+        """Return the directions of each chain.
+
+        Returns
+        -------
+        list of ndarray of shape (length,), int8
+            One a chain.
+        """
+        return np.split(self.directions, np.cumsum(self.lengths)[:-1]) if len(self.lengths) else []
+
+
+def trace(edges: EdgeMaps) -> Chains:
+    """Return edges as few chains; the inverse of `draw`.
+
+    Where several meet, one goes on straight, and others end there: each vertex of an odd number of edges is
+    one end. What is left then is closed.
+
+    Parameters
+    ----------
+    edges : EdgeMaps
+        Edges.
+
+    Returns
+    -------
+    Chains
+        Chains, sorted by their starts.
+    """
+    number = edges.count()
+    starts, lengths = np.zeros(number, np.int64), np.zeros(number, np.int64)
+    directions = np.zeros(number, np.int8)
+    below, right = edges.between_rows.copy(), edges.between_columns.copy()
+    found = kernels.trace(below, right, starts, lengths, directions)
+    order = np.argsort(starts[:found], kind="stable")
+    parts = np.split(directions, np.cumsum(lengths[:found])[:-1]) if found else []
+    sorted_parts = [parts[k] for k in order]
+    joined = np.concatenate(sorted_parts) if found else directions
+    return Chains(edges.shape, starts[:found][order], lengths[:found][order], joined)
+
+
+def draw(chains: Chains) -> EdgeMaps:
+    """Return the edges of chains; the inverse of `trace`.
+
+    Parameters
+    ----------
+    chains : Chains
+        Chains.
+
+    Returns
+    -------
+    EdgeMaps
+        Edges.
+
+    Raises
+    ------
+    ValueError
+        If a chain leaves the plane.
+    """
+    edges = EdgeMaps.none(chains.shape)
+    columns = chains.shape[1] + 1
+    for start, directions in zip(chains.starts, chains.parts(), strict=True):
+        row, column = divmod(int(start), columns)
+        if not kernels.draw(edges.between_rows, edges.between_columns, row, column, directions):
+            raise ValueError("a chain leaves the plane")
+    return edges
+
+
+def differences(directions: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Return the differential directions of a chain (4.6); the inverse of `directions_of`.
+
+    Parameters
+    ----------
+    directions : ndarray of shape (n,), int8
+        Directions, without reversals.
+
+    Returns
+    -------
+    ndarray of shape (n - 1,), int8
+        -1 (to the right), 0 or 1 (to the left).
+    """
+    steps = np.diff(directions.astype(np.int64))
+    return ((steps + 1) % 4 - 1).astype(np.int8)
+
+
+def directions_of(first: int, steps: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Return the directions of a chain from the differential ones (4.7).
+
+    Parameters
+    ----------
+    first : int
+        Direction of the first element.
+    steps : ndarray of shape (n - 1,), int8
+        Differences.
+
+    Returns
+    -------
+    ndarray of shape (n,), int8
+        Directions.
+    """
+    return (np.cumsum(np.concatenate([[first], steps])) % 4).astype(np.int8)

@@ -1,0 +1,189 @@
+"""Automatic selection of edges: those that pay for their bits, at any rate.
+
+A contour is kept if what it takes off the cost of coefficients, their squared error and their bits, is more
+than its own bits are worth. Candidates are cut into short pieces where several meet, and each piece is taken
+out or put in again by what it changes in a transform of its surroundings, until nothing changes. The only
+parameter is the step of the quantiser, which a search over rates provides; all else is in units of it.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.edges import _selection_kernels as kernels
+from dvc.dibr.edges.chains import Chains, trace
+from dvc.dibr.wavelets.edge_maps import EdgeMaps
+from dvc.dibr.wavelets.lifting import WAVELETS, Plane, Wavelet
+
+CANDIDATE_STEPS = 0.25
+"""Least difference of neighbours between which there may be an edge, in steps."""
+
+MULTIPLIER = 0.2
+"""Squared steps that a bit is worth."""
+
+SIGNIFICANCE_BITS, BITS_PER_OCTAVE = 6.0, 1.5
+"""Of a coefficient of one step, with place and sign, and more for each octave above it."""
+
+ELEMENT_BITS, CHAIN_BITS = 1.4, 11.0
+"""Of an edge, and of the start and the end of a chain."""
+
+_PIECE_LENGTH = 16
+_NUM_LEVELS, _MARGIN, _MAX_PASSES = 4, 16, 3
+_LADDER_RATIO = 2.0**-0.5
+_FINEST = 1 / 512
+
+
+def candidates(depth: Plane, least: float) -> EdgeMaps:
+    """Return the edges where neighbours differ.
+
+    Parameters
+    ----------
+    depth : ndarray of shape (H, W), float64
+        Depth or disparity.
+    least : float
+        They differ by more than this.
+
+    Returns
+    -------
+    EdgeMaps
+        Edges.
+    """
+    edges = EdgeMaps.none((depth.shape[0], depth.shape[1]))
+    edges.between_rows[:-1] = np.abs(np.diff(depth, axis=0)) > least
+    edges.between_columns[:, :-1] = np.abs(np.diff(depth, axis=1)) > least
+    return edges
+
+
+def select(
+    depth: Plane, edges: EdgeMaps, step: float, order: int, wavelet: Wavelet = WAVELETS["9/7"]
+) -> EdgeMaps:
+    """Return the edges that pay for their bits.
+
+    Parameters
+    ----------
+    depth : ndarray of shape (H, W), float64
+        Depth or disparity.
+    edges : EdgeMaps
+        Candidates.
+    step : float
+        Of the quantiser at the rate that is meant, in units of depth.
+    order : int
+        Of the extrapolation.
+    wavelet : Wavelet, optional
+        The 9/7 by default.
+
+    Returns
+    -------
+    EdgeMaps
+        Some of the candidates.
+    """
+    chains = trace(edges)
+    if not len(chains.starts):
+        return edges
+    elements, bounds = _pieces(chains, edges)
+    below, right = edges.between_rows.copy(), edges.between_columns.copy()
+    jumps = np.add.reduceat(_jumps(depth, elements), bounds[:-1]) / np.diff(bounds)
+    present = np.ones(len(bounds) - 1, np.uint8)
+    weights = (np.array(wavelet.weights), wavelet.gain, *wavelet.scales)
+    model = np.array([MULTIPLIER, SIGNIFICANCE_BITS, BITS_PER_OCTAVE])
+    for _ in range(_MAX_PASSES):
+        if not kernels.weigh_pieces(
+            depth / step,
+            below,
+            right,
+            elements,
+            bounds,
+            np.argsort(jumps, kind="stable"),
+            present,
+            _NUM_LEVELS,
+            _MARGIN,
+            weights,
+            order,
+            model,
+            ELEMENT_BITS,
+            CHAIN_BITS,
+        ):
+            break
+    return EdgeMaps(below, right)
+
+
+def ladder(
+    depth: Plane, max_bits: float, order: int, wavelet: Wavelet = WAVELETS["9/7"]
+) -> Iterator[tuple[float, EdgeMaps]]:
+    """Yield selections for coarser and coarser steps, each out of the one before, until none is left.
+
+    Parameters
+    ----------
+    depth : ndarray of shape (H, W), float64
+        Depth or disparity.
+    max_bits : float
+        That there are for edges and coefficients together; selections of far more are left out.
+    order : int
+        Of the extrapolation.
+    wavelet : Wavelet, optional
+        The 9/7 by default.
+
+    Yields
+    ------
+    step : float
+        Of the quantiser.
+    edges : EdgeMaps
+        Edges.
+    """
+    largest = float(np.ptp(depth))
+    step = largest * _FINEST
+    edges = None
+    while step < largest:
+        if edges is None:
+            found = candidates(depth, CANDIDATE_STEPS * step)
+            edges = found if found.count() * ELEMENT_BITS <= 2.0 * max_bits else None
+        if edges is not None:
+            edges = select(depth, edges, step, order, wavelet)
+            if not edges.count():
+                return
+            yield step, edges
+        step /= _LADDER_RATIO
+
+
+def _pieces(chains: Chains, edges: EdgeMaps) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Cut chains where several meet, and into short pieces: elements and bounds, as the kernel takes them."""
+    columns = chains.shape[1] + 1
+    degrees = _degrees(edges)
+    elements, bounds, offset = [], [0], 0
+    for start, directions in zip(chains.starts, chains.parts(), strict=True):
+        rows = np.cumsum(np.concatenate([[int(start) // columns], _ROW_STEPS[directions]]))
+        across = np.cumsum(np.concatenate([[int(start) % columns], _COLUMN_STEPS[directions]]))
+        elements.append(np.stack([rows[:-1], across[:-1], directions], axis=1))
+        met = np.flatnonzero(degrees[rows[1:-1], across[1:-1]] != 2) + 1
+        ends = np.concatenate([[0], met, [len(directions)]])
+        for first, last in zip(ends[:-1], ends[1:], strict=True):
+            number = -(-(last - first) // _PIECE_LENGTH)
+            inner = first + (last - first) * np.arange(1, number + 1) // number
+            bounds.extend((offset + inner).tolist())
+        offset += len(directions)
+    return np.concatenate(elements).astype(np.int64), np.array(bounds, np.int64)
+
+
+_ROW_STEPS, _COLUMN_STEPS = np.array([0, -1, 0, 1]), np.array([1, 0, -1, 0])
+
+
+def _degrees(edges: EdgeMaps) -> NDArray[np.int64]:
+    """How many edges meet at each vertex."""
+    below, right = edges.between_rows, edges.between_columns
+    degrees = np.zeros((edges.shape[0] + 1, edges.shape[1] + 1), np.int64)
+    degrees[1:, :-1] += below
+    degrees[1:, 1:] += below
+    degrees[:-1, 1:] += right
+    degrees[1:, 1:] += right
+    return degrees
+
+
+def _jumps(depth: Plane, elements: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Difference across each edge."""
+    rows, columns, directions = elements.T
+    flat = directions % 2 == 0
+    first_row = np.where(directions == 3, rows, rows - 1)
+    first_column = np.where(directions == 0, columns, columns - 1)
+    second_row, second_column = first_row + flat, first_column + ~flat
+    return np.abs(depth[second_row, second_column] - depth[first_row, first_column])

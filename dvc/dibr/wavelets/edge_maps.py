@@ -1,0 +1,100 @@
+"""Edges on the lattice dual to that of samples: which neighbours a transform treats as independent."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Flags = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeMaps:
+    """Edges of a plane, as two maps.
+
+    Attributes
+    ----------
+    between_rows : ndarray of shape (H, W), uint8
+        1 where a sample is cut off from that below it: e^(h) of (4.5), at (s + 1/2, t). The last row is 0.
+    between_columns : ndarray of shape (H, W), uint8
+        1 where a sample is cut off from that to its right: e^(v), at (s, t + 1/2). The last column is 0.
+    """
+
+    between_rows: Flags
+    between_columns: Flags
+
+    def __post_init__(self) -> None:
+        if self.between_rows.shape != self.between_columns.shape or self.between_rows.ndim != 2:
+            raise ValueError("both maps must have the shape of the plane")
+        if self.between_rows[-1:].any() or self.between_columns[:, -1:].any():
+            raise ValueError("there is nothing beyond the last row and column to be cut off from")
+
+    @classmethod
+    def none(cls, shape: tuple[int, int]) -> Self:
+        """Return maps without edges.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Rows and columns of the plane.
+
+        Returns
+        -------
+        EdgeMaps
+            All zeros.
+        """
+        return cls(np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the plane."""
+        return self.between_rows.shape[0], self.between_rows.shape[1]
+
+    def count(self) -> int:
+        """Return how many edge elements there are.
+
+        Returns
+        -------
+        int
+            Of both maps.
+        """
+        return int(np.count_nonzero(self.between_rows)) + int(np.count_nonzero(self.between_columns))
+
+    def coarser(self) -> Self:
+        """Return the edges of the low band (4.5).
+
+        Two samples of it are separated if an edge was crossed on the way from one to the other.
+
+        Returns
+        -------
+        EdgeMaps
+            Of half as many rows and columns, rounded up.
+        """
+        height, width = self.shape
+        rows = np.pad(self.between_rows, ((0, height % 2), (0, 0)))[:, ::2]
+        columns = np.pad(self.between_columns, ((0, 0), (0, width % 2)))[::2]
+        below = rows[0::2] | rows[1::2]
+        right = columns[:, 0::2] | columns[:, 1::2]
+        below[-1], right[:, -1] = 0, 0
+        return type(self)(below, right)
+
+    def pyramid(self, num_levels: int) -> Iterator[Self]:
+        """Yield the edges of all scales that are split.
+
+        Parameters
+        ----------
+        num_levels : int
+            How many times.
+
+        Yields
+        ------
+        EdgeMaps
+            The finest first.
+        """
+        maps = self
+        for level in range(num_levels):
+            if level:
+                maps = maps.coarser()
+            yield maps

@@ -1,0 +1,163 @@
+"""Shape-adaptive lifting: wavelets that stop at edges.
+
+What a step would take from beyond an edge is extrapolated from the samples of the same coset on this side by
+a polynomial (4.4), so the inverse knows it too. With too few of them the polynomial has a lower degree. Details
+beyond an edge are taken to be zero in the last step, as if the polynomial there were fitted perfectly. A
+sample of the low band that is alone between edges is scaled as a constant is; one of the high band is
+predicted from beyond its edges, where both sides know what is there. Borders of the plane are symmetric, so
+that without edges this is `dvc.dibr.wavelets.lifting`.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dvc.dibr.wavelets import _kernels as kernels
+from dvc.dibr.wavelets.edge_maps import EdgeMaps, Flags
+from dvc.dibr.wavelets.lifting import WAVELETS, Details, Plane, Pyramid, Wavelet
+
+MAX_ORDER = 3
+"""Highest degree of the polynomials."""
+
+
+def analyse(
+    plane: ArrayLike, edges: EdgeMaps, num_levels: int, order: int, wavelet: Wavelet = WAVELETS["9/7"]
+) -> Pyramid:
+    """Transform a plane, not across edges; the inverse of `synthesise`.
+
+    Parameters
+    ----------
+    plane : array_like of shape (H, W)
+        Samples.
+    edges : EdgeMaps
+        Of its shape.
+    num_levels : int
+        How many times the low band is split.
+    order : int
+        Degree of the polynomials, from 0 to `MAX_ORDER`; 0 is symmetric extension.
+    wavelet : Wavelet, optional
+        The 9/7 by default.
+
+    Returns
+    -------
+    Pyramid
+        Its coefficients.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ, or an option is out of range.
+
+    References
+    ----------
+    [Maitre2008] Eqs. (4.1) to (4.5).
+    """
+    low = np.array(plane, np.float64)
+    if low.shape != edges.shape or low.size == 0:
+        raise ValueError(f"`plane` must have the shape {edges.shape} of its edges, got {low.shape}")
+    if num_levels < 0:
+        raise ValueError(f"`num_levels` must not be negative, got {num_levels}")
+    if not 0 <= order <= MAX_ORDER:
+        raise ValueError(f"`order` must be from 0 to {MAX_ORDER}, got {order}")
+    details = []
+    for maps in edges.pyramid(num_levels):
+        top, bottom = split(low, maps.between_rows, order, wavelet)
+        low, horizontal = (half.T for half in split(top.T, maps.between_columns[0::2].T, order, wavelet))
+        vertical, diagonal = (half.T for half in split(bottom.T, maps.between_columns[1::2].T, order, wavelet))
+        details.append(Details(horizontal, vertical, diagonal))
+    return Pyramid(low, tuple(details))
+
+
+def synthesise(
+    pyramid: Pyramid, edges: EdgeMaps, order: int, wavelet: Wavelet = WAVELETS["9/7"]
+) -> Plane:
+    """Return the plane of some coefficients; the inverse of `analyse`.
+
+    Parameters
+    ----------
+    pyramid : Pyramid
+        Coefficients.
+    edges : EdgeMaps
+        Of the plane.
+    order : int
+        Degree of the polynomials.
+    wavelet : Wavelet, optional
+        The 9/7 by default.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        The plane.
+    """
+    low = pyramid.low
+    scales = list(edges.pyramid(len(pyramid.details)))
+    for details, maps in zip(reversed(pyramid.details), reversed(scales), strict=True):
+        columns = maps.between_columns
+        top = merge(low.T, details.horizontal.T, columns[0::2].T, order, wavelet).T
+        bottom = merge(details.vertical.T, details.diagonal.T, columns[1::2].T, order, wavelet).T
+        low = merge(top, bottom, maps.between_rows, order, wavelet)
+    return low
+
+
+def split(samples: Plane, edges: Flags, order: int, wavelet: Wavelet) -> tuple[Plane, Plane]:
+    """Split the columns of a plane into a low and a high band.
+
+    Parameters
+    ----------
+    samples : ndarray of shape (n, W), float64
+        Columns of n samples; a single one is left as it is.
+    edges : ndarray of shape (n, W), uint8
+        1 where a sample is cut off from the next one.
+    order : int
+        Degree of the polynomials.
+    wavelet : Wavelet
+        Which.
+
+    Returns
+    -------
+    low : ndarray of shape (ceil(n / 2), W), float64
+        Low band.
+    high : ndarray of shape (n // 2, W), float64
+        High band.
+    """
+    lifted = np.array(samples, np.float64, order="C")
+    if len(lifted) < 2:
+        return lifted[:1], lifted[1:]
+    _lift(lifted, edges, order, wavelet, inverse=False)
+    low, high = wavelet.scales
+    return lifted[0::2] * low, lifted[1::2] * high
+
+
+def merge(low: Plane, high: Plane, edges: Flags, order: int, wavelet: Wavelet) -> Plane:
+    """Merge a low and a high band; the inverse of `split`.
+
+    Parameters
+    ----------
+    low : ndarray of shape (ceil(n / 2), W), float64
+        Low band.
+    high : ndarray of shape (n // 2, W), float64
+        High band.
+    edges : ndarray of shape (n, W), uint8
+        1 where a sample is cut off from the next one.
+    order : int
+        Degree of the polynomials.
+    wavelet : Wavelet
+        Which.
+
+    Returns
+    -------
+    ndarray of shape (n, W), float64
+        The samples.
+    """
+    samples = np.empty((len(low) + len(high), low.shape[1]))
+    if not len(high):
+        samples[:] = low
+        return samples
+    scales = wavelet.scales
+    samples[0::2], samples[1::2] = low / scales[0], high / scales[1]
+    _lift(samples, edges, order, wavelet, inverse=True)
+    return samples
+
+
+def _lift(samples: Plane, edges: Flags, order: int, wavelet: Wavelet, *, inverse: bool) -> None:
+    weights: NDArray[np.float64] = np.array(wavelet.weights)
+    kernels.lift_columns(samples, np.ascontiguousarray(edges), weights, wavelet.gain, order, inverse)
