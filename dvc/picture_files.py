@@ -69,6 +69,30 @@ def read_levels(path: str | Path) -> NDArray[np.float64]:
     return stored.astype(np.float64)
 
 
+def largest_level(path: str | Path) -> int:
+    """Return the largest level that a picture could have.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    int
+        255 or 65535.
+
+    Raises
+    ------
+    DvcError
+        If it is no picture of 8 or 16 bits.
+    """
+    stored = _stored(path)
+    if stored is None:
+        raise DvcError(f"{path}: expected a picture of 8 or 16 bits")
+    return int(np.iinfo(stored.dtype).max)
+
+
 def read_plane(path: Path, channels: int, shape: tuple[int, int]) -> NDArray[np.uint8]:
     """Read a PNG file of eight bits as it was written.
 

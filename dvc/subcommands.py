@@ -59,9 +59,10 @@ def by_name(modules: Sequence[ModuleType]) -> dict[str, Subcommand]:
     Returns
     -------
     dict of str to Subcommand
-        By the names of the modules without their packages.
+        By the names of the modules without their packages, with dashes.
     """
-    return {module.__name__.rpartition(".")[2]: Subcommand.of(module) for module in modules}
+    names = [module.__name__.rpartition(".")[2].replace("_", "-") for module in modules]
+    return {name: Subcommand.of(module) for name, module in zip(names, modules, strict=True)}
 
 
 def command(

@@ -1,8 +1,8 @@
 """Logistic mixtures: the probability of a decision, from several adaptive contexts at once.
 
 Each context knows the probability of a 1 and how often it was met, and learns fast at first. The logarithms
-of their odds are added with weights that learn as well, slowly. All is in tables and products of double precision, one
-at a time, so that it is the same on every processor.
+of their odds are added with weights that learn as well, slowly. All is tables, and products of double
+precision, one at a time, so that it is the same on every processor.
 """
 
 from functools import cache
@@ -149,7 +149,7 @@ def learn(mixture: Mixture, context: int, decision: int) -> None:
     contexts = mixture.contexts
     count = np.int64(contexts[context, 1])
     contexts[context, 0] += (decision - contexts[context, 0]) * mixture.tables[RATE, count]
-    contexts[context, 1] = min(count + 1, MAX_COUNT)
+    contexts[context, 1] = float(min(count + 1, MAX_COUNT))
 
 
 @kernel

@@ -61,6 +61,16 @@ class Decoded:
     resolution: int
     damage: str | None
 
+    @property
+    def viewpoints(self) -> tuple[Viewpoint, ...]:
+        """Of all views of the stream."""
+        return self.header.viewpoints
+
+    @property
+    def step(self) -> float:
+        """Distance of the disparities that are told apart."""
+        return self.header.labels.step / 2.0**self.resolution
+
 
 def decode(stream: Stream, num_layers: int | None = None, resolution: int = 0) -> Decoded:
     """Decode a stream.

@@ -2,16 +2,37 @@
 
 from collections.abc import Sequence
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.codec.decoder import Decoded, PictureAndDisparity
+from dvc.dibr.codec.decoder import PictureAndDisparity
 from dvc.multiview.view_synthesis import PictureWithDepth, SynthesisedView, synthesise
 from dvc.multiview.viewpoints import Viewpoint, distance, warp_between
 
 NEAR_VIEW = 1e-3
 """Added to distances, relative to the largest, before weights are their inverses."""
+
+
+class DecodedViews(Protocol):
+    """What there is to render of a decoded stream, of any kind."""
+
+    @property
+    def pairs(self) -> tuple[PictureAndDisparity, ...]:
+        """Pictures with disparities, of one size."""
+
+    @property
+    def viewpoints(self) -> tuple[Viewpoint, ...]:
+        """Of all views of the stream, of one kind."""
+
+    @property
+    def step(self) -> float:
+        """Distance of the disparities that are told apart; 0: all are."""
+
+    @property
+    def damage(self) -> str | None:
+        """What is missing of the stream."""
 
 
 class Blend(StrEnum):
@@ -23,12 +44,12 @@ class Blend(StrEnum):
     """All that see it, by the inverse of their distance."""
 
 
-def render(decoded: Decoded, viewpoint: Viewpoint, blend: Blend = Blend.DISTANCE) -> SynthesisedView:
+def render(decoded: DecodedViews, viewpoint: Viewpoint, blend: Blend = Blend.DISTANCE) -> SynthesisedView:
     """Render a view.
 
     Parameters
     ----------
-    decoded : Decoded
+    decoded : DecodedViews
         Pictures and disparities.
     viewpoint : Viewpoint
         The wanted one, of the kind of the others.
@@ -40,8 +61,7 @@ def render(decoded: Decoded, viewpoint: Viewpoint, blend: Blend = Blend.DISTANCE
     SynthesisedView
         The view, of the size of the pictures.
     """
-    step = decoded.header.labels.step / 2.0**decoded.resolution
-    return render_pairs(decoded.pairs, viewpoint, step, blend)
+    return render_pairs(decoded.pairs, viewpoint, decoded.step, blend)
 
 
 def render_pairs(

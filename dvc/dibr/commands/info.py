@@ -8,8 +8,10 @@ from dvc import cli
 from dvc.dibr.commands.options import add_json, add_stream, json_files, read_stream
 
 if TYPE_CHECKING:
+    from dvc.dibr.depth_image.stream import DepthImageStream
     from dvc.dibr.stream.header import Header
     from dvc.dibr.stream.layers import Stream
+    from dvc.dibr.wavelets.edge_maps import EdgeMaps
     from dvc.multiview.viewpoints import Viewpoint
 
 SUMMARY = "what a stream says of itself"
@@ -47,23 +49,88 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from pathlib import Path
 
+    from dvc.dibr.stream.layers import Stream
+
     cli.check_outputs([arguments.path], json_files(arguments))
     stream = read_stream(arguments.path)
     num_bytes = Path(arguments.path).stat().st_size
-    height, width = stream.header.shape
+    figures = _views_figures(stream) if isinstance(stream, Stream) else depth_image_figures(stream)
     figures = {
         "stream_bytes": num_bytes,
-        "bpp": 8 * num_bytes / (width * height),
+        "bpp": 8 * num_bytes / (figures["width"] * figures["height"]),
+        **figures,
+    }
+    if arguments.json is not None:
+        cli.write_json(arguments.json, figures)
+    if arguments.json != "-":
+        sys.stdout.write(_text(figures) if isinstance(stream, Stream) else _depth_image_text(figures))
+    return 0
+
+
+def _views_figures(stream: "Stream") -> dict[str, Any]:
+    return {
         **header_figures(stream.header),
         "colour": _is_coloured(stream),
         "layers": _layer_figures(stream),
         "damage": stream.damage,
     }
-    if arguments.json is not None:
-        cli.write_json(arguments.json, figures)
-    if arguments.json != "-":
-        sys.stdout.write(_text(figures))
-    return 0
+
+
+def depth_image_figures(stream: "DepthImageStream", edges: "EdgeMaps | None" = None) -> dict[str, Any]:
+    """Return what a stream of a depth map says, JSON-safe.
+
+    Parameters
+    ----------
+    stream : DepthImageStream
+        The stream.
+    edges : EdgeMaps, optional
+        Its edges, if they are decoded already.
+
+    Returns
+    -------
+    dict
+        Size, transforms, bits of the parts as far as they are there, and damage.
+    """
+    from dvc.dibr.depth_image.decoder import decode_edges
+    from dvc.dibr.depth_image.stream import header_bytes
+
+    height, width = stream.shape
+    parts = {"header": header_bytes(stream), "edges": len(stream.edges), "depth": len(stream.depth.data)}
+    parts["image"] = len(stream.picture.data) if stream.picture else 0
+    scale = stream.scale
+    return {
+        "width": width,
+        "height": height,
+        "wavelet": stream.depth.header.wavelet,
+        "levels": stream.depth.header.num_levels,
+        "order_depth": stream.depth.order,
+        "order_image": stream.picture.order if stream.picture else None,
+        "edge_elements": (edges or decode_edges(stream)).count(),
+        "edge_code": stream.edge_code.name.lower(),
+        "image": stream.picture is not None,
+        "image_edges": stream.picture_edges,
+        "colour": stream.picture is not None and stream.picture.header.colour,
+        "depth": {"lowest": scale.lowest, "highest": scale.lowest + scale.extent},
+        "disparity": {"factor": scale.factor, "offset": scale.offset},
+        "bits": {name: 8 * size for name, size in parts.items()},
+        "damage": stream.damage,
+    }
+
+
+def _depth_image_text(figures: dict[str, Any]) -> str:
+    colour = ("colour" if figures["colour"] else "gray") if figures["image"] else "no"
+    bits, depth = figures["bits"], figures["depth"]
+    sharing = ", which stops at them, too" if figures["image_edges"] else ""
+    lines = [
+        f"{figures['width']}x{figures['height']}, depth map and {colour} picture; {figures['stream_bytes']} "
+        f"bytes, {figures['bpp']:.4f} bits per pixel",
+        f"numbers from {depth['lowest']:g} to {depth['highest']:g}; wavelet {figures['wavelet']}, "
+        f"{figures['levels']} levels, order {figures['order_depth']} at {figures['edge_elements']} edges"
+        f"{sharing}",
+        "bits: " + ", ".join(f"{name} {size}" for name, size in bits.items()),
+    ]
+    lines += [] if figures["damage"] is None else [f"damaged: {figures['damage']}"]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def header_figures(header: "Header") -> dict[str, Any]:

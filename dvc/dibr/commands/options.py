@@ -10,7 +10,10 @@ from dvc import array_files, cli
 from dvc.errors import BitstreamError, ConfigError
 
 if TYPE_CHECKING:
-    from dvc.dibr.stream.header import Header
+    from collections.abc import Sequence
+
+    from dvc.dibr.codec.rendering import DecodedViews
+    from dvc.dibr.depth_image.stream import DepthImageStream
     from dvc.dibr.stream.layers import Stream
     from dvc.multiview.camera_array import LatticePosition
     from dvc.multiview.viewpoints import Viewpoint
@@ -124,13 +127,13 @@ def parse_slope(text: str) -> float:
     return slope
 
 
-def viewpoint_of(header: "Header", view: "LatticePosition | int") -> "Viewpoint":
+def viewpoint_of(viewpoints: "Sequence[Viewpoint]", view: "LatticePosition | int") -> "Viewpoint":
     """Return the viewpoint that was typed.
 
     Parameters
     ----------
-    header : Header
-        Of the stream.
+    viewpoints : sequence of Viewpoint
+        Of all views of the stream.
     view : LatticePosition or int
         As `parse_view` returns it.
 
@@ -147,19 +150,19 @@ def viewpoint_of(header: "Header", view: "LatticePosition | int") -> "Viewpoint"
     from dvc.multiview.camera_array import LatticePosition
 
     if not isinstance(view, LatticePosition):
-        if view >= len(header.viewpoints):
-            raise ConfigError(f"view {view}: the stream has 0 to {len(header.viewpoints) - 1}")
-        return header.viewpoints[view]
-    if not isinstance(header.viewpoints[0], LatticePosition):
+        if view >= len(viewpoints):
+            raise ConfigError(f"view {view}: the stream has 0 to {len(viewpoints) - 1}")
+        return viewpoints[view]
+    if not isinstance(viewpoints[0], LatticePosition):
         raise ConfigError(
             f"view {view.m:g},{view.n:g}: the cameras of the stream stand on no lattice; "
-            f"numbers from 0 to {len(header.viewpoints) - 1} are accepted"
+            f"numbers from 0 to {len(viewpoints) - 1} are accepted"
         )
     return view
 
 
-def read_stream(path: str) -> "Stream":
-    """Read a stream.
+def read_stream(path: str) -> "Stream | DepthImageStream":
+    """Read a stream of any kind.
 
     Parameters
     ----------
@@ -168,20 +171,58 @@ def read_stream(path: str) -> "Stream":
 
     Returns
     -------
-    Stream
-        At least one layer.
+    Stream or DepthImageStream
+        Of views, or of a picture with its depth map.
 
     Raises
     ------
     BitstreamError
-        If it is none, or not even its first layer is whole.
+        If it is none, or not enough of it is whole.
     """
+    from dvc.dibr.depth_image import stream as depth_image
+    from dvc.dibr.stream.header import MAGIC
     from dvc.dibr.stream.layers import decode_stream
 
+    data = Path(path).read_bytes()
+    is_depth_image = data[: len(MAGIC) + 1] == MAGIC + bytes([depth_image.FORMAT_VERSION])
     try:
-        return decode_stream(Path(path).read_bytes())
+        return depth_image.decode_stream(data) if is_depth_image else decode_stream(data)
     except BitstreamError as err:
         raise BitstreamError(f"{path}: {err}") from None
+
+
+def decode_views(path: str, num_layers: int | None) -> "DecodedViews":
+    """Decode a stream of any kind, to be rendered.
+
+    Parameters
+    ----------
+    path : str
+        Its file.
+    num_layers : int or None
+        Quality layers, at most; None: all.
+
+    Returns
+    -------
+    DecodedViews
+        Pictures and disparities.
+
+    Raises
+    ------
+    ConfigError
+        If there is no picture, or no such layers.
+    """
+    from dvc.dibr.codec.decoder import decode
+    from dvc.dibr.depth_image import decoder as depth_image
+    from dvc.dibr.stream.layers import Stream
+
+    stream = read_stream(path)
+    if isinstance(stream, Stream):
+        return decode(stream, num_layers)
+    if num_layers is not None:
+        raise ConfigError(f"--quality-layers: {path} has none, but can be cut anywhere")
+    if stream.picture is None:
+        raise ConfigError(f"{path}: a depth map alone; there is no picture to render")
+    return depth_image.decode(stream)
 
 
 def warn(path: str, damage: str | None) -> None:

@@ -12,9 +12,9 @@ from dvc.dibr.commands.options import (
     add_json,
     add_layers,
     add_stream,
+    decode_views,
     json_files,
     parse_view,
-    read_stream,
     viewpoint_of,
     warn,
 )
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dvc.dibr.codec.decoder import Decoded
+    from dvc.dibr.codec.rendering import DecodedViews
     from dvc.multiview.view_synthesis import SynthesisedView
     from dvc.multiview.viewpoints import Viewpoint
 
@@ -79,12 +79,10 @@ def run(arguments: argparse.Namespace) -> int:
     int
         Exit status.
     """
-    from dvc.dibr.codec.decoder import decode
-
     _check(arguments)
-    decoded = decode(read_stream(arguments.path), arguments.quality_layers)
-    height, width = decoded.header.shape
-    figures: dict[str, Any] = {"width": width, "height": height, "decoded_layers": decoded.num_layers}
+    decoded = decode_views(arguments.path, arguments.quality_layers)
+    height, width = shape_of(decoded)
+    figures: dict[str, Any] = {"width": width, "height": height}
     if arguments.route is None:
         figures |= _picture(arguments, decoded)
     else:
@@ -113,19 +111,36 @@ def _check(arguments: argparse.Namespace) -> None:
         check_suffix(arguments.out)
 
 
-def _picture(arguments: argparse.Namespace, decoded: "Decoded") -> dict[str, Any]:
+def _picture(arguments: argparse.Namespace, decoded: "DecodedViews") -> dict[str, Any]:
     """Render one view into a file and return what is known of it."""
     from dvc.dibr.codec.rendering import Blend, picture_of, render
     from dvc.dibr.commands.decode import blue_first
     from dvc.files import atomic_output
     from dvc.picture_files import write_png
 
-    truth = None if arguments.truth is None else read_truth(arguments.truth, decoded.header.shape)
-    view = render(decoded, viewpoint_of(decoded.header, arguments.view), Blend(arguments.blend))
+    truth = None if arguments.truth is None else read_truth(arguments.truth, shape_of(decoded))
+    view = render(decoded, viewpoint_of(decoded.viewpoints, arguments.view), Blend(arguments.blend))
     with atomic_output(arguments.out) as temporary:
         write_png(temporary, blue_first(picture_of(view)))
     figures: dict[str, Any] = {"filled_share": float(1.0 - view.drawn.mean())}
     return figures if truth is None else figures | quality(view, truth)
+
+
+def shape_of(decoded: "DecodedViews") -> tuple[int, int]:
+    """Return the size of the pictures of a stream.
+
+    Parameters
+    ----------
+    decoded : DecodedViews
+        The stream.
+
+    Returns
+    -------
+    tuple of int
+        Height and width.
+    """
+    height, width = decoded.pairs[0].disparity.shape
+    return height, width
 
 
 def read_truth(path: str, shape: tuple[int, int]) -> "NDArray[np.uint8]":
@@ -195,14 +210,14 @@ def _psnr(found: "NDArray[np.uint8]", wanted: "NDArray[np.uint8]") -> float | No
     return value if math.isfinite(value) else None
 
 
-def _video(arguments: argparse.Namespace, decoded: "Decoded") -> dict[str, Any]:
+def _video(arguments: argparse.Namespace, decoded: "DecodedViews") -> dict[str, Any]:
     """Render views along a path into a video."""
     from dvc.dibr.codec.rendering import Blend, picture_of, render
     from dvc.video import create_video
     from dvc.video.pixels import frame_from_rgb
 
-    stops = [viewpoint_of(decoded.header, view) for view in arguments.route]
-    height, width = decoded.header.shape
+    stops = [viewpoint_of(decoded.viewpoints, view) for view in arguments.route]
+    height, width = shape_of(decoded)
     with (
         create_video(arguments.out, (width, height), arguments.frame_rate) as video,
         cli.progress_bar("frames", arguments.frames, arguments.quiet) as advance,

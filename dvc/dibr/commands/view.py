@@ -9,17 +9,18 @@ from dvc import cli
 from dvc.dibr.commands.options import (
     add_json,
     add_layers,
+    decode_views,
     json_files,
     parse_view,
-    read_stream,
     viewpoint_of,
     warn,
 )
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
-    from dvc.dibr.codec.decoder import Decoded
-    from dvc.dibr.stream.header import Header
+    from collections.abc import Sequence
+
+    from dvc.dibr.codec.rendering import DecodedViews
     from dvc.dibr.viewer.page import Caption
     from dvc.dibr.viewer.scene import Scene
     from dvc.multiview.camera_array import LatticePosition
@@ -116,15 +117,16 @@ def _stream(
     """Scene of a stream, and how near its views are to pictures taken there."""
     from dataclasses import replace
 
-    from dvc.dibr.codec.decoder import decode
+    from dvc.dibr.codec.decoder import Decoded
     from dvc.dibr.viewer.page import Caption
     from dvc.dibr.viewer.scene import scene_of_stream
 
-    stream = read_stream(arguments.path)
-    decoded = decode(stream, arguments.quality_layers)
-    halvings = _halvings(decoded.header)
-    scene = scene_of_stream(decode(stream, arguments.quality_layers, halvings) if halvings else decoded)
-    known = _qualities(decoded, _placed(decoded.header, truths), arguments.quiet)
+    decoded = decode_views(arguments.path, arguments.quality_layers)
+    shown, halvings = decoded, _halvings(decoded)
+    if halvings:
+        shown = decode_views(arguments.path, arguments.quality_layers, halvings)
+    scene = scene_of_stream(shown)
+    known = _qualities(decoded, _placed(decoded.viewpoints, truths), arguments.quiet)
     others = [viewpoint for viewpoint, _ in known if viewpoint not in scene.viewpoints]
     scene = replace(scene, viewpoints=(*scene.viewpoints, *others))
     qualities = dict(known)
@@ -132,12 +134,12 @@ def _stream(
     notes = []
     if decoded.damage is not None:
         notes.append(f"The stream is damaged: {cli.one_line(decoded.damage)}; what precedes it is shown.")
-    elif decoded.num_layers < decoded.header.num_layers:
+    elif isinstance(decoded, Decoded) and decoded.num_layers < decoded.header.num_layers:
         notes.append(f"{decoded.num_layers} of {decoded.header.num_layers} quality layers are shown.")
     if halvings:
         notes.append(f"The stream is too large for a page: its sides are shown {2**halvings} times shorter.")
     path = Path(arguments.path)
-    height, width = decoded.header.shape
+    height, width = decoded.pairs[0].disparity.shape
     return scene, Caption(
         path.name,
         "decoded stream",
@@ -148,25 +150,24 @@ def _stream(
     )
 
 
-def _halvings(header: "Header") -> int:
+def _halvings(decoded: "DecodedViews") -> int:
     """How often the sides of pictures are halved, so that all of them fit into a page."""
-    height, width = header.shape
-    num_pixels, count = height * width * len(header.references), 0
+    num_pixels, count = sum(pair.disparity.size for pair in decoded.pairs), 0
     while num_pixels > MAX_PIXELS:
         num_pixels, count = num_pixels // 4, count + 1
     return count
 
 
 def _placed(
-    header: "Header", truths: "list[tuple[LatticePosition | int | None, str]]"
+    viewpoints: "Sequence[Viewpoint]", truths: "list[tuple[LatticePosition | int | None, str]]"
 ) -> "list[tuple[Viewpoint, str]]":
     """Viewpoints of pictures; those without a place are of the views in their order."""
     placed: list[tuple[Viewpoint, str]] = []
     number = 0
     for place, path in truths:
-        if place is None and number >= len(header.viewpoints):
-            raise ConfigError(f"--truth {path}: the stream has {len(header.viewpoints)} views")
-        placed.append((viewpoint_of(header, number if place is None else place), path))
+        if place is None and number >= len(viewpoints):
+            raise ConfigError(f"--truth {path}: the stream has {len(viewpoints)} views")
+        placed.append((viewpoint_of(viewpoints, number if place is None else place), path))
         number += place is None
     if len({viewpoint for viewpoint, _ in placed}) < len(placed):
         raise ConfigError("--truth: two pictures of one view")
@@ -174,13 +175,13 @@ def _placed(
 
 
 def _qualities(
-    decoded: "Decoded", truths: "list[tuple[Viewpoint, str]]", quiet: bool
+    decoded: "DecodedViews", truths: "list[tuple[Viewpoint, str]]", quiet: bool
 ) -> "list[tuple[Viewpoint, float | None]]":
     """PSNR of the views of some pictures in dB; None where there is no difference."""
     from dvc.dibr.codec.rendering import render
-    from dvc.dibr.commands.render import quality, read_truth
+    from dvc.dibr.commands.render import quality, read_truth, shape_of
 
-    pictures = [(viewpoint, read_truth(path, decoded.header.shape)) for viewpoint, path in truths]
+    pictures = [(viewpoint, read_truth(path, shape_of(decoded))) for viewpoint, path in truths]
     known = []
     with cli.progress_bar("views", len(pictures), quiet) as advance:
         for viewpoint, picture in pictures:

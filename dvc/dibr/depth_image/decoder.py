@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.dibr.codec.decoder import PictureAndDisparity
 from dvc.dibr.depth_image.depth_scale import Plane
 from dvc.dibr.depth_image.stream import DepthImageStream, PlaneCode
 from dvc.dibr.edges import chain_code
@@ -12,6 +13,11 @@ from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.codec import DecodedReference
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.errors import ConfigError
+from dvc.multiview.camera_array import LatticePosition
+from dvc.multiview.viewpoints import Viewpoint
+
+ORIGIN = LatticePosition(0.0, 0.0)
+"""Where the picture is taken to be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +48,28 @@ class DecodedDepthImage:
     def disparity(self) -> Plane:
         """Disparity, in pixels of the map per unit of m and n."""
         return self.stream.scale.disparity(self.depth) / 2.0**self.resolution
+
+    @property
+    def pairs(self) -> tuple[PictureAndDisparity, ...]:
+        """The picture with its disparities; none without a picture."""
+        if self.picture is None:
+            return ()
+        return (PictureAndDisparity(self.picture, self.disparity, ORIGIN),)
+
+    @property
+    def viewpoints(self) -> tuple[Viewpoint, ...]:
+        """The place of the picture."""
+        return (ORIGIN,)
+
+    @property
+    def step(self) -> float:
+        """Distance of the disparities that are told apart: all are."""
+        return 0.0
+
+    @property
+    def damage(self) -> str | None:
+        """What is missing of the stream."""
+        return self.stream.damage
 
 
 def decode(stream: DepthImageStream, resolution: int = 0) -> DecodedDepthImage:

@@ -8,7 +8,8 @@ import numpy as np
 from dvc.dibr.depth_image.decoder import decode_plane
 from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
 from dvc.dibr.depth_image.stream import PlaneCode
-from dvc.dibr.edges import chain_code, selection
+from dvc.dibr.edge_selection import selection
+from dvc.dibr.edges import chain_code
 from dvc.dibr.edges.chain_code import EdgeCode
 from dvc.dibr.edges.chains import trace
 from dvc.dibr.reference import codec as reference_codec

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.bits import encode_varint
+from dvc.dibr.codec.views import luma
 from dvc.dibr.depth_image.decoder import decode_plane
 from dvc.dibr.depth_image.depth_codes import (
     CodedEdges,
@@ -21,7 +22,6 @@ from dvc.dibr.depth_image.stream import DepthImageStream, PlaneCode, encode_stre
 from dvc.dibr.edges.chain_code import EdgeCode
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.codec import ReferenceHeader
-from dvc.dibr.codec.views import luma
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.errors import ConfigError
 
@@ -204,15 +204,13 @@ def _best_share(
 ) -> float:
     """Part of the bytes of a map at which views from one unit of m and n aside have the least error.
 
-    An error of disparity moves what is seen, and costs the squared slope of the picture there, on the average.
+    An error of disparity moves what is seen, and costs the squared slope of the picture there, on the mean.
     """
     assert image.picture is not None
     gray = np.asarray(luma(image.picture), np.float64)
     slopes = [float(np.mean(np.diff(gray, axis=axis) ** 2)) for axis in (0, 1)]
     weight = 0.5 * sum(slopes) * image.scale.factor**2
-    code = reference_codec.encode(
-        gray, room, options.num_levels, options.wavelet, options.adaptive, None, 0
-    )
+    code = reference_codec.encode(gray, room, options.num_levels, options.wavelet, options.adaptive, None, 0)
     costs = []
     for share in _SHARES:
         bits = 8.0 * (1.0 - share) * room / gray.size

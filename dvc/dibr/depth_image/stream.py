@@ -1,7 +1,7 @@
 """Streams of a depth map, with its picture or without: header, edges, and embedded code of both, interleaved.
 
-The bytes of depth and picture alternate in proportion to their numbers, so a stream that is cut anywhere after
-its edges has the same share of both.
+The bytes of depth and picture alternate in proportion to their numbers, so a stream that is cut anywhere
+after its edges has the same share of both.
 """
 
 import math

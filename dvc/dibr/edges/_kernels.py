@@ -38,7 +38,7 @@ def has_element(below, right, row, column, direction):
 def is_inside(below, row, column, direction):
     """Return whether an edge can lead from a vertex in a direction, between two samples."""
     height, width = below.shape
-    if direction == RIGHT or direction == LEFT:
+    if direction in (RIGHT, LEFT):
         return 0 < row < height and (column < width if direction == RIGHT else column > 0)
     return 0 < column < width and (row < height if direction == DOWN else row > 0)
 
@@ -192,7 +192,13 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
         runs = (run * (MAX_RUN + 1) + run_before) * 3 + same + 1
         base = END * _SIZES
         ended = code_mixed(
-            coder, mixture, base + touched, base + 2 + touched * 3 + history % 3, base + 8 + touched * 12 + run, touched, int(count == length)
+            coder,
+            mixture,
+            base + touched,
+            base + 2 + touched * 3 + history % 3,
+            base + 8 + touched * 12 + run,
+            touched,
+            int(count == length),
         )
         if ended:
             return count
@@ -204,14 +210,26 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
             else:
                 base = STRAIGHT * _SIZES
                 goes = code_mixed(
-                    coder, mixture, base + near, base + 81 + history, base + 81 + NUM_HISTORIES + runs, 2 + min(run, 1), int(target == 0)
+                    coder,
+                    mixture,
+                    base + near,
+                    base + 81 + history,
+                    base + 81 + NUM_HISTORIES + runs,
+                    2 + min(run, 1),
+                    int(target == 0),
                 )
         step = 0
         if not goes:
             if left and after:
                 base = TURN * _SIZES
                 positive = code_mixed(
-                    coder, mixture, base + near, base + 81 + history, base + 81 + NUM_HISTORIES + runs, 4 + min(run, 1), int(target > 0)
+                    coder,
+                    mixture,
+                    base + near,
+                    base + 81 + history,
+                    base + 81 + NUM_HISTORIES + runs,
+                    4 + min(run, 1),
+                    int(target > 0),
                 )
                 step = 1 if positive else -1
             else:

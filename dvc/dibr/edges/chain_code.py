@@ -1,10 +1,10 @@
 """Chains as bytes: by the code words of the thesis, or by adaptive arithmetic coding.
 
-In the first, a chain is the vertex where it starts, its first direction and its length, of fixed numbers of bits,
-and then a word for each differential direction: 10, 0, 11 for -1, 0, 1. In the second, starts are distances
-from one to the next, and each step is coded in contexts of the last steps and of the last two straight runs: whether
-the chain ends there (likely where it meets others), whether it goes straight on, and to which side it turns.
-Steps onto edges that are there already are left out.
+In the first, a chain is the vertex where it starts, its first direction and its length, of fixed numbers of
+bits, and then a word for each differential direction: 10, 0, 11 for -1, 0, 1. In the second, starts are
+distances from one to the next, and each step is coded in contexts of the last steps and of the last two
+straight runs: whether the chain ends there (likely where it meets others), whether it goes straight on, and
+to which side it turns. Steps onto edges that are there already are left out.
 """
 
 from enum import IntEnum

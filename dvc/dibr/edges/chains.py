@@ -113,8 +113,9 @@ def differences(directions: NDArray[np.int8]) -> NDArray[np.int8]:
     ndarray of shape (n - 1,), int8
         -1 (to the right), 0 or 1 (to the left).
     """
-    steps = np.diff(directions.astype(np.int64))
-    return ((steps + 1) % 4 - 1).astype(np.int8)
+    wide = directions.astype(np.int64)
+    wrapped: NDArray[np.int8] = ((wide[1:] - wide[:-1] + 1 & 3) - 1).astype(np.int8)
+    return wrapped
 
 
 def directions_of(first: int, steps: NDArray[np.int8]) -> NDArray[np.int8]:
@@ -132,4 +133,6 @@ def directions_of(first: int, steps: NDArray[np.int8]) -> NDArray[np.int8]:
     ndarray of shape (n,), int8
         Directions.
     """
-    return (np.cumsum(np.concatenate([[first], steps])) % 4).astype(np.int8)
+    turned: NDArray[np.int64] = np.cumsum(np.insert(steps, 0, first), dtype=np.int64)
+    found: NDArray[np.int8] = (turned & 3).astype(np.int8)
+    return found

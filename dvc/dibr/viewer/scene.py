@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.codec.decoder import Decoded
+from dvc.dibr.codec.rendering import DecodedViews
 from dvc.multiview.camera_array import LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint, distance
 from dvc.stereo.layers.canvas import DEPTH_RANGE, Canvas
@@ -180,12 +180,12 @@ def scene_of_picture(source: Source, step: float) -> Scene:
     return Scene(scene.shape, scene.sources, step, views, _bounds_of_one(scene))
 
 
-def scene_of_stream(decoded: Decoded) -> Scene:
+def scene_of_stream(decoded: DecodedViews) -> Scene:
     """Return the scene of a decoded stream.
 
     Parameters
     ----------
-    decoded : Decoded
+    decoded : DecodedViews
         Pictures and disparities.
 
     Returns
@@ -194,8 +194,7 @@ def scene_of_stream(decoded: Decoded) -> Scene:
         A source for each reference.
     """
     sources = tuple(source_of(pair.picture, pair.disparity, None, pair.viewpoint) for pair in decoded.pairs)
-    step = decoded.header.labels.step / 2.0**decoded.resolution
-    viewpoints = decoded.header.viewpoints
+    step, viewpoints = decoded.step, decoded.viewpoints
     if len(viewpoints) == 1:
         return scene_of_picture(sources[0], step)
     height, width = decoded.pairs[0].disparity.shape

@@ -1,11 +1,11 @@
 """Shape-adaptive lifting: wavelets that stop at edges.
 
 What a step would take from beyond an edge is extrapolated from the samples of the same coset on this side by
-a polynomial (4.4), so the inverse knows it too. With too few of them the polynomial has a lower degree. Details
-beyond an edge are taken to be zero in the last step, as if the polynomial there were fitted perfectly. A
-sample of the low band that is alone between edges is scaled as a constant is; one of the high band is
-predicted from beyond its edges, where both sides know what is there. Borders of the plane are symmetric, so
-that without edges this is `dvc.dibr.wavelets.lifting`.
+a polynomial (4.4), so the inverse knows it too. With too few of them the polynomial has a lower degree.
+Details beyond an edge are taken to be zero in the last step, as if the polynomial fitted there. A sample of
+the low band that is alone between edges is scaled as a constant is; one of the high band is predicted from
+beyond its edges. Borders of the plane are symmetric, so that without edges this is
+`dvc.dibr.wavelets.lifting`.
 """
 
 import numpy as np
@@ -62,14 +62,14 @@ def analyse(
     for maps in edges.pyramid(num_levels):
         top, bottom = split(low, maps.between_rows, order, wavelet)
         low, horizontal = (half.T for half in split(top.T, maps.between_columns[0::2].T, order, wavelet))
-        vertical, diagonal = (half.T for half in split(bottom.T, maps.between_columns[1::2].T, order, wavelet))
+        vertical, diagonal = (
+            half.T for half in split(bottom.T, maps.between_columns[1::2].T, order, wavelet)
+        )
         details.append(Details(horizontal, vertical, diagonal))
     return Pyramid(low, tuple(details))
 
 
-def synthesise(
-    pyramid: Pyramid, edges: EdgeMaps, order: int, wavelet: Wavelet = WAVELETS["9/7"]
-) -> Plane:
+def synthesise(pyramid: Pyramid, edges: EdgeMaps, order: int, wavelet: Wavelet = WAVELETS["9/7"]) -> Plane:
     """Return the plane of some coefficients; the inverse of `analyse`.
 
     Parameters

@@ -7,16 +7,18 @@ parameter is the step of the quantiser, which a search over rates provides; all 
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.edges import _selection_kernels as kernels
+from dvc.dibr.edge_selection import _kernels as kernels
 from dvc.dibr.edges.chains import Chains, trace
+from dvc.dibr.edges.extraction import edges_of_jumps
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import WAVELETS, Plane, Wavelet
 
-CANDIDATE_STEPS = 0.25
+CANDIDATE_STEPS = 0.5
 """Least difference of neighbours between which there may be an edge, in steps."""
 
 MULTIPLIER = 0.2
@@ -28,31 +30,10 @@ SIGNIFICANCE_BITS, BITS_PER_OCTAVE = 6.0, 1.5
 ELEMENT_BITS, CHAIN_BITS = 1.4, 11.0
 """Of an edge, and of the start and the end of a chain."""
 
-_PIECE_LENGTH = 16
+_PIECE_LENGTH = 32
 _NUM_LEVELS, _MARGIN, _MAX_PASSES = 4, 16, 3
 _LADDER_RATIO = 2.0**-0.5
 _FINEST = 1 / 512
-
-
-def candidates(depth: Plane, least: float) -> EdgeMaps:
-    """Return the edges where neighbours differ.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (H, W), float64
-        Depth or disparity.
-    least : float
-        They differ by more than this.
-
-    Returns
-    -------
-    EdgeMaps
-        Edges.
-    """
-    edges = EdgeMaps.none((depth.shape[0], depth.shape[1]))
-    edges.between_rows[:-1] = np.abs(np.diff(depth, axis=0)) > least
-    edges.between_columns[:, :-1] = np.abs(np.diff(depth, axis=1)) > least
-    return edges
 
 
 def select(
@@ -136,7 +117,7 @@ def ladder(
     edges = None
     while step < largest:
         if edges is None:
-            found = candidates(depth, CANDIDATE_STEPS * step)
+            found = edges_of_jumps(depth, CANDIDATE_STEPS * step)
             edges = found if found.count() * ELEMENT_BITS <= 2.0 * max_bits else None
         if edges is not None:
             edges = select(depth, edges, step, order, wavelet)
@@ -157,7 +138,7 @@ def _pieces(chains: Chains, edges: EdgeMaps) -> tuple[NDArray[np.int64], NDArray
         elements.append(np.stack([rows[:-1], across[:-1], directions], axis=1))
         met = np.flatnonzero(degrees[rows[1:-1], across[1:-1]] != 2) + 1
         ends = np.concatenate([[0], met, [len(directions)]])
-        for first, last in zip(ends[:-1], ends[1:], strict=True):
+        for first, last in pairwise(ends.tolist()):
             number = -(-(last - first) // _PIECE_LENGTH)
             inner = first + (last - first) * np.arange(1, number + 1) // number
             bounds.extend((offset + inner).tolist())
@@ -186,4 +167,5 @@ def _jumps(depth: Plane, elements: NDArray[np.int64]) -> NDArray[np.float64]:
     first_row = np.where(directions == 3, rows, rows - 1)
     first_column = np.where(directions == 0, columns, columns - 1)
     second_row, second_column = first_row + flat, first_column + ~flat
-    return np.abs(depth[second_row, second_column] - depth[first_row, first_column])
+    jumps: Plane = np.abs(depth[second_row, second_column] - depth[first_row, first_column])
+    return jumps

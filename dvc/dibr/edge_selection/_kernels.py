@@ -122,8 +122,20 @@ def _odd_ends(below, right, elements):
 
 @kernel
 def weigh_pieces(
-    plane, below, right, elements, bounds, order_of_pieces, present, num_levels, margin, wavelet, order, model,
-    element_bits, chain_bits,
+    plane,
+    below,
+    right,
+    elements,
+    bounds,
+    order_of_pieces,
+    present,
+    num_levels,
+    margin,
+    wavelet,
+    order,
+    model,
+    element_bits,
+    chain_bits,
 ):
     """Put in or take out each piece of chains where that costs less; return how many were changed.
 

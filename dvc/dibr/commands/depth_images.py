@@ -1,0 +1,297 @@
+"""What the subcommands of depth maps share: options of the codec, maps and edges as they are typed."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dvc import cli
+from dvc.dibr.commands.options import json_files
+from dvc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from dvc.dibr.depth_image.decoder import DecodedDepthImage
+    from dvc.dibr.depth_image.depth_codes import CodedEdges
+    from dvc.dibr.depth_image.depth_maps import DepthMap
+    from dvc.dibr.depth_image.depth_scale import DepthScale
+    from dvc.dibr.depth_image.encoder import DepthImage, EncodedDepthImage, PictureOptions
+
+TRANSFORMS = "shape-adaptive", "standard"
+EDGES = "auto", "canny", "none"
+WAVELETS = "9/7", "5/3"
+SUFFIX = ".dibr"
+
+
+def add_codec_options(parser: argparse.ArgumentParser) -> None:
+    """Add how a depth map is coded.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the subcommand.
+    """
+    bpp = "bits of the whole file per pixel, at most"
+    parser.add_argument("--bpp", type=cli.parse_positive, metavar="R", required=True, help=bpp)
+    text = "whether wavelets stop at edges; default: %(default)s"
+    parser.add_argument("--transform", choices=TRANSFORMS, default=TRANSFORMS[0], help=text)
+    parser.add_argument("--wavelet", choices=WAVELETS, default=WAVELETS[0], help="default: %(default)s")
+    order = "degree of the polynomials that continue the map at edges, 0 to 3"
+    cli.add_integer(parser, "--order-depth", (0, 3), order, default=1, metavar="K")
+    edges = (
+        "edges that pay for their bits (auto), of Canny's detector, none, or of a file as decode writes "
+        "it; default: auto"
+    )
+    parser.add_argument("--edges", default=EDGES[0], metavar="{auto,canny,none,FILE}", help=edges)
+    hole = "number of holes in the map; default: 0 in pictures without --near-far"
+    holes = parser.add_mutually_exclusive_group()
+    holes.add_argument("--hole", type=cli.parse_number, metavar="V", help=hole)
+    holes.add_argument("--no-holes", action="store_true", help="all numbers of the map are depths")
+
+
+def add_scale_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the numbers of a depth map mean.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the subcommand.
+    """
+    scale = (
+        "disparity, in pixels per unit of m, of 1 in the map; with --near-far, of an inverse depth of 1; "
+        "default: %(default)s"
+    )
+    parser.add_argument("--depth-scale", type=cli.parse_number, default=1.0, metavar="S", help=scale)
+    near_far = "depths of the largest number and of 0 in maps of 8 or 16 bits, even in inverse depth"
+    parser.add_argument("--near-far", type=parse_near_far, metavar="NEAR:FAR", help=near_far)
+
+
+def parse_near_far(text: str) -> tuple[float, float]:
+    """Read a range of depths.
+
+    Parameters
+    ----------
+    text : str
+        NEAR:FAR.
+
+    Returns
+    -------
+    tuple of float
+        Both.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is something else, or not 0 < NEAR < FAR.
+    """
+    near, _, far = text.partition(":")
+    closest = cli.parse_positive(near)
+    farthest = math.inf if far == "inf" else cli.parse_positive(far)
+    if closest >= farthest:
+        raise argparse.ArgumentTypeError(f"expected NEAR:FAR with NEAR < FAR, got {text!r}")
+    return closest, farthest
+
+
+def check_files(arguments: argparse.Namespace, inputs: list[str | Path]) -> None:
+    """Check what is read and written before anything else.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With `out`, `edges` and `json`.
+    inputs : list of str or Path
+        Files that are read.
+
+    Raises
+    ------
+    ConfigError
+        If a name is not right.
+    """
+    if Path(arguments.out).suffix.lower() != SUFFIX:
+        raise ConfigError(f"the name of the stream must end in {SUFFIX}, got {arguments.out}")
+    given = [arguments.edges] if arguments.edges not in EDGES else []
+    cli.check_outputs([*inputs, *given], [arguments.out, *json_files(arguments)])
+
+
+def read_map(path: str, arguments: argparse.Namespace) -> tuple["DepthMap", "DepthScale"]:
+    """Read a depth map as the options say.
+
+    Parameters
+    ----------
+    path : str
+        Its file.
+    arguments : argparse.Namespace
+        With `hole` and `no_holes`, and perhaps `near_far` and `depth_scale`.
+
+    Returns
+    -------
+    found : DepthMap
+        The map.
+    scale : DepthScale
+        Of its numbers.
+    """
+    from dvc.dibr.depth_image.depth_maps import default_hole, read_depth_map, scale_of
+
+    near_far = getattr(arguments, "near_far", None)
+    hole = arguments.hole
+    if hole is None and not arguments.no_holes and near_far is None:
+        hole = default_hole(path)
+    found = read_depth_map(path, hole)
+    return found, scale_of(found, getattr(arguments, "depth_scale", 1.0), near_far)
+
+
+def encode(
+    arguments: argparse.Namespace, image: "DepthImage", picture_options: "PictureOptions | None" = None
+) -> "EncodedDepthImage":
+    """Encode and write a stream.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With the options of `add_codec_options`, and `out`, `quiet`.
+    image : DepthImage
+        What is coded.
+    picture_options : PictureOptions, optional
+        How the picture is coded.
+
+    Returns
+    -------
+    EncodedDepthImage
+        What was written.
+    """
+    from dvc.dibr.depth_image.depth_codes import DepthOptions
+    from dvc.dibr.depth_image.encoder import encode_to_size
+    from dvc.dibr.wavelets.lifting import most_levels
+    from dvc.files import atomic_output
+
+    shape = image.depth.shape[0], image.depth.shape[1]
+    options = DepthOptions(
+        arguments.wavelet, min(DepthOptions.num_levels, most_levels(shape)), arguments.order_depth
+    )
+    num_pixels = shape[0] * shape[1]
+    max_bytes = int(arguments.bpp * num_pixels / 8.0)
+    edges = _edges(arguments, image.depth)
+    with cli.progress_bar("selections of edges", None, arguments.quiet) as advance:
+        try:
+            encoded = encode_to_size(image, max_bytes, edges, options, picture_options, advance)
+        except ConfigError as err:
+            raise ConfigError(f"--bpp {arguments.bpp:g} of {num_pixels} pixels: {err}") from None
+    with atomic_output(arguments.out) as temporary:
+        temporary.write_bytes(encoded.data)
+    return encoded
+
+
+def _edges(arguments: argparse.Namespace, depth: Any) -> "CodedEdges | None":
+    """Edges as the options want them; None: to be selected."""
+    from dvc.dibr.depth_image.depth_codes import code_edges
+    from dvc.dibr.edges.extraction import canny_edges
+    from dvc.dibr.edges.files import read_edges
+    from dvc.dibr.wavelets.edge_maps import EdgeMaps
+
+    if arguments.transform == TRANSFORMS[1]:
+        if arguments.edges != EDGES[0]:
+            raise ConfigError("--edges is for the shape-adaptive transform")
+        return code_edges(EdgeMaps.none(depth.shape))
+    if arguments.edges == "auto":
+        return None
+    if arguments.edges == "canny":
+        return code_edges(canny_edges(depth))
+    if arguments.edges == "none":
+        return code_edges(EdgeMaps.none(depth.shape))
+    return code_edges(read_edges(arguments.edges, depth.shape))
+
+
+def figures(
+    encoded: "EncodedDepthImage", decoded: "DecodedDepthImage", found: "DepthMap", picture: Any = None
+) -> dict[str, Any]:
+    """Return what is known of a stream that was written.
+
+    Parameters
+    ----------
+    encoded : EncodedDepthImage
+        The stream.
+    decoded : DecodedDepthImage
+        What it gives back.
+    found : DepthMap
+        The map that was coded.
+    picture : ndarray of shape (H, W) or (H, W, 3), uint8, optional
+        The picture.
+
+    Returns
+    -------
+    dict
+        JSON-safe.
+    """
+    height, width = found.depth.shape
+    bits = {name: 8 * size for name, size in encoded.part_bytes.items()}
+    return {
+        "stream_bytes": len(encoded.data),
+        "bpp": 8 * len(encoded.data) / (width * height),
+        "bits": bits,
+        "edge_elements": encoded.edges.count() if encoded.edges is not None else 0,
+        "depth_share": (bits["edges"] + bits["depth"]) / max(sum(bits.values()) - bits["header"], 1),
+        "image_edges": encoded.stream.picture_edges,
+        "width": width,
+        "height": height,
+        **quality(decoded, found, picture),
+    }
+
+
+def quality(
+    decoded: "DecodedDepthImage", found: "DepthMap | None", picture: Any = None
+) -> dict[str, float | None]:
+    """Return how near a decoded stream is to what was coded.
+
+    Parameters
+    ----------
+    decoded : DecodedDepthImage
+        The decoded stream.
+    found : DepthMap or None
+        The map, if it is known; holes are not compared.
+    picture : ndarray of shape (H, W) or (H, W, 3), uint8, optional
+        The picture.
+
+    Returns
+    -------
+    dict of str to float or None
+        PSNR of the map, its peak the range of its numbers, and the largest error; PSNR of luma, peak 255.
+        None where there is no error.
+    """
+    import numpy as np
+
+    from dvc.dibr.codec.views import luma
+    from dvc.metrics import psnr_db
+
+    told: dict[str, float | None] = {}
+    if found is not None:
+        error = np.abs(decoded.depth - found.depth)[found.known]
+        peak, mse = float(np.ptp(found.depth[found.known])), float(np.mean(error**2))
+        told["psnr_depth_db"] = 10.0 * math.log10(peak**2 / mse) if mse and peak else None
+        told["largest_error_depth"] = float(error.max())
+    if picture is not None and decoded.picture is not None:
+        value = psnr_db(luma(decoded.picture), luma(picture))
+        told["psnr_image_db"] = value if math.isfinite(value) else None
+    return told
+
+
+def report(arguments: argparse.Namespace, told: dict[str, Any]) -> None:
+    """Write figures where they are wanted.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With `out`, `json` and `quiet`.
+    told : dict
+        Of `figures`.
+    """
+    import sys
+
+    if arguments.json is not None:
+        cli.write_json(arguments.json, told)
+    if arguments.json == "-" or arguments.quiet:
+        return
+    names = {"psnr_depth_db": "depth", "psnr_image_db": "image"}
+    known = [f"{name} {told[key]:.2f} dB" for key, name in names.items() if told.get(key) is not None]
+    share = f"{8 * told['stream_bytes']} bits, {told['bits']['edges']} of them {told['edge_elements']} edges"
+    sys.stdout.write(
+        "; ".join([f"{arguments.out}: {told['bpp']:.4f} bits per pixel, {share}", *known]) + "\n"
+    )
