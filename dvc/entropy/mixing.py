@@ -147,9 +147,9 @@ def learn(mixture: Mixture, context: int, decision: int) -> None:
         0 or 1.
     """
     contexts = mixture.contexts
-    count = np.int64(contexts[context, 1])
-    contexts[context, 0] += (decision - contexts[context, 0]) * mixture.tables[RATE, count]
-    contexts[context, 1] = float(min(count + 1, MAX_COUNT))
+    count = contexts[context, 1]
+    contexts[context, 0] += (decision - contexts[context, 0]) * mixture.tables[RATE, np.int64(count)]
+    contexts[context, 1] = min(count + 1.0, float(MAX_COUNT))
 
 
 @kernel
