@@ -3,8 +3,8 @@
 import numpy as np
 
 from dvc._jit import kernel
-from dvc.dibr.edges._kernels import DOWN, LEFT, RIGHT, UP, degree, set_element
-from dvc.dibr.wavelets._kernels import lift_columns
+from dvc.dibr.edges.lattice import DOWN, LEFT, RIGHT, UP, degree, set_element
+from dvc.dibr.wavelets.column_lifting import lift_columns
 
 ROUNDED = 1.0 / 12.0
 """Squared error of a significant coefficient, in squared steps."""

@@ -3,10 +3,9 @@
 import numpy as np
 
 from dvc._jit import kernel
+from dvc.dibr.edges.lattice import DOWN, LEFT, RIGHT, UP, degree, has_element, is_inside, set_element
 from dvc.entropy.mixing import code_mixed
 from dvc.entropy.range_coder import code_decision
-
-RIGHT, UP, LEFT, DOWN = range(4)
 
 NUM_HISTORIES = 3**6
 MAX_RUN = 11
@@ -17,53 +16,6 @@ END, STRAIGHT, TURN = range(3)
 _SIZES = NUM_HISTORIES + NUM_RUNS + 81
 NUM_CONTEXTS = 3 * _SIZES
 NUM_MIXTURES = 6
-
-
-@kernel
-def has_element(below, right, row, column, direction):
-    """Return whether an edge leads from a vertex in a direction.
-
-    Vertex (row, column) is the upper left corner of that sample.
-    """
-    if direction == RIGHT:
-        return row > 0 and column < below.shape[1] and below[row - 1, column] != 0
-    if direction == LEFT:
-        return row > 0 and column > 0 and below[row - 1, column - 1] != 0
-    if direction == DOWN:
-        return column > 0 and row < right.shape[0] and right[row, column - 1] != 0
-    return column > 0 and row > 0 and right[row - 1, column - 1] != 0
-
-
-@kernel
-def is_inside(below, row, column, direction):
-    """Return whether an edge can lead from a vertex in a direction, between two samples."""
-    height, width = below.shape
-    if direction in (RIGHT, LEFT):
-        return 0 < row < height and (column < width if direction == RIGHT else column > 0)
-    return 0 < column < width and (row < height if direction == DOWN else row > 0)
-
-
-@kernel
-def set_element(below, right, row, column, direction, value):
-    """Set the edge from a vertex in a direction."""
-    if direction == RIGHT:
-        below[row - 1, column] = value
-    elif direction == LEFT:
-        below[row - 1, column - 1] = value
-    elif direction == DOWN:
-        right[row, column - 1] = value
-    else:
-        right[row - 1, column - 1] = value
-
-
-@kernel
-def degree(below, right, row, column):
-    """Return how many edges meet at a vertex."""
-    number = 0
-    for direction in range(4):
-        if has_element(below, right, row, column, direction):
-            number += 1
-    return number
 
 
 @kernel

@@ -11,7 +11,7 @@ beyond its edges. Borders of the plane are symmetric, so that without edges this
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dvc.dibr.wavelets import _kernels as kernels
+from dvc.dibr.wavelets.column_lifting import lift_columns
 from dvc.dibr.wavelets.edge_maps import EdgeMaps, Flags
 from dvc.dibr.wavelets.lifting import WAVELETS, Details, Plane, Pyramid, Wavelet
 
@@ -160,4 +160,4 @@ def merge(low: Plane, high: Plane, edges: Flags, order: int, wavelet: Wavelet) -
 
 def _lift(samples: Plane, edges: Flags, order: int, wavelet: Wavelet, *, inverse: bool) -> None:
     weights: NDArray[np.float64] = np.array(wavelet.weights)
-    kernels.lift_columns(samples, np.ascontiguousarray(edges), weights, wavelet.gain, order, inverse)
+    lift_columns(samples, np.ascontiguousarray(edges), weights, wavelet.gain, order, inverse)

@@ -5,16 +5,15 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from dvc.dibr.__main__ import main
 from dvc.dibr.stream.layers import PairLayer, decode_stream, encode_layer, encode_stream
 from dvc.pfm import read_pfm
 from dvc.video import open_video
+from tests.dibr.commands.running import answer, refusal, run
 from tests.dibr.scenes import FAR, FOCAL_PX, NEAR, cameras, true_disparity, write_views
 
 ENCODE = ("--disparities", "0:8", "--slope", "2e-3", "--quiet")
@@ -28,33 +27,9 @@ def views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def run(*arguments: str) -> int:
-    try:
-        return main(list(arguments))
-    except SystemExit as err:
-        return int(err.code or 0)
-
-
 def encoded(*options: str, views: tuple[str, ...] = ("a.png", "b.png")) -> bytes:
     assert run("encode", *views, "out.dibr", *ENCODE, *options) == 0
     return Path("out.dibr").read_bytes()
-
-
-def answer(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    capsys.readouterr()
-    assert run(*arguments, "--json", "-") == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    capsys.readouterr()
-    before = set(Path().iterdir())
-    assert run(*arguments) == 2
-    assert set(Path().iterdir()) == before, "nothing half-written"
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("dvc-dibr")
-    return line
 
 
 def test_processes_encode_decode_and_render(views: Path) -> None:

@@ -1,8 +1,12 @@
-"""Compiled lifting of columns that edges cut into segments."""
+"""Lifting of columns that edges cut into segments, compiled."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
+
+Plane = NDArray[np.float64]
+Flags = NDArray[np.uint8]
 
 EXTRAPOLATION = np.array(
     [[1.0, 0.0, 0.0, 0.0], [2.0, -1.0, 0.0, 0.0], [3.0, -3.0, 1.0, 0.0], [4.0, -6.0, 4.0, -1.0]]
@@ -11,7 +15,9 @@ EXTRAPOLATION = np.array(
 
 
 @kernel
-def lift_columns(samples, edges, weights, gain, order, inverse):
+def lift_columns(
+    samples: Plane, edges: Flags, weights: Plane, gain: float, order: int, inverse: bool
+) -> None:
     """Apply the lifting steps of a wavelet to columns in place, (4.1) and (4.2), not across edges.
 
     Parameters
@@ -42,7 +48,7 @@ def lift_columns(samples, edges, weights, gain, order, inverse):
 
 
 @kernel
-def _predict(samples, edges, weight, order):
+def _predict(samples: Plane, edges: Flags, weight: float, order: int) -> None:
     """Change odd samples. One that is alone between edges is predicted from beyond them."""
     num_rows, num_columns = samples.shape
     last = num_rows - 1
@@ -63,7 +69,7 @@ def _predict(samples, edges, weight, order):
 
 
 @kernel
-def _update(samples, edges, weight, order, final):
+def _update(samples: Plane, edges: Flags, weight: float, order: int, final: bool) -> None:
     """Change even samples; in the final step, details beyond an edge are taken to be zero."""
     num_rows, num_columns = samples.shape
     last = num_rows - 1
@@ -90,7 +96,7 @@ def _update(samples, edges, weight, order, final):
 
 
 @kernel
-def _scale_lone(samples, edges, factor):
+def _scale_lone(samples: Plane, edges: Flags, factor: float) -> None:
     """Scale even samples that are alone between edges as constant signals are."""
     num_rows, num_columns = samples.shape
     last = num_rows - 1
@@ -101,7 +107,7 @@ def _scale_lone(samples, edges, factor):
 
 
 @kernel
-def _beyond(samples, edges, i, t, way, order):
+def _beyond(samples: Plane, edges: Flags, i: int, t: int, way: int, order: int) -> float:
     """Extrapolate the sample beyond the edge next to sample i from those of its coset on this side (4.4)."""
     num_rows = samples.shape[0]
     available = 0
@@ -115,4 +121,4 @@ def _beyond(samples, edges, i, t, way, order):
     total = 0.0
     for m in range(available):
         total += EXTRAPOLATION[available - 1, m] * samples[i - way * (2 * m + 1), t]
-    return total
+    return float(total)

@@ -1,0 +1,115 @@
+"""The dual lattice: vertices between samples, and the edges that lead from one to the next, compiled.
+
+Vertex (row, column) is the upper left corner of that sample, so there is one more of each. Directions are
+0 right, 1 up, 2 left, 3 down. `below` and `right` are the maps of `dvc.dibr.wavelets.edge_maps.EdgeMaps`.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc._jit import kernel
+
+Flags = NDArray[np.uint8]
+
+RIGHT, UP, LEFT, DOWN = range(4)
+
+
+@kernel
+def has_element(below: Flags, right: Flags, row: int, column: int, direction: int) -> bool:
+    """Return whether an edge leads from a vertex in a direction.
+
+    Parameters
+    ----------
+    below, right : ndarray of shape (H, W), uint8
+        Edges.
+    row, column : int
+        Vertex.
+    direction : int
+        From 0 to 3.
+
+    Returns
+    -------
+    bool
+        Whether it is there.
+    """
+    if not is_inside(below, row, column, direction):
+        return False
+    if direction == RIGHT:
+        return bool(below[row - 1, column] != 0)
+    if direction == LEFT:
+        return bool(below[row - 1, column - 1] != 0)
+    if direction == DOWN:
+        return bool(right[row, column - 1] != 0)
+    return bool(right[row - 1, column - 1] != 0)
+
+
+@kernel
+def is_inside(below: Flags, row: int, column: int, direction: int) -> bool:
+    """Return whether an edge can lead from a vertex in a direction, between two samples.
+
+    Parameters
+    ----------
+    below : ndarray of shape (H, W), uint8
+        Either map.
+    row, column : int
+        Vertex.
+    direction : int
+        From 0 to 3.
+
+    Returns
+    -------
+    bool
+        Whether there are samples on both sides.
+    """
+    height, width = below.shape
+    if direction in (RIGHT, LEFT):
+        return bool(0 < row < height and (0 <= column < width if direction == RIGHT else 0 < column <= width))
+    return bool(0 < column < width and (0 <= row < height if direction == DOWN else 0 < row <= height))
+
+
+@kernel
+def set_element(below: Flags, right: Flags, row: int, column: int, direction: int, value: int) -> None:
+    """Set the edge from a vertex in a direction.
+
+    Parameters
+    ----------
+    below, right : ndarray of shape (H, W), uint8
+        Edges: changed.
+    row, column : int
+        Vertex.
+    direction : int
+        From 0 to 3, inside.
+    value : int
+        0 or 1.
+    """
+    if direction == RIGHT:
+        below[row - 1, column] = value
+    elif direction == LEFT:
+        below[row - 1, column - 1] = value
+    elif direction == DOWN:
+        right[row, column - 1] = value
+    else:
+        right[row - 1, column - 1] = value
+
+
+@kernel
+def degree(below: Flags, right: Flags, row: int, column: int) -> int:
+    """Return how many edges meet at a vertex.
+
+    Parameters
+    ----------
+    below, right : ndarray of shape (H, W), uint8
+        Edges.
+    row, column : int
+        Vertex.
+
+    Returns
+    -------
+    int
+        From 0 to 4.
+    """
+    number = 0
+    for direction in range(4):
+        if has_element(below, right, row, column, direction):
+            number += 1
+    return number
