@@ -191,7 +191,7 @@ def read_stream(path: str) -> "Stream | DepthImageStream":
         raise BitstreamError(f"{path}: {err}") from None
 
 
-def decode_views(path: str, num_layers: int | None) -> "DecodedViews":
+def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "DecodedViews":
     """Decode a stream of any kind, to be rendered.
 
     Parameters
@@ -200,6 +200,8 @@ def decode_views(path: str, num_layers: int | None) -> "DecodedViews":
         Its file.
     num_layers : int or None
         Quality layers, at most; None: all.
+    resolution : int, optional
+        How many times pictures are halved.
 
     Returns
     -------
@@ -217,12 +219,12 @@ def decode_views(path: str, num_layers: int | None) -> "DecodedViews":
 
     stream = read_stream(path)
     if isinstance(stream, Stream):
-        return decode(stream, num_layers)
+        return decode(stream, num_layers, resolution)
     if num_layers is not None:
         raise ConfigError(f"--quality-layers: {path} has none, but can be cut anywhere")
     if stream.picture is None:
         raise ConfigError(f"{path}: a depth map alone; there is no picture to render")
-    return depth_image.decode(stream)
+    return depth_image.decode(stream, resolution)
 
 
 def warn(path: str, damage: str | None) -> None:
