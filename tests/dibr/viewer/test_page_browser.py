@@ -288,6 +288,7 @@ def test_missing_features_are_told(opened: Opened, script: str, name: str) -> No
     assert name in page.inner_text("#message")
     assert page.locator("#still").is_visible()
     assert page.evaluate("document.getElementById('still').naturalWidth") == 48
+    assert page.locator("button:visible, input:visible").count() == 0
 
 
 def test_data_that_cannot_be_read_is_told(opened: Opened) -> None:

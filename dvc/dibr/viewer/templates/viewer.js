@@ -20,6 +20,7 @@
   const fail = (text) => {
     renderer = null;
     document.documentElement.classList.remove("ready");
+    document.documentElement.classList.add("failed");
     say(text);
   };
 
@@ -216,6 +217,7 @@
     }
     renderer = new Renderer(gl, scene, shaders);
     message.hidden = true;
+    document.documentElement.classList.remove("failed");
     readout();
     draw();
   };
