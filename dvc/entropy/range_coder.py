@@ -130,6 +130,15 @@ class RangeCoder:
         self.check()
         return value
 
+    @staticmethod
+    def _shortest(number: int, low: int, width: int, position: int) -> bytes:
+        """The number of most zeros at the end that is inside the interval, whatever follows."""
+        for zeros in range(64, -1, -8):
+            inside = low + 2**zeros - 1 >> zeros << zeros
+            if inside < low + width:
+                return (number + inside).to_bytes(4 * position + 8).rstrip(b"\0") or b"\0"
+        raise AssertionError("the interval holds its beginning")
+
     def check(self) -> None:
         """Tell whether all that was read can have been written.
 
@@ -141,8 +150,13 @@ class RangeCoder:
         if self._state.fields[FAILED]:
             raise BitstreamError("the range-coded data are damaged")
 
-    def to_bytes(self) -> bytes:
+    def to_bytes(self, shortest: bool = False) -> bytes:
         """Return what was written.
+
+        Parameters
+        ----------
+        shortest : bool, optional
+            End with as few bytes as tell the sequence; else with a whole word, as `constriction` does.
 
         Returns
         -------
@@ -153,6 +167,8 @@ class RangeCoder:
         assert not reading, "what is read has its bytes"
         assert not failed, "more was written than there was room for"
         number = int.from_bytes(self._state.words[:position].astype(">u4").tobytes()) << 32
+        if shortest and width < _MAX:
+            return self._shortest(number << 32, low, width, position)
         if width < _MAX:  # else nothing was written
             number += low + 2**32 - 1 >> 32  # a word that is inside the interval, whatever follows
         return number.to_bytes(4 * position + 4).rstrip(b"\0") or b"\0"

@@ -90,6 +90,9 @@ def test_any_bytes_are_read_or_refused(data: bytes, symbols: list[Symbol]) -> No
     coded(writer, read)
     assert writer.to_bytes() == of_reference(read)
     assert coded(RangeCoder.reader(writer.to_bytes()), symbols) == read
+    short = writer.to_bytes(shortest=True)
+    assert coded(RangeCoder.reader(short), symbols) == read
+    assert len(short) <= len(writer.to_bytes()) + 1
 
 
 @pytest.mark.parametrize("count", [40, 150, 400])

@@ -158,7 +158,7 @@ def encode_tree(
     coder = RangeCoder.writer()
     shape = (tree.highs[0] if tree.highs else tree.roots).shape
     _, statistics = _code_tree(coder, tree, (shape[0], shape[1]), significance, previous)
-    return coder.to_bytes(), statistics
+    return coder.to_bytes(shortest=True), statistics
 
 
 def decode_tree(

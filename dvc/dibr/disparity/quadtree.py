@@ -97,7 +97,7 @@ class QuadtreeCodec:
         """Write the tree; see `DisparityCodec`."""
         coder = RangeCoder.writer()
         _code(coder, representation)
-        return coder.to_bytes()
+        return coder.to_bytes(shortest=True)
 
     def decode(
         self,

@@ -127,7 +127,7 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
     last = np.int64(directions[0])
     if not _is_open(below, right, row, column, last):
         return -1
-    history, run, run_before, same, turn = 0, 0, 0, 0, 0
+    history, run, run_before, same, turn = NUM_HISTORIES // 2, 0, 0, 0, 0
     count = 1
     while True:
         set_element(below, right, row, column, last, 1)
@@ -140,14 +140,15 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
         if ways == 0 or count >= len(directions):
             return count
         touched = _is_touched(below, right, row, column, last)
-        near = history % 81
+        seen = history if turn >= 0 else NUM_HISTORIES - 1 - history  # as if the last turn were to the left
+        near = seen % 81
         runs = (run * (MAX_RUN + 1) + run_before) * 3 + same + 1
         base = END * _SIZES
         ended = code_mixed(
             coder,
             mixture,
             base + touched,
-            base + 2 + touched * 3 + history % 3,
+            base + 2 + touched * 3 + seen % 3,
             base + 8 + touched * 12 + run,
             touched,
             int(count == length),
@@ -165,7 +166,7 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
                     coder,
                     mixture,
                     base + near,
-                    base + 81 + history,
+                    base + 81 + seen,
                     base + 81 + NUM_HISTORIES + runs,
                     2 + min(run, 1),
                     int(target == 0),
@@ -174,16 +175,16 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
         if not goes:
             if left and after:
                 base = TURN * _SIZES
-                positive = code_mixed(
+                again = code_mixed(
                     coder,
                     mixture,
                     base + near,
-                    base + 81 + history,
+                    base + 81 + seen,
                     base + 81 + NUM_HISTORIES + runs,
                     4 + min(run, 1),
-                    int(target > 0),
+                    int((target > 0) == (turn >= 0)),
                 )
-                step = 1 if positive else -1
+                step = 1 if (again > 0) == (turn >= 0) else -1
             else:
                 step = 1 if left else -1
         history = (history * 3 + step + 1) % NUM_HISTORIES

@@ -50,7 +50,7 @@ def encode(chains: Chains, code: EdgeCode) -> bytes:
     """
     coder = RangeCoder.writer()
     _CODES[code](coder, chains)
-    return coder.to_bytes()
+    return coder.to_bytes(shortest=True)
 
 
 def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
