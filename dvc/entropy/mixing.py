@@ -85,7 +85,7 @@ def mixed_probability(mixture: Mixture, first: int, second: int, third: int, wei
     mixture : Mixture
         What is known.
     first, second, third : int
-        Contexts.
+        Contexts; -1 for the third: there are two.
     weights : int
         Which weights they have.
 
@@ -98,7 +98,8 @@ def mixed_probability(mixture: Mixture, first: int, second: int, third: int, wei
     w = mixture.weights[weights]
     mixed = w[0] * tables[STRETCH, np.int64(contexts[first, 0] * TABLE_SIZE)]
     mixed += w[1] * tables[STRETCH, np.int64(contexts[second, 0] * TABLE_SIZE)]
-    mixed += w[2] * tables[STRETCH, np.int64(contexts[third, 0] * TABLE_SIZE)]
+    if third >= 0:
+        mixed += w[2] * tables[STRETCH, np.int64(contexts[third, 0] * TABLE_SIZE)]
     mixed = min(max(mixed, 0.01 - STRETCH_LIMIT), STRETCH_LIMIT - 0.01)
     return float(tables[SQUASH, np.int64((mixed + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT)))])
 
@@ -114,7 +115,7 @@ def learn_mixed(
     mixture : Mixture
         What is known: changed.
     first, second, third : int
-        Contexts.
+        Contexts; -1 for the third: there are two.
     weights : int
         Which weights they have.
     probability : float
@@ -127,10 +128,11 @@ def learn_mixed(
     error = (decision - probability) * LEARNING_RATE
     w[0] += error * tables[STRETCH, np.int64(contexts[first, 0] * TABLE_SIZE)]
     w[1] += error * tables[STRETCH, np.int64(contexts[second, 0] * TABLE_SIZE)]
-    w[2] += error * tables[STRETCH, np.int64(contexts[third, 0] * TABLE_SIZE)]
+    if third >= 0:
+        w[2] += error * tables[STRETCH, np.int64(contexts[third, 0] * TABLE_SIZE)]
+        learn(mixture, third, decision)
     learn(mixture, first, decision)
     learn(mixture, second, decision)
-    learn(mixture, third, decision)
 
 
 @kernel
@@ -156,7 +158,7 @@ def learn(mixture: Mixture, context: int, decision: int) -> None:
 def code_mixed(
     coder: CoderState, mixture: Mixture, first: int, second: int, third: int, weights: int, decision: int
 ) -> int:
-    """Code a decision in three contexts, and learn from it, compiled.
+    """Code a decision in two or three contexts, and learn from it, compiled.
 
     Parameters
     ----------
@@ -165,7 +167,7 @@ def code_mixed(
     mixture : Mixture
         What is known: changed.
     first, second, third : int
-        Contexts.
+        Contexts; -1 for the third: there are two.
     weights : int
         Which weights they have.
     decision : int

@@ -7,15 +7,13 @@ whatever the way; `merge` what a label of a neighbour
 costs, and `flags` (kinds, 2) that of a node without and with coefficients below. INF forbids.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.entropy.binarisation import NUM_EXPONENTS as BINARY_EXPONENTS
 from dvc.entropy.binarisation import code_exp_golomb
 from dvc.entropy.contexts import code_adaptive
+from dvc.entropy.mixing import code_mixed, learn
 from dvc.entropy.range_coder import FAILED, code_decision
 
 INF = np.float32(np.inf)
@@ -456,60 +454,9 @@ MAX_SYMBOLS = 1 + 4 * (2 + NUM_CANDIDATES + 2 * NUM_EXPONENTS)  # of a node
 MIX_FLAG, MIX_ZERO, MIX_MERGE, MIX_EXPONENT, MIX_SINGLE = range(5)
 NUM_MIXTURES = 5
 
-STRETCH, SQUASH, RATE = range(3)
-TABLE_SIZE = 4096
-STRETCH_LIMIT = 12.0
-MAX_COUNT = 255
-LEARNING_RATE = 0.02
-
 # What is counted while coding, by level and kind of coefficient.
 SAME, OTHER, MERGED, UNMERGED, RESTS, MAGNITUDES = 0, 1, 2, 4, 6, 7
 NUM_STATISTICS = 8
-
-
-class Model(NamedTuple):
-    """Probabilities of decisions, and how those of two contexts are mixed.
-
-    Attributes
-    ----------
-    contexts : ndarray of shape (contexts, 2), float64
-        Probability of a 1, and how often the context was met.
-    weights : ndarray of shape (mixtures, 2), float64
-        Weights of the two contexts.
-    tables : ndarray of shape (3, TABLE_SIZE), float64
-        Of the logistic mixture.
-    """
-
-    contexts: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    tables: NDArray[np.float64]
-
-
-@kernel
-def learn(model, context, decision):
-    """Draw the probability of a context to a decision."""
-    state = model.contexts[context]
-    count = np.int64(state[1])
-    state[0] += (decision - state[0]) * model.tables[RATE, count]
-    state[1] = min(count + 1, MAX_COUNT)
-
-
-@kernel
-def code_mixed(coder, model, first, second, mixture, decision):
-    """Code a decision, its probability mixed of those of two contexts, and return it."""
-    tables, weights = model.tables, model.weights[mixture]
-    a = tables[STRETCH, np.int64(model.contexts[first, 0] * TABLE_SIZE)]
-    b = tables[STRETCH, np.int64(model.contexts[second, 0] * TABLE_SIZE)]
-    mixed = weights[0] * a + weights[1] * b
-    mixed = min(max(mixed, 0.01 - STRETCH_LIMIT), STRETCH_LIMIT - 0.01)
-    probability = tables[SQUASH, np.int64((mixed + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT)))]
-    decision = code_decision(coder, probability, decision)
-    error = (decision - probability) * LEARNING_RATE
-    weights[0] += error * a
-    weights[1] += error * b
-    learn(model, first, decision)
-    learn(model, second, decision)
-    return decision
 
 
 @kernel
@@ -614,6 +561,7 @@ def code_rest(coder, model, level, sign, value):
         model,
         EXPONENTS + exponent,
         EXPONENTS + (1 + level) * NUM_EXPONENTS + exponent,
+        -1,
         MIX_EXPONENT,
         int(magnitude >> (exponent + 1) > 0),
     ):
@@ -635,7 +583,7 @@ def code_rest(coder, model, level, sign, value):
 def code_flag(coder, model, level, kind, split):
     """Code whether there is anything below a node, and return it."""
     first = FLAGS + kind
-    return code_mixed(coder, model, first, first + (1 + level) * NUM_NODE_KINDS, MIX_FLAG, split)
+    return code_mixed(coder, model, first, first + (1 + level) * NUM_NODE_KINDS, -1, MIX_FLAG, split)
 
 
 @kernel
@@ -654,7 +602,7 @@ def code_coefficient(coder, model, level, kind, before, predicted, value, place,
     first = ZEROS + kind * 3 + before
     second = first + (1 + level) * NUM_COEFFICIENT_KINDS * 3
     seen = statistics[kind]
-    if not code_mixed(coder, model, first, second, MIX_ZERO, int(value != predicted)):
+    if not code_mixed(coder, model, first, second, -1, MIX_ZERO, int(value != predicted)):
         seen[SAME] += 1
         return predicted
     seen[OTHER] += 1
@@ -662,7 +610,7 @@ def code_coefficient(coder, model, level, kind, before, predicted, value, place,
         if candidates[c] != NONE:
             first = DISTANCES + c * NUM_DISTANCES + distance_class(candidates[c] - predicted)
             second = MERGES + ((1 + level) * NUM_CANDIDATES + c) * NUM_PLACES + kind % NUM_PLACES
-            merged = code_mixed(coder, model, first, second, MIX_MERGE, int(value == candidates[c]))
+            merged = code_mixed(coder, model, first, second, -1, MIX_MERGE, int(value == candidates[c]))
             seen[(MERGED if merged else UNMERGED) + c] += 1
             if merged:
                 return np.int64(candidates[c])

@@ -24,6 +24,7 @@ from dvc.dibr.disparity.integer_transforms import (
 from dvc.entropy import RangeCoder, context_counts
 from dvc.entropy.binarisation import MAX_DECISIONS
 from dvc.entropy.binarisation import NUM_EXPONENTS as _EXPONENTS
+from dvc.entropy.mixing import Mixture, logistic_tables
 
 Classes = NDArray[np.uint8]
 
@@ -251,17 +252,6 @@ def _code_roots(coder: RangeCoder, tree: WaveletTree, previous: WaveletTree | No
     return roots
 
 
-def _logistic_tables() -> NDArray[np.float64]:
-    """Return the tables of the mixture, rounded so that they are the same on every processor."""
-    size, limit = _kernels.TABLE_SIZE, _kernels.STRETCH_LIMIT
-    middles = (np.arange(size) + 0.5) / size
-    stretch = np.round(np.log(middles / (1.0 - middles)) * 2**12) / 2**12
-    squash = np.round(2**20 / (1.0 + np.exp(limit - 2 * limit * middles))) / 2**20
-    rates = 1.0 / (np.minimum(np.arange(size), _kernels.MAX_COUNT) + 1.6)
-    return np.stack([stretch, np.clip(squash, 2.0**-13, 1.0 - 2.0**-13), rates])
-
-
-_TABLES = _logistic_tables()
 _FIRST_COUNT = 4.0  # as if each context had been met so often
 _FIRST_WEIGHT = 0.6
 _FLAGS = 0.15, 0.45, 0.6, 0.45, 0.6  # by place
@@ -269,7 +259,7 @@ _ZEROS = 0.15, 0.4, 0.45, 0.35, 0.4
 _MERGE, _DISTANCE = 0.6, 0.5
 
 
-def _initial_model() -> _kernels.Model:
+def _initial_model() -> Mixture:
     """Return probabilities from which contexts start."""
     share = np.full(_kernels.NUM_CONTEXTS, 0.5)
     flags = share[_kernels.FLAGS : _kernels.ZEROS].reshape(1 + _kernels.NUM_LEVELS, _kernels.NUM_NODE_KINDS)
@@ -279,4 +269,4 @@ def _initial_model() -> _kernels.Model:
     share[_kernels.MERGES : _kernels.DISTANCES] = _MERGE
     share[_kernels.DISTANCES : _kernels.SIGNS] = _DISTANCE
     contexts = np.stack([share, np.full(share.shape, _FIRST_COUNT)], axis=1)
-    return _kernels.Model(contexts, np.full((_kernels.NUM_MIXTURES, 2), _FIRST_WEIGHT), _TABLES)
+    return Mixture(contexts, np.full((_kernels.NUM_MIXTURES, 2), _FIRST_WEIGHT), logistic_tables())

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.entropy.mixing import Mixture, learn_mixed, mixed_probability
 from dvc.entropy.range_coder import POSITION, READING, CoderState, code_decision, is_settled
 
 # Columns of `Run.nodes`. What follows EXISTS is what a writer knows: all zeros for a reader.
@@ -23,13 +24,6 @@ LOW_BAND, HORIZONTAL, VERTICAL, DIAGONAL = range(4)
 # Rows of `Run.lists`, and how long each is, in `Run.fields`.
 PENDING, SETS, SIGNIFICANT, OPENING = range(4)
 STOPPED, PLANE = 4, 5
-
-# Rows of `Run.tables`.
-STRETCH, SQUASH, RATE = range(3)
-TABLE_SIZE = 4096
-STRETCH_LIMIT = 12.0
-MAX_COUNT = 255
-LEARNING_RATE = 0.02
 
 # Where the contexts of a kind of decision begin in each of three tables, and its weights.
 _COEFFICIENT = (0, 256, 512, 0)
@@ -64,12 +58,8 @@ class Run(NamedTuple):
         Magnitudes before quantisation, in steps, of a writer.
     curve : ndarray of shape (W,), float64
         Squared error once each word is written, and last the one now.
-    contexts : ndarray of shape (C, 2), float64
-        Probability of a 1, and how many decisions it was learnt from.
-    weights : ndarray of shape (M, 3), float64
-        Of three contexts in the logistic domain.
-    tables : ndarray of shape (3, 4096), float64
-        Logarithm of the odds, its inverse, and rates of learning by count.
+    mixture : Mixture
+        Of three contexts.
     num_bytes : int
         How many there are, or may be.
     adaptive : bool
@@ -84,9 +74,7 @@ class Run(NamedTuple):
     lists: NDArray[np.int32]
     exact: NDArray[np.float64]
     curve: NDArray[np.float64]
-    contexts: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    tables: NDArray[np.float64]
+    mixture: Mixture
     num_bytes: int
     adaptive: bool
 
@@ -380,31 +368,12 @@ def _decide(run, kind, first, second, third, mixer, decision):
         return 0
     if not run.adaptive:
         return _code_if_settled(run, 0.5, decision)
-    contexts, tables = run.contexts, run.tables
     first, second, third = first + kind[0], second + kind[1], third + kind[2]
-    a = tables[STRETCH, np.int64(contexts[first, 0] * TABLE_SIZE)]
-    b = tables[STRETCH, np.int64(contexts[second, 0] * TABLE_SIZE)]
-    c = tables[STRETCH, np.int64(contexts[third, 0] * TABLE_SIZE)]
-    w = run.weights[mixer + kind[3]]
-    mixed = min(max(w[0] * a + w[1] * b + w[2] * c, 0.01 - STRETCH_LIMIT), STRETCH_LIMIT - 0.01)
-    probability = tables[SQUASH, np.int64((mixed + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT)))]
+    probability = mixed_probability(run.mixture, first, second, third, mixer + kind[3])
     bit = _code_if_settled(run, probability, decision)
     if not fields[STOPPED]:
-        error = (bit - probability) * LEARNING_RATE
-        w[0] += error * a
-        w[1] += error * b
-        w[2] += error * c
-        _learn(contexts, tables, first, bit)
-        _learn(contexts, tables, second, bit)
-        _learn(contexts, tables, third, bit)
+        learn_mixed(run.mixture, first, second, third, mixer + kind[3], probability, bit)
     return bit
-
-
-@kernel
-def _learn(contexts, tables, context, bit):
-    count = np.int64(contexts[context, 1])
-    contexts[context, 0] += (bit - contexts[context, 0]) * tables[RATE, count]
-    contexts[context, 1] = min(count + 1, MAX_COUNT)
 
 
 @kernel

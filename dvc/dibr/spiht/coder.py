@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dvc.dibr.spiht import _kernels as kernels
 from dvc.dibr.spiht.trees import Forest
 from dvc.entropy import CoderState, RangeCoder
+from dvc.entropy.mixing import new_mixture
 from dvc.entropy.range_coder import POSITION
 from dvc.errors import BitstreamError
 
@@ -26,6 +27,7 @@ MAX_PLANES = 30
 """Most bit planes of magnitudes."""
 
 _MAX_BYTES_PER_NODE = 8
+_FIRST_WEIGHT = 0.4
 
 
 @dataclass(frozen=True)
@@ -217,22 +219,7 @@ def _new_run(
         np.zeros((4, len(nodes)), np.int32),
         exact,
         curve,
-        np.tile([0.5, 0.0], (kernels.NUM_CONTEXTS, 1)),
-        np.full((kernels.NUM_WEIGHTS, 3), 0.4),
-        _TABLES,
+        new_mixture(kernels.NUM_CONTEXTS, kernels.NUM_WEIGHTS, _FIRST_WEIGHT),
         num_bytes,
         adaptive,
     )
-
-
-def _logistic_tables() -> NDArray[np.float64]:
-    """Return the tables of the mixture, rounded so that they are the same on every processor."""
-    size, limit = kernels.TABLE_SIZE, kernels.STRETCH_LIMIT
-    middles = (np.arange(size) + 0.5) / size
-    stretch = np.round(np.log(middles / (1.0 - middles)) * 2**12) / 2**12
-    squash = np.round(2**20 / (1.0 + np.exp(limit - 2 * limit * middles))) / 2**20
-    rates = 1.0 / (np.minimum(np.arange(size), kernels.MAX_COUNT) + 1.6)
-    return np.stack([stretch, np.clip(squash, 2.0**-13, 1.0 - 2.0**-13), rates])
-
-
-_TABLES = _logistic_tables()
