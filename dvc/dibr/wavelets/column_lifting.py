@@ -42,7 +42,7 @@ def lift_columns(
         if step % 2 == 0:
             _predict(samples, edges, weight, order)
         else:
-            _update(samples, edges, weight, order, step == num_steps - 1)
+            _update(samples, edges, weight, order, order > 0 and step == num_steps - 1)
             if step == 1:
                 _scale_lone(samples, edges, 1.0 / gain if inverse else gain)
 
@@ -70,7 +70,7 @@ def _predict(samples: Plane, edges: Flags, weight: float, order: int) -> None:
 
 @kernel
 def _update(samples: Plane, edges: Flags, weight: float, order: int, final: bool) -> None:
-    """Change even samples; in the final step, details beyond an edge are taken to be zero."""
+    """Change even samples; with `final`, details beyond an edge are taken to be zero."""
     num_rows, num_columns = samples.shape
     last = num_rows - 1
     for i in range(0, num_rows, 2):

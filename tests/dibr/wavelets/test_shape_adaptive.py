@@ -45,7 +45,7 @@ def plain_split(signal, cuts, order, wavelet):
         changed = samples.copy()
         for i in range(1 - step % 2, last + 1, 2):
             first, end = segment(i)
-            final = step == len(wavelet.weights) - 1
+            final = order > 0 and step == len(wavelet.weights) - 1
             if first == end and i % 2 == 0:
                 changed[i] = samples[i] * (wavelet.gain if step == 1 else 1.0)
                 continue
