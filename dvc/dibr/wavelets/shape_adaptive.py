@@ -1,11 +1,11 @@
 """Shape-adaptive lifting: wavelets that stop at edges.
 
-What a step would take from beyond an edge is extrapolated from the samples of the same coset on this side by
-a polynomial (4.4), so the inverse knows it too. With too few of them the polynomial has a lower degree. In the
-last step details beyond an edge are taken to be zero, as if the polynomial fitted there; not so with degree 0,
-which is the symmetric extension of shape-adaptive transforms. A sample of the low band that is alone between
-edges is scaled as a constant is; one of the high band is predicted from beyond its edges. Borders of the plane
-are symmetric, so that without edges this is `dvc.dibr.wavelets.lifting`.
+What a step would take from beyond an edge is extrapolated from the samples of the same coset on this side
+by a polynomial (4.4), so the inverse knows it too. With too few of them the polynomial has a lower degree.
+In the last step details beyond an edge are taken to be zero, as if the polynomial fitted there; not so with
+degree 0, which is the symmetric extension of shape-adaptive transforms. A sample of the low band that is
+alone between edges is scaled as a constant is; one of the high band is predicted from beyond its edges.
+Borders of the plane are symmetric, so that without edges this is `dvc.dibr.wavelets.lifting`.
 """
 
 import numpy as np
