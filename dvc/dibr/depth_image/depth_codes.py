@@ -17,6 +17,9 @@ from dvc.dibr.reference.codec import ReferenceCode
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import WAVELETS
 
+REFINEMENTS = 2.0**-0.25, 2.0**0.25
+"""Of the best step of a ladder: steps between it and its neighbours."""
+
 _PEAK = 255.0
 
 
@@ -226,15 +229,21 @@ def code_with_selections(
     list of DepthCandidate
         Those whose edges fit.
     """
-    none = CodedEdges(None, EdgeCode.ADAPTIVE, b"")
-    found = [code_with_edges(depth, scale, none, max_bytes, options)]
     wavelet = WAVELETS[options.wavelet]
-    for _, edges in selection.ladder(depth, 8.0 * max_bytes, options.order, wavelet):
-        coded = code_edges(edges)
-        if len(coded.data) <= max_bytes:
-            found.append(code_with_edges(depth, scale, coded, max_bytes, options))
+
+    def _code(edges: EdgeMaps) -> DepthCandidate:
         advance(1)
-    return found
+        return code_with_edges(depth, scale, code_edges(edges), max_bytes, options)
+
+    rungs = list(selection.ladder(depth, 8.0 * max_bytes, options.order, wavelet))
+    found = [_code(EdgeMaps.none((depth.shape[0], depth.shape[1])))]
+    found += [_code(edges) for _, edges in rungs]
+    best = int(np.argmin([candidate.mse_at(max_bytes) for candidate in found]))
+    if best:
+        step, edges = rungs[best - 1][0], rungs[max(best - 2, 0)][1]
+        for factor in REFINEMENTS:
+            found.append(_code(selection.select(depth, edges, step * factor, options.order, wavelet)))
+    return [candidate for candidate in found if len(candidate.edges.data) <= max_bytes]
 
 
 def best_at(candidates: Sequence[DepthCandidate], num_bytes: int) -> DepthCode | None:
