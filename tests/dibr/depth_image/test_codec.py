@@ -138,7 +138,8 @@ def test_either_code_of_edges_may_be_chosen(code):
 
 
 def test_too_few_bytes_are_refused():
+    edges = code_edges(edges_of_jumps(DISCS, 5.0))
     with pytest.raises(ConfigError, match="too few"):
         encode(DISCS, 20)
     with pytest.raises(ConfigError, match="too few"):
-        encode(DISCS, 60, code_edges(edges_of_jumps(DISCS, 5.0)))
+        encode(DISCS, len(edges.data) + 20, edges)
