@@ -51,6 +51,10 @@ def _pictures(setting: Setting, _clip: str) -> Measured:
     return mutations(setting, batches.PICTURES)
 
 
+def _depth_images(setting: Setting, _clip: str) -> Measured:
+    return mutations(setting, batches.DEPTH_IMAGES)
+
+
 AREA = "robustness"
 _ASKED = "no crash, hang, allocation over 1 GiB or traceback"
 FIGURES = (
@@ -74,6 +78,13 @@ FIGURES = (
         "10,000 mutations of streams of pictures with depth",
         f"{_ASKED}; every layer before the damage is decoded",
         _pictures,
+    ),
+    Figure(
+        AREA,
+        "depth-images",
+        "10,000 mutations of streams of depth maps and of pictures with shared edges",
+        f"{_ASKED}; what is cut after the edges is decoded",
+        _depth_images,
     ),
     Figure(AREA, "messages", "10,000 mutations of live messages", _ASKED, _messages),
 )

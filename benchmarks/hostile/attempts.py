@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.hostile.depth_images import try_depth_images
 from benchmarks.hostile.material import Luma, decode_live, decoded_groups, material, serve, tracked_material
 from benchmarks.hostile.mutations import mutate, mutate_record, mutate_tracks, record_spans
 from benchmarks.hostile.pictures import try_pictures
@@ -139,6 +140,7 @@ def kinds() -> dict[str, Callable[[int], str]]:
         "to-decoder": lambda number: try_messages(material().to_decoder, decode_live, number),
         "to-encoder": _try_encoder,
         "pictures": try_pictures,
+        "depth-images": try_depth_images,
     }
 
 

@@ -22,8 +22,9 @@ BATCH = 250
 GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
-KINDS = ("buffered", "punctured", "tracks", "points", "to-decoder", "to-encoder", "pictures")
-STREAMS, GEOMETRY, MESSAGES, PICTURES = KINDS[:2], KINDS[2:4], KINDS[4:6], KINDS[6:]
+KINDS = ("buffered", "punctured", "tracks", "points", "to-decoder", "to-encoder", "pictures", "depth-images")
+STREAMS, GEOMETRY, MESSAGES, PICTURES = KINDS[:2], KINDS[2:4], KINDS[4:6], KINDS[6:7]
+DEPTH_IMAGES = KINDS[7:]
 
 
 @contextmanager

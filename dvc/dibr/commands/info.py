@@ -53,18 +53,34 @@ def run(arguments: argparse.Namespace) -> int:
 
     cli.check_outputs([arguments.path], json_files(arguments))
     stream = read_stream(arguments.path)
-    num_bytes = Path(arguments.path).stat().st_size
-    figures = _views_figures(stream) if isinstance(stream, Stream) else depth_image_figures(stream)
-    figures = {
-        "stream_bytes": num_bytes,
-        "bpp": 8 * num_bytes / (figures["width"] * figures["height"]),
-        **figures,
-    }
+    figures = stream_figures(stream, Path(arguments.path).stat().st_size)
     if arguments.json is not None:
         cli.write_json(arguments.json, figures)
     if arguments.json != "-":
         sys.stdout.write(_text(figures) if isinstance(stream, Stream) else _depth_image_text(figures))
     return 0
+
+
+def stream_figures(stream: "Stream | DepthImageStream", num_bytes: int) -> dict[str, Any]:
+    """Return what a stream of either kind says, JSON-safe.
+
+    Parameters
+    ----------
+    stream : Stream or DepthImageStream
+        The stream.
+    num_bytes : int
+        Of its file.
+
+    Returns
+    -------
+    dict
+        Length and rate, and what its kind has.
+    """
+    from dvc.dibr.stream.layers import Stream
+
+    figures = _views_figures(stream) if isinstance(stream, Stream) else depth_image_figures(stream)
+    bpp = 8 * num_bytes / (figures["width"] * figures["height"])
+    return {"stream_bytes": num_bytes, "bpp": bpp, **figures}
 
 
 def _views_figures(stream: "Stream") -> dict[str, Any]:

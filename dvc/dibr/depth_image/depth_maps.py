@@ -64,7 +64,7 @@ def read_depth_map(path: str | Path, hole: float | None = None) -> DepthMap:
         known &= depth != hole
     if not known.any():
         raise DvcError(f"{path}: the depth map is empty")
-    return DepthMap(_filled(depth, known), known, largest)
+    return DepthMap(filled(np.where(known, depth, np.nan)), known, largest)
 
 
 def read_truth(path: str | Path) -> DepthMap:
@@ -129,12 +129,24 @@ def scale_of(found: DepthMap, factor: float = 1.0, near_far: tuple[float, float]
     return DepthScale.of(found.depth, factor * (near - far) / found.largest, factor * far)
 
 
-def _filled(depth: Plane, known: NDArray[np.bool_]) -> Plane:
-    """Continue a map into its holes."""
+def filled(depth: Plane) -> Plane:
+    """Continue a map into its holes.
+
+    Parameters
+    ----------
+    depth : ndarray of shape (H, W), float64
+        Not finite in holes; finite somewhere.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        All finite, and within the range of what is known.
+    """
+    known = np.isfinite(depth)
     if known.all():
         return depth
     middle = float(np.median(depth[known]))
     plane = np.where(known, depth, middle).astype(np.float32)
-    filled = cv2.inpaint(plane, (~known).astype(np.uint8), INPAINT_RADIUS, cv2.INPAINT_TELEA)
+    found = cv2.inpaint(plane, (~known).astype(np.uint8), INPAINT_RADIUS, cv2.INPAINT_TELEA)
     low, high = float(depth[known].min()), float(depth[known].max())
-    return np.where(known, depth, np.clip(np.asarray(filled, np.float64), low, high))
+    return np.where(known, depth, np.clip(np.asarray(found, np.float64), low, high))

@@ -149,7 +149,7 @@ def encode_to_size(
     picture, picture_edges = None, False
     if image.picture is not None:
         left = room - len(found.edges.data) - len(found.plane.data)
-        picture, picture_edges = _code_picture(image.picture, found.edges.maps, left, options, beside.order)
+        picture, picture_edges = code_picture(image.picture, found.edges.maps, left, options, beside.order)
     stream = DepthImageStream(
         (image.depth.shape[0], image.depth.shape[1]),
         image.scale,
@@ -179,14 +179,43 @@ def _overhead(image: DepthImage, max_bytes: int) -> int:
     return header_bytes(empty) + num_parts * (len(encode_varint(max_bytes)) - 1)
 
 
-def _code_picture(
-    picture: Picture, edges: EdgeMaps | None, num_bytes: int, options: DepthOptions, order: int
+def code_picture(
+    picture: Picture,
+    edges: EdgeMaps | None,
+    num_bytes: int,
+    options: DepthOptions,
+    order: int,
+    is_free: bool = True,
 ) -> tuple[PlaneCode, bool]:
-    """Code a picture without edges and with those of the map, and tell which of both is better."""
+    """Code a picture with the edges of its map, or without where that is better.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W) or (H, W, 3), uint8
+        Gray, or red, green and blue.
+    edges : EdgeMaps or None
+        Those of the map, if it has any.
+    num_bytes : int
+        Of the code, at most.
+    options : DepthOptions
+        Wavelet and levels.
+    order : int
+        Of the extrapolation at edges.
+    is_free : bool, optional
+        Whether edges may be left out.
+
+    Returns
+    -------
+    code : PlaneCode
+        The code.
+    with_edges : bool
+        Whether it has edges.
+    """
     shape = picture.shape[0], picture.shape[1]
     levels = np.asarray(picture, np.float64)
+    tried = [None] if edges is None else [None, edges] if is_free else [edges]
     found: list[tuple[float, PlaneCode, bool]] = []
-    for maps in (None, edges) if edges is not None else (None,):
+    for maps in tried:
         code = reference_codec.encode(
             levels, num_bytes, options.num_levels, options.wavelet, options.adaptive, maps, order
         )

@@ -1,0 +1,125 @@
+"""`dvc-dibr evaluate --streams`: rates, bits by part, and quality of streams of any kind."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dvc import cli
+from dvc.dibr.commands.options import json_files, read_stream, warn
+from dvc.errors import ConfigError
+
+if TYPE_CHECKING:
+    from dvc.page.gallery import Table
+
+PARTS = "header", "edges", "depth", "image"
+_NOTHING = "-"
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Evaluate streams.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With `streams`, `truth_depth`, `truth_image`, `json` and `quiet`.
+
+    Returns
+    -------
+    int
+        Exit status.
+    """
+    from dvc.stereo.thesis.tables import markdown
+
+    truths = [path for path in (arguments.truth_depth, arguments.truth_image) if path is not None]
+    cli.check_outputs([*arguments.streams, *truths], json_files(arguments))
+    told = {}
+    for path in arguments.streams:
+        told[path] = stream_quality(path, arguments.truth_depth, arguments.truth_image)
+        warn(path, told[path]["damage"])
+    if arguments.json is not None:
+        cli.write_json(arguments.json, told)
+    if arguments.json != "-" and not arguments.quiet:
+        sys.stdout.write(markdown(_table(told)))
+    return 0
+
+
+def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) -> dict[str, Any]:
+    """Decode a stream and tell what it takes and how good it is.
+
+    Parameters
+    ----------
+    path : str
+        Its file.
+    truth_depth, truth_image : str or None
+        Map and picture that were coded.
+
+    Returns
+    -------
+    dict
+        JSON-safe: length, rate, bits by part, PSNR as far as the truth is known, damage.
+
+    Raises
+    ------
+    ConfigError
+        If the truth is of another size, or of another kind.
+    """
+    from dvc.dibr.codec.decoder import decode as decode_views
+    from dvc.dibr.codec.views import luma
+    from dvc.dibr.commands.depth_images import quality
+    from dvc.dibr.commands.info import stream_figures
+    from dvc.dibr.commands.render import read_truth
+    from dvc.dibr.depth_image import decoder
+    from dvc.dibr.depth_image.depth_maps import read_truth as read_true_depth
+    from dvc.dibr.stream.layers import Stream
+    from dvc.metrics import psnr_db
+
+    stream = read_stream(path)
+    figures = stream_figures(stream, Path(path).stat().st_size)
+    shape = figures["height"], figures["width"]
+    told = {name: figures[name] for name in ("stream_bytes", "bpp", "width", "height", "damage")}
+    picture = None if truth_image is None else read_truth(truth_image, shape)
+    if isinstance(stream, Stream):
+        if truth_depth is not None:
+            raise ConfigError(f"{path}: --truth-depth is for streams of one depth map")
+        told["bits"] = _bits_of_views(figures)
+        if picture is not None:
+            found = psnr_db(luma(decode_views(stream).pairs[0].picture), luma(picture))
+            told["psnr_image_db"] = found if found < float("inf") else None
+        return told
+    depth = None if truth_depth is None else read_true_depth(truth_depth)
+    if depth is not None and depth.depth.shape != shape:
+        size = f"{depth.depth.shape[1]}x{depth.depth.shape[0]}"
+        raise ConfigError(f"{truth_depth}: {size}, but {path} is {shape[1]}x{shape[0]}")
+    told |= {"bits": figures["bits"], "edge_elements": figures["edge_elements"]}
+    return told | quality(decoder.decode(stream), depth, picture)
+
+
+def _bits_of_views(figures: dict[str, Any]) -> dict[str, int]:
+    """Bits of a stream of views, with the names that streams of one map have; layers add up."""
+    image = 8 * sum(layer["picture_bytes"] for layer in figures["layers"])
+    depth = 8 * sum(layer["disparity_bytes"] for layer in figures["layers"])
+    return {"header": 8 * figures["stream_bytes"] - image - depth, "edges": 0, "depth": depth, "image": image}
+
+
+def _table(told: dict[str, dict[str, Any]]) -> "Table":
+    from dvc.page.gallery import Table
+
+    head = ("stream", "bytes", "bpp", *(f"{part} [bits]" for part in PARTS), "depth [dB]", "image [dB]")
+    rows = [
+        (
+            Path(path).name,
+            str(one["stream_bytes"]),
+            f"{one['bpp']:.4f}",
+            *(str(one["bits"][part]) for part in PARTS),
+            _decibels(one.get("psnr_depth_db")),
+            _decibels(one.get("psnr_image_db")),
+        )
+        for path, one in told.items()
+    ]
+    caption = "Bits by part as far as they are there; PSNR of maps, with their range as peak, and of luma"
+    return Table("Streams", caption, head, tuple(rows))
+
+
+def _decibels(value: float | None) -> str:
+    return _NOTHING if value is None else f"{value:.2f}"
