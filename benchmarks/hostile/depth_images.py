@@ -55,7 +55,7 @@ def good_streams() -> tuple[bytes, ...]:
 
 def _depth(rng: np.random.Generator) -> NDArray[np.float64]:
     y, x = np.mgrid[:_HEIGHT, :_WIDTH].astype(np.float64)
-    depth = 10.0 + 0.1 * x + rng.uniform(0.0, 0.5, x.shape)
+    depth: NDArray[np.float64] = 10.0 + 0.1 * x + rng.uniform(0.0, 0.5, x.shape)
     depth[np.hypot(y - 18, x - 20) < 11] += 20.0
     depth[5:9, 30:] += 12.0
     return depth
