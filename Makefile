@@ -28,7 +28,7 @@ browser: $(INSTALLED)  ## find a browser for the tests of the report page, or in
 	$(BIN)/python -m tests.browser
 
 test: browser  ## run the tests
-	$(BIN)/python -m pytest -m "not slow" -n $(JOBS)
+	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --dist worksteal
 
 test-slow: browser  ## run the long studies too
 	$(BIN)/python -m pytest
