@@ -17,7 +17,7 @@ from dvc.dibr.codec.views import Picture, Views
 from dvc.dibr.disparity.error_tensor import Tensor, error_tensor
 from dvc.dibr.disparity.methods import METHODS, DisparityCodec
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import DecodedReference, slopes_around
+from dvc.dibr.reference.codec import STEEPEST, DecodedReference, ReferenceCode, lowest_plane_at, slopes_around
 from dvc.dibr.stream.header import DisparityMethod, Header, decode_header, encode_header
 from dvc.dibr.stream.layers import Layer, PairLayer, encode_stream
 from dvc.multiview.camera_array import DisparityLabels
@@ -84,7 +84,8 @@ class ViewEncoder:
         self.header, _ = decode_header(encode_header(exact))
         self.views, self.advance = views, advance
         self.codec: DisparityCodec = METHODS[method.name.lower()]
-        self.codes = [reference_codec.encode(views.pictures[index]) for index in views.references]
+        self.codes: list[ReferenceCode] = []
+        self._lowest_plane = lowest_plane_at(STEEPEST) + 1
 
     def encode(self, slope: float, picture_bytes: int | None = None) -> Encoded:
         """Encode all layers.
@@ -102,6 +103,7 @@ class ViewEncoder:
             The stream.
         """
         slopes = layer_slopes(slope, self.header.num_layers)
+        self._code_pictures(lowest_plane_at(slope), picture_bytes or 0)
         sizes = self._picture_sizes(slopes[-1], picture_bytes)
         by_pair = [self._pair_layers(index, slopes, size) for index, size in enumerate(sizes)]
         layers: list[Layer] = list(zip(*by_pair, strict=True))
@@ -123,8 +125,25 @@ class ViewEncoder:
             From `FLATTEST` to `STEEPEST`; lengths leap where a slope is passed, so it is a mean of those of
             neighbouring lengths.
         """
-        around = [math.log(slopes_around(self.codes, share * num_bytes)[1]) for share in SLOPE_SHARES]
-        return math.exp(sum(around) / len(around))
+        plane = lowest_plane_at(STEEPEST)
+        while True:
+            self._code_pictures(plane, SLOPE_SHARES[-1] * num_bytes)
+            around = [math.log(slopes_around(self.codes, share * num_bytes)[1]) for share in SLOPE_SHARES]
+            slope = math.exp(sum(around) / len(around))
+            plane = lowest_plane_at(slope)
+            if plane >= self._lowest_plane:
+                return slope
+
+    def _code_pictures(self, lowest_plane: int, num_bytes: float) -> None:
+        """Code all pictures as far as a bit plane, and to a length, if they have one."""
+        while self._lowest_plane > lowest_plane or (
+            self._lowest_plane and sum(len(code.data) for code in self.codes) < num_bytes
+        ):
+            self._lowest_plane = min(self._lowest_plane - 1, lowest_plane)
+            self.codes = [
+                reference_codec.encode(self.views.pictures[index], lowest_plane=self._lowest_plane)
+                for index in self.views.references
+            ]
 
     def _picture_sizes(self, slope: float, num_bytes: int | None) -> list[int]:
         """Lengths of the codes of pictures, in proportion to those at a slope."""

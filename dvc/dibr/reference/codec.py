@@ -36,6 +36,7 @@ STEEPEST, FLATTEST = 10.0, 1e-8
 DEFAULT_LEVELS = 6
 MAX_LEVELS = 15
 _SLOPE_STEPS = 40
+_MOST_GAIN = 16.0
 _MIDDLE = 128.0
 _PEAK = 255.0
 _POINT_STEP, _FIRST_POINT, _NUM_POINTS = 1 / 32, 2, 16
@@ -210,6 +211,24 @@ class ReferenceCode:
         return replace(self.header, points=(fitted[0], fitted[1])), data
 
 
+def lowest_plane_at(slope: float) -> int:
+    """Return the bit plane after which no bits are worth a slope.
+
+    Parameters
+    ----------
+    slope : float
+        Mean squared error, intensities from 0 to 1, per bit per pixel.
+
+    Returns
+    -------
+    int
+        The last plane in which a coefficient that becomes significant could save `_MOST_GAIN` squared
+        thresholds for a bit.
+    """
+    threshold = math.sqrt(slope / _MOST_GAIN) * _PEAK / STEP
+    return max(math.floor(math.log2(threshold)), 0) if threshold > 1.0 else 0
+
+
 def slopes_around(codes: Sequence[ReferenceCode], num_bytes: float) -> tuple[float, float]:
     """Return the slopes between which the codes of pictures leap past a length.
 
@@ -244,6 +263,7 @@ def encode(
     adaptive: bool = True,
     edges: EdgeMaps | None = None,
     order: int = 0,
+    lowest_plane: int = 0,
 ) -> ReferenceCode:
     """Code a picture.
 
@@ -264,6 +284,8 @@ def encode(
         Where the transform is to stop, which the decoder must be told; nowhere by default.
     order : int, optional
         Of the extrapolation at edges.
+    lowest_plane : int, optional
+        Bit plane after which to stop; see `lowest_plane_at`.
 
     Returns
     -------
@@ -287,7 +309,7 @@ def encode(
     transform = Transform(num_levels, wavelet, edges, order)
     pyramids = [transform.analyse(plane) for plane in planes]
     coefficients = forest.gather(pyramids) / STEP
-    code = coder.encode(forest, coefficients, max_bytes, adaptive)
+    code = coder.encode(forest, coefficients, max_bytes, adaptive, lowest_plane)
     header = ReferenceHeader(num_levels, code.num_planes, len(planes) == 3, wavelet, adaptive)
     num_pixels = shape[0] * shape[1]
     mse = code.squared_error * (STEP / _PEAK) ** 2 / num_pixels

@@ -90,15 +90,15 @@ def gather_below(nodes, column, below, deeper):
 
 
 @kernel
-def code_planes(run, roots, num_planes):
-    """Code bit planes, the highest first, until the data or the room for them are used up."""
+def code_planes(run, roots, num_planes, lowest_plane):
+    """Code bit planes, the highest first, to a last one or until the data or the room are used up."""
     fields, lists, nodes = run.fields, run.lists, run.nodes
     for root in roots:
         if nodes[root, EXISTS]:
             _append(fields, lists, PENDING, root)
         if nodes[root, HAS_CHILDREN]:
             _append(fields, lists, SETS, root)
-    for plane in range(num_planes - 1, -1, -1):
+    for plane in range(num_planes - 1, lowest_plane - 1, -1):
         fields[PLANE] = plane
         num_refinable = fields[SIGNIFICANT]
         _pending_pass(run)

@@ -113,7 +113,11 @@ class DecodedCoefficients:
 
 
 def encode(
-    forest: Forest, coefficients: NDArray[np.float64], max_bytes: int | None = None, adaptive: bool = True
+    forest: Forest,
+    coefficients: NDArray[np.float64],
+    max_bytes: int | None = None,
+    adaptive: bool = True,
+    lowest_plane: int = 0,
 ) -> EmbeddedCode:
     """Code coefficients; the inverse of `decode`.
 
@@ -127,6 +131,8 @@ def encode(
         Where to stop; after the last bit plane by default.
     adaptive : bool, optional
         Arithmetic coding with contexts; else every decision takes one bit.
+    lowest_plane : int, optional
+        Bit plane after which to stop.
 
     Returns
     -------
@@ -155,7 +161,7 @@ def encode(
     curve = np.zeros(num_words + 1)
     curve[-1] = energy
     run = _new_run(coder.room_for(num_words), forest, nodes, exact, curve, most + 8, adaptive)
-    kernels.code_planes(run, forest.roots, num_planes)
+    kernels.code_planes(run, forest.roots, num_planes, lowest_plane)
     num_written = int(run.coder.fields[POSITION]) + 1
     curve[num_written - 1] = curve[-1]
     data = coder.to_bytes().ljust(4 * num_written + 4, b"\0")  # zeros follow for ever
@@ -195,7 +201,7 @@ def decode(forest: Forest, data: bytes, num_planes: int, adaptive: bool = True) 
     nodes = forest.nodes.copy()
     nothing = np.zeros(len(nodes))
     run = _new_run(coder.room_for(0), forest, nodes, nothing, np.zeros(1), len(data), adaptive)
-    kernels.code_planes(run, forest.roots, num_planes)
+    kernels.code_planes(run, forest.roots, num_planes, 0)
     coder.check()
     return DecodedCoefficients(run.values, nodes[:, kernels.LAST_PLANE].copy())
 
