@@ -7,6 +7,7 @@ from dvc.entropy import RangeCoder
 from dvc.entropy.mixing import LEARNING_RATE, code_mixed, logistic_tables, mixed_probability, new_mixture
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("third", [2, -1])
 def test_probabilities_and_weights_are_those_of_a_plain_twin(third):
     mixture = new_mixture(3, 1, 0.4)

@@ -34,6 +34,7 @@ def plain_cost(plane, edges, num_levels, order):
     return total
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("shape", [(32, 32), (21, 34), (1, 16), (16, 1)])
 def test_the_cost_of_a_transform_is_that_of_a_plain_twin(shape):
     rng = np.random.default_rng(4)

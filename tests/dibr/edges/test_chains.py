@@ -52,6 +52,7 @@ def test_chains_are_drawn_as_they_were_traced(shape, share, seed):
     assert_equal(draw(chains), edges)
 
 
+@pytest.mark.nojit
 def test_chains_are_as_few_as_there_can_be():
     cross = EdgeMaps.none((8, 8))
     cross.between_rows[3, 1:7] = 1
@@ -74,6 +75,7 @@ def test_edges_come_back_from_either_code(code, shape, share, seed):
     assert_equal(chain_code.decode(chain_code.encode(trace(edges), code), shape, code), edges)
 
 
+@pytest.mark.nojit
 def test_code_words_take_the_bits_that_are_counted():
     edges = edges_of((40, 50), 0.05, 3)
     chains = trace(edges)

@@ -62,6 +62,7 @@ def plain_split(signal, cuts, order, wavelet):
     return np.array(samples[0::2]) * low, np.array(samples[1::2]) * high
 
 
+@pytest.mark.nojit
 @pytest.mark.parametrize("name", WAVELETS)
 @pytest.mark.parametrize("order", ORDERS)
 def test_columns_are_lifted_as_by_a_plain_twin(name, order):
