@@ -3,7 +3,7 @@
 import numpy as np
 
 from dvc._jit import kernel
-from dvc.dibr.edges.lattice import DOWN, LEFT, RIGHT, UP, degree, set_element
+from dvc.dibr.edges.lattice import degree, next_vertex, set_element
 from dvc.dibr.wavelets.column_lifting import lift_columns
 
 ROUNDED = 1.0 / 12.0
@@ -112,8 +112,7 @@ def _window_cost(plane, below, right, window, num_levels, wavelet, order, model)
 def _odd_ends(below, right, elements):
     """Return how many of the two ends of a piece are the ends of an odd number of edges."""
     last = elements[-1]
-    row = last[0] + (last[2] == DOWN) - (last[2] == UP)
-    column = last[1] + (last[2] == RIGHT) - (last[2] == LEFT)
+    row, column = next_vertex(last[0], last[1], last[2])
     first = elements[0]
     if row == first[0] and column == first[1]:
         return 0

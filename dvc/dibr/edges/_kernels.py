@@ -3,7 +3,7 @@
 import numpy as np
 
 from dvc._jit import kernel
-from dvc.dibr.edges.lattice import DOWN, LEFT, RIGHT, UP, degree, has_element, is_inside, set_element
+from dvc.dibr.edges.lattice import degree, has_element, is_inside, next_vertex, set_element
 from dvc.entropy.mixing import code_mixed
 from dvc.entropy.range_coder import code_decision
 
@@ -45,8 +45,7 @@ def follow(below, right, row, column, directions, count):
         if last >= 0 and chosen != last:
             turn = (chosen - last + 1) % 4 - 1
         last = chosen
-        row += (chosen == DOWN) - (chosen == UP)
-        column += (chosen == RIGHT) - (chosen == LEFT)
+        row, column = next_vertex(row, column, chosen)
 
 
 @kernel
@@ -80,8 +79,7 @@ def draw(below, right, row, column, directions):
         if not is_inside(below, row, column, direction):
             return False
         set_element(below, right, row, column, direction, 1)
-        row += (direction == DOWN) - (direction == UP)
-        column += (direction == RIGHT) - (direction == LEFT)
+        row, column = next_vertex(row, column, direction)
     return True
 
 
@@ -131,8 +129,7 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
     count = 1
     while True:
         set_element(below, right, row, column, last, 1)
-        row += (last == DOWN) - (last == UP)
-        column += (last == RIGHT) - (last == LEFT)
+        row, column = next_vertex(row, column, last)
         straight = _is_open(below, right, row, column, last)
         left = _is_open(below, right, row, column, (last + 1) % 4)
         after = _is_open(below, right, row, column, (last + 3) % 4)

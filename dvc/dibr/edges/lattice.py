@@ -68,6 +68,31 @@ def is_inside(below: Flags, row: int, column: int, direction: int) -> bool:
 
 
 @kernel
+def next_vertex(row: int, column: int, direction: int) -> tuple[int, int]:
+    """Return the vertex that an edge leads to.
+
+    Parameters
+    ----------
+    row, column : int
+        Vertex where it begins.
+    direction : int
+        From 0 to 3.
+
+    Returns
+    -------
+    tuple of int
+        Row and column.
+    """
+    if direction == RIGHT:
+        return row, column + 1
+    if direction == LEFT:
+        return row, column - 1
+    if direction == DOWN:
+        return row + 1, column
+    return row - 1, column
+
+
+@kernel
 def set_element(below: Flags, right: Flags, row: int, column: int, direction: int, value: int) -> None:
     """Set the edge from a vertex in a direction.
 
