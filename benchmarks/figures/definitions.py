@@ -8,6 +8,10 @@ from benchmarks.figures.dibr import curves, exhaustive, large, peers, reference
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
 from benchmarks.figures.house import emulation, golden, sources, times
+from benchmarks.figures.shape_adaptive import depth, images, lossless
+from benchmarks.figures.shape_adaptive import identities as transform_identities
+from benchmarks.figures.shape_adaptive import peers as depth_peers
+from benchmarks.figures.shape_adaptive import times as depth_times
 from benchmarks.figures.stereo import accuracy, consistency, identities, layers, rectification, toy
 from benchmarks.figures.stereo import times as stereo_times
 from benchmarks.figures.tracks import costs, limits, quality
@@ -41,6 +45,12 @@ MODULES: tuple[ModuleType, ...] = (
     curves,
     large,
     peers,
+    depth,
+    depth_peers,
+    images,
+    lossless,
+    transform_identities,
+    depth_times,
     sources,
     times,
     golden,

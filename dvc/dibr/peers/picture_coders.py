@@ -16,6 +16,24 @@ JPEG2000_LEVELS = 230
 AVIF_LEVELS = 101
 
 
+def decoded(file: bytes) -> Picture:
+    """Decode a file of a gray picture.
+
+    Parameters
+    ----------
+    file : bytes
+        Of any format that Pillow reads.
+
+    Returns
+    -------
+    ndarray of shape (H, W), uint8
+        The picture.
+    """
+    from PIL import Image
+
+    return np.asarray(Image.open(io.BytesIO(file)).convert("L"))
+
+
 @dataclass(frozen=True)
 class PictureCoder:
     """A coder of gray pictures, whose files grow with a whole number.
@@ -28,11 +46,14 @@ class PictureCoder:
         Qualities are from 0 to ``num_levels - 1``.
     encode : callable
         From a picture (H, W), uint8, and a quality to a file.
+    decode : callable, optional
+        From a file to a picture; by default Pillow's.
     """
 
     name: str
     num_levels: int
     encode: Callable[[Picture, int], bytes]
+    decode: Callable[[bytes], Picture] = decoded
 
 
 class CodedPicture(NamedTuple):
@@ -84,7 +105,7 @@ class Ladder:
         """
         if level not in self._known:
             file = self.coder.encode(self.picture, level)
-            self._known[level] = CodedPicture(len(file), decoded(file), level)
+            self._known[level] = CodedPicture(len(file), self.coder.decode(file), level)
         return self._known[level]
 
     def within(self, max_bytes: float) -> CodedPicture | None:
@@ -110,27 +131,15 @@ class Ladder:
         return None if low < 0 else self.at(low)
 
 
-def decoded(file: bytes) -> Picture:
-    """Decode a file of a gray picture.
-
-    Parameters
-    ----------
-    file : bytes
-        Of any format that Pillow reads.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        The picture.
-    """
-    from PIL import Image
-
-    return np.asarray(Image.open(io.BytesIO(file)).convert("L"))
-
-
 def _avif(picture: Picture, level: int) -> bytes:
     """Code as monochrome AVIF, full range, by the settings that Pillow has."""
     return _saved(picture, "AVIF", quality=level, subsampling="4:0:0", max_threads=1)
+
+
+def _avif_slow(picture: Picture, level: int) -> bytes:
+    """Code as AVIF as well as libaom can, for PSNR; takes seconds."""
+    options = {"speed": 0, "advanced": {"tune": "psnr"}}
+    return _saved(picture, "AVIF", quality=level, subsampling="4:0:0", max_threads=1, codec="aom", **options)
 
 
 def _jpeg2000(picture: Picture, level: int) -> bytes:
@@ -152,5 +161,6 @@ def _saved(picture: Picture, file_format: str, **options: object) -> bytes:
 
 
 AVIF = PictureCoder("AVIF", AVIF_LEVELS, _avif)
+AVIF_SLOW = PictureCoder("AVIF, slowest", AVIF_LEVELS, _avif_slow)
 JPEG2000 = PictureCoder("JPEG 2000", JPEG2000_LEVELS, _jpeg2000)
 PICTURE_CODERS = AVIF, JPEG2000

@@ -147,14 +147,14 @@ def intra_and_predicted(pictures: tuple[Picture, Picture], coder: VideoCoder, ma
         fits: list[bytes] = []
         while high - low > 1:
             qp = (low + high) // 2
-            stream = list(encode_two(pictures, coder, qp, offset))
+            stream = list(encode_frames(pictures, coder, qp, offset))
             if sum(map(len, stream)) <= max_bytes:
                 high, fits = qp, stream
             else:
                 low = qp
         if fits:
             num_bytes = sum(map(len, fits))
-            quality = quality_of(decode_two(fits, coder), pictures)
+            quality = quality_of(decode_frames(fits, coder), pictures)
             setting = f"QP {high} and {high + offset}"
             tried.append(PeerResult(num_bytes, quality, len(fits[-1]) / num_bytes, setting))
     if not tried:
@@ -162,19 +162,19 @@ def intra_and_predicted(pictures: tuple[Picture, Picture], coder: VideoCoder, ma
     return max(tried, key=lambda result: result.quality.pooled_db)
 
 
-def encode_two(pictures: tuple[Picture, Picture], coder: VideoCoder, qp: int, offset: int) -> Iterator[bytes]:
-    """Code two frames.
+def encode_frames(pictures: tuple[Picture, ...], coder: VideoCoder, qp: int, offset: int) -> Iterator[bytes]:
+    """Code an I frame, and P frames after it.
 
     Parameters
     ----------
-    pictures : tuple of two ndarray of shape (H, W), uint8
+    pictures : tuple of ndarray of shape (H, W), uint8
         The views.
     coder : VideoCoder
         The encoder.
     qp : int
         Of the I frame.
     offset : int
-        How much higher that of the P frame is.
+        How much higher those of P frames are.
 
     Yields
     ------
@@ -211,13 +211,13 @@ def encode_two(pictures: tuple[Picture, Picture], coder: VideoCoder, qp: int, of
         yield without_messages(bytes(packet), coder.decoder)
 
 
-def decode_two(stream: list[bytes], coder: VideoCoder) -> list[Picture]:
+def decode_frames(stream: list[bytes], coder: VideoCoder) -> list[Picture]:
     """Decode frames.
 
     Parameters
     ----------
     stream : list of bytes
-        As `encode_two` yields them.
+        As `encode_frames` yields them.
     coder : VideoCoder
         The codec.
 

@@ -1,0 +1,1 @@
+"""Chapter 4: depth maps and pictures by wavelets that stop at shared edges."""
