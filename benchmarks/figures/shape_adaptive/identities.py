@@ -20,9 +20,8 @@ def reconstruction(setting: Setting, clip: str) -> Measured:
     """
     del clip
     rng = np.random.default_rng(4)
-    errors = dict.fromkeys(
-        (f"{w} order {k}" for w in WAVELETS for k in range(shape_adaptive.MAX_ORDER + 1)), 0.0
-    )
+    orders = range(shape_adaptive.MAX_ORDER + 1)
+    errors = {f"{name} order {order}": 0.0 for name in WAVELETS for order in orders}
     count = setting.choose(NUM_PLANES, 2)
     for number in range(count):
         shape = (int(rng.integers(1, 130)), int(rng.integers(1, 130)))
@@ -32,7 +31,7 @@ def reconstruction(setting: Setting, clip: str) -> Measured:
         below[-1], right[:, -1] = 0, 0
         edges = EdgeMaps(below, right)
         for name, wavelet in WAVELETS.items():
-            for order in range(shape_adaptive.MAX_ORDER + 1):
+            for order in orders:
                 pyramid = shape_adaptive.analyse(plane, edges, NUM_LEVELS, order, wavelet)
                 found = shape_adaptive.synthesise(pyramid, edges, order, wavelet)
                 key = f"{name} order {order}"

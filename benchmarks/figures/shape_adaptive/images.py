@@ -152,8 +152,8 @@ FIGURES = (
     Figure(
         AREA,
         "rendered-views",
-        f"PSNR of the view at m = 1, rendered from picture and map of {VIEWS_BPP:g} bpp in all: shape-adaptive "
-        "against no edges, and AVIF of both, each at its best split",
+        f"PSNR of the view at m = 1, rendered from picture and map of {VIEWS_BPP:g} bpp in all: "
+        "shape-adaptive against no edges, and AVIF of both, each at its best split",
         "above both",
         rendered_views,
         slow=True,

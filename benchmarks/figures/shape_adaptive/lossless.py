@@ -11,12 +11,13 @@ from PIL import Image
 from benchmarks.figures.harness import Figure, Measured, Setting
 from benchmarks.figures.shape_adaptive.depth import AREA
 from benchmarks.figures.shape_adaptive.maps import TEDDY, material
+from dvc.dibr.codec.views import Picture
 from dvc.dibr.depth_image.decoder import decode
 from dvc.dibr.depth_image.depth_codes import CodedEdges, code_edges
 from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.encoder import DepthImage, encode_to_size
 from dvc.dibr.depth_image.stream import decode_stream
-from dvc.dibr.peers.picture_coders import Picture
+from dvc.dibr.wavelets.edge_maps import EdgeMaps
 
 LEVELS_PER_PX = 4.0
 MOST_BPP = 4.0
@@ -37,31 +38,27 @@ def near_lossless(setting: Setting, clip: str) -> Measured:
     depth = levels / LEVELS_PER_PX
     image = DepthImage(depth, DepthScale.of(depth))
     selections = _selections(image, EDGES_BPP[: setting.choose(len(EDGES_BPP), 1)])
-    found: dict[str, dict[str, float | None]] = {}
+    found: dict[str, dict[str, float]] = {}
     for most in MOST_ERRORS_PX:
-        own = min((_shortest(image, edges, most) for edges in selections), default=None)
+        own = min(_shortest(image, edges, most) for edges in selections)
         whole = levels if most == 0.0 else np.rint(depth).astype(np.uint8)
         peers = {name: 8.0 * len(code(whole)) / levels.size for name, code in _LOSSLESS.items()}
-        near = {
-            "JPEG-LS" if not most else "JPEG-LS, near": 8.0
-            * len(_jpeg_ls(levels, round(4 * most)))
-            / levels.size
-        }
-        found[f"{most:g}_px"] = {"ours": own, **near, **peers}
+        peers["JPEG-LS"] = 8.0 * len(_jpeg_ls(levels, round(LEVELS_PER_PX * most))) / levels.size
+        found[f"{most:g}_px"] = {"ours": own, **peers}
     texts = (
-        f"≤ {most:g} px: " + ", ".join(f"{name} {bpp:.2f}" for name, bpp in row.items() if bpp is not None)
+        f"≤ {most:g} px: " + ", ".join(f"{name} {bpp:.2f}" for name, bpp in row.items())
         for most, row in zip(MOST_ERRORS_PX, found.values(), strict=True)
     )
     note = (
-        "quarters of a pixel, holes filled; up to 0.5 px others code whole pixels without loss, JPEG-LS near "
-        "lossless too; no encoder of JPEG XL is installed"
+        "quarters of a pixel, holes filled; up to 0.5 px others code whole pixels without loss, JPEG-LS is "
+        "told the error; no encoder of JPEG XL is installed"
     )
     return Measured("; ".join(texts) + " bpp", None, dict(found), note)
 
 
 def _selections(image: DepthImage, rates: tuple[float, ...]) -> list[CodedEdges]:
     """Edges that pay at some rates, and none."""
-    found = []
+    found = [code_edges(EdgeMaps.none((image.depth.shape[0], image.depth.shape[1])))]
     for rate in rates:
         encoded = encode_to_size(image, int(rate * image.depth.size / 8.0), None)
         if encoded.edges is not None:

@@ -50,11 +50,11 @@ def depth_peers(setting: Setting, clip: str) -> Measured:
     del clip
     coders = {**TO_BEAT, **AVIFS}
     values: dict[str, dict[str, float | None]] = {}
+    row: dict[str, float | None]
     for rate in RATES_BPP[: setting.choose(len(RATES_BPP), 1)]:
-        own = coded(TEDDY, rate).psnr_db
-        values[f"{rate:g}_bpp"] = {"ours": own} | {
-            name: peer_db(coder, rate) for name, coder in coders.items()
-        }
+        row = {"ours": coded(TEDDY, rate).psnr_db}
+        row.update((name, peer_db(coder, rate)) for name, coder in coders.items())
+        values[f"{rate:g}_bpp"] = row
     beaten = all(
         row[name] is None or float(row["ours"] or 0.0) > float(row[name] or 0.0)
         for row in values.values()
@@ -63,8 +63,8 @@ def depth_peers(setting: Setting, clip: str) -> Measured:
     each = ("; ".join(f"{name} {_decibels(db)}" for name, db in row.items()) for row in values.values())
     text = ". ".join(f"{rate:g} bpp: {told}" for rate, told in zip(RATES_BPP, each, strict=False))
     note = (
-        "peers get quarters of a pixel as 8 bits, which hold all but the filled holes exactly; containers count, "
-        "but x265's, whose stream counts without messages"
+        "peers get quarters of a pixel as 8 bits, exact but for filled holes; containers count, "
+        "but not x265's, whose stream counts without messages"
     )
     return Measured(text, beaten, dict(values), note)
 

@@ -11,7 +11,7 @@ from dvc.dibr.peers.comparison import all_peers, within
 from dvc.dibr.peers.independent import IndependentCodec
 from dvc.dibr.peers.picture_coders import AVIF, JPEG2000
 from dvc.dibr.peers.quality import quality_of
-from dvc.dibr.peers.two_views import X264, X265, VideoCoder, decode_two, encode_two, without_messages
+from dvc.dibr.peers.two_views import X264, X265, VideoCoder, decode_frames, encode_frames, without_messages
 from dvc.errors import ConfigError
 from dvc.metrics import psnr_db
 from dvc.multiview.camera_array import CameraArray, DisparityLabels
@@ -36,10 +36,10 @@ def test_pooled_psnr_is_that_of_the_mean_squared_error() -> None:
 def test_video_codes_two_frames(coder: VideoCoder) -> None:
     """Both frames come back in order and full range; the second one is predicted."""
     first, second = views_of_array(scene(), gray=True).pictures
-    stream = list(encode_two((first, first), coder, 20, 0))
+    stream = list(encode_frames((first, first), coder, 20, 0))
     assert len(stream) == 2
     assert len(stream[1]) < len(stream[0]) / 10
-    found = decode_two(list(encode_two((first, second), coder, 12, 2)), coder)
+    found = decode_frames(list(encode_frames((first, second), coder, 12, 2)), coder)
     assert psnr_db(found[0], first) > 45.0
     assert 40.0 < psnr_db(found[1], second) < psnr_db(found[0], first) + 1.0
 
