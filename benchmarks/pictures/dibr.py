@@ -1,4 +1,4 @@
-"""Measure chapter 3 into `results`, and bring to `docs` what `docs/dibr-results.md` shows.
+"""Measure chapters 3 and 4 into `results`, and bring to `docs` what their pages of results show.
 
 Photographs of the real sets are not the project's to show: in `docs` there are curves and maps of them, and
 views of a rendered scene.
@@ -25,6 +25,8 @@ EXAMPLES = """\
 FOLDER = Path("docs") / "dibr"
 RESULTS = Path("results") / "dibr"
 PLOTS = "3.13", "3.14", "3.15"
+PLOTS_OF_MAPS = "4.3", "4.8a-teddy", "4.8b-teddy"
+PICTURES_OF_MAPS = "4.6-teddy", "4.7-teddy"
 MAP = "teddy"
 """Set whose disparity maps are shown."""
 
@@ -82,10 +84,40 @@ def draw_set(name: str) -> list[Path]:
     return written
 
 
-PICTURES: dict[str, Callable[[], list[Path]]] = {"toy": draw_toy, MAP: lambda: draw_set(MAP)}
+def draw_chapter4() -> list[Path]:
+    """Draw the curves, coefficients and decoded maps of chapter 4.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+    """
+    folder = RESULTS / "chapter4"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    options = ["--chapter", 4, "--data", data_folder(MAP), "--sets", MAP, "--out", folder, "--quiet"]
+    run_module("dvc.dibr", ["evaluate", *options])
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    written = [FOLDER / f"figure-{number}.png" for number in PLOTS_OF_MAPS]
+    for path in written:
+        shutil.copy(folder / path.name, path)
+    for number in PICTURES_OF_MAPS:
+        picture = np.asarray(cv2.imread(str(folder / f"figure-{number}.png")), np.uint8)
+        write_picture(FOLDER / f"figure-{number}.jpg", picture)
+        written.append(FOLDER / f"figure-{number}.jpg")
+    return written
 
 
-main = pictures_command(PROG, "Draw the pictures of docs/dibr-results.md.", EXAMPLES, PICTURES)
+PICTURES: dict[str, Callable[[], list[Path]]] = {
+    "toy": draw_toy,
+    MAP: lambda: draw_set(MAP),
+    "chapter4": draw_chapter4,
+}
+
+
+main = pictures_command(
+    PROG, "Draw the pictures of docs/dibr-results.md and docs/shape-adaptive-results.md.", EXAMPLES, PICTURES
+)
 
 if __name__ == "__main__":
     sys.exit(main())

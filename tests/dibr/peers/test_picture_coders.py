@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from skimage.data import camera
 
+from dvc.dibr.peers.intra_frames import X265_INTRA
 from dvc.dibr.peers.picture_coders import AVIF, JPEG2000, Ladder, PictureCoder
 from dvc.metrics import psnr_db
 
 PICTURE = np.ascontiguousarray(camera()[100:228, 200:356])
 
 
-@pytest.mark.parametrize("coder", [AVIF, JPEG2000], ids=lambda coder: coder.name)
+@pytest.mark.parametrize("coder", [AVIF, JPEG2000, X265_INTRA], ids=lambda coder: coder.name)
 def test_best_quality_that_fits(coder: PictureCoder) -> None:
     """Files fit, one more level does not, and more bytes make better pictures."""
     ladder = Ladder(coder, PICTURE)
