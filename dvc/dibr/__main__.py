@@ -3,11 +3,22 @@
 import sys
 
 from dvc import subcommands
-from dvc.dibr.commands import decode, encode, encode_depth, encode_image, evaluate, info, render, view
+from dvc.dibr.commands import (
+    decode,
+    encode,
+    encode_depth,
+    encode_image,
+    encode_layers,
+    evaluate,
+    info,
+    render,
+    view,
+)
 
 EXAMPLES = """\
   dvc-dibr encode left.png right.png pair.dibr --disparities 0:60 --bpp 0.5
   dvc-dibr encode-image left.png --depth disparity.pfm scene.dibr --bpp 0.5
+  dvc-dibr encode-layers layers scene.dibr --bpp 0.5
   dvc-dibr info pair.dibr
   dvc-dibr decode pair.dibr --out decoded
   dvc-dibr render pair.dibr --view 0.5,0 --out between.png
@@ -20,7 +31,9 @@ main = subcommands.command(
     "dvc-dibr",
     "Views and their depth, coded together; any view rendered from them.",
     EXAMPLES,
-    subcommands.by_name((encode, encode_image, encode_depth, decode, render, view, info, evaluate)),
+    subcommands.by_name(
+        (encode, encode_image, encode_depth, encode_layers, decode, render, view, info, evaluate)
+    ),
 )
 
 if __name__ == "__main__":

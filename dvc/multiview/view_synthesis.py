@@ -38,7 +38,7 @@ class PictureWithDepth(NamedTuple):
     image : ndarray of shape (H, W, C), uint8
         The picture.
     inverse_depth : ndarray of shape (H, W), float64
-        Of its pixels; disparity in rectified arrays.
+        Of its pixels; disparity in rectified arrays. `EMPTY` where there is nothing.
     warp : ndarray of shape (3, 4), float64
         To the wanted view, in pixels; see `dvc.multiview.warping`.
     step : float
@@ -88,7 +88,7 @@ def synthesise(sources: Sequence[PictureWithDepth], shape: tuple[int, int]) -> S
     SynthesisedView
         The view; where several sources show the nearest surface, their mean by weight.
     """
-    drawn = [_drawn(source, shape) for source in sources]
+    drawn = [drawn_depth(source, shape) for source in sources]
     nearest = np.maximum.reduce(drawn)
     total = np.zeros(shape)
     image = np.zeros((*shape, sources[0].image.shape[2]))
@@ -113,8 +113,21 @@ def synthesise(sources: Sequence[PictureWithDepth], shape: tuple[int, int]) -> S
     return SynthesisedView(filled, inverse_depth, reached)
 
 
-def _drawn(source: PictureWithDepth, shape: tuple[int, int]) -> Floats:
-    """Inverse depth of one source in the wanted view, `EMPTY` where it shows nothing."""
+def drawn_depth(source: PictureWithDepth, shape: tuple[int, int]) -> Floats:
+    """Return what a source shows in the wanted view.
+
+    Parameters
+    ----------
+    source : PictureWithDepth
+        The source; in rectified arrays it may have holes.
+    shape : tuple of int
+        Height and width of the wanted view.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Inverse depth; `EMPTY` where it shows nothing.
+    """
     depth = source.inverse_depth
     missing = [(0, max(2 - size, 0)) for size in depth.shape]  # a cell has four corners
     depth = np.pad(depth, missing, mode="edge") if any(pad for _, pad in missing) else depth
@@ -127,9 +140,9 @@ def _drawn(source: PictureWithDepth, shape: tuple[int, int]) -> Floats:
 def _discontinuities(depth: Floats, warp: Floats, step: float) -> Mask:
     """Cells whose corners belong to different surfaces."""
     x_and_y = warp_grid(warp, depth)[..., :2]
-    flat = warp_grid(warp, np.full(depth.shape, depth.min()))[..., :2]
+    flat = warp_grid(warp, np.full(depth.shape, depth.min(where=depth > EMPTY, initial=np.inf)))[..., :2]
     found: Mask = (_spread(x_and_y - flat).max(axis=-1) > DISCONTINUITY_PX) & (_spread(depth) > 1.5 * step)
-    return found
+    return found | (_spread(depth) >= -0.5 * EMPTY)
 
 
 def _spread(plane: Floats) -> Floats:

@@ -6,13 +6,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.commands.options import add_json, add_layers, add_stream, json_files, read_stream, warn
+from dvc.dibr.commands.options import (
+    add_json,
+    add_layers,
+    add_stream,
+    decode_pieces,
+    json_files,
+    read_stream,
+    warn,
+)
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
     from dvc.dibr.codec.decoder import Decoded, PictureAndDisparity
     from dvc.dibr.depth_image.decoder import DecodedDepthImage
     from dvc.dibr.depth_image.stream import DepthImageStream
+    from dvc.dibr.layered.stream import LayeredStream
     from dvc.dibr.stream.layers import Stream
 
 SUMMARY = "a stream to pictures and disparities"
@@ -20,7 +29,7 @@ DESCRIPTION = """\
 Decode a stream, or as much of it as is whole: reference.png, disparity.pfm (pixels per unit of m; inverse
 depth where cameras are calibrated), preview-disparity.png, dibr.json. Further references are reference-1.png
 and so on. Of a depth map, or a picture with one: depth.pfm (numbers of the map), image.png, edges.png,
-disparity.pfm.
+disparity.pfm. Of layers or sprites: the folder that dvc-stereo layers or dvc-stereo sprites would write.
 """
 EXAMPLES = """\
   dvc-dibr decode pair.dibr --out decoded
@@ -64,14 +73,13 @@ def run(arguments: argparse.Namespace) -> int:
     int
         Exit status.
     """
-    from dvc.dibr.stream.layers import Stream
     from dvc.files import check_folder
 
     check_folder(arguments.out)
     truths = [path for path in (arguments.truth_depth, arguments.truth_image) if path is not None]
     cli.check_outputs([arguments.path, *truths], json_files(arguments))
     stream = read_stream(arguments.path)
-    figures = _views(arguments, stream) if isinstance(stream, Stream) else _depth_image(arguments, stream)
+    figures = _write(arguments, stream)
     warn(arguments.path, figures["damage"])
     if arguments.json is not None:
         cli.write_json(arguments.json, figures)
@@ -80,9 +88,25 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _write(
+    arguments: argparse.Namespace, stream: "Stream | DepthImageStream | LayeredStream"
+) -> dict[str, Any]:
+    """Decode a stream, write it, and return what is known of it."""
+    from dvc.dibr.depth_image.stream import DepthImageStream
+    from dvc.dibr.stream.layers import Stream
+
+    if isinstance(stream, Stream):
+        return _views(arguments, stream)
+    if isinstance(stream, DepthImageStream):
+        return _depth_image(arguments, stream)
+    return _layered(arguments, stream)
+
+
 def _told(figures: dict[str, Any]) -> str:
     if "decoded_layers" in figures:
         return f"{figures['decoded_layers']} of {figures['quality_layers']} quality layers"
+    if "kind" in figures:
+        return f"{figures['num_decoded']} of {figures['num_pieces']} {figures['kind']}"
     names = {"psnr_depth_db": "depth", "psnr_image_db": "image"}
     known = [f"{name} {figures[key]:.2f} dB" for key, name in names.items() if figures.get(key) is not None]
     return ", ".join([f"{figures['edge_elements']} edges", *known])
@@ -142,6 +166,25 @@ def _depth_image(arguments: argparse.Namespace, stream: "DepthImageStream") -> d
             write_png(folder / "image.png", blue_first(decoded.picture))
         write_index(folder / INDEX, _FORMAT, _VERSION, figures)
     return figures
+
+
+def _layered(arguments: argparse.Namespace, stream: "LayeredStream") -> dict[str, Any]:
+    """Decode layers or sprites, write them as the folder they came from, and return what is known of them."""
+    from dvc.dibr.commands.info import layered_figures
+    from dvc.dibr.layered.pieces import write_pieces
+    from dvc.files import atomic_folder
+
+    if arguments.truth_depth is not None or arguments.truth_image is not None:
+        raise ConfigError(
+            "--truth-depth and --truth-image are for streams of one depth map; see render --truth"
+        )
+    if arguments.quality_layers is not None or arguments.resolution:
+        raise ConfigError("--quality-layers and --resolution are not for layers and sprites")
+    decoded = decode_pieces(arguments.path, stream)
+    with atomic_folder(arguments.out) as folder:
+        write_pieces(folder, decoded.scene)
+    told = {"num_decoded": len(decoded.scene.pieces), "damage": decoded.damage}
+    return layered_figures(stream) | told
 
 
 def _quality(arguments: argparse.Namespace, decoded: "DecodedDepthImage") -> dict[str, Any]:

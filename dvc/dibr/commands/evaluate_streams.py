@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.commands.options import json_files, read_stream, warn
+from dvc.dibr.commands.options import decode_pieces, json_files, read_stream, render_view, warn
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
+    from dvc.dibr.layered.stream import LayeredStream
+    from dvc.dibr.stream.layers import Stream
     from dvc.page.gallery import Table
 
 PARTS = "header", "edges", "depth", "image"
@@ -64,13 +66,13 @@ def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) 
     ConfigError
         If the truth is of another size, or of another kind.
     """
-    from dvc.dibr.codec.decoder import decode as decode_views
     from dvc.dibr.codec.views import luma
     from dvc.dibr.commands.depth_images import quality
     from dvc.dibr.commands.info import stream_figures
     from dvc.dibr.commands.render import read_truth
     from dvc.dibr.depth_image import decoder
     from dvc.dibr.depth_image.depth_maps import read_truth as read_true_depth
+    from dvc.dibr.depth_image.stream import DepthImageStream
     from dvc.dibr.stream.layers import Stream
     from dvc.metrics import psnr_db
 
@@ -79,12 +81,13 @@ def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) 
     shape = figures["height"], figures["width"]
     told = {name: figures[name] for name in ("stream_bytes", "bpp", "width", "height", "damage")}
     picture = None if truth_image is None else read_truth(truth_image, shape)
-    if isinstance(stream, Stream):
+    if not isinstance(stream, DepthImageStream):
         if truth_depth is not None:
             raise ConfigError(f"{path}: --truth-depth is for streams of one depth map")
-        told["bits"] = _bits_of_views(figures)
+        is_of_views = isinstance(stream, Stream)
+        told["bits"] = _bits_of_views(figures) if is_of_views else figures["bits"]
         if picture is not None:
-            found = psnr_db(luma(decode_views(stream).pairs[0].picture), luma(picture))
+            found = psnr_db(luma(_reference_of(path, stream)), luma(picture))
             told["psnr_image_db"] = found if found < float("inf") else None
         return told
     depth = None if truth_depth is None else read_true_depth(truth_depth)
@@ -93,6 +96,18 @@ def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) 
         raise ConfigError(f"{truth_depth}: {size}, but {path} is {shape[1]}x{shape[0]}")
     told |= {"bits": figures["bits"], "edge_elements": figures["edge_elements"]}
     return told | quality(decoder.decode(stream), depth, picture)
+
+
+def _reference_of(path: str, stream: "Stream | LayeredStream") -> Any:
+    """The reference view of a stream."""
+    from dvc.dibr.codec.decoder import decode
+    from dvc.dibr.codec.rendering import picture_of
+    from dvc.dibr.stream.layers import Stream
+
+    if isinstance(stream, Stream):
+        return decode(stream).pairs[0].picture
+    decoded = decode_pieces(path, stream)
+    return picture_of(render_view(decoded, decoded.viewpoints[0]))
 
 
 def _bits_of_views(figures: dict[str, Any]) -> dict[str, int]:

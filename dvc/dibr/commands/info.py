@@ -8,12 +8,17 @@ from dvc import cli
 from dvc.dibr.commands.options import add_json, add_stream, json_files, read_stream
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from dvc.dibr.depth_image.stream import DepthImageStream
+    from dvc.dibr.layered.stream import LayeredStream
     from dvc.dibr.stream.header import Header
     from dvc.dibr.stream.layers import Stream
     from dvc.dibr.wavelets.edge_maps import EdgeMaps
     from dvc.multiview.viewpoints import Viewpoint
 
+RESTORED_BYTES = 9
+"""Of the streams of pieces, which the header of the whole stream tells."""
 SUMMARY = "what a stream says of itself"
 DESCRIPTION = "Print the header of a stream and its layers, whole or damaged."
 EXAMPLES = """\
@@ -49,24 +54,23 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from pathlib import Path
 
-    from dvc.dibr.stream.layers import Stream
-
     cli.check_outputs([arguments.path], json_files(arguments))
     stream = read_stream(arguments.path)
     figures = stream_figures(stream, Path(arguments.path).stat().st_size)
+    _, text = _figures_and_text(stream)
     if arguments.json is not None:
         cli.write_json(arguments.json, figures)
     if arguments.json != "-":
-        sys.stdout.write(_text(figures) if isinstance(stream, Stream) else _depth_image_text(figures))
+        sys.stdout.write(text(figures))
     return 0
 
 
-def stream_figures(stream: "Stream | DepthImageStream", num_bytes: int) -> dict[str, Any]:
-    """Return what a stream of either kind says, JSON-safe.
+def stream_figures(stream: "Stream | DepthImageStream | LayeredStream", num_bytes: int) -> dict[str, Any]:
+    """Return what a stream of any kind says, JSON-safe.
 
     Parameters
     ----------
-    stream : Stream or DepthImageStream
+    stream : Stream, DepthImageStream or LayeredStream
         The stream.
     num_bytes : int
         Of its file.
@@ -76,11 +80,23 @@ def stream_figures(stream: "Stream | DepthImageStream", num_bytes: int) -> dict[
     dict
         Length and rate, and what its kind has.
     """
-    from dvc.dibr.stream.layers import Stream
-
-    figures = _views_figures(stream) if isinstance(stream, Stream) else depth_image_figures(stream)
+    figures, _ = _figures_and_text(stream)
     bpp = 8 * num_bytes / (figures["width"] * figures["height"])
     return {"stream_bytes": num_bytes, "bpp": bpp, **figures}
+
+
+def _figures_and_text(
+    stream: "Stream | DepthImageStream | LayeredStream",
+) -> "tuple[dict[str, Any], Callable[[dict[str, Any]], str]]":
+    """What a stream says, and how that is printed."""
+    from dvc.dibr.depth_image.stream import DepthImageStream
+    from dvc.dibr.stream.layers import Stream
+
+    if isinstance(stream, Stream):
+        return _views_figures(stream), _text
+    if isinstance(stream, DepthImageStream):
+        return depth_image_figures(stream), _depth_image_text
+    return layered_figures(stream), _layered_text
 
 
 def _views_figures(stream: "Stream") -> dict[str, Any]:
@@ -144,6 +160,68 @@ def _depth_image_text(figures: dict[str, Any]) -> str:
         f"{figures['levels']} levels, order {figures['order_depth']} at {figures['edge_elements']} edges"
         f"{sharing}",
         "bits: " + ", ".join(f"{name} {size}" for name, size in bits.items()),
+    ]
+    lines += [] if figures["damage"] is None else [f"damaged: {figures['damage']}"]
+    return "".join(f"{line}\n" for line in lines)
+
+
+def layered_figures(stream: "LayeredStream") -> dict[str, Any]:
+    """Return what a stream of layers or sprites says, JSON-safe.
+
+    Parameters
+    ----------
+    stream : LayeredStream
+        The stream.
+
+    Returns
+    -------
+    dict
+        Size of the reference view and of the canvas, what each piece is, bits by part, and damage.
+    """
+    from dvc.dibr.depth_image.stream import header_bytes
+
+    canvas = stream.canvas
+    bits = {"header": 8 * stream.num_header_bytes, "edges": 0, "depth": 0, "image": 0}
+    pieces = []
+    for place, piece in zip(stream.places, stream.pieces, strict=False):
+        told = place._asdict()
+        if piece is not None and piece.picture is not None:
+            parts = {"header": header_bytes(piece) - RESTORED_BYTES, "edges": len(piece.edges)}
+            parts |= {"depth": len(piece.depth.data), "image": len(piece.picture.data)}
+            told |= {"bits": {name: 8 * size for name, size in parts.items()}}
+            bits = {name: bits[name] + 8 * size for name, size in parts.items()}
+        pieces.append(told)
+    return {
+        "width": canvas.frame.width,
+        "height": canvas.frame.height,
+        "kind": stream.kind.name.lower(),
+        "num_pieces": len(stream.places),
+        "canvas": {"width": canvas.shape[1], "height": canvas.shape[0]},
+        "frame": canvas.frame._asdict(),
+        "disparities": canvas.labels._asdict(),
+        "resolution": canvas.resolution,
+        "reference": canvas.reference,
+        "num_cameras": canvas.num_cameras,
+        "calibrated": canvas.world_from_rectified is not None,
+        "pieces": pieces,
+        "bits": bits,
+        "damage": stream.damage,
+    }
+
+
+def _layered_text(figures: dict[str, Any]) -> str:
+    canvas, bits = figures["canvas"], figures["bits"]
+    lines = [
+        f"{figures['width']}x{figures['height']} in a canvas of {canvas['width']}x{canvas['height']}; "
+        f"{figures['stream_bytes']} bytes, {figures['bpp']:.4f} bits per pixel",
+        f"{len(figures['pieces'])} of {figures['num_pieces']} {figures['kind']}, of {figures['num_cameras']} "
+        f"views; the reference is {figures['reference']}",
+        "bits: " + ", ".join(f"{name} {size}" for name, size in bits.items()),
+    ]
+    lines += [
+        f"  {number}: {piece['width']}x{piece['height']} at {piece['left']}, {piece['top']}; "
+        f"{sum(piece.get('bits', {}).values())} bits"
+        for number, piece in enumerate(figures["pieces"], 1)
     ]
     lines += [] if figures["damage"] is None else [f"damaged: {figures['damage']}"]
     return "".join(f"{line}\n" for line in lines)

@@ -14,10 +14,15 @@ if TYPE_CHECKING:
 
     from dvc.dibr.codec.rendering import DecodedViews
     from dvc.dibr.depth_image.stream import DepthImageStream
+    from dvc.dibr.layered.decoder import DecodedPieces
+    from dvc.dibr.layered.stream import LayeredStream
     from dvc.dibr.stream.layers import Stream
     from dvc.multiview.camera_array import LatticePosition
+    from dvc.multiview.view_synthesis import SynthesisedView
     from dvc.multiview.viewpoints import Viewpoint
 
+DEPTH_IMAGE_VERSION, LAYERED_VERSION = 3, 4
+"""As in the rooms of these streams, which are loaded where they are needed."""
 MAX_LAYERS = 32
 """As in `dvc.dibr.stream.header`, which is not loaded for help."""
 SLOPES = 1e-8, 10.0
@@ -161,7 +166,7 @@ def viewpoint_of(viewpoints: "Sequence[Viewpoint]", view: "LatticePosition | int
     return view
 
 
-def read_stream(path: str) -> "Stream | DepthImageStream":
+def read_stream(path: str) -> "Stream | DepthImageStream | LayeredStream":
     """Read a stream of any kind.
 
     Parameters
@@ -171,27 +176,34 @@ def read_stream(path: str) -> "Stream | DepthImageStream":
 
     Returns
     -------
-    Stream or DepthImageStream
-        Of views, or of a picture with its depth map.
+    Stream, DepthImageStream or LayeredStream
+        Of views, of a picture with its depth map, or of layers or sprites.
 
     Raises
     ------
     BitstreamError
         If it is none, or not enough of it is whole.
     """
-    from dvc.dibr.depth_image import stream as depth_image
     from dvc.dibr.stream.header import MAGIC
     from dvc.dibr.stream.layers import decode_stream
 
     data = Path(path).read_bytes()
-    is_depth_image = data[: len(MAGIC) + 1] == MAGIC + bytes([depth_image.FORMAT_VERSION])
+    version = data[len(MAGIC)] if data.startswith(MAGIC) and len(data) > len(MAGIC) else 0
     try:
-        return depth_image.decode_stream(data) if is_depth_image else decode_stream(data)
+        if version == DEPTH_IMAGE_VERSION:
+            from dvc.dibr.depth_image import stream as depth_image
+
+            return depth_image.decode_stream(data)
+        if version == LAYERED_VERSION:
+            from dvc.dibr.layered import stream as layered
+
+            return layered.decode_stream(data)
+        return decode_stream(data)
     except BitstreamError as err:
         raise BitstreamError(f"{path}: {err}") from None
 
 
-def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "DecodedViews":
+def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "DecodedViews | DecodedPieces":
     """Decode a stream of any kind, to be rendered.
 
     Parameters
@@ -205,8 +217,8 @@ def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "Dec
 
     Returns
     -------
-    DecodedViews
-        Pictures and disparities.
+    DecodedViews or DecodedPieces
+        Pictures and disparities, or layers or sprites.
 
     Raises
     ------
@@ -214,7 +226,7 @@ def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "Dec
         If there is no picture, or no such layers.
     """
     from dvc.dibr.codec.decoder import decode
-    from dvc.dibr.depth_image import decoder as depth_image
+    from dvc.dibr.depth_image.stream import DepthImageStream
     from dvc.dibr.stream.layers import Stream
 
     stream = read_stream(path)
@@ -222,9 +234,69 @@ def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "Dec
         return decode(stream, num_layers, resolution)
     if num_layers is not None:
         raise ConfigError(f"--quality-layers: {path} has none, but can be cut anywhere")
-    if stream.picture is None:
-        raise ConfigError(f"{path}: a depth map alone; there is no picture to render")
-    return depth_image.decode(stream, resolution)
+    if isinstance(stream, DepthImageStream):
+        from dvc.dibr.depth_image import decoder as depth_image
+
+        if stream.picture is None:
+            raise ConfigError(f"{path}: a depth map alone; there is no picture to render")
+        return depth_image.decode(stream, resolution)
+    return decode_pieces(path, stream)
+
+
+def decode_pieces(path: str, stream: "LayeredStream") -> "DecodedPieces":
+    """Decode a stream of layers or sprites.
+
+    Parameters
+    ----------
+    path : str
+        Its file.
+    stream : LayeredStream
+        As it was read.
+
+    Returns
+    -------
+    DecodedPieces
+        The pieces.
+
+    Raises
+    ------
+    BitstreamError
+        If there is not one.
+    """
+    from dvc.dibr.layered.decoder import decode
+
+    try:
+        return decode(stream)
+    except BitstreamError as err:
+        raise BitstreamError(f"{path}: {err}") from None
+
+
+def render_view(
+    decoded: "DecodedViews | DecodedPieces", viewpoint: "Viewpoint", blend: str = "distance"
+) -> "SynthesisedView":
+    """Render a view of a decoded stream of any kind.
+
+    Parameters
+    ----------
+    decoded : DecodedViews or DecodedPieces
+        The stream.
+    viewpoint : Viewpoint
+        The wanted one.
+    blend : str, optional
+        What is shown of several references.
+
+    Returns
+    -------
+    SynthesisedView
+        The view.
+    """
+    from dvc.dibr.codec.rendering import Blend, render
+    from dvc.dibr.layered import rendering as layered
+    from dvc.dibr.layered.decoder import DecodedPieces
+
+    if isinstance(decoded, DecodedPieces):
+        return layered.render(decoded, viewpoint)
+    return render(decoded, viewpoint, Blend(blend))
 
 
 def warn(path: str, damage: str | None) -> None:

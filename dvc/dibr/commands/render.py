@@ -15,6 +15,7 @@ from dvc.dibr.commands.options import (
     decode_views,
     json_files,
     parse_view,
+    render_view,
     viewpoint_of,
     warn,
 )
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dvc.dibr.codec.rendering import DecodedViews
+    from dvc.dibr.layered.decoder import DecodedPieces
     from dvc.multiview.view_synthesis import SynthesisedView
     from dvc.multiview.viewpoints import Viewpoint
 
@@ -111,27 +113,27 @@ def _check(arguments: argparse.Namespace) -> None:
         check_suffix(arguments.out)
 
 
-def _picture(arguments: argparse.Namespace, decoded: "DecodedViews") -> dict[str, Any]:
+def _picture(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPieces") -> dict[str, Any]:
     """Render one view into a file and return what is known of it."""
-    from dvc.dibr.codec.rendering import Blend, picture_of, render
+    from dvc.dibr.codec.rendering import picture_of
     from dvc.dibr.commands.decode import blue_first
     from dvc.files import atomic_output
     from dvc.picture_files import write_png
 
     truth = None if arguments.truth is None else read_truth(arguments.truth, shape_of(decoded))
-    view = render(decoded, viewpoint_of(decoded.viewpoints, arguments.view), Blend(arguments.blend))
+    view = render_view(decoded, viewpoint_of(decoded.viewpoints, arguments.view), arguments.blend)
     with atomic_output(arguments.out) as temporary:
         write_png(temporary, blue_first(picture_of(view)))
     figures: dict[str, Any] = {"filled_share": float(1.0 - view.drawn.mean())}
     return figures if truth is None else figures | quality(view, truth)
 
 
-def shape_of(decoded: "DecodedViews") -> tuple[int, int]:
+def shape_of(decoded: "DecodedViews | DecodedPieces") -> tuple[int, int]:
     """Return the size of the pictures of a stream.
 
     Parameters
     ----------
-    decoded : DecodedViews
+    decoded : DecodedViews or DecodedPieces
         The stream.
 
     Returns
@@ -139,6 +141,10 @@ def shape_of(decoded: "DecodedViews") -> tuple[int, int]:
     tuple of int
         Height and width.
     """
+    from dvc.dibr.layered.decoder import DecodedPieces
+
+    if isinstance(decoded, DecodedPieces):
+        return decoded.shape
     height, width = decoded.pairs[0].disparity.shape
     return height, width
 
@@ -210,9 +216,9 @@ def _psnr(found: "NDArray[np.uint8]", wanted: "NDArray[np.uint8]") -> float | No
     return value if math.isfinite(value) else None
 
 
-def _video(arguments: argparse.Namespace, decoded: "DecodedViews") -> dict[str, Any]:
+def _video(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPieces") -> dict[str, Any]:
     """Render views along a path into a video."""
-    from dvc.dibr.codec.rendering import Blend, picture_of, render
+    from dvc.dibr.codec.rendering import picture_of
     from dvc.video import create_video
     from dvc.video.pixels import frame_from_rgb
 
@@ -223,7 +229,7 @@ def _video(arguments: argparse.Namespace, decoded: "DecodedViews") -> dict[str, 
         cli.progress_bar("frames", arguments.frames, arguments.quiet) as advance,
     ):
         for viewpoint in along(stops, arguments.frames):
-            picture = picture_of(render(decoded, viewpoint, Blend(arguments.blend)))
+            picture = picture_of(render_view(decoded, viewpoint, arguments.blend))
             video.write(frame_from_rgb(picture))
             advance(1)
     return {"frames": arguments.frames}

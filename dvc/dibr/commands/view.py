@@ -12,6 +12,7 @@ from dvc.dibr.commands.options import (
     decode_views,
     json_files,
     parse_view,
+    render_view,
     viewpoint_of,
     warn,
 )
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from dvc.dibr.codec.rendering import DecodedViews
+    from dvc.dibr.layered.decoder import DecodedPieces
+    from dvc.dibr.layered.pieces import Pieces
     from dvc.dibr.viewer.page import Caption
     from dvc.dibr.viewer.scene import Scene
     from dvc.multiview.camera_array import LatticePosition
@@ -37,7 +40,6 @@ EXAMPLES = """\
   dvc-dibr view array.dibr --out array.html --truth 3=centre.png 0.5,0=between.png
   dvc-dibr view layers --out layers.html
 """
-INDEX_FILES = "layers.json", "sprites.json"
 MAX_PIXELS = 1 << 23
 """Of all pictures of a page together: browsers need some 50 bytes for each."""
 
@@ -118,14 +120,11 @@ def _stream(
     from dataclasses import replace
 
     from dvc.dibr.codec.decoder import Decoded
+    from dvc.dibr.commands.render import shape_of
     from dvc.dibr.viewer.page import Caption
-    from dvc.dibr.viewer.scene import scene_of_stream
 
     decoded = decode_views(arguments.path, arguments.quality_layers)
-    shown, halvings = decoded, _halvings(decoded)
-    if halvings:
-        shown = decode_views(arguments.path, arguments.quality_layers, halvings)
-    scene = scene_of_stream(shown)
+    scene, halvings = _scene_of(arguments, decoded)
     known = _qualities(decoded, _placed(decoded.viewpoints, truths), arguments.quiet)
     others = [viewpoint for viewpoint, _ in known if viewpoint not in scene.viewpoints]
     scene = replace(scene, viewpoints=(*scene.viewpoints, *others))
@@ -139,7 +138,7 @@ def _stream(
     if halvings:
         notes.append(f"The stream is too large for a page: its sides are shown {2**halvings} times shorter.")
     path = Path(arguments.path)
-    height, width = decoded.pairs[0].disparity.shape
+    height, width = shape_of(decoded)
     return scene, Caption(
         path.name,
         "decoded stream",
@@ -148,6 +147,41 @@ def _stream(
         tuple(notes),
         tuple(qualities.get(viewpoint) for viewpoint in scene.viewpoints),
     )
+
+
+def _scene_of(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPieces") -> "tuple[Scene, int]":
+    """Scene of a decoded stream, and how often its sides are halved in it."""
+    from dvc.dibr.layered.decoder import DecodedPieces
+    from dvc.dibr.viewer.scene import scene_of_stream
+
+    if isinstance(decoded, DecodedPieces):
+        scene, _ = _scene_of_pieces(decoded.scene)
+        _check_scene(scene, arguments.path)
+        return scene, 0
+    halvings = _halvings(decoded)
+    if halvings:
+        shown = decode_views(arguments.path, arguments.quality_layers, halvings)
+        assert not isinstance(shown, DecodedPieces)
+        decoded = shown
+    return scene_of_stream(decoded), halvings
+
+
+def _scene_of_pieces(pieces: "Pieces") -> "tuple[Scene, str]":
+    """Scene of layers or sprites, and what they are."""
+    from dvc.dibr.layered.pieces import Kind, layers_of, sprites_of
+    from dvc.dibr.viewer.scene import scene_of_layers, scene_of_sprites
+
+    number = len(pieces.pieces)
+    if pieces.kind is Kind.LAYERS:
+        return scene_of_layers(layers_of(pieces)), f"{number} layers"
+    return scene_of_sprites(sprites_of(pieces)), f"{number} sprites"
+
+
+def _check_scene(scene: "Scene", path: str | Path) -> None:
+    if not scene.sources[0].pieces:
+        raise ConfigError(f"{path}: nothing to be seen in it")
+    if scene.num_pixels > MAX_PIXELS:
+        raise ConfigError(f"{path}: {scene.num_pixels} pixels in all; a page takes {MAX_PIXELS} at most")
 
 
 def _halvings(decoded: "DecodedViews") -> int:
@@ -175,44 +209,30 @@ def _placed(
 
 
 def _qualities(
-    decoded: "DecodedViews", truths: "list[tuple[Viewpoint, str]]", quiet: bool
+    decoded: "DecodedViews | DecodedPieces", truths: "list[tuple[Viewpoint, str]]", quiet: bool
 ) -> "list[tuple[Viewpoint, float | None]]":
     """PSNR of the views of some pictures in dB; None where there is no difference."""
-    from dvc.dibr.codec.rendering import render
     from dvc.dibr.commands.render import quality, read_truth, shape_of
 
     pictures = [(viewpoint, read_truth(path, shape_of(decoded))) for viewpoint, path in truths]
     known = []
     with cli.progress_bar("views", len(pictures), quiet) as advance:
         for viewpoint, picture in pictures:
-            known.append((viewpoint, quality(render(decoded, viewpoint), picture)["psnr_db"]))
+            known.append((viewpoint, quality(render_view(decoded, viewpoint), picture)["psnr_db"]))
             advance(1)
     return known
 
 
 def _folder(folder: Path) -> "tuple[Scene, Caption]":
     """Scene of a folder of layers or sprites."""
+    from dvc.dibr.layered.pieces import read_pieces
     from dvc.dibr.viewer.page import Caption
-    from dvc.dibr.viewer.scene import scene_of_layers, scene_of_sprites
-    from dvc.stereo.layers.layers_folder import read_layers
-    from dvc.stereo.layers.sprites_folder import read_sprites
 
-    found = [name for name in INDEX_FILES if (folder / name).is_file()]
-    if not found:
-        raise ConfigError(f"{folder}: a folder without {' or '.join(INDEX_FILES)}")
-    if found[0] == INDEX_FILES[0]:
-        image = read_layers(folder)
-        scene, kind = scene_of_layers(image), f"{len(image.votes)} layers, not coded"
-    else:
-        sprites = read_sprites(folder)
-        scene, kind = scene_of_sprites(sprites), f"{len(sprites.sprites)} sprites, not coded"
-    if not scene.sources[0].pieces:
-        raise ConfigError(f"{folder}: nothing to be seen in it")
-    if scene.num_pixels > MAX_PIXELS:
-        raise ConfigError(f"{folder}: {scene.num_pixels} pixels in all; a page takes {MAX_PIXELS} at most")
+    scene, kind = _scene_of_pieces(read_pieces(folder))
+    _check_scene(scene, folder)
     files = [path for kind_of in ("colour", "sprite", "disparity") for path in folder.glob(f"{kind_of}-*")]
     size = sum(path.stat().st_size for path in files)
-    return scene, Caption(folder.resolve().name, kind, size, scene.shape[0] * scene.shape[1])
+    return scene, Caption(folder.resolve().name, f"{kind}, not coded", size, scene.shape[0] * scene.shape[1])
 
 
 def _figures(path: str, scene: "Scene", caption: "Caption") -> dict[str, Any]:

@@ -9,6 +9,7 @@ from dvc.dibr.codec.decoder import PictureAndDisparity
 from dvc.dibr.depth_image.depth_scale import Plane
 from dvc.dibr.depth_image.stream import DepthImageStream, PlaneCode
 from dvc.dibr.edges import chain_code
+from dvc.dibr.edges.masks import Mask, border
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.codec import DecodedReference
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
@@ -36,6 +37,8 @@ class DecodedDepthImage:
         Of the full resolution.
     resolution : int
         How many times map and picture are halved.
+    mask : ndarray of shape (h, w), bool, or None
+        Where there is anything; None: everywhere.
     """
 
     stream: DepthImageStream
@@ -43,6 +46,7 @@ class DecodedDepthImage:
     picture: NDArray[np.uint8] | None
     edges: EdgeMaps
     resolution: int
+    mask: Mask | None = None
 
     @property
     def disparity(self) -> Plane:
@@ -97,13 +101,36 @@ def decode(stream: DepthImageStream, resolution: int = 0) -> DecodedDepthImage:
     num_levels = stream.depth.header.num_levels
     if not 0 <= resolution <= num_levels:
         raise ConfigError(f"resolution {resolution}: 0 to {num_levels} are accepted")
-    edges = decode_edges(stream)
-    depth = decode_plane(stream.depth, edges, stream.shape, resolution)
+    edges, mask = decode_edges_and_mask(stream)
+    depth = decode_plane(stream.depth, edges, stream.shape, resolution, mask)
     picture = None
     if stream.picture:
-        chosen = edges if stream.picture_edges else None
-        picture = decode_plane(stream.picture, chosen, stream.shape, resolution).picture()
-    return DecodedDepthImage(stream, stream.scale.depth(depth.planes[0]), picture, edges, resolution)
+        chosen = picture_edges(edges, mask, stream.picture_edges)
+        picture = decode_plane(stream.picture, chosen, stream.shape, resolution, mask).picture()
+    kept = None if mask is None else mask[:: 2**resolution, :: 2**resolution]
+    return DecodedDepthImage(stream, stream.scale.depth(depth.planes[0]), picture, edges, resolution, kept)
+
+
+def picture_edges(edges: EdgeMaps | None, mask: Mask | None, shared: bool) -> EdgeMaps | None:
+    """Return where the transform of a picture stops.
+
+    Parameters
+    ----------
+    edges : EdgeMaps or None
+        Of the depth map.
+    mask : ndarray of shape (H, W), bool, or None
+        Where there is anything.
+    shared : bool
+        Whether it stops at the edges of the map.
+
+    Returns
+    -------
+    EdgeMaps or None
+        Edges; None: nowhere.
+    """
+    if shared:
+        return edges
+    return None if mask is None else border(mask)
 
 
 def decode_edges(stream: DepthImageStream) -> EdgeMaps:
@@ -124,13 +151,42 @@ def decode_edges(stream: DepthImageStream) -> EdgeMaps:
     BitstreamError
         If they cannot have been written.
     """
+    return decode_edges_and_mask(stream)[0]
+
+
+def decode_edges_and_mask(stream: DepthImageStream) -> tuple[EdgeMaps, Mask | None]:
+    """Return the edges of a stream, and its mask.
+
+    Parameters
+    ----------
+    stream : DepthImageStream
+        As it was read.
+
+    Returns
+    -------
+    edges : EdgeMaps
+        Edges.
+    mask : ndarray of shape (H, W), bool, or None
+        Where there is anything; None: everywhere.
+
+    Raises
+    ------
+    BitstreamError
+        If they cannot have been written.
+    """
+    if stream.masked:
+        return chain_code.decode_masked(stream.edges, stream.shape, stream.edge_code)
     if not stream.edges:
-        return EdgeMaps.none(stream.shape)
-    return chain_code.decode(stream.edges, stream.shape, stream.edge_code)
+        return EdgeMaps.none(stream.shape), None
+    return chain_code.decode(stream.edges, stream.shape, stream.edge_code), None
 
 
 def decode_plane(
-    code: PlaneCode, edges: EdgeMaps | None, shape: tuple[int, int], resolution: int = 0
+    code: PlaneCode,
+    edges: EdgeMaps | None,
+    shape: tuple[int, int],
+    resolution: int = 0,
+    mask: Mask | None = None,
 ) -> DecodedReference:
     """Decode a map, as levels, or a picture.
 
@@ -144,12 +200,14 @@ def decode_plane(
         Height and width.
     resolution : int, optional
         How many times it is halved.
+    mask : ndarray of shape (H, W), bool, optional
+        Where there is anything.
 
     Returns
     -------
     DecodedReference
         Levels.
     """
-    if edges is not None and not edges.count():
+    if mask is None and edges is not None and not edges.count():
         edges = None
-    return reference_codec.decode(code.header, code.data, shape, resolution, edges, code.order)
+    return reference_codec.decode(code.header, code.data, shape, resolution, edges, code.order, mask)

@@ -12,6 +12,7 @@ from dvc.dibr.edge_selection import selection
 from dvc.dibr.edges import chain_code
 from dvc.dibr.edges.chain_code import EdgeCode
 from dvc.dibr.edges.chains import trace
+from dvc.dibr.edges.masks import Mask, edges_inside
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.codec import ReferenceCode
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
@@ -57,11 +58,14 @@ class CodedEdges:
         How they are coded.
     data : bytes
         Their code.
+    mask : ndarray of shape (H, W), bool, or None
+        Where there is anything, which the code tells as well; None: everywhere.
     """
 
     maps: EdgeMaps | None
     code: EdgeCode
     data: bytes
+    mask: Mask | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +130,10 @@ class DepthCandidate:
         header, data = self.code.cut(room)
         plane = PlaneCode(header, self.order, data)
         height, width = self.depth.shape
-        decoded = self.scale.depth(decode_plane(plane, self.edges.maps, (height, width)).planes[0])
-        return DepthCode(self.edges, plane, float(np.mean((decoded - self.depth) ** 2)))
+        mask = self.edges.mask
+        levels = decode_plane(plane, self.edges.maps, (height, width), 0, mask).planes[0]
+        error = (self.scale.depth(levels) - self.depth) ** 2
+        return DepthCode(self.edges, plane, float(np.mean(error if mask is None else error * mask)))
 
     def mse_at(self, num_bytes: float) -> float:
         """Return about what the squared error is at a length.
@@ -149,7 +155,7 @@ class DepthCandidate:
         return levels * self.scale.unit**2
 
 
-def code_edges(edges: EdgeMaps, code: EdgeCode | None = None) -> CodedEdges:
+def code_edges(edges: EdgeMaps, code: EdgeCode | None = None, mask: Mask | None = None) -> CodedEdges:
     """Code edges.
 
     Parameters
@@ -158,17 +164,19 @@ def code_edges(edges: EdgeMaps, code: EdgeCode | None = None) -> CodedEdges:
         Edges.
     code : EdgeCode, optional
         How; by default the shorter.
+    mask : ndarray of shape (H, W), bool, optional
+        Where there is anything: its border is among the edges, none of which is outside.
 
     Returns
     -------
     CodedEdges
         Edges and code.
     """
-    if not edges.count():
+    if mask is None and not edges.count():
         return CodedEdges(None, EdgeCode.ADAPTIVE, b"")
     chains = trace(edges)
     codes = [EdgeCode.ADAPTIVE, EdgeCode.FIXED] if code is None else [code]
-    found = [CodedEdges(edges, one, chain_code.encode(chains, one)) for one in codes]
+    found = [CodedEdges(edges, one, chain_code.encode(chains, one, mask), mask) for one in codes]
     return min(found, key=lambda coded: len(coded.data))
 
 
@@ -204,6 +212,7 @@ def code_with_edges(
         options.adaptive,
         edges.maps,
         options.order,
+        mask=edges.mask,
     )
     return DepthCandidate(edges, code, depth, scale, options.order)
 
@@ -214,6 +223,7 @@ def code_with_selections(
     max_bytes: int,
     options: DepthOptions,
     advance: Callable[[int], None] = lambda _: None,
+    mask: Mask | None = None,
 ) -> list[DepthCandidate]:
     """Code a depth map with the edges that pay at several rates, and with none.
 
@@ -223,19 +233,22 @@ def code_with_selections(
         As for `code_with_edges`.
     advance : callable, optional
         Called with 1 for each.
+    mask : ndarray of shape (H, W), bool, optional
+        Where there is anything: its border is among all selections.
 
     Returns
     -------
     list of DepthCandidate
-        Those whose edges fit.
+        Those whose edges fit, and first that with none but the border of the mask.
     """
     wavelet = WAVELETS[options.wavelet]
 
     def _code(edges: EdgeMaps) -> DepthCandidate:
         advance(1)
-        return code_with_edges(depth, scale, code_edges(edges), max_bytes, options)
+        coded = code_edges(edges if mask is None else edges_inside(edges, mask), None, mask)
+        return code_with_edges(depth, scale, coded, max_bytes, options)
 
-    rungs = list(selection.ladder(depth, 8.0 * max_bytes, options.order, wavelet))
+    rungs = list(selection.ladder(depth, 8.0 * max_bytes, options.order, wavelet, mask))
     found = [_code(EdgeMaps.none((depth.shape[0], depth.shape[1])))]
     found += [_code(edges) for _, edges in rungs]
     best = int(np.argmin([candidate.mse_at(max_bytes) for candidate in found]))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dvc.dibr.edge_selection import _kernels as kernels
 from dvc.dibr.edges.chains import Chains, trace
 from dvc.dibr.edges.extraction import edges_of_jumps
+from dvc.dibr.edges.masks import Mask
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import WAVELETS, Plane, Wavelet
 
@@ -90,7 +91,11 @@ def select(
 
 
 def ladder(
-    depth: Plane, max_bits: float, order: int, wavelet: Wavelet = WAVELETS["9/7"]
+    depth: Plane,
+    max_bits: float,
+    order: int,
+    wavelet: Wavelet = WAVELETS["9/7"],
+    mask: Mask | None = None,
 ) -> Iterator[tuple[float, EdgeMaps]]:
     """Yield selections for coarser and coarser steps, each out of the one before, until none is left.
 
@@ -104,6 +109,8 @@ def ladder(
         Of the extrapolation.
     wavelet : Wavelet, optional
         The 9/7 by default.
+    mask : ndarray of shape (H, W), bool, optional
+        Edges are sought between samples inside; the map is continued outside.
 
     Yields
     ------
@@ -118,6 +125,9 @@ def ladder(
     while step < largest:
         if edges is None:
             found = edges_of_jumps(depth, CANDIDATE_STEPS * step)
+            if mask is not None:
+                found.between_rows[:-1] &= mask[:-1] & mask[1:]
+                found.between_columns[:, :-1] &= mask[:, :-1] & mask[:, 1:]
             edges = found if found.count() * ELEMENT_BITS <= 2.0 * max_bits else None
         if edges is not None:
             edges = select(depth, edges, step, order, wavelet)

@@ -4,6 +4,7 @@ import numpy as np
 
 from dvc._jit import kernel
 from dvc.dibr.edges.lattice import degree, has_element, is_inside, next_vertex, set_element
+from dvc.entropy.contexts import code_adaptive
 from dvc.entropy.mixing import code_mixed
 from dvc.entropy.range_coder import code_decision
 
@@ -206,3 +207,31 @@ def code_words(coder, directions):
         else:
             step = 0
         directions[k] = (last + step) % 4
+
+
+@kernel
+def code_regions(coder, counts, regions, first, inside):
+    """Write or read which regions are inside, in turn; beside one outside they are, and nothing is coded.
+
+    Parameters
+    ----------
+    coder : CoderState
+        Where to write or to read.
+    counts : ndarray of shape (2, 2), int64
+        Of the contexts: the region of the first sample, and others.
+    regions : ndarray of shape (H, W), int32
+        Of each sample.
+    first : ndarray of shape (N,), int64
+        First sample of each region, row by row.
+    inside : ndarray of shape (N,), uint8
+        Whether it is inside: of no meaning when reading, and changed.
+    """
+    width = regions.shape[1]
+    for k in range(len(first)):
+        row, column = first[k] // width, first[k] % width
+        beside_outside = row > 0 and inside[regions[row - 1, column]] == 0
+        beside_outside |= column > 0 and inside[regions[row, column - 1]] == 0
+        if beside_outside:
+            inside[k] = 1
+        else:
+            inside[k] = code_adaptive(coder, counts, min(k, 1), np.int64(inside[k]))

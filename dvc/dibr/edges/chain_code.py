@@ -4,7 +4,8 @@ In the first, a chain is the vertex where it starts, its first direction and its
 bits, and then a word for each differential direction: 10, 0, 11 for -1, 0, 1. In the second, starts are
 distances from one to the next, and each step is coded in contexts of the last steps and of the last two
 straight runs: whether the chain ends there (likely where it meets others), whether it goes straight on, and
-to which side it turns. Steps onto edges that are there already are left out.
+to which side it turns. Steps onto edges that are there already are left out. Where edges bound a mask, after
+the chains follows which regions are inside.
 """
 
 from enum import IntEnum
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from dvc.dibr.edges import _kernels as kernels
 from dvc.dibr.edges.chains import Chains
+from dvc.dibr.edges.masks import Mask, code_mask
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.entropy import RangeCoder, code_exp_golomb, context_counts
 from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
@@ -33,8 +35,8 @@ class EdgeCode(IntEnum):
     ADAPTIVE = 1
 
 
-def encode(chains: Chains, code: EdgeCode) -> bytes:
-    """Code chains; the inverse of `decode`.
+def encode(chains: Chains, code: EdgeCode, mask: Mask | None = None) -> bytes:
+    """Code chains; the inverse of `decode`, or with a mask of `decode_masked`.
 
     Parameters
     ----------
@@ -42,6 +44,8 @@ def encode(chains: Chains, code: EdgeCode) -> bytes:
         Chains, as `dvc.dibr.edges.chains.trace` returns them.
     code : EdgeCode
         How.
+    mask : ndarray of shape (H, W), bool, optional
+        Whose border is among the edges; no other edge is beside what is outside.
 
     Returns
     -------
@@ -49,7 +53,9 @@ def encode(chains: Chains, code: EdgeCode) -> bytes:
         The code.
     """
     coder = RangeCoder.writer()
-    _CODES[code](coder, chains)
+    edges = _CODES[code](coder, chains)
+    if mask is not None:
+        code_mask(coder, edges, mask)
     return coder.to_bytes(shortest=True)
 
 
@@ -75,8 +81,36 @@ def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
     BitstreamError
         If the data cannot have been written.
     """
-    nothing = np.zeros(0, np.int64)
+    return _read(RangeCoder.reader(data), shape, code)
+
+
+def decode_masked(data: bytes, shape: tuple[int, int], code: EdgeCode) -> tuple[EdgeMaps, Mask]:
+    """Read the edges of chains, and the mask whose border is among them.
+
+    Parameters
+    ----------
+    data, shape, code
+        As for `decode`.
+
+    Returns
+    -------
+    edges : EdgeMaps
+        Edges.
+    mask : ndarray of shape (H, W), bool
+        Where there is anything.
+
+    Raises
+    ------
+    BitstreamError
+        If the data cannot have been written.
+    """
     coder = RangeCoder.reader(data)
+    edges = _read(coder, shape, code)
+    return edges, code_mask(coder, edges)
+
+
+def _read(coder: RangeCoder, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
+    nothing = np.zeros(0, np.int64)
     edges = _CODES[code](coder, Chains(shape, nothing, nothing, np.zeros(0, np.int8)))
     coder.check()
     return edges

@@ -9,7 +9,7 @@ picture, and what it is depends on these bytes alone: an encoder that wants to k
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,7 @@ from dvc.dibr.spiht.significance import significance_maps
 from dvc.dibr.spiht.trees import Forest, Shape, zerotrees
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import WAVELETS, Pyramid, low_band_gain, most_levels
+from dvc.dibr.wavelets.shape_adaptive import Mask, mask_pyramid
 from dvc.dibr.wavelets.transform import Transform
 from dvc.errors import BitstreamError
 
@@ -229,13 +230,31 @@ def lowest_plane_at(slope: float) -> int:
     return max(math.floor(math.log2(threshold)), 0) if threshold > 1.0 else 0
 
 
-def slopes_around(codes: Sequence[ReferenceCode], num_bytes: float) -> tuple[float, float]:
+class Sloped(Protocol):
+    """What can be cut at a slope."""
+
+    def bytes_at_slope(self, slope: float) -> int:
+        """Return where to cut so that the last bits were worth a slope.
+
+        Parameters
+        ----------
+        slope : float
+            Mean squared error per bit per pixel.
+
+        Returns
+        -------
+        int
+            Length in bytes.
+        """
+
+
+def slopes_around(codes: Sequence[Sloped], num_bytes: float) -> tuple[float, float]:
     """Return the slopes between which the codes of pictures leap past a length.
 
     Parameters
     ----------
     codes : sequence of ReferenceCode
-        The pictures.
+        The pictures, or what else has slopes.
     num_bytes : float
         Of all their data.
 
@@ -264,6 +283,7 @@ def encode(
     edges: EdgeMaps | None = None,
     order: int = 0,
     lowest_plane: int = 0,
+    mask: Mask | None = None,
 ) -> ReferenceCode:
     """Code a picture.
 
@@ -286,6 +306,8 @@ def encode(
         Of the extrapolation at edges.
     lowest_plane : int, optional
         Bit plane after which to stop; see `lowest_plane_at`.
+    mask : ndarray of shape (H, W), bool, optional
+        Where there is a picture, by default everywhere; its border is among the edges.
 
     Returns
     -------
@@ -305,8 +327,8 @@ def encode(
         raise ValueError(f"`num_levels` must be from 0 to {MAX_LEVELS}, got {num_levels}")
     if wavelet not in WAVELETS:
         raise ValueError(f"`wavelet` must be one of {', '.join(WAVELETS)}, got {wavelet!r}")
-    forest = _forest(shape, num_levels, len(planes) == 3)
-    transform = Transform(num_levels, wavelet, edges, order)
+    forest = _forest(shape, num_levels, len(planes) == 3, mask)
+    transform = Transform(num_levels, wavelet, edges, order, mask)
     pyramids = [transform.analyse(plane) for plane in planes]
     coefficients = forest.gather(pyramids) / STEP
     code = coder.encode(forest, coefficients, max_bytes, adaptive, lowest_plane)
@@ -323,6 +345,7 @@ def decode(
     num_skipped_levels: int = 0,
     edges: EdgeMaps | None = None,
     order: int = 0,
+    mask: Mask | None = None,
 ) -> DecodedReference:
     """Decode a picture, or as much of it as some bytes hold.
 
@@ -340,6 +363,8 @@ def decode(
         As it was encoded.
     order : int, optional
         Of the extrapolation at edges.
+    mask : ndarray of shape (H, W), bool, optional
+        As it was encoded.
 
     Returns
     -------
@@ -357,11 +382,11 @@ def decode(
         raise ValueError(
             f"`num_skipped_levels` must be from 0 to {header.num_levels}, got {num_skipped_levels}"
         )
-    forest = _forest(shape, header.num_levels, header.colour)
+    forest = _forest(shape, header.num_levels, header.colour, mask)
     known = coder.decode(forest, data, header.num_bit_planes, header.adaptive)
     points = tuple((point + _FIRST_POINT) * _POINT_STEP for point in header.points)
     pyramids = forest.scatter(known.reconstruct((points[0], points[1])) * STEP)
-    transform = Transform(header.num_levels, header.wavelet, edges, order)
+    transform = Transform(header.num_levels, header.wavelet, edges, order, mask)
     planes = _synthesised(pyramids, transform, shape, num_skipped_levels)
     return DecodedReference(planes, _significance(forest, known, shape))
 
@@ -397,6 +422,7 @@ def _planes_of(picture: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     return [(plane - middle) * weight for plane, (middle, weight) in zip(planes, _SCALES, strict=False)]
 
 
-def _forest(shape: Shape, num_levels: int, colour: bool) -> Forest:
+def _forest(shape: Shape, num_levels: int, colour: bool, mask: Mask | None) -> Forest:
     num_planes = 3 if colour else 1
-    return zerotrees([shape] * num_planes, [num_levels] * num_planes)
+    masks = None if mask is None else [mask_pyramid(mask, num_levels)] * num_planes
+    return zerotrees([shape] * num_planes, [num_levels] * num_planes, masks)

@@ -291,11 +291,24 @@ def _piece(picture: NDArray[np.uint8], disparity: NDArray[np.floating], mask: Ma
     """A picture as three channels, continued a little beyond its mask."""
     image = picture.reshape(*picture.shape[:2], -1)
     image = np.repeat(image, 3, axis=2) if image.shape[2] == 1 else image
-    return Piece(_continued(image, mask), disparity.astype(np.float64), mask)
+    return Piece(continued(image, mask), disparity.astype(np.float64), mask)
 
 
-def _continued(picture: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
-    """Give two pixels beside a mask the mean colour of their neighbours: interpolation reaches so far."""
+def continued(picture: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
+    """Give two pixels beside a mask the mean colour of their neighbours: interpolation reaches so far.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W, 3), uint8
+        Red, green and blue.
+    mask : ndarray of shape (H, W), bool
+        Where there is something.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 3), uint8
+        The picture.
+    """
     if mask.all():
         return picture
     known, total = mask.astype(np.float32), np.where(mask[..., None], picture, 0).astype(np.float32)

@@ -6,6 +6,9 @@ In the last step details beyond an edge are taken to be zero, as if the polynomi
 degree 0, which is the symmetric extension of shape-adaptive transforms. A sample of the low band that is
 alone between edges is scaled as a constant is; one of the high band is predicted from beyond its edges.
 Borders of the plane are symmetric, so that without edges this is `dvc.dibr.wavelets.lifting`.
+
+With a mask, whose border is among the edges, there is nothing outside it: samples and coefficients there are
+zero after each step, so that what is inside does not depend on them.
 """
 
 import numpy as np
@@ -19,8 +22,16 @@ MAX_ORDER = 3
 """Highest degree of the polynomials."""
 
 
+Mask = NDArray[np.bool_]
+
+
 def analyse(
-    plane: ArrayLike, edges: EdgeMaps, num_levels: int, order: int, wavelet: Wavelet = WAVELETS["9/7"]
+    plane: ArrayLike,
+    edges: EdgeMaps,
+    num_levels: int,
+    order: int,
+    wavelet: Wavelet = WAVELETS["9/7"],
+    mask: Mask | None = None,
 ) -> Pyramid:
     """Transform a plane, not across edges; the inverse of `synthesise`.
 
@@ -36,11 +47,13 @@ def analyse(
         Degree of the polynomials, from 0 to `MAX_ORDER`; 0 is symmetric extension.
     wavelet : Wavelet, optional
         The 9/7 by default.
+    mask : ndarray of shape (H, W), bool, optional
+        Where there is anything; its border is among the edges.
 
     Returns
     -------
     Pyramid
-        Its coefficients.
+        Its coefficients; zeros outside the mask.
 
     Raises
     ------
@@ -58,18 +71,55 @@ def analyse(
         raise ValueError(f"`num_levels` must not be negative, got {num_levels}")
     if not 0 <= order <= MAX_ORDER:
         raise ValueError(f"`order` must be from 0 to {MAX_ORDER}, got {order}")
+    inside = None if mask is None else mask != 0
+    low = _kept(low, inside)
     details = []
     for maps in edges.pyramid(num_levels):
         top, bottom = split(low, maps.between_rows, order, wavelet)
+        upper, lower = (None, None) if inside is None else (inside[0::2], inside[1::2])
+        top, bottom = _kept(top, upper), _kept(bottom, lower)
         low, horizontal = (half.T for half in split(top.T, maps.between_columns[0::2].T, order, wavelet))
         vertical, diagonal = (
             half.T for half in split(bottom.T, maps.between_columns[1::2].T, order, wavelet)
         )
+        if upper is not None and lower is not None:
+            low, horizontal = _kept(low, upper[:, 0::2]), _kept(horizontal, upper[:, 1::2])
+            vertical, diagonal = _kept(vertical, lower[:, 0::2]), _kept(diagonal, lower[:, 1::2])
+            inside = upper[:, 0::2]
         details.append(Details(horizontal, vertical, diagonal))
     return Pyramid(low, tuple(details))
 
 
-def synthesise(pyramid: Pyramid, edges: EdgeMaps, order: int, wavelet: Wavelet = WAVELETS["9/7"]) -> Plane:
+def mask_pyramid(mask: Mask, num_levels: int) -> Pyramid:
+    """Return where coefficients of a masked plane exist.
+
+    Parameters
+    ----------
+    mask : ndarray of shape (H, W), bool
+        Where there is anything.
+    num_levels : int
+        How many times the low band is split.
+
+    Returns
+    -------
+    Pyramid
+        1 where they do, 0 elsewhere.
+    """
+    low: Plane = (mask != 0).astype(np.float64)
+    details = []
+    for _ in range(num_levels):
+        details.append(Details(low[0::2, 1::2], low[1::2, 0::2], low[1::2, 1::2]))
+        low = low[0::2, 0::2]
+    return Pyramid(low, tuple(details))
+
+
+def synthesise(
+    pyramid: Pyramid,
+    edges: EdgeMaps,
+    order: int,
+    wavelet: Wavelet = WAVELETS["9/7"],
+    mask: Mask | None = None,
+) -> Plane:
     """Return the plane of some coefficients; the inverse of `analyse`.
 
     Parameters
@@ -82,19 +132,26 @@ def synthesise(pyramid: Pyramid, edges: EdgeMaps, order: int, wavelet: Wavelet =
         Degree of the polynomials.
     wavelet : Wavelet, optional
         The 9/7 by default.
+    mask : ndarray of shape (H, W), bool, optional
+        As it was analysed.
 
     Returns
     -------
     ndarray of shape (H, W), float64
-        The plane.
+        The plane; zeros outside the mask.
     """
     low = pyramid.low
-    scales = list(edges.pyramid(len(pyramid.details)))
-    for details, maps in zip(reversed(pyramid.details), reversed(scales), strict=True):
+    num_levels = len(pyramid.details)
+    scales = list(edges.pyramid(num_levels))
+    for level in reversed(range(num_levels)):
+        details, maps = pyramid.details[level], scales[level]
+        inside = None if mask is None else mask[:: 2**level, :: 2**level]
         columns = maps.between_columns
         top = merge(low.T, details.horizontal.T, columns[0::2].T, order, wavelet).T
         bottom = merge(details.vertical.T, details.diagonal.T, columns[1::2].T, order, wavelet).T
-        low = merge(top, bottom, maps.between_rows, order, wavelet)
+        if inside is not None:
+            top, bottom = _kept(top, inside[0::2]), _kept(bottom, inside[1::2])
+        low = _kept(merge(top, bottom, maps.between_rows, order, wavelet), inside)
     return low
 
 
@@ -156,6 +213,11 @@ def merge(low: Plane, high: Plane, edges: Flags, order: int, wavelet: Wavelet) -
     samples[0::2], samples[1::2] = low / scales[0], high / scales[1]
     _lift(samples, edges, order, wavelet, inverse=True)
     return samples
+
+
+def _kept(samples: Plane, inside: Mask | None) -> Plane:
+    """Samples with zeros outside a mask, if there is one."""
+    return samples if inside is None else np.where(inside, samples, 0.0)
 
 
 def _lift(samples: Plane, edges: Flags, order: int, wavelet: Wavelet, *, inverse: bool) -> None:

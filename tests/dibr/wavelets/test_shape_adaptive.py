@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.dibr.edges.masks import edges_inside
 from dvc.dibr.wavelets import lifting
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import WAVELETS
-from dvc.dibr.wavelets.shape_adaptive import MAX_ORDER, analyse, split, synthesise
+from dvc.dibr.wavelets.shape_adaptive import MAX_ORDER, analyse, mask_pyramid, split, synthesise
 
 ORDERS = range(MAX_ORDER + 1)
 
@@ -131,6 +132,29 @@ def test_what_an_edge_separates_does_not_matter_to_the_other_side():
             half = band.shape[1] // 2
             np.testing.assert_array_equal(band[:, :half], changed[:, :half])
             assert not np.array_equal(band[:, half:], changed[:, half:])
+
+
+@given(
+    st.integers(1, 40), st.integers(1, 40), st.sampled_from(ORDERS), st.sampled_from(sorted(WAVELETS)),
+    st.floats(0, 1), st.floats(0, 1), st.integers(0, 2**32),
+)  # fmt: skip
+def test_the_inverse_is_exact_inside_any_mask(height, width, order, name, share, keep, seed):
+    rng = np.random.default_rng(seed)
+    mask = rng.random((height, width)) < keep
+    edges = edges_inside(random_edges(rng, mask.shape, share), mask)
+    plane = rng.normal(size=mask.shape)
+    pyramid = analyse(plane, edges, 5, order, WAVELETS[name], mask)
+    other = analyse(np.where(mask, plane, 1e6), edges, 5, order, WAVELETS[name], mask)
+    exists = mask_pyramid(mask, 5)
+    bands = [(pyramid.low, other.low, exists.low)]
+    for one, two, three in zip(pyramid.details, other.details, exists.details, strict=True):
+        bands += zip(one.bands, two.bands, three.bands, strict=True)
+    for band, same, where in bands:
+        np.testing.assert_array_equal(band, same)
+        assert not band[where == 0].any()
+    assert sum(int(where.sum()) for _, _, where in bands) == mask.sum()
+    found = synthesise(pyramid, edges, order, WAVELETS[name], mask)
+    assert np.abs(found - np.where(mask, plane, 0.0)).max() <= 1e-9
 
 
 def test_wrong_arguments_are_refused():

@@ -1,0 +1,76 @@
+"""Rate of several pieces: each in the best of several codes, all cut at one slope."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvc.dibr.reference.codec import ReferenceCode, slopes_around
+
+
+@dataclass(frozen=True, eq=False)
+class Choices:
+    """Codes of one piece to choose from.
+
+    Attributes
+    ----------
+    codes : tuple of ReferenceCode
+        At least one; errors of all pieces in the same unit.
+    fixed_bytes : tuple of int
+        What each needs beside its own.
+    weight : float
+        Of their errors, so that nothing pays at the steepest slope.
+    """
+
+    codes: tuple[ReferenceCode, ...]
+    fixed_bytes: tuple[int, ...]
+    weight: float = 1.0
+
+    def bytes_at_slope(self, slope: float) -> int:
+        """Return the length of the code of least cost.
+
+        Parameters
+        ----------
+        slope : float
+            Mean squared error per bit per pixel.
+
+        Returns
+        -------
+        int
+            With what it needs beside its own.
+        """
+        slope /= self.weight
+        costs, lengths = [], []
+        for code, fixed in zip(self.codes, self.fixed_bytes, strict=True):
+            num_pixels = code.shape[0] * code.shape[1]
+            cost = float(np.min(code.mse + slope * code.bits_per_pixel))
+            costs.append(cost + slope * 8.0 * fixed / num_pixels)
+            lengths.append(fixed + code.bytes_at_slope(slope))
+        return lengths[int(np.argmin(costs))]
+
+
+def allot(choices: Sequence[Choices], num_bytes: int) -> list[int] | None:
+    """Divide bytes among pieces, so that the last bits of each are worth the same.
+
+    Parameters
+    ----------
+    choices : sequence of Choices
+        Of the pieces.
+    num_bytes : int
+        Of all together.
+
+    Returns
+    -------
+    list of int
+        Of each piece; together `num_bytes`, if there is so much to code. None: that is not enough.
+    """
+    flatter, steeper = slopes_around(choices, num_bytes)
+    lengths = [choice.bytes_at_slope(steeper) for choice in choices]
+    left = num_bytes - sum(lengths)
+    if left < 0:
+        return None
+    for number, choice in enumerate(choices):
+        more = min(max(choice.bytes_at_slope(flatter) - lengths[number], 0), left)
+        lengths[number] += more
+        left -= more
+    return lengths
