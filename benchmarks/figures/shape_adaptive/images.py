@@ -28,7 +28,7 @@ from dvc.stereo.thesis.real_sets import PAIRS
 ASKED_GAIN_DB, MOST_LOSS_DB = 0.15, -0.05
 VIEWS_BPP = 0.5
 SETS = TEDDY, "cones", "venus", MOTORCYCLE
-SHARES = 0.1, 0.2
+SHARES = 0.2, 0.1, 0.3
 """Parts of the bytes that the map has; and that which the encoder estimates."""
 LABEL_STEP_PX = {"venus": 0.125}
 NUM_LABELS = 256
@@ -85,7 +85,7 @@ def rendered_by_share(one: Material, truth: Picture, edges: CodedEdges | None) -
     truth : ndarray of shape (H, W), uint8
         Luma of that view.
     edges : CodedEdges or None
-        Where transforms stop; None: selected.
+        Where transforms stop; None: selected for the first of `SHARES`, and kept for the others.
 
     Returns
     -------
@@ -97,6 +97,7 @@ def rendered_by_share(one: Material, truth: Picture, edges: CodedEdges | None) -
     found = {}
     for share in (*SHARES, None):
         encoded = encode_to_size(image, max_bytes, edges, None, PictureOptions(depth_share=share))
+        edges = edges or code_edges(encoded.edges or EdgeMaps.none((one.depth.shape[0], one.depth.shape[1])))
         found["auto" if share is None else f"{share:g}"] = _rendered_db(encoded, truth)
     return found
 

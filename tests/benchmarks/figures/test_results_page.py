@@ -1,4 +1,4 @@
-"""The table of the results page says what the figures say."""
+"""The tables of the pages of results say what the figures say."""
 
 import json
 import re
@@ -29,3 +29,14 @@ def test_table_has_the_figures() -> None:
         for clip, cell in zip(clips, cells, strict=True):
             value = found[*ROWS[title], clip]["bd_rate_percent"]
             assert cell == f"{value:+.0f} %".replace("-", "\N{MINUS SIGN}")
+
+
+def test_page_of_depth_maps_has_the_figures() -> None:
+    """Every row of its table says what the figure of its name says, and none is left out."""
+    figures = json.loads((DOCS / "figures.json").read_text(encoding="utf-8"))
+    wanted = {
+        row["name"]: row["got"] for row in figures if row["area"] == "shape-adaptive" and row["got"] is not None
+    }
+    text = (DOCS / "shape-adaptive-results.md").read_text(encoding="utf-8")
+    found = dict(re.findall(r"^\| `([a-z-]+)` \| (.*) \|$", text, re.MULTILINE))
+    assert found == wanted
