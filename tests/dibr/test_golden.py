@@ -21,10 +21,23 @@ from dvc.dibr.codec.calibrated import labels_of_depths, views_of_cameras
 from dvc.dibr.codec.decoder import decode
 from dvc.dibr.codec.encoder import ViewEncoder
 from dvc.dibr.codec.views import Views, views_of_pictures
+from dvc.dibr.depth_image import stream as depth_image_stream
+from dvc.dibr.depth_image.decoder import decode as decode_depth_image
+from dvc.dibr.depth_image.depth_codes import DepthOptions, code_edges
+from dvc.dibr.depth_image.depth_scale import DepthScale
+from dvc.dibr.depth_image.encoder import DepthImage
+from dvc.dibr.depth_image.encoder import encode_to_size as encode_map
+from dvc.dibr.edges.chain_code import EdgeCode
+from dvc.dibr.edges.extraction import canny_edges
+from dvc.dibr.layered import stream as layered_stream
+from dvc.dibr.layered.decoder import decode as decode_pieces
+from dvc.dibr.layered.encoder import encode_to_size as encode_pieces
 from dvc.dibr.stream.header import DisparityMethod
 from dvc.dibr.stream.layers import decode_stream
 from dvc.environment import baseline_environment
 from dvc.multiview.camera_array import DisparityLabels, LatticePosition
+from tests.dibr.depth_maps import texture, two_discs
+from tests.dibr.layered.scenes import odd_sprites, plane_layers
 from tests.dibr.scenes import FOCAL_PX, views_of_square
 
 FOLDER = Path(__file__).resolve().parents[1] / "golden" / "dibr"
@@ -52,6 +65,17 @@ def _calibrated() -> bytes:
     return _stream(DisparityMethod.L, views, labels=labels_of_depths(views, FOCAL_PX / 8, np.inf))
 
 
+def _map(depth: Any, num_bytes: int, picture: Any = None) -> bytes:
+    return encode_map(DepthImage(depth, DepthScale.of(depth), picture), num_bytes, None).data
+
+
+def _canny() -> bytes:
+    depth, picture = two_discs(61, 75), texture(61, 75)
+    edges = code_edges(canny_edges(depth), EdgeCode.FIXED)
+    image = DepthImage(depth, DepthScale.of(depth, 0.5, 3.0), picture)
+    return encode_map(image, 1500, edges, DepthOptions("5/3", order=2)).data
+
+
 GOLDEN: dict[str, Callable[[], bytes]] = {
     "l": lambda: _stream(DisparityMethod.L, _row()),
     "s": lambda: _stream(DisparityMethod.S, _row()),
@@ -63,6 +87,17 @@ GOLDEN: dict[str, Callable[[], bytes]] = {
     "two-references": lambda: _stream(DisparityMethod.L, _row(gray=False, references=(0, 2)), 2),
     "calibrated": _calibrated,
 }
+LATER: dict[str, Callable[[], bytes]] = {
+    "map": lambda: _map(two_discs(64, 80), 200),
+    "map-picture": lambda: _map(
+        two_discs(64, 80), 1500, np.stack([texture(64, 80, k) for k in range(3)], -1)
+    ),
+    "map-canny-odd": _canny,
+    "pieces-layers": lambda: encode_pieces(plane_layers(), 1200).data,
+    "pieces-sprites": lambda: encode_pieces(odd_sprites(), 1200).data,
+}
+"""Streams of a map, with its picture or without, and of layers and sprites."""
+ALL = GOLDEN | LATER
 PROCESSORS = {
     "baseline": baseline_environment(),
     "generic": {"NUMBA_CPU_NAME": "generic", "OPENBLAS_CORETYPE": "Sandybridge"},
@@ -72,16 +107,31 @@ PROCESSORS = {
 
 def record(data: bytes) -> dict[str, Any]:
     """Return what is frozen of a stream: digests of pictures and disparities at each layer and resolution."""
+    found = {1: _views, 3: _depth_image, 4: _pieces}[data[4]](data)
+    return {"stream_sha256": hashlib.sha256(data).hexdigest(), "pairs_sha256": found}
+
+
+def _views(data: bytes) -> list[list[str]]:
     stream = decode_stream(data)
     assert stream.damage is None
     decoded = [decode(stream, layers + 1) for layers in range(stream.header.num_layers)]
     decoded += [decode(stream, None, resolution) for resolution in (1, 2)]
-    return {
-        "stream_sha256": hashlib.sha256(data).hexdigest(),
-        "pairs_sha256": [
-            [_digest(pair.picture) + _digest(pair.disparity) for pair in one.pairs] for one in decoded
-        ],
-    }
+    return [[_digest(pair.picture) + _digest(pair.disparity) for pair in one.pairs] for one in decoded]
+
+
+def _depth_image(data: bytes) -> list[list[str]]:
+    stream = depth_image_stream.decode_stream(data)
+    assert stream.damage is None
+    decoded = [decode_depth_image(stream, resolution) for resolution in (0, 1, 2)]
+    pictures = ["" if one.picture is None else _digest(one.picture) for one in decoded]
+    return [[_digest(one.disparity) + picture] for one, picture in zip(decoded, pictures, strict=True)]
+
+
+def _pieces(data: bytes) -> list[list[str]]:
+    decoded = decode_pieces(layered_stream.decode_stream(data))
+    assert decoded.damage is None
+    pieces = decoded.scene.pieces
+    return [[_digest(one.mask) + _digest(one.colour) + _digest(one.disparity) for one in pieces]]
 
 
 def _digest(values: Any) -> str:
@@ -97,16 +147,16 @@ def records() -> dict[str, Any]:
 
 def main() -> None:
     """Print what all frozen streams decode to, for a process of another environment."""
-    found = {name: record((FOLDER / f"{name}.dibr").read_bytes()) for name in GOLDEN}
+    found = {name: record((FOLDER / f"{name}.dibr").read_bytes()) for name in ALL}
     sys.stdout.write(json.dumps(found))
 
 
-@pytest.mark.parametrize("name", GOLDEN)
+@pytest.mark.parametrize("name", ALL)
 def test_golden_stream_decodes_to_the_frozen_pictures(name: str) -> None:
     """Pictures and disparities of each layer and resolution are those of the day it was made."""
     path = FOLDER / f"{name}.dibr"
     if os.environ.get("DVC_REGENERATE") == "1":
-        path.write_bytes(GOLDEN[name]())
+        path.write_bytes(ALL[name]())
         kept = (records() if RECORDS.exists() else {}) | {name: record(path.read_bytes())}
         RECORDS.write_text(json.dumps(dict(sorted(kept.items())), indent=1) + "\n")
     assert path.stat().st_size <= MAX_BYTES
@@ -127,7 +177,7 @@ def test_golden_streams_decode_alike_on_every_processor(processor: str) -> None:
 
 def test_every_frozen_stream_is_listed() -> None:
     """No stream lies in the folder, and no record in the list, that nothing decodes."""
-    assert {path.stem for path in FOLDER.glob("*.dibr")} == set(GOLDEN) == set(records())
+    assert {path.stem for path in FOLDER.glob("*.dibr")} == set(ALL) == set(records())
 
 
 def test_frozen_streams_are_of_their_kinds() -> None:
@@ -137,4 +187,8 @@ def test_frozen_streams_are_of_their_kinds() -> None:
     assert streams["l-layers"].header.num_layers == 4
     assert streams["two-references"].header.references == (0, 2)
     assert streams["s-layers-odd"].header.shape == (29, 51)
+    kinds = {name: (FOLDER / f"{name}.dibr").read_bytes()[4] for name in LATER}
+    assert [kinds[name] for name in LATER] == [3, 3, 3, 4, 4]
+    canny = depth_image_stream.decode_stream((FOLDER / "map-canny-odd.dibr").read_bytes())
+    assert (canny.edge_code, canny.depth.header.wavelet, canny.shape) == (EdgeCode.FIXED, "5/3", (61, 75))
     assert not isinstance(streams["calibrated"].header.viewpoints[0], LatticePosition)
