@@ -1,0 +1,114 @@
+"""Coded layers and sprites of Tsukuba against one picture with its map: views of the other cameras."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.figures.harness import Figure, Measured, Setting
+from benchmarks.figures.stereo.runs import reconstructed
+from dvc.dibr.codec.rendering import picture_of, render
+from dvc.dibr.codec.views import luma
+from dvc.dibr.depth_image.decoder import decode as decode_image
+from dvc.dibr.depth_image.depth_scale import DepthScale
+from dvc.dibr.depth_image.encoder import DepthImage
+from dvc.dibr.depth_image.encoder import encode_to_size as encode_image
+from dvc.dibr.layered import encoder, pieces
+from dvc.dibr.layered.decoder import decode
+from dvc.dibr.layered.rendering import render_pieces
+from dvc.dibr.layered.stream import decode_stream
+from dvc.errors import ConfigError
+from dvc.metrics import psnr_db
+from dvc.multiview.camera_array import LatticePosition
+from dvc.multiview.view_synthesis import SynthesisedView
+from dvc.stereo.layers.layered_depth_image import layered_depth_image
+from dvc.stereo.layers.sprites import extract_sprites
+from dvc.stereo.surfaces.surface import Reconstruction
+from dvc.stereo.thesis.real_sets import TSUKUBA
+
+RATES_BPP = 0.25, 0.5, 1.0
+NUM_CAMERAS = 25
+
+
+def coded_views(setting: Setting, clip: str) -> Measured:
+    """Code Tsukuba's layers, its sprites, and its reference view with its map, and render the other cameras.
+
+    Gives the mean PSNR of luma of their views.
+    """
+    del clip
+    found = reconstructed(TSUKUBA, NUM_CAMERAS)
+    return measure(found, RATES_BPP[1:2] if setting.quick else RATES_BPP)
+
+
+def measure(found: Reconstruction, rates: tuple[float, ...]) -> Measured:
+    """Measure at some rates.
+
+    Parameters
+    ----------
+    found : Reconstruction
+        Surfaces of all cameras.
+    rates : tuple of float
+        Bits per pixel of the reference view.
+
+    Returns
+    -------
+    Measured
+        PSNRs.
+    """
+    image = layered_depth_image(found)
+    scenes = {
+        "layers": pieces.pieces_of_layers(image),
+        "sprites": pieces.pieces_of_sprites(extract_sprites(image)),
+    }
+    values: dict[str, float] = {}
+    texts = []
+    for rate in rates:
+        known: dict[str, float | None] = {"picture": _of_picture(found, rate)}
+        known |= {name: _of_pieces(found, scene, rate) for name, scene in scenes.items()}
+        values |= {f"{name}_db_at_{rate:g}_bpp": value for name, value in known.items() if value is not None}
+        each = [f"{name} {'-' if value is None else f'{value:.2f}'}" for name, value in known.items()]
+        texts.append(f"{rate:g} bpp: {', '.join(each)} dB")
+    return Measured("; ".join(texts), None, values, "-: header and masks alone take more")
+
+
+def _of_picture(found: Reconstruction, rate: float) -> float:
+    number = found.array.reference
+    picture, depth = found.array[number].image, found.surfaces[number].disparity.astype(np.float64)
+    scene = DepthImage(depth, DepthScale.of(depth), picture)
+    decoded = decode_image(encode_image(scene, int(rate * depth.size / 8), None).stream)
+    return _mean_psnr_db(found, lambda place: render(decoded, place))
+
+
+def _of_pieces(found: Reconstruction, scene: pieces.Pieces, rate: float) -> float | None:
+    frame = scene.canvas.frame
+    try:
+        data = encoder.encode_to_size(scene, int(rate * frame.width * frame.height / 8)).data
+    except ConfigError:
+        return None
+    decoded = decode(decode_stream(data)).scene
+    return _mean_psnr_db(found, lambda place: render_pieces(decoded, place))
+
+
+def _mean_psnr_db(found: Reconstruction, view_of: Callable[[LatticePosition], SynthesisedView]) -> float:
+    origin = found.array[found.array.reference].position
+    values = []
+    for number, camera in enumerate(found.array):
+        if number == found.array.reference:
+            continue
+        place = LatticePosition(camera.position.m - origin.m, camera.position.n - origin.n)
+        picture: NDArray[np.uint8] = luma(picture_of(view_of(place)))
+        values.append(psnr_db(picture, luma(camera.image)))
+    return float(np.mean(values))
+
+
+FIGURES = (
+    Figure(
+        "shape-adaptive",
+        "layers",
+        "Tsukuba: views of 24 other cameras from one picture with its map, from coded layers, from sprites",
+        "",
+        coded_views,
+        slow=True,
+    ),
+)
+"""Figures of this module."""
