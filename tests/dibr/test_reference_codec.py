@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.dibr.reference import codec
-from dvc.dibr.reference.codec import ReferenceHeader
 from dvc.dibr.reference.colour import rgb_from_ycbcr, ycbcr_from_rgb
+from dvc.dibr.reference.header import ReferenceHeader
 from dvc.errors import BitstreamError
 from dvc.metrics import psnr_db
 

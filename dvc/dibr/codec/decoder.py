@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from dvc.dibr.disparity.methods import METHODS, Representation
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import DecodedReference, ReferenceHeader
+from dvc.dibr.reference.codec import DecodedReference
+from dvc.dibr.reference.header import ReferenceHeader
 from dvc.dibr.stream.header import Header
 from dvc.dibr.stream.layers import Layer, PairLayer, Stream
 from dvc.errors import BitstreamError, ConfigError

@@ -262,7 +262,7 @@ def _viewpoint_figures(viewpoint: "Viewpoint") -> dict[str, Any]:
 
 
 def _is_coloured(stream: "Stream") -> bool:
-    from dvc.dibr.reference.codec import ReferenceHeader
+    from dvc.dibr.reference.header import ReferenceHeader
 
     return ReferenceHeader.from_bytes(stream.layers[0][0].picture).colour
 

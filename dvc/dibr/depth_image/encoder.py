@@ -21,7 +21,7 @@ from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
 from dvc.dibr.depth_image.stream import DepthImageStream, PlaneCode, encode_stream, header_bytes
 from dvc.dibr.edges.chain_code import EdgeCode
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import ReferenceHeader
+from dvc.dibr.reference.header import ReferenceHeader
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.errors import ConfigError
 

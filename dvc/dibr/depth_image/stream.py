@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dvc.bits import decode_varint, encode_varint
 from dvc.dibr.depth_image.depth_scale import DepthScale, decode_extent, encode_extent
 from dvc.dibr.edges.chain_code import EdgeCode
-from dvc.dibr.reference.codec import ReferenceHeader
+from dvc.dibr.reference.header import ReferenceHeader
 from dvc.dibr.stream.header import MAGIC, MAX_NUMBER, MAX_PIXELS
 from dvc.errors import BitstreamError
 

@@ -26,6 +26,7 @@ from dvc.dibr.layered.rate import Choices, allot
 from dvc.dibr.layered.stream import Place, encode_header, encode_stream, piece_bytes
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.codec import ReferenceCode
+from dvc.dibr.reference.header import ReferenceHeader
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import most_levels
 from dvc.errors import ConfigError
@@ -202,7 +203,7 @@ def _overhead(scene: Pieces, codings: Sequence[_Coding], max_bytes: int) -> int:
     header = len(
         encode_header(scene.canvas, scene.kind, places, [max_bytes if p.width else 0 for p in places])
     )
-    nothing = PlaneCode(reference_codec.ReferenceHeader(0, 0), 0, bytes(max_bytes))
+    nothing = PlaneCode(ReferenceHeader(0, 0), 0, bytes(max_bytes))
     total = header
     for coding in codings[:1]:
         empty = DepthImageStream(

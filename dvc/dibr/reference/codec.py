@@ -9,21 +9,21 @@ picture, and what it is depends on these bytes alone: an encoder that wants to k
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dvc.dibr.reference.colour import rgb_from_ycbcr, ycbcr_from_rgb
+from dvc.dibr.reference.header import MAX_LEVELS, ReferenceHeader
 from dvc.dibr.spiht import coder
-from dvc.dibr.spiht.coder import MAX_PLANES, DecodedCoefficients
+from dvc.dibr.spiht.coder import DecodedCoefficients
 from dvc.dibr.spiht.significance import significance_maps
 from dvc.dibr.spiht.trees import Forest, Shape, zerotrees
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import WAVELETS, Pyramid, low_band_gain, most_levels
 from dvc.dibr.wavelets.shape_adaptive import Mask, mask_pyramid
 from dvc.dibr.wavelets.transform import Transform
-from dvc.errors import BitstreamError
 
 STEP = 0.25
 """Of the quantiser once all bit planes are read, in steps of 8-bit intensities."""
@@ -35,86 +35,11 @@ STEEPEST, FLATTEST = 10.0, 1e-8
 """Slopes at which next to nothing is coded, and all that there is."""
 
 DEFAULT_LEVELS = 6
-MAX_LEVELS = 15
 _SLOPE_STEPS = 40
 _MOST_GAIN = 16.0
 _MIDDLE = 128.0
 _PEAK = 255.0
 _POINT_STEP, _FIRST_POINT, _NUM_POINTS = 1 / 32, 2, 16
-
-
-@dataclass(frozen=True)
-class ReferenceHeader:
-    """What a decoder needs beside size and data.
-
-    Attributes
-    ----------
-    num_levels : int
-        How many times planes are split, at most `MAX_LEVELS`.
-    num_bit_planes : int
-        Bit planes of the coefficients, at most `MAX_PLANES`.
-    colour : bool
-        Three planes instead of one.
-    wavelet : str
-        ``9/7`` or ``5/3``.
-    adaptive : bool
-        Arithmetic coding; else plain bits.
-    points : tuple of int
-        Where coefficients lie in their intervals, at first and once refined: k for (k + 2) / 32; below 16.
-    """
-
-    num_levels: int
-    num_bit_planes: int
-    colour: bool = False
-    wavelet: str = "9/7"
-    adaptive: bool = True
-    points: tuple[int, int] = (10, 12)
-
-    SIZE = 3
-    """Bytes."""
-
-    def to_bytes(self) -> bytes:
-        """Return the header as bytes; the inverse of `from_bytes`.
-
-        Returns
-        -------
-        bytes
-            `SIZE` of them.
-        """
-        flags = self.colour | (self.wavelet == "5/3") << 1 | self.adaptive << 2
-        return bytes(
-            [self.num_levels | flags << 4, self.num_bit_planes, self.points[0] << 4 | self.points[1]]
-        )
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> Self:
-        """Read a header.
-
-        Parameters
-        ----------
-        data : bytes
-            At least `SIZE` bytes; what follows is ignored.
-
-        Returns
-        -------
-        ReferenceHeader
-            The header.
-
-        Raises
-        ------
-        BitstreamError
-            If there are fewer, or none that is written like this.
-        """
-        if len(data) < cls.SIZE:
-            raise BitstreamError("the header of the reference view is cut off")
-        first, num_bit_planes, points = data[: cls.SIZE]
-        flags = first >> 4
-        if flags > 7 or num_bit_planes > MAX_PLANES:
-            raise BitstreamError("the header of the reference view is damaged")
-        wavelet = "5/3" if flags & 2 else "9/7"
-        return cls(
-            first & 15, num_bit_planes, bool(flags & 1), wavelet, bool(flags & 4), (points >> 4, points & 15)
-        )
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dvc.dibr.disparity.integer_transforms import L_TRANSFORM
 from dvc.dibr.disparity.wavelet_codec import WaveletCodec
 from dvc.dibr.peers.quality import quality_of
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import ReferenceHeader
+from dvc.dibr.reference.header import ReferenceHeader
 from dvc.dibr.stream.layers import decode_stream
 from dvc.dibr.thesis.curves import Point
 from dvc.multiview.camera_array import DisparityLabels

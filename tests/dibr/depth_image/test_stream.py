@@ -17,7 +17,7 @@ from dvc.dibr.depth_image.stream import (
     header_bytes,
 )
 from dvc.dibr.edges.chain_code import EdgeCode
-from dvc.dibr.reference.codec import ReferenceHeader
+from dvc.dibr.reference.header import ReferenceHeader
 from dvc.errors import BitstreamError, ConfigError
 
 DEPTH = PlaneCode(ReferenceHeader(5, 9, points=(3, 4)), 1, bytes(range(100)))
