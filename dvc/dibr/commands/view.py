@@ -169,7 +169,7 @@ def _scene_of(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPie
 def _scene_of_pieces(pieces: "Pieces") -> "tuple[Scene, str]":
     """Scene of layers or sprites, and what they are."""
     from dvc.dibr.layered.pieces import Kind, layers_of, sprites_of
-    from dvc.dibr.viewer.scene import scene_of_layers, scene_of_sprites
+    from dvc.dibr.viewer.canvases import scene_of_layers, scene_of_sprites
 
     number = len(pieces.pieces)
     if pieces.kind is Kind.LAYERS:

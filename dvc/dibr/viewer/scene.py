@@ -1,12 +1,12 @@
 """Scenes to look at: pictures with disparities and masks, where they were taken from, and how far to go.
 
 A *source* is what one viewpoint sees, in one piece or in several behind each other; several sources show the
-same scene. Streams, layers and sprites all become that.
+same scene. Streams become that here, layers and sprites in `dvc.dibr.viewer.canvases`.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 from dvc.dibr.codec.rendering import DecodedViews
 from dvc.multiview.camera_array import LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint, distance
-from dvc.stereo.layers.canvas import DEPTH_RANGE, Canvas
-from dvc.stereo.layers.layered_depth_image import LayeredDepthImage
-from dvc.stereo.layers.sprites import SpriteSet
+from dvc.stereo.layers.canvas import DEPTH_RANGE
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -26,9 +24,6 @@ BEYOND = 0.25
 """How far beyond the views a viewpoint may go, relative to the longer side of their lattice."""
 ACROSS = 0.1
 """Parallax, relative to the width, that one view alone bears."""
-
-STRAYS = 0.02
-"""Share of points beyond the frame of a canvas that may be errors."""
 
 
 class Piece(NamedTuple):
@@ -156,7 +151,7 @@ def source_of(
         Of one piece.
     """
     known = np.ones(disparity.shape, np.bool_) if mask is None else mask
-    return Source(viewpoint or LatticePosition(0.0, 0.0), (_piece(picture, disparity, known),))
+    return Source(viewpoint or LatticePosition(0.0, 0.0), (piece_of(picture, disparity, known),))
 
 
 def scene_of_picture(source: Source, step: float) -> Scene:
@@ -177,7 +172,7 @@ def scene_of_picture(source: Source, step: float) -> Scene:
     shape = source.pieces[0].disparity.shape
     views = (source.viewpoint,)
     scene = Scene((shape[0], shape[1]), (source,), step, views, Bounds(0.0, 0.0, 0.0, 0.0))
-    return Scene(scene.shape, scene.sources, step, views, _bounds_of_one(scene))
+    return Scene(scene.shape, scene.sources, step, views, bounds_of_one(scene))
 
 
 def scene_of_stream(decoded: DecodedViews) -> Scene:
@@ -201,94 +196,23 @@ def scene_of_stream(decoded: DecodedViews) -> Scene:
     return Scene((height, width), sources, step, viewpoints, _bounds(viewpoints))
 
 
-def scene_of_layers(image: LayeredDepthImage) -> Scene:
-    """Return the scene of a layered depth image.
+def piece_of(picture: NDArray[np.uint8], disparity: NDArray[np.floating], mask: Mask) -> Piece:
+    """Return a picture as a piece, in three channels and continued a little beyond its mask.
 
     Parameters
     ----------
-    image : LayeredDepthImage
-        The layers.
+    picture : ndarray of shape (H, W) or (H, W, 3), uint8
+        Gray, or red, green and blue.
+    disparity : ndarray of shape (H, W), floating
+        Of its pixels.
+    mask : ndarray of shape (H, W), bool
+        Where there is something.
 
     Returns
     -------
-    Scene
-        Of one source, in which each layer is a piece.
+    Piece
+        At (0, 0).
     """
-    pieces = [
-        _piece(colour, disparity, mask)
-        for colour, disparity, mask in zip(image.colour, image.disparity, image.occupied, strict=True)
-    ]
-    return _scene_of_canvas(image.canvas, pieces)
-
-
-def scene_of_sprites(sprites: SpriteSet) -> Scene:
-    """Return the scene of sprites with depth.
-
-    Parameters
-    ----------
-    sprites : SpriteSet
-        The sprites.
-
-    Returns
-    -------
-    Scene
-        Of one source; sprites that do not touch each other share a piece.
-    """
-    planes: list[_Plane] = []
-    for sprite in sorted(sprites.sprites, key=lambda each: -each.num_values):
-        height, width = sprite.mask.shape
-        inside = slice(sprite.top, sprite.top + height), slice(sprite.left, sprite.left + width)
-        plane = next((each for each in planes if not (each.taken[inside] & sprite.mask).any()), None)
-        if plane is None:
-            plane = _Plane.empty(sprites.canvas.shape)
-            planes.append(plane)
-        plane.colour[inside][sprite.mask] = sprite.colour[sprite.mask]
-        plane.disparity[inside][sprite.mask] = sprite.disparity[sprite.mask]
-        plane.mask[inside] |= sprite.mask
-        rows = slice(max(sprite.top - 1, 0), sprite.top + height + 1)
-        columns = slice(max(sprite.left - 1, 0), sprite.left + width + 1)
-        around = cv2.dilate(plane.mask[rows, columns].astype(np.uint8), np.ones((3, 3), np.uint8))
-        plane.taken[rows, columns] |= around > 0
-    return _scene_of_canvas(sprites.canvas, [_piece(*plane[:3]) for plane in planes])
-
-
-class _Plane(NamedTuple):
-    """Sprites that do not touch each other, and the pixels that no further one may have."""
-
-    colour: NDArray[np.uint8]
-    disparity: Floats
-    mask: Mask
-    taken: Mask
-
-    @classmethod
-    def empty(cls, shape: tuple[int, int]) -> Self:
-        """Return one without sprites."""
-        nowhere = np.zeros(shape, np.bool_)
-        return cls(np.zeros((*shape, 3), np.uint8), np.zeros(shape), nowhere, nowhere.copy())
-
-
-def _scene_of_canvas(canvas: Canvas, pieces: Sequence[Piece]) -> Scene:
-    """Pieces of a canvas, moved so that the reference view begins at (0, 0)."""
-    frame = canvas.frame
-    placed = [
-        piece._replace(left=piece.left - frame.left, top=piece.top - frame.top) for piece in map(_cut, pieces)
-    ]
-    source = Source(LatticePosition(0.0, 0.0), tuple(piece for piece in placed if piece.mask.any()))
-    shape = frame.height, frame.width
-    scene = Scene(shape, (source,), canvas.resolution, (source.viewpoint,), Bounds(0.0, 0.0, 0.0, 0.0))
-    bounds = _bounds_of_canvas(scene, canvas)
-    return Scene(shape, scene.sources, scene.step, scene.viewpoints, bounds)
-
-
-def _cut(piece: Piece) -> Piece:
-    """Leave out what is empty around a piece."""
-    left, top, width, height = cv2.boundingRect(piece.mask.astype(np.uint8))
-    inside = slice(top, top + height), slice(left, left + width)
-    return Piece(piece.picture[inside], piece.disparity[inside], piece.mask[inside], left, top)
-
-
-def _piece(picture: NDArray[np.uint8], disparity: NDArray[np.floating], mask: Mask) -> Piece:
-    """A picture as three channels, continued a little beyond its mask."""
     image = picture.reshape(*picture.shape[:2], -1)
     image = np.repeat(image, 3, axis=2) if image.shape[2] == 1 else image
     return Piece(continued(image, mask), disparity.astype(np.float64), mask)
@@ -419,34 +343,19 @@ def _bounds(viewpoints: Sequence[Viewpoint]) -> Bounds:
     return Bounds(float(left) - beyond, float(right) + beyond, float(top) - beyond, float(bottom) + beyond)
 
 
-def _bounds_of_one(scene: Scene) -> Bounds:
-    """As far around one view as its parallax bears."""
+def bounds_of_one(scene: Scene) -> Bounds:
+    """Return how far around one view its parallax bears.
+
+    Parameters
+    ----------
+    scene : Scene
+        Seen from one viewpoint.
+
+    Returns
+    -------
+    Bounds
+        As far to all sides.
+    """
     lowest, highest = scene.range
     reach = ACROSS * scene.shape[1] / max(highest - lowest, scene.step)
     return Bounds(-reach, reach, -reach, reach)
-
-
-def _bounds_of_canvas(scene: Scene, canvas: Canvas) -> Bounds:
-    """A bit beyond the cameras that have seen what lies beyond the frame; around one view if nothing does.
-
-    A point at column x beyond the frame is in the view of a camera at ``m`` if ``x - m d`` is inside it.
-    """
-    ends = []
-    for axis, size in ((1, scene.shape[1]), (0, scene.shape[0])):
-        needed = [np.zeros(1)]
-        for piece in scene.sources[0].pieces:
-            place = np.nonzero(piece.mask)[axis] + (piece.top, piece.left)[axis]
-            beyond = place - np.clip(place, 0, size - 1)
-            disparity = piece.disparity[piece.mask]
-            counts = (beyond != 0) & (np.abs(disparity) >= canvas.labels.step)
-            needed.append(beyond[counts] / disparity[counts])
-        values = np.concatenate(needed)
-        ends += [
-            min(float(np.quantile(values, STRAYS)), 0.0),
-            max(float(np.quantile(values, 1.0 - STRAYS)), 0.0),
-        ]
-    if max(map(abs, ends)) == 0.0:
-        return _bounds_of_one(scene)
-    beyond_all = BEYOND * max(ends[1] - ends[0], ends[3] - ends[2])
-    left, right, top, bottom = ends
-    return Bounds(left - beyond_all, right + beyond_all, top - beyond_all, bottom + beyond_all)

@@ -13,8 +13,9 @@ from dvc.dibr.__main__ import main
 from dvc.dibr.codec.decoder import Decoded, decode
 from dvc.dibr.codec.rendering import picture_of, render
 from dvc.dibr.stream.layers import decode_stream
+from dvc.dibr.viewer.canvases import scene_of_layers, scene_of_sprites
 from dvc.dibr.viewer.page import Caption, write_page
-from dvc.dibr.viewer.scene import Bounds, Scene, scene_of_layers, scene_of_sprites, source_of
+from dvc.dibr.viewer.scene import Bounds, Scene, source_of
 from dvc.metrics import psnr_db
 from dvc.multiview.camera_array import LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint, Viewpoint

@@ -7,13 +7,12 @@ import pytest
 
 from dvc.dibr.codec.decoder import decode
 from dvc.dibr.stream.layers import decode_stream
+from dvc.dibr.viewer.canvases import scene_of_layers, scene_of_sprites
 from dvc.dibr.viewer.scene import (
     Bounds,
     is_whole,
     places_of,
-    scene_of_layers,
     scene_of_picture,
-    scene_of_sprites,
     scene_of_stream,
     seen_of,
     source_of,
