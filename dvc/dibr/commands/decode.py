@@ -12,6 +12,7 @@ from dvc.dibr.commands.options import (
     add_stream,
     decode_pieces,
     json_files,
+    naming,
     read_stream,
     warn,
 )
@@ -96,9 +97,11 @@ def _write(
     from dvc.dibr.stream.layers import Stream
 
     if isinstance(stream, Stream):
-        return _views(arguments, stream)
+        with naming(arguments.path):
+            return _views(arguments, stream)
     if isinstance(stream, DepthImageStream):
-        return _depth_image(arguments, stream)
+        with naming(arguments.path):
+            return _depth_image(arguments, stream)
     return _layered(arguments, stream)
 
 

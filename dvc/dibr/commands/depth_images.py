@@ -160,6 +160,7 @@ def encode(
     """
     from dvc.dibr.depth_image.depth_codes import DepthOptions
     from dvc.dibr.depth_image.encoder import encode_to_size
+    from dvc.dibr.depth_image.stream import MAX_BYTES
     from dvc.dibr.wavelets.lifting import most_levels
     from dvc.files import atomic_output
 
@@ -168,7 +169,7 @@ def encode(
         arguments.wavelet, min(DepthOptions.num_levels, most_levels(shape)), arguments.order_depth
     )
     num_pixels = shape[0] * shape[1]
-    max_bytes = int(arguments.bpp * num_pixels / 8.0)
+    max_bytes = int(min(arguments.bpp * num_pixels / 8.0, MAX_BYTES))
     edges = _edges(arguments, image.depth)
     with cli.progress_bar("selections of edges", None, arguments.quiet) as advance:
         try:

@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
     if picture.shape[:2] != found.depth.shape:
         sizes = [f"{shape[1]}x{shape[0]}" for shape in (picture.shape, found.depth.shape)]
         raise ConfigError(f"{arguments.depth}: {sizes[1]}, but {arguments.image} is {sizes[0]}")
-    is_gray = arguments.gray or picture.ndim == 2 or bool((picture == picture[:, :, :1]).all())
+    is_gray = arguments.gray or bool((picture == picture[:, :, :1]).all())
     image = DepthImage(found.depth, scale, luma(picture) if is_gray else picture)
     options = PictureOptions(arguments.order_image, arguments.depth_share)
     encoded = depth_images.encode(arguments, image, options)

@@ -5,7 +5,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.commands.options import add_json, add_stream, json_files, read_stream
+from dvc.dibr.commands.options import add_json, add_stream, json_files, naming, read_stream
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,8 +56,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     cli.check_outputs([arguments.path], json_files(arguments))
     stream = read_stream(arguments.path)
-    figures = stream_figures(stream, Path(arguments.path).stat().st_size)
-    _, text = _figures_and_text(stream)
+    with naming(arguments.path):
+        figures = stream_figures(stream, Path(arguments.path).stat().st_size)
+        _, text = _figures_and_text(stream)
     if arguments.json is not None:
         cli.write_json(arguments.json, figures)
     if arguments.json != "-":
@@ -152,7 +153,7 @@ def depth_image_figures(stream: "DepthImageStream", edges: "EdgeMaps | None" = N
 def _depth_image_text(figures: dict[str, Any]) -> str:
     colour = ("colour" if figures["colour"] else "gray") if figures["image"] else "no"
     bits, depth = figures["bits"], figures["depth"]
-    sharing = ", which stops at them, too" if figures["image_edges"] else ""
+    sharing = "; the picture's stops at them, too" if figures["image_edges"] else ""
     lines = [
         f"{figures['width']}x{figures['height']}, depth map and {colour} picture; {figures['stream_bytes']} "
         f"bytes, {figures['bpp']:.4f} bits per pixel",

@@ -3,6 +3,8 @@
 import argparse
 import re
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -166,6 +168,31 @@ def viewpoint_of(viewpoints: "Sequence[Viewpoint]", view: "LatticePosition | int
     return view
 
 
+@contextmanager
+def naming(path: str) -> Iterator[None]:
+    """Put the name of a file before what is wrong with its stream.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+
+    Yields
+    ------
+    None
+        For the time in which it is read or decoded.
+
+    Raises
+    ------
+    BitstreamError
+        With the name.
+    """
+    try:
+        yield
+    except BitstreamError as err:
+        raise BitstreamError(f"{path}: {err}") from None
+
+
 def read_stream(path: str) -> "Stream | DepthImageStream | LayeredStream":
     """Read a stream of any kind.
 
@@ -189,7 +216,7 @@ def read_stream(path: str) -> "Stream | DepthImageStream | LayeredStream":
 
     data = Path(path).read_bytes()
     version = data[len(MAGIC)] if data.startswith(MAGIC) and len(data) > len(MAGIC) else 0
-    try:
+    with naming(path):
         if version == DEPTH_IMAGE_VERSION:
             from dvc.dibr.depth_image import stream as depth_image
 
@@ -199,8 +226,6 @@ def read_stream(path: str) -> "Stream | DepthImageStream | LayeredStream":
 
             return layered.decode_stream(data)
         return decode_stream(data)
-    except BitstreamError as err:
-        raise BitstreamError(f"{path}: {err}") from None
 
 
 def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "DecodedViews | DecodedPieces":
@@ -224,6 +249,8 @@ def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "Dec
     ------
     ConfigError
         If there is no picture, or no such layers.
+    BitstreamError
+        If it cannot be decoded.
     """
     from dvc.dibr.codec.decoder import decode
     from dvc.dibr.depth_image.stream import DepthImageStream
@@ -231,7 +258,8 @@ def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "Dec
 
     stream = read_stream(path)
     if isinstance(stream, Stream):
-        return decode(stream, num_layers, resolution)
+        with naming(path):
+            return decode(stream, num_layers, resolution)
     if num_layers is not None:
         raise ConfigError(f"--quality-layers: {path} has none, but can be cut anywhere")
     if isinstance(stream, DepthImageStream):
@@ -239,7 +267,8 @@ def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "Dec
 
         if stream.picture is None:
             raise ConfigError(f"{path}: a depth map alone; there is no picture to render")
-        return depth_image.decode(stream, resolution)
+        with naming(path):
+            return depth_image.decode(stream, resolution)
     return decode_pieces(path, stream)
 
 
@@ -265,10 +294,8 @@ def decode_pieces(path: str, stream: "LayeredStream") -> "DecodedPieces":
     """
     from dvc.dibr.layered.decoder import decode
 
-    try:
+    with naming(path):
         return decode(stream)
-    except BitstreamError as err:
-        raise BitstreamError(f"{path}: {err}") from None
 
 
 def render_view(

@@ -57,8 +57,13 @@ class DepthScale:
         ConfigError
             If a number is too large, or the factor zero.
         """
-        if not (np.all(np.abs(depth) <= MAX_NUMBER) and max(abs(factor), abs(offset)) <= MAX_NUMBER):
+        if not np.all(np.abs(depth) <= MAX_NUMBER):
             raise ConfigError(f"numbers of a depth map: at most {MAX_NUMBER:g} is accepted")
+        if not (np.float32(factor) and max(abs(factor), abs(offset)) <= MAX_NUMBER):
+            raise ConfigError(
+                f"disparity of {factor:g} times a number plus {offset:g}: "
+                f"neither may be more than {MAX_NUMBER:g}, nor the factor zero"
+            )
         least, largest = float(depth.min()), float(depth.max())
         lowest = np.float32(least)
         if largest > least and lowest > least:

@@ -20,13 +20,14 @@ from dvc.dibr.stream.header import MAGIC, MAX_NUMBER, MAX_PIXELS
 from dvc.errors import BitstreamError
 
 FORMAT_VERSION = 3
+MAX_BYTES = 2**31
+"""Of edges, of depth and of a picture."""
 _FIXED = struct.Struct("<4sBBHHfH")
 _SCALE = struct.Struct("<2f")
 _CHECK_BYTES = 4
 _PICTURE, _ADAPTIVE_EDGES, _PICTURE_EDGES, _SCALED = 1, 2, 4, 8
 _DEPTH_ORDER_SHIFT, _PICTURE_ORDER_SHIFT, _ORDER_MASK = 4, 6, 3
 _MASKED = 0x80
-_MAX_BYTES = 2**31
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,14 +222,15 @@ def _decode_size(data: bytes, position: int, cut: str) -> tuple[int, int]:
         size, position = decode_varint(data, position)
     except BitstreamError:
         raise BitstreamError(cut) from None
-    if size > _MAX_BYTES:
+    if size > MAX_BYTES:
         raise BitstreamError("the header of the stream cannot have been written")
     return size, position
 
 
 def _is_moderate(scale: DepthScale) -> bool:
     numbers = scale.lowest, scale.extent, scale.factor, scale.offset
-    return all(math.isfinite(number) and abs(number) <= 2.0 * MAX_NUMBER for number in numbers)
+    are_small = all(math.isfinite(number) and abs(number) <= 2.0 * MAX_NUMBER for number in numbers)
+    return are_small and scale.extent >= 0.0
 
 
 def _depth_places(num_depth: int, num_picture: int, length: int) -> NDArray[np.bool_]:

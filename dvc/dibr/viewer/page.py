@@ -117,7 +117,7 @@ def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
         JSON-safe. The picture of a first piece that is all of the first view is not among it: the page shows
         it until it can draw.
     """
-    lowest, highest = scene.range
+    lowest, _ = scene.range
     places = places_of(scene.viewpoints)
     qualities = caption.qualities or (None,) * len(places)
     views = [
@@ -131,7 +131,7 @@ def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
         "step": scene.step,
         "infinity": scene.infinity,
         "lowest": lowest,
-        "highest": max(highest, lowest + scene.step),
+        "highest": lowest + scene.extent,
         "bounds": scene.bounds._asdict(),
         "views": views,
         "cameras": _cameras(scene, places),

@@ -117,13 +117,19 @@ class Scene:
         return min(float(each.min()) for each in known), max(float(each.max()) for each in known)
 
     @property
+    def extent(self) -> float:
+        """From the least disparity to the largest, at least a step; 1 where both are nothing."""
+        lowest, highest = self.range
+        return max(highest - lowest, self.step) or 1.0
+
+    @property
     def infinity(self) -> float:
         """Disparity of what is infinitely far; where it is not known, below all others."""
         lowest, highest = self.range
         is_calibrated = isinstance(self.viewpoints[0], CalibratedViewpoint)
         if is_calibrated or (lowest > 0.0 and highest <= DEPTH_RANGE * lowest):
             return 0.0
-        return lowest - max(highest - lowest, self.step) / (DEPTH_RANGE - 1.0)
+        return lowest - self.extent / (DEPTH_RANGE - 1.0)
 
 
 def source_of(
@@ -356,6 +362,5 @@ def bounds_of_one(scene: Scene) -> Bounds:
     Bounds
         As far to all sides.
     """
-    lowest, highest = scene.range
-    reach = ACROSS * scene.shape[1] / max(highest - lowest, scene.step)
+    reach = ACROSS * scene.shape[1] / scene.extent
     return Bounds(-reach, reach, -reach, reach)

@@ -3,12 +3,14 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from dvc.dibr.depth_image.stream import decode_stream, encode_stream
 from dvc.pfm import read_pfm, write_pfm
 from tests.dibr.commands.running import answer, refusal, run
 from tests.dibr.depth_maps import texture, two_discs
@@ -148,6 +150,30 @@ def test_a_cut_stream_decodes_with_a_warning(capsys: pytest.CaptureFixture[str])
     assert run("decode", "cut.dibr", "--out", "d", "--quiet") == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert f"{len(data) - 30} of {told['stream_bytes']} bytes" in line
+
+
+def test_the_rate_may_be_more_than_anything_needs(capsys: pytest.CaptureFixture[str]) -> None:
+    write_pfm("small.pfm", DISCS[:8, :8].astype(np.float32))
+    for rate in ("1e13", "1e308"):
+        told = answer(capsys, "encode-depth", "small.pfm", "out.dibr", "--bpp", rate, "--edges", "none")
+        assert told["stream_bytes"] < 1000
+        assert told["psnr_depth_db"] > 60
+
+
+def test_flat_scenes_have_pages(capsys: pytest.CaptureFixture[str]) -> None:
+    write_pfm("flat.pfm", np.full((64, 80), 5.0, np.float32))
+    assert run("encode-image", "picture.png", "--depth", "flat.pfm", "out.dibr", "--bpp", "1", "--quiet") == 0
+    bounds = answer(capsys, "view", "out.dibr", "--out", "page.html")["bounds"]
+    assert 0.0 < bounds["right"] < 80.0
+
+
+def test_damaged_edges_are_told_with_the_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("encode-depth", "map.pfm", "out.dibr", "--bpp", "1", "--quiet", "--edges", "canny") == 0
+    stream = decode_stream(Path("out.dibr").read_bytes())
+    damaged = replace(stream, edges=b"\xff" * 40)
+    Path("damaged.dibr").write_bytes(encode_stream(damaged))
+    for command in (("info", "damaged.dibr"), ("decode", "damaged.dibr", "--out", "d")):
+        assert "damaged.dibr: " in refusal(capsys, *command)
 
 
 def test_refusals(capsys: pytest.CaptureFixture[str]) -> None:

@@ -116,3 +116,14 @@ def test_maps_are_within_their_scale(lowest, extent):
 def test_numbers_without_bounds_are_refused():
     with pytest.raises(ConfigError, match="at most"):
         DepthScale.of(np.array([[1e13]]))
+
+
+@pytest.mark.parametrize("factor", [0.0, 1e-60, 1e13])
+def test_factors_that_give_no_disparities_are_refused(factor):
+    with pytest.raises(ConfigError, match="factor"):
+        DepthScale.of(np.array([[1.0, 2.0]]), factor)
+
+
+def test_negative_ranges_are_refused():
+    with pytest.raises(BitstreamError, match="cannot have been written"):
+        decode_stream(encode_stream(stream_of(scale=DepthScale(1.5, -40.0))))

@@ -56,6 +56,16 @@ def test_picture_of_the_first_piece_is_there_once(tmp_path: Path) -> None:
     assert (tmp_path / "page.html").read_text(encoding="utf-8").count("data:image/webp;base64,") == 1
 
 
+def test_scenes_of_one_disparity_and_no_step_have_a_range() -> None:
+    """Programs divide by what lies between the largest disparity and infinity."""
+    for disparity in (0.0, 5.0, -2.0):
+        scene = scene_of_picture(source_of(np.zeros((4, 5), np.uint8), np.full((4, 5), disparity)), 0.0)
+        values = scene_values(scene, Caption("one", "picture", 10, 20))
+        assert values["highest"] > values["lowest"] >= values["infinity"]
+        assert values["highest"] - values["infinity"] >= 1.0
+        assert 0.0 < scene.bounds.right < 5.0
+
+
 def test_hostile_names_do_not_run(tmp_path: Path) -> None:
     """Markup in a title or a note is text."""
     scene = scene_of_picture(source_of(np.zeros((4, 5), np.uint8), np.ones((4, 5))), 1.0)
