@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
+from dvc.dibr.commands.depth_images import add_hole_options
 from dvc.dibr.commands.options import (
     add_json,
     add_layers,
@@ -57,6 +58,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     truth = "map that was coded, or picture: tells PSNR, of streams of one map"
     parser.add_argument("--truth-depth", metavar="MAP", help=truth)
     parser.add_argument("--truth-image", metavar="IMAGE", help="see there")
+    add_hole_options(parser, "0 in pictures")
     add_json(parser)
     parser.add_argument("--quiet", action="store_true", help="print no summary")
 
@@ -192,14 +194,13 @@ def _layered(arguments: argparse.Namespace, stream: "LayeredStream") -> dict[str
 
 def _quality(arguments: argparse.Namespace, decoded: "DecodedDepthImage") -> dict[str, Any]:
     """PSNR against what was coded, as far as it is known."""
-    from dvc.dibr.commands.depth_images import quality
-    from dvc.dibr.depth_image.depth_maps import read_truth
+    from dvc.dibr.commands.depth_images import quality, read_with_holes
     from dvc.picture_files import read_picture
 
     found = picture = None
     shape = decoded.depth.shape
     if arguments.truth_depth is not None:
-        found = read_truth(arguments.truth_depth)
+        found = read_with_holes(arguments.truth_depth, arguments)
         _check_size(arguments.truth_depth, found.depth.shape, shape)
     if arguments.truth_image is not None:
         picture = read_picture(arguments.truth_image)

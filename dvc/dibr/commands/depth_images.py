@@ -42,7 +42,20 @@ def add_codec_options(parser: argparse.ArgumentParser) -> None:
         "it; default: auto"
     )
     parser.add_argument("--edges", default=EDGES[0], metavar="{auto,canny,none,FILE}", help=edges)
-    hole = "number of holes in the map; default: 0 in pictures without --near-far"
+    add_hole_options(parser, "0 in pictures without --near-far")
+
+
+def add_hole_options(parser: argparse.ArgumentParser, default: str) -> None:
+    """Add which numbers of a map are holes.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Of the subcommand.
+    default : str
+        What is taken for one by default.
+    """
+    hole = f"number of holes in the map; default: {default}"
     holes = parser.add_mutually_exclusive_group()
     holes.add_argument("--hole", type=cli.parse_number, metavar="V", help=hole)
     holes.add_argument("--no-holes", action="store_true", help="all numbers of the map are depths")
@@ -129,14 +142,36 @@ def read_map(path: str, arguments: argparse.Namespace) -> tuple["DepthMap", "Dep
     scale : DepthScale
         Of its numbers.
     """
-    from dvc.dibr.depth_image.depth_maps import default_hole, read_depth_map, scale_of
+    from dvc.dibr.depth_image.depth_maps import scale_of
 
     near_far = getattr(arguments, "near_far", None)
-    hole = arguments.hole
-    if hole is None and not arguments.no_holes and near_far is None:
-        hole = default_hole(path)
-    found = read_depth_map(path, hole)
+    found = read_with_holes(path, arguments, near_far is None)
     return found, scale_of(found, getattr(arguments, "depth_scale", 1.0), near_far)
+
+
+def read_with_holes(path: str, arguments: argparse.Namespace, has_holes: bool = True) -> "DepthMap":
+    """Read a depth map whose holes are those of the options.
+
+    Parameters
+    ----------
+    path : str
+        Its file.
+    arguments : argparse.Namespace
+        With `hole` and `no_holes`.
+    has_holes : bool, optional
+        Whether it has holes by default.
+
+    Returns
+    -------
+    DepthMap
+        The map.
+    """
+    from dvc.dibr.depth_image.depth_maps import default_hole, read_depth_map
+
+    hole = arguments.hole
+    if hole is None and has_holes and not arguments.no_holes:
+        hole = default_hole(path)
+    return read_depth_map(path, hole)
 
 
 def encode(

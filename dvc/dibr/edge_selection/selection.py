@@ -31,6 +31,9 @@ SIGNIFICANCE_BITS, BITS_PER_OCTAVE = 6.0, 1.5
 ELEMENT_BITS, CHAIN_BITS = 1.4, 11.0
 """Of an edge, and of the start and the end of a chain."""
 
+PIECE_AREA, FEW_PIECES = 32, 2000
+"""Pixels to a piece of candidates, beyond a few: more of them are noise, and take long."""
+
 _PIECE_LENGTH = 32
 _NUM_LEVELS, _MARGIN, _MAX_PASSES = 4, 16, 3
 _LADDER_RATIO = 2.0**-0.5
@@ -67,16 +70,17 @@ def select(
     below, right = edges.between_rows.copy(), edges.between_columns.copy()
     jumps = np.add.reduceat(_jumps(depth, elements), bounds[:-1]) / np.diff(bounds)
     present = np.ones(len(bounds) - 1, np.uint8)
+    in_steps, order_of_pieces = depth / step, np.argsort(jumps, kind="stable")
     weights = (np.array(wavelet.weights), wavelet.gain, *wavelet.scales)
     model = np.array([MULTIPLIER, SIGNIFICANCE_BITS, BITS_PER_OCTAVE])
     for _ in range(_MAX_PASSES):
         if not kernels.weigh_pieces(
-            depth / step,
+            in_steps,
             below,
             right,
             elements,
             bounds,
-            np.argsort(jumps, kind="stable"),
+            order_of_pieces,
             present,
             _NUM_LEVELS,
             _MARGIN,
@@ -122,19 +126,26 @@ def ladder(
     largest = float(np.ptp(depth))
     step = largest * _FINEST
     edges = None
+    most_pieces = max(depth.size / PIECE_AREA, FEW_PIECES)
     while step < largest:
         if edges is None:
             found = edges_of_jumps(depth, CANDIDATE_STEPS * step)
             if mask is not None:
                 found.between_rows[:-1] &= mask[:-1] & mask[1:]
                 found.between_columns[:, :-1] &= mask[:, :-1] & mask[:, 1:]
-            edges = found if found.count() * ELEMENT_BITS <= 2.0 * max_bits else None
+            if found.count() * ELEMENT_BITS <= 2.0 * max_bits and _num_pieces(found) <= most_pieces:
+                edges = found
         if edges is not None:
             edges = select(depth, edges, step, order, wavelet)
             if not edges.count():
                 return
             yield step, edges
         step /= _LADDER_RATIO
+
+
+def _num_pieces(edges: EdgeMaps) -> int:
+    chains = trace(edges)
+    return len(_pieces(chains, edges)[1]) - 1 if len(chains.starts) else 0
 
 
 def _pieces(chains: Chains, edges: EdgeMaps) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

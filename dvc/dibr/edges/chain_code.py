@@ -81,7 +81,10 @@ def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
     BitstreamError
         If the data cannot have been written.
     """
-    return _read(RangeCoder.reader(data), shape, code)
+    edges = _read(RangeCoder.reader(data), shape, code)
+    if not edges.count():
+        raise BitstreamError("the edges are damaged: there are none")
+    return edges
 
 
 def decode_masked(data: bytes, shape: tuple[int, int], code: EdgeCode) -> tuple[EdgeMaps, Mask]:

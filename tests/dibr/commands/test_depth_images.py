@@ -97,6 +97,11 @@ def test_zeros_are_depths_where_that_is_said(capsys: pytest.CaptureFixture[str])
         assert run("encode-depth", "map8.png", "out.dibr", "--bpp", "0.6", "--quiet", *options) == 0
         assert run("decode", "out.dibr", "--out", folder, "--quiet") == 0
         assert np.abs(read_pfm(f"{folder}/depth.pfm")[31:33, 61:65]).max() < 15
+        told = answer(capsys, "encode-depth", "map8.png", "out.dibr", "--bpp", "0.6", *options)
+        for name, is_same in (("--no-holes", True), ("--hole=0", False)):
+            out = ("--out", f"{folder}{name}", "--truth-depth", "map8.png", name)
+            found = answer(capsys, "decode", "out.dibr", *out)
+            assert (found["psnr_depth_db"] == pytest.approx(told["psnr_depth_db"], abs=1e-9)) is is_same
     disparity = read_pfm("b/disparity.pfm")
     depth = read_pfm("b/depth.pfm")
     np.testing.assert_allclose(disparity, depth / 255 * (1 / 2 - 1 / 50) + 1 / 50, atol=1e-6)
