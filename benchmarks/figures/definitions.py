@@ -10,6 +10,7 @@ from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
 from benchmarks.figures.house import emulation, golden, sources, times
 from benchmarks.figures.shape_adaptive import depth, images, lossless
 from benchmarks.figures.shape_adaptive import identities as transform_identities
+from benchmarks.figures.shape_adaptive import layers as coded_layers
 from benchmarks.figures.shape_adaptive import peers as depth_peers
 from benchmarks.figures.shape_adaptive import times as depth_times
 from benchmarks.figures.stereo import accuracy, consistency, identities, layers, rectification, toy
@@ -49,6 +50,7 @@ MODULES: tuple[ModuleType, ...] = (
     depth_peers,
     images,
     lossless,
+    coded_layers,
     transform_identities,
     depth_times,
     sources,
