@@ -1,5 +1,7 @@
 """Rendering of pieces: near over far, what is hidden comes to light, the reference view comes back."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -8,11 +10,17 @@ from dvc.dibr.codec.rendering import picture_of, render_pairs
 from dvc.dibr.layered.decoder import DecodedPieces
 from dvc.dibr.layered.rendering import render, render_pieces
 from dvc.multiview.camera_array import LatticePosition
+from dvc.stereo.surfaces.surface import Reconstruction
 from tests.dibr.layered.scenes import plane_layers, plane_sprites
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
 
 SCENES = {"layers": plane_layers(), "sprites": plane_sprites()}
-FOUND = reconstruction_of(SCENE, square_lattice(1), LABELS)
+
+
+@cache
+def reconstruction() -> Reconstruction:
+    """Surfaces of nine cameras, made once."""
+    return reconstruction_of(SCENE, square_lattice(1), LABELS)
 
 
 def mse(one: np.ndarray, other: np.ndarray) -> float:
@@ -23,18 +31,20 @@ def mse(one: np.ndarray, other: np.ndarray) -> float:
 def test_the_reference_view_comes_back(name: str) -> None:
     view = render(DecodedPieces(SCENES[name], None), LatticePosition(0.0, 0.0))
     assert view.drawn.all()
-    reference = FOUND.array[FOUND.array.reference].image
+    reference = reconstruction().array[reconstruction().array.reference].image
     np.testing.assert_array_equal(picture_of(view), reference)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_views_beside_show_what_the_reference_does_not(name: str) -> None:
-    middle = FOUND.array.reference
+    middle = reconstruction().array.reference
     pair = PictureAndDisparity(
-        FOUND.array[middle].image, FOUND.surfaces[middle].disparity.astype(float), LatticePosition(0.0, 0.0)
+        reconstruction().array[middle].image,
+        reconstruction().surfaces[middle].disparity.astype(float),
+        LatticePosition(0.0, 0.0),
     )
     for number in range(1, 5):
-        camera = FOUND.array[number]
+        camera = reconstruction().array[number]
         view = render_pieces(SCENES[name], camera.position)
         assert view.drawn.mean() > 0.99
         alone = render_pairs([pair], camera.position, 1.0)

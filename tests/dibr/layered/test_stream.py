@@ -1,6 +1,7 @@
 """Streams of layers and sprites: headers that cannot have been written are refused, damage behind checks."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,22 +11,33 @@ from hypothesis import strategies as st
 from dvc.dibr.layered.decoder import decode
 from dvc.dibr.layered.encoder import encode_to_size
 from dvc.dibr.layered.pieces import Kind, Pieces
-from dvc.dibr.layered.stream import Place, decode_stream, encode_header, encode_stream
+from dvc.dibr.layered.stream import LayeredStream, Place, decode_stream, encode_header, encode_stream
 from dvc.errors import BitstreamError, ConfigError
 from dvc.stereo.layers.canvas import Frame
 from tests.dibr.layered.scenes import canvas_of, odd_sprites, sprite_of
 
 CANVAS = canvas_of((12, 20))
 SCENE = Pieces(CANVAS, Kind.SPRITES, (sprite_of(np.ones((5, 6), np.bool_)),) * 2)
-ODD = encode_to_size(odd_sprites(), 700).data
-STREAM = decode_stream(encode_to_size(SCENE, 400).data)
+
+
+@cache
+def odd() -> bytes:
+    """A stream of sprites of odd shapes, made once."""
+    return encode_to_size(odd_sprites(), 700).data
+
+
+@cache
+def two_alike() -> LayeredStream:
+    """A stream of two sprites that are alike, made once."""
+    return decode_stream(encode_to_size(SCENE, 400).data)
 
 
 def test_streams_come_back() -> None:
-    again = decode_stream(encode_stream(STREAM.canvas, STREAM.kind, STREAM.places, STREAM.pieces))
-    assert again.places == STREAM.places == (Place(0, 0, 6, 5),) * 2
+    first = two_alike()
+    again = decode_stream(encode_stream(first.canvas, first.kind, first.places, first.pieces))
+    assert again.places == first.places == (Place(0, 0, 6, 5),) * 2
     assert [piece.depth.data for piece in again.pieces if piece] == [
-        piece.depth.data for piece in STREAM.pieces if piece
+        piece.depth.data for piece in first.pieces if piece
     ]
     assert again.num_header_bytes == len(encode_header(CANVAS, Kind.SPRITES, again.places, (1, 1)))
 
@@ -75,7 +87,7 @@ def test_other_versions_and_files_are_refused() -> None:
 @settings(max_examples=60)
 def test_damage_behind_right_checksums_is_refused_or_some_picture(data) -> None:
     """The bytes of a piece are changed and its checksum mended: what precedes it is decoded."""
-    stream = decode_stream(ODD)
+    stream = decode_stream(odd())
     number = data.draw(st.integers(0, len(stream.pieces) - 1))
     piece = stream.pieces[number]
     assert piece is not None
@@ -91,4 +103,4 @@ def test_damage_behind_right_checksums_is_refused_or_some_picture(data) -> None:
         assert number == 0
         return
     assert len(found.scene.pieces) >= number
-    assert changed != ODD
+    assert changed != odd()
