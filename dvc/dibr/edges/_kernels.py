@@ -100,6 +100,36 @@ def _is_open(below, right, row, column, direction):
 
 
 @kernel
+def _code_end(coder, mixture, touched, seen, run, ended):
+    """Code whether a chain ends, which is likely where it meets others."""
+    base = END * _SIZES
+    second, third = base + 2 + touched * 3 + seen % 3, base + 8 + touched * 12 + run
+    return code_mixed(coder, mixture, base + touched, second, third, touched, ended)
+
+
+@kernel
+def _code_step(coder, mixture, kind, seen, runs, run, decision):
+    """Code a decision on the way, in contexts of few last steps, of more of them, and of the last runs."""
+    base = kind * _SIZES
+    second, third = base + 81 + seen, base + 81 + NUM_HISTORIES + runs
+    return code_mixed(coder, mixture, base + seen % 81, second, third, 2 * kind + min(run, 1), decision)
+
+
+@kernel
+def _code_turn(coder, mixture, straight, left, after, seen, runs, run, turn, target):
+    """Code which of the ways that are open a chain takes: 0 straight on, 1 to the left, -1 to the right."""
+    if straight:
+        if not (left or after):
+            return 0
+        if _code_step(coder, mixture, STRAIGHT, seen, runs, run, int(target == 0)):
+            return 0
+    if not (left and after):
+        return 1 if left else -1
+    again = _code_step(coder, mixture, TURN, seen, runs, run, int((target > 0) == (turn >= 0)))
+    return 1 if (again > 0) == (turn >= 0) else -1
+
+
+@kernel
 def code_chain(coder, mixture, below, right, row, column, directions, length):
     """Code the directions of a chain after the first one, and draw all; return its length.
 
@@ -139,52 +169,11 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
             return count
         touched = _is_touched(below, right, row, column, last)
         seen = history if turn >= 0 else NUM_HISTORIES - 1 - history  # as if the last turn were to the left
-        near = seen % 81
         runs = (run * (MAX_RUN + 1) + run_before) * 3 + same + 1
-        base = END * _SIZES
-        ended = code_mixed(
-            coder,
-            mixture,
-            base + touched,
-            base + 2 + touched * 3 + seen % 3,
-            base + 8 + touched * 12 + run,
-            touched,
-            int(count == length),
-        )
-        if ended:
+        if _code_end(coder, mixture, touched, seen, run, int(count == length)):
             return count
-        goes = 0
         target = (np.int64(directions[count]) - last + 1) % 4 - 1 if count < length else 0
-        if straight:
-            if ways == 1:
-                goes = 1
-            else:
-                base = STRAIGHT * _SIZES
-                goes = code_mixed(
-                    coder,
-                    mixture,
-                    base + near,
-                    base + 81 + seen,
-                    base + 81 + NUM_HISTORIES + runs,
-                    2 + min(run, 1),
-                    int(target == 0),
-                )
-        step = 0
-        if not goes:
-            if left and after:
-                base = TURN * _SIZES
-                again = code_mixed(
-                    coder,
-                    mixture,
-                    base + near,
-                    base + 81 + seen,
-                    base + 81 + NUM_HISTORIES + runs,
-                    4 + min(run, 1),
-                    int((target > 0) == (turn >= 0)),
-                )
-                step = 1 if (again > 0) == (turn >= 0) else -1
-            else:
-                step = 1 if left else -1
+        step = _code_turn(coder, mixture, straight, left, after, seen, runs, run, turn, target)
         history = (history * 3 + step + 1) % NUM_HISTORIES
         if step == 0:
             run = min(run + 1, MAX_RUN)
