@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dvc.dibr.edge_selection import _kernels as kernels
 from dvc.dibr.edges.chains import Chains, trace
 from dvc.dibr.edges.extraction import edges_of_jumps
+from dvc.dibr.edges.lattice import DOWN, RIGHT
 from dvc.dibr.edges.masks import Mask
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import WAVELETS, Plane, Wavelet
@@ -185,8 +186,8 @@ def _jumps(depth: Plane, elements: NDArray[np.int64]) -> NDArray[np.float64]:
     """Difference across each edge."""
     rows, columns, directions = elements.T
     flat = directions % 2 == 0
-    first_row = np.where(directions == 3, rows, rows - 1)
-    first_column = np.where(directions == 0, columns, columns - 1)
+    first_row = np.where(directions == DOWN, rows, rows - 1)
+    first_column = np.where(directions == RIGHT, columns, columns - 1)
     second_row, second_column = first_row + flat, first_column + ~flat
     jumps: Plane = np.abs(depth[second_row, second_column] - depth[first_row, first_column])
     return jumps
