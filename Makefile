@@ -7,6 +7,9 @@ INSTALLED := $(VENV)/.installed
 PACKAGES := dvc encoder decoder sequences sfm
 SOURCES = $(shell find $(PACKAGES) -name '*.py')
 
+# Tests start hundreds of processes, each of which would compile every module that it imports.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help venv browser demo test test-slow test-nojit check bench figures reproduce pictures format clean
 

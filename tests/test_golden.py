@@ -9,7 +9,8 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -138,18 +139,43 @@ def decode(golden: Golden, path: Path, folder: Path) -> tuple[dict[str, Any], li
     return record, [frame for frame in found["per_frame"] if frame["type"] == "wz"]
 
 
-def emulated(processor: dict[str, str], golden: Golden, form: str, folder: Path) -> str:
-    """Decode a stream as if on another processor; return the digest of the video.
+class Emulated:
+    """A process that decodes as if on another processor.
 
     What says so reaches kernels alone: the decoder holds all other libraries to its baseline, whatever the
     environment says, which is what is tested. Real emulation is the figure `golden-qemu`.
     """
-    video = folder / "emulated.y4m"
-    command = [sys.executable, "-m", "decoder", golden.path(FORMAT_VERSION, form), video, "--quiet"]
-    command += ["--side-information", golden.method]
-    done = subprocess.run(command, env=os.environ | processor, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return digest(video)
+
+    def __init__(self, processor: dict[str, str]) -> None:
+        command = [sys.executable, "-m", "tests.decoding_process"]
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(
+            command, env=os.environ | processor, stdin=pipe, stdout=pipe, text=True
+        )
+
+    def video_digest(self, golden: Golden, form: str, folder: Path) -> str:
+        """Decode a stream; return the digest of the video."""
+        video = folder / "emulated.y4m"
+        files = [str(golden.path(FORMAT_VERSION, form)), str(video)]
+        arguments = [*files, "--quiet", "--side-information", golden.method]
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps(arguments) + "\n")
+        self._process.stdin.flush()
+        status, said = json.loads(self._process.stdout.readline())
+        assert status == 0, said
+        return digest(video)
+
+    def close(self) -> None:
+        """Let the process end."""
+        self._process.communicate()
+
+
+@pytest.fixture(scope="module")
+def emulated(request: pytest.FixtureRequest) -> Iterator[Emulated]:
+    """Return a process on the processor of this name, for all streams."""
+    with closing(Emulated(PROCESSORS[request.param])) as process:
+        yield process
 
 
 def digest(path: Path) -> str:
@@ -191,14 +217,14 @@ def test_golden_stream_decodes_to_the_frozen_frames(golden: Golden, form: str, t
     check(golden, path, tmp_path)
 
 
-@pytest.mark.parametrize("processor", PROCESSORS)
+@pytest.mark.parametrize("emulated", PROCESSORS, indirect=True)
 @pytest.mark.parametrize("golden", CARRIED, ids=lambda golden: golden.name)
 def test_golden_streams_decode_alike_on_every_processor(
-    golden: Golden, processor: str, tmp_path: Path
+    golden: Golden, emulated: Emulated, tmp_path: Path
 ) -> None:
     """Whatever libraries find, and with any number of threads, the frames are the frozen ones."""
     for form in FORMS if ALL_PROCESSORS else FORMS[1:]:
-        found = emulated(PROCESSORS[processor], golden, form, tmp_path)
+        found = emulated.video_digest(golden, form, tmp_path)
         assert found == records()[name_of(golden.path(FORMAT_VERSION, form))]["video_sha256"]
 
 

@@ -1,6 +1,7 @@
 """Who may import whom: the layers of docs/structure.md."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,9 +29,11 @@ def imported_by(path: Path) -> set[str]:
     return names
 
 
-IMPORTS = {
-    module_name(path): imported_by(path) for package in PACKAGES for path in (ROOT / package).rglob("*.py")
-}
+@cache
+def all_imports() -> dict[str, set[str]]:
+    """Return what each module imports."""
+    paths = (path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+    return {module_name(path): imported_by(path) for path in paths}
 
 
 def test_all_packages_are_installed() -> None:
@@ -47,7 +50,7 @@ def within(name: str, *packages: str) -> bool:
 
 
 def importers(*packages: str) -> dict[str, set[str]]:
-    return {name: imports for name, imports in IMPORTS.items() if within(name, *packages)}
+    return {name: imports for name, imports in all_imports().items() if within(name, *packages)}
 
 
 def offenders(modules: dict[str, set[str]], *forbidden: str) -> list[str]:
@@ -78,10 +81,10 @@ def test_siblings_share_only_dvc(package: str) -> None:
 def test_private_modules_stay_in_their_package() -> None:
     """A module with an underscore is imported by its neighbours alone; the door to numba is for all."""
     found = []
-    for module, names in IMPORTS.items():
+    for module, names in all_imports().items():
         for name in names:
             parent, _, last = name.rpartition(".")
-            private = last.startswith("_") and not last.startswith("__") and name in IMPORTS
+            private = last.startswith("_") and not last.startswith("__") and name in all_imports()
             if private and name != "dvc._jit" and not within(module, parent):
                 found.append(f"{module} -> {name}")
     assert found == []
@@ -89,7 +92,7 @@ def test_private_modules_stay_in_their_package() -> None:
 
 def test_numba_has_one_door() -> None:
     """Only `dvc._jit` imports numba, so that all kernels are compiled alike."""
-    modules = {name: names for name, names in IMPORTS.items() if name != "dvc._jit"}
+    modules = {name: names for name, names in all_imports().items() if name != "dvc._jit"}
     assert offenders(modules, "numba") == []
 
 
@@ -105,7 +108,9 @@ def test_algorithms_do_no_input_and_output() -> None:
         "dvc.metrics",
     )
     pure |= importers("decoder.wyner_ziv", "encoder.wyner_ziv", "encoder.groups")
-    pure |= {f"dvc.feedback.{name}": IMPORTS[f"dvc.feedback.{name}"] for name in ("endpoints", "messages")}
+    pure |= {
+        f"dvc.feedback.{name}": all_imports()[f"dvc.feedback.{name}"] for name in ("endpoints", "messages")
+    }
     assert offenders(pure, *FILE_AND_NETWORK) == []
 
 
@@ -113,6 +118,6 @@ def test_no_module_hides_one_of_the_standard_library() -> None:
     """No name of ours is also one of Python's."""
     import sys
 
-    top_level = {name.rpartition(".")[2] for name in IMPORTS} - {"__main__"}
+    top_level = {name.rpartition(".")[2] for name in all_imports()} - {"__main__"}
     assert top_level & {"io", "struct", "types", "queue", "random", "signal", "code"} == set()
     assert not set(PACKAGES) & set(sys.stdlib_module_names)
