@@ -23,7 +23,7 @@ SCENES = {"layers": plane_layers(), "sprites": plane_sprites(), "odd": odd_sprit
 @cache
 def small() -> bytes:
     """A small stream, made once."""
-    return encode_to_size(odd_sprites(), 900).data
+    return encode_to_size(odd_sprites(), 600).data
 
 
 def decoded(data: bytes) -> DecodedPieces:
