@@ -1,7 +1,7 @@
 """Decodes as it is told, a line at a time: a process whose libraries load once for many streams.
 
-Takes arguments of `dvc-decode` as JSON lists from its standard input, and answers each with a list of the
-exit status and what went to standard error.
+Takes arguments of `dvc-decode` as JSON lists from its standard input, and answers each with a list of these
+arguments, the exit status and what went to standard error.
 """
 
 import io
@@ -12,7 +12,8 @@ from contextlib import redirect_stderr
 import decoder.__main__ as decoder
 
 for line in sys.stdin:
+    arguments = json.loads(line)
     with redirect_stderr(io.StringIO()) as said:
-        status = decoder.main(json.loads(line))
-    sys.stdout.write(json.dumps([status, said.getvalue()]) + "\n")
+        status = decoder.main(arguments)
+    sys.stdout.write(json.dumps([arguments, status, said.getvalue()]) + "\n")
     sys.stdout.flush()

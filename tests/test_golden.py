@@ -162,12 +162,14 @@ class Emulated:
         assert self._process.stdout is not None
         self._process.stdin.write(json.dumps(arguments) + "\n")
         self._process.stdin.flush()
-        status, said = json.loads(self._process.stdout.readline())
+        answered, status, said = json.loads(self._process.stdout.readline())
+        assert answered == arguments
         assert status == 0, said
         return digest(video)
 
     def close(self) -> None:
-        """Let the process end."""
+        """End the process."""
+        self._process.kill()
         self._process.communicate()
 
 
