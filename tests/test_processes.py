@@ -158,8 +158,8 @@ def test_part_of_a_stream_is_that_part_of_the_whole(
 @pytest.fixture(scope="module")
 def scene_clip(folder: Path) -> Path:
     """Write seven views of a static scene, two groups of pictures long."""
-    frame = PixelFrame(176, 144)
-    chroma = np.full((72, 88), 100, np.uint8), np.full((72, 88), 150, np.uint8)
+    frame = PixelFrame(128, 96)
+    chroma = np.full((48, 64), 100, np.uint8), np.full((48, 64), 150, np.uint8)
     views = [Frame(render(k / 3.0, frame)[0], chroma) for k in range(7)]
     return write_clip(folder / "scene.y4m", views)
 
