@@ -20,10 +20,10 @@ SIZES = st.integers(1, 40)
 def laplacian(forest: Forest, seed: int, scale: float = 20.0) -> np.ndarray:
     """Draw coefficients that are larger at coarse scales, and often zero."""
     rng = np.random.default_rng(seed)
-    values = np.zeros(len(forest.nodes))
+    values = np.zeros(forest.num_nodes)
     for band in forest.bands:
-        values[band.nodes] = rng.laplace(scale=scale * 1.7**band.level / 8, size=band.nodes.shape)
-    return values * forest.nodes[:, kernels.EXISTS]
+        band.of(values)[:] = rng.laplace(scale=scale * 1.7**band.level / 8, size=band.shape)
+    return values * forest.exists
 
 
 @given(SIZES, SIZES, st.integers(0, 7), st.booleans(), st.integers(0, 2**32 - 1))
@@ -45,7 +45,7 @@ def test_every_cut_is_a_prefix(adaptive: bool, shapes: list[tuple[int, int]]) ->
     forest = zerotrees(shapes, [3] * len(shapes))
     coefficients = laplacian(forest, 5, 100.0)
     code = coder.encode(forest, coefficients, adaptive=adaptive)
-    exact, existing = np.abs(coefficients), forest.nodes[:, kernels.EXISTS] > 0
+    exact, existing = np.abs(coefficients), forest.exists
     last, errors = None, []
     for length in range(len(code.data) + 1):
         known = coder.decode(forest, code.data[:length], code.num_planes, adaptive)
@@ -85,7 +85,7 @@ def test_decisions_are_those_of_the_twin(shape: tuple[int, int], num_levels: int
         coefficients = np.trunc(laplacian(forest, seed, 10.0 + 10 * seed))
         code = coder.encode(forest, coefficients, adaptive=False)
         bands = {
-            (band.component, band.level, band.kind): coefficients[band.nodes].astype(int)
+            (band.component, band.level, band.kind): band.of(coefficients).astype(int)
             for band in forest.bands
         }
         decisions = SpihtTwin(bands, code.num_planes).write()
@@ -136,20 +136,30 @@ def test_a_mask_saves_bytes() -> None:
     assert 0.05 < sizes[1] / sizes[0] < 0.2
 
 
-@given(st.integers(1, 200), st.integers(1, 200), st.integers(0, 8))
+@given(st.integers(1, 90), st.integers(1, 90), st.integers(0, 8))
 @settings(max_examples=40)
 def test_each_coefficient_is_in_one_tree(rows: int, columns: int, num_levels: int) -> None:
-    """All coefficients are roots or children of one parent, which counts them."""
+    """All coefficients are roots or children of one parent, with the place of which they have theirs."""
     forest = zerotrees([(rows, columns)], [num_levels])
-    nodes = forest.nodes
-    existing = np.flatnonzero(nodes[:, kernels.EXISTS])
-    assert existing.size == rows * columns
-    parents = nodes[existing, kernels.PARENT]
-    assert np.array_equal(np.sort(forest.roots), existing[parents == 0])
-    counted = nodes[:, kernels.CHILD_ROWS] * nodes[:, kernels.CHILD_COLUMNS]
-    assert np.array_equal(np.bincount(parents[parents > 0], minlength=len(nodes)), counted)
-    for node in np.flatnonzero(counted):
-        assert nodes[nodes[node, kernels.CHILD], kernels.PARENT] == node
+    assert np.count_nonzero(forest.exists) == rows * columns
+    numbers = {(band.level, band.kind): band for band in forest.bands}
+    roots, parents, grandparents = [], set(), set()
+    for band in forest.bands:
+        above = numbers.get((band.level + 1, band.kind)) if band.kind and 0 not in band.shape else None
+        for row, column in np.ndindex(*band.shape):
+            node = band.first + row * band.stride + column
+            if above is None or 0 in above.shape:
+                roots.append(node)
+                continue
+            place = min(row // 2, above.shape[0] - 1), min(column // 2, above.shape[1] - 1)
+            parent = above.first + place[0] * above.stride + place[1]
+            found = kernels.parent_at(forest.table, forest.table[forest.marks[node, 0]], row, column)
+            assert found == parent
+            parents.add(parent)
+            grandparents.update({parent} if forest.marks[node, 1] & kernels.HAS_CHILDREN else ())
+    assert np.array_equal(forest.roots, roots)
+    assert set(np.flatnonzero(forest.flag(kernels.HAS_CHILDREN)).tolist()) == parents
+    assert set(np.flatnonzero(forest.flag(kernels.HAS_GRANDCHILDREN)).tolist()) == grandparents
 
 
 @given(st.binary(max_size=120), st.integers(0, 30), st.booleans(), st.integers(1, 33), st.integers(1, 33))
@@ -163,7 +173,7 @@ def test_any_bytes_are_read_or_refused(
     except BitstreamError:
         return
     assert np.all(np.abs(decoded.values.astype(np.int64)) < 2**num_planes)
-    assert np.all(decoded.values[forest.nodes[:, kernels.EXISTS] == 0] == 0)
+    assert np.all(decoded.values[~forest.exists] == 0)
 
 
 def test_flipped_bits_never_crash() -> None:
@@ -185,7 +195,7 @@ def test_wrong_arguments_are_named() -> None:
     """Coefficients that are not finite, and too many bit planes, are refused."""
     forest = zerotrees([(2, 2)], [1])
     with pytest.raises(ValueError, match="`coefficients`"):
-        coder.encode(forest, np.full(len(forest.nodes), np.nan))
+        coder.encode(forest, np.full(forest.num_nodes, np.nan))
     with pytest.raises(BitstreamError, match="31 bit planes"):
         coder.decode(forest, b"", 31)
 
@@ -193,7 +203,7 @@ def test_wrong_arguments_are_named() -> None:
 def test_zeros_take_no_bytes() -> None:
     """Without a significant coefficient there is nothing to write."""
     forest = zerotrees([(8, 8)], [3])
-    code = coder.encode(forest, np.full(len(forest.nodes), 0.9) * forest.nodes[:, kernels.EXISTS])
+    code = coder.encode(forest, np.full(forest.num_nodes, 0.9) * forest.exists)
     assert (code.data, code.num_planes) == (b"", 0)
     assert code.squared_error.tolist() == pytest.approx([64 * 0.81])
     assert not coder.decode(forest, b"", 0).values.any()
@@ -207,14 +217,14 @@ def test_significance_is_that_of_any_orientation(rows: int, columns: int) -> Non
     code = coder.encode(forest, coefficients)
     levels = max(most_levels((rows, columns)), 2)
     maps = significance_maps(
-        forest, coder.decode(forest, code.data, code.num_planes), (rows, columns), levels
+        forest.bands, coder.decode(forest, code.data, code.num_planes), (rows, columns), levels
     )
     assert [each.shape for each in maps] == scale_shapes((rows, columns), levels)[1:]
     for level, each in enumerate(maps, 1):
         if level > 2:
             assert each.all()
             continue
-        bands = [np.trunc(coefficients[b.nodes]) for b in forest.bands if b.level == level and b.kind]
+        bands = [np.trunc(b.of(coefficients)) for b in forest.bands if b.level == level and b.kind]
         for m, n in np.ndindex(*each.shape):
             inside = [band[m, n] for band in bands if m < band.shape[0] and n < band.shape[1]]
             assert each[m, n] == any(inside)

@@ -7,7 +7,7 @@ picture, and what it is depends on these bytes alone: an encoder that wants to k
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -19,9 +19,9 @@ from dvc.dibr.reference.header import MAX_LEVELS, ReferenceHeader
 from dvc.dibr.spiht import coder
 from dvc.dibr.spiht.coder import DecodedCoefficients
 from dvc.dibr.spiht.significance import significance_maps
-from dvc.dibr.spiht.trees import Forest, Shape, zerotrees
+from dvc.dibr.spiht.trees import Band, Forest, Shape, scatter, zerotrees
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
-from dvc.dibr.wavelets.lifting import WAVELETS, Pyramid, low_band_gain, most_levels
+from dvc.dibr.wavelets.lifting import WAVELETS, Pyramid, low_band_gain, most_levels, scale_shapes
 from dvc.dibr.wavelets.shape_adaptive import Mask, mask_pyramid
 from dvc.dibr.wavelets.transform import Transform
 
@@ -255,7 +255,9 @@ def encode(
     forest = _forest(shape, num_levels, len(planes) == 3, mask)
     transform = Transform(num_levels, wavelet, edges, order, mask)
     pyramids = [transform.analyse(plane) for plane in planes]
-    coefficients = forest.gather(pyramids) / STEP
+    coefficients = forest.gather(pyramids)
+    del pyramids
+    coefficients /= STEP
     code = coder.encode(forest, coefficients, max_bytes, adaptive, lowest_plane)
     header = ReferenceHeader(num_levels, code.num_planes, len(planes) == 3, wavelet, adaptive)
     num_pixels = shape[0] * shape[1]
@@ -307,28 +309,41 @@ def decode(
         raise ValueError(
             f"`num_skipped_levels` must be from 0 to {header.num_levels}, got {num_skipped_levels}"
         )
-    forest = _forest(shape, header.num_levels, header.colour, mask)
-    known = coder.decode(forest, data, header.num_bit_planes, header.adaptive)
+    bands, known = _read(header, data, shape, mask)
     points = tuple((point + _FIRST_POINT) * _POINT_STEP for point in header.points)
-    pyramids = forest.scatter(known.reconstruct((points[0], points[1])) * STEP)
+
+    def _coefficients(band: Band) -> NDArray[np.float64]:
+        if 0 < band.level <= num_skipped_levels:
+            return np.zeros((0, 0))
+        found = known.part(band).reconstruct((points[0], points[1]))
+        return np.multiply(found, STEP, out=found)
+
     transform = Transform(header.num_levels, header.wavelet, edges, order, mask)
-    planes = _synthesised(pyramids, transform, shape, num_skipped_levels)
-    return DecodedReference(planes, _significance(forest, known, shape))
+    planes = _synthesised(scatter(bands, _coefficients), transform, header.colour, shape, num_skipped_levels)
+    return DecodedReference(planes, significance_maps(bands, known, shape, most_levels(shape)))
 
 
-def _significance(forest: Forest, known: DecodedCoefficients, shape: Shape) -> list[NDArray[np.bool_]]:
-    return significance_maps(forest, known, shape, most_levels(shape))
+def _read(
+    header: ReferenceHeader, data: bytes, shape: Shape, mask: Mask | None
+) -> tuple[tuple[Band, ...], DecodedCoefficients]:
+    """Coefficients, and where they are, without the trees that reading them takes."""
+    forest = _forest(shape, header.num_levels, header.colour, mask)
+    return forest.bands, coder.decode(forest, data, header.num_bit_planes, header.adaptive)
 
 
 def _synthesised(
-    pyramids: Sequence[Pyramid], transform: Transform, shape: Shape, num_skipped_levels: int
+    pyramids: Iterator[Pyramid], transform: Transform, colour: bool, shape: Shape, num_skipped_levels: int
 ) -> NDArray[np.float64]:
+    """Planes, one after the other: pictures may be large."""
     gain = low_band_gain(shape, num_skipped_levels)
-    planes = []
-    for pyramid, (middle, weight) in zip(pyramids, _SCALES, strict=False):
+    size = scale_shapes(shape, num_skipped_levels)[-1]
+    planes = np.empty((3 if colour else 1, *size))
+    for plane, (middle, weight) in zip(planes, _SCALES, strict=False):
+        pyramid = next(pyramids)
         kept = Pyramid(pyramid.low, pyramid.details[num_skipped_levels:])
-        planes.append(transform.synthesise(kept) / (gain * weight) + middle)
-    return np.stack(planes)
+        np.divide(transform.synthesise(kept), gain * weight, out=plane)
+        plane += middle
+    return planes
 
 
 _SCALES = ((_MIDDLE, 1.0), (0.0, CHROMA_WEIGHT), (0.0, CHROMA_WEIGHT))

@@ -12,18 +12,20 @@ from dvc._jit import kernel
 from dvc.entropy.mixing import Mixture, learn_mixed, mixed_probability
 from dvc.entropy.range_coder import POSITION, READING, CoderState, code_decision, is_settled
 
-# Columns of `Run.nodes`. What follows EXISTS is what a writer knows: all zeros for a reader.
-PARENT, CHILD, CHILD_ROWS, CHILD_COLUMNS, BAND, EXISTS, HAS_CHILDREN, HAS_GRANDCHILDREN = range(8)
-LAST_PLANE, OPENED, TARGET, LARGEST_BELOW, LARGEST_DEEPER = range(8, 13)
-NUM_COLUMNS = 13
+# Columns of `Run.marks`; the last two are what a writer knows.
+BAND, FLAGS, LAST_PLANE, PLANES_BELOW, PLANES_DEEPER = range(5)
+NUM_READER_MARKS, NUM_WRITER_MARKS = 3, 5
+EXISTS, HAS_CHILDREN, HAS_GRANDCHILDREN, OPENED = 1, 2, 4, 8
 
-# Columns of `Run.bands`.
-STRIDE, KIND, LEVEL, COMPONENT = range(4)
+# Columns of `Run.bands`: where a band begins, its size, and those of its parents and of its children, or NONE.
+FIRST, STRIDE, ROWS, COLUMNS, KIND, LEVEL, COMPONENT, ABOVE, BELOW = range(9)
+NONE = -1
 LOW_BAND, HORIZONTAL, VERTICAL, DIAGONAL = range(4)
 
-# Rows of `Run.lists`, and how long each is, in `Run.fields`.
-PENDING, SETS, SIGNIFICANT, OPENING = range(4)
-STOPPED, PLANE = 4, 5
+# `Run.fields`: ends of the two chains of `Run.links`, lengths of `Run.sets` and `Run.opening`, and where it is.
+PENDING, PENDING_END, SIGNIFICANT, SIGNIFICANT_END, SETS, OPENING, STOPPED, PLANE = range(8)
+MOST_CHILDREN = 9
+"""Of a node: bands have up to one row and column more than twice those of the band above."""
 
 # Where the contexts of a kind of decision begin in each of three tables, and its weights.
 _COEFFICIENT = (0, 256, 512, 0)
@@ -44,18 +46,22 @@ class Run(NamedTuple):
     coder : CoderState
         Where to write or to read.
     fields : ndarray of shape (8,), int64
-        Lengths of the lists, whether the data are used up, and the bit plane.
+        Ends of chains, lengths of lists, whether the data are used up, and the bit plane.
     values : ndarray of shape (S,), int32
         Coefficients as far as they are known, in steps, with their signs.
-    nodes : ndarray of shape (S, 13), int32
-        Trees and what is known of them.
-    bands : ndarray of shape (B, 4), int32
+    marks : ndarray of shape (S, 3 or 5), uint8
+        Of each node: band, flags, lowest plane that is known; of a writer also in how many planes there is
+        anything among descendants, and among those but children.
+    bands : ndarray of shape (B, 9), int64
         Bands of coefficients.
-    lists : ndarray of shape (4, S), int32
-        Coefficients not yet significant; sets, those of grandchildren negative; significant coefficients;
-        nodes whose children are to be coded.
+    links : ndarray of shape (S,), int32
+        The next one of coefficients that are not yet significant, or of those that are; 0 after the last.
+    sets : ndarray of shape (2 P,), int32
+        Sets, by their nodes; those of grandchildren negative. P nodes have children.
+    opening : ndarray of shape (K,), int32
+        Nodes whose children are to be coded.
     exact : ndarray of shape (S,), float64
-        Magnitudes before quantisation, in steps, of a writer.
+        Coefficients before quantisation, in steps, of a writer; empty for a reader.
     curve : ndarray of shape (W,), float64
         Squared error once each word is written, and last the one now.
     mixture : Mixture
@@ -69,9 +75,11 @@ class Run(NamedTuple):
     coder: CoderState
     fields: NDArray[np.int64]
     values: NDArray[np.int32]
-    nodes: NDArray[np.int32]
-    bands: NDArray[np.int32]
-    lists: NDArray[np.int32]
+    marks: NDArray[np.uint8]
+    bands: NDArray[np.int64]
+    links: NDArray[np.int32]
+    sets: NDArray[np.int32]
+    opening: NDArray[np.int32]
     exact: NDArray[np.float64]
     curve: NDArray[np.float64]
     mixture: Mixture
@@ -80,61 +88,142 @@ class Run(NamedTuple):
 
 
 @kernel
-def gather_below(nodes, column, below, deeper):
-    """Set two columns to the largest magnitude of another among descendants, and among those but children."""
-    for i in range(len(nodes) - 1, 0, -1):
-        parent = nodes[i, PARENT]
-        if parent > 0:
-            nodes[parent, below] = max(nodes[parent, below], abs(nodes[i, column]), nodes[i, below])
-            nodes[parent, deeper] = max(nodes[parent, deeper], nodes[i, below])
+def count_planes(exact, planes):
+    """Set the bit planes of magnitudes; return the most of them."""
+    most = 0
+    for i in range(len(exact)):
+        magnitude, number = np.int64(abs(exact[i])), 0
+        while magnitude:
+            magnitude >>= 1
+            number += 1
+        planes[i] = number
+        most = max(most, number)
+    return most
+
+
+@kernel
+def gather_below(bands, values, below, deeper):
+    """Set the largest of values among descendants of each node, and among those but children."""
+    for number in range(len(bands) - 1, -1, -1):
+        band = bands[number]
+        if band[ABOVE] == NONE:
+            continue
+        for row in range(band[ROWS]):
+            for column in range(band[COLUMNS]):
+                i = band[FIRST] + row * band[STRIDE] + column
+                parent = parent_at(bands, band, row, column)
+                below[parent] = max(below[parent], values[i], below[i])
+                deeper[parent] = max(deeper[parent], below[i])
+
+
+@kernel
+def parent_at(bands, band, row, column):
+    """Return the parent of a place in a band, or 0."""
+    if band[ABOVE] == NONE:
+        return 0
+    above = bands[band[ABOVE]]
+    row, column = min(row // 2, above[ROWS] - 1), min(column // 2, above[COLUMNS] - 1)
+    return above[FIRST] + row * above[STRIDE] + column
+
+
+@kernel
+def _place(band, i):
+    """Return row and column of a node in its band."""
+    place, stride = np.uint32(i - band[FIRST]), np.uint32(band[STRIDE])  # division of 64 bits is slow
+    row = np.int64(place // stride)
+    return row, i - band[FIRST] - row * band[STRIDE]
+
+
+@kernel
+def _parent(run, band, i):
+    """Return the parent of a node, or 0."""
+    if band[ABOVE] == NONE:
+        return 0
+    row, column = _place(band, i)
+    return parent_at(run.bands, band, row, column)
+
+
+@kernel
+def _children(run, node):
+    """Return the first child of a node with children, the stride of its band, and rows and columns of them."""
+    band = run.bands[run.marks[node, BAND]]
+    below = run.bands[band[BELOW]]
+    row, column = _place(band, node)
+    rows = below[ROWS] - 2 * row if row == band[ROWS] - 1 else 2
+    columns = below[COLUMNS] - 2 * column if column == band[COLUMNS] - 1 else 2
+    return below[FIRST] + 2 * row * below[STRIDE] + 2 * column, below[STRIDE], rows, columns
+
+
+@kernel
+def _has(run, node, flag):
+    return run.marks[node, FLAGS] & flag != 0
 
 
 @kernel
 def code_planes(run, roots, num_planes, lowest_plane):
     """Code bit planes, the highest first, to a last one or until the data or the room are used up."""
-    fields, lists, nodes = run.fields, run.lists, run.nodes
+    fields, links = run.fields, run.links
     for root in roots:
-        if nodes[root, EXISTS]:
-            _append(fields, lists, PENDING, root)
-        if nodes[root, HAS_CHILDREN]:
-            _append(fields, lists, SETS, root)
+        if _has(run, root, EXISTS):
+            _append(fields, links, PENDING, np.int64(root))
+        if _has(run, root, HAS_CHILDREN):
+            _append_set(run, np.int64(root))
     for plane in range(num_planes - 1, lowest_plane - 1, -1):
         fields[PLANE] = plane
-        num_refinable = fields[SIGNIFICANT]
+        last = fields[SIGNIFICANT_END]
         _pending_pass(run)
         _set_pass(run)
-        for k in range(num_refinable):
-            _refine(run, np.int64(lists[SIGNIFICANT, k]))
+        i = fields[SIGNIFICANT] if last else 0
+        while i and not fields[STOPPED]:
+            _refine(run, i)
+            i = np.int64(links[i]) if i != last else 0
         if fields[STOPPED]:
             return
 
 
 @kernel
-def _append(fields, lists, which, entry):
-    lists[which, fields[which]] = entry
-    fields[which] += 1
+def _append(fields, links, chain, i):
+    """Append a coefficient to one of the two chains."""
+    if fields[chain] == 0:
+        fields[chain] = i
+    else:
+        links[fields[chain + 1]] = i
+    fields[chain + 1] = i
+    links[i] = 0
+
+
+@kernel
+def _append_set(run, entry):
+    run.sets[run.fields[SETS]] = entry
+    run.fields[SETS] += 1
 
 
 @kernel
 def _pending_pass(run):
     """Code which of the coefficients that are not yet significant are now."""
-    fields, lists = run.fields, run.lists
-    kept = 0
-    for k in range(fields[PENDING]):
-        i = np.int64(lists[PENDING, k])
-        if fields[STOPPED] or not _code_coefficient(run, i, 0, False):
-            lists[PENDING, kept] = i
-            kept += 1
-    fields[PENDING] = kept
+    fields, links = run.fields, run.links
+    before, i = 0, fields[PENDING]
+    while i and not fields[STOPPED]:
+        after = np.int64(links[i])
+        if not _code_coefficient(run, i, 0, False):
+            before = i
+        else:
+            if before == 0:
+                fields[PENDING] = after
+            else:
+                links[before] = after
+            if after == 0:
+                fields[PENDING_END] = before
+        i = after
 
 
 @kernel
 def _set_pass(run):
     """Code which sets hold a significant coefficient, and all that follows from it."""
-    fields, lists = run.fields, run.lists
+    fields, sets = run.fields, run.sets
     count, kept = fields[SETS], 0
     for k in range(count):
-        entry = np.int64(lists[SETS, k])
+        entry = np.int64(sets[k])
         deeper = entry < 0
         node = abs(entry)
         if not fields[STOPPED] and _code_set(run, node, deeper):
@@ -144,74 +233,67 @@ def _set_pass(run):
                 _open(run, node)
             while fields[OPENING] and not fields[STOPPED]:
                 fields[OPENING] -= 1
-                _code_children(run, np.int64(lists[OPENING, fields[OPENING]]))
+                _code_children(run, np.int64(run.opening[fields[OPENING]]))
         else:
-            lists[SETS, kept] = entry
+            sets[kept] = entry
             kept += 1
     for k in range(count, fields[SETS]):
-        lists[SETS, kept] = lists[SETS, k]
+        sets[kept] = sets[k]
         kept += 1
     fields[SETS] = kept
 
 
 @kernel
 def _open(run, node):
-    run.nodes[node, OPENED] = 1
-    _append(run.fields, run.lists, OPENING, node)
-
-
-@kernel
-def _child(run, node, k):
-    """Return the k-th child of a node."""
-    nodes = run.nodes
-    first, columns = np.int64(nodes[node, CHILD]), np.int64(nodes[node, CHILD_COLUMNS])
-    return first + k // columns * np.int64(run.bands[nodes[first, BAND], STRIDE]) + k % columns
-
-
-@kernel
-def _num_children(nodes, node):
-    return np.int64(nodes[node, CHILD_ROWS]) * np.int64(nodes[node, CHILD_COLUMNS])
+    run.marks[node, FLAGS] |= OPENED
+    run.opening[run.fields[OPENING]] = node
+    run.fields[OPENING] += 1
 
 
 @kernel
 def _code_children(run, node):
     """Code the children of a node one of whose descendants is significant; what follows takes no bits."""
-    fields, nodes = run.fields, run.nodes
-    number, left, found = _num_children(nodes, node), 0, False
-    for k in range(number):
-        left += nodes[_child(run, node, k), EXISTS]
-    for k in range(number):
-        child = _child(run, node, k)
-        if nodes[child, EXISTS]:
-            left -= 1
-            certain = left == 0 and not found and not nodes[node, HAS_GRANDCHILDREN]
-            if _code_coefficient(run, child, 1, certain):
-                found = True
-            else:
-                _append(fields, run.lists, PENDING, child)
-    if nodes[node, HAS_GRANDCHILDREN]:
+    fields = run.fields
+    first, stride, rows, columns = _children(run, node)
+    left, found = 0, False
+    for row in range(rows):
+        for column in range(columns):
+            left += _has(run, first + row * stride + column, EXISTS)
+    for row in range(rows):
+        for column in range(columns):
+            child = first + row * stride + column
+            if _has(run, child, EXISTS):
+                left -= 1
+                certain = left == 0 and not found and not _has(run, node, HAS_GRANDCHILDREN)
+                if _code_coefficient(run, child, 1, certain):
+                    found = True
+                else:
+                    _append(fields, run.links, PENDING, child)
+    if _has(run, node, HAS_GRANDCHILDREN):
         if not found or _code_set(run, node, True):
             _split(run, node)
         else:
-            _append(fields, run.lists, SETS, -node)
+            _append_set(run, -node)
 
 
 @kernel
 def _split(run, node):
     """Code which children have significant descendants, given that one of them has."""
-    nodes = run.nodes
-    number, left, found = _num_children(nodes, node), 0, False
-    for k in range(number):
-        left += nodes[_child(run, node, k), HAS_CHILDREN]
-    for k in range(number):
-        child = _child(run, node, k)
-        if nodes[child, HAS_CHILDREN]:
-            left -= 1
-            if (left == 0 and not found) or _code_set(run, child, False):
-                found = True
-                _open(run, child)
-            else:
-                _append(run.fields, run.lists, SETS, child)
+    first, stride, rows, columns = _children(run, node)
+    left, found = 0, False
+    for row in range(rows):
+        for column in range(columns):
+            left += _has(run, first + row * stride + column, HAS_CHILDREN)
+    for row in range(rows):
+        for column in range(columns):
+            child = first + row * stride + column
+            if _has(run, child, HAS_CHILDREN):
+                left -= 1
+                if (left == 0 and not found) or _code_set(run, child, False):
+                    found = True
+                    _open(run, child)
+                else:
+                    _append_set(run, child)
 
 
 @kernel
@@ -228,21 +310,27 @@ def _level(value, plane):
 
 
 @kernel
+def _exact(run, i):
+    """Return a coefficient, of a writer."""
+    return 0.0 if run.coder.fields[READING] else run.exact[i]
+
+
+@kernel
 def _code_coefficient(run, i, mode, certain):
     """Code whether a coefficient is significant and, if so, its sign; 0 too once the data are used up."""
-    fields, values, nodes = run.fields, run.values, run.nodes
+    fields, values, marks = run.fields, run.values, run.marks
     plane = fields[PLANE]
-    target = np.int64(nodes[i, TARGET])
+    exact = _exact(run, i)
     if not certain:
-        band = run.bands[nodes[i, BAND]]
-        s, kind = np.int64(band[STRIDE]), np.int64(band[KIND])
+        band = run.bands[marks[i, BAND]]
+        s, kind = band[STRIDE], band[KIND]
         h = abs(np.int64(values[i - 1])) + abs(np.int64(values[i + 1]))
         v = abs(np.int64(values[i - s])) + abs(np.int64(values[i + s]))
         d = abs(np.int64(values[i - s - 1])) + abs(np.int64(values[i - s + 1]))
         d += abs(np.int64(values[i + s - 1])) + abs(np.int64(values[i + s + 1]))
         far = abs(np.int64(values[i - 2])) + abs(np.int64(values[i + 2]))
         far += abs(np.int64(values[i - 2 * s])) + abs(np.int64(values[i + 2 * s]))
-        parent = abs(np.int64(values[nodes[i, PARENT]]))
+        parent = abs(np.int64(values[_parent(run, band, i)]))
         if kind == HORIZONTAL:
             h, v = v, h
         shape = 0 if kind == LOW_BAND else (2 if kind == DIAGONAL else 1)
@@ -250,24 +338,24 @@ def _code_coefficient(run, i, mode, certain):
         first = (shape * 4 + min(_level(h, plane), 6) // 2) * 4 + min(_level(v, plane), 6) // 2
         first = first * 4 + min(_level(d, plane), 6) // 2
         second = (min(near, 11) * 5 + min(_level(parent, plane), 8) // 2) * 2 + mode
-        third = (min(np.int64(band[LEVEL]), 7) * 2 + min(np.int64(band[COMPONENT]), 1)) * 5
+        third = (min(band[LEVEL], 7) * 2 + min(band[COMPONENT], 1)) * 5
         third = (third + min(_level(far, plane), 8) // 2) * 6 + min(near, 10) // 2
         if not _decide(
-            run, _COEFFICIENT, first, second, third, mode * 12 + min(near, 11), abs(target) >> plane > 0
+            run, _COEFFICIENT, first, second, third, mode * 12 + min(near, 11), np.int64(abs(exact)) >> plane > 0
         ):
             if not fields[STOPPED]:
-                nodes[i, LAST_PLANE] = plane
+                marks[i, LAST_PLANE] = plane
             return False
     if fields[STOPPED]:
         return False
-    sign = _code_sign(run, i, target < 0)
+    sign = _code_sign(run, i, exact < 0.0)
     if fields[STOPPED]:
         return False
-    nodes[i, LAST_PLANE] = plane
+    marks[i, LAST_PLANE] = plane
     threshold = np.int64(1) << plane
     values[i] = sign * threshold
-    _append(fields, run.lists, SIGNIFICANT, i)
-    exact = run.exact[i]
+    _append(fields, run.links, SIGNIFICANT, i)
+    exact = abs(exact)
     run.curve[-1] += (exact - FIRST_POINT * threshold) ** 2 - exact * exact
     return True
 
@@ -275,28 +363,28 @@ def _code_coefficient(run, i, mode, certain):
 @kernel
 def _refine(run, i):
     """Code the next digit of a significant coefficient."""
-    fields, values, nodes = run.fields, run.values, run.nodes
+    fields, values, marks = run.fields, run.values, run.marks
     plane = fields[PLANE]
-    band = run.bands[nodes[i, BAND]]
-    s = np.int64(band[STRIDE])
+    band = run.bands[marks[i, BAND]]
+    s = band[STRIDE]
     h = abs(np.int64(values[i - 1])) + abs(np.int64(values[i + 1]))
     v = abs(np.int64(values[i - s])) + abs(np.int64(values[i + s]))
-    parent = abs(np.int64(values[nodes[i, PARENT]]))
+    parent = abs(np.int64(values[_parent(run, band, i)]))
     value = np.int64(values[i])
     now = abs(value)
     age = min(now >> (plane + 1), 4) - 1
     first = age * 10 + min(_level(h + v, plane + 1), 9)
-    second = (age * 8 + min(np.int64(band[LEVEL]), 7)) * 2 + min(np.int64(band[COMPONENT]), 1)
+    second = (age * 8 + min(band[LEVEL], 7)) * 2 + min(band[COMPONENT], 1)
     third = age * 5 + min(_level(parent, plane), 9) // 2
-    digit = abs(np.int64(nodes[i, TARGET])) >> plane & 1
+    exact = abs(_exact(run, i))
+    digit = np.int64(exact) >> plane & 1
     bit = _decide(run, _REFINEMENT, first, second, third, age, digit > 0)
     if fields[STOPPED]:
         return
     threshold = np.int64(1) << plane
     after = now + bit * threshold
     values[i] = after if value > 0 else -after
-    nodes[i, LAST_PLANE] = plane
-    exact = run.exact[i]
+    marks[i, LAST_PLANE] = plane
     before = now + 2 * threshold * (FIRST_POINT - 1.0 if now == 2 * threshold else LATER_POINT)
     run.curve[-1] += (exact - after - LATER_POINT * threshold) ** 2 - (exact - before) ** 2
 
@@ -311,15 +399,15 @@ def _signs(a, b):
 @kernel
 def _code_sign(run, i, negative):
     """Code a sign relative to that which those around it suggest."""
-    values, nodes = run.values, run.nodes
-    band = run.bands[nodes[i, BAND]]
-    s, kind = np.int64(band[STRIDE]), np.int64(band[KIND])
+    values = run.values
+    band = run.bands[run.marks[i, BAND]]
+    s, kind = band[STRIDE], band[KIND]
     h, v = _signs(values[i - 1], values[i + 1]), _signs(values[i - s], values[i + s])
     if kind == HORIZONTAL:
         h, v = v, h
     falling = _signs(values[i - s - 1], values[i + s + 1])
     rising = _signs(values[i - s + 1], values[i + s - 1])
-    parent = _signs(values[nodes[i, PARENT]], 0)
+    parent = _signs(values[_parent(run, band, i)], 0)
     number = ((h * 3 + v) * 3 + falling) * 3 + rising
     flip = -1 if number < 0 else 1
     first = flip * (h * 3 + v) * 4 + kind
@@ -330,34 +418,43 @@ def _code_sign(run, i, negative):
 
 
 @kernel
+def _opened(marks, i):
+    return np.int64(marks[i, FLAGS] & OPENED != 0)
+
+
+@kernel
 def _code_set(run, node, deeper):
     """Code whether any descendant of a node is significant, or any below its children."""
-    values, nodes = run.values, run.nodes
+    values, marks = run.values, run.marks
     plane = run.fields[PLANE]
-    band = run.bands[nodes[node, BAND]]
-    s, level = np.int64(band[STRIDE]), min(np.int64(band[LEVEL]), 7)
+    band = run.bands[marks[node, BAND]]
+    s, level = band[STRIDE], min(band[LEVEL], 7)
     near = 2 * (abs(np.int64(values[node - 1])) + abs(np.int64(values[node + 1])))
     near += 2 * (abs(np.int64(values[node - s])) + abs(np.int64(values[node + s])))
     near += abs(np.int64(values[node - s - 1])) + abs(np.int64(values[node - s + 1]))
     near += abs(np.int64(values[node + s - 1])) + abs(np.int64(values[node + s + 1]))
     near = min(_level(near, plane + 1), 11)
-    beside = np.int64(nodes[node - 1, OPENED]) + np.int64(nodes[node + 1, OPENED])
-    beside += np.int64(nodes[node - s, OPENED]) + np.int64(nodes[node + s, OPENED])
-    corners = np.int64(nodes[node - s - 1, OPENED]) + np.int64(nodes[node - s + 1, OPENED])
-    corners += np.int64(nodes[node + s - 1, OPENED]) + np.int64(nodes[node + s + 1, OPENED])
+    beside = _opened(marks, node - 1) + _opened(marks, node + 1)
+    beside += _opened(marks, node - s) + _opened(marks, node + s)
+    corners = _opened(marks, node - s - 1) + _opened(marks, node - s + 1)
+    corners += _opened(marks, node + s - 1) + _opened(marks, node + s + 1)
     own = min(_level(abs(np.int64(values[node])), plane), 8) // 2
     children = np.int64(0)
     if deeper:
-        for k in range(_num_children(nodes, node)):
-            children += abs(np.int64(values[_child(run, node, k)]))
+        first, stride, rows, columns = _children(run, node)
+        for row in range(rows):
+            for column in range(columns):
+                children += abs(np.int64(values[first + row * stride + column]))
         children = min(_level(children, plane), 7)
     kind = 1 if deeper else 0
-    first = ((kind * 5 + beside) * 5 + corners) * 5 + own
+    context = ((kind * 5 + beside) * 5 + corners) * 5 + own
     second = ((kind * 8 + level) * 5 + own) * 3 + min(beside, 2)
-    third = ((kind * 2 + min(np.int64(band[COMPONENT]), 1)) * 12 + near) * 8 + children
-    largest = np.int64(nodes[node, LARGEST_DEEPER if deeper else LARGEST_BELOW])
+    third = ((kind * 2 + min(band[COMPONENT], 1)) * 12 + near) * 8 + children
+    found = False
+    if not run.coder.fields[READING]:
+        found = marks[node, PLANES_DEEPER if deeper else PLANES_BELOW] > plane
     weights = kind * 16 + level * 2 + min(beside, 1)
-    return _decide(run, _SET, first, second, third, weights, largest >> plane > 0) > 0
+    return _decide(run, _SET, context, second, third, weights, found) > 0
 
 
 @kernel

@@ -12,12 +12,13 @@ A reader of a part of the bytes takes all decisions that these settle, whatever 
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.spiht import _kernels as kernels
-from dvc.dibr.spiht.trees import Forest
+from dvc.dibr.spiht.trees import Band, Forest
 from dvc.entropy import CoderState, RangeCoder
 from dvc.entropy.mixing import new_mixture
 from dvc.entropy.range_coder import POSITION
@@ -26,6 +27,7 @@ from dvc.errors import BitstreamError
 MAX_PLANES = 30
 """Most bit planes of magnitudes."""
 
+_NEVER = 40  # a bit plane above all
 _MAX_BYTES_PER_NODE = 8
 _FIRST_WEIGHT = 0.4
 
@@ -60,12 +62,27 @@ class DecodedCoefficients:
     ----------
     values : ndarray of shape (S,), int32
         Lower bounds of magnitudes, in steps, with their signs; 0 where nothing is significant.
-    last_planes : ndarray of shape (S,), int32
+    last_planes : ndarray of shape (S,), uint8
         Lowest bit plane of each that is known: a magnitude is less than ``2^last_plane`` above its bound.
     """
 
     values: NDArray[np.int32]
-    last_planes: NDArray[np.int32]
+    last_planes: NDArray[np.uint8]
+
+    def part(self, band: Band) -> Self:
+        """Return what is known of a band.
+
+        Parameters
+        ----------
+        band : Band
+            Which.
+
+        Returns
+        -------
+        DecodedCoefficients
+            Of its shape.
+        """
+        return type(self)(band.of(self.values), band.of(self.last_planes))
 
     def reconstruct(self, points: tuple[float, float]) -> NDArray[np.float64]:
         """Return coefficients, in steps.
@@ -77,12 +94,13 @@ class DecodedCoefficients:
 
         Returns
         -------
-        ndarray of shape (S,), float64
+        ndarray of the shape of `values`, float64
             Coefficients.
         """
-        magnitude, width, found = self._intervals()
-        inside = np.where(found, points[0], points[1]) * width
-        return np.where(self.values == 0, 0.0, np.copysign(magnitude + inside, self.values))
+        magnitude, width, found = _intervals(self.values, self.last_planes)
+        magnitude += np.where(found, points[0], points[1]) * width
+        magnitude[self.values == 0] = 0.0
+        return np.copysign(magnitude, self.values, out=magnitude)
 
     def fitted_points(self, exact: NDArray[np.float64]) -> tuple[float, float]:
         """Return the points of the least squared error.
@@ -97,19 +115,22 @@ class DecodedCoefficients:
         tuple of float
             As `reconstruct` takes them; 0.5 where there is nothing to fit to.
         """
-        magnitude, width, found = self._intervals()
-        excess = np.abs(exact) - magnitude
+        chosen = np.flatnonzero(self.values)
+        magnitude, width, found = _intervals(self.values[chosen], self.last_planes[chosen])
+        excess = np.abs(exact[chosen]) - magnitude
         points = []
         for group in (found, ~found):
-            chosen = group & (self.values != 0)
-            energy = float(np.sum(width[chosen] ** 2))
-            points.append(float(np.sum((excess * width)[chosen])) / energy if energy else 0.5)
+            energy = float(np.sum(width[group] ** 2))
+            points.append(float(np.sum((excess * width)[group])) / energy if energy else 0.5)
         return points[0], points[1]
 
-    def _intervals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-        magnitude = np.abs(self.values.astype(np.float64))
-        width = np.ldexp(1.0, self.last_planes)
-        return magnitude, width, magnitude == width
+
+def _intervals(
+    values: NDArray[np.int32], last_planes: NDArray[np.uint8]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    magnitude = np.abs(values.astype(np.float64))
+    width = np.ldexp(np.float64(1.0), last_planes.astype(np.int32))
+    return magnitude, width, magnitude == width
 
 
 def encode(
@@ -144,23 +165,25 @@ def encode(
     ValueError
         If a coefficient is not finite, or too large for `MAX_PLANES`.
     """
-    exact = np.abs(coefficients)
-    if not np.all(exact < 2.0**MAX_PLANES):
+    limit = 2.0**MAX_PLANES
+    if not (-limit < np.min(coefficients) and np.max(coefficients) < limit):
         raise ValueError(f"`coefficients` must be finite and below 2^{MAX_PLANES} steps")
-    most = _MAX_BYTES_PER_NODE * len(forest.nodes) if max_bytes is None else max_bytes
-    target = np.trunc(coefficients).astype(np.int32)
-    num_planes = int(np.abs(target).max(initial=0)).bit_length()
-    nodes = forest.nodes.copy()
-    nodes[:, kernels.TARGET] = target
-    kernels.gather_below(nodes, kernels.TARGET, kernels.LARGEST_BELOW, kernels.LARGEST_DEEPER)
-    energy = float(np.sum(exact * exact))
+    most = _MAX_BYTES_PER_NODE * forest.num_nodes if max_bytes is None else max_bytes
+    marks = _new_marks(forest, kernels.NUM_WRITER_MARKS)
+    planes = np.empty(forest.num_nodes, np.uint8)
+    num_planes = int(kernels.count_planes(coefficients, planes))
+    energy = float(np.sum(coefficients * coefficients))
     if not num_planes:
         return EmbeddedCode(b"", 0, np.zeros(1), np.array([energy]))
+    below, deeper = np.zeros((2, forest.num_nodes), np.uint8)
+    kernels.gather_below(forest.table, planes, below, deeper)
+    marks[:, kernels.PLANES_BELOW], marks[:, kernels.PLANES_DEEPER] = below, deeper
+    del planes, below, deeper
     coder = RangeCoder.writer()
     num_words = most // 4 + 4
     curve = np.zeros(num_words + 1)
     curve[-1] = energy
-    run = _new_run(coder.room_for(num_words), forest, nodes, exact, curve, most + 8, adaptive)
+    run = _new_run(coder.room_for(num_words), forest, marks, coefficients, curve, most + 8, adaptive)
     kernels.code_planes(run, forest.roots, num_planes, lowest_plane)
     num_written = int(run.coder.fields[POSITION]) + 1
     curve[num_written - 1] = curve[-1]
@@ -198,31 +221,40 @@ def decode(forest: Forest, data: bytes, num_planes: int, adaptive: bool = True) 
     if not 0 <= num_planes <= MAX_PLANES:
         raise BitstreamError(f"{num_planes} bit planes; there are at most {MAX_PLANES}")
     coder = RangeCoder.reader(data)
-    nodes = forest.nodes.copy()
-    nothing = np.zeros(len(nodes))
-    run = _new_run(coder.room_for(0), forest, nodes, nothing, np.zeros(1), len(data), adaptive)
+    marks = _new_marks(forest, kernels.NUM_READER_MARKS)
+    nothing = np.zeros(0)
+    run = _new_run(coder.room_for(0), forest, marks, nothing, np.zeros(1), len(data), adaptive)
     kernels.code_planes(run, forest.roots, num_planes, 0)
     coder.check()
-    return DecodedCoefficients(run.values, nodes[:, kernels.LAST_PLANE].copy())
+    return DecodedCoefficients(run.values, marks[:, kernels.LAST_PLANE].copy())
+
+
+def _new_marks(forest: Forest, num_columns: int) -> NDArray[np.uint8]:
+    marks = np.zeros((forest.num_nodes, num_columns), np.uint8)
+    marks[:, : forest.marks.shape[1]] = forest.marks
+    marks[:, kernels.LAST_PLANE] = _NEVER
+    return marks
 
 
 def _new_run(
     coder: CoderState,
     forest: Forest,
-    nodes: NDArray[np.int32],
+    marks: NDArray[np.uint8],
     exact: NDArray[np.float64],
     curve: NDArray[np.float64],
     num_bytes: int,
     adaptive: bool,
 ) -> kernels.Run:
-    bands = np.array([[b.stride, b.kind, b.level, b.component] for b in forest.bands], np.int32)
+    num_parents = int(np.count_nonzero(forest.flag(kernels.HAS_CHILDREN)))
     return kernels.Run(
         coder,
         np.zeros(8, np.int64),
-        np.zeros(len(nodes), np.int32),
-        nodes,
-        bands,
-        np.zeros((4, len(nodes)), np.int32),
+        np.zeros(forest.num_nodes, np.int32),
+        marks,
+        forest.table,
+        np.zeros(forest.num_nodes, np.int32),
+        np.zeros(2 * num_parents, np.int32),
+        np.zeros(kernels.MOST_CHILDREN * (max(forest.num_levels) + 1), np.int32),
         exact,
         curve,
         new_mixture(kernels.NUM_CONTEXTS, kernels.NUM_WEIGHTS, _FIRST_WEIGHT),

@@ -1,21 +1,23 @@
 """Significance maps: where decoded coefficients are not zero, scale by scale."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.spiht.coder import DecodedCoefficients
-from dvc.dibr.spiht.trees import Forest, Shape
+from dvc.dibr.spiht.trees import Band, Shape
 from dvc.dibr.wavelets.lifting import scale_shapes
 
 
 def significance_maps(
-    forest: Forest, decoded: DecodedCoefficients, shape: Shape, num_levels: int
+    bands: Sequence[Band], decoded: DecodedCoefficients, shape: Shape, num_levels: int
 ) -> list[NDArray[np.bool_]]:
     """Tell where any orientation of any plane has a significant coefficient.
 
     Parameters
     ----------
-    forest : Forest
+    bands : sequence of Band
         How coefficients are arranged.
     decoded : DecodedCoefficients
         What is known of them to both ends.
@@ -36,10 +38,10 @@ def significance_maps(
     [Maitre2008] Eq. (3.3).
     """
     maps = [np.zeros(size, np.bool_) for size in scale_shapes(shape, num_levels)[1:]]
-    for band in forest.bands:
+    for band in bands:
         if 0 < band.level <= num_levels and band.kind:
-            rows, columns = band.nodes.shape
-            maps[band.level - 1][:rows, :columns] |= decoded.values[band.nodes] != 0
-    for coarser in maps[max(forest.num_levels) :]:
+            rows, columns = band.shape
+            maps[band.level - 1][:rows, :columns] |= band.of(decoded.values) != 0
+    for coarser in maps[max(band.level for band in bands) :]:
         coarser[:] = True
     return maps

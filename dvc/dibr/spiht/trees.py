@@ -6,18 +6,20 @@ nothing is padded. Coefficients of the low band, and those above which there is 
 that a mask leaves out are never coded, nor are sets of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.dibr.spiht import _kernels as kernels
-from dvc.dibr.wavelets.lifting import Details, Pyramid, scale_shapes
+from dvc.dibr.wavelets.lifting import Details, Plane, Pyramid, scale_shapes
 
 Shape = tuple[int, int]
+Value = TypeVar("Value", bound=np.generic)
 _MARGIN = 2
-_NEVER = 40  # a bit plane above all
 
 
 @dataclass(frozen=True)
@@ -32,8 +34,10 @@ class Band:
         How many times its plane was split; 1 is the finest scale.
     kind : int
         0: low; 1, 2, 3: horizontal, vertical, diagonal details.
-    nodes : ndarray of shape (h, w), int32
-        Its coefficients among all nodes.
+    shape : tuple of int
+        Rows and columns.
+    first : int
+        Node of its first coefficient.
     stride : int
         Nodes from a row to the next.
     """
@@ -41,11 +45,29 @@ class Band:
     component: int
     level: int
     kind: int
-    nodes: NDArray[np.int32]
+    shape: Shape
+    first: int
     stride: int
 
+    def of(self, values: NDArray[Value]) -> NDArray[Value]:
+        """Return the part of an array by node that is the band's.
 
-@dataclass(frozen=True)
+        Parameters
+        ----------
+        values : ndarray of shape (S, ...)
+            Something of each node.
+
+        Returns
+        -------
+        ndarray of shape (h, w, ...)
+            A view.
+        """
+        rows, columns = self.shape
+        block = values[self.first : self.first + rows * self.stride]
+        return block.reshape(rows, self.stride, *values.shape[1:])[:, :columns]
+
+
+@dataclass(frozen=True, eq=False)
 class Forest:
     """Trees of coefficients.
 
@@ -53,18 +75,53 @@ class Forest:
     ----------
     bands : tuple of Band
         From coarse to fine, plane by plane.
-    nodes : ndarray of shape (S, 13), int32
-        Nodes and margins between bands, as the kernels take them.
-    roots : ndarray of shape (R,), int32
-        Nodes without parents.
+    table : ndarray of shape (B, 9), int64
+        The same, as the kernels take them.
+    marks : ndarray of shape (S, 2), uint8
+        Band and flags of nodes, and of margins between bands.
     num_levels : tuple of int
         Of each plane.
     """
 
     bands: tuple[Band, ...]
-    nodes: NDArray[np.int32]
-    roots: NDArray[np.int32]
+    table: NDArray[np.int64]
+    marks: NDArray[np.uint8]
     num_levels: tuple[int, ...]
+
+    @property
+    def num_nodes(self) -> int:
+        """How many nodes there are, margins counted."""
+        return len(self.marks)
+
+    @property
+    def exists(self) -> NDArray[np.bool_]:
+        """Which nodes are coefficients, one of each."""
+        return self.flag(kernels.EXISTS)
+
+    def flag(self, flag: int) -> NDArray[np.bool_]:
+        """Return which nodes have a flag.
+
+        Parameters
+        ----------
+        flag : int
+            ``EXISTS``, ``HAS_CHILDREN`` or ``HAS_GRANDCHILDREN`` of the kernels.
+
+        Returns
+        -------
+        ndarray of shape (S,), bool
+            Those that do.
+        """
+        return np.asarray(self.marks[:, kernels.FLAGS] & flag != 0)
+
+    @property
+    def roots(self) -> NDArray[np.int32]:
+        """Nodes without parents, of shape (R,)."""
+        found = [
+            band.first + np.add.outer(np.arange(band.shape[0]) * band.stride, np.arange(band.shape[1]))
+            for band, row in zip(self.bands, self.table, strict=True)
+            if row[kernels.ABOVE] == kernels.NONE
+        ]
+        return np.concatenate([nodes.ravel() for nodes in found]).astype(np.int32)
 
     def gather(self, pyramids: Sequence[Pyramid]) -> NDArray[np.float64]:
         """Return the coefficients of pyramids by node; the inverse of `scatter`.
@@ -79,32 +136,32 @@ class Forest:
         ndarray of shape (S,), float64
             Coefficients; zeros in margins and where a mask leaves them out.
         """
-        coefficients = np.zeros(len(self.nodes))
+        coefficients = np.zeros(self.num_nodes)
         for band in self.bands:
-            coefficients[band.nodes] = _band_of(pyramids[band.component], band)
-        return coefficients * self.nodes[:, kernels.EXISTS]
+            exists = band.of(self.marks)[..., kernels.FLAGS] & kernels.EXISTS
+            np.multiply(_band_of(pyramids[band.component], band), exists, out=band.of(coefficients))
+        return coefficients
 
-    def scatter(self, coefficients: NDArray[np.float64]) -> list[Pyramid]:
-        """Return pyramids of coefficients by node.
 
-        Parameters
-        ----------
-        coefficients : ndarray of shape (S,), float64
-            Coefficients.
+def scatter(bands: Sequence[Band], read: Callable[[Band], Plane]) -> Iterator[Pyramid]:
+    """Yield pyramids of coefficients by band.
 
-        Returns
-        -------
-        list of Pyramid
-            One per plane.
-        """
-        pyramids, bands = [], iter(self.bands)
-        for num_levels in self.num_levels:
-            low = coefficients[next(bands).nodes]
-            details = [
-                Details(*(coefficients[next(bands).nodes] for _ in range(3))) for _ in range(num_levels)
-            ]
-            pyramids.append(Pyramid(low, tuple(reversed(details))))
-        return pyramids
+    Parameters
+    ----------
+    bands : sequence of Band
+        From coarse to fine, plane by plane.
+    read : callable
+        Returns the coefficients of a band, (h, w).
+
+    Yields
+    ------
+    Pyramid
+        One per plane; each is made when it is asked for.
+    """
+    for _, plane in groupby(bands, key=lambda band: band.component):
+        low, *finer = map(read, plane)
+        details = [Details(*finer[k : k + 3]) for k in range(0, len(finer), 3)]
+        yield Pyramid(low, tuple(reversed(details)))
 
 
 def zerotrees(
@@ -131,23 +188,37 @@ def zerotrees(
     for component, (shape, levels) in enumerate(zip(shapes, num_levels, strict=True)):
         for kind, level, rows, columns in _band_sizes(shape, levels):
             stride = columns + _MARGIN
-            start = position + _MARGIN * stride + _MARGIN
-            places = start + np.arange(rows)[:, np.newaxis] * stride + np.arange(columns)
-            bands.append(Band(component, level, kind, places.astype(np.int32), stride))
+            first = position + _MARGIN * stride + _MARGIN
+            bands.append(Band(component, level, kind, (rows, columns), first, stride))
             position += (rows + 2 * _MARGIN) * stride + _MARGIN
-    nodes = np.zeros((position, kernels.NUM_COLUMNS), np.int32)
-    nodes[:, kernels.LAST_PLANE] = _NEVER
-    by_name = {(band.component, band.level, band.kind): band for band in bands}
+    table = _table(bands)
+    marks = np.zeros((position, 2), np.uint8)
+    exists = np.zeros(position, np.uint8)
     for number, band in enumerate(bands):
-        nodes[band.nodes, kernels.BAND] = number
-        nodes[band.nodes, kernels.EXISTS] = 1 if masks is None else _band_of(masks[band.component], band) != 0
-        above = by_name.get((band.component, band.level + 1, band.kind)) if band.kind else None
-        if above is not None and above.nodes.size and band.nodes.size:
-            _connect(nodes, above.nodes, band.nodes)
-    all_nodes = np.concatenate([band.nodes.ravel() for band in bands])
-    roots = all_nodes[nodes[all_nodes, kernels.PARENT] == 0]
-    kernels.gather_below(nodes, kernels.EXISTS, kernels.HAS_CHILDREN, kernels.HAS_GRANDCHILDREN)
-    return Forest(tuple(bands), nodes, roots, tuple(num_levels))
+        band.of(marks)[..., kernels.BAND] = number
+        band.of(exists)[:] = 1 if masks is None else _band_of(masks[band.component], band) != 0
+    below, deeper = np.zeros((2, position), np.uint8)
+    kernels.gather_below(table, exists, below, deeper)
+    for flag, found in (
+        (kernels.EXISTS, exists),
+        (kernels.HAS_CHILDREN, below),
+        (kernels.HAS_GRANDCHILDREN, deeper),
+    ):
+        marks[:, kernels.FLAGS] |= np.multiply(found, flag, dtype=np.uint8)
+    return Forest(tuple(bands), table, marks, tuple(num_levels))
+
+
+def _table(bands: Sequence[Band]) -> NDArray[np.int64]:
+    """Bands as the kernels take them; those of no coefficients are nobody's parents."""
+    numbers = {(band.component, band.level, band.kind): k for k, band in enumerate(bands) if 0 not in band.shape}
+    table = []
+    for band in bands:
+        around = [
+            numbers.get((band.component, band.level + step, band.kind), kernels.NONE) if band.kind else kernels.NONE
+            for step in (1, -1)
+        ]
+        table.append([band.first, band.stride, *band.shape, band.kind, band.level, band.component, *around])
+    return np.array(table, np.int64)
 
 
 def _band_sizes(shape: Shape, num_levels: int) -> list[tuple[int, int, int, int]]:
@@ -165,13 +236,3 @@ def _band_of(pyramid: Pyramid, band: Band) -> NDArray[np.float64]:
     if band.kind == kernels.LOW_BAND:
         return pyramid.low
     return pyramid.details[band.level - 1].bands[band.kind - 1]
-
-
-def _connect(nodes: NDArray[np.int32], parents: NDArray[np.int32], children: NDArray[np.int32]) -> None:
-    """Enter who is whose parent, in two bands of one orientation."""
-    rows = np.minimum(np.arange(children.shape[0]) // 2, parents.shape[0] - 1)
-    columns = np.minimum(np.arange(children.shape[1]) // 2, parents.shape[1] - 1)
-    nodes[children, kernels.PARENT] = parents[np.ix_(rows, columns)]
-    nodes[parents, kernels.CHILD] = children[: 2 * parents.shape[0] : 2, : 2 * parents.shape[1] : 2]
-    nodes[parents, kernels.CHILD_ROWS] = np.bincount(rows)[:, np.newaxis]
-    nodes[parents, kernels.CHILD_COLUMNS] = np.bincount(columns)
