@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Plane = NDArray[np.float64]
 
+_BLOCK_SAMPLES = 2**20  # that are merged at a time
+
 
 @dataclass(frozen=True)
 class Wavelet:
@@ -184,9 +186,12 @@ def synthesise(pyramid: Pyramid, wavelet: Wavelet = WAVELETS["9/7"]) -> Plane:
     """
     low = pyramid.low
     for details in reversed(pyramid.details):
-        top = merge(low.T, details.horizontal.T, wavelet).T
-        bottom = merge(details.vertical.T, details.diagonal.T, wavelet).T
-        low = merge(top, bottom, wavelet)
+        plane = np.empty((len(low) + len(details.vertical), low.shape[1] + details.horizontal.shape[1]))
+        top, bottom = plane[0::2], plane[1::2]
+        _merge_into(top.T, low.T, details.horizontal.T, wavelet)
+        _merge_into(bottom.T, details.vertical.T, details.diagonal.T, wavelet)
+        _merge_into(plane, top, bottom, wavelet)
+        low = plane
     return low
 
 
@@ -253,15 +258,23 @@ def merge(low: Plane, high: Plane, wavelet: Wavelet) -> Plane:
         The samples.
     """
     samples = np.empty((len(low) + len(high), low.shape[1]))
+    _merge_into(samples, low, high, wavelet)
+    return samples
+
+
+def _merge_into(samples: Plane, low: Plane, high: Plane, wavelet: Wavelet) -> None:
+    """Merge bands, which may lie in the same place, some columns at a time."""
     if not len(high):
         samples[:] = low
-        return samples
+        return
     scales = wavelet.scales
-    even, odd = low / scales[0], high / scales[1]
-    for step in reversed(range(len(wavelet.weights))):
-        _lift(even, odd, step, -wavelet.weights[step])
-    samples[0::2], samples[1::2] = even, odd
-    return samples
+    width = max(_BLOCK_SAMPLES // len(samples), 1)
+    for start in range(0, low.shape[1], width):
+        columns = slice(start, start + width)
+        even, odd = low[:, columns] / scales[0], high[:, columns] / scales[1]
+        for step in reversed(range(len(wavelet.weights))):
+            _lift(even, odd, step, -wavelet.weights[step])
+        samples[0::2, columns], samples[1::2, columns] = even, odd
 
 
 def _lift(even: Plane, odd: Plane, step: int, weight: float) -> None:

@@ -146,12 +146,13 @@ def synthesise(
     for level in reversed(range(num_levels)):
         details, maps = pyramid.details[level], scales[level]
         inside = None if mask is None else mask[:: 2**level, :: 2**level]
-        columns = maps.between_columns
-        top = merge(low.T, details.horizontal.T, columns[0::2].T, order, wavelet).T
-        bottom = merge(details.vertical.T, details.diagonal.T, columns[1::2].T, order, wavelet).T
-        if inside is not None:
-            top, bottom = _kept(top, inside[0::2]), _kept(bottom, inside[1::2])
-        low = _kept(merge(top, bottom, maps.between_rows, order, wavelet), inside)
+        columns, plane = maps.between_columns, np.empty(maps.shape)
+        plane[0::2] = merge(low.T, details.horizontal.T, columns[0::2].T, order, wavelet).T
+        plane[1::2] = merge(details.vertical.T, details.diagonal.T, columns[1::2].T, order, wavelet).T
+        _clear_outside(plane, inside)
+        _unlift(plane, maps.between_rows, order, wavelet)
+        _clear_outside(plane, inside)
+        low = plane
     return low
 
 
@@ -206,13 +207,24 @@ def merge(low: Plane, high: Plane, edges: Flags, order: int, wavelet: Wavelet) -
         The samples.
     """
     samples = np.empty((len(low) + len(high), low.shape[1]))
-    if not len(high):
-        samples[:] = low
-        return samples
-    scales = wavelet.scales
-    samples[0::2], samples[1::2] = low / scales[0], high / scales[1]
-    _lift(samples, edges, order, wavelet, inverse=True)
+    samples[0::2], samples[1::2] = low, high
+    _unlift(samples, edges, order, wavelet)
     return samples
+
+
+def _unlift(samples: Plane, edges: Flags, order: int, wavelet: Wavelet) -> None:
+    """Undo the lifting of columns of alternating low and high bands in place."""
+    if len(samples) < 2:
+        return
+    scales = wavelet.scales
+    samples[0::2] /= scales[0]
+    samples[1::2] /= scales[1]
+    _lift(samples, edges, order, wavelet, inverse=True)
+
+
+def _clear_outside(samples: Plane, inside: Mask | None) -> None:
+    if inside is not None:
+        samples[~inside] = 0.0
 
 
 def _kept(samples: Plane, inside: Mask | None) -> Plane:
