@@ -102,13 +102,13 @@ def decode(stream: DepthImageStream, resolution: int = 0) -> DecodedDepthImage:
     if not 0 <= resolution <= num_levels:
         raise ConfigError(f"resolution {resolution}: 0 to {num_levels} are accepted")
     edges, mask = decode_edges_and_mask(stream)
-    depth = decode_plane(stream.depth, edges, stream.shape, resolution, mask)
     picture = None
-    if stream.picture:
+    if stream.picture:  # first, as it takes more memory
         chosen = picture_edges(edges, mask, stream.picture_edges)
         picture = decode_plane(stream.picture, chosen, stream.shape, resolution, mask).picture()
+    levels = decode_plane(stream.depth, edges, stream.shape, resolution, mask).planes[0]
     kept = None if mask is None else mask[:: 2**resolution, :: 2**resolution]
-    return DecodedDepthImage(stream, stream.scale.depth(depth.planes[0]), picture, edges, resolution, kept)
+    return DecodedDepthImage(stream, stream.scale.depth(levels), picture, edges, resolution, kept)
 
 
 def picture_edges(edges: EdgeMaps | None, mask: Mask | None, shared: bool) -> EdgeMaps | None:

@@ -39,6 +39,7 @@ _SLOPE_STEPS = 40
 _MOST_GAIN = 16.0
 _MIDDLE = 128.0
 _PEAK = 255.0
+_ROWS_AT_ONCE = 256
 _POINT_STEP, _FIRST_POINT, _NUM_POINTS = 1 / 32, 2, 16
 
 
@@ -65,8 +66,13 @@ class DecodedReference:
         ndarray of shape (H, W) or (H, W, 3), uint8
             Gray, or red, green and blue.
         """
-        exact = self.planes[0] if len(self.planes) == 1 else rgb_from_ycbcr(self.planes)
-        return np.clip(np.rint(exact), 0.0, _PEAK).astype(np.uint8)
+        channels = () if len(self.planes) == 1 else (3,)
+        found = np.empty((*self.planes.shape[1:], *channels), np.uint8)
+        for row in range(0, len(found), _ROWS_AT_ONCE):
+            part = self.planes[:, row : row + _ROWS_AT_ONCE]
+            exact = rgb_from_ycbcr(part) if channels else part[0]
+            found[row : row + _ROWS_AT_ONCE] = np.clip(np.rint(exact), 0.0, _PEAK)
+        return found
 
 
 @dataclass(frozen=True)
