@@ -175,7 +175,8 @@ def code_edges(edges: EdgeMaps, code: EdgeCode | None = None, mask: Mask | None 
     if mask is None and not edges.count():
         return CodedEdges(None, EdgeCode.ADAPTIVE, b"")
     chains = trace(edges)
-    codes = [EdgeCode.ADAPTIVE, EdgeCode.FIXED] if code is None else [code]
+    usual = [one for one in (EdgeCode.ADAPTIVE, EdgeCode.FIXED) if chain_code.fits(chains, one)]
+    codes = usual if code is None else [code]
     found = [CodedEdges(edges, one, chain_code.encode(chains, one, mask), mask) for one in codes]
     return min(found, key=lambda coded: len(coded.data))
 

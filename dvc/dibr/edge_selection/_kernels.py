@@ -1,23 +1,77 @@
 """Compiled loops that weigh edges: what coefficients cost around them, with them and without."""
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.dibr.edges.lattice import degree, next_vertex, set_element
 from dvc.dibr.wavelets.column_lifting import lift_columns
+from dvc.dibr.wavelets.edge_maps import coarser
 
 ROUNDED = 1.0 / 12.0
 """Squared error of a significant coefficient, in squared steps."""
 
+# Numbers of a model: squared steps that a bit is worth; bits of a significant coefficient, more of them per
+# octave above one step, and those of an edge and of a chain.
+MULTIPLIER, SIGNIFICANCE, OCTAVE, ELEMENT, CHAIN = range(5)
+
+
+class Pieces(NamedTuple):
+    """Pieces of chains.
+
+    Attributes
+    ----------
+    elements : ndarray of shape (E, 3), int64
+        Vertex and direction of each edge of the pieces.
+    bounds : ndarray of shape (N + 1,), int64
+        Where each piece begins and ends.
+    order : ndarray of shape (N,), int64
+        In which they are weighed.
+    present : ndarray of shape (N,), uint8
+        1 if a piece is in.
+    """
+
+    elements: NDArray[np.int64]
+    bounds: NDArray[np.int64]
+    order: NDArray[np.int64]
+    present: NDArray[np.uint8]
+
+
+class Surroundings(NamedTuple):
+    """What pieces are weighed by.
+
+    Attributes
+    ----------
+    plane : ndarray of shape (H, W), float64
+        Samples, in steps.
+    wavelet : tuple of (ndarray of shape (K,), float64), float, float, float
+        Weights, gain, and the scales of the low and the high band.
+    order : int
+        Of the extrapolation.
+    model : ndarray of shape (5,), float64
+        Of costs.
+    num_levels, margin : int
+        How many scales are looked at, and how far around a piece.
+    """
+
+    plane: NDArray[np.float64]
+    wavelet: tuple[NDArray[np.float64], float, float, float]
+    order: int
+    model: NDArray[np.float64]
+    num_levels: int
+    margin: int
+
 
 @kernel
-def coefficient_cost(magnitude, multiplier, significance_bits, bits_per_octave):
+def coefficient_cost(magnitude, model):
     """Return the cost of a coefficient, in steps and squared steps: its energy, or error and bits if less."""
     energy = magnitude * magnitude
     if magnitude < 0.5:
         return energy
-    bits = significance_bits + bits_per_octave * np.log2(max(magnitude, 1.0))
-    return min(energy, ROUNDED + multiplier * bits)
+    bits = model[SIGNIFICANCE] + model[OCTAVE] * np.log2(max(magnitude, 1.0))
+    return min(energy, ROUNDED + model[MULTIPLIER] * bits)
 
 
 @kernel
@@ -36,8 +90,8 @@ def transform_cost(plane, below, right, num_levels, wavelet, order, model):
         Weights, gain, and the scales of the low and the high band.
     order : int
         Of the extrapolation.
-    model : ndarray of shape (3,), float64
-        Multiplier of bits, bits of a significant coefficient, bits per octave above one step.
+    model : ndarray of shape (3 or more,), float64
+        Of costs; the first three of its numbers are looked at.
 
     Returns
     -------
@@ -60,24 +114,10 @@ def transform_cost(plane, below, right, num_levels, wavelet, order, model):
                 if i % 2 == 0 and t % 2 == 0:
                     half[i // 2, t // 2] = low[i, t] * scale
                 else:
-                    total += coefficient_cost(abs(low[i, t]) * scale, model[0], model[1], model[2])
+                    total += coefficient_cost(abs(low[i, t]) * scale, model)
         below, right = coarser(below, right)
         low = half
     return total
-
-
-@kernel
-def coarser(below, right):
-    """Return the edges of the low band (4.5)."""
-    height, width = (below.shape[0] + 1) // 2, (below.shape[1] + 1) // 2
-    less_below, less_right = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
-    for i in range(height):
-        for t in range(width):
-            if i < height - 1:
-                less_below[i, t] = below[2 * i, 2 * t] | below[2 * i + 1, 2 * t]
-            if t < width - 1:
-                less_right[i, t] = right[2 * i, 2 * t] | right[2 * i, 2 * t + 1]
-    return less_below, less_right
 
 
 @kernel
@@ -98,14 +138,24 @@ def _window(elements, margin, alignment, height, width):
 
 
 @kernel
-def _window_cost(plane, below, right, window, num_levels, wavelet, order, model):
+def _window_cost(surroundings, below, right, window):
     top, bottom, left, end = window
     part_below = below[top:bottom, left:end].copy()
     part_right = right[top:bottom, left:end].copy()
     part_below[-1], part_right[:, -1] = 0, 0
+    plane, wavelet, order, model, num_levels, _ = surroundings
     return transform_cost(
         plane[top:bottom, left:end], part_below, part_right, num_levels, wavelet, order, model
     )
+
+
+@kernel
+def degrees(below, right, rows, columns):
+    """Return how many edges meet at each of some vertices."""
+    found = np.empty(len(rows), np.int64)
+    for k in range(len(rows)):
+        found[k] = degree(below, right, rows[k], columns[k])
+    return found
 
 
 @kernel
@@ -120,62 +170,38 @@ def _odd_ends(below, right, elements):
 
 
 @kernel
-def weigh_pieces(
-    plane,
-    below,
-    right,
-    elements,
-    bounds,
-    order_of_pieces,
-    present,
-    num_levels,
-    margin,
-    wavelet,
-    order,
-    model,
-    element_bits,
-    chain_bits,
-):
+def weigh_pieces(surroundings, below, right, pieces):
     """Put in or take out each piece of chains where that costs less; return how many were changed.
 
     Parameters
     ----------
-    plane : ndarray of shape (H, W), float64
-        Samples, in steps.
+    surroundings : Surroundings
+        What they are weighed by.
     below, right : ndarray of shape (H, W), uint8
         Edges: changed.
-    elements : ndarray of shape (E, 3), int64
-        Vertex and direction of each edge of the pieces.
-    bounds : ndarray of shape (N + 1,), int64
-        Where each piece begins and ends.
-    order_of_pieces : ndarray of shape (N,), int64
-        In which order they are weighed.
-    present : ndarray of shape (N,), uint8
-        1 if a piece is in: changed.
-    num_levels, margin : int
-        How many scales are looked at, and how far around a piece.
-    wavelet, order, model
-        As `transform_cost` takes them.
-    element_bits, chain_bits : float
-        Of an edge, and of a chain.
+    pieces : Pieces
+        The pieces; which are present is changed.
 
     Returns
     -------
     int
         Number of changes.
     """
+    elements, bounds, order_of_pieces, present = pieces
+    model, alignment = surroundings.model, 1 << surroundings.num_levels
+    height, width = below.shape
     changes = 0
     for k in order_of_pieces:
         piece = elements[bounds[k] : bounds[k + 1]]
-        window = _window(piece, margin, 1 << num_levels, plane.shape[0], plane.shape[1])
-        cost = _window_cost(plane, below, right, window, num_levels, wavelet, order, model)
+        window = _window(piece, surroundings.margin, alignment, height, width)
+        cost = _window_cost(surroundings, below, right, window)
         ends = _odd_ends(below, right, piece)
         sign = -1 if present[k] else 1
         _set_piece(below, right, piece, 1 - present[k])
-        changed_cost = _window_cost(plane, below, right, window, num_levels, wavelet, order, model)
+        changed_cost = _window_cost(surroundings, below, right, window)
         changed_ends = _odd_ends(below, right, piece)
-        bits = sign * element_bits * len(piece) + 0.5 * chain_bits * (changed_ends - ends)
-        if changed_cost + model[0] * bits < cost:
+        bits = sign * model[ELEMENT] * len(piece) + 0.5 * model[CHAIN] * (changed_ends - ends)
+        if changed_cost + model[MULTIPLIER] * bits < cost:
             present[k] = 1 - present[k]
             changes += 1
         else:

@@ -71,26 +71,12 @@ def select(
     below, right = edges.between_rows.copy(), edges.between_columns.copy()
     jumps = np.add.reduceat(_jumps(depth, elements), bounds[:-1]) / np.diff(bounds)
     present = np.ones(len(bounds) - 1, np.uint8)
-    in_steps, order_of_pieces = depth / step, np.argsort(jumps, kind="stable")
+    pieces = kernels.Pieces(elements, bounds, np.argsort(jumps, kind="stable"), present)
     weights = (np.array(wavelet.weights), wavelet.gain, *wavelet.scales)
-    model = np.array([MULTIPLIER, SIGNIFICANCE_BITS, BITS_PER_OCTAVE])
+    model = np.array([MULTIPLIER, SIGNIFICANCE_BITS, BITS_PER_OCTAVE, ELEMENT_BITS, CHAIN_BITS])
+    surroundings = kernels.Surroundings(depth / step, weights, order, model, _NUM_LEVELS, _MARGIN)
     for _ in range(_MAX_PASSES):
-        if not kernels.weigh_pieces(
-            in_steps,
-            below,
-            right,
-            elements,
-            bounds,
-            order_of_pieces,
-            present,
-            _NUM_LEVELS,
-            _MARGIN,
-            weights,
-            order,
-            model,
-            ELEMENT_BITS,
-            CHAIN_BITS,
-        ):
+        if not kernels.weigh_pieces(surroundings, below, right, pieces):
             break
     return EdgeMaps(below, right)
 
@@ -151,35 +137,30 @@ def _num_pieces(edges: EdgeMaps) -> int:
 
 def _pieces(chains: Chains, edges: EdgeMaps) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Cut chains where several meet, and into short pieces: elements and bounds, as the kernel takes them."""
-    columns = chains.shape[1] + 1
-    degrees = _degrees(edges)
-    elements, bounds, offset = [], [0], 0
-    for start, directions in zip(chains.starts, chains.parts(), strict=True):
-        rows = np.cumsum(np.concatenate([[int(start) // columns], _ROW_STEPS[directions]]))
-        across = np.cumsum(np.concatenate([[int(start) % columns], _COLUMN_STEPS[directions]]))
-        elements.append(np.stack([rows[:-1], across[:-1], directions], axis=1))
-        met = np.flatnonzero(degrees[rows[1:-1], across[1:-1]] != 2) + 1
-        ends = np.concatenate([[0], met, [len(directions)]])
-        for first, last in pairwise(ends.tolist()):
-            number = -(-(last - first) // _PIECE_LENGTH)
-            inner = first + (last - first) * np.arange(1, number + 1) // number
-            bounds.extend((offset + inner).tolist())
-        offset += len(directions)
-    return np.concatenate(elements).astype(np.int64), np.array(bounds, np.int64)
+    width = chains.shape[1] + 1
+    begins = np.cumsum(chains.lengths) - chains.lengths
+    rows = _from_starts(_ROW_STEPS[chains.directions], chains.starts // width, begins, chains.lengths)
+    columns = _from_starts(_COLUMN_STEPS[chains.directions], chains.starts % width, begins, chains.lengths)
+    cut = kernels.degrees(edges.between_rows, edges.between_columns, rows, columns) != 2
+    cut[begins] = True
+    first = np.flatnonzero(cut)
+    lengths = np.diff(first, append=len(rows))
+    numbers = -(-lengths // _PIECE_LENGTH)
+    within = np.arange(1, numbers.sum() + 1) - np.repeat(np.cumsum(numbers) - numbers, numbers)
+    ends = np.repeat(first, numbers) + np.repeat(lengths, numbers) * within // np.repeat(numbers, numbers)
+    elements = np.stack([rows, columns, chains.directions], axis=1)
+    return elements.astype(np.int64), np.concatenate([[0], ends])
 
 
 _ROW_STEPS, _COLUMN_STEPS = np.array([0, -1, 0, 1]), np.array([1, 0, -1, 0])
 
 
-def _degrees(edges: EdgeMaps) -> NDArray[np.int64]:
-    """How many edges meet at each vertex."""
-    below, right = edges.between_rows, edges.between_columns
-    degrees = np.zeros((edges.shape[0] + 1, edges.shape[1] + 1), np.int64)
-    degrees[1:, :-1] += below
-    degrees[1:, 1:] += below
-    degrees[:-1, 1:] += right
-    degrees[1:, 1:] += right
-    return degrees
+def _from_starts(
+    steps: NDArray[np.int64], starts: NDArray[np.int64], begins: NDArray[np.int64], lengths: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Row or column where each element begins, chain by chain."""
+    before = np.cumsum(steps) - steps
+    return before + np.repeat(starts - before[begins], lengths)
 
 
 def _jumps(depth: Plane, elements: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.entropy import RangeCoder, code_exp_golomb, context_counts
 from dvc.entropy.binarisation import MAX_DECISIONS, NUM_EXPONENTS
 from dvc.entropy.mixing import new_mixture
-from dvc.errors import BitstreamError
+from dvc.errors import BitstreamError, ConfigError
 
 _WEIGHT = 0.4
 _LENGTH_BITS = 24
@@ -51,12 +51,38 @@ def encode(chains: Chains, code: EdgeCode, mask: Mask | None = None) -> bytes:
     -------
     bytes
         The code.
+
+    Raises
+    ------
+    ConfigError
+        If the code is too narrow for so many chains.
     """
+    if not fits(chains, code):
+        raise ConfigError(f"code words take at most 2^{_LENGTH_BITS} - 1 chains, and as many edges to each")
     coder = RangeCoder.writer()
     edges = _CODES[code](coder, chains)
     if mask is not None:
         code_mask(coder, edges, mask)
     return coder.to_bytes(shortest=True)
+
+
+def fits(chains: Chains, code: EdgeCode) -> bool:
+    """Return whether chains can be coded: the numbers of code words have 24 bits.
+
+    Parameters
+    ----------
+    chains : Chains
+        Chains.
+    code : EdgeCode
+        How they are to be coded.
+
+    Returns
+    -------
+    bool
+        Whether they can.
+    """
+    largest = max(len(chains.lengths), int(chains.lengths.max(initial=0)))
+    return code is EdgeCode.ADAPTIVE or largest < 2**_LENGTH_BITS
 
 
 def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
@@ -117,26 +143,6 @@ def _read(coder: RangeCoder, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps
     edges = _CODES[code](coder, Chains(shape, nothing, nothing, np.zeros(0, np.int8)))
     coder.check()
     return edges
-
-
-def code_bits(chains: Chains) -> int:
-    """Return the bits that the code words of the thesis take.
-
-    Parameters
-    ----------
-    chains : Chains
-        Chains.
-
-    Returns
-    -------
-    int
-        With positions, lengths and their number.
-    """
-    rows, columns, lengths = _field_bits(chains.shape, chains)
-    turns = sum(int(np.count_nonzero(np.diff(part))) for part in chains.parts())
-    steps = len(chains.directions) - len(chains.starts)
-    header = rows + columns + 2 + lengths
-    return _LENGTH_BITS + 5 + header * len(chains.starts) + steps + turns
 
 
 def _field_bits(shape: tuple[int, int], chains: Chains) -> tuple[int, int, int]:

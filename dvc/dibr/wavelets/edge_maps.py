@@ -7,6 +7,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc._jit import kernel
+
 Flags = NDArray[np.uint8]
 
 
@@ -72,13 +74,7 @@ class EdgeMaps:
         EdgeMaps
             Of half as many rows and columns, rounded up.
         """
-        height, width = self.shape
-        rows = np.pad(self.between_rows, ((0, height % 2), (0, 0)))[:, ::2]
-        columns = np.pad(self.between_columns, ((0, 0), (0, width % 2)))[::2]
-        below = rows[0::2] | rows[1::2]
-        right = columns[:, 0::2] | columns[:, 1::2]
-        below[-1], right[:, -1] = 0, 0
-        return type(self)(below, right)
+        return type(self)(*coarser(self.between_rows, self.between_columns))
 
     def pyramid(self, num_levels: int) -> Iterator[Self]:
         """Yield the edges of all scales that are split.
@@ -98,3 +94,28 @@ class EdgeMaps:
             if level:
                 maps = maps.coarser()
             yield maps
+
+
+@kernel
+def coarser(below: Flags, right: Flags) -> tuple[Flags, Flags]:
+    """Return the edges of the low band (4.5), compiled.
+
+    Parameters
+    ----------
+    below, right : ndarray of shape (H, W), uint8
+        Edges between rows and between columns.
+
+    Returns
+    -------
+    tuple of ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8
+        Both maps.
+    """
+    height, width = (below.shape[0] + 1) // 2, (below.shape[1] + 1) // 2
+    less_below, less_right = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
+    for i in range(height):
+        for t in range(width):
+            if i < height - 1:
+                less_below[i, t] = below[2 * i, 2 * t] | below[2 * i + 1, 2 * t]
+            if t < width - 1:
+                less_right[i, t] = right[2 * i, 2 * t] | right[2 * i, 2 * t + 1]
+    return less_below, less_right

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dvc.dibr.edge_selection import _kernels as kernels
+from dvc.dibr.edge_selection import selection
 from dvc.dibr.edge_selection.selection import (
     BITS_PER_OCTAVE,
     MULTIPLIER,
@@ -13,7 +14,9 @@ from dvc.dibr.edge_selection.selection import (
     ladder,
     select,
 )
+from dvc.dibr.edges.chains import trace
 from dvc.dibr.edges.extraction import edges_of_jumps
+from dvc.dibr.edges.lattice import degree, next_vertex
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import WAVELETS
 from dvc.dibr.wavelets.shape_adaptive import analyse
@@ -74,6 +77,29 @@ def test_a_ladder_leads_to_fewer_edges_each_out_of_those_before():
         assert not (fewer.between_rows & ~edges.between_rows).any()
         assert not (fewer.between_columns & ~edges.between_columns).any()
     assert steps[-1][1].count() < steps[0][1].count()
+
+
+def test_pieces_end_where_chains_meet_and_are_short():
+    rng = np.random.default_rng(1)
+    below, right = ((rng.random((40, 60)) < 0.2).astype(np.uint8) for _ in range(2))
+    below[20], below[-1], right[:, -1] = 1, 0, 0
+    below[20, 10:50] = 1
+    edges = EdgeMaps(below, right)
+    chains = trace(edges)
+    elements, bounds = selection._pieces(chains, edges)
+    assert (elements[:, 2] == chains.directions).all()
+    ends = set(np.cumsum(chains.lengths).tolist())
+    for number, (row, column, direction) in enumerate(elements.tolist()):
+        if number + 1 not in ends:
+            assert list(next_vertex(row, column, direction)) == elements[number + 1, :2].tolist()
+    meeting = [
+        number
+        for number, (row, column, _) in enumerate(elements.tolist())
+        if number == 0 or number in ends or degree(below, right, row, column) != 2
+    ]
+    assert set(meeting) <= set(bounds.tolist())
+    assert np.diff(bounds).max() <= 32
+    assert len(bounds) - 1 == sum(-(-int(length) // 32) for length in np.diff([*meeting, len(elements)]))
 
 
 def test_constant_maps_have_no_ladder():

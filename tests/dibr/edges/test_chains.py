@@ -5,11 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.dibr.depth_image.depth_codes import code_edges
 from dvc.dibr.edges import chain_code
 from dvc.dibr.edges.chain_code import EdgeCode
-from dvc.dibr.edges.chains import Chains, differences, directions_of, draw, trace
+from dvc.dibr.edges.chains import Chains, draw, trace
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
-from dvc.errors import BitstreamError
+from dvc.errors import BitstreamError, ConfigError
+from tests.reference.freeman import code_bits, differences, directions_of
 
 SHAPES = st.tuples(st.integers(1, 20), st.integers(1, 20))
 
@@ -32,9 +34,9 @@ def test_the_example_of_the_thesis_takes_seven_bits():
     np.testing.assert_array_equal(directions, [0, 3, 3, 3, 0, 0])
     np.testing.assert_array_equal(differences(directions), steps)
     body = [
-        chain_code.code_bits(Chains((30, 30), np.array([200]), np.array([n]), directions[:n])) for n in (4, 6)
+        code_bits(Chains((30, 30), np.array([200]), np.array([n]), directions[:n])) for n in (4, 6)
     ]
-    single = chain_code.code_bits(Chains((30, 30), np.array([200]), np.array([4]), np.zeros(4, np.int8)))
+    single = code_bits(Chains((30, 30), np.array([200]), np.array([4]), np.zeros(4, np.int8)))
     assert body[0] - single == 1  # one turn in three steps
     assert body[1] == single + 4  # two more steps, one of them a turn, and lengths of three bits as before
 
@@ -84,7 +86,16 @@ def test_edges_come_back_from_either_code(code, shape, share, seed):
 def test_code_words_take_the_bits_that_are_counted():
     edges = edges_of((40, 50), 0.05, 3)
     chains = trace(edges)
-    assert 0 <= 8 * len(chain_code.encode(chains, EdgeCode.FIXED)) - chain_code.code_bits(chains) <= 32
+    assert 0 <= 8 * len(chain_code.encode(chains, EdgeCode.FIXED)) - code_bits(chains) <= 32
+
+
+def test_chains_that_code_words_cannot_count_are_refused_and_coded_otherwise(monkeypatch):
+    edges = edges_of((40, 50), 0.05, 3)
+    monkeypatch.setattr(chain_code, "_LENGTH_BITS", 5)
+    assert len(trace(edges).starts) >= 32
+    with pytest.raises(ConfigError, match="chains"):
+        chain_code.encode(trace(edges), EdgeCode.FIXED)
+    assert code_edges(edges).code is EdgeCode.ADAPTIVE
 
 
 def test_arithmetic_coding_is_shorter_for_contours():
