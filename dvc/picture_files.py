@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from dvc.errors import DvcError
 
+MAP_FILE = "a picture of 8 or 16 bits, or a PFM file"
+"""What maps are read from."""
+
 
 def read_picture(path: str | Path) -> NDArray[np.uint8]:
     """Read a picture as eight-bit red, green and blue.
@@ -40,13 +43,15 @@ def read_picture(path: str | Path) -> NDArray[np.uint8]:
     return picture
 
 
-def read_levels(path: str | Path) -> NDArray[np.float64]:
+def read_levels(path: str | Path, expected: str = MAP_FILE) -> NDArray[np.float64]:
     """Read the levels of a grey picture as they are stored.
 
     Parameters
     ----------
     path : str or Path
         8 or 16 bits; several channels must be equal, transparency is ignored.
+    expected : str, optional
+        What the file must be, for errors; by default that of a map.
 
     Returns
     -------
@@ -60,7 +65,7 @@ def read_levels(path: str | Path) -> NDArray[np.float64]:
     """
     stored = _stored(path)
     if stored is None:
-        raise DvcError(f"{path}: expected a picture of 8 or 16 bits, or a PFM file")
+        raise DvcError(f"{path}: expected {expected}")
     if stored.ndim == 3:
         colours = stored[:, :, :3] if stored.shape[2] > 2 else stored[:, :, :1]
         if (colours != colours[:, :, :1]).any():

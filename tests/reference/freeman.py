@@ -1,4 +1,4 @@
-"""Plain twin of the fixed code of chains: differential directions (4.6), (4.7), and the bits that they take."""
+"""Plain twin of the fixed code of chains: differential directions (4.6), (4.7), and bits that they take."""
 
 import numpy as np
 

@@ -193,7 +193,7 @@ def encode(
     EncodedDepthImage
         What was written.
     """
-    from dvc.dibr.depth_image.depth_codes import DepthOptions
+    from dvc.dibr.depth_image.depth_codes import NUM_STEPS, DepthOptions
     from dvc.dibr.depth_image.encoder import encode_to_size
     from dvc.dibr.depth_image.stream import MAX_BYTES
     from dvc.dibr.wavelets.lifting import most_levels
@@ -206,7 +206,8 @@ def encode(
     num_pixels = shape[0] * shape[1]
     max_bytes = int(min(arguments.bpp * num_pixels / 8.0, MAX_BYTES))
     edges = _edges(arguments, image.depth)
-    with cli.progress_bar("selections of edges", None, arguments.quiet) as advance:
+    is_quiet = arguments.quiet or edges is not None
+    with cli.progress_bar("selections of edges", NUM_STEPS, is_quiet) as advance:
         try:
             encoded = encode_to_size(image, max_bytes, edges, options, picture_options, advance)
         except ConfigError as err:

@@ -125,11 +125,9 @@ def depth_image_figures(stream: "DepthImageStream", edges: "EdgeMaps | None" = N
         Size, transforms, bits of the parts as far as they are there, and damage.
     """
     from dvc.dibr.depth_image.decoder import decode_edges
-    from dvc.dibr.depth_image.stream import header_bytes
+    from dvc.dibr.depth_image.stream import part_bytes
 
     height, width = stream.shape
-    parts = {"header": header_bytes(stream), "edges": len(stream.edges), "depth": len(stream.depth.data)}
-    parts["image"] = len(stream.picture.data) if stream.picture else 0
     scale = stream.scale
     return {
         "width": width,
@@ -145,7 +143,7 @@ def depth_image_figures(stream: "DepthImageStream", edges: "EdgeMaps | None" = N
         "colour": stream.picture is not None and stream.picture.header.colour,
         "depth": {"lowest": scale.lowest, "highest": scale.lowest + scale.extent},
         "disparity": {"factor": scale.factor, "offset": scale.offset},
-        "bits": {name: 8 * size for name, size in parts.items()},
+        "bits": {name: 8 * size for name, size in part_bytes(stream).items()},
         "damage": stream.damage,
     }
 
@@ -179,7 +177,7 @@ def layered_figures(stream: "LayeredStream") -> dict[str, Any]:
     dict
         Size of the reference view and of the canvas, what each piece is, bits by part, and damage.
     """
-    from dvc.dibr.depth_image.stream import header_bytes
+    from dvc.dibr.depth_image.stream import part_bytes
 
     canvas = stream.canvas
     bits = {"header": 8 * stream.num_header_bytes, "edges": 0, "depth": 0, "image": 0}
@@ -187,8 +185,8 @@ def layered_figures(stream: "LayeredStream") -> dict[str, Any]:
     for place, piece in zip(stream.places, stream.pieces, strict=False):
         told = place._asdict()
         if piece is not None and piece.picture is not None:
-            parts = {"header": header_bytes(piece) - RESTORED_BYTES, "edges": len(piece.edges)}
-            parts |= {"depth": len(piece.depth.data), "image": len(piece.picture.data)}
+            parts = part_bytes(piece)
+            parts["header"] -= RESTORED_BYTES
             told |= {"bits": {name: 8 * size for name, size in parts.items()}}
             bits = {name: bits[name] + 8 * size for name, size in parts.items()}
         pieces.append(told)

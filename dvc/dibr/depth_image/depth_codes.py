@@ -21,6 +21,9 @@ from dvc.dibr.wavelets.lifting import WAVELETS
 REFINEMENTS = 2.0**-0.25, 2.0**0.25
 """Of the best step of a ladder: steps between it and its neighbours."""
 
+NUM_STEPS = 2 * selection.MOST_RUNGS + 1 + len(REFINEMENTS)
+"""That `code_with_selections` advances."""
+
 _PEAK = 255.0
 
 
@@ -233,7 +236,7 @@ def code_with_selections(
     depth, scale, max_bytes, options
         As for `code_with_edges`.
     advance : callable, optional
-        Called with 1 for each.
+        Called with how many of `NUM_STEPS` are done: selections, and codes with them.
     mask : ndarray of shape (H, W), bool, optional
         Where there is anything: its border is among all selections.
 
@@ -245,11 +248,20 @@ def code_with_selections(
     wavelet = WAVELETS[options.wavelet]
 
     def _code(edges: EdgeMaps) -> DepthCandidate:
-        advance(1)
         coded = code_edges(edges if mask is None else edges_inside(edges, mask), None, mask)
-        return code_with_edges(depth, scale, coded, max_bytes, options)
+        candidate = code_with_edges(depth, scale, coded, max_bytes, options)
+        _count(1)
+        return candidate
 
-    rungs = list(selection.ladder(depth, 8.0 * max_bytes, options.order, wavelet, mask))
+    done = 0
+
+    def _count(number: int) -> None:
+        nonlocal done
+        done += number
+        advance(number)
+
+    rungs = list(selection.ladder(depth, 8.0 * max_bytes, options.order, wavelet, mask, _count))
+    _count(2 * selection.MOST_RUNGS - done - len(rungs))
     found = [_code(EdgeMaps.none((depth.shape[0], depth.shape[1])))]
     found += [_code(edges) for _, edges in rungs]
     best = int(np.argmin([candidate.mse_at(max_bytes) for candidate in found]))
@@ -257,6 +269,7 @@ def code_with_selections(
         step, edges = rungs[best - 1][0], rungs[max(best - 2, 0)][1]
         for factor in REFINEMENTS:
             found.append(_code(selection.select(depth, edges, step * factor, options.order, wavelet)))
+    _count(NUM_STEPS - done)
     return [candidate for candidate in found if len(candidate.edges.data) <= max_bytes]
 
 

@@ -18,7 +18,7 @@ from dvc.dibr.depth_image.depth_codes import (
     code_with_selections,
 )
 from dvc.dibr.depth_image.depth_scale import DepthScale, Plane
-from dvc.dibr.depth_image.stream import DepthImageStream, PlaneCode, encode_stream, header_bytes
+from dvc.dibr.depth_image.stream import DepthImageStream, PlaneCode, encode_stream, header_bytes, part_bytes
 from dvc.dibr.edges.chain_code import EdgeCode
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.header import ReferenceHeader
@@ -115,7 +115,7 @@ def encode_to_size(
     picture_options : PictureOptions, optional
         How the picture is coded.
     advance : callable, optional
-        Called with 1 for each selection of edges.
+        Called, where edges are selected, with how many of `depth_codes.NUM_STEPS` are done.
 
     Returns
     -------
@@ -128,18 +128,8 @@ def encode_to_size(
         If not even header and edges fit.
     """
     options, beside = depth_options or DepthOptions(), picture_options or PictureOptions()
-    overhead = _overhead(image, max_bytes)
-    room = max_bytes - overhead
-    least = 0 if edges is None else len(edges.data)
-    if room < least:
-        raise ConfigError(f"{max_bytes} bytes are too few: header and edges take {overhead + least}")
-    largest = 1.0 if image.picture is None else beside.depth_share or float(_SHARES[-1])
-    most = int(largest * room)
-    if edges is None:
-        candidates = code_with_selections(image.depth, image.scale, most, options, advance)
-    else:
-        most = max(most, len(edges.data))
-        candidates = [code_with_edges(image.depth, image.scale, edges, most, options)]
+    room = _room(image, max_bytes, edges)
+    candidates = _candidates(image, room, edges, options, beside, advance)
     most = room
     if image.picture is not None:
         share = beside.depth_share or _best_share(image, candidates, room, options)
@@ -150,22 +140,36 @@ def encode_to_size(
     if image.picture is not None:
         left = room - len(found.edges.data) - len(found.plane.data)
         picture, picture_edges = code_picture(image.picture, found.edges.maps, left, options, beside.order)
+    shape = image.depth.shape[0], image.depth.shape[1]
     stream = DepthImageStream(
-        (image.depth.shape[0], image.depth.shape[1]),
-        image.scale,
-        found.edges.data,
-        found.edges.code,
-        found.plane,
-        picture,
-        picture_edges,
+        shape, image.scale, found.edges.data, found.edges.code, found.plane, picture, picture_edges
     )
-    parts = {
-        "header": header_bytes(stream),
-        "edges": len(stream.edges),
-        "depth": len(stream.depth.data),
-        "image": len(picture.data) if picture else 0,
-    }
-    return EncodedDepthImage(encode_stream(stream), stream, found.edges.maps, parts)
+    return EncodedDepthImage(encode_stream(stream), stream, found.edges.maps, part_bytes(stream))
+
+
+def _room(image: DepthImage, max_bytes: int, edges: CodedEdges | None) -> int:
+    """Bytes for edges and code."""
+    overhead = _overhead(image, max_bytes)
+    least = 0 if edges is None else len(edges.data)
+    if max_bytes - overhead < least:
+        raise ConfigError(f"{max_bytes} bytes are too few: header and edges take {overhead + least}")
+    return max_bytes - overhead
+
+
+def _candidates(
+    image: DepthImage,
+    room: int,
+    edges: CodedEdges | None,
+    options: DepthOptions,
+    beside: PictureOptions,
+    advance: Callable[[int], None],
+) -> list[DepthCandidate]:
+    """The map with the edges that are given, or with several selections."""
+    largest = 1.0 if image.picture is None else beside.depth_share or float(_SHARES[-1])
+    most = int(largest * room)
+    if edges is None:
+        return code_with_selections(image.depth, image.scale, most, options, advance)
+    return [code_with_edges(image.depth, image.scale, edges, max(most, len(edges.data)), options)]
 
 
 def _overhead(image: DepthImage, max_bytes: int) -> int:

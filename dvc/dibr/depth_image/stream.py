@@ -73,6 +73,8 @@ class DepthImageStream:
         Whether the edges also tell where there is anything.
     damage : str or None
         What is missing.
+    num_header_bytes : int or None
+        Of a stream that was read, whole or cut: what was neither edges nor code.
     """
 
     shape: tuple[int, int]
@@ -84,6 +86,7 @@ class DepthImageStream:
     picture_edges: bool = False
     masked: bool = False
     damage: str | None = None
+    num_header_bytes: int | None = None
 
 
 def encode_stream(stream: DepthImageStream) -> bytes:
@@ -150,7 +153,8 @@ def decode_stream(data: bytes) -> DepthImageStream:
     depth_data, picture_data = _separate(data[position + num_edges : end], num_depth, num_picture)
     picture = replace(stream.picture, data=picture_data) if stream.picture else None
     depth = replace(stream.depth, data=depth_data)
-    return replace(stream, edges=edges, depth=depth, picture=picture, damage=damage)
+    header = min(len(data), end + _CHECK_BYTES) - num_edges - len(depth_data) - len(picture_data)
+    return replace(stream, edges=edges, depth=depth, picture=picture, damage=damage, num_header_bytes=header)
 
 
 def header_bytes(stream: DepthImageStream) -> int:
@@ -159,15 +163,38 @@ def header_bytes(stream: DepthImageStream) -> int:
     Parameters
     ----------
     stream : DepthImageStream
-        The stream, whole.
+        The stream: whole, or as it was read.
 
     Returns
     -------
     int
-        With lengths and checksum.
+        With lengths and checksum, as far as they are there.
     """
+    if stream.num_header_bytes is not None:
+        return stream.num_header_bytes
     parts = [stream.edges, stream.depth.data, stream.picture.data if stream.picture else b""]
     return len(encode_stream(stream)) - sum(map(len, parts))
+
+
+def part_bytes(stream: DepthImageStream) -> dict[str, int]:
+    """Return where the bytes of a stream go.
+
+    Parameters
+    ----------
+    stream : DepthImageStream
+        The stream: whole, or as it was read.
+
+    Returns
+    -------
+    dict of str to int
+        Of `header`, `edges`, `depth` and `image`.
+    """
+    return {
+        "header": header_bytes(stream),
+        "edges": len(stream.edges),
+        "depth": len(stream.depth.data),
+        "image": len(stream.picture.data) if stream.picture else 0,
+    }
 
 
 def _decode_header(data: bytes) -> tuple[DepthImageStream, tuple[int, int, int], int]:

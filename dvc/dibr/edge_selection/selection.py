@@ -6,8 +6,7 @@ out or put in again by what it changes in a transform of its surroundings, until
 parameter is the step of the quantiser, which a search over rates provides; all else is in units of it.
 """
 
-from collections.abc import Iterator
-from itertools import pairwise
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +38,8 @@ _PIECE_LENGTH = 32
 _NUM_LEVELS, _MARGIN, _MAX_PASSES = 4, 16, 3
 _LADDER_RATIO = 2.0**-0.5
 _FINEST = 1 / 512
+MOST_RUNGS = 19
+"""Steps of a ladder from the finest to the extent of a map."""
 
 
 def select(
@@ -87,6 +88,7 @@ def ladder(
     order: int,
     wavelet: Wavelet = WAVELETS["9/7"],
     mask: Mask | None = None,
+    advance: Callable[[int], None] = lambda _: None,
 ) -> Iterator[tuple[float, EdgeMaps]]:
     """Yield selections for coarser and coarser steps, each out of the one before, until none is left.
 
@@ -102,6 +104,8 @@ def ladder(
         The 9/7 by default.
     mask : ndarray of shape (H, W), bool, optional
         Edges are sought between samples inside; the map is continued outside.
+    advance : callable, optional
+        Called with 1 for each step, of which there are up to `MOST_RUNGS`.
 
     Yields
     ------
@@ -115,6 +119,7 @@ def ladder(
     edges = None
     most_pieces = max(depth.size / PIECE_AREA, FEW_PIECES)
     while step < largest:
+        advance(1)
         if edges is None:
             found = edges_of_jumps(depth, CANDIDATE_STEPS * step)
             if mask is not None:

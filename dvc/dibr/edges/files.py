@@ -45,7 +45,7 @@ def read_edges(path: str | Path, shape: tuple[int, int]) -> EdgeMaps:
     DvcError
         If it is none, or has another size.
     """
-    levels = read_levels(path)
+    levels = read_levels(path, "a picture of edges, as decode writes it")
     if levels.shape != shape:
         sizes = [f"{size[1]}x{size[0]}" for size in (levels.shape, shape)]
         raise DvcError(f"{path}: edges of {sizes[0]}, but the depth map is {sizes[1]}")

@@ -39,7 +39,7 @@ _SLOPE_STEPS = 40
 _MOST_GAIN = 16.0
 _MIDDLE = 128.0
 _PEAK = 255.0
-_ROWS_AT_ONCE = 256
+_ROWS_AT_ONCE = 16
 _POINT_STEP, _FIRST_POINT, _NUM_POINTS = 1 / 32, 2, 16
 
 
@@ -344,11 +344,11 @@ def _synthesised(
     gain = low_band_gain(shape, num_skipped_levels)
     size = scale_shapes(shape, num_skipped_levels)[-1]
     planes = np.empty((3 if colour else 1, *size))
-    for plane, (middle, weight) in zip(planes, _SCALES, strict=False):
+    for component, (middle, weight) in enumerate(_SCALES[: len(planes)]):
         pyramid = next(pyramids)
         kept = Pyramid(pyramid.low, pyramid.details[num_skipped_levels:])
-        np.divide(transform.synthesise(kept), gain * weight, out=plane)
-        plane += middle
+        np.divide(transform.synthesise(kept), gain * weight, out=planes[component])
+        planes[component] += middle
     return planes
 
 

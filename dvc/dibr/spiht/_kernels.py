@@ -17,12 +17,12 @@ BAND, FLAGS, LAST_PLANE, PLANES_BELOW, PLANES_DEEPER = range(5)
 NUM_READER_MARKS, NUM_WRITER_MARKS = 3, 5
 EXISTS, HAS_CHILDREN, HAS_GRANDCHILDREN, OPENED = 1, 2, 4, 8
 
-# Columns of `Run.bands`: where a band begins, its size, and those of its parents and of its children, or NONE.
+# Columns of `Run.bands`: where a band begins, its size, and the bands of its parents and children, or NONE.
 FIRST, STRIDE, ROWS, COLUMNS, KIND, LEVEL, COMPONENT, ABOVE, BELOW = range(9)
 NONE = -1
 LOW_BAND, HORIZONTAL, VERTICAL, DIAGONAL = range(4)
 
-# `Run.fields`: ends of the two chains of `Run.links`, lengths of `Run.sets` and `Run.opening`, and where it is.
+# `Run.fields`: ends of the two chains of `Run.links`, lengths of `Run.sets` and `Run.opening`, the place.
 PENDING, PENDING_END, SIGNIFICANT, SIGNIFICANT_END, SETS, OPENING, STOPPED, PLANE = range(8)
 MOST_CHILDREN = 9
 """Of a node: bands have up to one row and column more than twice those of the band above."""
@@ -145,7 +145,7 @@ def _parent(run, band, i):
 
 @kernel
 def _children(run, node):
-    """Return the first child of a node with children, the stride of its band, and rows and columns of them."""
+    """Return the first child of a node that has any, the stride of its band, and rows and columns of them."""
     band = run.bands[run.marks[node, BAND]]
     below = run.bands[band[BELOW]]
     row, column = _place(band, node)
@@ -341,7 +341,13 @@ def _code_coefficient(run, i, mode, certain):
         third = (min(band[LEVEL], 7) * 2 + min(band[COMPONENT], 1)) * 5
         third = (third + min(_level(far, plane), 8) // 2) * 6 + min(near, 10) // 2
         if not _decide(
-            run, _COEFFICIENT, first, second, third, mode * 12 + min(near, 11), np.int64(abs(exact)) >> plane > 0
+            run,
+            _COEFFICIENT,
+            first,
+            second,
+            third,
+            mode * 12 + min(near, 11),
+            np.int64(abs(exact)) >> plane > 0,
         ):
             if not fields[STOPPED]:
                 marks[i, LAST_PLANE] = plane

@@ -210,11 +210,15 @@ def zerotrees(
 
 def _table(bands: Sequence[Band]) -> NDArray[np.int64]:
     """Bands as the kernels take them; those of no coefficients are nobody's parents."""
-    numbers = {(band.component, band.level, band.kind): k for k, band in enumerate(bands) if 0 not in band.shape}
+    numbers = {
+        (band.component, band.level, band.kind): k for k, band in enumerate(bands) if 0 not in band.shape
+    }
     table = []
     for band in bands:
         around = [
-            numbers.get((band.component, band.level + step, band.kind), kernels.NONE) if band.kind else kernels.NONE
+            numbers.get((band.component, band.level + step, band.kind), kernels.NONE)
+            if band.kind
+            else kernels.NONE
             for step in (1, -1)
         ]
         table.append([band.first, band.stride, *band.shape, band.kind, band.level, band.component, *around])

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Plane = NDArray[np.float64]
 
-_BLOCK_SAMPLES = 2**18  # that are merged at a time
+_BLOCK_SAMPLES = 2**16  # that are merged at a time
 
 
 @dataclass(frozen=True)

@@ -155,6 +155,7 @@ def test_a_cut_stream_decodes_with_a_warning(capsys: pytest.CaptureFixture[str])
     assert run("decode", "cut.dibr", "--out", "d", "--quiet") == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert f"{len(data) - 30} of {told['stream_bytes']} bytes" in line
+    assert sum(answer(capsys, "info", "cut.dibr")["bits"].values()) == 8 * (len(data) - 30)
 
 
 def test_the_rate_may_be_more_than_anything_needs(capsys: pytest.CaptureFixture[str]) -> None:
@@ -188,6 +189,7 @@ def test_refusals(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--near-far" in refusal(capsys, *depth, "1", "--near-far", "1:2")
     assert "NEAR < FAR" in refusal(capsys, *depth, "1", "--near-far", "2:1")
     assert "levels 0, 85" in refusal(capsys, *depth, "1", "--edges", "map8.png")
+    assert "expected a picture of edges" in refusal(capsys, *depth, "1", "--edges", "map.pfm")
     assert ".dibr" in refusal(capsys, "encode-depth", "map.pfm", "out.png", "--bpp", "1")
     image = ("encode-image", "picture.png", "--depth", "map.pfm", "out.dibr", "--bpp", "1")
     assert "between 0 and 1" in refusal(capsys, *image, "--depth-share", "1.5")

@@ -1,10 +1,12 @@
 """Coding of depth maps and pictures: quality, sizes, odd maps, cuts."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from dvc.dibr.depth_image.decoder import decode
-from dvc.dibr.depth_image.depth_codes import DepthOptions, code_edges
+from dvc.dibr.depth_image.depth_codes import NUM_STEPS, DepthOptions, code_edges
 from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.encoder import DepthImage, PictureOptions, encode_to_size
 from dvc.dibr.depth_image.stream import decode_stream
@@ -143,3 +145,30 @@ def test_too_few_bytes_are_refused():
         encode(DISCS, 20)
     with pytest.raises(ConfigError, match="too few"):
         encode(DISCS, len(edges.data) + 20, edges)
+
+
+@pytest.mark.parametrize(("channels", "most"), [(None, 44), (1, 44), (3, 64)])
+def test_the_largest_streams_decode_in_a_gibibyte(channels, most):
+    """Pixels are limited to 2^24 of them, so each may take 64 bytes."""
+    size = 768
+    depth = np.add.outer(np.zeros(size), np.linspace(0.0, 50.0, size))
+    depth[100:500, 200:600] += 20.0
+    flat = np.full((size, size, 3) if channels == 3 else (size, size), 77, np.uint8)
+    edges = code_edges(edges_of_jumps(depth, 5.0))
+    image = DepthImage(depth, DepthScale.of(depth), None if channels is None else flat)
+    stream = decode_stream(encode_to_size(image, 3000, edges).data)
+    decode(stream)
+    tracemalloc.start()
+    decoded = decode(stream)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak / depth.size < most
+    assert np.abs(decoded.depth - depth).mean() < 1.0
+
+
+def test_progress_of_selections_has_an_end():
+    for depth in (DISCS, np.full((16, 16), 3.0), np.random.default_rng(0).normal(size=(40, 40))):
+        steps = []
+        encode(depth, 150, advance=steps.append)
+        assert sum(steps) == NUM_STEPS
+        assert min(steps) >= 0

@@ -15,6 +15,7 @@ from dvc.dibr.depth_image.stream import (
     decode_stream,
     encode_stream,
     header_bytes,
+    part_bytes,
 )
 from dvc.dibr.edges.chain_code import EdgeCode
 from dvc.dibr.reference.header import ReferenceHeader
@@ -46,6 +47,7 @@ def test_streams_come_back(picture, scale, flags):
     found = decode_stream(encode_stream(stream))
     assert_same(found, stream)
     assert found.damage is None
+    assert part_bytes(found) == part_bytes(stream)
 
 
 def test_headers_are_at_most_32_bytes_beside_the_scale():
@@ -68,6 +70,7 @@ def test_a_cut_leaves_both_the_same_share():
             continue
         assert str(len(data)) in found.damage
         depth, picture = len(found.depth.data), len(found.picture.data)
+        assert sum(part_bytes(found).values()) == length
         assert DEPTH.data.startswith(found.depth.data)
         assert PICTURE.data.startswith(found.picture.data)
         assert depth == (depth + picture) * 100 // 150

@@ -33,9 +33,7 @@ def test_the_example_of_the_thesis_takes_seven_bits():
     directions = directions_of(0, steps)
     np.testing.assert_array_equal(directions, [0, 3, 3, 3, 0, 0])
     np.testing.assert_array_equal(differences(directions), steps)
-    body = [
-        code_bits(Chains((30, 30), np.array([200]), np.array([n]), directions[:n])) for n in (4, 6)
-    ]
+    body = [code_bits(Chains((30, 30), np.array([200]), np.array([n]), directions[:n])) for n in (4, 6)]
     single = code_bits(Chains((30, 30), np.array([200]), np.array([4]), np.zeros(4, np.int8)))
     assert body[0] - single == 1  # one turn in three steps
     assert body[1] == single + 4  # two more steps, one of them a turn, and lengths of three bits as before
