@@ -165,7 +165,8 @@ def _from_starts(
 ) -> NDArray[np.int64]:
     """Row or column where each element begins, chain by chain."""
     before = np.cumsum(steps) - steps
-    return before + np.repeat(starts - before[begins], lengths)
+    found: NDArray[np.int64] = before + np.repeat(starts - before[begins], lengths)
+    return found
 
 
 def _jumps(depth: Plane, elements: NDArray[np.int64]) -> NDArray[np.float64]:
