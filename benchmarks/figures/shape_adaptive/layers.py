@@ -13,11 +13,11 @@ from dvc.dibr.depth_image.decoder import decode as decode_image
 from dvc.dibr.depth_image.depth_scale import DepthScale
 from dvc.dibr.depth_image.encoder import DepthImage
 from dvc.dibr.depth_image.encoder import encode_to_size as encode_image
-from dvc.dibr.layered import encoder, pieces
+from dvc.dibr.layered import pieces
 from dvc.dibr.layered.decoder import decode
 from dvc.dibr.layered.rendering import render_pieces
+from dvc.dibr.layered.selection import encode_best
 from dvc.dibr.layered.stream import decode_stream
-from dvc.errors import ConfigError
 from dvc.metrics import psnr_db
 from dvc.multiview.camera_array import LatticePosition
 from dvc.multiview.view_synthesis import SynthesisedView
@@ -63,12 +63,12 @@ def measure(found: Reconstruction, rates: tuple[float, ...]) -> Measured:
     values: dict[str, float] = {}
     texts = []
     for rate in rates:
-        known: dict[str, float | None] = {"picture": _of_picture(found, rate)}
+        known = {"picture": _of_picture(found, rate)}
         known |= {name: _of_pieces(found, scene, rate) for name, scene in scenes.items()}
-        values |= {f"{name}_db_at_{rate:g}_bpp": value for name, value in known.items() if value is not None}
-        each = [f"{name} {'-' if value is None else f'{value:.2f}'}" for name, value in known.items()]
+        values |= {f"{name}_db_at_{rate:g}_bpp": value for name, value in known.items()}
+        each = [f"{name} {value:.2f}" for name, value in known.items()]
         texts.append(f"{rate:g} bpp: {', '.join(each)} dB")
-    return Measured("; ".join(texts), None, values, "-: header and masks alone take more")
+    return Measured("; ".join(texts), None, values)
 
 
 def _of_picture(found: Reconstruction, rate: float) -> float:
@@ -79,12 +79,9 @@ def _of_picture(found: Reconstruction, rate: float) -> float:
     return _mean_psnr_db(found, lambda place: render(decoded, place))
 
 
-def _of_pieces(found: Reconstruction, scene: pieces.Pieces, rate: float) -> float | None:
+def _of_pieces(found: Reconstruction, scene: pieces.Pieces, rate: float) -> float:
     frame = scene.canvas.frame
-    try:
-        data = encoder.encode_to_size(scene, int(rate * frame.width * frame.height / 8)).data
-    except ConfigError:
-        return None
+    data = encode_best(scene, int(rate * frame.width * frame.height / 8)).encoded.data
     decoded = decode(decode_stream(data)).scene
     return _mean_psnr_db(found, lambda place: render_pieces(decoded, place))
 

@@ -19,10 +19,12 @@ DESCRIPTION = """\
 Code layers or sprites with depth, each as a picture with its disparities and its mask, by wavelets that stop
 at the border of the mask. Views from near by show what is hidden in the reference view as well.
 """
+KEEP = "paying", "all"
 EXAMPLES = """\
   dvc-stereo layers surfaces --out layers
   dvc-dibr encode-layers layers layers.dibr --bpp 0.5
   dvc-dibr encode-layers sprites sprites.dibr --bpp 0.5 --depth-share 0.3
+  dvc-dibr encode-layers layers layers.dibr --bpp 4 --keep all
 """
 
 
@@ -44,6 +46,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         cli.add_integer(parser, name, (0, 3), order, default=default, metavar="K")
     share = "part of the bits that edges and depth have, more if masks need it; default: %(default)s"
     parser.add_argument("--depth-share", type=parse_share, default=0.2, metavar="S", help=share)
+    keep = (
+        "what is coded: as much as pays for its bits in views from other places, at least the reference view "
+        "with its disparities, or all as it is; default: %(default)s"
+    )
+    parser.add_argument("--keep", choices=KEEP, default=KEEP[0], help=keep)
     parser.add_argument("--gray", action="store_true", help="code luma alone")
     add_json(parser)
     parser.add_argument("--quiet", action="store_true", help="show no progress and print no summary")
@@ -93,26 +100,28 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError(f"the name of the stream must end in {SUFFIX}, got {arguments.out}")
     cli.check_outputs([arguments.folder], [arguments.out, *json_files(arguments)])
     scene = read_pieces(arguments.folder)
-    encoded = _encode(arguments, scene)
+    encoded, coded = _encode(arguments, scene)
     with atomic_output(arguments.out) as temporary:
         temporary.write_bytes(encoded.data)
-    told = figures(encoded, scene)
+    told = figures(encoded, coded, scene)
     if arguments.json is not None:
         cli.write_json(arguments.json, told)
     if arguments.json != "-" and not arguments.quiet:
-        names = {"psnr_disparity_db": "disparity", "psnr_image_db": "colour"}
+        names = {"psnr_disparity_db": "disparity", "psnr_image_db": "colour", "psnr_views_db": "views"}
         known = [f"{name} {told[key]:.2f} dB" for key, name in names.items() if told[key] is not None]
         text = (
-            f"{told['num_pieces']} {told['kind']}, {told['bpp']:.4f} bits per pixel, {told['bits']['edges']} "
-            f"of {8 * told['stream_bytes']} bits for masks and edges"
+            f"{told['num_pieces']} {told['kind']} of {told['num_given']}, {told['bpp']:.4f} bits per pixel, "
+            f"{told['bits']['edges']} of {8 * told['stream_bytes']} bits for masks and edges"
         )
         sys.stdout.write("; ".join([f"{arguments.out}: {text}", *known]) + "\n")
     return 0
 
 
-def _encode(arguments: argparse.Namespace, scene: "Pieces") -> "EncodedPieces":
+def _encode(arguments: argparse.Namespace, scene: "Pieces") -> "tuple[EncodedPieces, Pieces]":
+    """Encode, and tell what was coded of the scene."""
     from dvc.dibr.depth_image.depth_codes import DepthOptions
     from dvc.dibr.layered.encoder import LayeredOptions, encode_to_size
+    from dvc.dibr.layered.selection import MOST_TRIALS, encode_best
 
     frame = scene.canvas.frame
     num_pixels = frame.width * frame.height
@@ -122,51 +131,64 @@ def _encode(arguments: argparse.Namespace, scene: "Pieces") -> "EncodedPieces":
         arguments.depth_share,
         arguments.gray,
     )
-    with cli.progress_bar("pieces", len(scene.pieces), arguments.quiet) as advance:
+    max_bytes, keeps_all = int(arguments.bpp * num_pixels / 8.0), arguments.keep == KEEP[1]
+    total = len(scene.pieces) if keeps_all else MOST_TRIALS
+    with cli.progress_bar("pieces" if keeps_all else "trials", total, arguments.quiet) as advance:
         try:
-            return encode_to_size(scene, int(arguments.bpp * num_pixels / 8.0), options, advance)
+            if keeps_all:
+                return encode_to_size(scene, max_bytes, options, advance), scene
+            found = encode_best(scene, max_bytes, options, advance)
+            return found.encoded, found.scene
         except ConfigError as err:
             raise ConfigError(f"--bpp {arguments.bpp:g} of {num_pixels} pixels: {err}") from None
 
 
-def figures(encoded: "EncodedPieces", scene: "Pieces") -> dict[str, Any]:
+def figures(encoded: "EncodedPieces", coded: "Pieces", scene: "Pieces") -> dict[str, Any]:
     """Return what is known of a stream that was written.
 
     Parameters
     ----------
     encoded : EncodedPieces
         The stream.
-    scene : Pieces
+    coded : Pieces
         What was coded.
+    scene : Pieces
+        What was given.
 
     Returns
     -------
     dict
-        JSON-safe. PSNR is of what is inside masks: of red, green and blue, peak 255; of disparities, peak
-        their range. None where there is no error.
+        JSON-safe. PSNR is of what is inside the masks that were coded: of red, green and blue, peak 255; of
+        disparities, peak their range; and of luma of views around, against those of all that was given.
+        None where there is no error.
     """
     import numpy as np
 
     from dvc.dibr.layered.decoder import decode
+    from dvc.dibr.layered.stack import luma_from, viewpoints_of
     from dvc.dibr.layered.stream import decode_stream
 
     frame = scene.canvas.frame
     found = decode(decode_stream(encoded.data)).scene
-    pairs = [pair for pair in zip(found.pieces, scene.pieces, strict=True) if pair[1].mask.any()]
+    pairs = [pair for pair in zip(found.pieces, coded.pieces, strict=True) if pair[1].mask.any()]
     colour = [np.float64(one.colour[one.mask]) - other.colour[other.mask] for one, other in pairs]
     disparity = [np.float64(one.disparity[one.mask]) - other.disparity[other.mask] for one, other in pairs]
     known = [other.disparity[other.mask] for _, other in pairs]
     extent = float(np.ptp(np.concatenate(known))) if known else 0.0
+    views = [luma_from(found, place) - luma_from(scene, place) for place in viewpoints_of(scene)]
     return {
         "stream_bytes": len(encoded.data),
         "bpp": 8 * len(encoded.data) / (frame.width * frame.height),
         "kind": scene.kind.name.lower(),
-        "num_pieces": len(scene.pieces),
-        "num_values": scene.num_values,
+        "num_pieces": len(coded.pieces),
+        "num_given": len(scene.pieces),
+        "num_values": coded.num_values,
+        "num_values_given": scene.num_values,
         "bits": {name: 8 * size for name, size in encoded.part_bytes.items()},
         "edge_elements": encoded.edge_elements,
         "psnr_image_db": _psnr(colour, 255.0),
         "psnr_disparity_db": _psnr(disparity, extent),
+        "psnr_views_db": _psnr(views, 255.0),
     }
 
 

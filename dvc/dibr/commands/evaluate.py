@@ -29,12 +29,13 @@ EXAMPLES = """\
   dvc-dibr evaluate left.png right.png --disparities 0:60 --slopes 1e-2 2e-3 4e-4 --out own
   dvc-dibr evaluate --chapter 4 --map disparity.pfm --image left.png --out chapter4
   dvc-dibr evaluate --streams a.dibr b.dibr --truth-depth disparity.pfm
+  dvc-dibr evaluate --streams layers-*.dibr --truth-image left.png --out curves
 """
 CHAPTERS = 3, 4
 OF_VIEWS = "--disparities", "--lattice", "--views", "--slopes", "--no-peers"
 OF_MAPS = "--map", "--image", "--rates"
 OF_STREAMS = "--truth-depth", "--truth-image"
-OF_SETS = "--data", "--sets", "--out"
+OF_SETS = "--data", "--sets"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -67,7 +68,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--streams", nargs="+", metavar="STREAM", help=streams)
     parser.add_argument("--truth-depth", metavar="MAP", help="map of the streams")
     parser.add_argument("--truth-image", metavar="IMAGE", help="picture of the streams")
-    parser.add_argument("--out", metavar="DIR", help="folder to write, new or empty; not with --streams")
+    parser.add_argument(
+        "--out", metavar="DIR", help="folder to write, new or empty; with --streams if wanted"
+    )
     add_json(parser)
     parser.add_argument("--quiet", action="store_true", help="show no progress and print no tables")
 

@@ -2,11 +2,12 @@
 
 import argparse
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import cli
-from dvc.dibr.commands.options import decode_pieces, json_files, read_stream, render_view, warn
+from dvc.dibr.commands.options import json_files, naming, read_stream, render_view, warn
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -24,21 +25,28 @@ def run(arguments: argparse.Namespace) -> int:
     Parameters
     ----------
     arguments : argparse.Namespace
-        With `streams`, `truth_depth`, `truth_image`, `json` and `quiet`.
+        With `streams`, `truth_depth`, `truth_image`, `out`, `json` and `quiet`.
 
     Returns
     -------
     int
         Exit status.
     """
+    from dvc.dibr.thesis.stream_curves import write_page
+    from dvc.files import atomic_folder
     from dvc.stereo.thesis.tables import markdown
 
     truths = [path for path in (arguments.truth_depth, arguments.truth_image) if path is not None]
-    cli.check_outputs([*arguments.streams, *truths], json_files(arguments))
-    told = {}
-    for path in arguments.streams:
-        told[path] = stream_quality(path, arguments.truth_depth, arguments.truth_image)
-        warn(path, told[path]["damage"])
+    out = [] if arguments.out is None else [arguments.out]
+    cli.check_outputs([*arguments.streams, *truths], [*out, *json_files(arguments)])
+    with ExitStack() as stack:
+        folder = stack.enter_context(atomic_folder(arguments.out)) if out else None
+        told = {}
+        for path in arguments.streams:
+            told[path] = stream_quality(path, arguments.truth_depth, arguments.truth_image)
+            warn(path, told[path]["damage"])
+        if folder is not None:
+            write_page(folder, told, _table(told))
     if arguments.json is not None:
         cli.write_json(arguments.json, told)
     if arguments.json != "-" and not arguments.quiet:
@@ -59,10 +67,12 @@ def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) 
     Returns
     -------
     dict
-        JSON-safe: length, rate, bits by part, PSNR as far as the truth is known, damage.
+        JSON-safe: kind, length, rate, bits by part, PSNR as far as the truth is known, damage.
 
     Raises
     ------
+    BitstreamError
+        If it cannot be decoded.
     ConfigError
         If the truth is of another size, or of another kind.
     """
@@ -77,9 +87,11 @@ def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) 
     from dvc.metrics import psnr_db
 
     stream = read_stream(path)
-    figures = stream_figures(stream, Path(path).stat().st_size)
+    with naming(path):
+        figures = stream_figures(stream, Path(path).stat().st_size)
     shape = figures["height"], figures["width"]
-    told = {name: figures[name] for name in ("stream_bytes", "bpp", "width", "height", "damage")}
+    told = {"kind": figures.get("kind", "views" if isinstance(stream, Stream) else "map")}
+    told |= {name: figures[name] for name in ("stream_bytes", "bpp", "width", "height", "damage")}
     picture = None if truth_image is None else read_truth(truth_image, shape)
     if not isinstance(stream, DepthImageStream):
         if truth_depth is not None:
@@ -87,7 +99,8 @@ def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) 
         is_of_views = isinstance(stream, Stream)
         told["bits"] = _bits_of_views(figures) if is_of_views else figures["bits"]
         if picture is not None:
-            found = psnr_db(luma(_reference_of(path, stream)), luma(picture))
+            with naming(path):
+                found = psnr_db(luma(_reference_of(stream)), luma(picture))
             told["psnr_image_db"] = found if found < float("inf") else None
         return told
     depth = None if truth_depth is None else read_true_depth(truth_depth)
@@ -95,18 +108,21 @@ def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) 
         size = f"{depth.depth.shape[1]}x{depth.depth.shape[0]}"
         raise ConfigError(f"{truth_depth}: {size}, but {path} is {shape[1]}x{shape[0]}")
     told |= {"bits": figures["bits"], "edge_elements": figures["edge_elements"]}
-    return told | quality(decoder.decode(stream), depth, picture)
+    with naming(path):
+        decoded = decoder.decode(stream)
+    return told | quality(decoded, depth, picture)
 
 
-def _reference_of(path: str, stream: "Stream | LayeredStream") -> Any:
+def _reference_of(stream: "Stream | LayeredStream") -> Any:
     """The reference view of a stream."""
     from dvc.dibr.codec.decoder import decode
     from dvc.dibr.codec.rendering import picture_of
+    from dvc.dibr.layered import decoder as layered
     from dvc.dibr.stream.layers import Stream
 
     if isinstance(stream, Stream):
         return decode(stream).pairs[0].picture
-    decoded = decode_pieces(path, stream)
+    decoded = layered.decode(stream)
     return picture_of(render_view(decoded, decoded.viewpoints[0]))
 
 

@@ -25,7 +25,7 @@ from dvc.dibr.layered.pieces import Pieces
 from dvc.dibr.layered.rate import Choices, allot
 from dvc.dibr.layered.stream import Place, encode_header, encode_stream, piece_bytes
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import ReferenceCode
+from dvc.dibr.reference.codec import ReferenceCode, slopes_around
 from dvc.dibr.reference.header import ReferenceHeader
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import most_levels
@@ -35,7 +35,10 @@ from dvc.stereo.layers.sprites import Sprite
 
 _LEAST_SHARE = 0.05
 """Of the bytes that edges leave, for depth, where edges take more than the share of both."""
-_DEPTH_WEIGHT = (255.0 / NUM_LEVELS) ** 2
+_NEARLY_ALL = 0.9
+"""Of the bytes of pictures, to which all their codes reach: the slope is that at this length."""
+_PEAK = 255.0
+_DEPTH_WEIGHT = (_PEAK / NUM_LEVELS) ** 2
 """Of squared errors of depth, so that they are in units of the squared range."""
 
 
@@ -73,11 +76,14 @@ class EncodedPieces:
         Edges of all pieces, borders of masks among them.
     part_bytes : dict of str to int
         Of `header` (of the stream and of its pieces), `edges`, `depth` and `image`.
+    slope : float
+        Squared error that a bit of the pictures was worth, in squared levels of all pixels together.
     """
 
     data: bytes
     edge_elements: int
     part_bytes: dict[str, int]
+    slope: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +93,7 @@ class _Coding:
     piece: Sprite
     picture: NDArray[np.uint8]
     options: DepthOptions
+    weight: float
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -98,8 +105,9 @@ def encode_to_size(
     max_bytes: int,
     options: LayeredOptions | None = None,
     advance: Callable[[int], None] = lambda _: None,
+    weights: Sequence[float] | None = None,
 ) -> EncodedPieces:
-    """Code layers or sprites as well as a number of bytes allows.
+    """Code layers or sprites, with all that they hold, as well as a number of bytes allows.
 
     Parameters
     ----------
@@ -111,6 +119,8 @@ def encode_to_size(
         How.
     advance : callable, optional
         Called with 1 for each piece.
+    weights : sequence of float, optional
+        What errors of each piece count, beside those of the others; by default all the same.
 
     Returns
     -------
@@ -123,11 +133,13 @@ def encode_to_size(
         If not even header and masks fit.
     """
     chosen = options or LayeredOptions()
-    codings = _codings(scene, chosen)
+    codings = _codings(scene, chosen, weights or [1.0] * len(scene.pieces))
     room = max_bytes - _overhead(scene, codings, max_bytes)
     depths = _code_depths(codings, scene, room, chosen.depth_share, advance)
     left = room - sum(len(depth.edges.data) + len(depth.plane.data) for depth in depths)
-    pictures = _code_pictures(codings, [depth.edges.maps for depth in depths], left, chosen.picture_order)
+    pictures, slope = _code_pictures(
+        codings, [depth.edges.maps for depth in depths], left, chosen.picture_order
+    )
     scales = [_scale_of(coding.piece, _extent(scene)) for coding in codings]
     streams = [
         DepthImageStream(
@@ -149,7 +161,25 @@ def encode_to_size(
         "image": sum(len(stream.picture.data) for stream in streams if stream.picture),
     }
     elements = sum(depth.edges.maps.count() for depth in depths if depth.edges.maps is not None)
-    return EncodedPieces(data, elements, {"header": len(data) - sum(parts.values()), **parts})
+    parts = {"header": len(data) - sum(parts.values()), **parts}
+    return EncodedPieces(data, elements, parts, slope)
+
+
+def mask_bytes(scene: Pieces) -> int:
+    """Return what the masks of all pieces take.
+
+    Parameters
+    ----------
+    scene : Pieces
+        The pieces.
+
+    Returns
+    -------
+    int
+        Bytes of their code.
+    """
+    masks = [piece.mask for piece in scene.pieces if piece.mask.any()]
+    return sum(len(code_edges(border(mask), None, mask).data) for mask in masks)
 
 
 def place_of(piece: Sprite) -> Place:
@@ -169,7 +199,7 @@ def place_of(piece: Sprite) -> Place:
     return Place(piece.left, piece.top, width, height) if piece.mask.any() else Place(0, 0, 0, 0)
 
 
-def _codings(scene: Pieces, options: LayeredOptions) -> list[_Coding]:
+def _codings(scene: Pieces, options: LayeredOptions, weights: Sequence[float]) -> list[_Coding]:
     """What is coded of pieces that are not empty: luma alone, where there is no colour."""
     gray = options.gray or all((piece.colour == piece.colour[..., :1]).all() for piece in scene.pieces)
     return [
@@ -177,8 +207,9 @@ def _codings(scene: Pieces, options: LayeredOptions) -> list[_Coding]:
             piece,
             luma(piece.colour) if gray else piece.colour,
             replace(options.depth, num_levels=min(options.depth.num_levels, most_levels(piece.mask.shape))),
+            weight,
         )
-        for piece in scene.pieces
+        for piece, weight in zip(scene.pieces, weights, strict=True)
         if piece.mask.any()
     ]
 
@@ -218,8 +249,7 @@ def _code_depths(
 ) -> list[DepthCode]:
     """Code all maps at one slope."""
     whole = _extent(scene)
-    outlines = [code_edges(border(coding.piece.mask), None, coding.piece.mask) for coding in codings]
-    masks = sum(len(outline.data) for outline in outlines)
+    masks = mask_bytes(scene)
     if masks > room:
         raise ConfigError(f"header and masks take {masks - room} bytes more")
     most = max(int(share * room), masks + int(_LEAST_SHARE * (room - masks)))
@@ -233,9 +263,9 @@ def _code_depths(
         Choices(
             tuple(candidate.code for candidate in candidates),
             tuple(len(candidate.edges.data) for candidate in candidates),
-            _DEPTH_WEIGHT,
+            coding.weight * _DEPTH_WEIGHT,
         )
-        for candidates in found
+        for coding, candidates in zip(codings, found, strict=True)
     ]
     lengths = allot(choices, most)
     assert lengths is not None, "masks fit"
@@ -250,8 +280,8 @@ def _continued(piece: Sprite) -> Plane:
 
 def _code_pictures(
     codings: Sequence[_Coding], edges: Sequence[EdgeMaps | None], room: int, order: int
-) -> list[tuple[PlaneCode, bool]]:
-    """Code all pictures at one slope, and tell which share the edges of their maps."""
+) -> tuple[list[tuple[PlaneCode, bool]], float]:
+    """Code all pictures at one slope, and tell which share the edges of their maps, and the slope."""
     found: list[list[tuple[ReferenceCode, EdgeMaps, bool]]] = []
     for coding, maps in zip(codings, edges, strict=True):
         mask, options = coding.piece.mask, coding.options
@@ -272,13 +302,17 @@ def _code_pictures(
                 mask=mask,
             )
             found[-1].append((code, stops, shared))
-    choices = [Choices(tuple(code for code, _, _ in one), (0,) * len(one)) for one in found]
+    choices = [
+        Choices(tuple(code for code, _, _ in one), (0,) * len(one), coding.weight)
+        for coding, one in zip(codings, found, strict=True)
+    ]
     lengths = allot(choices, room)
     assert lengths is not None, "nothing at all always fits"
-    return [
+    best = [
         _best_picture(coding, one, length, order)
         for coding, one, length in zip(codings, found, lengths, strict=True)
     ]
+    return best, slopes_around(choices, _NEARLY_ALL * room)[1] * _PEAK**2
 
 
 def _best_picture(

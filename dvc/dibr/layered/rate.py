@@ -67,8 +67,9 @@ def allot(choices: Sequence[Choices], num_bytes: int) -> list[int] | None:
     flatter, steeper = slopes_around(choices, num_bytes)
     lengths = [choice.bytes_at_slope(steeper) for choice in choices]
     left = num_bytes - sum(lengths)
-    if left < 0:
-        return None
+    if left < 0:  # few pixels: even the first bits of a code may pay
+        lengths = [min(choice.fixed_bytes) for choice in choices]
+        return lengths if sum(lengths) <= num_bytes else None
     for number, choice in enumerate(choices):
         more = min(max(choice.bytes_at_slope(flatter) - lengths[number], 0), left)
         lengths[number] += more

@@ -1,6 +1,9 @@
 """Rendering of layers and sprites: each piece is drawn forward, near over far."""
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc.dibr.layered.decoder import DecodedPieces
 from dvc.dibr.layered.pieces import Pieces
@@ -13,6 +16,8 @@ from dvc.multiview.view_synthesis import PictureWithDepth, SynthesisedView, draw
 from dvc.multiview.viewpoints import Viewpoint, lattice_warp
 from dvc.multiview.warping import inverse_warp, warp_grid
 from dvc.stereo.layers.sprites import Sprite
+
+Floats = NDArray[np.float64]
 
 _MARGIN = 1
 """Pixels around a piece, in which the outer halves of its pixels are drawn."""
@@ -52,14 +57,55 @@ def render_pieces(scene: Pieces, viewpoint: LatticePosition) -> SynthesisedView:
     SynthesisedView
         The view, of the size of the reference view.
     """
+    return filled(draw_pieces(scene, viewpoint), viewpoint)
+
+
+class DrawnPieces(NamedTuple):
+    """A view of pieces before holes are filled.
+
+    Attributes
+    ----------
+    image : ndarray of shape (H, W, 3), float64
+        Levels; 0 in holes.
+    inverse_depth : ndarray of shape (H, W), float64
+        `EMPTY` in holes.
+    piece : ndarray of shape (H, W), int64
+        Number of the piece that is seen; -1 in holes.
+    rows, columns : ndarray of shape (H, W), int64
+        The value of that piece that is seen, counted from its first one.
+    """
+
+    image: Floats
+    inverse_depth: Floats
+    piece: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+
+
+def draw_pieces(scene: Pieces, viewpoint: LatticePosition) -> DrawnPieces:
+    """Draw pieces forward, near over far.
+
+    Parameters
+    ----------
+    scene : Pieces
+        Pieces.
+    viewpoint : LatticePosition
+        The wanted one; the reference view is at (0, 0).
+
+    Returns
+    -------
+    DrawnPieces
+        What they show, and which value of which piece it is.
+    """
     frame, resolution = scene.canvas.frame, scene.canvas.resolution
-    nearest = np.full((frame.height, frame.width), EMPTY)
-    image = np.zeros((*nearest.shape, 3))
-    for piece in scene.pieces:
+    shape = frame.height, frame.width
+    nearest, image = np.full(shape, EMPTY), np.zeros((*shape, 3))
+    shown = np.full((3, *shape), -1, np.int64)
+    for number, piece in enumerate(scene.pieces):
         if not piece.mask.any():
             continue
         source = _source(piece, viewpoint, (frame.left, frame.top), resolution)
-        depth = drawn_depth(source, (frame.height, frame.width))
+        depth = drawn_depth(source, shape)
         rows, columns = np.nonzero(depth > nearest)
         nearest[rows, columns] = depth[rows, columns]
         positions = warp_grid(inverse_warp(source.warp), np.where(depth > EMPTY, depth, 0.0))
@@ -67,9 +113,32 @@ def render_pieces(scene: Pieces, viewpoint: LatticePosition) -> SynthesisedView:
         for channel in range(3):
             plane = np.ascontiguousarray(source.image[..., channel])
             image[rows, columns, channel] = sample(plane, chosen)[0]
+        found = np.rint(chosen[0, :, 1::-1].T).astype(np.int64) - _MARGIN
+        height, width = piece.mask.shape
+        shown[0, rows, columns] = number
+        shown[1, rows, columns] = np.clip(found[0], 0, height - 1)
+        shown[2, rows, columns] = np.clip(found[1], 0, width - 1)
+    return DrawnPieces(image, nearest, *shown)
+
+
+def filled(drawn: DrawnPieces, viewpoint: LatticePosition) -> SynthesisedView:
+    """Fill the holes of a view.
+
+    Parameters
+    ----------
+    drawn : DrawnPieces
+        The view.
+    viewpoint : LatticePosition
+        Where it is seen from.
+
+    Returns
+    -------
+    SynthesisedView
+        The view without holes.
+    """
     epipole = np.array([-viewpoint.m, -viewpoint.n, 0.0])
-    filled, inverse_depth = fill_from_background(image, nearest, epipole)
-    return SynthesisedView(filled, inverse_depth, nearest > EMPTY)
+    filled, inverse_depth = fill_from_background(drawn.image, drawn.inverse_depth, epipole)
+    return SynthesisedView(filled, inverse_depth, drawn.inverse_depth > EMPTY)
 
 
 def _source(

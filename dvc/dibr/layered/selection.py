@@ -1,0 +1,138 @@
+"""Layers and sprites of the values that pay, for streams of a given length.
+
+Scenes are coded, decoded and looked at from views that stand for all that a viewer can take: first the
+reference view with its disparities alone, which costs least; then with what pays at the slope of its picture
+and at steeper and flatter ones, as long as views become better; last all values as they are, if their masks
+leave enough to the rest. The best one is written, so it is never worse than the picture with its map.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dvc.dibr.codec.views import luma
+from dvc.dibr.layered import encoder
+from dvc.dibr.layered.decoder import decode
+from dvc.dibr.layered.encoder import EncodedPieces, LayeredOptions
+from dvc.dibr.layered.pieces import Pieces
+from dvc.dibr.layered.simplification import Price, Simplified, alone, simplify
+from dvc.dibr.layered.stack import Floats, luma_from, stack_of, viewpoints_of, worth_of
+from dvc.dibr.layered.stream import decode_stream
+from dvc.multiview.camera_array import LatticePosition
+
+MOST_TRIALS = 8
+"""Scenes that are coded, at most."""
+
+_FIRST, _STEP, _FLATTEST = 4.0, 4.0, 1.0 / 64.0
+"""Slopes that are tried, in units of the picture's: contours take bits from the map as well."""
+
+
+@dataclass(frozen=True, eq=False)
+class SelectedPieces:
+    """A stream, and what it holds of a scene.
+
+    Attributes
+    ----------
+    encoded : EncodedPieces
+        The stream.
+    scene : Pieces
+        What was coded.
+    squared_error : float
+        Of luma of other views, against those of all that was given.
+    """
+
+    encoded: EncodedPieces
+    scene: Pieces
+    squared_error: float
+
+
+def encode_best(
+    scene: Pieces,
+    max_bytes: int,
+    options: LayeredOptions | None = None,
+    advance: Callable[[int], None] = lambda _: None,
+) -> SelectedPieces:
+    """Code the layers or sprites that are worth their bytes.
+
+    Parameters
+    ----------
+    scene : Pieces
+        What is given.
+    max_bytes : int
+        Longest file.
+    options : LayeredOptions, optional
+        How it is coded.
+    advance : callable, optional
+        Called with 1 for each of `MOST_TRIALS` scenes.
+
+    Returns
+    -------
+    SelectedPieces
+        The stream.
+
+    Raises
+    ------
+    ConfigError
+        If not even a header fits.
+    """
+    chosen = options or LayeredOptions()
+    if not scene.num_values:
+        advance(MOST_TRIALS)
+        return SelectedPieces(encoder.encode_to_size(scene, max_bytes, chosen), scene, 0.0)
+    trials = _Trials(scene, max_bytes, chosen, advance)
+    stack = stack_of(scene)
+    reference = Simplified(alone(stack, scene.kind), (1.0,))
+    found = trials.of(reference)
+    worth = worth_of(stack, reference.scene, trials.viewpoints)
+    price = _price(found)
+
+    def _at(factor: float) -> SelectedPieces:
+        return trials.of(simplify(stack, scene.kind, worth, price._replace(slope=factor * price.slope)))
+
+    first = _at(_FIRST)
+    tried = [found, first, _at(_FIRST * _STEP)]
+    factor, before = _FIRST / _STEP, first
+    while factor >= _FLATTEST and trials.left > 1 and before is min(tried, key=lambda one: one.squared_error):
+        before = _at(factor)
+        tried.append(before)
+        factor /= _STEP
+    if encoder.mask_bytes(scene) <= chosen.depth_share * max_bytes:
+        tried.insert(0, trials.of(Simplified(scene, (1.0,) * len(scene.pieces))))
+    advance(trials.left)
+    return min(tried, key=lambda one: one.squared_error)
+
+
+class _Trials:
+    """Scenes coded, and looked at."""
+
+    def __init__(
+        self, scene: Pieces, max_bytes: int, options: LayeredOptions, advance: Callable[[int], None]
+    ) -> None:
+        self.viewpoints: list[LatticePosition] = viewpoints_of(scene)
+        self.left = MOST_TRIALS
+        self._views: list[Floats] = [luma_from(scene, place) for place in self.viewpoints]
+        self._max_bytes, self._options, self._advance = max_bytes, options, advance
+
+    def of(self, simplified: Simplified) -> SelectedPieces:
+        """Code a scene."""
+        encoded = encoder.encode_to_size(
+            simplified.scene, self._max_bytes, self._options, weights=simplified.weights
+        )
+        decoded = decode(decode_stream(encoded.data)).scene
+        errors = [
+            float(np.mean((luma_from(decoded, place) - view) ** 2))
+            for place, view in zip(self.viewpoints, self._views, strict=True)
+        ]
+        self.left -= 1
+        self._advance(1)
+        return SelectedPieces(encoded, simplified.scene, float(np.mean(errors)))
+
+
+def _price(coded: SelectedPieces) -> Price:
+    """What a pixel costs, by what the reference view with its disparities has cost."""
+    encoded, (piece,) = coded.encoded, coded.scene.pieces
+    (decoded,) = decode(decode_stream(encoded.data)).scene.pieces
+    error = luma(decoded.colour).astype(np.float64) - luma(piece.colour)
+    num_bytes = encoded.part_bytes["image"] + encoded.part_bytes["depth"]
+    return Price(encoded.slope, 8.0 * num_bytes / piece.mask.size, float(np.mean(error**2)))

@@ -1,0 +1,172 @@
+"""Values of layers or sprites sorted by pixel, from near to far, and what they are worth in other views."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.dibr.codec.rendering import picture_of
+from dvc.dibr.codec.views import luma
+from dvc.dibr.layered.pieces import Kind, Pieces, layers_of, sprites_of
+from dvc.dibr.layered.rendering import draw_pieces, filled, render_pieces
+from dvc.dibr.viewer.canvases import scene_of_layers, scene_of_sprites
+from dvc.multiview.camera_array import LatticePosition
+from dvc.stereo.layers.canvas import Canvas
+from dvc.stereo.layers.sprites import Sprite
+
+_CELLS = 3
+"""Views of the encoder are from the middles of so many cells of the viewer's bounds, squared."""
+
+Floats = NDArray[np.float64]
+
+
+class Stack(NamedTuple):
+    """Values of all pixels of a canvas, from near to far.
+
+    Attributes
+    ----------
+    canvas : Canvas
+        Where they are.
+    colour : ndarray of shape (L, H, W, 3), uint8
+        Red, green and blue.
+    disparity : ndarray of shape (L, H, W), float32
+        In pixels per unit of m.
+    occupied : ndarray of shape (L, H, W), bool
+        Where there are values; wherever there is one, there is one before.
+    """
+
+    canvas: Canvas
+    colour: NDArray[np.uint8]
+    disparity: NDArray[np.float32]
+    occupied: NDArray[np.bool_]
+
+
+class Worth(NamedTuple):
+    """What the values of a stack are worth in other views.
+
+    Attributes
+    ----------
+    saved : ndarray of shape (L, H, W), float64
+        Squared error of luma where a value is seen, on the mean of the views, if there is only the reference
+        view with its disparities.
+    seen : ndarray of shape (L, H, W), float64
+        How many pixels of a view show it, on the mean.
+    """
+
+    saved: Floats
+    seen: Floats
+
+
+def stack_of(scene: Pieces) -> Stack:
+    """Sort the values of pieces.
+
+    Parameters
+    ----------
+    scene : Pieces
+        At least one value.
+
+    Returns
+    -------
+    Stack
+        All of them.
+    """
+    height, width = scene.canvas.shape
+    places, colours, disparities = [], [], []
+    for piece in scene.pieces:
+        rows, columns = np.nonzero(piece.mask)
+        places.append((rows + piece.top) * width + columns + piece.left)
+        colours.append(piece.colour[piece.mask])
+        disparities.append(piece.disparity[piece.mask])
+    place, disparity = np.concatenate(places), np.concatenate(disparities)
+    order = np.lexsort((-disparity, place))
+    place = place[order]
+    first = np.flatnonzero(np.concatenate([[True], place[1:] != place[:-1]]))
+    layer = np.arange(len(place)) - np.repeat(first, np.diff(np.append(first, len(place))))
+    shape = int(layer.max()) + 1, height * width
+    stack = Stack(
+        scene.canvas, np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
+    )
+    stack.colour[layer, place] = np.concatenate(colours)[order]
+    stack.disparity[layer, place] = disparity[order]
+    stack.occupied[layer, place] = True
+    size = shape[0], height, width
+    return Stack(
+        scene.canvas,
+        stack.colour.reshape(*size, 3),
+        stack.disparity.reshape(size),
+        stack.occupied.reshape(size),
+    )
+
+
+def viewpoints_of(scene: Pieces) -> list[LatticePosition]:
+    """Return views that stand for all from which a scene may be looked at.
+
+    Parameters
+    ----------
+    scene : Pieces
+        The scene.
+
+    Returns
+    -------
+    list of LatticePosition
+        Evenly within what the viewer bounds, which is a bit beyond the cameras that have seen what lies
+        beyond the frame.
+    """
+    is_layers = scene.kind is Kind.LAYERS
+    bounds = (scene_of_layers(layers_of(scene)) if is_layers else scene_of_sprites(sprites_of(scene))).bounds
+    shares = (np.arange(_CELLS) + 0.5) / _CELLS
+    across = bounds.left + shares * (bounds.right - bounds.left)
+    down = bounds.top + shares * (bounds.bottom - bounds.top)
+    return [LatticePosition(float(m), float(n)) for n in down for m in across]
+
+
+def luma_from(scene: Pieces, viewpoint: LatticePosition) -> Floats:
+    """Render the luma of a view.
+
+    Parameters
+    ----------
+    scene : Pieces
+        The scene.
+    viewpoint : LatticePosition
+        The view.
+
+    Returns
+    -------
+    ndarray of shape (H, W), float64
+        Levels.
+    """
+    return luma(picture_of(render_pieces(scene, viewpoint))).astype(np.float64)
+
+
+def worth_of(stack: Stack, alone: Pieces, viewpoints: Sequence[LatticePosition]) -> Worth:
+    """Find what values are worth.
+
+    Parameters
+    ----------
+    stack : Stack
+        The values.
+    alone : Pieces
+        The scene without those that may be left out.
+    viewpoints : sequence of LatticePosition
+        Views in which errors count.
+
+    Returns
+    -------
+    Worth
+        Of each value.
+    """
+    pieces = tuple(
+        Sprite(0, 0, *values) for values in zip(stack.occupied, stack.colour, stack.disparity, strict=True)
+    )
+    whole = Pieces(stack.canvas, Kind.LAYERS, pieces)
+    worth = Worth(np.zeros(stack.occupied.shape), np.zeros(stack.occupied.shape))
+    for viewpoint in viewpoints:
+        drawn = draw_pieces(whole, viewpoint)
+        picture = luma(picture_of(filled(drawn, viewpoint))).astype(np.float64)
+        error = (picture - luma_from(alone, viewpoint)) ** 2
+        known = drawn.piece >= 0
+        place = drawn.piece[known], drawn.rows[known], drawn.columns[known]
+        np.add.at(worth.saved, place, error[known] / len(viewpoints))
+        np.add.at(worth.seen, place, 1.0 / len(viewpoints))
+    return worth
