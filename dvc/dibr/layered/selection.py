@@ -7,7 +7,8 @@ leave enough to the rest. The best one is written, so it is never worse than the
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from dvc.dibr.layered.pieces import Pieces
 from dvc.dibr.layered.simplification import Price, Simplified, alone, simplify
 from dvc.dibr.layered.stack import Floats, luma_from, stack_of, viewpoints_of, worth_of
 from dvc.dibr.layered.stream import decode_stream
+from dvc.errors import ConfigError
 from dvc.multiview.camera_array import LatticePosition
 
 MOST_TRIALS = 8
@@ -88,7 +90,11 @@ def encode_best(
     price = _price(found)
 
     def _at(factor: float) -> SelectedPieces:
-        return trials.of(simplify(stack, scene.kind, worth, price._replace(slope=factor * price.slope)))
+        simplified = simplify(stack, scene.kind, worth, price._replace(slope=factor * price.slope))
+        try:
+            return trials.of(simplified)
+        except ConfigError:  # does not fit
+            return replace(found, squared_error=np.inf)
 
     first = _at(_FIRST)
     tried = [found, first, _at(_FIRST * _STEP)]
@@ -98,7 +104,8 @@ def encode_best(
         tried.append(before)
         factor /= _STEP
     if encoder.mask_bytes(scene) <= chosen.depth_share * max_bytes:
-        tried.insert(0, trials.of(Simplified(scene, (1.0,) * len(scene.pieces))))
+        with suppress(ConfigError):
+            tried.insert(0, trials.of(Simplified(scene, (1.0,) * len(scene.pieces))))
     advance(trials.left)
     return min(tried, key=lambda one: one.squared_error)
 
@@ -116,6 +123,8 @@ class _Trials:
 
     def of(self, simplified: Simplified) -> SelectedPieces:
         """Code a scene."""
+        self.left -= 1
+        self._advance(1)
         encoded = encoder.encode_to_size(
             simplified.scene, self._max_bytes, self._options, weights=simplified.weights
         )
@@ -124,8 +133,6 @@ class _Trials:
             float(np.mean((luma_from(decoded, place) - view) ** 2))
             for place, view in zip(self.viewpoints, self._views, strict=True)
         ]
-        self.left -= 1
-        self._advance(1)
         return SelectedPieces(encoded, simplified.scene, float(np.mean(errors)))
 
 
