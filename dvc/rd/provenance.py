@@ -10,6 +10,7 @@ from importlib import metadata, util
 from pathlib import Path
 
 import dvc
+from dvc.rd.source_digest import code_digest
 
 _CODEC_PACKAGES = ("dvc", "encoder", "decoder", "sfm")
 _LIBRARIES = ("av", "numba", "numpy", "opencv-python-headless", "scipy")
@@ -28,8 +29,9 @@ class CodeVersion:
         Of the repository that the code lies in, with ``-dirty`` if one of the packages of the codec was
         changed; None outside one.
     digest : str
-        Of the source files of the codec. It tells more than the commit: it changes with every edit of the
-        codec and with nothing else, so that results stay valid when only documents or tests change.
+        Of the code of the codec. It tells more than the commit: it changes with every edit of what the codec
+        runs and with nothing else, so that results stay valid when documents, comments, tests or other
+        programs change.
     """
 
     version: str
@@ -50,16 +52,14 @@ def code_version() -> CodeVersion:
 
 
 def codec_digest() -> str:
-    """Digest the source files of the codec as they are now; experiments are no part of it.
+    """Digest the code of encoder and decoder as it is now; experiments are no part of it.
 
     Returns
     -------
     str
         32 hexadecimal digits.
     """
-    files = [path for name in _CODEC_PACKAGES for path in package_sources(name)]
-    experiments = Path(__file__).parent
-    return files_digest(path for path in files if experiments not in path.parents)
+    return code_digest([("encoder", ""), ("decoder", "")])
 
 
 @cache

@@ -1,0 +1,266 @@
+"""Digests of what programs consist of: the definitions that they reach, wherever these stand."""
+
+import ast
+import hashlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import dvc
+
+_PACKAGES = ("dvc", "encoder", "decoder", "sfm", "sequences", "benchmarks")
+_STARTERS = ("dvc.rd.", "benchmarks.")
+"""Where a plain name of a package in quotes is that of a program to start."""
+_DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign)
+_IMPORTS = (ast.Import, ast.ImportFrom)
+_LONGEST_NAME = 100
+Place = tuple[str, str]
+"""A module, and a name in it; all of the module if that is empty."""
+
+
+@dataclass(frozen=True)
+class Statement:
+    """A statement of a module.
+
+    Attributes
+    ----------
+    digest : str
+        Of its syntax, without comments, docstrings, formatting and imports from the project.
+    uses : frozenset of (str, str)
+        What it refers to in the project.
+    files : tuple of Path
+        Files beside the module that it names.
+    """
+
+    digest: str
+    uses: frozenset[Place]
+    files: tuple[Path, ...]
+
+
+@dataclass
+class Module:
+    """The statements of a module.
+
+    Attributes
+    ----------
+    named : dict of str to list of Statement
+        Definitions, by the names that they bind.
+    others : list of Statement
+        What runs whatever is used of the module.
+    imported : dict of str to (str, str)
+        What names stand for that are imported from the project.
+    """
+
+    named: dict[str, list[Statement]] = field(default_factory=dict)
+    others: list[Statement] = field(default_factory=list)
+    imported: dict[str, Place] = field(default_factory=dict)
+
+    def statements(self, name: str) -> list[Statement]:
+        """Return what runs if something of the module is used.
+
+        Parameters
+        ----------
+        name : str
+            Of a definition; all of the module if it is empty.
+
+        Returns
+        -------
+        list of Statement
+            Those that bind the name, and those that run in any case.
+        """
+        chosen = [self.named.get(name, [])] if name else self.named.values()
+        return self.others + [statement for each in chosen for statement in each]
+
+
+def code_digest(places: Iterable[Place]) -> str:
+    """Digest all code of the project that runs where something is used.
+
+    Only what can be reached counts: definitions that are referred to, those that these refer to, and programs
+    that they start. Comments, docstrings and formatting play no part, nor does it matter in which module a
+    definition stands, so that moving it changes nothing. Libraries are no part of it.
+
+    Parameters
+    ----------
+    places : iterable of (str, str)
+        Modules, and names in them; an empty name stands for the whole module, and that of a package that can
+        be run for its program.
+
+    Returns
+    -------
+    str
+        32 hexadecimal digits.
+    """
+    statements = _reached([_program(*place) for place in places])
+    files = {path for statement in statements.values() for path in statement.files}
+    parts = sorted(statements) + sorted(hashlib.sha256(path.read_bytes()).hexdigest() for path in files)
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+
+
+def _reached(waiting: list[Place]) -> dict[str, Statement]:
+    """Return all statements, by their digests, that run where something is used."""
+    modules: dict[str, Module | None] = {}
+    statements: dict[str, Statement] = {}
+    seen: set[Place] = set()
+    while waiting:
+        place = waiting.pop()
+        if place in seen:
+            continue
+        seen.add(place)
+        name, attribute = place
+        if name not in modules:
+            modules[name] = _module(name)
+        module = modules[name]
+        if module is None:
+            continue
+        if attribute in module.imported:
+            waiting.append(module.imported[attribute])
+        for statement in module.statements(attribute):
+            statements[statement.digest] = statement
+            waiting += statement.uses - seen
+    return statements
+
+
+def _program(module: str, name: str) -> Place:
+    """Return the place of the program where a package is named that can be run."""
+    return (f"{module}.__main__", "") if not name and _path(f"{module}.__main__") else (module, name)
+
+
+@cache
+def _root() -> Path:
+    return Path(dvc.__file__).resolve().parents[1]
+
+
+def _path(module: str) -> Path | None:
+    """Return the file of a module of the project."""
+    first, *rest = module.split(".")
+    if first not in _PACKAGES or not all(part.isidentifier() for part in rest):
+        return None
+    path = _root().joinpath(first, *rest)
+    for candidate in (path.with_name(f"{path.name}.py"), path / "__init__.py"):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def _module(name: str) -> Module | None:
+    path = _path(name)
+    if path is None:
+        return None
+    status = path.stat()
+    return _read(name, path, status.st_mtime_ns, status.st_size)
+
+
+@cache
+def _read(name: str, path: Path, _changed_ns: int, _num_bytes: int) -> Module:
+    """Take a module apart; a file that was changed is read again."""
+    module = Module()
+    body = [node for node in ast.parse(path.read_bytes()).body if not _is_docstring(node)]
+    body = [
+        node for node in body if not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))
+    ]
+    local = {bound: (name, bound) for node in body for bound in _bound(node)}
+    for node in body:
+        if not isinstance(node, _DEFINITIONS):
+            module.imported |= _imports(node)
+    for node in body:
+        if isinstance(node, _IMPORTS):
+            continue
+        statement = _statement(node, name, path, local | module.imported)
+        for bound in _bound(node):
+            module.named.setdefault(bound, []).append(statement)
+        if not _bound(node):
+            module.others.append(statement)
+    return module
+
+
+def _is_docstring(node: ast.AST) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+def _bound(node: ast.stmt) -> list[str]:
+    """Return the names that a definition binds; none where a statement is no definition."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return [node.name]
+    targets = node.targets if isinstance(node, ast.Assign) else []
+    targets = [node.target] if isinstance(node, ast.AnnAssign) else targets
+    names = [part for target in targets for part in ast.walk(target)]
+    if not all(isinstance(part, ast.Name | ast.Tuple | ast.Store) for part in names):
+        return []
+    return [part.id for part in names if isinstance(part, ast.Name)]
+
+
+def _imports(tree: ast.AST) -> dict[str, Place]:
+    """Return what names stand for that are imported from the project anywhere in a tree."""
+    found: dict[str, Place] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                module = alias.name if alias.asname else alias.name.partition(".")[0]
+                if _path(alias.name):
+                    found[alias.asname or module] = (module, "")
+        elif isinstance(node, ast.ImportFrom) and node.module and _path(node.module):
+            for alias in node.names:
+                within = f"{node.module}.{alias.name}"
+                place = (within, "") if _path(within) else (node.module, alias.name)
+                found[alias.asname or alias.name] = place
+    return found
+
+
+def _statement(node: ast.stmt, name: str, path: Path, known: dict[str, Place]) -> Statement:
+    known = known | _imports(node)
+    uses, files = set[Place](), list[Path]()
+    _follow(node, known, uses)
+    for text in _strings(node):
+        programs = text.startswith(_PACKAGES) and ("." in text or name.startswith(_STARTERS))
+        if programs and _path(text):
+            uses.add(_program(text, ""))
+        if "." in text and "/" not in text:
+            beside = (path.parent / text, path.parent / "templates" / text)
+            files += [file for file in beside if file.is_file()]
+    digest = hashlib.sha256(_text(node).encode()).hexdigest()
+    return Statement(digest, frozenset(uses), tuple(files))
+
+
+def _strings(tree: ast.AST) -> Iterator[str]:
+    """Yield strings short enough to be names, but for docstrings."""
+    for node in ast.walk(tree):
+        children = [] if isinstance(node, ast.Expr) else ast.iter_child_nodes(node)
+        texts = [child.value for child in children if isinstance(child, ast.Constant)]
+        yield from (text for text in texts if isinstance(text, str) and len(text) < _LONGEST_NAME)
+
+
+def _follow(node: ast.AST, known: dict[str, Place], uses: set[Place]) -> None:
+    """Collect what names, and attributes of modules, refer to."""
+    if isinstance(node, ast.Name | ast.Attribute):
+        place = _resolved(node, known)
+        if place is not None:
+            uses.add(place)
+            return
+    for child in ast.iter_child_nodes(node):
+        _follow(child, known, uses)
+
+
+def _resolved(node: ast.AST, known: dict[str, Place]) -> Place | None:
+    if isinstance(node, ast.Name):
+        return known.get(node.id)
+    if not isinstance(node, ast.Attribute):
+        return None
+    base = _resolved(node.value, known)
+    if base is None or base[1]:
+        return base
+    module = f"{base[0]}.{node.attr}"
+    return (module, "") if _path(module) else (base[0], node.attr)
+
+
+def _text(node: object) -> str:
+    """Write a tree down, alike in all versions of Python, without docstrings and imports of the project."""
+    if isinstance(node, list):
+        return "[" + ",".join(filter(None, map(_text, node))) + "]"
+    if not isinstance(node, ast.AST):
+        return repr(node)
+    if _is_docstring(node) or (isinstance(node, _IMPORTS) and _imports(node)):
+        return ""
+    fields = [(key, getattr(node, key, None)) for key in sorted(node._fields) if key != "kind"]
+    parts = [f"{key}={_text(value)}" for key, value in fields if value is not None and value != []]
+    return f"{type(node).__name__}({' '.join(parts)})"
