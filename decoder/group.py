@@ -15,36 +15,10 @@ from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
 from dvc.turbo import Answer
 from dvc.wynerziv.buffered import BufferedFrame
+from dvc.wynerziv.hierarchy import decoding_order
 from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder, disagreement
 
 Points = PointTracks | FeaturePoints | None
-
-
-def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[int, tuple[int, int]]]:
-    """Return in which order the frames between two key frames are decoded, and from which references.
-
-    Parameters
-    ----------
-    before, after : int
-        Display positions of the key frames.
-    hierarchical : bool
-        Whether the middle frame comes first and serves the others as a reference.
-
-    Returns
-    -------
-    list of (int, (int, int))
-        Display position of each frame, and of its two references.
-    """
-    if not hierarchical:
-        return [(index, (before, after)) for index in range(before + 1, after)]
-    order: list[tuple[int, tuple[int, int]]] = []
-    spans = [(before, after)]
-    for first, last in spans:
-        if last - first >= 2:
-            middle = (first + last) // 2
-            order.append((middle, (first, last)))
-            spans += [(first, middle), (middle, last)]
-    return order
 
 
 def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> list[int]:
@@ -108,7 +82,9 @@ class GroupDecoder:
         for index, around in decoding_order(before.index, after.index, references != "keys"):
             usable = [known[k] for k in _usable(known, around, references)]
             payload = task.record.wyner_ziv[index - before.index - 1]
-            frame = self._decode_frame(index, usable, points, payload, self._answer(task.form, payload, ask))
+            answer = self._answer(task.form, payload, ask)
+            slope = self._config.wyner_ziv.slope_between(around[1] - around[0])
+            frame = self._decode_frame(index, usable, points, payload, answer, slope)
             known[index] = ReferenceFrame(index, frame.frame)
             frames.append(frame)
         group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
@@ -117,15 +93,21 @@ class GroupDecoder:
         return group
 
     def _decode_frame(
-        self, index: int, references: list[ReferenceFrame], points: Points, payload: bytes, answer: Answer
+        self,
+        index: int,
+        references: list[ReferenceFrame],
+        points: Points,
+        payload: bytes,
+        answer: Answer,
+        slope: float,
     ) -> DecodedFrame:
         started = time.perf_counter()
-        layout = self._decoder.layout
+        quantization = self._decoder.layout.read_header(payload)
         prediction = self._method.predict(references, points, [index])[0]
         recorder = PunctureRecorder(answer)
-        steps = self._decoder.decode(index, layout.read_header(payload), prediction)
+        steps = self._decoder.decode(index, quantization, prediction, slope)
         decoded = turbo.drive(steps, recorder.answer)
-        punctured = recorder.payload(payload[: layout.header_bytes])
+        punctured = recorder.payload(payload[: quantization.header_bytes])
         return replace(decoded, punctured=punctured, decode_s=time.perf_counter() - started)
 
     def _answer(self, form: Form | None, payload: bytes, ask: Answer) -> Answer:

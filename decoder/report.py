@@ -11,7 +11,7 @@ import dvc
 from decoder.tasks import DecodedGroup
 from dvc.config import CodecConfig
 from dvc.errors import ConfigError, VideoError
-from dvc.metrics import psnr_db
+from dvc.metrics import psnr_db, psnr_of_mean_error_db
 from dvc.stream import gop_bits
 from dvc.video import Frame, VideoReader
 
@@ -79,6 +79,7 @@ class DecodeReport:
             row["refined_si_psnr_y_db"] = _psnr(original, frame.refined_side_information)
             row["num_requests"] = frame.num_requests
             row["num_failed_planes"] = frame.num_failed_planes
+            row["num_left_planes"] = frame.num_left_planes
             row["side_information"] = frame.method
             row["side_information_reason"] = frame.reason
             row["decode_s"] = round(frame.decode_s, 6)
@@ -130,12 +131,15 @@ class DecodeReport:
             "rate_kbps": 8 * stream_bytes / duration_s / 1000,
             "bits": {name: sum(frame["bits"][name] for frame in frames) for name in BIT_CLASSES},
             "psnr_y_db": _mean(frames, "psnr_y_db"),
+            "mse_psnr_y_db": _mse_psnr(frames),
+            "worst_psnr_y_db": min(_values(frames, "psnr_y_db"), default=None),
             "key_psnr_y_db": _mean([frame for frame in frames if frame["type"] == "key"], "psnr_y_db"),
             "wz_psnr_y_db": _mean(wyner_ziv, "psnr_y_db"),
             "si_psnr_y_db": _mean(wyner_ziv, "si_psnr_y_db"),
             "refined_si_psnr_y_db": _mean(wyner_ziv, "refined_si_psnr_y_db"),
             "num_requests": sum(frame["num_requests"] for frame in wyner_ziv),
             "num_failed_planes": sum(frame["num_failed_planes"] for frame in wyner_ziv),
+            "num_left_planes": sum(frame["num_left_planes"] for frame in wyner_ziv),
             "decode_s": round(sum(frame["decode_s"] for frame in wyner_ziv), 6),
             "version": dvc.__version__,
             "config": self._config.to_dict(),
@@ -151,6 +155,16 @@ def _psnr(original: NDArray[np.uint8] | None, decoded: NDArray[np.uint8]) -> flo
     return None if original is None else min(psnr_db(original, decoded), PSNR_CAP_DB)
 
 
+def _mse_psnr(frames: list[dict[str, Any]]) -> float | None:
+    """Return the PSNR of the mean squared error over frames."""
+    psnrs_db = _values(frames, "psnr_y_db")
+    return psnr_of_mean_error_db(psnrs_db) if psnrs_db else None
+
+
 def _mean(frames: list[dict[str, Any]], name: str) -> float | None:
-    values = [frame[name] for frame in frames if frame[name] is not None]
+    values = _values(frames, name)
     return fmean(values) if values else None
+
+
+def _values(frames: list[dict[str, Any]], name: str) -> list[float]:
+    return [frame[name] for frame in frames if frame[name] is not None]

@@ -67,6 +67,8 @@ class DecodedFrame:
         Bits received.
     num_failed_planes : int
         Planes that could not be verified.
+    num_left_planes : int
+        Planes that were not asked for, since they would not have paid.
     punctured : bytes
         Payload of the punctured form.
     decode_s : float
@@ -83,6 +85,7 @@ class DecodedFrame:
     crc_bits: int
     parity_bits: int
     num_failed_planes: int
+    num_left_planes: int
     punctured: bytes = b""
     decode_s: float = 0.0
 

@@ -21,7 +21,8 @@ from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, reconstruction, transform
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.layout import FrameLayout, Quantization
+from dvc.wynerziv.refinement import expected_refinement
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
@@ -32,6 +33,12 @@ NUM_FITTED_PLANES = 5
 """Planes of a band after which the scale is fitted again; later planes tell little."""
 ERROR_FLOOR = 0.15
 """Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
+LOOK_AHEAD = 2
+"""Planes of a band that are looked at together before the next is given up."""
+BITS_PER_IDEAL_BIT = 1.2
+"""What parity costs, relative to the entropy of the plane."""
+BITS_PER_PLANE = 10.0
+"""What check bits and the last request cost on top of that."""
 REQUESTS = turbo.SlepianWolfSettings(
     initial_rate=0.9,
     early_rate=1.0,
@@ -120,7 +127,7 @@ class _FrameState:
 
     def refine(self) -> None:
         """Refine the side information with what is known, where its method can."""
-        if self.prediction.refiner is not None:
+        if self.prediction.refiner is not None and self.known:
             self.use(self.prediction.refiner.refine(self.luma()))
 
     def refine_by_part(self, band: int, part: _KnownBand) -> None:
@@ -143,6 +150,15 @@ def _disagreement(prediction: Prediction) -> Array:
     stack = np.stack(prediction.compensated)
     difference: Array = stack[0] - stack[1] if len(stack) == 2 else stack.max(axis=0) - stack.min(axis=0)
     return 0.5 * difference
+
+
+def _pays(
+    prefix: NDArray[np.int64], missing: int, edges: Array, predicted: Array, scale: Array, slope: float
+) -> bool:
+    """Tell whether the next plane of a band, or the next few together, save `slope` for every bit."""
+    worth = expected_refinement(prefix, missing, edges, predicted, scale, min(missing, LOOK_AHEAD))
+    planes = np.arange(1, worth.bits.size + 1)
+    return bool((worth.saved > slope * (BITS_PER_IDEAL_BIT * worth.bits + BITS_PER_PLANE * planes)).any())
 
 
 class WynerZivDecoder:
@@ -172,17 +188,21 @@ class WynerZivDecoder:
         """Codes in the family."""
         return len(self._codes)
 
-    def decode(self, index: int, step_indices: dict[int, int], prediction: Prediction) -> FrameCoroutine:
+    def decode(
+        self, index: int, quantization: Quantization, prediction: Prediction, slope: float = 0.0
+    ) -> FrameCoroutine:
         """Decode one frame.
 
         Parameters
         ----------
         index : int
             Display position, which requests carry.
-        step_indices : dict of int to int
+        quantization : Quantization
             From the frame's header.
         prediction : Prediction
             Side information.
+        slope : float, optional
+            Squared error that a bit must save, or its plane is not asked for; 0: all planes are.
 
         Yields
         ------
@@ -197,9 +217,9 @@ class WynerZivDecoder:
         settings = self._config.wyner_ziv
         state = _FrameState(self.layout, prediction, settings.noise_model, settings.initial_gain)
         results: list[turbo.PlaneResult] = []
-        last = len(self.layout.bands) - 1
-        for position, band in enumerate(self.layout.bands):
-            results += yield from self._decode_band(index, band, step_indices, state)
+        last = len(quantization.bands) - 1
+        for position, band in enumerate(quantization.bands):
+            results += yield from self._decode_band(index, band, quantization, state, slope)
             if position in settings.refine_after or position == last:
                 state.refine()
         refiner = state.prediction.refiner
@@ -215,13 +235,14 @@ class WynerZivDecoder:
             crc_bits=sum(result.crc_bits for result in results),
             parity_bits=sum(result.parity_bits for result in results),
             num_failed_planes=sum(not result.success for result in results),
+            num_left_planes=quantization.num_planes - len(results),
         )
 
     def _decode_band(
-        self, index: int, band: int, step_indices: dict[int, int], state: _FrameState
+        self, index: int, band: int, quantization: Quantization, state: _FrameState, slope: float
     ) -> Generator[turbo.ParityRequest, Bits, list[turbo.PlaneResult]]:
-        edges = self.layout.edges(band, step_indices)
-        planes, shape = self.layout.planes[band], self.layout.band_shape
+        edges = quantization.edges(band)
+        planes, shape = quantization.planes[band], self.layout.band_shape
         refined = not state.known and 0 in self._config.wyner_ziv.refine_after
         predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
         prefix = np.zeros(self.layout.num_bits, dtype=np.int64)
@@ -229,9 +250,11 @@ class WynerZivDecoder:
         gain, results = state.gain, []
         for plane in range(planes):
             missing = planes - plane - 1
+            if slope > 0 and not _pays(prefix, missing + 1, edges, predicted, scale * gain, slope):
+                break
             middle, _ = bitplanes.prefix_borders(2 * prefix + 1, missing, edges)
             llr = noise.bit_llr(lower, middle, upper, predicted, scale * gain)
-            place = index, self.layout.first_plane[band] + plane
+            place = index, quantization.first_plane[band] + plane
             result = yield from turbo.decode_plane(llr, self._turbo_decoder, self._settings, place)
             results.append(result)
             prefix = 2 * prefix + result.bits
@@ -242,8 +265,9 @@ class WynerZivDecoder:
                 state.refine_by_part(band, _KnownBand.of(lower, upper, scale * gain, shape))
                 predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
                 gain = noise.fit_gain(lower, upper, predicted, scale, gain)
-        state.gain = float(np.sqrt(state.gain * gain))
-        state.set_known(band, _KnownBand.of(lower, upper, scale * gain, shape))
+        if results:
+            state.gain = float(np.sqrt(state.gain * gain))
+            state.set_known(band, _KnownBand.of(lower, upper, scale * gain, shape))
         return results
 
     def _turbo_decoder(self, code: int) -> turbo.TurboDecoder:

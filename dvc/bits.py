@@ -136,6 +136,25 @@ class BitWriter:
         self._parts.append(bits.copy())
         self._num_bits += bits.size
 
+    def write_number(self, value: int, count: int) -> None:
+        """Append an integer, its top bit first.
+
+        Parameters
+        ----------
+        value : int
+            From 0 to ``2**count - 1``.
+        count : int
+            Number of bits.
+
+        Raises
+        ------
+        ValueError
+            If the value needs more bits, or is negative.
+        """
+        if not 0 <= value < 1 << count:
+            raise ValueError(f"`value` must have {count} bits, got {value}")
+        self.write(np.array([value >> bit & 1 for bit in range(count - 1, -1, -1)], np.uint8))
+
     def to_bytes(self) -> bytes:
         """Return all bits, the last byte filled up with zeros.
 
@@ -196,6 +215,29 @@ class BitReader:
         self._position += count
         octets = self._octets[first : -(-self._position // 8)]
         return np.unpackbits(octets)[skip : skip + count]
+
+    def read_number(self, count: int) -> int:
+        """Read an integer that `BitWriter.write_number` wrote.
+
+        Parameters
+        ----------
+        count : int
+            Number of bits.
+
+        Returns
+        -------
+        int
+            From 0 to ``2**count - 1``.
+
+        Raises
+        ------
+        BitstreamError
+            If fewer bits are left.
+        """
+        value = 0
+        for bit in self.read(count).tolist():
+            value = 2 * value + bit
+        return value
 
     def expect_end(self) -> None:
         """Check that nothing is left but the zeros that fill up the last byte.

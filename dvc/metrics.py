@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from statistics import fmean
 from typing import Literal
 
 import numpy as np
@@ -68,6 +69,22 @@ def mean_psnr_db(psnrs_db: Sequence[float]) -> float:
     if not len(psnrs_db):
         raise ValueError("`psnrs_db` must not be empty")
     return float(np.mean(psnrs_db))
+
+
+def psnr_of_mean_error_db(psnrs_db: Sequence[float]) -> float:
+    """Return the PSNR of the mean squared error of several frames, which bad frames weigh on.
+
+    Parameters
+    ----------
+    psnrs_db : sequence of float
+        PSNR of each frame in dB.
+
+    Returns
+    -------
+    float
+        In dB; at most their mean.
+    """
+    return -10.0 * math.log10(fmean(10.0 ** (-psnr / 10.0) for psnr in psnrs_db))
 
 
 def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:

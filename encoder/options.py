@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dvc import cli
 from dvc.config import (
     DEFAULT_CODEC,
+    DEFAULT_QP,
     KEY_FRAME_CHOICES,
     MAX_BIRTHS,
     MAX_GOP_LENGTH,
     MAX_POINTS,
+    MAX_QP,
     MAX_TRACKS_BPP,
     NOISE_MODELS,
     REFERENCES,
     TURBO_FAMILIES,
     VARIANTS,
+    Allocation,
     CodecConfig,
     CodecVariant,
     GroupPreset,
@@ -25,6 +28,7 @@ from dvc.config import (
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
+    allocation,
     key_qp_for,
 )
 from dvc.errors import ConfigError
@@ -35,7 +39,8 @@ if TYPE_CHECKING:
 
 PROG = "dvc-encode"
 EXAMPLES = """\
-  dvc-encode street.mkv street.dvc --wz-q 4           the best codec at quantiser preset 4
+  dvc-encode street.mkv street.dvc                    the best codec at the usual quality
+  dvc-encode street.mkv street.dvc --qp 24            finer; each 6 about halve the error
   dvc-encode video.mp4 out.dvc --gop 10 --points 100 --lost-tracks 0.4 --luma-only --frames 101
   dvc-encode video.mp4 out.dvc --codec 2d             every second frame predicted by block motion
   dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
@@ -208,13 +213,20 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         " or all frames of the GOP that are decoded; "
         + _defaults(lambda variant: variant.references, VARIANTS),
     )
-    preset = "quantiser preset of the Wyner-Ziv frames, 1 (coarse) to 8 (fine)"
-    cli.add_integer(group, "--wz-q", (1, 8), preset, default=4, metavar="Q")
+    quality = (
+        "quality on H.264's scale, 1 (fine) to 51 (coarse): key frames, steps and what is asked for,"
+        f" set together for the least rate; default: {DEFAULT_QP}"
+    )
+    cli.add_integer(group, "--qp", (1, MAX_QP), quality, metavar="QP")
+    preset = (
+        "in place of --qp, a quantiser preset of the literature, 1 (coarse) to 8 (fine); all is asked for"
+    )
+    cli.add_integer(group, "--wz-q", (1, 8), preset, metavar="Q")
     add(
         "--key-qp",
         default="auto",
         metavar="QP",
-        help="1 to 51, lossless, or auto: whatever suits preset Q; default: %(default)s",
+        help="1 to 51, lossless, or auto: whatever suits --qp or --wz-q; default: %(default)s",
     )
     add("--luma-only", action="store_true", help="code no chroma")
     for option, choices, default, what in (
@@ -268,6 +280,8 @@ def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession
     from encoder.block_matching import PointTrackerSettings
     from encoder.session import EncoderSession
 
+    if arguments.qp is not None and arguments.wz_q is not None:
+        raise ConfigError("--qp and --wz-q are two ways to set the quality: give one")
     for option in _TRACK_OPTIONS:
         codecs = _with_points(option.tracked)
         if _value(arguments, option) is not None and arguments.codec not in codecs:
@@ -276,29 +290,42 @@ def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession
     if not bits_per_pixel > 0:
         raise ConfigError(f"--tracks-bpp must be above 0, got {bits_per_pixel}")
     tracking = PointTrackerSettings(**_given(max_births=arguments.births))
-    return EncoderSession(_configuration(arguments, info), _rule(arguments), bits_per_pixel, tracking)
+    shared = None if arguments.wz_q is not None else allocation(_qp(arguments))
+    config = _configuration(arguments, info, shared)
+    return EncoderSession(config, _rule(arguments), bits_per_pixel, tracking, shared)
 
 
-def _configuration(arguments: argparse.Namespace, info: "VideoInfo") -> CodecConfig:
+def _qp(arguments: argparse.Namespace) -> int:
+    return DEFAULT_QP if arguments.qp is None else int(arguments.qp)
+
+
+def _wyner_ziv(arguments: argparse.Namespace, shared: Allocation | None) -> WynerZivConfig:
+    chosen = WynerZivConfig.preset(arguments.wz_q) if shared is None else shared.wyner_ziv
+    return replace(chosen, noise_model=arguments.noise_model)
+
+
+def _configuration(
+    arguments: argparse.Namespace, info: "VideoInfo", shared: Allocation | None
+) -> CodecConfig:
     rate, variant = info.frame_rate, VARIANTS[arguments.codec]
     tracks = _given(num_points=arguments.points, subpixel_bits=arguments.subpixel)
     return CodecConfig.preset(
         arguments.codec,
         VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
         gop=variant.gop(arguments.gop, arguments.references),
-        key=_key(arguments),
-        wyner_ziv=replace(WynerZivConfig.preset(arguments.wz_q), noise_model=arguments.noise_model),
+        key=_key(arguments, shared),
+        wyner_ziv=_wyner_ziv(arguments, shared),
         turbo=TurboConfig(family=arguments.turbo, interleaver_seed=arguments.seed),
         tracks=replace(variant.tracks, **tracks),
         seed=arguments.seed,
     )
 
 
-def _key(arguments: argparse.Namespace) -> KeyFrameConfig:
+def _key(arguments: argparse.Namespace, shared: Allocation | None) -> KeyFrameConfig:
     if arguments.key_qp in ("lossless", "0"):
         return KeyFrameConfig(lossless=True)
     if arguments.key_qp == "auto":
-        return KeyFrameConfig(key_qp_for(arguments.wz_q))
+        return KeyFrameConfig(key_qp_for(arguments.wz_q) if shared is None else shared.key_qp)
     if arguments.key_qp.isdecimal():
         return KeyFrameConfig(int(arguments.key_qp))
     raise ConfigError(f"--key-qp must be 1 to 51, lossless or auto, got {arguments.key_qp!r}")

@@ -5,12 +5,13 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import BinaryIO
 
-from dvc.config import MAX_TRACKS_BPP, VARIANTS, CodecConfig, KeyFrameRule
+from dvc.config import MAX_TRACKS_BPP, VARIANTS, Allocation, CodecConfig, KeyFrameRule
 from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
 from dvc.wynerziv.buffered import EncodedFrame
+from dvc.wynerziv.hierarchy import reference_distances
 from encoder.block_matching import PointTrackerSettings
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, groups, tracked_groups
@@ -70,6 +71,8 @@ class EncoderSession:
         Bits of tracks that a Wyner-Ziv frame may cost, per pixel; a group with more of them keeps the best.
     tracking : PointTrackerSettings, optional
         How points are followed.
+    allocation : Allocation, optional
+        Tells the steps of nested bins, where the configuration has them.
     """
 
     def __init__(
@@ -78,6 +81,7 @@ class EncoderSession:
         rule: KeyFrameRule | None = None,
         max_tracks_bpp: float = MAX_TRACKS_BPP,
         tracking: PointTrackerSettings | None = None,
+        allocation: Allocation | None = None,
     ) -> None:
         video, key = config.video, config.key
         self._key_encoder = KeyFrameEncoder(
@@ -85,6 +89,7 @@ class EncoderSession:
         )
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)
+        self._allocation = allocation
         self._rule = rule or VARIANTS[config.codec].groups(config.gop.references).key_frames
         self._max_tracks_bpp = max_tracks_bpp
         self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits, tracking)
@@ -154,10 +159,18 @@ class EncoderSession:
         with statistics.timing("key_cpu_s"):
             key = self._key_encoder.encode(group.key)
         with statistics.timing("wyner_ziv_cpu_s"):
-            frames = tuple(wyner_ziv.encode(frame) for frame in group.wyner_ziv)
+            steps = self._steps(len(group.wyner_ziv))
+            frames = tuple(map(wyner_ziv.encode, group.wyner_ziv, steps))
         tracks = self._encode_tracks(group)
         statistics.add_group(len(frames), key, tracks)
         return EncodedGroup(key, tracks, frames)
+
+    def _steps(self, num_frames: int) -> list[float]:
+        """Return the width of nested bins of each frame between two key frames."""
+        if self._allocation is None:
+            return [1.0] * num_frames
+        distances = reference_distances(num_frames, self.config.gop.references != "keys")
+        return [self._allocation.step(distance) for distance in distances]
 
     def _encode_tracks(self, group: Group) -> bytes:
         started = time.process_time()

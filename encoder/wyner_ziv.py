@@ -3,6 +3,7 @@
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
+from dvc.wynerziv import quantizer
 from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
 from dvc.wynerziv.layout import FrameLayout
 
@@ -21,19 +22,20 @@ class WynerZivEncoder:
         self._codes = turbo.family(config.turbo.family)
         self._seed = config.turbo.interleaver_seed
 
-    def encode(self, frame: Frame) -> EncodedFrame:
+    def encode(self, frame: Frame, step: float = 1.0) -> EncodedFrame:
         """Encode one frame; parity is computed when it is asked for.
 
         Parameters
         ----------
         frame : Frame
             Original samples, of which luma is coded.
+        step : float, optional
+            Width of nested bins, which is rounded up to one that can be told.
 
         Returns
         -------
         EncodedFrame
             All bits that a decoder may ask for.
         """
-        steps, words = quantize_frame(self._layout, frame.luma)
-        header = self._layout.write_header(steps)
-        return EncodedFrame(self._layout, header, words, self._codes, self._seed)
+        quantization, words = quantize_frame(self._layout, frame.luma, quantizer.index_of_step(step))
+        return EncodedFrame(self._layout, quantization, words, self._codes, self._seed)

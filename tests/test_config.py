@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 
 from dvc.config import (
     FIELD_NUMBERS,
+    MAX_SLOPE,
     PRESET_LEVELS,
+    QUANTIZERS,
     REFERENCES,
     SFM_BACKENDS,
     TRACKS_KINDS,
@@ -61,6 +63,9 @@ def configs(draw: st.DrawFn) -> CodecConfig:
             tuple(draw(st.lists(level, min_size=16, max_size=16).filter(any))),
             tuple(sorted(draw(st.sets(st.integers(0, 15))))),
             draw(st.floats(0, 100, exclude_min=True)),
+            quantizer=draw(st.sampled_from(QUANTIZERS)),
+            slope=draw(st.floats(0, MAX_SLOPE)),
+            slope_percent=tuple(draw(st.lists(st.integers(1, 100), max_size=8))),
         ),
         TurboConfig(draw(st.sampled_from(TURBO_FAMILIES)), draw(st.integers(0, 2**31 - 1))),
         SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
@@ -115,8 +120,8 @@ def test_zigzag_and_presets_follow_the_standard() -> None:
     for q, raster in enumerate(PRESET_LEVELS, start=1):
         levels = WynerZivConfig.preset(q).levels
         assert [levels[band] for band in ZIGZAG_RANK.ravel()] == list(raster)
-    assert [WynerZivConfig.preset(q).num_planes for q in range(1, 9)] == [10, 11, 17, 30, 36, 45, 50, 63]
-    one_by_one = WynerZivConfig((256, 128, 4, 2) + 12 * (0,)).planes
+    assert [sum(WynerZivConfig.preset(q).max_planes) for q in range(1, 9)] == [10, 11, 17, 30, 36, 45, 50, 63]
+    one_by_one = WynerZivConfig((256, 128, 4, 2) + 12 * (0,)).max_planes
     assert one_by_one == (8, 7, 2, 1) + 12 * (0,)
 
 

@@ -15,7 +15,7 @@ SMALLER = {
     "176x144": "48x32",
     "--frames 9": "--frames 3",
     "--frames 0 8": "--frames 0 2",
-    "--wz-q 1,4,8": "--wz-q 1 --anchor-qp 40",
+    "--qp 24,30,36": "--qp 36 --anchor-qp 40",
 }
 MEASURED = {"docs/figures.md", "docs/figures.json"}  # written by `make figures`
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]

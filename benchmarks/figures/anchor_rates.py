@@ -47,7 +47,7 @@ def anchor_curve(setting: Setting, clip: str, anchor: str) -> Curve:
         If a point fails.
     """
     frames = rd_figures.QUICK_FRAMES if setting.quick else setting.frames
-    sweep = Sweep((clip,), frames=frames, anchors=(anchor,))
+    sweep = Sweep((clip,), wz_q=tuple(range(1, 9)), frames=frames, anchors=(anchor,))
     points = [point for point in expand([sweep]) if point.codec == ANCHORS[anchor]]
     return experiments(rd_figures.measured(setting, clip, points))[0].curves[0]
 

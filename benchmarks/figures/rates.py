@@ -80,7 +80,7 @@ def experiment(setting: Setting, clip: str) -> Experiment:
         If a point fails.
     """
     frames = QUICK_FRAMES if setting.quick else None if clip == FOREMAN else setting.frames
-    sweep = Sweep((clip,), "2d", frames=frames, anchors=("intra",))
+    sweep = Sweep((clip,), "2d", tuple(range(1, 9)), frames=frames, anchors=("intra",))
     if setting.quick:
         sweep = Sweep((clip,), "2d", frames=frames, anchors=("intra",), wz_q=(1, 3), anchor_qp=(36, 44))
     (found,) = experiments(measured(setting, clip, expand([sweep])))

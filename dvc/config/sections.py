@@ -13,6 +13,7 @@ DEPTH_COSTS = ("gradient", "both")
 SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
+QUANTIZERS = ("range", "nested")
 NUM_BANDS = 16
 MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
@@ -20,6 +21,10 @@ MAX_GOP_LENGTH = 256
 MAX_POINTS = 1024
 CRC_BITS = (8, 12, 16, 24, 32)
 MAX_PARAMETER_SETS_BYTES = 1024
+MAX_SLOPE = 1e6
+MAX_HIERARCHY = 8
+MAX_BAND_PLANES = 12
+"""Most bit planes of a band of nested bins: steps of 1 over all coefficients that there are."""
 
 ZIGZAG = (0, 1, 4, 8, 5, 2, 3, 6, 9, 12, 13, 10, 7, 11, 14, 15)
 """Raster position in the 4x4 block of each band, in zigzag order."""
@@ -108,6 +113,13 @@ class WynerZivConfig(Section):
     max_llr: float = 9.0  # bound on the magnitude of the prior LLR of a bit
     noise_model: str = "local"  # how the scale of the correlation noise follows from the references
     initial_gain: float = 1.3  # factor on that scale before anything of a frame is decoded
+    # Bins: `levels` that share the range of a band in its frame; or nested ones, whose step the frame tells.
+    quantizer: str = "range"
+    # Squared error that a bit must save, or its plane is not asked for; 0: all planes are.
+    slope: float = 0.0
+    # Percent of `slope` that holds for a frame with references up to 2, 4, 8, ... frames apart, the last
+    # beyond; none: all the same.
+    slope_percent: tuple[int, ...] = ()
 
     def _check_values(self) -> None:
         if len(self.levels) != NUM_BANDS:
@@ -125,6 +137,10 @@ class WynerZivConfig(Section):
             raise ConfigError(f"`max_llr` must be above 0 and at most 100, got {self.max_llr}")
         check_choice("noise_model", self.noise_model, NOISE_MODELS)
         check_range("initial_gain", self.initial_gain, 0.01, 100.0)
+        check_choice("quantizer", self.quantizer, QUANTIZERS)
+        check_range("slope", self.slope, 0.0, MAX_SLOPE)
+        if len(self.slope_percent) > MAX_HIERARCHY or any(not 0 < n <= 100 for n in self.slope_percent):
+            raise ConfigError(f"`slope_percent` must hold at most {MAX_HIERARCHY} numbers from 1 to 100")
 
     @classmethod
     def preset(cls, q: int) -> Self:
@@ -149,14 +165,29 @@ class WynerZivConfig(Section):
         return cls(tuple(PRESET_LEVELS[q - 1][position] for position in ZIGZAG))
 
     @property
-    def planes(self) -> tuple[int, ...]:
-        """Number of bit planes of each band; 0 for one that is not sent."""
+    def max_planes(self) -> tuple[int, ...]:
+        """Most bit planes of each band; 0 for one that is not sent."""
+        if self.quantizer == "nested":
+            return (MAX_BAND_PLANES,) * NUM_BANDS
         return tuple(max(number.bit_length() - 1, 0) for number in self.levels)
 
-    @property
-    def num_planes(self) -> int:
-        """Number of bit planes of a frame, over all bands."""
-        return sum(self.planes)
+    def slope_between(self, distance: int) -> float:
+        """Return the slope for a frame by the distance of its references.
+
+        Parameters
+        ----------
+        distance : int
+            Frames from one to the other of the references around it, at least 2.
+
+        Returns
+        -------
+        float
+            Squared error that a bit must save; 0: all planes are asked for.
+        """
+        if not self.slope_percent:
+            return self.slope
+        level = min((distance - 1).bit_length(), len(self.slope_percent)) - 1
+        return self.slope * self.slope_percent[level] / 100
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ class Ledger:
         self.num_frames = 0  # of all groups of pictures sent
         self.ended = False
         self._gop_length = config.gop.length
-        self._num_planes = config.wyner_ziv.num_planes
+        self._num_planes = sum(config.wyner_ziv.max_planes)
         self._num_codes = len(family(config.turbo.family))
         self._limits = {
             "crc": config.turbo.crc_bits,

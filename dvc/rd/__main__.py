@@ -96,7 +96,8 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     add("sequences", nargs="*", metavar="SEQUENCE", help="name of the catalogue, or a video file")
     add("--spec", type=Path, metavar="FILE.toml", help="sweeps; options given here override the file")
     add("--codec", choices=VARIANTS, help=f"default: {DEFAULT_CODEC}")
-    add("--wz-q", metavar="LIST", help="quantiser presets, such as 1,4,8; default: 1-8")
+    add("--qp", metavar="LIST", help="qualities on H.264's scale; default: 22,26,30,34,38")
+    add("--wz-q", metavar="LIST", help="quantiser presets in place of --qp, such as 1,4,8 or 1-8")
     add("--key-qp", metavar="LIST", help="auto, one QP, or one for each preset; default: auto")
     add("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")
     add("--start", type=cli.integer(0, 10**9), metavar="K", help="first frame; default: 0")
@@ -162,7 +163,7 @@ def _measure(points: list[Any], arguments: argparse.Namespace) -> int:
 def _sweeps(arguments: argparse.Namespace) -> list[Any]:
     from dvc.rd.specification import build_sweep, parse_options, read_spec
 
-    names = ("codec", "wz_q", "key_qp", "gop", "start", "frames", "luma_only", "anchors", "anchor_qp")
+    names = ("codec", "qp", "wz_q", "key_qp", "gop", "start", "frames", "luma_only", "anchors", "anchor_qp")
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     if arguments.sequences:
         given["sequences"] = arguments.sequences

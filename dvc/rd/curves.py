@@ -147,7 +147,9 @@ def _label(result: PointResult) -> str:
     extra = [
         name if value == "true" else f"{name} {value}" for name, value in sorted(options["options"].items())
     ]
-    if options.get("wz_q") is not None and options["key_qp"] not in ("auto", "lossless"):
+    if options.get("qp") is not None:
+        extra.append("allocated")
+    if (options.get("wz_q") or options.get("qp")) and options["key_qp"] not in ("auto", "lossless"):
         extra.append("chosen key QPs")
     if method := options.get("side_information"):
         extra.append(f"side information {method}")

@@ -100,6 +100,7 @@ POINT_COLUMNS: dict[str, Column] = {
     "wz_encode_cpu_s": _entry("times", "wz_encode_cpu_s"),
     "tracking_cpu_s": _entry("times", "tracking_cpu_s"),
     "coding_cpu_s": _entry("times", "coding_cpu_s"),
+    "qp": _entry("options", "qp"),
 }
 """Columns of `results_csv` after `sequence` and `curve`; new ones are added at the end only."""
 

@@ -130,7 +130,7 @@ def _commands(task: Task, original: str, folder: str = "") -> tuple[list[str], l
     options = task.point.decoder_options()
     decode = ["decoder", stream, video, "--reference", original, "--reference-start", str(task.point.start)]
     decode += [*options, "--punctured", punctured, "--json", folder + _DECODER_JSON]
-    if task.point.wz_q is not None:
+    if task.point.has_wyner_ziv:
         decode += ["--side-information-video", folder + _PREDICTED]
     return encode, decode, ["decoder", punctured, folder + _AGAIN, *options]
 

@@ -184,9 +184,8 @@ def _name_points(axes: "Axes", curve: Curve, colour: str) -> None:
         if max(abs(x - last[0]), abs(y - last[1])) < LABEL_ROOM_PX:
             continue
         last = (x, y)
-        preset = point.data["options"].get("wz_q")
         axes.annotate(
-            f"QP {point.data['key']['qp']}" if preset is None else f"Q{preset}",
+            point.level,
             (point.rate_kbps, point.psnr_y_db),
             xytext=(-5, 6),
             textcoords="offset points",

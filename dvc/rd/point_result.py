@@ -56,10 +56,25 @@ class PointResult:
     @property
     def label(self) -> str:
         """Name of the point on its curve, such as ``Q4, key QP 34`` or ``QP 28``."""
-        preset, key = self.data["options"].get("wz_q"), self.data["key"]
-        if preset is None:
+        key = self.data["key"]
+        if not self.has_level:
             return "lossless" if key.get("lossless") else f"QP {key['qp']}"
-        return f"Q{preset}, {'lossless keys' if key.get('lossless') else 'key QP ' + str(key['qp'])}"
+        return f"{self.level}, {'lossless keys' if key.get('lossless') else 'key QP ' + str(key['qp'])}"
+
+    @property
+    def has_level(self) -> bool:
+        """Whether a preset or a quality was given, beside the QP of key frames."""
+        options = self.data["options"]
+        return options.get("wz_q") is not None or options.get("qp") is not None
+
+    @property
+    def level(self) -> str:
+        """Preset such as ``Q4``, or quality such as ``QP 28``; an intra codec's is that of its key frames."""
+        options = self.data["options"]
+        if options.get("wz_q") is not None:
+            return f"Q{options['wz_q']}"
+        qp = options.get("qp")
+        return f"QP {self.data['key']['qp'] if qp is None else qp}"
 
     @property
     def frame_rows(self) -> list[dict[str, Any]]:

@@ -29,7 +29,7 @@ class Point:
     codec : str
         One of `CODECS`.
     wz_q : int or None
-        Quantiser preset; None where there are key frames only.
+        Quantiser preset; None where there is none.
     key_qp : str
         QP of the key frames, ``"auto"`` or ``"lossless"``.
     gop : int
@@ -44,6 +44,8 @@ class Point:
         Further options of the encoder without their dashes, sorted; the value ``"true"`` stands for a flag.
     side_information : str or None
         Method that the decoder predicts with instead of what the stream names.
+    qp : int or None
+        Quality that sets key frames, steps and requests together, in place of a preset.
     """
 
     sequence: str
@@ -56,6 +58,12 @@ class Point:
     luma_only: bool = True
     options: tuple[tuple[str, str], ...] = ()
     side_information: str | None = None
+    qp: int | None = None
+
+    @property
+    def has_wyner_ziv(self) -> bool:
+        """Whether there are frames that are not key frames."""
+        return self.wz_q is not None or self.qp is not None
 
     def encoder_options(self) -> list[str]:
         """Return the options of the encoder that make this point.
@@ -69,6 +77,8 @@ class Point:
         words += ["--gop", str(self.gop), "--key-qp", self.key_qp, "--start", str(self.start)]
         if self.wz_q is not None:
             words += ["--wz-q", str(self.wz_q)]
+        if self.qp is not None:
+            words += ["--qp", str(self.qp)]
         if self.frames is not None:
             words += ["--frames", str(self.frames)]
         if self.luma_only:
@@ -93,12 +103,13 @@ class Point:
         Returns
         -------
         dict
-            One entry per field; `side_information` only where it is given.
+            One entry per field; `side_information` and `qp` only where they are given.
         """
         values = asdict(self)
         del values["sequence"]
-        if self.side_information is None:
-            del values["side_information"]
+        for name in ("side_information", "qp"):
+            if values[name] is None:
+                del values[name]
         values["options"] = dict(self.options)
         return values
 
@@ -126,8 +137,9 @@ class Task:
         """Name of the result file without suffix: what a reader looks for, then what makes it unique."""
         point = self.point
         preset = "" if point.wz_q is None else f"-q{point.wz_q}"
+        key_qp = str(point.qp) if point.qp is not None and point.key_qp == "auto" else _plain(point.key_qp)
         unique = values_digest([point.to_dict(), self.source.digest])[:8]
-        return f"{self.source.name}-{point.codec}{preset}-qp{_plain(point.key_qp)}-{unique}"
+        return f"{self.source.name}-{point.codec}{preset}-qp{key_qp}-{unique}"
 
     @property
     def identity(self) -> str:

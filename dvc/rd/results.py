@@ -238,6 +238,7 @@ def _details(data: dict[str, Any]) -> dict[str, bool]:
         "totals.bits": all(type(count) is int and count >= 0 for count in counts) and sum(counts) > 0,
         "options.options": all(isinstance(value, str) for value in options["options"].values()),
         "options.wz_q": options.get("wz_q") is None or type(options["wz_q"]) is int,
+        "options.qp": options.get("qp") is None or type(options["qp"]) is int,
         "times": all(_is_number(value) for value in data["times"].values()),
         "sequence": min(data["sequence"]["width"], data["sequence"]["height"]) > 0,
         "per_frame": isinstance(frames, list)

@@ -7,16 +7,31 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from dvc.config import DEFAULT_CODEC, key_qp_for, variant_of
+from dvc.config import DEFAULT_CODEC, MAX_QP, allocation, key_qp_for, variant_of
 from dvc.errors import ConfigError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.points import ANCHORS, Point, is_intra
 
 MAX_NUMBERS = 1000
+USUAL_QPS = (22, 26, 30, 34, 38)
+"""Qualities of a sweep that says nothing else."""
 _RANGE = re.compile(r"(\d{1,9})(?:-(\d{1,9})(?::(\d{1,9}))?)?")
 _OPTION_NAME = re.compile(r"[a-z][a-z0-9-]{0,40}")
 _RESERVED = frozenset(
-    {"codec", "gop", "wz-q", "key-qp", "luma-only", "start", "frames", "serve", "timeout", "json", "quiet"}
+    {
+        "codec",
+        "gop",
+        "qp",
+        "wz-q",
+        "key-qp",
+        "luma-only",
+        "start",
+        "frames",
+        "serve",
+        "timeout",
+        "json",
+        "quiet",
+    }
 )
 
 
@@ -33,7 +48,7 @@ class Sweep:
     wz_q : tuple of int
         Quantiser presets.
     key_qp : tuple of str
-        One QP for all presets, or one per preset.
+        One QP for all presets or qualities, or one for each.
     gop : int or None
         As in `Point`; None for the codec's own.
     start, frames, luma_only, options, side_information
@@ -42,11 +57,14 @@ class Sweep:
         Names in `ANCHORS`.
     anchor_qp : tuple of int
         QPs of the anchors beside those of the sweep itself.
+    qp : tuple of int
+        Qualities that set key frames, steps and requests together, in place of presets; where neither is
+        given, `USUAL_QPS`.
     """
 
     sequences: tuple[str, ...] = ()
     codec: str = DEFAULT_CODEC
-    wz_q: tuple[int, ...] = tuple(range(1, 9))
+    wz_q: tuple[int, ...] = ()
     key_qp: tuple[str, ...] = ("auto",)
     gop: int | None = None
     start: int = 0
@@ -56,14 +74,16 @@ class Sweep:
     side_information: str | None = None
     anchors: tuple[str, ...] = ()
     anchor_qp: tuple[int, ...] = field(default=tuple(range(20, 45, 4)))
+    qp: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.sequences:
             raise ConfigError("a sweep needs at least one sequence")
-        if self._gop_length() > 1 and len(self.key_qp) not in (1, len(self.wz_q)):
-            raise ConfigError(
-                f"{len(self.key_qp)} key QPs for {len(self.wz_q)} presets; give one, or one each"
-            )
+        if self.qp and self.wz_q:
+            raise ConfigError("qualities (qp) or presets (wz_q): a sweep takes one of them")
+        count, what = len(self._levels()), "presets" if self.wz_q else "qualities"
+        if self._gop_length() > 1 and len(self.key_qp) not in (1, count):
+            raise ConfigError(f"{len(self.key_qp)} key QPs for {count} {what}; give one, or one each")
         for name in self.anchors:
             if name not in ANCHORS:
                 raise ConfigError(f"the anchor must be one of {', '.join(ANCHORS)}, got {name!r}")
@@ -83,11 +103,11 @@ class Sweep:
             All different.
         """
         gop = self._gop_length()
-        presets = self.wz_q if gop > 1 else (None,) * len(self.key_qp)
-        key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(presets)
+        levels = self._levels() if gop > 1 else [(None, None)] * len(self.key_qp)
+        key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(levels)
         for sequence in self.sequences:
             common = {"start": self.start, "frames": self.frames, "luma_only": self.luma_only}
-            for wz_q, key_qp in zip(presets, key_qps, strict=False):
+            for (wz_q, qp), key_qp in zip(levels, key_qps, strict=False):
                 yield Point(
                     sequence,
                     self.codec,
@@ -96,12 +116,19 @@ class Sweep:
                     gop,
                     options=self.options,
                     side_information=self.side_information,
+                    qp=qp,
                     **common,  # type: ignore[arg-type]
                 )
             for anchor in self.anchors:
                 gop_length = 1 if is_intra(ANCHORS[anchor]) else 0
                 for qp in self.anchor_qps():
                     yield Point(sequence, ANCHORS[anchor], None, str(qp), gop_length, **common)  # type: ignore[arg-type]
+
+    def _levels(self) -> list[tuple[int | None, int | None]]:
+        """List preset or quality of the points, the other being none."""
+        if self.wz_q:
+            return [(preset, None) for preset in self.wz_q]
+        return [(None, qp) for qp in self.qp or USUAL_QPS]
 
     def _gop_length(self) -> int:
         return variant_of(self.codec).gop(self.gop, dict(self.options).get("references")).length
@@ -115,9 +142,10 @@ class Sweep:
             Increasing.
         """
         qps = set(self.anchor_qp)
-        for wz_q, key_qp in zip(self.wz_q, self.key_qp * len(self.wz_q), strict=False):
+        levels = self._levels()
+        for (wz_q, qp), key_qp in zip(levels, self.key_qp * len(levels), strict=False):
             if key_qp == "auto":
-                qps.add(key_qp_for(wz_q))
+                qps.add(key_qp_for(wz_q) if wz_q is not None else allocation(qp or 0).key_qp)
             elif key_qp.isdecimal():
                 qps.add(int(key_qp))
         return sorted(qps)
@@ -263,7 +291,7 @@ def build_sweep(given: dict[str, Any]) -> Sweep:
     for name in ("sequences", "key_qp", "anchors"):
         if name in values:
             values[name] = tuple(_listed(name, values[name]))
-    for name, low, high in (("wz_q", 1, 8), ("anchor_qp", 1, 51)):
+    for name, low, high in (("wz_q", 1, 8), ("qp", 1, MAX_QP), ("anchor_qp", 1, 51)):
         if name in values:
             values[name] = parse_numbers(",".join(_listed(name, values[name])), low, high)
     for name, low in (("gop", 1), ("start", 0), ("frames", 1)):

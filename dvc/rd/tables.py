@@ -202,9 +202,8 @@ def _per_wyner_ziv(name: str, form: str) -> Cell:
     return cell
 
 
-def _preset(point: PointResult) -> str:
-    preset = point.data["options"].get("wz_q")
-    return NOTHING if preset is None else str(preset)
+def _level(point: PointResult) -> str:
+    return point.level if point.has_level else NOTHING
 
 
 def _encode_ms(kind: str) -> Cell:
@@ -216,7 +215,7 @@ def _encode_ms(kind: str) -> Cell:
 
 
 COLUMNS: dict[str, Cell] = {
-    "Q": _preset,
+    "level": _level,
     "key QP": lambda point: "lossless" if point.data["key"].get("lossless") else str(point.data["key"]["qp"]),
     "rate [kbit/s]": _total("rate_kbps", "{:.1f}"),
     "PSNR [dB]": _total("psnr_y_db", "{:.2f}"),

@@ -10,6 +10,7 @@ _ROUND = 6755399441055744.0  # 1.5 * 2**52: a sum with it has been rounded to an
 _MIN_EXPONENT = -700.0
 _HALF_MANTISSA = 0x3FE0000000000000
 _SQRT_HALF = 0.7071067811865476
+_NARROW = 1e-3  # width of an interval, in scales, below which a Laplacian is constant on it
 _HALVINGS = 5  # 32 probabilities above the share of outliers have a product that is a normal number
 
 
@@ -36,13 +37,13 @@ def transform_blocks(samples, scale, order, bands):
 
 
 @kernel
-def pack_uniform(coefficients, step, num_planes, first_plane, words):
-    """Quantise a DC band into `words` (W, N): plane p is bit 63 - p % 64 of row p // 64."""
+def pack_uniform(coefficients, step, origin, num_planes, first_plane, words):
+    """Quantise a band from `origin` steps below zero up: plane p is bit 63 - p % 64 of row p // 64 (W, N)."""
     last = (1 << num_planes) - 1
     per_step = 1.0 / step
     numbers = np.empty(coefficients.size, np.uint64)
     for n in range(coefficients.size):
-        numbers[n] = min(max(np.int64(coefficients[n] * per_step), 0), last)
+        numbers[n] = min(max(np.int64(coefficients[n] * per_step + origin), 0), last)
     put_bits(numbers, num_planes, first_plane, words)
 
 
@@ -231,3 +232,94 @@ def conditional_mean(lower, upper, side_information, scale, mean):
         if total > 0.0:
             split += (right_mass * right_offset - left_mass * left_offset) / total
         mean[n] = min(max(split, lower[n]), upper[n])
+
+
+@kernel
+def _cumulative_moments(border, scale, near, moments):
+    """Write mass, mean and square of exp(-(|s| - near) / scale) / scale up to `border`, but for a constant.
+
+    The constant drops out of differences between borders, of which `near` is the least distance from zero.
+    """
+    distance = abs(border)
+    power, q = exponential((near - distance) / scale)
+    tail = power + power * q
+    sign = -1.0 if border < 0.0 else 1.0
+    below = 1.0 if near == 0.0 else 0.0  # mass between zero and infinity, where zero lies within
+    moments[0] = sign * (below - tail)
+    moments[1] = below * scale - (distance + scale) * tail
+    moments[2] = sign * (
+        2.0 * below * scale * scale - (distance * (distance + 2 * scale) + 2 * scale * scale) * tail
+    )
+
+
+@kernel
+def _add_uniform(lower, upper, mass, moments):
+    """Add the moments of a uniform distribution of some mass on an interval."""
+    moments[0] += mass
+    moments[1] += 0.5 * mass * (lower + upper)
+    moments[2] += mass * (lower * lower + lower * upper + upper * upper) / 3.0
+
+
+@kernel
+def _cell_moments(borders, scale, near, outliers, moments):
+    """Write mass, mean and square, times mass, of the cells between borders; the masses have any sum."""
+    count = borders.size - 1
+    width = borders[count] - borders[0]
+    ends = np.empty((2, 3))
+    _cumulative_moments(borders[0], scale, near, ends[0])
+    for k in range(count):
+        lower, upper = borders[k], borders[k + 1]
+        now, after = ends[k & 1], ends[1 - (k & 1)]
+        _cumulative_moments(upper, scale, near, after)
+        for m in range(3):
+            moments[k, m] = after[m] - now[m]
+        if upper - lower < _NARROW * scale:
+            power, q = exponential((near - 0.5 * abs(lower + upper)) / scale)
+            moments[k] = 0.0
+            _add_uniform(lower, upper, (power + power * q) * (upper - lower) / scale, moments[k])
+        _add_uniform(lower, upper, outliers * (upper - lower) / width, moments[k])
+
+
+@kernel
+def refinement(prefix, missing, edges, side_information, scale, outliers, parts, bits, saved):
+    """Add what the next 1, 2, ... planes are expected to cost and save, to `bits` and `saved` of shape (D,).
+
+    In `parts` of a bit and of a squared unit, each coefficient rounded, so that no order of sums matters.
+    """
+    depth, last = bits.size, edges.size - 1
+    count, cell_planes = 1 << depth, missing - depth
+    borders, moments = np.empty(count + 1), np.empty((count, 3))
+    for n in range(prefix.size):
+        first = prefix[n] << missing
+        for k in range(count + 1):
+            borders[k] = edges[min(first + (np.int64(k) << cell_planes), last)] - side_information[n]
+        if borders[count] <= borders[0]:
+            continue
+        near = max(borders[0], -borders[count], 0.0)
+        power, q = exponential(-near / scale[n])
+        share = 2.0 * outliers + 2e-12 / (power + power * q)  # of a mass of 2 where zero lies within
+        _cell_moments(borders, scale[n], near, share, moments)
+        _add_levels(moments, depth, parts, bits, saved)
+
+
+@kernel
+def _add_levels(moments, depth, parts, bits, saved):
+    """Join neighbouring cells, depth by depth; add their entropy, and the variance between them."""
+    total, mean, square = 0.0, 0.0, 0.0
+    for k in range(moments.shape[0]):
+        total += moments[k, 0]
+        mean += moments[k, 1]
+        square += moments[k, 2]
+    before = square - mean * mean / total
+    for d in range(depth, 0, -1):
+        entropy, within = 0.0, 0.0
+        for k in range(1 << d):
+            mass = moments[k, 0]
+            if mass > 1e-9 * total:
+                entropy -= mass * logarithm(mass / total)
+                within += moments[k, 2] - moments[k, 1] * moments[k, 1] / mass
+        bits[d - 1] += np.int64(entropy / total * _LOG2E * parts + 0.5)
+        saved[d - 1] += np.int64(max(before - within, 0.0) / total * parts + 0.5)
+        for k in range(1 << (d - 1)):
+            for m in range(3):
+                moments[k, m] = moments[2 * k, m] + moments[2 * k + 1, m]

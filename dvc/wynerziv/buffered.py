@@ -12,13 +12,15 @@ from dvc import turbo
 from dvc.errors import BitstreamError
 from dvc.turbo import ParityRequest
 from dvc.wynerziv import _kernels, quantizer, transform
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.layout import FrameLayout, Quantization
 
 Bits = NDArray[np.uint8]
 Words = NDArray[np.uint64]
 
 
-def quantize_frame(layout: FrameLayout, luma: NDArray[np.uint8]) -> tuple[dict[int, int], Words]:
+def quantize_frame(
+    layout: FrameLayout, luma: NDArray[np.uint8], step_index: int = 0
+) -> tuple[Quantization, Words]:
     """Transform and quantise a frame into bit planes, all planes of a coefficient position in one word.
 
     Parameters
@@ -27,26 +29,57 @@ def quantize_frame(layout: FrameLayout, luma: NDArray[np.uint8]) -> tuple[dict[i
         Layout of the frame.
     luma : ndarray of shape (H, W), uint8
         Luma samples.
+    step_index : int, optional
+        Index of the width of nested bins; the range of its band decides where they are not.
 
     Returns
     -------
-    step_indices : dict of int to int
-        Step index of each AC band that is sent.
+    quantization : Quantization
+        The frame's quantisers.
     words : ndarray of shape (ceil(num_planes / 64), num_bits), uint64
         Plane p stands in bit 63 - p % 64 of row p // 64; planes in decoding order.
     """
     coefficients = transform.forward(luma).reshape(transform.NUM_BANDS, layout.num_bits)
-    steps: dict[int, int] = {}
-    words = np.zeros((layout.num_words, layout.num_bits), dtype=np.uint64)
-    for band in layout.bands:
-        levels, planes, first = layout.levels[band], layout.planes[band], layout.first_plane[band]
-        if band:
-            steps[band] = quantizer.step_index(coefficients[band], levels)
-            step = quantizer.step_from_index(steps[band])
-            _kernels.pack_dead_zone(coefficients[band], step, planes, first, words)
+    if layout.nested:
+        return _quantize_nested(layout, coefficients, step_index)
+    return _quantize_over_range(layout, coefficients)
+
+
+def _quantize_nested(
+    layout: FrameLayout, coefficients: NDArray[np.float64], step_index: int
+) -> tuple[Quantization, Words]:
+    step = quantizer.step_from_index(step_index)
+    planes = tuple(quantizer.nested_planes(band, values, step) for band, values in enumerate(coefficients))
+    quantization = layout.of_step(step_index, planes)
+    words = np.zeros((quantization.num_words, layout.num_bits), dtype=np.uint64)
+    for band in quantization.bands:
+        origin = quantizer.nested_origin(band, planes[band])
+        first = quantization.first_plane[band]
+        _kernels.pack_uniform(coefficients[band], step, origin, planes[band], first, words)
+    return quantization, words
+
+
+def _quantize_over_range(
+    layout: FrameLayout, coefficients: NDArray[np.float64]
+) -> tuple[Quantization, Words]:
+    bands = [band for band, planes in enumerate(layout.max_planes) if planes]
+    quantization = layout.over_range(
+        {
+            band: quantizer.step_index(coefficients[band], 1 << layout.max_planes[band])
+            for band in bands
+            if band
+        }
+    )
+    words = np.zeros((quantization.num_words, layout.num_bits), dtype=np.uint64)
+    for band in bands:
+        planes, first = quantization.planes[band], quantization.first_plane[band]
+        step = quantization.step(band)
+        if step is None:
+            step = quantizer.DC_RANGE / (1 << planes)
+            _kernels.pack_uniform(coefficients[band], step, 0.0, planes, first, words)
         else:
-            _kernels.pack_uniform(coefficients[band], quantizer.DC_RANGE / levels, planes, first, words)
-    return steps, words
+            _kernels.pack_dead_zone(coefficients[band], step, planes, first, words)
+    return quantization, words
 
 
 class EncodedFrame:
@@ -56,8 +89,8 @@ class EncodedFrame:
     ----------
     layout : FrameLayout
         Layout of the frame.
-    header : bytes
-        Step indices, as `FrameLayout.write_header` packs them.
+    quantization : Quantization
+        Quantisers of the frame, from `quantize_frame`.
     words : ndarray of shape (W, N), uint64
         Bit planes, from `quantize_frame`.
     codes : sequence of TurboCode
@@ -69,18 +102,20 @@ class EncodedFrame:
     def __init__(
         self,
         layout: FrameLayout,
-        header: bytes,
+        quantization: Quantization,
         words: Words,
         codes: Sequence[turbo.TurboCode],
         interleaver_seed: int,
     ) -> None:
-        self.header = header
-        self._layout = layout
+        self.header = layout.write_header(quantization)
+        self._num_planes = quantization.num_planes
         self._words = words
         self._codes = codes
         self._seed = interleaver_seed
         self._parity: dict[int, Words] = {}
-        self._crc = np.stack([turbo.crc_words(row, layout.crc_bits) for row in words])
+        self._crc = np.empty((len(words), layout.crc_bits), np.uint64)
+        for row, check in zip(words, self._crc, strict=True):
+            check[:] = turbo.crc_words(row, layout.crc_bits)
 
     def _parity_words(self, code: int) -> Words:
         if code not in self._parity:
@@ -110,8 +145,8 @@ class EncodedFrame:
         ValueError
             If the request asks for what does not exist.
         """
-        if not 0 <= request.plane < self._layout.num_planes:
-            raise ValueError(f"plane {request.plane} of {self._layout.num_planes}")
+        if not 0 <= request.plane < self._num_planes:
+            raise ValueError(f"plane {request.plane} of {self._num_planes}")
         if request.kind not in turbo.KINDS or not 0 <= request.code < len(self._codes):
             raise ValueError(f"no {request.kind!r} bits of code {request.code}")
         if request.kind == "parity":
@@ -139,7 +174,7 @@ class EncodedFrame:
         np.concatenate([self._crc, self._words], axis=1, out=words[:, :first])
         for code in range(len(self._codes)):
             self._encode(code, words[:, first + code * num_bits : first + (code + 1) * num_bits])
-        size = -(-self._layout.num_planes // 8)
+        size = -(-self._num_planes // 8)
         return self.header + words.T.astype(">u8", order="C").view(np.uint8)[:, :size].tobytes()
 
 
@@ -158,18 +193,20 @@ class BufferedFrame:
     Raises
     ------
     BitstreamError
-        If the payload's size is not that of the layout.
+        If the payload's size is not that of the layout and its header.
     """
 
     def __init__(self, layout: FrameLayout, payload: bytes, num_codes: int) -> None:
+        quantization = layout.read_header(payload)
         uncoded = layout.crc_bits
         self._first = {("crc", 0): 0, ("uncoded", 0): uncoded}
         self._first |= {("parity", code): uncoded + (code + 1) * layout.num_bits for code in range(num_codes)}
-        size = -(-layout.num_planes // 8)
-        expected = layout.header_bytes + size * (uncoded + (num_codes + 1) * layout.num_bits)
+        size = -(-quantization.num_planes // 8)
+        expected = quantization.header_bytes + size * (uncoded + (num_codes + 1) * layout.num_bits)
         if len(payload) != expected:
             raise BitstreamError(f"buffered Wyner-Ziv frame of {len(payload)} bytes, expected {expected}")
-        self._words = np.frombuffer(payload, np.uint8)[layout.header_bytes :].reshape(-1, max(size, 1))
+        self._words = np.frombuffer(payload, np.uint8)[quantization.header_bytes :]
+        self._words = self._words.reshape(-1, max(size, 1))
 
     def answer(self, request: ParityRequest) -> Bits:
         """Return the bits that a request asks for.

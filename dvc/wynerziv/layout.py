@@ -1,40 +1,121 @@
-"""Where things are in a Wyner-Ziv frame: bands, bit planes, and the header with the step of each band.
+"""Where things are in a Wyner-Ziv frame: bands, bit planes, and the header that tells their quantisers.
 
 Planes are numbered over the whole frame in decoding order: bands in zigzag order, each from its most
-significant plane down. A frame's payload starts with the step indices of its AC bands.
+significant plane down. A frame's payload starts with its header.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import CodecConfig
+from dvc.bits import BitReader, BitWriter
+from dvc.config import MAX_BAND_PLANES, CodecConfig
 from dvc.errors import BitstreamError
-from dvc.wynerziv import bitplanes, quantizer, transform
+from dvc.wynerziv import quantizer, transform
+
+_PLANE_COUNT_BITS = 4
+
+
+@dataclass(frozen=True)
+class Quantization:
+    """Quantisers of one frame's bands, which its header tells.
+
+    Attributes
+    ----------
+    nested : bool
+        Whether bins are nested; else their number is given and they share the range of the band.
+    planes : tuple of int
+        Bit planes of the 16 bands, in zigzag order; 0 for one that is not sent.
+    step_indices : dict of int to int
+        Index for `quantizer.step_from_index` by band; DC has none where its range is given.
+    header_bytes : int
+        Size of the header.
+    """
+
+    nested: bool
+    planes: tuple[int, ...]
+    step_indices: dict[int, int]
+    header_bytes: int
+
+    @cached_property
+    def bands(self) -> tuple[int, ...]:
+        """Bands that are sent, in decoding order."""
+        return tuple(band for band, planes in enumerate(self.planes) if planes)
+
+    @cached_property
+    def first_plane(self) -> dict[int, int]:
+        """Frame-wide number of each sent band's most significant plane."""
+        return {band: sum(self.planes[:band]) for band in self.bands}
+
+    @cached_property
+    def num_planes(self) -> int:
+        """Planes in the frame."""
+        return sum(self.planes)
+
+    @property
+    def num_words(self) -> int:
+        """Words of 64 bits that hold one bit of each plane."""
+        return -(-self.num_planes // 64)
+
+    def step(self, band: int) -> float | None:
+        """Return the width of a band's bins.
+
+        Parameters
+        ----------
+        band : int
+            A band that is sent.
+
+        Returns
+        -------
+        float or None
+            None for DC where its range is given.
+        """
+        index = self.step_indices.get(band)
+        return None if index is None else quantizer.step_from_index(index)
+
+    def edges(self, band: int) -> NDArray[np.float64]:
+        """Return the borders of a band's bins.
+
+        Parameters
+        ----------
+        band : int
+            A band that is sent.
+
+        Returns
+        -------
+        ndarray of shape (num_bins + 1,), float64
+            In increasing order.
+        """
+        step = self.step(band)
+        if self.nested:
+            assert step is not None
+            return quantizer.nested_edges(band, self.planes[band], step)
+        return quantizer.bin_edges(1 << self.planes[band], step)
 
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """Where things are in a Wyner-Ziv frame of one configuration.
+    """Where things are in the Wyner-Ziv frames of one configuration.
 
     Attributes
     ----------
     height, width : int
         Sides of the luma plane in pixels.
-    levels : tuple of int
-        Quantiser levels of the 16 bands, in zigzag order.
-    planes : tuple of int
-        Bit planes of each of them; 0 where it is not sent.
+    nested : bool
+        Whether bins are nested, so that frames differ in their planes.
+    max_planes : tuple of int
+        Most bit planes of the 16 bands, in zigzag order; 0 where a band is not sent.
     crc_bits : int
         Length of each plane's checksum.
     """
 
     height: int
     width: int
-    levels: tuple[int, ...]
-    planes: tuple[int, ...]
+    nested: bool
+    max_planes: tuple[int, ...]
     crc_bits: int
 
     @classmethod
@@ -49,10 +130,11 @@ class FrameLayout:
         Returns
         -------
         FrameLayout
-            Layout of each of its Wyner-Ziv frames.
+            Layout of its Wyner-Ziv frames.
         """
         video, quantised = config.video, config.wyner_ziv
-        return cls(video.height, video.width, quantised.levels, quantised.planes, config.turbo.crc_bits)
+        nested = quantised.quantizer == "nested"
+        return cls(video.height, video.width, nested, quantised.max_planes, config.turbo.crc_bits)
 
     @cached_property
     def band_shape(self) -> tuple[int, int]:
@@ -64,53 +146,70 @@ class FrameLayout:
         """Bits in a plane, which is blocks in a frame."""
         return self.band_shape[0] * self.band_shape[1]
 
-    @cached_property
-    def bands(self) -> tuple[int, ...]:
-        """Bands that are sent, in decoding order."""
-        return tuple(band for band, levels in enumerate(self.levels) if levels)
-
-    @cached_property
-    def first_plane(self) -> dict[int, int]:
-        """Frame-wide number of each sent band's most significant plane."""
-        return {band: sum(self.planes[:band]) for band in self.bands}
-
-    @cached_property
-    def num_planes(self) -> int:
-        """Planes in a frame."""
-        return sum(self.planes)
-
-    @property
-    def num_words(self) -> int:
-        """Words of 64 bits that hold one bit of each plane."""
-        return -(-self.num_planes // 64)
-
-    @property
-    def header_bytes(self) -> int:
-        """Size of the step indices."""
-        return -(-len(self._stepped_bands) * quantizer.STEP_INDEX_BITS // 8)
-
-    @property
-    def _stepped_bands(self) -> tuple[int, ...]:
-        return tuple(band for band in self.bands if band > 0)
-
-    def write_header(self, step_indices: dict[int, int]) -> bytes:
-        """Pack the step indices; inverse of `read_header`.
+    def over_range(self, step_indices: dict[int, int]) -> Quantization:
+        """Return quantisers that share the ranges of their bands.
 
         Parameters
         ----------
         step_indices : dict of int to int
-            Index for `quantizer.step_from_index` of each AC band that is sent.
+            Index of the step of each AC band that is sent.
+
+        Returns
+        -------
+        Quantization
+            With as many planes as the configuration says.
+        """
+        size = -(-len(step_indices) * quantizer.STEP_INDEX_BITS // 8)
+        return Quantization(False, self.max_planes, step_indices, size)
+
+    def of_step(self, step_index: int, planes: tuple[int, ...]) -> Quantization:
+        """Return quantisers with nested bins of one width.
+
+        Parameters
+        ----------
+        step_index : int
+            Index of the width.
+        planes : tuple of int
+            Bit planes of the 16 bands.
+
+        Returns
+        -------
+        Quantization
+            Of these.
+        """
+        bits = BitWriter()
+        _write_planes(bits, planes)
+        size = -(-(quantizer.STEP_INDEX_BITS + bits.num_bits) // 8)
+        return Quantization(True, planes, dict.fromkeys(range(transform.NUM_BANDS), step_index), size)
+
+    @property
+    def _stepped_bands(self) -> tuple[int, ...]:
+        return tuple(band for band, planes in enumerate(self.max_planes) if planes and band > 0)
+
+    def write_header(self, quantization: Quantization) -> bytes:
+        """Pack what a decoder needs to know of a frame's quantisers; inverse of `read_header`.
+
+        Parameters
+        ----------
+        quantization : Quantization
+            The quantisers.
 
         Returns
         -------
         bytes
-            `header_bytes` bytes.
+            `quantization.header_bytes` of them.
         """
-        values = np.array([step_indices[band] for band in self._stepped_bands], dtype=np.int64)
-        return np.packbits(bitplanes.to_planes(values, quantizer.STEP_INDEX_BITS).T.ravel()).tobytes()
+        writer = BitWriter()
+        if quantization.nested:
+            writer.write_number(quantization.step_indices[0], quantizer.STEP_INDEX_BITS)
+            _write_planes(writer, quantization.planes)
+        else:
+            for band in self._stepped_bands:
+                writer.write_number(quantization.step_indices[band], quantizer.STEP_INDEX_BITS)
+        return writer.to_bytes()
 
-    def read_header(self, data: bytes) -> dict[int, int]:
-        """Unpack the step indices; inverse of `write_header`.
+    def read_header(self, data: bytes) -> Quantization:
+        """Unpack the header; inverse of `write_header`.
 
         Parameters
         ----------
@@ -119,37 +218,43 @@ class FrameLayout:
 
         Returns
         -------
-        dict of int to int
-            Step index of each AC band that is sent.
+        Quantization
+            Quantisers of the frame.
 
         Raises
         ------
         BitstreamError
-            If the payload is shorter than the header.
+            If the payload is shorter than the header, or numbers are out of range.
         """
-        if len(data) < self.header_bytes:
-            raise BitstreamError(
-                f"Wyner-Ziv frame of {len(data)} bytes lacks its {self.header_bytes}-byte header"
-            )
-        bits = np.unpackbits(np.frombuffer(data[: self.header_bytes], np.uint8))
-        used = bits[: len(self._stepped_bands) * quantizer.STEP_INDEX_BITS]
-        values = bitplanes.from_planes(used.reshape(-1, quantizer.STEP_INDEX_BITS).T)
-        return dict(zip(self._stepped_bands, values.tolist(), strict=True))
+        reader = BitReader(data)
+        try:
+            if self.nested:
+                index = reader.read_number(quantizer.STEP_INDEX_BITS)
+                return self.of_step(index, _read_planes(reader))
+            bands = self._stepped_bands
+            return self.over_range({band: reader.read_number(quantizer.STEP_INDEX_BITS) for band in bands})
+        except BitstreamError as err:
+            raise BitstreamError(f"header of a Wyner-Ziv frame of {len(data)} bytes: {err}") from err
 
-    def edges(self, band: int, step_indices: dict[int, int]) -> NDArray[np.float64]:
-        """Return the borders of a band's bins.
 
-        Parameters
-        ----------
-        band : int
-            A band that is sent.
-        step_indices : dict of int to int
-            From `read_header`.
+def _write_planes(writer: BitWriter, planes: tuple[int, ...]) -> None:
+    """Write the planes of the bands: each as its difference to the band before, in unary."""
+    writer.write_number(planes[0], _PLANE_COUNT_BITS)
+    for before, count in pairwise(planes):
+        difference = count - before
+        zeros = 2 * difference if difference > 0 else -2 * difference - (difference < 0)
+        writer.write_number(1, zeros + 1)
 
-        Returns
-        -------
-        ndarray of shape (num_bins + 1,), float64
-            See `quantizer.bin_edges`.
-        """
-        step = quantizer.step_from_index(step_indices[band]) if band else None
-        return quantizer.bin_edges(self.levels[band], step)
+
+def _read_planes(reader: BitReader) -> tuple[int, ...]:
+    planes = [reader.read_number(_PLANE_COUNT_BITS)]
+    while len(planes) < transform.NUM_BANDS:
+        zeros = 0
+        while not reader.read_number(1):
+            zeros += 1
+            if zeros > 2 * MAX_BAND_PLANES:
+                raise BitstreamError(f"bit planes of band {len(planes)} out of range")
+        planes.append(planes[-1] + (-(zeros + 1) // 2 if zeros % 2 else zeros // 2))
+    if not all(0 <= count <= MAX_BAND_PLANES for count in planes):
+        raise BitstreamError(f"a band has at most {MAX_BAND_PLANES} bit planes")
+    return tuple(planes)

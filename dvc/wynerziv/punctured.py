@@ -40,7 +40,8 @@ class PuncturedFrame:
     """
 
     def __init__(self, layout: FrameLayout, payload: bytes) -> None:
-        self._bits = np.unpackbits(np.frombuffer(payload, np.uint8)[layout.header_bytes :])
+        header_bytes = layout.read_header(payload).header_bytes
+        self._bits = np.unpackbits(np.frombuffer(payload, np.uint8)[header_bytes:])
         self._position = 0
 
     def answer(self, request: ParityRequest) -> Bits:

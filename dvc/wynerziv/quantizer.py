@@ -1,15 +1,22 @@
-"""Scalar quantisers of the bands: uniform for DC, uniform with a doubled zero bin for AC.
+"""Scalar quantisers of the bands, of two kinds.
 
-A band with ``levels`` = 2^m levels makes m bit planes. DC has ``levels`` bins on [0, 1024). AC has
-``levels - 1`` bins, symmetric about zero: the zero bin is (-step, step), the others are one step wide and the
-outermost ends at ``levels / 2`` steps. The step follows from the band's largest magnitude in the frame and is
-sent as an index on a logarithmic scale.
+*Range*, the presets of the literature: a band with ``levels`` = 2^m levels makes m bit planes. DC has
+``levels`` bins on [0, 1024). AC has ``levels - 1`` bins, symmetric about zero: the zero bin is (-step, step),
+the others are one step wide and the outermost ends at ``levels / 2`` steps. The step follows from the band's
+largest magnitude in the frame and is sent as an index on a logarithmic scale.
+
+*Nested*: all bins of all bands of a frame have one width; a band has as many planes as its values need. Each
+plane halves the bins of those before it, so that bins of 2, 4, 8 ... steps are the quantisers of a decoder
+that leaves the last planes out. DC begins at zero. In AC bands zero lies one third or two thirds into its
+bin at every depth, since 4^n / 3 = 1/3 modulo 1: it is never close to a border, where it would cost bits.
 """
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
+
+from dvc.config.sections import MAX_BAND_PLANES
 
 DC_RANGE = 1024.0
 STEP_INDEX_BITS = 6
@@ -18,7 +25,7 @@ _MAX_STEP_INDEX = (1 << STEP_INDEX_BITS) - 1
 
 
 def step_from_index(index: int) -> float:
-    """Return the AC step that an index stands for; inverse of `step_index`.
+    """Return the step that an index stands for; inverse of `index_of_step`.
 
     Parameters
     ----------
@@ -31,6 +38,23 @@ def step_from_index(index: int) -> float:
         Step in coefficient units, 1 to 1448.
     """
     return float(2.0 ** (index / _STEPS_PER_OCTAVE))
+
+
+def index_of_step(step: float) -> int:
+    """Return the index of the least step that is not below one.
+
+    Parameters
+    ----------
+    step : float
+        Step in coefficient units, positive.
+
+    Returns
+    -------
+    int
+        Index for `step_from_index`; that of the largest step where none is enough.
+    """
+    index = math.ceil(_STEPS_PER_OCTAVE * math.log2(max(step, 1.0)) - 1e-9)
+    return min(index, _MAX_STEP_INDEX)
 
 
 def step_index(coefficients: NDArray[np.float64], levels: int) -> int:
@@ -49,13 +73,11 @@ def step_index(coefficients: NDArray[np.float64], levels: int) -> int:
         Index for `step_from_index`.
     """
     max_magnitude = float(np.abs(coefficients).max(initial=0.0))
-    needed = max(2.0 * max_magnitude / (levels - 1), 1.0)
-    index = math.ceil(_STEPS_PER_OCTAVE * math.log2(needed) - 1e-9)
-    return min(index, _MAX_STEP_INDEX)
+    return index_of_step(2.0 * max_magnitude / (levels - 1))
 
 
 def bin_edges(levels: int, step: float | None) -> NDArray[np.float64]:
-    """Return the borders of the bins, in increasing order.
+    """Return the borders of the bins of a range quantiser, in increasing order.
 
     Parameters
     ----------
@@ -74,3 +96,68 @@ def bin_edges(levels: int, step: float | None) -> NDArray[np.float64]:
     positive = np.arange(1, levels // 2 + 1) * step
     edges: NDArray[np.float64] = np.concatenate([-positive[::-1], positive])
     return edges
+
+
+def nested_origin(band: int, planes: int) -> float:
+    """Return where zero lies among nested bins.
+
+    Parameters
+    ----------
+    band : int
+        The band; 0 is DC.
+    planes : int
+        Its bit planes.
+
+    Returns
+    -------
+    float
+        In steps from the lowest border: 0 for DC; for AC 4^ceil(planes / 2) / 3, so that a plane more leaves
+        the bins of the others as they are.
+    """
+    return 0.0 if band == 0 else 4 ** (-(-planes // 2)) / 3
+
+
+def nested_edges(band: int, planes: int, step: float) -> NDArray[np.float64]:
+    """Return the borders of nested bins, in increasing order.
+
+    Parameters
+    ----------
+    band : int
+        The band; 0 is DC.
+    planes : int
+        Its bit planes.
+    step : float
+        Width of a bin.
+
+    Returns
+    -------
+    ndarray of shape (2^planes + 1,), float64
+        Borders.
+    """
+    numbers = np.arange((1 << planes) + 1, dtype=np.float64)
+    return (numbers - nested_origin(band, planes)) * step
+
+
+def nested_planes(band: int, coefficients: NDArray[np.float64], step: float) -> int:
+    """Return how many planes hold all values of a band in nested bins.
+
+    Parameters
+    ----------
+    band : int
+        The band; 0 is DC.
+    coefficients : ndarray, float64
+        The band.
+    step : float
+        Width of a bin.
+
+    Returns
+    -------
+    int
+        At most `MAX_BAND_PLANES`; values beyond are put into the outermost bins.
+    """
+    lowest, highest = float(coefficients.min()) / step, float(coefficients.max()) / step
+    for planes in range(MAX_BAND_PLANES):
+        origin = nested_origin(band, planes)
+        if -origin <= lowest and highest < (1 << planes) - origin:
+            return planes
+    return MAX_BAND_PLANES

@@ -14,7 +14,7 @@ from dvc.turbo import drive
 from dvc.video import Frame
 from dvc.wynerziv import transform
 from dvc.wynerziv.buffered import quantize_frame
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.layout import FrameLayout, Quantization
 from encoder.wyner_ziv import WynerZivEncoder
 from tests.clips import moving_texture
 from tests.reference.wynerziv_planes import quantize
@@ -31,11 +31,13 @@ def config_of(q: int, **turbo: object) -> CodecConfig:
     )
 
 
-def decode(config: CodecConfig, original: Frame, prediction: Prediction) -> DecodedFrame:
-    encoded = WynerZivEncoder(config).encode(original)
+def decode(
+    config: CodecConfig, original: Frame, prediction: Prediction, step: float = 1.0, slope: float = 0.0
+) -> DecodedFrame:
+    encoded = WynerZivEncoder(config).encode(original, step)
     decoder = WynerZivDecoder(config)
-    steps = decoder.layout.read_header(encoded.header)
-    return drive(decoder.decode(5, steps, prediction), encoded.answer)
+    quantization = decoder.layout.read_header(encoded.header)
+    return drive(decoder.decode(5, quantization, prediction, slope), encoded.answer)
 
 
 def noisy_prediction(original: Frame, noise: float, seed: int = 0) -> Prediction:
@@ -46,9 +48,13 @@ def noisy_prediction(original: Frame, noise: float, seed: int = 0) -> Prediction
     return Prediction(luma, None, (luma + difference, luma - difference), "test")
 
 
-def bins_of(layout: FrameLayout, luma: np.ndarray, steps: dict[int, int]) -> list[np.ndarray]:
+def bins_of(quantization: Quantization, luma: np.ndarray) -> list[np.ndarray]:
     bands = transform.forward(luma).reshape(transform.NUM_BANDS, -1)
-    return [quantize(bands[band], layout.edges(band, steps)) for band in layout.bands]
+    return [quantize(bands[band], quantization.edges(band)) for band in quantization.bands]
+
+
+def num_planes_of(config: CodecConfig) -> int:
+    return sum(config.wyner_ziv.max_planes)
 
 
 @pytest.fixture(scope="module")
@@ -64,9 +70,8 @@ def test_every_bin_is_decoded(original: Frame, q: int, family: str) -> None:
     config = config_of(q, family=family)
     decoded = decode(config, original, noisy_prediction(original, 4.0))
     assert decoded.num_failed_planes == 0
-    layout = FrameLayout.of(config)
-    steps, _ = quantize_frame(layout, original.luma)
-    wanted, got = (bins_of(layout, luma, steps) for luma in (original.luma, decoded.frame.luma))
+    quantization, _ = quantize_frame(FrameLayout.of(config), original.luma)
+    wanted, got = (bins_of(quantization, luma) for luma in (original.luma, decoded.frame.luma))
     same = np.mean([np.mean(a == b) for a, b in zip(wanted, got, strict=True)])
     assert same > 0.9  # rounding to whole samples moves a few coefficients across a border
 
@@ -95,8 +100,8 @@ def test_perfect_side_information_costs_little_but_checks(original: Frame) -> No
     decoded = decode(config, original, perfect)
     layout = FrameLayout.of(config)
     assert decoded.num_failed_planes == 0
-    assert decoded.crc_bits <= config.turbo.crc_bits * layout.num_planes
-    assert decoded.parity_bits < 0.1 * layout.num_planes * layout.num_bits
+    assert decoded.crc_bits <= config.turbo.crc_bits * num_planes_of(config)
+    assert decoded.parity_bits < 0.1 * num_planes_of(config) * layout.num_bits
 
 
 def test_useless_side_information_costs_no_more_than_the_bits(original: Frame) -> None:
@@ -107,7 +112,7 @@ def test_useless_side_information_costs_no_more_than_the_bits(original: Frame) -
     for confident in (other, 255.0 - other):
         decoded = decode(config, original, Prediction(confident, None, (confident, other), "test"))
         assert decoded.num_failed_planes == 0
-        assert decoded.parity_bits <= layout.num_planes * layout.num_bits
+        assert decoded.parity_bits <= num_planes_of(config) * layout.num_bits
         assert psnr_db(decoded.frame.luma, original.luma) > 20
 
 
@@ -132,8 +137,61 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
         seen[request.plane, request.kind] = request.start + request.count
         return encoded.answer(request)
 
-    steps = decoder.layout.read_header(encoded.header)
-    decoded = drive(decoder.decode(5, steps, noisy_prediction(original, 3.0)), answer)
-    assert {plane for plane, _ in seen} == set(range(decoder.layout.num_planes))
+    quantization = decoder.layout.read_header(encoded.header)
+    decoded = drive(decoder.decode(5, quantization, noisy_prediction(original, 3.0)), answer)
+    assert {plane for plane, _ in seen} == set(range(quantization.num_planes))
     assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
+
+
+NESTED = WynerZivConfig(quantizer="nested")
+
+
+def nested_config() -> CodecConfig:
+    return replace(config_of(1), wyner_ziv=NESTED)
+
+
+@pytest.mark.parametrize("step", [2.0, 12.0, 700.0])
+def test_nested_bins_are_decoded(original: Frame, step: float) -> None:
+    """Without a slope all planes arrive, as many as the frame says, and errors are those of the step."""
+    config = nested_config()
+    decoded = decode(config, original, noisy_prediction(original, 4.0), step)
+    assert decoded.num_failed_planes == 0
+    assert decoded.num_left_planes == 0
+    error = decoded.frame.luma.astype(float) - original.luma
+    assert np.mean(error**2) < step**2 / 6 + 0.5
+
+
+def test_a_steeper_slope_asks_for_less(original: Frame) -> None:
+    """Fewer bits and more error with every slope; what is left out is counted."""
+    config = nested_config()
+    prediction = noisy_prediction(original, 6.0)
+    found = [decode(config, original, prediction, 4.0, slope) for slope in (0.0, 20.0, 100.0, 1e3)]
+    bits = [decoded.crc_bits + decoded.parity_bits for decoded in found]
+    quality = [psnr_db(decoded.frame.luma, original.luma) for decoded in found]
+    left = [decoded.num_left_planes for decoded in found]
+    assert bits == sorted(bits, reverse=True)
+    assert bits[-1] < bits[0] / 2
+    assert quality == sorted(quality, reverse=True)
+    assert left == sorted(left)
+    assert left[0] == 0 < left[-1]
+
+
+def test_bits_are_asked_for_where_they_pay() -> None:
+    """A bit saves about the slope or more on the average; the first ones save the most."""
+    original = moving_texture(1, 96, 160)[0].without_chroma()
+    config = replace(nested_config(), video=VideoConfig(160, 96, 25, 1))
+    prediction = noisy_prediction(original, 12.0)
+    found = [decode(config, original, prediction, 8.0, slope) for slope in (1e6, 200.0, 50.0)]
+    error = [float(np.sum((d.frame.luma.astype(float) - original.luma) ** 2)) for d in found]
+    bits = [d.crc_bits + d.parity_bits for d in found]
+    first, more = -np.diff(error) / np.diff(bits)
+    assert first > 150.0
+    assert 40.0 < more < first
+
+
+def test_a_frame_may_be_left_as_predicted(original: Frame) -> None:
+    """Where nothing pays, nothing is asked for, and the prediction is the frame."""
+    decoded = decode(nested_config(), original, noisy_prediction(original, 2.0), 4.0, 1e6)
+    assert decoded.num_requests == decoded.crc_bits == decoded.parity_bits == 0
+    np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)

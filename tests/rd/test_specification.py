@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 from dvc.config import key_qp_for
 from dvc.errors import ConfigError
 from dvc.rd.points import INTRA, Point
-from dvc.rd.specification import Sweep, build_sweep, expand, parse_numbers, parse_options, read_spec
+from dvc.rd.specification import (
+    USUAL_QPS,
+    Sweep,
+    build_sweep,
+    expand,
+    parse_numbers,
+    parse_options,
+    read_spec,
+)
 
 
 @pytest.mark.parametrize(
@@ -78,6 +86,24 @@ def test_anchor_has_the_qps_of_the_sweep_and_its_own() -> None:
     assert all(point.wz_q is None for point in anchors)
 
 
+def test_qualities_take_the_place_of_presets() -> None:
+    """Either of the two; with neither, the usual qualities; anchors have the QPs of their key frames."""
+    sweep = Sweep(("clip",), "2d", qp=(24, 36), anchors=("intra",), anchor_qp=(30,))
+    points = list(sweep.points())
+    assert [(point.wz_q, point.qp) for point in points[:2]] == [(None, 24), (None, 36)]
+    assert all(point.has_wyner_ziv for point in points[:2])
+    assert "--qp 24" in " ".join(points[0].encoder_options())
+    assert "--wz-q" not in points[0].encoder_options()
+    assert [point.key_qp for point in points[2:]] == ["24", "30", "36"]
+    assert [point.qp for point in Sweep(("clip",)).points()] == list(USUAL_QPS)
+    assert points[0].to_dict()["qp"] == 24
+    assert "qp" not in points[2].to_dict()
+    with pytest.raises(ConfigError, match="one of them"):
+        Sweep(("clip",), wz_q=(1,), qp=(30,))
+    with pytest.raises(ConfigError, match="from 1 to 51"):
+        build_sweep({"sequences": ["clip"], "qp": "0"})
+
+
 def test_key_qps_go_with_the_presets() -> None:
     """One key QP per preset is taken in order."""
     points = expand([Sweep(("clip",), "2d", wz_q=(1, 2), key_qp=("40", "30"))])
@@ -111,6 +137,7 @@ def test_key_frames_alone_have_no_presets() -> None:
         ({"sequences": ["a"], "wz_q": [1.5]}, "`wz_q` must be a list"),
         ({"sequences": []}, "`sequences` must be a list"),
         ({"sequences": ["a"], "key_qp": [30, 31, 32], "wz_q": [1, 2]}, "3 key QPs for 2 presets"),
+        ({"sequences": ["a"], "key_qp": [30, 31, 32], "qp": [1, 2]}, "3 key QPs for 2 qualities"),
         ({"sequences": ["a"], "gop": 0}, "`gop` must be a whole number"),
         ({"sequences": ["a"], "frames": True}, "`frames` must be a whole number"),
         ({"sequences": ["a"], "luma_only": "yes"}, "`luma_only` must be true or false"),

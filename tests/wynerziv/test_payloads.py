@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from dvc import turbo
 from dvc._jit import python_twin
-from dvc.config import CodecConfig, VideoConfig, WynerZivConfig
+from dvc.config import MAX_BAND_PLANES, CodecConfig, VideoConfig, WynerZivConfig
 from dvc.errors import BitstreamError
 from dvc.turbo import ParityRequest
 from dvc.wynerziv import _kernels, bitplanes, quantizer, transform
@@ -19,11 +19,9 @@ from tests.reference import wynerziv_planes as reference
 CODES = turbo.family("adaptive")
 
 
-def layout_of(height: int, width: int, levels: tuple[int, ...]) -> FrameLayout:
-    config = CodecConfig(
-        codec="2d", video=VideoConfig(width, height, 25, 1), wyner_ziv=WynerZivConfig(levels=levels)
-    )
-    return FrameLayout.of(config)
+def layout_of(height: int, width: int, levels: tuple[int, ...] | None) -> FrameLayout:
+    quantised = WynerZivConfig(quantizer="nested") if levels is None else WynerZivConfig(levels=levels)
+    return FrameLayout.of(CodecConfig("2d", VideoConfig(width, height, 25, 1), wyner_ziv=quantised))
 
 
 PRESETS = [WynerZivConfig.preset(q).levels for q in range(1, 9)]
@@ -34,8 +32,10 @@ layouts = st.builds(
     st.one_of(
         st.sampled_from(PRESETS),
         st.tuples(*[st.sampled_from([0, 2, 4, 16, 64, 256])] * 16).filter(any),
+        st.none(),
     ),
 )
+step_indices = st.integers(0, 63)
 
 
 def random_luma(layout: FrameLayout, seed: int) -> np.ndarray:
@@ -44,52 +44,73 @@ def random_luma(layout: FrameLayout, seed: int) -> np.ndarray:
     return np.clip(rng.normal(rng.uniform(0, 255), rng.uniform(1, 90), shape), 0, 255).astype(np.uint8)
 
 
-def encoded_frame(layout: FrameLayout, seed: int) -> EncodedFrame:
-    steps, words = quantize_frame(layout, random_luma(layout, seed))
-    return EncodedFrame(layout, layout.write_header(steps), words, CODES, interleaver_seed=1)
+def encoded_frame(layout: FrameLayout, seed: int, step_index: int = 16) -> EncodedFrame:
+    quantization, words = quantize_frame(layout, random_luma(layout, seed), step_index)
+    return EncodedFrame(layout, quantization, words, CODES, interleaver_seed=1)
 
 
 def uncoded_planes(frame: EncodedFrame, layout: FrameLayout) -> np.ndarray:
-    requests = [
-        ParityRequest(0, plane, "uncoded", 0, 0, layout.num_bits) for plane in range(layout.num_planes)
-    ]
-    return np.stack([frame.answer(request) for request in requests])
+    num_planes = layout.read_header(frame.header).num_planes
+    requests = [ParityRequest(0, plane, "uncoded", 0, 0, layout.num_bits) for plane in range(num_planes)]
+    planes = [frame.answer(request) for request in requests]
+    return np.stack(planes) if planes else np.zeros((0, layout.num_bits), np.uint8)
 
 
 @given(layouts, st.data())
 def test_header_round_trip(layout: FrameLayout, data: st.DataObject) -> None:
-    """Step indices of all AC bands that are sent survive, whatever follows the header."""
-    bands = [band for band in layout.bands if band]
-    steps = {band: data.draw(st.integers(0, 63)) for band in bands}
-    header = layout.write_header(steps)
-    assert len(header) == layout.header_bytes
-    assert layout.read_header(header + b"parity") == steps
+    """What a frame's quantisers are survives, whatever follows the header."""
+    if layout.nested:
+        planes = tuple(data.draw(st.tuples(*[st.integers(0, MAX_BAND_PLANES)] * 16)))
+        quantization = layout.of_step(data.draw(step_indices), planes)
+    else:
+        bands = [band for band, planes in enumerate(layout.max_planes) if planes and band]
+        quantization = layout.over_range({band: data.draw(step_indices) for band in bands})
+    header = layout.write_header(quantization)
+    assert len(header) == quantization.header_bytes
+    assert layout.read_header(header + b"parity") == quantization
     if header:
-        with pytest.raises(BitstreamError, match="lacks its"):
+        with pytest.raises(BitstreamError, match="header of a Wyner-Ziv frame"):
             layout.read_header(header[:-1])
 
 
-@given(layouts)
-def test_planes_are_numbered_band_by_band(layout: FrameLayout) -> None:
+@given(st.binary(max_size=30))
+def test_any_header_is_read_or_refused(data: bytes) -> None:
+    """Of nested bins no bytes ask for more planes than there may be, and what is read is what was written."""
+    layout = layout_of(8, 8, None)
+    try:
+        quantization = layout.read_header(data)
+    except BitstreamError:
+        return
+    assert all(0 <= planes <= MAX_BAND_PLANES for planes in quantization.planes)
+    header = layout.write_header(quantization)
+    assert layout.read_header(header) == quantization
+    assert len(header) == quantization.header_bytes <= len(data)
+
+
+@given(layouts, st.integers(0, 2**32 - 1), step_indices)
+def test_planes_are_numbered_band_by_band(layout: FrameLayout, seed: int, step_index: int) -> None:
     """Each band's planes follow those of the band before, and all are counted."""
+    quantization, words = quantize_frame(layout, random_luma(layout, seed), step_index)
     expected = 0
-    for band in layout.bands:
-        assert layout.first_plane[band] == expected
-        expected += layout.planes[band]
-    assert layout.num_planes == expected
+    for band in quantization.bands:
+        assert quantization.first_plane[band] == expected
+        assert quantization.planes[band] <= layout.max_planes[band]
+        expected += quantization.planes[band]
+    assert quantization.num_planes == expected
+    assert words.shape == (quantization.num_words, layout.num_bits)
     assert layout.num_bits == np.prod(layout.band_shape)
 
 
-@given(layouts, st.integers(0, 2**32 - 1))
-def test_quantized_words_hold_the_digits_of_the_bins(layout: FrameLayout, seed: int) -> None:
+@given(layouts, st.integers(0, 2**32 - 1), step_indices)
+def test_quantized_words_hold_the_digits_of_the_bins(layout: FrameLayout, seed: int, step_index: int) -> None:
     """The compiled encoder path puts the same bits into words as transform, quantiser and planes do."""
     luma = random_luma(layout, seed)
-    steps, _ = quantize_frame(layout, luma)
-    planes = uncoded_planes(encoded_frame(layout, seed), layout)
+    quantization, _ = quantize_frame(layout, luma, step_index)
+    planes = uncoded_planes(encoded_frame(layout, seed, step_index), layout)
     bands = transform.forward(luma).reshape(16, -1)
-    for band in layout.bands:
-        edges = layout.edges(band, steps)
-        first, count = layout.first_plane[band], layout.planes[band]
+    for band in quantization.bands:
+        edges = quantization.edges(band)
+        first, count = quantization.first_plane[band], quantization.planes[band]
         bins = reference.quantize(bands[band], edges)
         np.testing.assert_array_equal(planes[first : first + count], bitplanes.to_planes(bins, count))
 
@@ -100,13 +121,14 @@ def test_buffered_payload_answers_every_request(layout: FrameLayout, seed: int, 
     """What the encoder would answer can be read from the buffered payload, any range of any kind of bits."""
     frame = encoded_frame(layout, seed)
     buffered = BufferedFrame(layout, frame.buffered_payload(), len(CODES))
-    for _ in range(8):
+    num_planes = layout.read_header(frame.header).num_planes
+    for _ in range(8 if num_planes else 0):
         kind = data.draw(st.sampled_from(["crc", "uncoded", "parity"]))
         size = layout.crc_bits if kind == "crc" else layout.num_bits
         start = data.draw(st.integers(0, size))
         request = ParityRequest(
             0,
-            data.draw(st.integers(0, layout.num_planes - 1)),
+            data.draw(st.integers(0, num_planes - 1)),
             kind,
             data.draw(st.integers(0, len(CODES) - 1)),
             start,
@@ -122,7 +144,7 @@ def test_answers_are_the_codes_of_the_planes() -> None:
     planes = uncoded_planes(frame, layout)
     parity = turbo.encode_planes(planes, CODES[1], 1)
     check = turbo.crc(planes, layout.crc_bits)
-    for plane in (0, 6, layout.num_planes - 1):
+    for plane in (0, 6, len(planes) - 1):
         whole = ParityRequest(0, plane, "parity", 1, 0, layout.num_bits)
         np.testing.assert_array_equal(frame.answer(whole), parity[plane])
         whole = ParityRequest(0, plane, "crc", 0, 0, layout.crc_bits)
@@ -163,7 +185,8 @@ def test_buffered_payload_of_another_size_is_refused(change: int) -> None:
 def test_punctured_payload_replays_what_was_recorded(counts: list[int], seed: int) -> None:
     """The bits that a decoder was given come back from the payload, in order, and use it up."""
     layout = layout_of(8, 8, PRESETS[0])
-    header = layout.write_header(dict.fromkeys([band for band in layout.bands if band], 9))
+    bands = [band for band, planes in enumerate(layout.max_planes) if planes and band]
+    header = layout.write_header(layout.over_range(dict.fromkeys(bands, 9)))
     rng = np.random.default_rng(seed)
     recorder = PunctureRecorder(lambda request: rng.integers(0, 2, request.count, dtype=np.uint8))
     given_bits = [recorder.answer(ParityRequest(0, 0, "uncoded", 0, 0, count)) for count in counts]
@@ -193,7 +216,7 @@ def test_quantising_kernels_equal_their_twins(levels: int, twin: bool) -> None:
     words = np.zeros((2, coefficients.size), np.uint64)
     choose = python_twin if twin else (lambda kernel: kernel)
     choose(_kernels.pack_dead_zone)(coefficients, step, planes, 60, words)
-    choose(_kernels.pack_uniform)(dc, 1024.0 / levels, planes, 60 + planes, words)
+    choose(_kernels.pack_uniform)(dc, 1024.0 / levels, 0.0, planes, 60 + planes, words)
     for n in range(coefficients.size):
         number = reference.find_bin(coefficients[n], edges)
         digits = reference.binary_digits(number, planes)

@@ -35,6 +35,41 @@ def test_step_holds_every_coefficient(levels: int, values: list[float]) -> None:
     assert index == 0 or largest > smaller * (1 - 1e-6)
 
 
+@given(st.integers(0, 15), st.integers(0, 63), st.lists(st.floats(-1020.0, 1020.0), min_size=1, max_size=20))
+def test_nested_bins_hold_every_coefficient(band: int, index: int, values: list[float]) -> None:
+    """As few planes as hold all values; DC is never negative."""
+    coefficients = np.abs(values) if band == 0 else np.array(values)
+    step = quantizer.step_from_index(index)
+    planes = quantizer.nested_planes(band, coefficients, step)
+    edges = quantizer.nested_edges(band, planes, step)
+    assert edges.shape == (2**planes + 1,)
+    assert edges[0] * (1 + 1e-9) <= coefficients.min()
+    assert coefficients.max() <= edges[-1] * (1 + 1e-9)
+    if planes:
+        fewer = quantizer.nested_edges(band, planes - 1, step)
+        assert coefficients.min() < fewer[0] or coefficients.max() >= fewer[-1]
+
+
+@given(st.integers(0, 15), st.integers(1, 12))
+def test_nested_bins_halve_those_of_fewer_planes(band: int, planes: int) -> None:
+    """A plane more at the top adds bins around the same ones; one at the bottom halves each of them."""
+    edges = quantizer.nested_edges(band, planes, 1.0)
+    wider = quantizer.nested_edges(band, planes + 1, 1.0)
+    assert np.abs(wider[:, None] - edges[None, :]).min(axis=0).max() < 1e-9
+    joined = edges[:: 2 if planes > 1 else 1]
+    assert np.isin(np.round(joined, 9), np.round(edges, 9)).all()
+
+
+@given(st.integers(1, 15), st.integers(0, 12), st.integers(0, 12))
+def test_zero_is_a_third_into_its_bin_at_every_depth(band: int, planes: int, missing: int) -> None:
+    """However many planes are left out, zero stays away from the borders of AC bins."""
+    missing = min(missing, planes)
+    edges = quantizer.nested_edges(band, planes, 1.0)[:: 2**missing]
+    bin_number = np.searchsorted(edges, 0.0) - 1
+    share = -edges[bin_number] / 2**missing
+    assert min(abs(share - 1 / 3), abs(share - 2 / 3)) < 1e-9
+
+
 @given(st.integers(1, 8), st.lists(st.integers(0, 255), min_size=1, max_size=50))
 def test_planes_are_binary_digits(count: int, values: list[int]) -> None:
     """Planes hold the digits of the bins, most significant first, and spell them again."""

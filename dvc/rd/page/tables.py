@@ -61,7 +61,7 @@ def side_information_table(found: Sequence[Experiment]) -> Table | None:
         points = [(label, point) for label, point in points if point.total("si_psnr_y_db") is not None]
         lossless = [(label, point) for label, point in points if point.data["key"].get("lossless")]
         for label, point in lossless or points:
-            keys = "lossless" if lossless else _preset_name(point)
+            keys = "lossless" if lossless else point.level
             cells.setdefault((one.name, keys), {}).setdefault(label, _side_information(point))
     if not cells:
         return None
@@ -145,12 +145,12 @@ def chart_points(curve: Curve) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        JSON-safe: ``name``, ``level`` (preset or None), ``rate`` in kbit/s, ``psnr`` in dB, ``frames``.
+        JSON-safe: ``name``, ``level`` (preset, quality), ``rate`` in kbit/s, ``psnr`` in dB, ``frames``.
     """
     return [
         {
             "name": point.label,
-            "level": point.data["options"].get("wz_q"),
+            "level": point.level if point.has_level else None,
             "lossless": point.data["key"].get("lossless") is True,
             "rate": round(point.rate_kbps, 3),
             "psnr": round(point.psnr_y_db, 3),
@@ -163,11 +163,6 @@ def chart_points(curve: Curve) -> list[dict[str, Any]]:
 def _side_information(point: PointResult) -> str:
     initial, refined = point.total("si_psnr_y_db"), point.total("refined_si_psnr_y_db")
     return f"{initial:.2f}" if refined is None else f"{initial:.2f} ({refined:.2f})"
-
-
-def _preset_name(point: PointResult) -> str:
-    preset = point.data["options"].get("wz_q")
-    return f"QP {point.data['key']['qp']}" if preset is None else f"Q{preset}"
 
 
 def _frames_ms(point: PointResult) -> float | None:

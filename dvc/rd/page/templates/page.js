@@ -114,7 +114,7 @@
     const levels = new Map();
     curves.forEach((curve, i) => curve.points.forEach((point, k) => {
       if (!point.frames.initial) return;
-      const level = point.lossless ? "lossless key frames" : point.level === null ? point.name : `Q${point.level}`;
+      const level = point.lossless ? "lossless key frames" : point.level === null ? point.name : point.level;
       if (!levels.has(level)) levels.set(level, new Map());
       if (!levels.get(level).has(i)) levels.get(level).set(i, [i, k]);
     }));

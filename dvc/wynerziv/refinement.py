@@ -1,0 +1,71 @@
+"""What more bit planes of a band are worth, before they are asked for, as the correlation noise has it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.wynerziv.noise import OUTLIER_PROBABILITY
+
+Array = NDArray[np.float64]
+
+PARTS = 2**20
+"""Entropies and errors are rounded, coefficient by coefficient, to this part of a bit and a squared unit."""
+
+
+class Refinement(NamedTuple):
+    """Expected cost and worth of the next planes of a band: one plane, two planes, and so on."""
+
+    bits: Array  # ideal code length; shape (depth,)
+    saved: Array  # squared error that the conditional mean loses by them; shape (depth,)
+
+
+def expected_refinement(
+    prefix: NDArray[np.int64],
+    missing_planes: int,
+    edges: Array,
+    side_information: Array,
+    scale: Array,
+    depth: int,
+) -> Refinement:
+    """Return what the next planes of a band are expected to cost and to save.
+
+    Of a coefficient with a Laplacian, of which an interval is known, the planes tell in which part of the
+    interval it lies: the entropy of that is their ideal code length, and the variance between the parts is
+    what they take off the squared error of the reconstruction.
+
+    Parameters
+    ----------
+    prefix : ndarray of shape (N,), int64
+        Number spelled by the known planes of every coefficient.
+    missing_planes : int
+        Planes of the band that are not known yet, at least `depth`.
+    edges : ndarray of shape (num_bins + 1,), float64
+        Borders of the band's bins.
+    side_information : ndarray of shape (N,), float64
+        Predicted coefficients.
+    scale : ndarray of shape (N,), float64
+        Scales of the Laplacians, positive.
+    depth : int
+        How many planes to look ahead.
+
+    Returns
+    -------
+    Refinement
+        Sums over the band; the same on any processor.
+    """
+    from dvc.wynerziv import _kernels
+
+    bits, saved = np.zeros(depth, np.int64), np.zeros(depth, np.int64)
+    _kernels.refinement(
+        prefix,
+        missing_planes,
+        edges,
+        side_information,
+        scale,
+        OUTLIER_PROBABILITY,
+        float(PARTS),
+        bits,
+        saved,
+    )
+    return Refinement(bits / PARTS, saved / PARTS)
