@@ -81,6 +81,8 @@ GOLDEN = [
     scene("td-rigid-order", (104, 88), "-td --gop 3 --wz-q 6 --luma-only"),
     scene("te-rigid-order", (105, 87), "-te --gop 3 --min-gop 3 --wz-q 4"),
     scene("td-both-depths", (104, 88), "-td --gop 3 --references all --wz-q 6 --luma-only"),
+    moving_texture_stream("allocated", (48, 32), 9, "--qp 28 --gop 8 --references hierarchical"),
+    scene("te-allocated", (104, 88), "-te --gop 3 --min-gop 3 --qp 26"),
 ]
 ALL_PROCESSORS = os.environ.get("DVC_ALL_PROCESSORS") == "1"
 """Whether all frozen streams are decoded on every processor, as in continuous integration, or one a codec."""

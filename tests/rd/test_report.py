@@ -72,8 +72,8 @@ def test_tables_leave_out_what_nobody_has(tmp_path: Path) -> None:
     """Columns about Wyner-Ziv frames are there for the codec, and not for the intra anchor."""
     (experiment,) = experiments(read_results(write_results(tmp_path / "a")))
     codec, intra = (table(*points_cells(curve)) for curve in experiment.curves)
-    assert "| Q | key QP |" in codec
-    assert "| 1 | 34 | 60.0 | 29.00 |" in codec
+    assert "| level | key QP |" in codec
+    assert "| Q1 | 34 | 60.0 | 29.00 |" in codec
     assert "decode s per WZ frame" in codec
     assert "WZ" not in intra
     assert "| 75.0 | 0.0 | 20.0 |" not in intra
