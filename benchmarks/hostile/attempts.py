@@ -37,13 +37,15 @@ def try_tracked(codec: str, number: int) -> str:
     return _judged(stream, damaged, groups)
 
 
-def try_stream(stream: bytes, number: int) -> str:
+def try_stream(stream: bytes, groups: list[list[Luma]], number: int) -> str:
     """Decode a mutation of a stream.
 
     Parameters
     ----------
     stream : bytes
         A good stream of `material`.
+    groups : list of list of ndarray
+        Luma of its decoded frames.
     number : int
         Of the mutation.
 
@@ -54,7 +56,7 @@ def try_stream(stream: bytes, number: int) -> str:
     """
     rng = np.random.default_rng(number)
     damaged = mutate(stream, rng) if number % 2 else mutate_record(stream, rng)
-    return _judged(stream, damaged, material().groups)
+    return _judged(stream, damaged, groups)
 
 
 def _judged(stream: bytes, damaged: bytes, groups: list[list[Luma]]) -> str:
@@ -133,8 +135,9 @@ def kinds() -> dict[str, Callable[[int], str]]:
         Takes the number of a mutation, returns its outcome.
     """
     return {
-        "buffered": lambda number: try_stream(material().buffered, number),
-        "punctured": lambda number: try_stream(material().punctured, number),
+        "buffered": lambda number: try_stream(material().buffered, material().groups, number),
+        "punctured": lambda number: try_stream(material().punctured, material().groups, number),
+        "allocated": _try_allocated,
         "tracks": partial(try_tracked, "3d-te"),
         "points": partial(try_tracked, "3d-td"),
         "to-decoder": lambda number: try_messages(material().to_decoder, decode_live, number),
@@ -142,6 +145,12 @@ def kinds() -> dict[str, Callable[[int], str]]:
         "pictures": try_pictures,
         "depth-images": try_depth_images,
     }
+
+
+def _try_allocated(number: int) -> str:
+    made = material(allocated=True)
+    stream = made.buffered if number % 4 < 2 else made.punctured
+    return try_stream(stream, made.groups, number)
 
 
 def _try_encoder(number: int) -> str:

@@ -22,9 +22,12 @@ BATCH = 250
 GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
-KINDS = ("buffered", "punctured", "tracks", "points", "to-decoder", "to-encoder", "pictures", "depth-images")
-STREAMS, GEOMETRY, MESSAGES, PICTURES = KINDS[:2], KINDS[2:4], KINDS[4:6], KINDS[6:7]
-DEPTH_IMAGES = KINDS[7:]
+STREAMS = ("buffered", "punctured", "allocated")
+GEOMETRY = ("tracks", "points")
+MESSAGES = ("to-decoder", "to-encoder")
+PICTURES = ("pictures",)
+DEPTH_IMAGES = ("depth-images",)
+KINDS = (*STREAMS, *GEOMETRY, *MESSAGES, *PICTURES, *DEPTH_IMAGES)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from dvc.config import (
     KeyFrameConfig,
     VideoConfig,
     WynerZivConfig,
+    allocation,
 )
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
@@ -54,8 +55,13 @@ class Material:
 
 
 @cache
-def material() -> Material:
+def material(allocated: bool = False) -> Material:
     """Make the material; this also loads all compiled kernels.
+
+    Parameters
+    ----------
+    allocated : bool, optional
+        Whether one quality sets everything, so that bins are nested and planes left out; else a preset.
 
     Returns
     -------
@@ -68,9 +74,11 @@ def material() -> Material:
     texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
     frames = [Frame(texture[t : t + 24, t : t + 32].astype(np.uint8)) for t in range(7)]
     video = VideoConfig(32, 24, 25, 1, luma_only=True)
-    config = CodecConfig("2d", video, GopConfig(2), KeyFrameConfig(36), WynerZivConfig.preset(2))
+    shared = allocation(28) if allocated else None
+    quantised = WynerZivConfig.preset(2) if shared is None else shared.wyner_ziv
+    config = CodecConfig("2d", video, GopConfig(2), KeyFrameConfig(36), quantised)
     file = io.BytesIO()
-    EncoderSession(config).write(frames, file, lambda _: None)
+    EncoderSession(config, allocation=shared).write(frames, file, lambda _: None)
     groups, punctured = [], io.BytesIO()
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         writer = StreamWriter(punctured, reader.config, "punctured")
@@ -78,7 +86,7 @@ def material() -> Material:
             groups.append(group)
             writer.write_gop(record)
         writer.close()
-    to_decoder, to_encoder = _record_live(frames, config)
+    to_decoder, to_encoder = ([], []) if allocated else _record_live(frames, config)
     return Material(frames, config, file.getvalue(), punctured.getvalue(), groups, to_decoder, to_encoder)
 
 
