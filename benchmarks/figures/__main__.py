@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.figures.definitions import Unit, selected_units, with_frames
-from benchmarks.figures.document import read_rows, row_key, write_document, write_rows
-from benchmarks.figures.harness import RESULTS, Key, MissingClip, Row, Setting
+from benchmarks.figures.document import is_failure, read_rows, row_key, write_document, write_rows
+from benchmarks.figures.harness import RESULTS, Key, MissingClip, Row, Setting, today
+from benchmarks.figures.origin import machine
 from dvc import cli
 from dvc.errors import DvcError
-from dvc.rd.provenance import code_version
 
 PROG = "python -m benchmarks.figures"
 EXAMPLES = """\
@@ -23,6 +23,7 @@ EXAMPLES = """\
   python -m benchmarks.figures --area rd --clip box   one sequence
   python -m benchmarks.figures --quick                try every measurement out; minutes
   python -m benchmarks.figures --list                 what there is
+  python -m benchmarks.figures --page                 docs/figures.md again, after changes of the code
 """
 
 
@@ -39,17 +40,23 @@ def measure(unit: Unit, setting: Setting) -> tuple[Row, bool]:
     Returns
     -------
     row : dict
-        As it stands in the document.
+        As it stands in the document, with the code as it was before the measurement.
     finished : bool
         False if the measurement failed.
     """
+    made_by = {"code": unit.digest, "machine": machine()}
     try:
         row = unit.figure.row(unit.clip, unit.figure.measure(setting, unit.clip or ""))
-        return with_frames(row, setting.frames), True
     except MissingClip as err:
         return unit.figure.row(unit.clip, None, str(err)), True
     except (DvcError, OSError) as err:
-        return unit.figure.row(unit.clip, None, f"the measurement failed: {cli.one_line(err)}"), False
+        reason = cli.one_line(err)
+    except Exception as err:  # whatever it is, what was measured before is not shown any more
+        reason = f"{type(err).__name__}: {cli.one_line(err)}"
+    else:
+        return with_frames(row, setting.frames) | made_by, True
+    failure = {"holds": False, "date": today(), "note": f"the measurement failed: {reason}"}
+    return unit.figure.row(unit.clip, None) | failure | made_by, False
 
 
 class Campaign:
@@ -66,14 +73,15 @@ class Campaign:
     def __init__(self, path: Path, frames: int) -> None:
         self._path = path
         self._rows: dict[Key, Row] = {}
-        self._made_by = {"code": code_version().digest, "frames": frames}
+        self._frames = frames
         for row in read_rows(path):
-            if self._made_by.items() <= row.items():
+            if row.get("frames") == frames:
                 self._rows[row_key(row)] = row
 
-    def __contains__(self, key: Key) -> bool:
-        """Tell whether a row is done."""
-        return key in self._rows
+    def __contains__(self, unit: Unit) -> bool:
+        """Tell whether a row is done, by the code as it is now."""
+        row = self._rows.get(unit.key)
+        return row is not None and row["code"] in {None, unit.digest}
 
     def add(self, row: Row) -> None:
         """Enter a row that is done.
@@ -83,7 +91,7 @@ class Campaign:
         row : dict
             The row.
         """
-        self._rows[row_key(row)] = {**row, **self._made_by}
+        self._rows[row_key(row)] = row | {"frames": self._frames}
         write_rows(self._path, list(self._rows.values()))
 
     def close(self, keys: Sequence[Key]) -> None:
@@ -119,6 +127,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--again", action="store_true", help="forget what an interrupted run has measured")
     parser.add_argument("--list", action="store_true", help="list the figures")
+    parser.add_argument(
+        "--page", action="store_true", help="measure nothing; show which rows are stale in docs/figures.md"
+    )
     return parser
 
 
@@ -140,6 +151,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    if arguments.page:
+        write_document([])
+        return 0
     units = selected_units(arguments.area, arguments.name, arguments.clip, arguments.quick)
     if arguments.list:
         for unit in units:
@@ -166,7 +180,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 def _measured(units: Sequence[Unit], campaign: Campaign, setting: Setting) -> Iterator[tuple[Row, bool]]:
     for number, unit in enumerate(units, start=1):
-        if unit.key in campaign:
+        if unit in campaign:
             continue
         where = f" on {unit.clip}" if unit.clip else ""
         print(f"[{number}/{len(units)}] {unit.figure.area}: {unit.figure.title}{where}", file=sys.stderr)
@@ -175,6 +189,7 @@ def _measured(units: Sequence[Unit], campaign: Campaign, setting: Setting) -> It
 
 def _show(row: Row) -> None:
     verdict = {True: "holds", False: "DOES NOT HOLD", None: "-"}[row["holds"]]
+    verdict = "FAILED" if is_failure(row) else verdict
     got = row["got"] if row["got"] is not None else row["note"]
     print(
         f"{row['area']}/{row['name']} {row['clip'] or ''}: {got}; asked {row['asked']}: {verdict}", flush=True

@@ -8,6 +8,7 @@ from benchmarks.figures.dibr import curves, exhaustive, large, peers, reference
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
 from benchmarks.figures.house import emulation, golden, sources, times
+from benchmarks.figures.origin import figure_digest
 from benchmarks.figures.shape_adaptive import depth, images, lossless
 from benchmarks.figures.shape_adaptive import identities as transform_identities
 from benchmarks.figures.shape_adaptive import layers as coded_layers
@@ -18,6 +19,7 @@ from benchmarks.figures.stereo import times as stereo_times
 from benchmarks.figures.tracks import costs, limits, quality
 from benchmarks.figures.tracks import rates as tracks_rates
 from dvc.errors import ConfigError
+from dvc.rd.source_digest import Sources
 
 MODULES: tuple[ModuleType, ...] = (
     turbo,
@@ -75,6 +77,11 @@ class Unit:
         """What tells it from all other rows."""
         return self.figure.area, self.figure.name, self.clip
 
+    @property
+    def digest(self) -> str:
+        """Of the code that would measure it now."""
+        return figure_digest(self.figure, Sources())
+
 
 def all_units() -> list[Unit]:
     """List the rows that there are.
@@ -85,6 +92,20 @@ def all_units() -> list[Unit]:
         In the order of the document.
     """
     return [Unit(figure, clip) for module in MODULES for figure in module.FIGURES for clip in figure.clips]
+
+
+def digests() -> dict[Key, str]:
+    """Digest the code that measures each row.
+
+    Returns
+    -------
+    dict of tuple to str
+        Digests by area, name and clip.
+    """
+    sources = Sources()
+    figures = [figure for module in MODULES for figure in module.FIGURES]
+    found = [(figure, figure_digest(figure, sources)) for figure in figures]
+    return {(figure.area, figure.name, clip): digest for figure, digest in found for clip in figure.clips}
 
 
 def selected_units(area: str | None, name: str | None, clip: str | None, quick: bool) -> list[Unit]:
@@ -140,4 +161,5 @@ def with_frames(row: Row, frames: int) -> Row:
     varies = row["area"] in AREAS_BY_FRAMES or row["name"] in ROWS_BY_FRAMES
     if not varies or row["clip"] == FOREMAN or frames == Setting.frames:
         return row
-    return row | {"command": f"{row['command']} --frames {frames}", "note": f"{frames} frames"}
+    note = "; ".join(filter(None, [row["note"], f"{frames} frames"]))
+    return row | {"command": f"{row['command']} --frames {frames}", "note": note}

@@ -1,16 +1,19 @@
 """Rows of figures in a file, what replaces what, and the document that people read."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from benchmarks.figures.definitions import all_units
+from benchmarks.figures import page
+from benchmarks.figures.definitions import all_units, digests
 from benchmarks.figures.harness import Key, Row
 from dvc import cli
 from dvc.errors import DvcError
 from dvc.files import atomic_output
 
 DOCUMENT = Path("docs") / "figures.json"
+ORIGIN = ("code", "machine", "before")
+"""Entries that rows of earlier versions have not."""
 
 
 def row_key(row: Row) -> Key:
@@ -27,6 +30,22 @@ def row_key(row: Row) -> Key:
         Area, name and clip.
     """
     return row["area"], row["name"], row["clip"]
+
+
+def is_failure(row: Row) -> bool:
+    """Tell whether the last attempt to measure a row failed.
+
+    Parameters
+    ----------
+    row : dict
+        A row of the document.
+
+    Returns
+    -------
+    bool
+        As opposed to a row that was never measured, and to one that was.
+    """
+    return row["got"] is None and row["holds"] is False
 
 
 def read_rows(path: Path) -> list[Row]:
@@ -51,7 +70,7 @@ def read_rows(path: Path) -> list[Row]:
         return []
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))
-        return [row for row in rows if row_key(row)]
+        return [row | {name: row.get(name) for name in ORIGIN} for row in rows if row_key(row)]
     except (ValueError, TypeError, KeyError) as err:
         raise DvcError(f"{path}: damaged: {err!r}") from err
 
@@ -73,8 +92,10 @@ def write_rows(path: Path, rows: Sequence[Row]) -> None:
 def merged_rows(old: Sequence[Row], new: Sequence[Row]) -> list[Row]:
     """Put new rows in the place of old ones.
 
-    A row that could not be measured now does not replace what was measured before. Rows of figures that are
-    not defined any more go; figures that were never measured have a row that says so, in today's words.
+    A measurement that failed takes the place of what was measured before, which is kept as text. A row that
+    could not be measured here, for want of its clip, replaces nothing. Rows of figures that are not defined
+    any more go; figures that were never measured have a row that says so. All rows have today's words; one
+    that was measured when something else was asked is of unknown code.
 
     Parameters
     ----------
@@ -89,51 +110,47 @@ def merged_rows(old: Sequence[Row], new: Sequence[Row]) -> list[Row]:
     rows = {row_key(row): row for row in old}
     for row in new:
         known = rows.get(row_key(row))
-        if row["got"] is not None or known is None or known["got"] is None:
+        if is_failure(row):
+            rows[row_key(row)] = row | {"before": _before(known)}
+        elif row["got"] is not None or known is None or not (known["got"] or is_failure(known)):
             rows[row_key(row)] = row
     merged = []
     for unit in all_units():
-        row = rows.get(unit.key, {"got": None, "note": "not measured yet"})
-        merged.append(unit.figure.row(unit.clip, None, row["note"]) if row["got"] is None else row)
+        today = unit.figure.row(unit.clip, None, "not measured yet")
+        row = rows.get(unit.key, today)
+        words = {name: today[name] for name in ("title", "asked", "thesis")}
+        if row["got"] is None and not is_failure(row):
+            row = today | {"note": row["note"]}
+        elif row["asked"] != words["asked"]:
+            row = row | {"code": None}
+        merged.append(row | words)
     return merged
 
 
-def document_text(rows: Sequence[Row]) -> str:
+def _before(row: Row | None) -> str | None:
+    """Return what stood in a row before a measurement that failed."""
+    if row is None or row["got"] is None:
+        return None if row is None else row["before"]
+    return f"{row['got']} ({row['date']})"
+
+
+def document_text(rows: Sequence[Row], now: Mapping[Key, str] | None = None) -> str:
     """Return the document that people read.
 
     Parameters
     ----------
     rows : sequence of dict
         All rows.
+    now : mapping of tuple to str, optional
+        Digests of the code that measures them; as it is now by default.
 
     Returns
     -------
     str
         Markdown.
     """
-    lines = [
-        "# Figures\n",
-        "What is asked of the project, and what was measured. Made by `make figures` from `figures.json`; "
-        "no number is typed in by hand. *Holds* is empty where only the true figure is asked for.\n",
-    ]
-    for area in dict.fromkeys(row["area"] for row in rows):
-        chosen = [row for row in rows if row["area"] == area]
-        lines += [f"## {area}\n", _table(chosen, any(row["thesis"] for row in chosen))]
-    return "\n".join(lines)
-
-
-def _table(rows: Sequence[Row], with_thesis: bool) -> str:
-    head = ["figure", "clip", "asked", *(["thesis"] if with_thesis else []), "measured", "holds", "date"]
-    lines = [head, ["---"] * len(head)]
-    for row in rows:
-        note = f" ({row['note']})" if row["note"] and row["got"] is not None else ""
-        measured = f"{row['got']}{note}" if row["got"] is not None else f"*{row['note']}*"
-        holds = {True: "yes", False: "**no**", None: ""}[row["holds"]]
-        thesis = [row["thesis"] or ""] if with_thesis else []
-        lines.append(
-            [row["title"], row["clip"] or "", row["asked"], *thesis, measured, holds, row["date"] or ""]
-        )
-    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
+    found = digests() if now is None else now
+    return page.text([page.Entry(row, found.get(row_key(row))) for row in rows])
 
 
 def write_document(new: Sequence[Row]) -> None:

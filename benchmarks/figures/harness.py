@@ -110,6 +110,8 @@ class Figure:
         Measured only where its name is given, because it takes long.
     slow : bool
         Cannot be tried out in a minute: a quick run leaves it out, unless its name is given.
+    programs : tuple of str
+        Packages that the measurement depends on, beside all that its code reaches and names.
     """
 
     area: str
@@ -121,6 +123,7 @@ class Figure:
     thesis: str = ""
     on_request: bool = False
     slow: bool = False
+    programs: tuple[str, ...] = ()
 
     def row(self, clip: str | None, measured: Measured | None, note: str = "") -> Row:
         """Return the row of `docs/figures.json`.
@@ -155,8 +158,16 @@ class Figure:
             "values": found["values"],
             "note": found["note"],
             "command": command if clip is None else f"{command} --clip {clip}",
-            "date": None if measured is None else datetime.now(UTC).date().isoformat(),
+            "date": None if measured is None else today(),
+            "code": None,
+            "machine": None,
+            "before": None,
         }
+
+
+def today() -> str:
+    """Return the date, UTC, as rows have it."""
+    return datetime.now(UTC).date().isoformat()
 
 
 def mean_over_clips(

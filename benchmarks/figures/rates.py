@@ -1,7 +1,6 @@
-"""Rate and quality: BD-rates, the balance of key and Wyner-Ziv frames, and whether rates are honest."""
+"""Rate and quality: BD-rates, and the balance of key and Wyner-Ziv frames."""
 
 import json
-import math
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -153,27 +152,9 @@ def balance(setting: Setting, clip: str) -> Measured:
     return Measured(text, abs(gaps_db[worst]) <= BALANCE_DB, {"key_minus_wz_db": gaps_db})
 
 
-def honest_rates(setting: Setting, clip: str) -> Measured:
-    """Check the rates of a curve against the sizes of the punctured files.
-
-    That a fresh process decodes each of these files to the same frames is checked when the point is measured.
-
-    Gives how many points agree.
-    """
-    points = [point for curve in experiment(setting, clip).curves for point in curve.points]
-    honest = 0
-    for point in points:
-        proof, totals = point.data["proof"], point.data["totals"]
-        rate_kbps = 8 * proof["punctured_bytes"] / totals["duration_s"] / 1000
-        parts = sum(totals["bits"].values()) == 8 * proof["punctured_bytes"]
-        honest += math.isclose(rate_kbps, totals["rate_kbps"]) and parts and proof["fresh_decode_equal"]
-    return Measured(f"{honest} of {len(points)} points", honest == len(points), {"num_points": len(points)})
-
-
 AREA = "rd"
 _CLIPS = (*STATIC_CLIPS, "cube", *SCENES)
 _TRUE_FIGURE = "the true figure: what 3D has to beat"
-_HONEST = "rate is the size of the punctured file, which a fresh process decodes to the same frames"
 FIGURES = (
     Figure(
         AREA,
@@ -202,6 +183,5 @@ FIGURES = (
     Figure(
         AREA, "intra", "BD-rate against H.264 intra, GOP 2, Q1 to Q8", _TRUE_FIGURE, against_intra, _CLIPS
     ),
-    Figure(AREA, "honest-rates", _HONEST, "all points", honest_rates, (FOREMAN, *_CLIPS)),
 )
 """Figures of this area."""

@@ -10,7 +10,7 @@ from importlib import metadata, util
 from pathlib import Path
 
 import dvc
-from dvc.rd.source_digest import code_digest
+from dvc.rd.source_digest import Sources
 
 _CODEC_PACKAGES = ("dvc", "encoder", "decoder", "sfm")
 _LIBRARIES = ("av", "numba", "numpy", "opencv-python-headless", "scipy")
@@ -59,7 +59,7 @@ def codec_digest() -> str:
     str
         32 hexadecimal digits.
     """
-    return code_digest([("encoder", ""), ("decoder", "")])
+    return Sources().digest([("encoder", ""), ("decoder", "")])
 
 
 @cache

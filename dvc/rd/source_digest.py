@@ -2,7 +2,7 @@
 
 import ast
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -15,6 +15,8 @@ _STARTERS = ("dvc.rd.", "benchmarks.")
 _DEFINITIONS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Assign, ast.AnnAssign)
 _IMPORTS = (ast.Import, ast.ImportFrom)
 _LONGEST_NAME = 100
+_DATA = (".json", ".js", ".css", ".j2", ".vert", ".frag")
+"""Files beside a module that are a part of it."""
 Place = tuple[str, str]
 """A module, and a name in it; all of the module if that is empty."""
 
@@ -73,52 +75,77 @@ class Module:
         return self.others + [statement for each in chosen for statement in each]
 
 
-def code_digest(places: Iterable[Place]) -> str:
-    """Digest all code of the project that runs where something is used.
+class Sources:
+    """The code of the project as it is now; every file is read at most once in the life of an instance."""
 
-    Only what can be reached counts: definitions that are referred to, those that these refer to, and programs
-    that they start. Comments, docstrings and formatting play no part, nor does it matter in which module a
-    definition stands, so that moving it changes nothing. Libraries are no part of it.
+    def __init__(self) -> None:
+        self._modules: dict[str, Module | None] = {}
 
-    Parameters
-    ----------
-    places : iterable of (str, str)
-        Modules, and names in them; an empty name stands for the whole module, and that of a package that can
-        be run for its program.
+    def digest(self, places: Iterable[Place]) -> str:
+        """Digest all code of the project that runs where something is used.
 
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
-    """
-    statements = _reached([_program(*place) for place in places])
-    files = {path for statement in statements.values() for path in statement.files}
-    parts = sorted(statements) + sorted(hashlib.sha256(path.read_bytes()).hexdigest() for path in files)
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+        Only what can be reached counts: definitions that are referred to, those that these refer to, and
+        programs that they start. Comments, docstrings and formatting play no part, nor does it matter in
+        which module a definition stands, so that moving it changes nothing. Libraries are no part of it.
 
+        Parameters
+        ----------
+        places : iterable of (str, str)
+            Modules, and names in them; an empty name stands for the whole module, and that of a package that
+            can be run for its program.
 
-def _reached(waiting: list[Place]) -> dict[str, Statement]:
-    """Return all statements, by their digests, that run where something is used."""
-    modules: dict[str, Module | None] = {}
-    statements: dict[str, Statement] = {}
-    seen: set[Place] = set()
-    while waiting:
-        place = waiting.pop()
-        if place in seen:
-            continue
-        seen.add(place)
-        name, attribute = place
-        if name not in modules:
-            modules[name] = _module(name)
-        module = modules[name]
-        if module is None:
-            continue
-        if attribute in module.imported:
-            waiting.append(module.imported[attribute])
-        for statement in module.statements(attribute):
-            statements[statement.digest] = statement
-            waiting += statement.uses - seen
-    return statements
+        Returns
+        -------
+        str
+            32 hexadecimal digits.
+        """
+        statements = self.reached(places)
+        files = {path for statement in statements for path in statement.files}
+        parts = sorted({statement.digest for statement in statements})
+        parts += sorted(hashlib.sha256(path.read_bytes()).hexdigest() for path in files)
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
+
+    def reached(self, places: Iterable[Place]) -> set[Statement]:
+        """Find all statements that run where something is used.
+
+        Parameters
+        ----------
+        places : iterable of (str, str)
+            As in `digest`.
+
+        Returns
+        -------
+        set of Statement
+            Statements of the project.
+        """
+        statements: set[Statement] = set()
+        seen: set[Place] = set()
+        waiting = [_program(*place) for place in places]
+        while waiting:
+            place = waiting.pop()
+            if place in seen:
+                continue
+            seen.add(place)
+            module = self._module(place[0])
+            if module is None:
+                continue
+            if place[1] in module.imported:
+                waiting.append(module.imported[place[1]])
+            for statement in module.statements(place[1]):
+                statements.add(statement)
+                waiting += statement.uses - seen
+        return statements
+
+    def _module(self, name: str) -> Module | None:
+        if name not in self._modules:
+            path = _path(name)
+            status = None if path is None else path.stat()
+            self._modules[name] = (
+                None
+                if path is None or status is None
+                else _read(name, path, status.st_mtime_ns, status.st_size)
+            )
+        return self._modules[name]
 
 
 def _program(module: str, name: str) -> Place:
@@ -143,14 +170,6 @@ def _path(module: str) -> Path | None:
     return None
 
 
-def _module(name: str) -> Module | None:
-    path = _path(name)
-    if path is None:
-        return None
-    status = path.stat()
-    return _read(name, path, status.st_mtime_ns, status.st_size)
-
-
 @cache
 def _read(name: str, path: Path, _changed_ns: int, _num_bytes: int) -> Module:
     """Take a module apart; a file that was changed is read again."""
@@ -162,7 +181,7 @@ def _read(name: str, path: Path, _changed_ns: int, _num_bytes: int) -> Module:
     local = {bound: (name, bound) for node in body for bound in _bound(node)}
     for node in body:
         if not isinstance(node, _DEFINITIONS):
-            module.imported |= _imports(node)
+            module.imported |= _imports(ast.walk(node))
     for node in body:
         if isinstance(node, _IMPORTS):
             continue
@@ -190,10 +209,10 @@ def _bound(node: ast.stmt) -> list[str]:
     return [part.id for part in names if isinstance(part, ast.Name)]
 
 
-def _imports(tree: ast.AST) -> dict[str, Place]:
-    """Return what names stand for that are imported from the project anywhere in a tree."""
+def _imports(nodes: Iterable[ast.AST]) -> dict[str, Place]:
+    """Return what names stand for that are imported from the project."""
     found: dict[str, Place] = {}
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             for alias in node.names:
                 module = alias.name if alias.asname else alias.name.partition(".")[0]
@@ -207,38 +226,36 @@ def _imports(tree: ast.AST) -> dict[str, Place]:
     return found
 
 
-def _statement(node: ast.stmt, name: str, path: Path, known: dict[str, Place]) -> Statement:
-    known = known | _imports(node)
-    uses, files = set[Place](), list[Path]()
-    _follow(node, known, uses)
-    for text in _strings(node):
-        programs = text.startswith(_PACKAGES) and ("." in text or name.startswith(_STARTERS))
-        if programs and _path(text):
+def _statement(tree: ast.stmt, name: str, path: Path, known: dict[str, Place]) -> Statement:
+    nodes = list(ast.walk(tree))
+    known = known | _imports(nodes)
+    uses, files = _references(nodes, known), []
+    described = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    texts = {node.value for node in nodes if isinstance(node, ast.Constant) and id(node) not in described}
+    for text in texts:
+        if not isinstance(text, str) or len(text) > _LONGEST_NAME:
+            continue
+        started = text.startswith(_PACKAGES) and ("." in text or name.startswith(_STARTERS))
+        if started and _path(text):
             uses.add(_program(text, ""))
-        if "." in text and "/" not in text:
+        if text.endswith(_DATA) and "/" not in text:
             beside = (path.parent / text, path.parent / "templates" / text)
             files += [file for file in beside if file.is_file()]
-    digest = hashlib.sha256(_text(node).encode()).hexdigest()
-    return Statement(digest, frozenset(uses), tuple(files))
+    digest = hashlib.sha256(_text(tree).encode()).hexdigest()
+    return Statement(digest, frozenset(uses), tuple(sorted(files)))
 
 
-def _strings(tree: ast.AST) -> Iterator[str]:
-    """Yield strings short enough to be names, but for docstrings."""
-    for node in ast.walk(tree):
-        children = [] if isinstance(node, ast.Expr) else ast.iter_child_nodes(node)
-        texts = [child.value for child in children if isinstance(child, ast.Constant)]
-        yield from (text for text in texts if isinstance(text, str) and len(text) < _LONGEST_NAME)
-
-
-def _follow(node: ast.AST, known: dict[str, Place], uses: set[Place]) -> None:
+def _references(nodes: list[ast.AST], known: dict[str, Place]) -> set[Place]:
     """Collect what names, and attributes of modules, refer to."""
-    if isinstance(node, ast.Name | ast.Attribute):
+    uses, parts = set[Place](), set[int]()
+    for node in nodes:
+        if id(node) in parts:
+            continue
         place = _resolved(node, known)
         if place is not None:
             uses.add(place)
-            return
-    for child in ast.iter_child_nodes(node):
-        _follow(child, known, uses)
+            parts |= {id(part) for part in ast.walk(node)}
+    return uses
 
 
 def _resolved(node: ast.AST, known: dict[str, Place]) -> Place | None:
@@ -259,7 +276,7 @@ def _text(node: object) -> str:
         return "[" + ",".join(filter(None, map(_text, node))) + "]"
     if not isinstance(node, ast.AST):
         return repr(node)
-    if _is_docstring(node) or (isinstance(node, _IMPORTS) and _imports(node)):
+    if _is_docstring(node) or (isinstance(node, _IMPORTS) and _imports([node])):
         return ""
     fields = [(key, getattr(node, key, None)) for key in sorted(node._fields) if key != "kind"]
     parts = [f"{key}={_text(value)}" for key, value in fields if value is not None and value != []]

@@ -1,5 +1,7 @@
 """Digests of code: what outdates a result, and what does not."""
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,8 +9,9 @@ import pytest
 
 from dvc.rd import source_digest
 from dvc.rd.provenance import codec_digest
-from dvc.rd.source_digest import code_digest
+from dvc.rd.source_digest import Place, Sources
 
+Edit = Callable[[str, str, str], None]
 FILES = {
     "encoder/__init__.py": '"""A package."""\nfrom encoder.shapes import area\n',
     "encoder/shapes.py": "import math\nfrom encoder.numbers import TWO\ndef area(r): return math.pi*r**TWO\n",
@@ -20,7 +23,10 @@ FILES = {
     "dvc/table.json": "{}",
 }
 PROGRAM = [("encoder", "")]
-Edit = Callable[[str, str, str], None]
+
+
+def code_digest(places: list[Place]) -> str:
+    return Sources().digest(places)
 
 
 @pytest.fixture
@@ -101,16 +107,21 @@ def test_files_beside_a_module_count(edit: Edit) -> None:
 def test_encoder_and_decoder_are_reached() -> None:
     """All modules of both programs but for those of other commands are part of their digest."""
     assert len(codec_digest()) == 32
-    reached = source_digest._reached([("encoder.__main__", ""), ("decoder.__main__", "")])
-    alone = source_digest._reached([("decoder.__main__", "")])
-    assert set(alone) < set(reached)
-    for module, name in (
+    sources = Sources()
+    reached = sources.reached([("encoder", ""), ("decoder", "")])
+    assert sources.reached([("decoder", "")]) < reached
+    for place in (
         ("decoder.worker", "serve"),
         ("sfm.cameras.bundle_adjustment", "bundle_adjustment"),
         ("dvc.turbo.siso", "LaneDecoder"),
         ("encoder.tracking", "PointTracker"),
     ):
-        found = source_digest._module(module)
-        assert found is not None
-        for statement in found.statements(name):
-            assert statement.digest in reached, f"{module}.{name}"
+        assert sources.reached([place]) <= reached
+    assert not sources.reached([("dvc.stereo", "")]) <= reached
+
+
+def test_digests_are_the_same_in_other_processes() -> None:
+    """Neither the order of sets nor addresses play a part."""
+    program = "from dvc.rd.provenance import codec_digest; print(codec_digest())"
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == codec_digest()

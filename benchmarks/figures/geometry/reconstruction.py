@@ -10,7 +10,6 @@ from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, S
 from dvc.config import SFM_BACKENDS
 from sfm.cameras.bundle_adjustment import bundle_adjustment
 from sfm.estimation.epipolar import symmetric_distances
-from sfm.model import Reconstruction
 from sfm.pipeline import reconstruct
 
 NUM_GOPS = 5
@@ -78,28 +77,6 @@ def num_correspondences(setting: Setting, clip: str) -> Measured:
     values = {"calibrated": calibrated, "propagated": propagated, "share_within_1_px": shares}
     text = f"{min(calibrated)} → {min(propagated)}, {100 * min(shares):.1f} % (fewest of {len(shares)} GOPs)"
     return Measured(text, holds, values)
-
-
-def real_groups(setting: Setting, clip: str) -> Measured:
-    """Reconstruct all groups of pictures of a real clip.
-
-    Gives how many models can be trusted, and why the others cannot.
-    """
-    found: list[Reconstruction] = []
-    for pair in clip_pairs(clip):
-        found.append(reconstruct(pair.first, pair.second))
-        if len(found) == setting.choose(10**6, 1):
-            break
-    trusted = [r for r in found if r.success]
-    reasons = [r.reason for r in found if not r.success]
-    text = f"{len(trusted)} of {len(found)} models"
-    if reasons:
-        text += f"; otherwise such as: {reasons[0]}"
-    if trusted:
-        sizes = [len(r.stages["propagation"]) for r in trusted]
-        text += f"; {min(sizes)} to {max(sizes)} correspondences"
-    values = {"motion": [r.motion for r in found], "reasons": [r.reason for r in found]}
-    return Measured(text, all(r.success or r.reason for r in found), values)
 
 
 def adjustment_speed(setting: Setting, clip: str) -> Measured:
@@ -193,14 +170,6 @@ FIGURES = (
         num_correspondences,
         SCENES,
         "394 → 9,982; 327 → 6,931",
-    ),
-    Figure(
-        "sfm",
-        "real-clips",
-        "all GOPs of 10 frames of the real static clips",
-        "a model, or a reason",
-        real_groups,
-        STATIC_CLIPS,
     ),
     Figure(
         "sfm",

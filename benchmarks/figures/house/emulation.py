@@ -76,6 +76,7 @@ FIGURES = (
         "all decode to the frozen frames",
         emulated_streams,
         slow=True,
+        programs=("decoder",),
     ),
 )
 """Figures of this module."""

@@ -87,6 +87,7 @@ FIGURES = tuple(
         "all decode to the frozen frames",
         partial(frozen_streams, environment=environment),
         slow=bool(environment),
+        programs=("decoder",),
     )
     for name, (title, environment) in PROCESSORS.items()
 )

@@ -15,6 +15,8 @@ BASE = "6ca6294510724caa4f5f8c79bcd45233c7c34299"
 TREE = Path(__file__).resolve().parents[3]
 """The working tree."""
 PACKAGES = ("dvc", "encoder", "decoder", "sfm", "sequences")
+PROGRAMS = ("encoder", "decoder", "sequences", "sfm", "dvc.rd", "dvc.dibr", "dvc.stereo")
+"""All that can be run: what rows depend on that look at the whole code."""
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.figures.harness import Figure, Measured, Setting
-from benchmarks.figures.house.revisions import BASE, PACKAGES, TREE, base_tree
+from benchmarks.figures.house.revisions import BASE, PACKAGES, PROGRAMS, TREE, base_tree
 
 AREA = "house"
 MAX_FUNCTION_LINES = 40
@@ -230,6 +230,7 @@ FIGURES = (
         f"lines of code of the packages, comments, docstrings and blank lines apart, since {BASE[:7]}",
         "fewer",
         _code,
+        programs=PROGRAMS,
     ),
     Figure(
         AREA,
@@ -237,6 +238,7 @@ FIGURES = (
         f"functions above {MAX_FUNCTION_LINES} lines of code, docstring apart, since {BASE[:7]}",
         "fewer",
         _functions,
+        programs=PROGRAMS,
     ),
     Figure(
         AREA,
@@ -244,14 +246,23 @@ FIGURES = (
         f"files above {MAX_FILE_LINES} lines, comments and all, since {BASE[:7]}",
         "none without a reason",
         _files,
+        programs=PROGRAMS,
     ),
-    Figure(AREA, "upward-imports", f"import arrows that run upward, since {BASE[:7]}", "0", _arrows),
+    Figure(
+        AREA,
+        "upward-imports",
+        f"import arrows that run upward, since {BASE[:7]}",
+        "0",
+        _arrows,
+        programs=PROGRAMS,
+    ),
     Figure(
         AREA,
         "side-information-rooms",
         f"modules and rooms in decoder/side_information, private ones apart, since {BASE[:7]}",
         f"≤ {MAX_ENTRIES}",
         _rooms,
+        programs=PROGRAMS,
     ),
 )
 """Figures of this module."""

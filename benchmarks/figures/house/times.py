@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.figures.harness import Figure, Measured, Setting, Usage, clip_source
-from benchmarks.figures.house.revisions import BASE, TREE, base_tree, run_in
+from benchmarks.figures.house.revisions import BASE, PROGRAMS, TREE, base_tree, run_in
 
 AREA = "house"
 CLIPS = ("street", "box")
@@ -155,6 +155,7 @@ FIGURES = (
         "≤ 1.0",
         tests_ratio,
         on_request=True,
+        programs=PROGRAMS,
     ),
 )
 """Figures of this module."""

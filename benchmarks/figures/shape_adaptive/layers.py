@@ -103,7 +103,7 @@ FIGURES = (
         "shape-adaptive",
         "layers",
         "Tsukuba: views of 24 other cameras from one picture with its map, from coded layers, from sprites",
-        "",
+        "printed",
         coded_views,
         slow=True,
     ),

@@ -18,6 +18,7 @@ from dvc.config import (
     WynerZivConfig,
     key_qp_for,
 )
+from dvc.errors import DvcError
 from dvc.keyframes import KeyFrameEncoder
 from dvc.video import Frame, open_video
 from encoder.session import EncoderSession
@@ -49,7 +50,7 @@ def overhead(setting: Setting, clip: str, way: Way, most_bpp: float) -> Measured
         num_pixels = group.originals[0].luma.size
         num_points += group.num_points
     if not num_frames:
-        return Measured("no Wyner-Ziv frames", None)
+        raise DvcError("no Wyner-Ziv frames")
     bpp, points = bits / (num_frames * num_pixels), statistics.fmean(num_points)
     values = {"tracks_bpp": bpp, "mean_points": points, "num_frames": num_frames}
     return Measured(f"{bpp:.4f} b/px ({points:.0f} points a frame)", bpp < most_bpp, values)

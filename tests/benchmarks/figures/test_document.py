@@ -1,6 +1,8 @@
 """The document of figures: which rows there are, what replaces what, how an interrupted run goes on."""
 
 import json
+import platform
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -39,6 +41,10 @@ def _document() -> list[dict[str, Any]]:
     return rows
 
 
+def _page() -> str:
+    return Path("docs/figures.md").read_text(encoding="utf-8")
+
+
 def test_every_row_is_measured_and_written(capsys: pytest.CaptureFixture[str]) -> None:
     """A run writes a row for every figure and clip, and the document that people read."""
     assert command.main([]) == 0
@@ -48,7 +54,7 @@ def test_every_row_is_measured_and_written(capsys: pytest.CaptureFixture[str]) -
         ("two", "b", True),
     ]
     assert _document()[1]["command"] == "python -m benchmarks.figures --area area --name two --clip a"
-    assert "| title of two | b | ≤ 1 s | two b | yes |" in Path("docs/figures.md").read_text(encoding="utf-8")
+    assert "| title of two | b | ≤ 1 s | two b | yes |" in _page()
     assert "area/two a: two a; asked ≤ 1 s: holds" in capsys.readouterr().out
 
 
@@ -56,16 +62,21 @@ def test_rows_never_measured_are_there() -> None:
     """A part of the figures leaves rows for the others that say so."""
     assert command.main(["--name", "one"]) == 0
     assert [row["got"] for row in _document()] == ["one ", None, None]
-    assert "*not measured yet*" in Path("docs/figures.md").read_text(encoding="utf-8")
+    assert "*not measured yet*" in _page()
 
 
-def test_rows_never_measured_follow_their_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What was measured keeps the words of that day; a row without a measurement has today's."""
-    assert command.main(["--name", "one"]) == 0
-    changed = [replace(figure, title="new") for figure in definitions.MODULES[0].FIGURES]
-    monkeypatch.setattr(definitions.MODULES[0], "FIGURES", (*changed, _figure("three")))
+def test_rows_follow_their_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All rows have today's words; one that was measured when something else was asked is stale."""
+    assert command.main([]) == 0
+    first, second = definitions.MODULES[0].FIGURES
+    changed = (replace(first, title="new"), replace(second, asked="≤ 2 s"), _figure("three"))
+    monkeypatch.setattr(definitions.MODULES[0], "FIGURES", changed)
     assert command.main(["--name", "three"]) == 0
-    assert [row["title"] for row in _document()] == ["title of one", "new", "new", "title of three"]
+    assert [row["title"] for row in _document()] == ["new", *["title of two"] * 2, "title of three"]
+    assert [row["asked"] for row in _document()] == ["≤ 1 s", "≤ 2 s", "≤ 2 s", "≤ 1 s"]
+    assert [row["code"] is None for row in _document()] == [False, True, True, False]
+    assert "| new |  | ≤ 1 s | one  | yes |" in _page()
+    assert "| title of two | a | ≤ 2 s | two a | stale: yes |" in _page()
 
 
 def test_quick_run_keeps_nothing() -> None:
@@ -84,6 +95,51 @@ def test_missing_clip_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = _document()
     assert (first["got"], first["holds"], first["note"]) == (None, None, "not measured: no sequence 'a'")
     assert second["got"] == "two b"
+
+
+@pytest.mark.parametrize("error", [DvcError("no\nroom"), OSError("no room"), AssertionError("no room")])
+def test_failed_measurements_lose_their_verdict(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    """A row says that it failed, when and why; what was measured before is text, and counts no more."""
+    assert command.main([]) == 0
+    date = _document()[0]["date"]
+    monkeypatch.setattr(definitions.MODULES[0], "FIGURES", (_figure("one", error=error), _figure("two")))
+    for _ in range(2):
+        assert command.main(["--name", "one"]) == 2
+        [row, _] = _document()
+        assert (row["got"], row["holds"], row["values"]) == (None, False, {})
+        assert row["date"] == date
+        assert row["note"].startswith("the measurement failed: ")
+        assert row["note"].endswith("no room")
+        assert row["before"] == f"one  ({date})"
+        assert row["code"]
+    assert f"no room; before: one  ({date})* | **failed** | {date} |" in _page()
+    assert " 1 failed," in _page()
+    monkeypatch.setattr(definitions.MODULES[0], "FIGURES", (_figure("one"), _figure("two")))
+    assert command.main(["--name", "one"]) == 0
+    assert (_document()[0]["got"], _document()[0]["before"]) == ("one ", None)
+
+
+def test_rows_of_other_code_are_stale() -> None:
+    """A row is stale if the code has moved since, or if it is not known which code it was."""
+    assert command.main([]) == 0
+    rows = _document()
+    now = {document.row_key(row): row["code"] for row in rows}
+    rows[1]["code"], rows[1]["holds"] = "other", False
+    rows[2]["code"], rows[2]["holds"] = None, None
+    page = document.document_text(rows, now)
+    assert "| one  | yes |" in page
+    assert "| two a | stale: **no** |" in page
+    assert "| two b | stale |" in page
+    assert "1 do not hold, 0 failed, 0 are not measured yet, 2 are stale, 1 of these of unknown code" in page
+
+
+def test_rows_say_where_they_come_from() -> None:
+    """Every row has the digest of its code and the kind of machine, which is not named."""
+    assert command.main([]) == 0
+    for row in _document():
+        assert len(row["code"]) == 32
+        assert re.fullmatch(r".+, \d+ cores?", row["machine"])
+        assert platform.node() not in row["machine"]
 
 
 def test_interrupted_run_goes_on(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
