@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from benchmarks.figures import page
+from benchmarks.figures import page, readme
 from benchmarks.figures.definitions import all_units, digests
 from benchmarks.figures.harness import Key, Row
 from dvc import cli
@@ -12,6 +12,7 @@ from dvc.errors import DvcError
 from dvc.files import atomic_output
 
 DOCUMENT = Path("docs") / "figures.json"
+README = Path("README.md")
 ORIGIN = ("code", "machine", "before")
 """Entries that rows of earlier versions have not."""
 
@@ -154,7 +155,7 @@ def document_text(rows: Sequence[Row], now: Mapping[Key, str] | None = None) -> 
 
 
 def write_document(new: Sequence[Row]) -> None:
-    """Enter new rows into both files of the document.
+    """Enter new rows into both files of the document, and into the README.
 
     Parameters
     ----------
@@ -163,5 +164,9 @@ def write_document(new: Sequence[Row]) -> None:
     """
     rows = merged_rows(read_rows(DOCUMENT), new)
     write_rows(DOCUMENT, rows)
-    with atomic_output(DOCUMENT.with_suffix(".md")) as temporary:
-        temporary.write_text(document_text(rows), encoding="utf-8")
+    texts = {DOCUMENT.with_suffix(".md"): document_text(rows)}
+    if README.exists():
+        texts[README] = readme.with_measured(README.read_text(encoding="utf-8"), rows)
+    for path, text in texts.items():
+        with atomic_output(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")

@@ -4,7 +4,13 @@ import json
 import re
 from pathlib import Path
 
+import pytest
+
+from benchmarks.figures.readme import section, with_measured
+from dvc.errors import DvcError
+
 DOCS = Path(__file__).parents[3] / "docs"
+README = (DOCS.parent / "README.md").read_text(encoding="utf-8")
 ROWS = {
     "H.264 intra": ("tracks", "te-hierarchical-intra"),
     "2D-DVC, GOP 2 (up to 36 dB)": ("tracks", "te-hierarchical-2d"),
@@ -29,6 +35,28 @@ def test_table_has_the_figures() -> None:
         for clip, cell in zip(clips, cells, strict=True):
             value = found[*ROWS[title], clip]["bd_rate_percent"]
             assert cell == f"{value:+.0f} %".replace("-", "\N{MINUS SIGN}")
+
+
+def test_readme_claims_what_rows_show() -> None:
+    """Every number of the section of results is that of the row beside it."""
+    figures = json.loads((DOCS / "figures.json").read_text(encoding="utf-8"))
+    assert with_measured(README, figures) == README, "run python -m benchmarks.figures --page"
+    table = [line for line in section(README).splitlines() if line.startswith("| ")][1:]
+    assert len(table) > 4
+    assert all(re.search(r" \| [^|]*\d[^|]* \| [\w -]+/[\w.-]+ \|$", line) for line in table[1:])
+    words = "\n".join(line for line in section(README).splitlines() if not line.startswith("|"))
+    assert not re.search(r"\d", words)
+
+
+def test_readme_follows_its_rows() -> None:
+    """A number goes where its row is named; one of a row that is not there is refused."""
+    text = "# A\n\n## Results\n\n| rate |  | rd/mean |\n\n## B\n\n| rate |  | rd/mean |\n"
+    row = {"area": "rd", "name": "mean", "clip": None, "got": "-3.1 % over 2 clips (a -3, b -3.2)"}
+    found = with_measured(text, [row])
+    assert found == text.replace("|  |", "| \N{MINUS SIGN}3.1 % |", 1)
+    assert with_measured(found, [row | {"got": None}]).count("not measured") == 1
+    with pytest.raises(DvcError, match="rd/mean"):
+        with_measured(text, [row | {"clip": "a"}])
 
 
 def test_page_of_depth_maps_has_the_figures() -> None:
