@@ -13,7 +13,7 @@ from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
-from dvc.turbo import Answer
+from dvc.turbo import Answer, num_codes
 from dvc.wynerziv.buffered import BufferedFrame
 from dvc.wynerziv.hierarchy import decoding_order
 from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder, disagreement
@@ -114,7 +114,7 @@ class GroupDecoder:
         """Return who answers the requests for a frame."""
         layout = self._decoder.layout
         if form is Form.BUFFERED:
-            return BufferedFrame(layout, payload, self._decoder.num_codes).answer
+            return BufferedFrame(layout, payload, num_codes(self._config.turbo.family)).answer
         return ask if form is None else PuncturedFrame(layout, payload).answer
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:

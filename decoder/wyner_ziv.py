@@ -125,6 +125,10 @@ class _FrameState:
         self.known[band] = known
         self.bands[band] = known.reconstruct(self.predicted[band])
 
+    def correct(self, band: int, lower: Array, upper: Array) -> None:
+        """Change the intervals of a band that is known."""
+        self.set_known(band, _KnownBand.of(lower, upper, self.known[band].scale, self._layout.band_shape))
+
     def refine(self) -> None:
         """Refine the side information with what is known, where its method can."""
         if self.prediction.refiner is not None and self.known:
@@ -173,20 +177,15 @@ class WynerZivDecoder:
     def __init__(self, config: CodecConfig) -> None:
         self.layout = FrameLayout.of(config)
         self._config = config
-        self._codes = turbo.family(config.turbo.family)
-        self._decoders: dict[int, turbo.TurboDecoder] = {}
-        self._settings = replace(
+        settings = replace(
             REQUESTS,
             family=config.turbo.family,
             crc_bits=config.turbo.crc_bits,
             first_crc_bits=config.turbo.first_crc_bits,
             max_prior_llr=config.wyner_ziv.max_llr,
         )
-
-    @property
-    def num_codes(self) -> int:
-        """Codes in the family."""
-        return len(self._codes)
+        seed = config.turbo.interleaver_seed
+        self._plane_decoder = turbo.plane_decoder(settings, self.layout.num_bits, seed)
 
     def decode(
         self, index: int, quantization: Quantization, prediction: Prediction, slope: float = 0.0
@@ -216,12 +215,17 @@ class WynerZivDecoder:
         """
         settings = self._config.wyner_ziv
         state = _FrameState(self.layout, prediction, settings.noise_model, settings.initial_gain)
-        results: list[turbo.PlaneResult] = []
+        decoded: dict[int, list[turbo.PlaneResult]] = {}
+        check = turbo.FrameCheck()
         last = len(quantization.bands) - 1
         for position, band in enumerate(quantization.bands):
-            results += yield from self._decode_band(index, band, quantization, state, slope)
+            decoded[band] = yield from self._decode_band(index, band, quantization, state, slope)
+            if position == last:
+                check = yield from self._plane_decoder.check(index)
+                self._correct(check, decoded, quantization, state)
             if position in settings.refine_after or position == last:
                 state.refine()
+        results = [result for planes in decoded.values() for result in planes]
         refiner = state.prediction.refiner
         chroma = prediction.chroma if refiner is None else refiner.chroma()
         return DecodedFrame(
@@ -231,10 +235,10 @@ class WynerZivDecoder:
             refined_side_information=transform.to_uint8(state.prediction.luma),
             method=prediction.method,
             reason=prediction.reason,
-            num_requests=sum(result.num_requests for result in results),
-            crc_bits=sum(result.crc_bits for result in results),
+            num_requests=check.num_requests + sum(result.num_requests for result in results),
+            crc_bits=check.crc_bits + sum(result.crc_bits for result in results),
             parity_bits=sum(result.parity_bits for result in results),
-            num_failed_planes=sum(not result.success for result in results),
+            num_failed_planes=sum(not result.success for result in results) + (not check.success),
             num_left_planes=quantization.num_planes - len(results),
         )
 
@@ -255,7 +259,7 @@ class WynerZivDecoder:
             middle, _ = bitplanes.prefix_borders(2 * prefix + 1, missing, edges)
             llr = noise.bit_llr(lower, middle, upper, predicted, scale * gain)
             place = index, quantization.first_plane[band] + plane
-            result = yield from turbo.decode_plane(llr, self._turbo_decoder, self._settings, place)
+            result = yield from self._plane_decoder.decode(llr, place)
             results.append(result)
             prefix = 2 * prefix + result.bits
             lower, upper = bitplanes.prefix_borders(prefix, missing, edges)
@@ -270,8 +274,20 @@ class WynerZivDecoder:
             state.set_known(band, _KnownBand.of(lower, upper, scale * gain, shape))
         return results
 
-    def _turbo_decoder(self, code: int) -> turbo.TurboDecoder:
-        if code not in self._decoders:
-            seed = self._config.turbo.interleaver_seed
-            self._decoders[code] = turbo.TurboDecoder(self._codes[code], self.layout.num_bits, seed)
-        return self._decoders[code]
+    def _correct(
+        self,
+        check: turbo.FrameCheck,
+        decoded: dict[int, list[turbo.PlaneResult]],
+        quantization: Quantization,
+        state: _FrameState,
+    ) -> None:
+        """Put planes that the check of the frame has corrected in the place of those decoded before."""
+        for band, results in decoded.items():
+            first = quantization.first_plane[band]
+            places = check.corrected.keys() & range(first, first + len(results))
+            for place in places:
+                results[place - first] = check.corrected[place]
+            if places:
+                prefix = bitplanes.from_planes(np.stack([result.bits for result in results]))
+                missing = quantization.planes[band] - len(results)
+                state.correct(band, *bitplanes.prefix_borders(prefix, missing, quantization.edges(band)))

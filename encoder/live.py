@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from dvc.errors import VideoError
+from dvc.errors import FeedbackError, VideoError
 from dvc.feedback import Connection, EncoderEndpoint, GopDone
 from dvc.turbo import ParityRequest
 from dvc.video import Frame
@@ -85,4 +85,8 @@ class _LiveEncoder:
 
     def _answer(self, request: ParityRequest) -> None:
         frame = next(frames[request.frame] for frames in self._open.values() if request.frame in frames)
-        self._endpoint.send_answer(request.frame, request.plane, frame.answer(request))
+        try:
+            bits = frame.answer(request)
+        except ValueError as err:  # no such plane in this frame: the ledger knows only what frames may have
+            raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
+        self._endpoint.send_answer(request.frame, request.plane, bits)

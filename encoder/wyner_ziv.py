@@ -19,8 +19,7 @@ class WynerZivEncoder:
 
     def __init__(self, config: CodecConfig) -> None:
         self._layout = FrameLayout.of(config)
-        self._codes = turbo.family(config.turbo.family)
-        self._seed = config.turbo.interleaver_seed
+        self._encoders = turbo.parity_encoders(config.turbo.family, config.turbo.interleaver_seed)
 
     def encode(self, frame: Frame, step: float = 1.0) -> EncodedFrame:
         """Encode one frame; parity is computed when it is asked for.
@@ -38,4 +37,4 @@ class WynerZivEncoder:
             All bits that a decoder may ask for.
         """
         quantization, words = quantize_frame(self._layout, frame.luma, quantizer.index_of_step(step))
-        return EncodedFrame(self._layout, quantization, words, self._codes, self._seed)
+        return EncodedFrame(self._layout, quantization, words, self._encoders)

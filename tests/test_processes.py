@@ -165,14 +165,18 @@ def scene_clip(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("codec", "references", "gop"),
-    [("3d", "keys", 3), ("3d-te", "hierarchical", 6), ("3d-td", "all", 3)],
+    ("codec", "references", "gop", "turbo"),
+    [
+        ("3d", "keys", 3, "adaptive"),
+        ("3d-te", "hierarchical", 6, "cascade"),
+        ("3d-td", "all", 3, "adaptive"),
+    ],
 )
 def test_scene_prediction_is_the_same_in_every_form(
-    folder: Path, scene_clip: Path, codec: str, references: str, gop: int
+    folder: Path, scene_clip: Path, codec: str, references: str, gop: int, turbo: str
 ) -> None:
     """3D side information: any number of jobs, a fresh punctured decoding and a live run agree to the bit."""
-    coding = ["--gop", gop, "--references", references]
+    coding = ["--gop", gop, "--references", references, "--turbo", turbo]
     if codec == DEFAULT_CODEC:
         coding += ["--qp", 20]  # some planes pay, others do not
     else:

@@ -11,7 +11,7 @@ REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
 DEPTH_COSTS = ("gradient", "both")
 SFM_BACKENDS = ("native", "colmap")
-TURBO_FAMILIES = ("adaptive", "classical")
+TURBO_FAMILIES = ("adaptive", "classical", "cascade")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
 QUANTIZERS = ("range", "nested")
 NUM_BANDS = 16
@@ -194,7 +194,7 @@ class WynerZivConfig(Section):
 class TurboConfig(Section):
     """Slepian-Wolf coding of the bit planes."""
 
-    family: str = "adaptive"  # set of turbo codes that the decoder chooses from
+    family: str = "adaptive"  # set of turbo codes that the decoder chooses from, or parities of ranges
     interleaver_seed: int = 1
     crc_bits: int = 16  # length of the checksum that the encoder computes for each bit plane
     first_crc_bits: int = 8  # of these, how many the decoder asks for at once; more only where it is in doubt

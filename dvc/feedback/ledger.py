@@ -5,9 +5,10 @@ step is its own, a breach of the protocol if it is the peer's.
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from dvc.config import CodecConfig
-from dvc.turbo import KINDS, ParityRequest, family
+from dvc.turbo import CASCADE, KINDS, ParityRequest, num_codes
 
 MAX_OPEN_GOPS = 16
 """Most groups of pictures that are sent or promised and not done, so that both ends need bounded memory."""
@@ -44,11 +45,13 @@ class Ledger:
         self.ended = False
         self._gop_length = config.gop.length
         self._num_planes = sum(config.wyner_ziv.max_planes)
-        self._num_codes = len(family(config.turbo.family))
+        self._num_codes = num_codes(config.turbo.family)
+        self._by_positions = config.turbo.family == CASCADE
         self._limits = {
             "crc": config.turbo.crc_bits,
             "parity": config.video.num_blocks,
             "uncoded": config.video.num_blocks,
+            "joint": self._num_planes * config.turbo.crc_bits if self._by_positions else 0,
         }
         self._num_gops = 0
         self._open: dict[int, _OpenGop] = {}
@@ -131,13 +134,39 @@ class Ledger:
             )
         if not 1 <= request.count <= self._limits[request.kind] - request.start:
             raise ValueError(f"{request.count} {request.kind} bits of {where} from number {request.start} on")
-        if request.kind != "uncoded":
-            if not 0 <= request.code < self._num_codes or plane.code not in (None, request.code):
-                raise ValueError(f"code {request.code} for {where}")
-            plane.code = request.code
+        self._check_code(request, plane, where)
+        self._check_positions(request, where)
         plane.num_requested[request.kind] += request.count
         plane.num_awaited = request.count
         gop.planes[request.frame, request.plane] = plane
+
+    def _check_code(self, request: ParityRequest, plane: _Plane, where: str) -> None:
+        if request.kind == "uncoded":
+            return
+        other = not self._by_positions and plane.code not in (None, request.code)
+        if other or not 0 <= request.code < self._num_codes:
+            raise ValueError(f"code {request.code} for {where}")
+        plane.code = request.code
+
+    def _check_positions(self, request: ParityRequest, where: str) -> None:
+        """Check that positions are given where, and only where, bits have no order of release."""
+        positions, limit = request.positions, 0
+        if request.kind == "joint":
+            limit = self._num_planes
+            if request.count > self._limits["crc"]:
+                raise ValueError(f"{request.count} joint bits of {where} at once")
+            if positions[:1] != (request.plane,):
+                raise ValueError(f"joint bits of other planes than {where}")
+        elif self._by_positions and request.kind == "parity":
+            limit = self._limits["parity"]
+            if len(positions) != request.count:
+                raise ValueError(f"{request.count} parity bits of {where} at {len(positions)} positions")
+        if positions and not limit:
+            raise ValueError(f"positions of {request.kind} bits of {where}")
+        if positions and (positions[-1] >= limit or any(a >= b for a, b in pairwise((-1, *positions)))):
+            raise ValueError(
+                f"positions of {request.kind} bits of {where} must increase from 0 to {limit - 1}"
+            )
 
     def answer(self, frame: int, plane: int, count: int) -> None:
         """Enter the answer to a request.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +11,14 @@ from dvc.bits import BitReader, BitWriter, decode_varint, encode_varint
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.stream import GopRecord, decode_gop, encode_gop
-from dvc.turbo import KINDS, ParityRequest
+from dvc.turbo import CASCADE, KINDS, ParityRequest
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 
 _MAX_FAILURE_BYTES = 500
+_MAX_REQUEST_BYTES = 26  # without positions, each of which takes no more bytes than it is ahead of the last
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,6 @@ TYPES: tuple[type[Message], ...] = (
 _MAX_PAYLOAD_BYTES: dict[type[Message], int] = {
     Hello: 4096,
     NextGop: 0,
-    ParityRequest: 26,
     ParityAnswer: 2**18,
     GopDone: 5,
     End: 5,
@@ -113,7 +114,7 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
     message_type : type
         One of the message classes.
     config : CodecConfig or None
-        The configuration; only a `Gop` needs it, which is bounded by the size of its frames.
+        The configuration; a `Gop` and a `ParityRequest` need it, which are bounded by the size of frames.
 
     Returns
     -------
@@ -125,10 +126,14 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
     ValueError
         If the configuration is needed, but not known.
     """
-    if message_type is not Gop:
+    if message_type in _MAX_PAYLOAD_BYTES:
         return _MAX_PAYLOAD_BYTES[message_type]
     if config is None:
-        raise ValueError("`config` bounds a Gop, got None")
+        raise ValueError(f"`config` bounds a {message_type.__name__}, got None")
+    if message_type is ParityRequest:
+        by_positions = config.turbo.family == CASCADE
+        largest = max(config.video.num_blocks, sum(config.wyner_ziv.max_planes))
+        return _MAX_REQUEST_BYTES + (largest if by_positions else 0)
     area_px = (config.video.width + 15) * (config.video.height + 15)
     return 4 * area_px + 2**20 + MAX_HEADER_BYTES * config.gop.length
 
@@ -162,8 +167,9 @@ def _encode_payload(message: Message) -> bytes:
             payload = encode_varint(version) + config
         case Gop(number, record):
             payload = encode_varint(number) + encode_gop(record)
-        case ParityRequest(frame, plane, kind, code, start, count):
-            payload = bytes([KINDS.index(kind)]) + _encode_varints(frame, plane, code, start, count)
+        case ParityRequest(frame, plane, kind, code, start, count, positions):
+            steps = (after - before for before, after in pairwise((-1, *positions)))
+            payload = bytes([KINDS.index(kind)]) + _encode_varints(frame, plane, code, start, count, *steps)
         case ParityAnswer(frame, plane, bits):
             writer = BitWriter()
             writer.write(bits)
@@ -211,8 +217,16 @@ def _decode_gop_message(payload: bytes) -> Gop:
 def _decode_request(payload: bytes) -> ParityRequest:
     if not payload or payload[0] >= len(KINDS):
         raise BitstreamError("unknown kind of bits")
-    frame, plane, code, start, count = _decode_varints(payload, 1, 5)
-    return ParityRequest(frame, plane, KINDS[payload[0]], code, start, count)
+    values: list[int] = []
+    position = 1
+    while position < len(payload) or len(values) < 5:
+        value, position = decode_varint(payload, position)
+        values.append(value)
+    frame, plane, code, start, count, *steps = values
+    if 0 in steps:
+        raise BitstreamError("positions do not increase")
+    positions = tuple(end - 1 for end in accumulate(steps))
+    return ParityRequest(frame, plane, KINDS[payload[0]], code, start, count, positions)
 
 
 def _decode_answer(payload: bytes) -> ParityAnswer:

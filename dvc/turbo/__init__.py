@@ -1,21 +1,29 @@
-"""Turbo codes for Slepian-Wolf coding of bit planes; usable on their own."""
+"""Slepian-Wolf coding of bit planes, by turbo codes or by parities of ranges; usable on its own."""
 
-from dvc.turbo.codes import TurboCode, choose_code, family
+from dvc.turbo.cascade.frame import joint_check
+from dvc.turbo.codes import CASCADE, TurboCode, choose_code, family, num_codes
 from dvc.turbo.crc import crc, crc_words
 from dvc.turbo.decoder import TurboDecoder
 from dvc.turbo.encoder import encode_planes, encode_words
-from dvc.turbo.requests import KINDS, Answer, Kind, ParityRequest, drive
-from dvc.turbo.slepian_wolf import PlaneResult, SlepianWolfSettings, decode_plane
+from dvc.turbo.families import ParityEncoder, PlaneDecoder, parity_encoders, plane_decoder
+from dvc.turbo.requests import KINDS, Answer, Kind, ParityRequest, ask, drive
+from dvc.turbo.results import FrameCheck, PlaneResult
+from dvc.turbo.slepian_wolf import SlepianWolfSettings, decode_plane
 
 __all__ = [
+    "CASCADE",
     "KINDS",
     "Answer",
+    "FrameCheck",
     "Kind",
+    "ParityEncoder",
     "ParityRequest",
+    "PlaneDecoder",
     "PlaneResult",
     "SlepianWolfSettings",
     "TurboCode",
     "TurboDecoder",
+    "ask",
     "choose_code",
     "crc",
     "crc_words",
@@ -24,4 +32,8 @@ __all__ = [
     "encode_planes",
     "encode_words",
     "family",
+    "joint_check",
+    "num_codes",
+    "parity_encoders",
+    "plane_decoder",
 ]

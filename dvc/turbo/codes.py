@@ -108,6 +108,10 @@ ADAPTIVE = (
     _joined("H80", _FOUR_STATES_REVERSED, ((0.953, 2), (0.014, 15), (0.019, 20), (0.014, 30)), 0.845, 1.0),
 )
 
+CASCADE = "cascade"
+"""Family without turbo codes: `dvc.turbo.cascade`."""
+NUM_ORDERS = 8
+"""Orders of a plane's bits that encoder and decoder share in that family."""
 _FAMILIES = {"classical": (CLASSICAL,), "adaptive": ADAPTIVE}
 
 
@@ -132,6 +136,27 @@ def family(name: str = "adaptive") -> tuple[TurboCode, ...]:
     if name not in _FAMILIES:
         raise ValueError(f"`name` must be one of {sorted(_FAMILIES)}, got {name!r}")
     return _FAMILIES[name]
+
+
+def num_codes(name: str) -> int:
+    """Return how many kinds of parity a family has.
+
+    Parameters
+    ----------
+    name : str
+        ``"adaptive"``, ``"classical"`` or ``"cascade"``.
+
+    Returns
+    -------
+    int
+        Codes, or orders of the bits.
+
+    Raises
+    ------
+    ValueError
+        If there is no such family.
+    """
+    return NUM_ORDERS if name == CASCADE else len(family(name))
 
 
 def choose_code(codes: Sequence[TurboCode], entropy: float) -> int:

@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 Bits = NDArray[np.uint8]
-Kind = Literal["crc", "parity", "uncoded"]
-KINDS: tuple[Kind, ...] = ("crc", "parity", "uncoded")
-"""Check bits, parity, or the bits of the plane themselves."""
+Kind = Literal["crc", "parity", "uncoded", "joint"]
+KINDS: tuple[Kind, ...] = ("crc", "parity", "uncoded", "joint")
+"""Check bits, parity, the bits of the plane themselves, or check bits of several planes together."""
 
 
 @dataclass(frozen=True)
 class ParityRequest:
-    """Bits of a plane that are wanted: `count` of them from number `start` on, in their order of release."""
+    """Bits of a plane that are wanted: `count` of them from number `start` on, in their order of release.
+
+    Parities of ranges have no such order: `positions` says where the ranges end. Joint check bits always
+    start with the first one; `plane` is the first of the planes that `positions` names.
+    """
 
     frame: int  # number of the Wyner-Ziv frame in the sequence, from 0 in order of display
     plane: int  # number of the plane in the frame, from 0
@@ -23,11 +27,42 @@ class ParityRequest:
     code: int  # number of the code in its family; the same for all requests of a plane
     start: int  # number of the first wanted bit: as many as were asked for before
     count: int  # number of bits
+    positions: tuple[int, ...] = ()  # increasing: positions in order number `code`, or planes
 
 
 Answer = Callable[[ParityRequest], Bits]
 """Turns a request into bits: ndarray of shape (count,), uint8."""
 Result = TypeVar("Result")
+
+
+def ask(request: ParityRequest) -> Generator[ParityRequest, Bits, Bits]:
+    """Yield a request and look at the answer.
+
+    Parameters
+    ----------
+    request : ParityRequest
+        Bits wanted.
+
+    Yields
+    ------
+    ParityRequest
+        The same.
+
+    Returns
+    -------
+    ndarray of shape (count,), uint8
+        The answer.
+
+    Raises
+    ------
+    ValueError
+        If it is not so many bits.
+    """
+    bits = np.asarray((yield request))
+    if bits.shape != (request.count,) or bits.dtype != np.uint8 or (bits.size and bits.max() > 1):
+        wanted = f"{request.count} {request.kind} bits"
+        raise ValueError(f"expected {wanted} as uint8, got {bits.dtype} of shape {bits.shape}")
+    return bits
 
 
 def drive(coroutine: Generator[ParityRequest, Bits, Result], answer: Answer) -> Result:

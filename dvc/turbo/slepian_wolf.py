@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.turbo import _kernels
-from dvc.turbo.codes import choose_code, family
+from dvc.turbo.codes import choose_code, family, num_codes
 from dvc.turbo.crc import POLYNOMIALS, crc
 from dvc.turbo.decoder import TurboDecoder
 from dvc.turbo.elimination import Solution, ordered_statistics, parity_equations, solve
 from dvc.turbo.interleaver import num_segments
-from dvc.turbo.requests import Bits, Kind, ParityRequest
+from dvc.turbo.requests import Bits, Kind, ParityRequest, ask
+from dvc.turbo.results import PlaneCoroutine, PlaneResult
 
 UNCODED_ALLOWANCE_BITS = 8
 """Planes whose entropy and check come this close to their length, or closer, are sent uncoded."""
@@ -57,7 +58,7 @@ class SlepianWolfSettings:
     search_work: float = 4e6  # word operations that one search by ordered statistics may cost
 
     def __post_init__(self) -> None:
-        family(self.family)
+        num_codes(self.family)
         if self.crc_bits not in POLYNOMIALS or not 0 < self.first_crc_bits <= self.crc_bits:
             raise ValueError(f"`crc_bits` must be one of {sorted(POLYNOMIALS)} and hold `first_crc_bits`")
         if self.max_prior_llr <= 0 or not 0 <= self.initial_rate <= 2:
@@ -66,21 +67,6 @@ class SlepianWolfSettings:
             raise ValueError("`step`, `early_step`, `late_step` and `stuck_step` must be within 0..1")
         if not all(1 <= count <= self.max_iterations for count in (self.iterations, self.stuck_iterations)):
             raise ValueError("`iterations` and `stuck_iterations` must be within 1..`max_iterations`")
-
-
-@dataclass(frozen=True)
-class PlaneResult:
-    """A decoded plane and what it cost; uncoded bits count as parity."""
-
-    bits: Bits
-    success: bool
-    num_requests: int
-    crc_bits: int
-    parity_bits: int
-    iterations: int
-
-
-PlaneCoroutine = Generator[ParityRequest, Bits, PlaneResult]
 
 
 class _Plane:
@@ -108,10 +94,7 @@ class _Plane:
 
     def request(self, kind: Kind, start: int, count: int) -> Generator[ParityRequest, Bits, Bits]:
         self.num_requests += 1
-        bits = np.asarray((yield ParityRequest(*self.place, kind, self.code, start, count)))
-        if bits.shape != (count,) or bits.dtype != np.uint8 or (count and bits.max() > 1):
-            raise ValueError(f"expected {count} {kind} bits as uint8, got {bits.dtype} of shape {bits.shape}")
-        return bits
+        return (yield from ask(ParityRequest(*self.place, kind, self.code, start, count)))
 
     def request_check(self, count: int) -> Generator[ParityRequest, Bits, None]:
         """Request check bits until there are `count` of them."""
@@ -176,7 +159,14 @@ class _Plane:
 
     def result(self, bits: Bits, success: bool) -> PlaneResult:
         return PlaneResult(
-            bits.copy(), success, self.num_requests, self.check.size, self.parity.size, self.iterations
+            bits.copy(),
+            success,
+            self.num_requests,
+            self.check.size,
+            self.parity.size,
+            self.iterations,
+            self.entropy_bits,
+            float(_kernels.prior_information(self.llr_ch, bits)),
         )
 
 

@@ -4,6 +4,7 @@ After the header, that payload holds the check bits, uncoded bits and parity of 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,24 @@ def _quantize_over_range(
     return quantization, words
 
 
+def _wanted(request: ParityRequest) -> slice | NDArray[np.int64]:
+    """Return which bits of a section are wanted."""
+    if request.positions:
+        return np.array(request.positions, np.int64)
+    return slice(request.start, request.start + request.count)
+
+
+def _refuse_others(request: ParityRequest, num_bits: int) -> None:
+    """Refuse a request for bits that do not exist, of a section of so many bits or planes."""
+    wanted = np.array(request.positions, np.int64)
+    if wanted.size and (wanted[0] < 0 or wanted[-1] >= num_bits or (np.diff(wanted) <= 0).any()):
+        raise ValueError(f"positions of {request.kind} bits must increase from 0 to {num_bits - 1}")
+    if request.kind != "joint" and wanted.size not in (0, request.count):
+        raise ValueError(f"{request.count} {request.kind} bits at {wanted.size} positions")
+    if not wanted.size and not 0 <= request.start <= request.start + request.count <= num_bits:
+        raise ValueError(f"bits {request.start}+{request.count} of {num_bits}")
+
+
 class EncodedFrame:
     """All bits that may be asked of one Wyner-Ziv frame; parity is computed when a code is first needed.
 
@@ -93,10 +112,8 @@ class EncodedFrame:
         Quantisers of the frame, from `quantize_frame`.
     words : ndarray of shape (W, N), uint64
         Bit planes, from `quantize_frame`.
-    codes : sequence of TurboCode
-        Code family of the configuration.
-    interleaver_seed : int
-        Seed of the interleavers.
+    encoders : sequence of callable
+        What computes the parity of each code, from `turbo.parity_encoders`.
     """
 
     def __init__(
@@ -104,14 +121,12 @@ class EncodedFrame:
         layout: FrameLayout,
         quantization: Quantization,
         words: Words,
-        codes: Sequence[turbo.TurboCode],
-        interleaver_seed: int,
+        encoders: Sequence[turbo.ParityEncoder],
     ) -> None:
         self.header = layout.write_header(quantization)
         self._num_planes = quantization.num_planes
         self._words = words
-        self._codes = codes
-        self._seed = interleaver_seed
+        self._encoders = encoders
         self._parity: dict[int, Words] = {}
         self._crc = np.empty((len(words), layout.crc_bits), np.uint64)
         for row, check in zip(words, self._crc, strict=True):
@@ -125,7 +140,7 @@ class EncodedFrame:
 
     def _encode(self, code: int, parity: Words) -> None:
         for row, released in zip(self._words, parity, strict=True):
-            turbo.encode_words(row, self._codes[code], self._seed, released)
+            self._encoders[code](row, released)
 
     def answer(self, request: ParityRequest) -> Bits:
         """Return the bits that a request asks for.
@@ -147,17 +162,26 @@ class EncodedFrame:
         """
         if not 0 <= request.plane < self._num_planes:
             raise ValueError(f"plane {request.plane} of {self._num_planes}")
-        if request.kind not in turbo.KINDS or not 0 <= request.code < len(self._codes):
+        if request.kind not in turbo.KINDS or not 0 <= request.code < len(self._encoders):
             raise ValueError(f"no {request.kind!r} bits of code {request.code}")
+        if request.kind == "joint":
+            return self._answer_jointly(request)
         if request.kind == "parity":
             words = self._parity_words(request.code)
         else:
             words = self._crc if request.kind == "crc" else self._words
-        stop = request.start + request.count
-        if not 0 <= request.start <= stop <= words.shape[1]:
-            raise ValueError(f"bits {request.start}+{request.count} of {words.shape[1]}")
-        row = words[request.plane // 64, request.start : stop]
+        _refuse_others(request, words.shape[1])
+        row = words[request.plane // 64, _wanted(request)]
         return ((row >> np.uint64(63 - request.plane % 64)) & np.uint64(1)).astype(np.uint8)
+
+    def _answer_jointly(self, request: ParityRequest) -> Bits:
+        planes = np.array(request.positions, np.int64)
+        if not planes.size or not 0 <= request.count <= self._crc.shape[1]:
+            raise ValueError(f"{request.count} joint bits of {planes.size} planes")
+        _refuse_others(request, self._num_planes)
+        rows = self._crc[planes // 64]
+        bits = (rows >> (63 - planes % 64).astype(np.uint64)[:, None]) & np.uint64(1)
+        return turbo.joint_check(bits.astype(np.uint8))[: request.count]
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`.
@@ -170,9 +194,9 @@ class EncodedFrame:
         """
         num_rows, num_bits = self._words.shape
         first = self._crc.shape[1] + num_bits
-        words = np.empty((num_rows, first + len(self._codes) * num_bits), np.uint64)
+        words = np.empty((num_rows, first + len(self._encoders) * num_bits), np.uint64)
         np.concatenate([self._crc, self._words], axis=1, out=words[:, :first])
-        for code in range(len(self._codes)):
+        for code in range(len(self._encoders)):
             self._encode(code, words[:, first + code * num_bits : first + (code + 1) * num_bits])
         size = -(-self._num_planes // 8)
         return self.header + words.T.astype(">u8", order="C").view(np.uint8)[:, :size].tobytes()
@@ -198,7 +222,7 @@ class BufferedFrame:
 
     def __init__(self, layout: FrameLayout, payload: bytes, num_codes: int) -> None:
         quantization = layout.read_header(payload)
-        uncoded = layout.crc_bits
+        self._crc_bits = uncoded = layout.crc_bits
         self._first = {("crc", 0): 0, ("uncoded", 0): uncoded}
         self._first |= {("parity", code): uncoded + (code + 1) * layout.num_bits for code in range(num_codes)}
         size = -(-quantization.num_planes // 8)
@@ -221,7 +245,10 @@ class BufferedFrame:
         ndarray of shape (count,), uint8
             The bits.
         """
+        if request.kind == "joint":
+            whole = replace(request, kind="crc", start=0, count=self._crc_bits, positions=())
+            checks = [self.answer(replace(whole, plane=plane)) for plane in request.positions]
+            return turbo.joint_check(np.stack(checks))[: request.count]
         code = request.code if request.kind == "parity" else 0
-        first = self._first[request.kind, code] + request.start
-        column = self._words[first : first + request.count, request.plane // 8]
+        column = self._words[self._first[request.kind, code] :][_wanted(request), request.plane // 8]
         return (column >> np.uint8(7 - request.plane % 8)) & np.uint8(1)

@@ -8,7 +8,7 @@ import pytest
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame
 from decoder.wyner_ziv import WynerZivDecoder
-from dvc.config import NOISE_MODELS, CodecConfig, TurboConfig, VideoConfig, WynerZivConfig
+from dvc.config import NOISE_MODELS, TURBO_FAMILIES, CodecConfig, TurboConfig, VideoConfig, WynerZivConfig
 from dvc.metrics import psnr_db
 from dvc.turbo import drive
 from dvc.video import Frame
@@ -64,7 +64,7 @@ def original() -> Frame:
 
 
 @pytest.mark.parametrize("q", [1, 4, 8])
-@pytest.mark.parametrize("family", ["adaptive", "classical"])
+@pytest.mark.parametrize("family", TURBO_FAMILIES)
 def test_every_bin_is_decoded(original: Frame, q: int, family: str) -> None:
     """All bit planes arrive, and reconstruction keeps (nearly all) coefficients in their bins."""
     config = config_of(q, family=family)

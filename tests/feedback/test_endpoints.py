@@ -17,6 +17,7 @@ from dvc.errors import FeedbackError
 from dvc.feedback import (
     KEEP_ALIVE,
     MAX_OPEN_GOPS,
+    PROTOCOL_VERSION,
     DecoderEndpoint,
     EncoderEndpoint,
     End,
@@ -189,7 +190,10 @@ def test_empty_sequence() -> None:
     """An encoder without frames says so at once."""
     encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
     encoder.send_end()
-    assert decoder.receive(encoder.bytes_to_send()) == [Hello(2, encode_config(CONFIG)), End(0)]
+    assert decoder.receive(encoder.bytes_to_send()) == [
+        Hello(PROTOCOL_VERSION, encode_config(CONFIG)),
+        End(0),
+    ]
     assert encoder.finished
     assert decoder.finished
     assert encoder.bytes_to_send() == b""
@@ -306,9 +310,9 @@ def test_code_of_a_plane_stays() -> None:
         (b"\x01\xff\xff\xff\xff\xff", "integer is longer"),
         (b"\x01\x80\x00", "integer is longer"),
         (b"\x01\x00", "Hello: data end"),
-        (b"\x01\x01\x03", "protocol version 3; this program speaks version 2"),
-        (b"\x01\x02\x02\x7f", "configuration field 127 is unknown"),
-        (b"\x01\x01\x02", "configuration.*lacks the field `codec`"),
+        (b"\x01\x01\x02", "protocol version 2; this program speaks version 3"),
+        (b"\x01\x02\x03\x7f", "configuration field 127 is unknown"),
+        (b"\x01\x01\x03", "configuration.*lacks the field `codec`"),
     ],
 )
 def test_decoder_refuses_strangers(data: bytes, text: str) -> None:
@@ -323,9 +327,9 @@ def test_decoder_refuses_strangers(data: bytes, text: str) -> None:
         (b"\x02\x01", "NextGop of 1 bytes, at most 0"),
         (b"\x04\x1b", "ParityRequest of 27 bytes, at most 26"),
         (b"\x04\x00", "ParityRequest: unknown kind"),
-        (b"\x04\x01\x03", "ParityRequest: unknown kind"),
+        (b"\x04\x01\x04", "ParityRequest: unknown kind"),
         (b"\x04\x05\x01\x01\x00\x00\x00", "ParityRequest: data end"),
-        (b"\x04\x07\x01\x01\x00\x00\x00\x01\x00", "ParityRequest: 1 bytes are left over"),
+        (b"\x04\x07\x01\x01\x00\x00\x00\x01\x00", "ParityRequest: positions do not increase"),
         (b"\x06\x00", "GopDone: data end"),
         (b"\x08\xf5\x03", "Failure of 501 bytes"),
         (b"\x09\x01", "KeepAlive of 1 bytes"),
@@ -534,5 +538,6 @@ def test_all_messages_are_described() -> None:
     limits = {name: limit.replace("2^18", str(2**18)) for _, name, limit in rows}
     assert [name for _, name, _ in rows] == [kind.__name__ for kind in TYPES]
     assert [int(number) for number, _, _ in rows] == list(range(1, len(TYPES) + 1))
-    assert limits.pop("Gop") == "by frame size"
-    assert limits == {kind.__name__: str(max_payload_bytes(kind, None)) for kind in TYPES if kind is not Gop}
+    assert limits.pop("Gop") == limits.pop("ParityRequest") == "by frame size"
+    fixed = [kind for kind in TYPES if kind not in (Gop, ParityRequest)]
+    assert limits == {kind.__name__: str(max_payload_bytes(kind, None)) for kind in fixed}

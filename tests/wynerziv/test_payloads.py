@@ -10,6 +10,7 @@ from dvc._jit import python_twin
 from dvc.config import MAX_BAND_PLANES, CodecConfig, VideoConfig, WynerZivConfig
 from dvc.errors import BitstreamError
 from dvc.turbo import ParityRequest
+from dvc.turbo.cascade.orders import bit_orders
 from dvc.wynerziv import _kernels, bitplanes, quantizer, transform
 from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame, quantize_frame
 from dvc.wynerziv.layout import FrameLayout
@@ -44,9 +45,11 @@ def random_luma(layout: FrameLayout, seed: int) -> np.ndarray:
     return np.clip(rng.normal(rng.uniform(0, 255), rng.uniform(1, 90), shape), 0, 255).astype(np.uint8)
 
 
-def encoded_frame(layout: FrameLayout, seed: int, step_index: int = 16) -> EncodedFrame:
+def encoded_frame(
+    layout: FrameLayout, seed: int, step_index: int = 16, family: str = "adaptive"
+) -> EncodedFrame:
     quantization, words = quantize_frame(layout, random_luma(layout, seed), step_index)
-    return EncodedFrame(layout, quantization, words, CODES, interleaver_seed=1)
+    return EncodedFrame(layout, quantization, words, turbo.parity_encoders(family, 1))
 
 
 def uncoded_planes(frame: EncodedFrame, layout: FrameLayout) -> np.ndarray:
@@ -137,6 +140,30 @@ def test_buffered_payload_answers_every_request(layout: FrameLayout, seed: int, 
         np.testing.assert_array_equal(buffered.answer(request), frame.answer(request))
 
 
+@settings(max_examples=25)
+@given(layouts, st.integers(0, 2**32 - 1), st.data())
+def test_buffered_payload_answers_by_positions(layout: FrameLayout, seed: int, data: st.DataObject) -> None:
+    """Parities of ranges, and check bits of several planes, are the same from encoder and payload."""
+    frame = encoded_frame(layout, seed, family="cascade")
+    buffered = BufferedFrame(layout, frame.buffered_payload(), turbo.num_codes("cascade"))
+    planes = uncoded_planes(frame, layout)
+    for _ in range(4 if len(planes) else 0):
+        plane = data.draw(st.integers(0, len(planes) - 1))
+        order = data.draw(st.integers(0, turbo.num_codes("cascade") - 1))
+        positions = data.draw(st.sets(st.integers(0, layout.num_bits - 1), min_size=1))
+        where = tuple(sorted(positions))
+        request = ParityRequest(0, plane, "parity", order, 0, len(where), where)
+        orders, _ = bit_orders(layout.num_bits, 1)
+        expected = [planes[plane, orders[order, : end + 1]].sum() % 2 for end in where]
+        np.testing.assert_array_equal(frame.answer(request), expected)
+        np.testing.assert_array_equal(buffered.answer(request), expected)
+        several = tuple(sorted(data.draw(st.sets(st.integers(0, len(planes) - 1), min_size=1))))
+        joint = ParityRequest(0, several[0], "joint", 0, 0, 7, several)
+        checks = np.concatenate([turbo.crc(planes[p], layout.crc_bits) for p in several])
+        np.testing.assert_array_equal(frame.answer(joint), turbo.crc(checks, layout.crc_bits)[:7])
+        np.testing.assert_array_equal(buffered.answer(joint), frame.answer(joint))
+
+
 def test_answers_are_the_codes_of_the_planes() -> None:
     """Check and parity bits are those of `dvc.turbo` for the plane alone."""
     layout = layout_of(16, 20, PRESETS[7])
@@ -162,6 +189,13 @@ def test_answers_are_the_codes_of_the_planes() -> None:
         ParityRequest(0, 0, "uncoded", 0, -1, 1),
         ParityRequest(0, 0, "uncoded", 0, 3, -1),
         ParityRequest(0, 0, "uncoded", 0, 0, 17),
+        ParityRequest(0, 0, "parity", 0, 0, 2, (3, 3)),
+        ParityRequest(0, 0, "parity", 0, 0, 2, (3, 16)),
+        ParityRequest(0, 0, "parity", 0, 0, 2, (-1, 3)),
+        ParityRequest(0, 0, "parity", 0, 0, 2, (1, 2, 3)),
+        ParityRequest(0, 0, "joint", 0, 0, 8),
+        ParityRequest(0, 0, "joint", 0, 0, 17, (0,)),
+        ParityRequest(0, 0, "joint", 0, 0, 8, (0, 99)),
     ],
 )
 def test_requests_for_what_does_not_exist_are_refused(refused: ParityRequest) -> None:

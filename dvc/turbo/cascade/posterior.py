@@ -1,0 +1,296 @@
+"""What is known of the errors of a plane: prior odds, and parities of ranges in several orders."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.turbo import _kernels as turbo_kernels
+from dvc.turbo.cascade import _kernels
+from dvc.turbo.cascade.orders import bit_orders
+
+Bits = NDArray[np.uint8]
+Positions = NDArray[np.int64]
+
+MAX_SCALE_CHANGE = 1.1
+"""Factor on the prior odds that is learned from parities, from which on it is used."""
+CERTAIN = 0.999
+"""2 |p - 1/2| of answers from which on they are not worth asking for."""
+SCALE_STRENGTH = 5.0
+"""Errors that must be expected besides those of the plane, lest a few of them change the prior."""
+
+
+class RangePosterior:
+    """Beliefs of errors, by the prior and by what was answered so far.
+
+    The errors of one order alone, in ranges of known parity, are a Markov chain of two states, so that their
+    beliefs are exact; between orders they are passed on as in the decoding of sparse parity checks.
+
+    Parameters
+    ----------
+    num_bits : int
+        Length N of the planes.
+    seed : int
+        Seed of the orders that encoder and decoder share.
+    """
+
+    def __init__(self, num_bits: int, seed: int) -> None:
+        self._orders, self._ranks = bit_orders(num_bits, seed)
+        shape = self._orders.shape
+        self._last, self._first = np.empty(shape, np.int32), np.empty(shape, np.int32)
+        self._prefix = np.empty(shape, np.uint8)
+        self._pending, self._mass = np.empty(shape, np.float64), np.empty(shape, np.float64)
+        self._stale = np.empty(shape, np.uint8)
+        self._division, self._bias = np.empty(shape, np.int32), np.empty(shape, np.float64)
+        self._messages = np.empty(shape[::-1], np.float64)
+        self._positions = np.empty(num_bits, np.int64)
+        self._keys = np.empty(num_bits, np.uint64)
+        self._work = np.empty((3, num_bits), np.float64)
+        self._first_decisions: Bits = np.zeros(num_bits, np.uint8)
+        self._decided_prefix: dict[int, Bits] = {}  # parities of the first decisions in an order
+        self._prior = np.zeros(num_bits)
+        self._odds = np.zeros(num_bits)
+        self._odds_known = False
+        self._expected = 0.0
+        self._scale = 1.0
+        self.num_orders = 0
+
+    @property
+    def num_bits(self) -> int:
+        """Length N of the plane."""
+        return self._prior.size
+
+    @property
+    def orders_left(self) -> int:
+        """Orders of which nothing is known yet."""
+        return len(self._orders) - self.num_orders
+
+    @property
+    def decisions(self) -> Bits:
+        """Most likely value of each bit by itself."""
+        bits: Bits = self._first_decisions ^ (self._all_odds() > 1.0)
+        return bits
+
+    @property
+    def expected_errors(self) -> float:
+        """Number of wrong decisions to be expected by the beliefs."""
+        return float(_kernels.expected_errors(self._all_odds())[1])
+
+    def start(self, llr_ch: NDArray[np.float32]) -> None:
+        """Begin a new plane.
+
+        Parameters
+        ----------
+        llr_ch : ndarray of shape (N,), float32
+            Side information as LLR log p(0) / p(1) of every bit, less than 80 in magnitude.
+        """
+        right, wrong = np.empty_like(llr_ch), np.empty_like(llr_ch)
+        turbo_kernels.bit_probabilities(np.abs(llr_ch), right, wrong)
+        self._first_decisions = (llr_ch < 0).astype(np.uint8)
+        self._prior = wrong.astype(np.float64) / right
+        self._odds_known = False
+        self._expected = float(_kernels.expected_errors(self._prior)[0])
+        self._scale = 1.0
+        self.num_orders = 0
+        self._last[:] = self.num_bits - 1
+        self._first[:] = 0
+        self._prefix[:] = 0
+        self._messages[:] = 1.0
+        self._decided_prefix = {}
+
+    def add_answers(self, order: int, positions: Positions, bits: Bits) -> None:
+        """Take in parities.
+
+        Parameters
+        ----------
+        order : int
+            Their order: one that was used before, or the next one.
+        positions : ndarray of shape (n,), int64
+            Increasing positions.
+        bits : ndarray of shape (n,), uint8
+            Parity of the plane's bits up to, and including, each position of the order.
+        """
+        if order == self.num_orders:
+            self.num_orders += 1
+            self._prefix[order, -1] = self._prefix[0, -1]  # every order ends with the parity of the plane
+            self._pending[order, -1], self._mass[order, -1], self._stale[order, -1] = 1.0, 0.0, 1
+        if order not in self._decided_prefix:
+            decided = self._first_decisions[self._orders[order]]
+            self._decided_prefix[order] = np.bitwise_xor.accumulate(decided)
+        errors = bits ^ self._decided_prefix[order][positions]
+        _kernels.divide(
+            order, positions, errors, self._last, self._first, self._prefix,
+            self._pending, self._mass, self._stale,
+        )  # fmt: skip
+
+    def propagate(self, max_sweeps: int, share: float) -> int:
+        """Pass beliefs between bits and ranges until nothing changes any more.
+
+        Parameters
+        ----------
+        max_sweeps : int
+            Most sweeps over all ranges with changes.
+        share : float
+            Change of the errors expected in a range, as a share of them, from which on it is passed on.
+
+        Returns
+        -------
+        int
+            Sweeps done.
+        """
+        sweeps = _kernels.propagate(
+            self._orders, self._ranks, self._last, self._prefix, self._prior, self._messages,
+            self._pending, self._mass, self._stale, self.num_orders, max_sweeps, share, self._work,
+        )  # fmt: skip
+        self._odds_known = False
+        return int(sweeps)
+
+    def _all_odds(self) -> NDArray[np.float64]:
+        """Odds of an error in each bit by all beliefs."""
+        if not self._odds_known:
+            _kernels.odds_of_errors(self._prior, self._messages, self.num_orders, self._odds)
+            self._odds_known = True
+        return self._odds
+
+    def rescale(self) -> bool:
+        """Let the prior expect as many errors as the beliefs do, all of its odds by the same factor.
+
+        Returns
+        -------
+        bool
+            Whether that was worth doing; beliefs have to be passed on again then.
+        """
+        found = float(_kernels.expected_errors(self._all_odds())[0])
+        scale = (found + SCALE_STRENGTH) / (self._expected + SCALE_STRENGTH)
+        change = scale / self._scale
+        if 1.0 / MAX_SCALE_CHANGE < change < MAX_SCALE_CHANGE:
+            return False
+        self._prior *= change
+        self._scale = scale
+        self._touch_all()
+        return True
+
+    def restart(self) -> None:
+        """Forget all beliefs but the prior and the parities."""
+        self._messages[:] = 1.0
+        self._touch_all()
+
+    def _touch_all(self) -> None:
+        self._pending[: self.num_orders] = 1.0
+        self._mass[: self.num_orders] = 0.0
+        self._stale[: self.num_orders] = 1
+
+    def divisions(self, max_bias: float) -> tuple[int, Positions] | None:
+        """Choose what to ask next of an order that is in use.
+
+        Parameters
+        ----------
+        max_bias : float
+            Greatest 2 |p - 1/2| of an answer that is worth its bit.
+
+        Returns
+        -------
+        tuple of int and ndarray of shape (n,), int64, or None
+            The order whose answers tell most, and positions, one in each of its ranges that is worth it.
+        """
+        self._find_divisions()
+        best, chosen = 0.0, None
+        for order in range(self.num_orders):
+            count, told = _kernels.choose_divisions(
+                self._last, order, self._division, self._bias, max_bias, self._positions
+            )
+            if told > best:
+                best, chosen = told, (order, self._positions[:count].copy())
+        return chosen
+
+    def best_divisions(self) -> tuple[int, Positions] | None:
+        """Choose what to ask where nothing tells much: all that tells at least half as much as the best.
+
+        Returns
+        -------
+        tuple of int and ndarray of shape (n,), int64, or None
+            As from `divisions`; none if nothing tells anything.
+        """
+        self._find_divisions()
+        bias, _ = _kernels.least_bias(self._last, self._bias, self.num_orders)
+        return None if bias >= CERTAIN else self.divisions(math.sqrt(0.5 + 0.5 * bias * bias))
+
+    def _find_divisions(self) -> None:
+        _kernels.find_divisions(
+            self._orders, self._prefix, self._last, self._prior, self._messages, self._stale,
+            self.num_orders, self._division, self._bias, self._work,
+        )  # fmt: skip
+
+    def new_order(self, max_bias: float) -> tuple[int, Positions] | None:
+        """Choose what to ask of the next order.
+
+        Parameters
+        ----------
+        max_bias : float
+            Ranges have as many bits as bring 2 |p - 1/2| of their parity down to this.
+
+        Returns
+        -------
+        tuple of int and ndarray of shape (n,), int64, or None
+            The order and positions; none if there is no order left or one range would be all.
+        """
+        if not self.orders_left:
+            return None
+        order = self.num_orders
+        count = _kernels.lay_out(self._orders, order, self._all_odds(), max_bias, self._positions)
+        positions = self._positions[:count].copy()
+        if order == 0:  # the parity of the plane is not known yet
+            positions = np.append(positions, self.num_bits - 1)
+        return (order, positions) if positions.size else None
+
+    def partition(self, num_ranges: int) -> tuple[int, Positions] | None:
+        """Divide the next order, or once all are in use the last one, evenly: that shows errors of any kind.
+
+        Parameters
+        ----------
+        num_ranges : int
+            Ranges of a new order; the last one gets twice as many as it has.
+
+        Returns
+        -------
+        tuple of int and ndarray of shape (n,), int64, or None
+            The order and the positions; none if all is known.
+        """
+        order = min(self.num_orders, len(self._orders) - 1)
+        if order == self.num_orders:
+            ends = np.arange(1, num_ranges + (order == 0)) * self.num_bits // num_ranges - 1
+        else:
+            ends = np.flatnonzero(self._last[order] == np.arange(self.num_bits))
+            ends = (np.concatenate([[-1], ends[:-1]]) + ends) // 2
+        known = (self._last[order] == np.arange(self.num_bits)) & (order < self.num_orders)
+        positions = np.unique(ends[ends >= 0])
+        positions = positions[~known[positions]].astype(np.int64)
+        return (order, positions) if positions.size else None
+
+    def is_satisfied(self) -> bool:
+        """Say whether the decisions agree with all parities.
+
+        Returns
+        -------
+        bool
+            Whether they do.
+        """
+        return not _kernels.num_unsatisfied(
+            self._orders, self._last, self._prefix, self._all_odds(), self.num_orders
+        )
+
+    def doubt(self) -> float:
+        """Return the odds against decisions that agree with all parities.
+
+        Returns
+        -------
+        float
+            Odds of further errors by the beliefs, and of pairs of errors that no parity shows: beliefs that
+            go round in circles of ranges make too little of those.
+        """
+        if not self.num_orders:
+            return self.expected_errors
+        _kernels.range_keys(self._orders, self._last, self.num_orders, self._keys)
+        by_key = np.argsort(self._keys, kind="stable")
+        pairs = _kernels.pair_odds(by_key, self._keys, self._prior, self._all_odds())
+        return float(pairs) + self.expected_errors

@@ -1,0 +1,166 @@
+"""Families of codes by name: what an encoder computes for each, and who decodes its planes."""
+
+from collections.abc import Callable, Generator
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.turbo.cascade.frame import CascadeDecoder
+from dvc.turbo.cascade.orders import prefix_parities
+from dvc.turbo.cascade.reconciliation import CascadeSettings
+from dvc.turbo.codes import CASCADE, NUM_ORDERS, TurboCode, family
+from dvc.turbo.decoder import TurboDecoder
+from dvc.turbo.encoder import encode_words
+from dvc.turbo.requests import Bits, ParityRequest
+from dvc.turbo.results import FrameCheck, PlaneCoroutine
+from dvc.turbo.slepian_wolf import SlepianWolfSettings, decode_plane
+
+Words = NDArray[np.uint64]
+ParityEncoder = Callable[[Words, Words], object]
+"""Writes the parity of up to 64 planes, bit p of each word that of plane p, to its second argument."""
+
+
+class PlaneDecoder(Protocol):
+    """Decodes the planes of one frame after another."""
+
+    def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int]) -> PlaneCoroutine:
+        """Decode a plane as a coroutine.
+
+        Parameters
+        ----------
+        llr_ch : ndarray of shape (N,), float
+            Side information as LLR log p(0) / p(1) of every bit.
+        place : tuple of two int
+            Numbers of the frame, and of the plane in it.
+        """
+
+    def check(self, frame: int) -> Generator[ParityRequest, Bits, FrameCheck]:
+        """Check the planes of a frame together, and correct those that are wrong, as a coroutine.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame.
+        """
+
+
+class TurboPlaneDecoder:
+    """Decodes planes with turbo codes, of which each plane is checked by itself.
+
+    Parameters
+    ----------
+    settings : SlepianWolfSettings
+        Request policy.
+    num_bits : int
+        Length N of the planes.
+    seed : int
+        Seed of the interleavers.
+    """
+
+    def __init__(self, settings: SlepianWolfSettings, num_bits: int, seed: int) -> None:
+        self._settings = settings
+        self._num_bits = num_bits
+        self._seed = seed
+        self._codes = family(settings.family)
+        self._decoders: dict[int, TurboDecoder] = {}
+
+    def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int]) -> PlaneCoroutine:
+        """Decode a plane as a coroutine: it yields requests and is sent the bits.
+
+        Parameters
+        ----------
+        llr_ch : ndarray of shape (N,), float
+            Side information as LLR log p(0) / p(1) of every bit.
+        place : tuple of two int
+            Numbers of the frame, and of the plane in it.
+
+        Returns
+        -------
+        generator
+            See `decode_plane`.
+        """
+        return decode_plane(llr_ch, self._decoder, self._settings, place)
+
+    def check(self, frame: int) -> Generator[ParityRequest, Bits, FrameCheck]:
+        """Do nothing.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame.
+
+        Yields
+        ------
+        ParityRequest
+            None.
+
+        Returns
+        -------
+        FrameCheck
+            Nothing was wrong or asked for.
+        """
+        yield from ()
+        return FrameCheck()
+
+    def _decoder(self, code: int) -> TurboDecoder:
+        if code not in self._decoders:
+            self._decoders[code] = TurboDecoder(self._codes[code], self._num_bits, self._seed)
+        return self._decoders[code]
+
+
+def plane_decoder(settings: SlepianWolfSettings, num_bits: int, seed: int) -> PlaneDecoder:
+    """Return a decoder of planes for the family that the settings name.
+
+    Parameters
+    ----------
+    settings : SlepianWolfSettings
+        Request policy; what is about turbo codes alone has no effect on other families.
+    num_bits : int
+        Length N of the planes.
+    seed : int
+        Seed that encoder and decoder share.
+
+    Returns
+    -------
+    PlaneDecoder
+        The decoder.
+    """
+    if settings.family != CASCADE:
+        return TurboPlaneDecoder(settings, num_bits, seed)
+    own = CascadeSettings(crc_bits=settings.crc_bits, max_prior_llr=settings.max_prior_llr)
+    return CascadeDecoder(own, num_bits, seed)
+
+
+def parity_encoders(name: str, seed: int) -> tuple[ParityEncoder, ...]:
+    """Return what computes the parity of each code of a family.
+
+    Parameters
+    ----------
+    name : str
+        Name of the family.
+    seed : int
+        Seed that encoder and decoder share.
+
+    Returns
+    -------
+    tuple of callable
+        One for each code, or order of the bits, by its number in requests.
+
+    Raises
+    ------
+    ValueError
+        If there is no such family.
+    """
+    if name == CASCADE:
+        return tuple(partial(_encode_order, order, seed) for order in range(NUM_ORDERS))
+    return tuple(partial(_encode_turbo, code, seed) for code in family(name))
+
+
+def _encode_order(order: int, seed: int, words: Words, released: Words) -> None:
+    prefix_parities(words, order, seed, released)
+
+
+def _encode_turbo(code: TurboCode, seed: int, words: Words, released: Words) -> None:
+    encode_words(words, code, seed, released)
