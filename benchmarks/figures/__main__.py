@@ -40,11 +40,12 @@ def measure(unit: Unit, setting: Setting) -> tuple[Row, bool]:
     Returns
     -------
     row : dict
-        As it stands in the document, with the code as it was before the measurement.
+        As it stands in the document, with the code as it was before the measurement; that is not known
+        where points of any version count.
     finished : bool
         False if the measurement failed.
     """
-    made_by = {"code": unit.digest, "machine": machine()}
+    made_by = {"code": None if setting.any_version else unit.digest, "machine": machine()}
     try:
         row = unit.figure.row(unit.clip, unit.figure.measure(setting, unit.clip or ""))
     except MissingClip as err:
@@ -125,6 +126,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--any-version", action="store_true", help="keep points that other versions of the code have measured"
     )
+    parser.add_argument(
+        "--points",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="read points from results of dvc-rd; can be repeated",
+    )
     parser.add_argument("--again", action="store_true", help="forget what an interrupted run has measured")
     parser.add_argument("--list", action="store_true", help="list the figures")
     parser.add_argument(
@@ -160,7 +169,14 @@ def _run(arguments: argparse.Namespace) -> int:
             print(f"{unit.figure.area:12}{unit.figure.name:28}{unit.clip or '':18}{unit.figure.asked}")
         return 0
     folder = RESULTS / "quick" if arguments.quick else RESULTS
-    setting = Setting(arguments.quick, arguments.frames, arguments.jobs, folder, arguments.any_version)
+    setting = Setting(
+        arguments.quick,
+        arguments.frames,
+        arguments.jobs,
+        folder,
+        arguments.any_version,
+        tuple(arguments.points),
+    )
     state = folder / "state.json"
     if arguments.again:
         state.unlink(missing_ok=True)

@@ -39,6 +39,8 @@ class Setting:
         For intermediate results.
     any_version : bool
         Keep points that other versions of the code have measured, after changes that leave streams alone.
+    points : tuple of Path
+        Experiments of `dvc-rd` whose points are read; others are measured.
     """
 
     quick: bool = False
@@ -46,6 +48,7 @@ class Setting:
     jobs: int = 1
     folder: Path = RESULTS
     any_version: bool = False
+    points: tuple[Path, ...] = ()
 
     def choose(self, full: int, quick: int) -> int:
         """Return one of two numbers.

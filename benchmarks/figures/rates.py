@@ -11,8 +11,9 @@ from dvc.metrics import BdResult, bd_rate
 from dvc.rd.curves import Curve, Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.point_result import PointResult
-from dvc.rd.points import Point
-from dvc.rd.results import read_results
+from dvc.rd.points import Point, Task
+from dvc.rd.provenance import code_version
+from dvc.rd.results import POINTS_FOLDER, finished, read_result
 from dvc.rd.sources import default_cache
 from dvc.rd.specification import Sweep, expand
 from dvc.rd.sweep import run_points
@@ -23,7 +24,7 @@ BALANCE_DB = 1.5
 
 
 def measured(setting: Setting, clip: str, points: Sequence[Point]) -> list[PointResult]:
-    """Measure points of one sequence; what is there already is kept.
+    """Read the points of one sequence; those that no folder has are measured.
 
     Parameters
     ----------
@@ -44,17 +45,26 @@ def measured(setting: Setting, clip: str, points: Sequence[Point]) -> list[Point
     DvcError
         If a point fails.
     """
-    clip_source(clip)
-    folder = setting.folder / "rd" / f"{clip}-{points[0].frames or 'all'}"
-    summary = run_points(points, folder, default_cache(), jobs=setting.jobs, any_version=setting.any_version)
-    if summary.failures:
-        raise DvcError("; ".join(f"{name}: {reason}" for name, reason in summary.failures))
-    wanted = {json.dumps(point.to_dict(), sort_keys=True) for point in points}
+    source = clip_source(clip)
+    own = setting.folder / "rd" / f"{clip}-{points[0].frames or 'all'}"
+    tasks = [Task(point, source, code_version()) for point in points]
+    places = [_place(setting, task) for task in tasks]
+    missing = [task.point for task, place in zip(tasks, places, strict=True) if place is None]
+    if missing:
+        summary = run_points(
+            missing, own, default_cache(), jobs=setting.jobs, any_version=setting.any_version
+        )
+        if summary.failures:
+            raise DvcError("; ".join(f"{name}: {reason}" for name, reason in summary.failures))
     return [
-        result
-        for result in read_results(folder)
-        if json.dumps(result.data["options"], sort_keys=True) in wanted
+        read_result((place or own) / POINTS_FOLDER / f"{task.name}.json")
+        for task, place in zip(tasks, places, strict=True)
     ]
+
+
+def _place(setting: Setting, task: Task) -> Path | None:
+    """Find an experiment of `dvc-rd` that has a point."""
+    return next((path for path in setting.points if finished(path, task, setting.any_version)), None)
 
 
 @cache

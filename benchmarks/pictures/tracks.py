@@ -5,8 +5,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.figures.harness import RESULTS, SCENES, STATIC_CLIPS, Setting
-from benchmarks.figures.tracks.limits import KEY_QPS, LOSSY_FRAMES, key_frames_by_index
+from benchmarks.figures.harness import RESULTS, SCENES, STATIC_CLIPS, Setting, clip_source
+from benchmarks.figures.tracks.limits import KEY_QPS, LOSSY_FRAMES
 from benchmarks.figures.tracks.prediction import (
     ReceivedGroup,
     frame_results,
@@ -44,6 +44,7 @@ from dvc import cli
 from dvc.files import atomic_output
 from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
+from dvc.video import open_video
 from dvc.wynerziv.transform import to_uint8
 from sfm.pipeline import reconstruct
 
@@ -68,6 +69,26 @@ PLOTTED = (
     (TE_DEPTH, 0, "-"),
 )
 """Ways of figure 5.11, each with its colour and style."""
+
+
+def key_frames_by_index(run: Run) -> dict[int, float]:
+    """Return the PSNR of the key frames around predicted frames.
+
+    Parameters
+    ----------
+    run : Run
+        Sequence and coding.
+
+    Returns
+    -------
+    dict of int to float
+        In dB by display position; infinite where they are lossless.
+    """
+    keys = {key.index: key.frame.luma for group in received_groups(run) for key in group.keys}
+    with open_video(clip_source(run.clip).path, num_frames=run.num_frames) as reader:
+        return {
+            index: psnr_db(frame.luma, keys[index]) for index, frame in enumerate(reader) if index in keys
+        }
 
 
 def _run(clip: str, way: Way, frames: int) -> Run:

@@ -144,9 +144,8 @@ def _label(result: PointResult) -> str:
     if result.data["codec"] in REFERENCE_LABELS:
         return REFERENCE_LABELS[result.data["codec"]]
     options = result.data["options"]
-    extra = [
-        name if value == "true" else f"{name} {value}" for name, value in sorted(options["options"].items())
-    ]
+    given = sorted(options["options"].items()) + sorted(options.get("decoder", {}).items())
+    extra = [name if value == "true" else f"{name} {value}" for name, value in given]
     if options.get("qp") is not None:
         extra.append("allocated")
     if (options.get("wz_q") or options.get("qp")) and options["key_qp"] not in ("auto", "lossless"):

@@ -46,6 +46,8 @@ class Point:
         Method that the decoder predicts with instead of what the stream names.
     qp : int or None
         Quality that sets key frames, steps and requests together, in place of a preset.
+    decoder : tuple of (str, str)
+        Further options of the decoder, as in `options`.
     """
 
     sequence: str
@@ -59,6 +61,7 @@ class Point:
     options: tuple[tuple[str, str], ...] = ()
     side_information: str | None = None
     qp: int | None = None
+    decoder: tuple[tuple[str, str], ...] = ()
 
     @property
     def has_wyner_ziv(self) -> bool:
@@ -83,9 +86,7 @@ class Point:
             words += ["--frames", str(self.frames)]
         if self.luma_only:
             words.append("--luma-only")
-        for name, value in self.options:
-            words += [f"--{name}"] if value == "true" else [f"--{name}", value]
-        return words
+        return words + _words(self.options)
 
     def decoder_options(self) -> list[str]:
         """Return the options of the decoder that make this point.
@@ -95,7 +96,8 @@ class Point:
         list of str
             Arguments of ``python -m decoder``.
         """
-        return [] if self.side_information is None else ["--side-information", self.side_information]
+        method = [] if self.side_information is None else ["--side-information", self.side_information]
+        return method + _words(self.decoder)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what makes the point, apart from the sequence, as JSON-safe values.
@@ -103,7 +105,7 @@ class Point:
         Returns
         -------
         dict
-            One entry per field; `side_information` and `qp` only where they are given.
+            One entry per field; `side_information`, `qp` and `decoder` only where they are given.
         """
         values = asdict(self)
         del values["sequence"]
@@ -111,7 +113,8 @@ class Point:
             if values[name] is None:
                 del values[name]
         values["options"] = dict(self.options)
-        return values
+        del values["decoder"]
+        return values | ({"decoder": dict(self.decoder)} if self.decoder else {})
 
 
 @dataclass(frozen=True)
@@ -170,6 +173,12 @@ def is_intra(codec: str) -> bool:
         True if it does.
     """
     return codec == INTRA or ANCHOR_CODECS[codec].structure == "intra"
+
+
+def _words(options: tuple[tuple[str, str], ...]) -> list[str]:
+    """Return options as arguments of a command."""
+    given = [[f"--{name}"] if value == "true" else [f"--{name}", value] for name, value in options]
+    return [word for words in given for word in words]
 
 
 def _plain(text: str) -> str:

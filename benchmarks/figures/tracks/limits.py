@@ -13,14 +13,13 @@ from benchmarks.figures.harness import (
     Figure,
     Measured,
     Setting,
-    clip_source,
     mean_over_clips,
 )
+from benchmarks.figures.tracks.points import quality
 from benchmarks.figures.tracks.prediction import mean_db, received_groups
 from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS, fixed_gop
 from benchmarks.figures.tracks.runs import TE_DEPTH, Run
 from dvc.metrics import psnr_db
-from dvc.video import open_video
 from dvc.wynerziv.transform import to_uint8
 
 PROTOTYPE_DB = {"tree": 27.4, "box": 33.4, "stone": 27.9}
@@ -165,26 +164,6 @@ def below_ceiling_mean(setting: Setting, clip: str) -> Measured:
     return mean_over_clips(setting, STATIC_CLIPS, gap, "{:.2f} dB", lambda mean: mean <= 4.0)
 
 
-def key_frames_by_index(run: Run) -> dict[int, float]:
-    """Return the PSNR of the key frames around predicted frames.
-
-    Parameters
-    ----------
-    run : Run
-        Sequence and coding.
-
-    Returns
-    -------
-    dict of int to float
-        In dB by display position; infinite where they are lossless.
-    """
-    keys = {key.index: key.frame.luma for group in received_groups(run) for key in group.keys}
-    with open_video(clip_source(run.clip).path, num_frames=run.num_frames) as reader:
-        return {
-            index: psnr_db(frame.luma, keys[index]) for index, frame in enumerate(reader) if index in keys
-        }
-
-
 def lossy_keys(setting: Setting, clip: str) -> Measured:
     """Coarsen the key frames, and compare what they and the side information lose.
 
@@ -192,9 +171,9 @@ def lossy_keys(setting: Setting, clip: str) -> Measured:
     """
     qps = KEY_QPS if not setting.quick else (KEY_QPS[0], KEY_QPS[-1])
     frames = setting.choose(min(setting.frames, LOSSY_FRAMES), QUICK_FRAMES)
-    runs = [Run(clip, TE_DEPTH, frames, fixed_gop(clip), qp, every=2) for qp in qps]
-    keys_db = [float(np.mean(list(key_frames_by_index(run).values()))) for run in runs]
-    found_db = [mean_db(run, setting.folder) for run in runs]
+    found = [quality(setting, Run(clip, TE_DEPTH, frames, fixed_gop(clip), qp)) for qp in qps]
+    keys_db = [one.key_db for one in found if one.key_db is not None]
+    found_db = [one.mean_db for one in found]
     lost_keys, lost = keys_db[0] - keys_db[-1], found_db[0] - found_db[-1]
     text = f"−{lost:.1f} dB ({_spaced(found_db)}), key frames −{lost_keys:.1f} dB ({_spaced(keys_db)}), "
     text = text.replace("−-", "+") + f"QP {qps[0]} to {qps[-1]}"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from benchmarks.figures.harness import SCENES, STATIC_CLIPS, Figure, Measured, Setting, mean_over_clips
-from benchmarks.figures.tracks.prediction import frame_results, mean_db
+from benchmarks.figures.tracks.points import Quality, quality
 from benchmarks.figures.tracks.runs import (
     BLOCK_MOTION,
     FAST_CLIPS,
@@ -32,8 +32,7 @@ class Comparison:
     baseline, other : Way
         The ways.
     adaptive : bool
-        Whether the tracks choose the key frames; otherwise they are at a fixed distance, and every second
-        frame of a group is predicted.
+        Whether the tracks choose the key frames; otherwise they are at a fixed distance.
     """
 
     baseline: Way
@@ -43,14 +42,13 @@ class Comparison:
     def runs(self, setting: Setting, clip: str) -> tuple[Run, Run]:
         """Return both runs on a clip."""
         frames = setting.choose(setting.frames, QUICK_FRAMES)
-        gop, every = (None, 1) if self.adaptive else (fixed_gop(clip), 2)
-        first, second = (Run(clip, way, frames, gop, every=every) for way in (self.baseline, self.other))
-        return first, second
+        gop = None if self.adaptive else fixed_gop(clip)
+        return Run(clip, self.baseline, frames, gop), Run(clip, self.other, frames, gop)
 
-    def measure(self, setting: Setting, clip: str) -> tuple[float, float]:
-        """Return the mean PSNR of both, in dB."""
-        first, second = (mean_db(run, setting.folder) for run in self.runs(setting, clip))
-        return first, second
+    def measure(self, setting: Setting, clip: str) -> tuple[Quality, Quality]:
+        """Return the side information of both."""
+        first, second = self.runs(setting, clip)
+        return quality(setting, first), quality(setting, second)
 
 
 TE_ADAPTIVE = Comparison(BLOCK_MOTION, TE_DEPTH, adaptive=True)
@@ -89,18 +87,17 @@ def gain(setting: Setting, clip: str, comparison: Comparison, least_db: float | 
     least_db : float or None
         Difference that is asked.
     """
-    first_db, second_db = comparison.measure(setting, clip)
-    results = frame_results(comparison.runs(setting, clip)[1], setting.folder)
-    served = sum(frame.success for frame in results)
-    text = f"{second_db - first_db:+.2f} dB ({first_db:.2f} → {second_db:.2f}"
-    text += ")" if served == len(results) else f"; the scene served {served} of {len(results)} frames)"
+    first, second = comparison.measure(setting, clip)
+    gained_db, served, count = second.mean_db - first.mean_db, second.num_served, second.num_frames
+    text = f"{gained_db:+.2f} dB ({first.mean_db:.2f} → {second.mean_db:.2f}"
+    text += ")" if served == count else f"; the scene served {served} of {count} frames)"
     values = {
-        "baseline_db": first_db,
-        "other_db": second_db,
+        "baseline_db": first.mean_db,
+        "other_db": second.mean_db,
         "num_served": served,
-        "num_frames": len(results),
+        "num_frames": count,
     }
-    return Measured(text, None if least_db is None else second_db - first_db >= least_db, values)
+    return Measured(text, None if least_db is None else gained_db >= least_db, values)
 
 
 def mean_gain(
@@ -123,7 +120,7 @@ def mean_gain(
 
     def difference(name: str) -> float:
         first, second = comparison.measure(setting, name)
-        return second - first
+        return second.mean_db - first.mean_db
 
     return mean_over_clips(
         setting,
@@ -135,14 +132,14 @@ def mean_gain(
 
 
 _TE_ADAPTIVE = "TE (depth) against our 2D, lossless keys that the tracks choose, all frames, mean PSNR"
-_TE_FIXED = "TE (depth) against our 2D, lossless keys, GOP 10 (stone 2), every second frame"
-_TD = "TD (depth) against our 2D, lossless keys, GOP 10 (stone 2), every second frame"
-_DEPTH = "depth against blocks, TE, lossless keys, GOP 10 (stone 2), every second frame"
+_TE_FIXED = "TE (depth) against our 2D, lossless keys, GOP 10 (stone 2)"
+_TD = "TD (depth) against our 2D, lossless keys, GOP 10 (stone 2)"
+_DEPTH = "depth against blocks, TE, lossless keys, GOP 10 (stone 2)"
 _BOTH = (
     "depths from two costs, in the order of rigid motions, against one from gradients, TE, lossless keys, "
 )
-_BOTH += "GOP 10 (stone 2), every second frame"
-_MESH = "mesh of the thesis against blocks, TE, lossless keys, GOP 10, every second frame"
+_BOTH += "GOP 10 (stone 2)"
+_MESH = "mesh of the thesis against blocks, TE, lossless keys, GOP 10"
 _NOT_BELOW = "no clip below 2D"
 _RIGID = (*STATIC_CLIPS, *SCENES)
 _WHOLE_PIXELS = Way("3d-te", "depth", subpixel_bits=0)
@@ -159,7 +156,7 @@ def _option_figures(name: str) -> tuple[Figure, Figure]:
     """Return the rows of an option: one per clip, and the mean."""
     what, baseline, other = _OPTIONS[name]
     comparison = Comparison(baseline, other)
-    title = f"{what}: PSNR of the side information, TE, lossless keys, GOP 10 (stone 2), every second frame"
+    title = f"{what}: PSNR of the side information, TE, lossless keys, GOP 10 (stone 2)"
     each = partial(gain, comparison=comparison, least_db=None)
     mean = partial(mean_gain, comparison=comparison, clips=_RIGID, least_db=0.0)
     return (

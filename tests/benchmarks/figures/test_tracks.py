@@ -1,14 +1,15 @@
 """Figures of tracked coding: the predictions behind them, and their curves."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.figures import definitions
+from benchmarks.figures import definitions, rates
 from benchmarks.figures.harness import Setting
-from benchmarks.figures.tracks import costs, curves, limits, prediction, quality, runs
-from benchmarks.figures.tracks.runs import BLOCK_MOTION, TD_DEPTH, TE_DEPTH, Run
+from benchmarks.figures.tracks import costs, curves, limits, points, prediction, quality, runs
+from benchmarks.figures.tracks.runs import BLOCK_MOTION, TD_DEPTH, TE_DEPTH, Run, Way
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.sources import Source, find_source
 from dvc.tracks import FeaturePoints, PointTracks
@@ -65,6 +66,39 @@ def test_results_are_kept(clip: Path, tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(prediction, "predictions", None)
     assert prediction.frame_results(run, tmp_path) == found
     assert prediction.mean_db(run, tmp_path) == np.mean([frame.psnr_db for frame in found])
+
+
+def test_points_have_what_is_predicted(clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Side information is the same in the file of a point, as decoded, as it is without coding."""
+    monkeypatch.chdir(clip.parent)
+    run = Run(clip.name, TE_DEPTH, FRAMES, FRAMES - 1)
+    setting = Setting(folder=tmp_path)
+    found = points.quality(setting, run)
+    assert found.key_db == 100
+    assert found.num_frames == FRAMES - 2
+    predicted = prediction.frame_results(run, tmp_path)
+    assert found.mean_db == pytest.approx(np.mean([frame.psnr_db for frame in predicted]), abs=0.01)
+    own = tmp_path / "rd" / f"{clip.name}-{FRAMES}"
+    elsewhere = replace(setting, folder=tmp_path / "empty", points=(own,))
+    monkeypatch.setattr(rates, "run_points", None)
+    assert points.quality(elsewhere, run) == found
+
+
+def test_points_are_told_what_a_way_is() -> None:
+    """Options that only a decoder knows are those of the point's decoder."""
+    way = Way("3d-te", "fused", track_corrections=True, path_regularity=0.03, subpixel_bits=0)
+    point = points.point_of(Run("box", way, 31, 10))
+    assert point.decoder_options() == [
+        *("--side-information", "fused", "--path-regularity", "0.03", "--track-corrections")
+    ]
+    assert point.encoder_options()[-12:-2] == [
+        *("--longest-track", "10000", "--lost-tracks", "1", "--min-gop", "10", "--references", "keys"),
+        *("--scene-change", "1"),
+    ]
+    assert point.to_dict()["decoder"] == {"path-regularity": "0.03", "track-corrections": "true"}
+    assert "decoder" not in replace(point, decoder=()).to_dict()
+    adaptive = points.point_of(Run("box", TE_DEPTH, 31))
+    assert (adaptive.gop, adaptive.options) == (runs.GOP["3d-te"], (("references", "keys"),))
 
 
 def _source(clip: Path) -> Source:
