@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import dvc
-from decoder.tasks import DecodedGroup
+from decoder.tasks import DecodedFrame, DecodedGroup
 from dvc.config import CodecConfig
 from dvc.errors import ConfigError, VideoError
 from dvc.metrics import psnr_db, psnr_of_mean_error_db
@@ -18,6 +18,10 @@ from dvc.video import Frame, VideoReader
 PSNR_CAP_DB = 100.0
 """PSNR that identical frames are given, so that means and JSON stay finite."""
 BIT_CLASSES = ("key", "tracks", "parity", "crc", "header")
+
+
+PLANE_CLASSES = {"dc": range(1), "ac_1_2": range(1, 3), "ac_3_5": range(3, 6), "ac_6_15": range(6, 16)}
+"""Bands whose planes are told of together, in zigzag order."""
 
 
 class DecodeReport:
@@ -80,6 +84,7 @@ class DecodeReport:
             row["num_requests"] = frame.num_requests
             row["num_failed_planes"] = frame.num_failed_planes
             row["num_left_planes"] = frame.num_left_planes
+            row["plane_bits"] = _by_class(frame)
             row["side_information"] = frame.method
             row["side_information_reason"] = frame.reason
             row["decode_s"] = round(frame.decode_s, 6)
@@ -140,6 +145,7 @@ class DecodeReport:
             "num_requests": sum(frame["num_requests"] for frame in wyner_ziv),
             "num_failed_planes": sum(frame["num_failed_planes"] for frame in wyner_ziv),
             "num_left_planes": sum(frame["num_left_planes"] for frame in wyner_ziv),
+            "plane_bits": _ratios([frame["plane_bits"] for frame in wyner_ziv]),
             "decode_s": round(sum(frame["decode_s"] for frame in wyner_ziv), 6),
             "version": dvc.__version__,
             "config": self._config.to_dict(),
@@ -168,3 +174,26 @@ def _mean(frames: list[dict[str, Any]], name: str) -> float | None:
 
 def _values(frames: list[dict[str, Any]], name: str) -> list[float]:
     return [frame[name] for frame in frames if frame[name] is not None]
+
+
+def _by_class(frame: DecodedFrame) -> dict[str, dict[str, float]]:
+    """Add up received and ideal bits of planes by class, and the bits of checks of the whole frame."""
+    classes: dict[str, dict[str, float]] = {}
+    for name, bands in PLANE_CLASSES.items():
+        costs = [cost for cost in frame.band_costs if cost.band in bands]
+        ideal = round(sum(cost.ideal_bits for cost in costs), 3)
+        classes[name] = {"bits": sum(cost.bits for cost in costs), "ideal_bits": ideal}
+    shared = frame.parity_bits + frame.crc_bits - sum(cost.bits for cost in frame.band_costs)
+    classes["frame_checks"] = {"bits": shared, "ideal_bits": 0.0}
+    return classes
+
+
+def _ratios(frames: list[dict[str, dict[str, float]]]) -> dict[str, dict[str, float | None]]:
+    """Add up received and ideal bits over frames, and divide the first by the second."""
+    totals: dict[str, dict[str, float | None]] = {}
+    for name in (*PLANE_CLASSES, "frame_checks", "all"):
+        chosen = [cost for frame in frames for own, cost in frame.items() if name in (own, "all")]
+        bits, ideal = (sum(cost[entry] for cost in chosen) for entry in ("bits", "ideal_bits"))
+        ratio = round(bits / ideal, 4) if ideal else None
+        totals[name] = {"bits": bits, "ideal_bits": round(ideal, 3), "ratio": ratio}
+    return totals

@@ -44,10 +44,28 @@ def decode_stream(
             "a punctured stream of format version 1 with 3D side information decodes only on processors like"
             " that it was made with; decode the buffered stream, or encode the video again"
         )
-    return decode_groups(_tasks(config, reader, frames), jobs)
+    return decode_groups(stream_tasks(config, reader, frames), jobs)
 
 
-def _tasks(config: CodecConfig, reader: StreamReader, frames: range | None) -> Iterator[GroupTask]:
+def stream_tasks(
+    config: CodecConfig, reader: StreamReader, frames: range | None = None
+) -> Iterator[GroupTask]:
+    """Read a stream group by group, and decode its key frames.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        The stream's configuration, or that with the decoder's own choice of side information.
+    reader : StreamReader
+        The stream.
+    frames : range, optional
+        Display positions of the frames that are wanted, all by default; other groups are skipped.
+
+    Yields
+    ------
+    GroupTask
+        What may be decoded anywhere.
+    """
     first_group = first_index = 0
     if frames is not None:
         first_group = max(reader.index.gop_of(frames.start) - 1, 0)  # for its key frame

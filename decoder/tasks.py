@@ -46,6 +46,25 @@ class GroupTask:
 
 
 @dataclass(frozen=True)
+class BandCost:
+    """What the decoded planes of a band of one frame cost.
+
+    Attributes
+    ----------
+    band : int
+        Number of the band in zigzag order.
+    ideal_bits : float
+        Ideal code length of their bits under the decoder's own prior probabilities.
+    bits : int
+        All bits received for them; not those of a check of the whole frame.
+    """
+
+    band: int
+    ideal_bits: float
+    bits: int
+
+
+@dataclass(frozen=True)
 class DecodedFrame:
     """One decoded Wyner-Ziv frame, what it cost, and the payload that was really needed.
 
@@ -69,6 +88,8 @@ class DecodedFrame:
         Planes that could not be verified.
     num_left_planes : int
         Planes that were not asked for, since they would not have paid.
+    band_costs : tuple of BandCost
+        Cost of each band of which planes were asked for.
     punctured : bytes
         Payload of the punctured form.
     decode_s : float
@@ -86,6 +107,7 @@ class DecodedFrame:
     parity_bits: int
     num_failed_planes: int
     num_left_planes: int
+    band_costs: tuple[BandCost, ...] = ()
     punctured: bytes = b""
     decode_s: float = 0.0
 

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter
 
 from decoder.side_information.protocol import Prediction
 from decoder.side_information.weighting import fuse
-from decoder.tasks import DecodedFrame
+from decoder.tasks import BandCost, DecodedFrame
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
@@ -156,6 +156,11 @@ def _disagreement(prediction: Prediction) -> Array:
     return 0.5 * difference
 
 
+def _cost(band: int, results: list[turbo.PlaneResult]) -> BandCost:
+    ideal_bits = sum(result.ideal_bits for result in results)
+    return BandCost(band, ideal_bits, sum(result.parity_bits + result.crc_bits for result in results))
+
+
 def _pays(
     prefix: NDArray[np.int64], missing: int, edges: Array, predicted: Array, scale: Array, slope: float
 ) -> bool:
@@ -240,6 +245,7 @@ class WynerZivDecoder:
             parity_bits=sum(result.parity_bits for result in results),
             num_failed_planes=sum(not result.success for result in results) + (not check.success),
             num_left_planes=quantization.num_planes - len(results),
+            band_costs=tuple(_cost(band, planes) for band, planes in decoded.items() if planes),
         )
 
     def _decode_band(

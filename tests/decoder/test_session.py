@@ -193,6 +193,10 @@ def test_report_accounts_for_every_bit(groups: list[DecodedGroup], frames: list[
     for group in groups:
         report.add(group)
     totals = report.to_dict(stream_bytes=1000)
+    planes = totals["plane_bits"]
+    assert planes["all"]["bits"] == totals["bits"]["parity"] + totals["bits"]["crc"]
+    assert planes["all"]["bits"] == sum(planes[name]["bits"] for name in planes if name != "all")
+    assert planes["dc"]["ratio"] == round(planes["dc"]["bits"] / planes["dc"]["ideal_bits"], 4) > 1
     rows = totals["per_frame"]
     assert [row["index"] for row in rows] == list(range(6))
     assert [row["type"] for row in rows] == ["key", "wz", "wz", "key", "wz", "key"]

@@ -74,6 +74,13 @@ def test_every_bin_is_decoded(original: Frame, q: int, family: str) -> None:
     wanted, got = (bins_of(quantization, luma) for luma in (original.luma, decoded.frame.luma))
     same = np.mean([np.mean(a == b) for a, b in zip(wanted, got, strict=True)])
     assert same > 0.9  # rounding to whole samples moves a few coefficients across a border
+    paid = sum(cost.bits for cost in decoded.band_costs)
+    ideal = sum(cost.ideal_bits for cost in decoded.band_costs)
+    assert [cost.band for cost in decoded.band_costs] == [
+        band for band, planes in enumerate(config.wyner_ziv.max_planes) if planes
+    ]
+    assert 0 < ideal < paid <= decoded.parity_bits + decoded.crc_bits
+    assert (paid == decoded.parity_bits + decoded.crc_bits) == (family != "cascade")
 
 
 @pytest.mark.parametrize("noise", [0.5, 3.0, 10.0])

@@ -1,0 +1,276 @@
+"""Bit planes with their side information, recorded from real decoding, and what codes need for them.
+
+``python -m benchmarks.recorded_planes record STREAM.dvc PLANES.npz`` decodes a buffered stream and keeps its
+planes; ``python -m benchmarks.recorded_planes judge cascade PLANES.npz ...`` codes them again and prints all
+bits over their ideal code length, by class: the planes, and so the ideal, are the same for any code.
+"""
+
+import argparse
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.group import GroupDecoder
+from decoder.report import PLANE_CLASSES
+from decoder.session import stream_tasks
+from decoder.wyner_ziv import REQUESTS
+from dvc import turbo
+from dvc.config import TURBO_FAMILIES
+from dvc.stream import Form, StreamReader
+from dvc.turbo.results import PlaneCoroutine
+from dvc.wynerziv.layout import FrameLayout
+
+Bits = NDArray[np.uint8]
+SEED = 1
+
+
+@dataclass
+class _Recorder:
+    """Decodes planes as another decoder does, and keeps them."""
+
+    inner: turbo.PlaneDecoder
+    planes: dict[tuple[int, int], tuple[NDArray[np.float32], Bits]] = field(default_factory=dict)
+
+    def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int]) -> PlaneCoroutine:
+        result = yield from self.inner.decode(llr_ch, place)
+        self.planes[place] = np.asarray(llr_ch, np.float32), result.bits
+        return result
+
+    def check(self, frame: int) -> Any:
+        check = yield from self.inner.check(frame)
+        for plane, result in check.corrected.items():
+            self.planes[frame, plane] = self.planes[frame, plane][0], result.bits
+        return check
+
+
+@contextmanager
+def _recording() -> Iterator[list[_Recorder]]:
+    """Let all decoders of planes that are made keep what they decode."""
+    made: list[_Recorder] = []
+    original = turbo.plane_decoder
+
+    def _make(settings: turbo.SlepianWolfSettings, num_bits: int, seed: int) -> _Recorder:
+        made.append(_Recorder(original(settings, num_bits, seed)))
+        return made[-1]
+
+    turbo.plane_decoder = _make
+    try:
+        yield made
+    finally:
+        turbo.plane_decoder = original
+
+
+def _no_encoder(request: turbo.ParityRequest) -> Bits:
+    raise ValueError(f"a stream answers for itself, asked for {request}")
+
+
+def record(stream: Path, output: Path) -> int:
+    """Decode a buffered stream and keep its bit planes.
+
+    Parameters
+    ----------
+    stream : Path
+        The stream.
+    output : Path
+        File to write (.npz): `places` (P, 2), the frame and the plane in it; `bands` (P,); `llr` (P, N) and
+        `bits` (P, N).
+
+    Returns
+    -------
+    int
+        Number of planes P.
+
+    Raises
+    ------
+    ValueError
+        If the stream is punctured.
+    """
+    bands: dict[tuple[int, int], int] = {}
+    with StreamReader(stream) as reader, _recording() as recorders:
+        if reader.form is not Form.BUFFERED:
+            raise ValueError(f"`stream` must be buffered, got {stream}")
+        decoder, layout = GroupDecoder(reader.config), FrameLayout.of(reader.config)
+        for task in stream_tasks(reader.config, reader):
+            decoder.decode(task, _no_encoder)
+            for index, payload in enumerate(task.record.wyner_ziv, task.first_index):
+                planes = layout.read_header(payload).planes
+                names = [band for band, count in enumerate(planes) for _ in range(count)]
+                bands |= {(index, plane): band for plane, band in enumerate(names)}
+    found = {place: plane for recorder in recorders for place, plane in recorder.planes.items()}
+    llr, bits = zip(*found.values(), strict=True)
+    places = list(found)
+    np.savez_compressed(
+        output,
+        places=places,
+        bands=[bands[place] for place in places],
+        llr=np.stack(llr),
+        bits=np.stack(bits),
+    )
+    return len(found)
+
+
+class FrameSource:
+    """Answers requests for the planes of one frame, as an encoder does.
+
+    Parameters
+    ----------
+    planes : dict of int to ndarray of shape (N,), uint8
+        Planes by their numbers.
+    family : str
+        Family of codes.
+    """
+
+    def __init__(self, planes: dict[int, Bits], family: str) -> None:
+        self._planes = planes
+        self._encoders = turbo.parity_encoders(family, SEED)
+        self._parity: dict[tuple[int, int], Bits] = {}
+
+    def answer(self, request: turbo.ParityRequest) -> Bits:
+        """Return the bits that a request asks for.
+
+        Parameters
+        ----------
+        request : ParityRequest
+            Bits wanted.
+
+        Returns
+        -------
+        ndarray of shape (count,), uint8
+            The bits.
+        """
+        crc_bits = REQUESTS.crc_bits
+        if request.kind == "joint":
+            checks = [turbo.crc(self._planes[plane], crc_bits) for plane in request.positions]
+            return turbo.joint_check(np.stack(checks))[: request.count]
+        bits = self._planes[request.plane]
+        if request.kind == "crc":
+            bits = turbo.crc(bits, crc_bits)
+        elif request.kind == "parity":
+            bits = self._parity_of(request.plane, request.code)
+        if request.positions:
+            return bits[list(request.positions)]
+        return bits[request.start : request.start + request.count]
+
+    def _parity_of(self, plane: int, code: int) -> Bits:
+        if (plane, code) not in self._parity:
+            words = self._planes[plane].astype(np.uint64)
+            released = np.empty_like(words)
+            self._encoders[code](words, released)
+            self._parity[plane, code] = (released & np.uint64(1)).astype(np.uint8)
+        return self._parity[plane, code]
+
+
+@dataclass
+class Judgement:
+    """What a family of codes needed for recorded planes."""
+
+    ideal_bits: dict[str, float] = field(default_factory=lambda: dict.fromkeys(PLANE_CLASSES, 0.0))
+    bits: dict[str, float] = field(default_factory=lambda: dict.fromkeys(PLANE_CLASSES, 0.0))
+    num_planes: int = 0
+    num_wrong: int = 0
+    num_requests: int = 0
+    cpu_s: float = 0.0
+
+    def ratio(self, *classes: str) -> float | None:
+        """Return all bits over ideal code length.
+
+        Parameters
+        ----------
+        *classes : str
+            Classes of planes.
+
+        Returns
+        -------
+        float or None
+            The ratio; None where there are no such planes.
+        """
+        ideal = sum(self.ideal_bits[name] for name in classes)
+        return sum(self.bits[name] for name in classes) / ideal if ideal else None
+
+
+def judge(recordings: list[Path], family: str) -> Judgement:
+    """Code recorded planes, frame by frame.
+
+    Parameters
+    ----------
+    recordings : list of Path
+        What `record` wrote.
+    family : str
+        Family of codes.
+
+    Returns
+    -------
+    Judgement
+        What it cost; bits of a check of a whole frame are shared among its planes, processor time is that of
+        the decoder and of the encoder's answers.
+    """
+    judgement = Judgement()
+    for path in recordings:
+        with np.load(path) as arrays:
+            places, bands, llr, bits = (arrays[name] for name in ("places", "bands", "llr", "bits"))
+        decoder = turbo.plane_decoder(replace(REQUESTS, family=family), bits.shape[1], SEED)
+        for frame in dict.fromkeys(places[:, 0].tolist()):
+            rows = np.flatnonzero(places[:, 0] == frame).tolist()
+            numbers = places[rows, 1].tolist()
+            planes = dict(zip(numbers, bits[rows], strict=True))
+            _judge_frame(judgement, decoder, planes, dict(zip(numbers, llr[rows], strict=True)),
+                         dict(zip(numbers, bands[rows].tolist(), strict=True)), family)  # fmt: skip
+    return judgement
+
+
+def _judge_frame(
+    judgement: Judgement,
+    decoder: turbo.PlaneDecoder,
+    planes: dict[int, Bits],
+    llr: dict[int, NDArray[np.float32]],
+    bands: dict[int, int],
+    family: str,
+) -> None:
+    source = FrameSource(planes, family)
+    started = time.process_time()
+    results = {plane: turbo.drive(decoder.decode(llr[plane], (0, plane)), source.answer) for plane in planes}
+    check = turbo.drive(decoder.check(0), source.answer)
+    judgement.cpu_s += time.process_time() - started
+    results |= check.corrected
+    for plane, result in results.items():
+        (name,) = (name for name, own in PLANE_CLASSES.items() if bands[plane] in own)
+        judgement.ideal_bits[name] += result.ideal_bits
+        judgement.bits[name] += result.parity_bits + result.crc_bits + check.crc_bits / len(planes)
+        judgement.num_requests += result.num_requests
+        judgement.num_wrong += not np.array_equal(result.bits, planes[plane])
+    judgement.num_requests += check.num_requests
+    judgement.num_planes += len(planes)
+
+
+def main() -> None:
+    """Run the command that this module's first lines describe."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
+    commands = parser.add_subparsers(dest="command", required=True)
+    recording = commands.add_parser("record")
+    recording.add_argument("stream", type=Path)
+    recording.add_argument("output", type=Path)
+    judging = commands.add_parser("judge")
+    judging.add_argument("family", choices=TURBO_FAMILIES)
+    judging.add_argument("recordings", type=Path, nargs="+")
+    arguments = parser.parse_args()
+    if arguments.command == "record":
+        print(f"{record(arguments.stream, arguments.output)} planes")
+        return
+    found = judge(arguments.recordings, arguments.family)
+    for name in PLANE_CLASSES:
+        ratio = found.ratio(name)
+        print(f"{name:9} {'-' if ratio is None else f'{ratio:.3f}'}  {found.ideal_bits[name]:.0f} ideal bits")
+    print(f"all       {found.ratio(*PLANE_CLASSES):.3f}")
+    each = found.num_planes
+    print(f"{each} planes, {found.num_wrong} wrong; per plane {found.num_requests / each:.1f} requests,"
+          f" {1e3 * found.cpu_s / each:.1f} ms")  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
