@@ -61,7 +61,7 @@ MODULES: tuple[ModuleType, ...] = (
     emulation,
 )
 AREAS_BY_FRAMES = ("rd", "tracks")
-ROWS_BY_FRAMES = frozenset(figure.name for figure in anchor_rates.FIGURES)
+ROWS_BY_FRAMES = frozenset(figure.name for figure in anchor_rates.FIGURES) | {"blind", "blind-mean"}
 """What depends on the number of frames of CIF clips."""
 
 

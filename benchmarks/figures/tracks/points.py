@@ -7,6 +7,7 @@ from benchmarks.figures import rates as rd_figures
 from benchmarks.figures.harness import Setting
 from benchmarks.figures.tracks.prediction import frame_results
 from benchmarks.figures.tracks.runs import BLOCK_MOTION, GOP, Run, Way
+from dvc.rd.point_result import PointResult
 from dvc.rd.points import Point
 
 QUANTISER = 1
@@ -50,10 +51,9 @@ def point_of(run: Run) -> Point:
         The point.
     """
     way, codec = run.way, run.coding
-    options: list[tuple[str, str]] = []
-    if codec == "3d-te":
-        options.append(("references", "keys"))
-        options += [] if run.gop is None else [("min-gop", str(run.gop)), *_SELDOM]
+    options = [("references", "keys")]
+    if codec == "3d-te" and run.gop is not None:
+        options += [("min-gop", str(run.gop)), *_SELDOM]
     if way.subpixel_bits is not None:
         options.append(("subpixel", str(way.subpixel_bits)))
     return Point(
@@ -95,6 +95,22 @@ def quality(setting: Setting, run: Run) -> Quality:
         predicted_db = sum(frame.psnr_db for frame in frames) / len(frames)
         return Quality(predicted_db, None, sum(frame.success for frame in frames), len(frames))
     [result] = rd_figures.measured(setting, run.clip, [point_of(run)])
+    return side_information_quality(result)
+
+
+def side_information_quality(result: PointResult) -> Quality:
+    """Return the side information of a point, before decoding refines it.
+
+    Parameters
+    ----------
+    result : PointResult
+        With key frames as its only references.
+
+    Returns
+    -------
+    Quality
+        As decoded.
+    """
     rows = [row for row in result.frame_rows if row["type"] == "wz"]
     served = [row for row in rows if row["side_information"] != BLOCK_MOTION.method]
     mean_db, key_db = result.total("si_psnr_y_db"), result.total("key_psnr_y_db")

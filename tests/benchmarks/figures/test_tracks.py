@@ -157,3 +157,10 @@ def test_operations_of_the_tracker_are_few(clip: Path, monkeypatch: pytest.Monke
     measured = costs.operations(Setting(quick=True), "clip")
     shares = dict(measured.values["share_by_reach_px"])
     assert 0 < shares[16] < shares[7] < 0.5
+
+
+def test_points_of_corners_are_predicted_from_key_frames() -> None:
+    """Points of 3d-td have their key frames at a fixed distance, and no other references."""
+    point = points.point_of(Run("box", TD_DEPTH, 31, 10))
+    assert (point.codec, point.gop, point.options) == ("3d-td", 10, (("references", "keys"),))
+    assert parser().parse_args(["in", "out", *point.encoder_options()]).references == "keys"
