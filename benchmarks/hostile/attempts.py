@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.hostile.depth_images import try_depth_images
+from benchmarks.hostile.layered_pieces import try_pieces
 from benchmarks.hostile.material import Luma, decode_live, decoded_groups, material, serve, tracked_material
 from benchmarks.hostile.mutations import mutate, mutate_record, mutate_tracks, record_spans
 from benchmarks.hostile.pictures import try_pictures
@@ -144,6 +145,7 @@ def kinds() -> dict[str, Callable[[int], str]]:
         "to-encoder": _try_encoder,
         "pictures": try_pictures,
         "depth-images": try_depth_images,
+        "layers": try_pieces,
     }
 
 

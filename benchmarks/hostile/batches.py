@@ -27,7 +27,8 @@ GEOMETRY = ("tracks", "points")
 MESSAGES = ("to-decoder", "to-encoder")
 PICTURES = ("pictures",)
 DEPTH_IMAGES = ("depth-images",)
-KINDS = (*STREAMS, *GEOMETRY, *MESSAGES, *PICTURES, *DEPTH_IMAGES)
+LAYERS = ("layers",)
+KINDS = (*STREAMS, *GEOMETRY, *MESSAGES, *PICTURES, *DEPTH_IMAGES, *LAYERS)
 
 
 @contextmanager

@@ -7,8 +7,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from benchmarks.hostile import attempts, batches, depth_images, material, mutations, pictures
+from benchmarks.hostile import (
+    attempts,
+    batches,
+    depth_images,
+    layered_pieces,
+    material,
+    mutations,
+    pictures,
+)
 from dvc.dibr.depth_image.stream import decode_stream as decode_depth_image
+from dvc.dibr.layered.stream import decode_stream as decode_pieces
 from dvc.dibr.stream.layers import decode_stream
 from dvc.errors import BitstreamError
 from dvc.stream import RecordType, StreamReader
@@ -64,6 +73,18 @@ def test_mended_depth_images_pass_their_checksums() -> None:
             damaged = depth_images.mutate_depth_image(stream, np.random.default_rng(seed))
             num_whole += decode_depth_image(damaged).damage is None
     assert num_whole > 20
+
+
+def test_mended_pieces_pass_their_checksums() -> None:
+    """Damage of layers and sprites with mended lengths and checksums reaches the decoders behind them."""
+    num_whole = 0
+    for number, stream in enumerate(layered_pieces.good_streams()):
+        assert decode_pieces(stream).damage is None
+        for seed in range(20):
+            with suppress(BitstreamError):
+                damaged = layered_pieces.mutate_pieces(stream, np.random.default_rng((number, seed)))
+                num_whole += decode_pieces(damaged).damage is None
+    assert num_whole > 30
 
 
 def test_mutations_depend_on_their_number_alone() -> None:

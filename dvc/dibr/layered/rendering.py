@@ -15,12 +15,13 @@ from dvc.multiview.sampling import sample
 from dvc.multiview.view_synthesis import PictureWithDepth, SynthesisedView, drawn_depth
 from dvc.multiview.viewpoints import Viewpoint, lattice_warp
 from dvc.multiview.warping import inverse_warp, warp_grid
+from dvc.stereo.layers.canvas import Frame
 from dvc.stereo.layers.sprites import Sprite
 
 Floats = NDArray[np.float64]
 
 _MARGIN = 1
-"""Pixels around a piece, in which the outer halves of its pixels are drawn."""
+"""Pixels around a piece, in which the outer halves of its pixels are drawn: others may begin there."""
 
 
 def render(decoded: DecodedPieces, viewpoint: Viewpoint) -> SynthesisedView:
@@ -104,7 +105,8 @@ def draw_pieces(scene: Pieces, viewpoint: LatticePosition) -> DrawnPieces:
     for number, piece in enumerate(scene.pieces):
         if not piece.mask.any():
             continue
-        source = _source(piece, viewpoint, (frame.left, frame.top), resolution)
+        margin = 0 if _fills(piece, frame) else _MARGIN
+        source = _source(piece, viewpoint, (frame.left, frame.top), resolution, margin)
         depth = drawn_depth(source, shape)
         rows, columns = np.nonzero(depth > nearest)
         nearest[rows, columns] = depth[rows, columns]
@@ -113,7 +115,7 @@ def draw_pieces(scene: Pieces, viewpoint: LatticePosition) -> DrawnPieces:
         for channel in range(3):
             plane = np.ascontiguousarray(source.image[..., channel])
             image[rows, columns, channel] = sample(plane, chosen)[0]
-        found = np.rint(chosen[0, :, 1::-1].T).astype(np.int64) - _MARGIN
+        found = np.rint(chosen[0, :, 1::-1].T).astype(np.int64) - margin
         height, width = piece.mask.shape
         shown[0, rows, columns] = number
         shown[1, rows, columns] = np.clip(found[0], 0, height - 1)
@@ -141,14 +143,22 @@ def filled(drawn: DrawnPieces, viewpoint: LatticePosition) -> SynthesisedView:
     return SynthesisedView(filled, inverse_depth, drawn.inverse_depth > EMPTY)
 
 
+def _fills(piece: Sprite, frame: Frame) -> bool:
+    """Whether a piece is a picture of all of the frame or more, and drawn like one: it ends where it ends."""
+    height, width = piece.mask.shape
+    across = piece.left <= frame.left and piece.left + width >= frame.left + frame.width
+    down = piece.top <= frame.top and piece.top + height >= frame.top + frame.height
+    return across and down and bool(piece.mask.all())
+
+
 def _source(
-    piece: Sprite, viewpoint: LatticePosition, origin: tuple[int, int], resolution: float
+    piece: Sprite, viewpoint: LatticePosition, origin: tuple[int, int], resolution: float, margin: int
 ) -> PictureWithDepth:
     """A piece with a margin, and the warp from there to the wanted view."""
-    around = ((_MARGIN, _MARGIN), (_MARGIN, _MARGIN))
+    around = ((margin, margin), (margin, margin))
     mask = np.pad(piece.mask, around)
     picture = continued(np.pad(piece.colour, (*around, (0, 0))), mask)
     disparity = np.pad(piece.disparity.astype(np.float64), around)
     warp = lattice_warp(LatticePosition(0.0, 0.0), viewpoint)
-    warp[:2, 2] += piece.left - origin[0] - _MARGIN, piece.top - origin[1] - _MARGIN
+    warp[:2, 2] += piece.left - origin[0] - margin, piece.top - origin[1] - margin
     return PictureWithDepth(picture, np.where(mask, disparity, EMPTY), warp, resolution)

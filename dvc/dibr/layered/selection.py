@@ -1,9 +1,11 @@
 """Layers and sprites of the values that pay, for streams of a given length.
 
 Scenes are coded, decoded and looked at from views that stand for all that a viewer can take: first the
-reference view with its disparities alone, which costs least; then with what pays at the slope of its picture
-and at steeper and flatter ones, as long as views become better; last all values as they are, if their masks
-leave enough to the rest. The best one is written, so it is never worse than the picture with its map.
+reference view with its disparities alone, which costs least, as they are and rounded to the labels that were
+tried, as means of what cameras have voted for cost more; then, with the better ones of these, what pays at
+the slope of its picture and at steeper and flatter ones, as long as views become better; last all values as
+they are, if their masks leave enough to the rest. The best one is written, so it is never worse than the
+picture with its map.
 """
 
 from collections.abc import Callable
@@ -16,9 +18,17 @@ from dvc.dibr.codec.views import luma
 from dvc.dibr.layered import encoder
 from dvc.dibr.layered.decoder import decode
 from dvc.dibr.layered.encoder import EncodedPieces, LayeredOptions
-from dvc.dibr.layered.pieces import Pieces
+from dvc.dibr.layered.pieces import Kind, Pieces
 from dvc.dibr.layered.simplification import Price, Simplified, alone, simplify
-from dvc.dibr.layered.stack import Floats, luma_from, stack_of, viewpoints_of, worth_of
+from dvc.dibr.layered.stack import (
+    Floats,
+    Stack,
+    luma_from,
+    rounded_to_labels,
+    stack_of,
+    viewpoints_of,
+    worth_of,
+)
 from dvc.dibr.layered.stream import decode_stream
 from dvc.errors import ConfigError
 from dvc.multiview.camera_array import LatticePosition
@@ -83,14 +93,14 @@ def encode_best(
         advance(MOST_TRIALS)
         return SelectedPieces(encoder.encode_to_size(scene, max_bytes, chosen), scene, 0.0)
     trials = _Trials(scene, max_bytes, chosen, advance)
-    stack = stack_of(scene)
-    reference = Simplified(alone(stack, scene.kind), (1.0,))
-    found = trials.of(reference)
-    worth = worth_of(stack, reference.scene, trials.viewpoints)
+    stack, found = _reference(trials, stack_of(scene), scene.kind)
+    worth = worth_of(stack, found.scene, trials.viewpoints)
     price = _price(found)
 
     def _at(factor: float) -> SelectedPieces:
         simplified = simplify(stack, scene.kind, worth, price._replace(slope=factor * price.slope))
+        if simplified.scene.num_values == found.scene.num_values:  # nothing pays
+            return found
         try:
             return trials.of(simplified)
         except ConfigError:  # does not fit
@@ -134,6 +144,17 @@ class _Trials:
             for place, view in zip(self.viewpoints, self._views, strict=True)
         ]
         return SelectedPieces(encoded, simplified.scene, float(np.mean(errors)))
+
+
+def _reference(trials: _Trials, stack: Stack, kind: Kind) -> tuple[Stack, SelectedPieces]:
+    """The reference view with its disparities, and all values with disparities like those."""
+    found = stack, trials.of(Simplified(alone(stack, kind), (1.0,)))
+    rounded = rounded_to_labels(stack)
+    if not np.array_equal(rounded.disparity, stack.disparity):
+        other = trials.of(Simplified(alone(rounded, kind), (1.0,)))
+        if other.squared_error < found[1].squared_error:
+            return rounded, other
+    return found
 
 
 def _price(coded: SelectedPieces) -> Price:

@@ -99,6 +99,24 @@ def stack_of(scene: Pieces) -> Stack:
     )
 
 
+def rounded_to_labels(stack: Stack) -> Stack:
+    """Round disparities to those that were tried.
+
+    Parameters
+    ----------
+    stack : Stack
+        The values.
+
+    Returns
+    -------
+    Stack
+        The same with labels.
+    """
+    lowest, step, _ = stack.canvas.labels
+    labels = lowest + step * np.rint((stack.disparity.astype(np.float64) - lowest) / step)
+    return stack._replace(disparity=np.where(stack.occupied, labels, 0.0).astype(np.float32))
+
+
 def viewpoints_of(scene: Pieces) -> list[LatticePosition]:
     """Return views that stand for all from which a scene may be looked at.
 

@@ -9,6 +9,8 @@ from dvc.dibr.codec.decoder import PictureAndDisparity
 from dvc.dibr.codec.rendering import picture_of, render_pairs
 from dvc.dibr.layered.decoder import DecodedPieces
 from dvc.dibr.layered.rendering import render, render_pieces
+from dvc.dibr.layered.simplification import alone
+from dvc.dibr.layered.stack import stack_of
 from dvc.multiview.camera_array import LatticePosition
 from dvc.stereo.surfaces.surface import Reconstruction
 from tests.dibr.layered.scenes import plane_layers, plane_sprites
@@ -33,6 +35,18 @@ def test_the_reference_view_comes_back(name: str) -> None:
     assert view.drawn.all()
     reference = reconstruction().array[reconstruction().array.reference].image
     np.testing.assert_array_equal(picture_of(view), reference)
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0), (0.5, 0.0), (-1.0, 0.25), (0.3, 1.0)])
+def test_a_piece_that_is_all_of_the_frame_is_drawn_like_a_picture(position: tuple[float, float]) -> None:
+    scene = SCENES["layers"]
+    front = alone(stack_of(scene), scene.kind)
+    (piece,) = front.pieces
+    pair = PictureAndDisparity(piece.colour, piece.disparity.astype(float), LatticePosition(0.0, 0.0))
+    view = render_pieces(front, LatticePosition(*position))
+    expected = render_pairs([pair], LatticePosition(*position), scene.canvas.resolution)
+    np.testing.assert_array_equal(view.drawn, expected.drawn)
+    np.testing.assert_allclose(view.image, expected.image, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", SCENES)

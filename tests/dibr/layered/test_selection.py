@@ -1,17 +1,32 @@
 """Scenes of what pays: never worse than the reference view alone, all of it at high rates."""
 
 import contextlib
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from dvc.dibr.codec.rendering import picture_of, render
+from dvc.dibr.codec.views import luma
+from dvc.dibr.depth_image.decoder import decode as decode_image
+from dvc.dibr.depth_image.depth_scale import DepthScale
+from dvc.dibr.depth_image.encoder import DepthImage
+from dvc.dibr.depth_image.encoder import encode_to_size as encode_image
 from dvc.dibr.layered.decoder import decode
 from dvc.dibr.layered.encoder import encode_to_size
 from dvc.dibr.layered.pieces import Kind, Pieces, layers_of
+from dvc.dibr.layered.rendering import render_pieces
 from dvc.dibr.layered.selection import MOST_TRIALS, SelectedPieces, encode_best
 from dvc.dibr.layered.simplification import Price, alone, simplify
-from dvc.dibr.layered.stack import Stack, luma_from, stack_of, viewpoints_of, worth_of
+from dvc.dibr.layered.stack import (
+    Stack,
+    luma_from,
+    rounded_to_labels,
+    stack_of,
+    viewpoints_of,
+    worth_of,
+)
 from dvc.dibr.layered.stream import decode_stream
 from dvc.errors import ConfigError
 from tests.dibr.layered.scenes import canvas_of, odd_sprites, plane_layers, plane_sprites, sprite_of
@@ -45,6 +60,42 @@ def test_views_are_never_worse_than_those_of_the_picture_with_its_map(name: str)
         assert errors[-1] <= views_mse(encode_to_size(reference, max_bytes).data, scene)
         assert decode(decode_stream(found.encoded.data)).scene.kind is scene.kind
     assert errors == sorted(errors, reverse=True)
+
+
+@pytest.mark.parametrize("max_bytes", [1500, 6000])
+def test_the_reference_view_alone_is_worth_the_picture_with_its_map(max_bytes: int) -> None:
+    scene = SCENES["layers"]
+    reference = alone(stack_of(scene), scene.kind)
+    (piece,) = reference.pieces
+    disparity = piece.disparity.astype(np.float64)
+    image = DepthImage(disparity, DepthScale.of(disparity), piece.colour)
+    coded = encode_image(image, max_bytes, None)
+    pieces = encode_to_size(reference, max_bytes)
+    header = pieces.part_bytes["header"] - coded.part_bytes["header"]
+    assert header <= 64
+    pieces = encode_to_size(reference, max_bytes + header)
+    found, expected = decode(decode_stream(pieces.data)).scene, decode_image(coded.stream)
+    errors = []
+    for view_of in (lambda place: render_pieces(found, place), lambda place: render(expected, place)):
+        views = [luma(picture_of(view_of(place))) - luma_from(scene, place) for place in viewpoints_of(scene)]
+        errors.append(float(np.mean(np.square(views))))
+    assert 10.0 * np.log10(errors[0] / errors[1]) <= 0.05
+
+
+def test_views_are_never_worse_than_with_disparities_rounded_to_labels() -> None:
+    """Means of what cameras have voted for lie between labels."""
+    scene = SCENES["layers"]
+    rng = np.random.default_rng(3)
+    pieces = []
+    for piece in scene.pieces:
+        disparity = piece.disparity + rng.uniform(-0.3, 0.3, piece.mask.shape).astype(np.float32)
+        pieces.append(replace(piece, disparity=np.where(piece.mask, disparity, np.float32(0.0))))
+    scene = Pieces(scene.canvas, scene.kind, tuple(pieces))
+    stack = stack_of(scene)
+    found = encode_best(scene, 400)
+    for one in (stack, rounded_to_labels(stack)):
+        reference = encode_to_size(alone(one, scene.kind), 400)
+        assert found.squared_error <= views_mse(reference.data, scene)
 
 
 def least_bytes(scene: Pieces) -> int:

@@ -5,8 +5,9 @@ import pytest
 
 from dvc.dibr.layered.pieces import Kind
 from dvc.dibr.layered.simplification import alone
-from dvc.dibr.layered.stack import stack_of, viewpoints_of, worth_of
-from tests.dibr.layered.scenes import odd_sprites, plane_layers, plane_sprites
+from dvc.dibr.layered.stack import Stack, rounded_to_labels, stack_of, viewpoints_of, worth_of
+from dvc.multiview.camera_array import DisparityLabels
+from tests.dibr.layered.scenes import canvas_of, odd_sprites, plane_layers, plane_sprites
 
 
 def test_layers_and_their_sprites_are_the_same_stack() -> None:
@@ -38,3 +39,12 @@ def test_what_the_reference_hides_saves_errors_where_it_is_seen() -> None:
     inside = worth.saved[0][frame.slices]
     hidden, shown = worth.saved[1:].sum() + worth.saved[0].sum() - inside.sum(), inside.sum()
     assert hidden > 5 * shown
+
+
+def test_disparities_are_rounded_to_the_labels_that_were_tried() -> None:
+    canvas = canvas_of((1, 3), labels=DisparityLabels(-1.0, 0.5, 8))
+    disparity = np.array([[[-0.8, 0.3, 0.0]]], np.float32)
+    occupied = np.array([[[True, True, False]]])
+    rounded = rounded_to_labels(Stack(canvas, np.zeros((1, 1, 3, 3), np.uint8), disparity, occupied))
+    np.testing.assert_array_equal(rounded.disparity, np.array([[[-1.0, 0.5, 0.0]]], np.float32))
+    np.testing.assert_array_equal(rounded.occupied, occupied)
