@@ -22,7 +22,7 @@ from dvc.config import CodecConfig
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, reconstruction, transform
 from dvc.wynerziv.layout import FrameLayout, Quantization
-from dvc.wynerziv.refinement import expected_refinement
+from dvc.wynerziv.refinement import Refinement, expected_refinement
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
@@ -35,10 +35,6 @@ ERROR_FLOOR = 0.15
 """Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
 LOOK_AHEAD = 2
 """Planes of a band that are looked at together before the next is given up."""
-BITS_PER_IDEAL_BIT = 1.2
-"""What parity costs, relative to the entropy of the plane."""
-BITS_PER_PLANE = 10.0
-"""What check bits and the last request cost on top of that."""
 REQUESTS = turbo.SlepianWolfSettings(
     initial_rate=0.9,
     early_rate=1.0,
@@ -161,13 +157,10 @@ def _cost(band: int, results: list[turbo.PlaneResult]) -> BandCost:
     return BandCost(band, ideal_bits, sum(result.parity_bits + result.crc_bits for result in results))
 
 
-def _pays(
-    prefix: NDArray[np.int64], missing: int, edges: Array, predicted: Array, scale: Array, slope: float
-) -> bool:
+def _pays(worth: Refinement, cost: turbo.PlaneCost, slope: float) -> bool:
     """Tell whether the next plane of a band, or the next few together, save `slope` for every bit."""
-    worth = expected_refinement(prefix, missing, edges, predicted, scale, min(missing, LOOK_AHEAD))
-    planes = np.arange(1, worth.bits.size + 1)
-    return bool((worth.saved > slope * (BITS_PER_IDEAL_BIT * worth.bits + BITS_PER_PLANE * planes)).any())
+    ahead = enumerate(zip(worth.bits, worth.saved, strict=True), 1)
+    return any(saved > slope * cost.bits(bits, planes) for planes, (bits, saved) in ahead)
 
 
 class WynerZivDecoder:
@@ -260,8 +253,11 @@ class WynerZivDecoder:
         gain, results = state.gain, []
         for plane in range(planes):
             missing = planes - plane - 1
-            if slope > 0 and not _pays(prefix, missing + 1, edges, predicted, scale * gain, slope):
-                break
+            if slope > 0:
+                depth = min(missing + 1, LOOK_AHEAD)
+                worth = expected_refinement(prefix, missing + 1, edges, predicted, scale * gain, depth)
+                if not _pays(worth, self._plane_decoder.cost, slope):
+                    break
             middle, _ = bitplanes.prefix_borders(2 * prefix + 1, missing, edges)
             llr = noise.bit_llr(lower, middle, upper, predicted, scale * gain)
             place = index, quantization.first_plane[band] + plane

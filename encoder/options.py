@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dvc import cli
 from dvc.config import (
+    ALLOCATED_FAMILY,
     DEFAULT_CODEC,
     DEFAULT_QP,
     KEY_FRAME_CHOICES,
@@ -228,12 +229,18 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         metavar="QP",
         help="1 to 51, lossless, or auto: whatever suits --qp or --wz-q; default: %(default)s",
     )
+    add(
+        "--turbo",
+        choices=TURBO_FAMILIES,
+        help=f"codes of the bit planes; default: {ALLOCATED_FAMILY}, with --wz-q {TurboConfig.family}",
+    )
     add("--luma-only", action="store_true", help="code no chroma")
-    for option, choices, default, what in (
-        ("--turbo", TURBO_FAMILIES, TurboConfig.family, "family of turbo codes"),
-        ("--noise-model", NOISE_MODELS, WynerZivConfig.noise_model, "correlation noise model of the decoder"),
-    ):
-        add(option, choices=choices, default=default, help=f"{what}; default: %(default)s")
+    add(
+        "--noise-model",
+        choices=NOISE_MODELS,
+        default=WynerZivConfig.noise_model,
+        help="correlation noise model of the decoder; default: %(default)s",
+    )
     cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
 
 
@@ -315,10 +322,15 @@ def _configuration(
         gop=variant.gop(arguments.gop, arguments.references),
         key=_key(arguments, shared),
         wyner_ziv=_wyner_ziv(arguments, shared),
-        turbo=TurboConfig(family=arguments.turbo, interleaver_seed=arguments.seed),
+        turbo=TurboConfig(family=_family(arguments, shared), interleaver_seed=arguments.seed),
         tracks=replace(variant.tracks, **tracks),
         seed=arguments.seed,
     )
+
+
+def _family(arguments: argparse.Namespace, shared: Allocation | None) -> str:
+    usual = TurboConfig.family if shared is None else ALLOCATED_FAMILY
+    return usual if arguments.turbo is None else str(arguments.turbo)
 
 
 def _key(arguments: argparse.Namespace, shared: Allocation | None) -> KeyFrameConfig:

@@ -1,6 +1,6 @@
 """The codec configuration: everything that changes the decoded frames, and its form in a stream header."""
 
-from dvc.config.allocation import DEFAULT_QP, MAX_QP, Allocation, allocation, key_slope
+from dvc.config.allocation import ALLOCATED_FAMILY, DEFAULT_QP, MAX_QP, Allocation, allocation, key_slope
 from dvc.config.codec import (
     CodecConfig,
 )
@@ -50,6 +50,7 @@ from dvc.config.variants import (
 )
 
 __all__ = [
+    "ALLOCATED_FAMILY",
     "CRC_BITS",
     "DEFAULT_CODEC",
     "DEFAULT_QP",

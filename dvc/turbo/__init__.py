@@ -7,7 +7,7 @@ from dvc.turbo.decoder import TurboDecoder
 from dvc.turbo.encoder import encode_planes, encode_words
 from dvc.turbo.families import ParityEncoder, PlaneDecoder, parity_encoders, plane_decoder
 from dvc.turbo.requests import KINDS, Answer, Kind, ParityRequest, ask, drive
-from dvc.turbo.results import FrameCheck, PlaneResult
+from dvc.turbo.results import FrameCheck, PlaneCost, PlaneResult
 from dvc.turbo.slepian_wolf import SlepianWolfSettings, decode_plane
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Kind",
     "ParityEncoder",
     "ParityRequest",
+    "PlaneCost",
     "PlaneDecoder",
     "PlaneResult",
     "SlepianWolfSettings",

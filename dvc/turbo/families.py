@@ -14,7 +14,7 @@ from dvc.turbo.codes import CASCADE, NUM_ORDERS, TurboCode, family
 from dvc.turbo.decoder import TurboDecoder
 from dvc.turbo.encoder import encode_words
 from dvc.turbo.requests import Bits, ParityRequest
-from dvc.turbo.results import FrameCheck, PlaneCoroutine
+from dvc.turbo.results import FrameCheck, PlaneCoroutine, PlaneCost
 from dvc.turbo.slepian_wolf import SlepianWolfSettings, decode_plane
 
 Words = NDArray[np.uint64]
@@ -24,6 +24,8 @@ ParityEncoder = Callable[[Words, Words], object]
 
 class PlaneDecoder(Protocol):
     """Decodes the planes of one frame after another."""
+
+    cost: PlaneCost
 
     def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int]) -> PlaneCoroutine:
         """Decode a plane as a coroutine.
@@ -58,6 +60,8 @@ class TurboPlaneDecoder:
     seed : int
         Seed of the interleavers.
     """
+
+    cost = PlaneCost(1.2, 10.0)
 
     def __init__(self, settings: SlepianWolfSettings, num_bits: int, seed: int) -> None:
         self._settings = settings

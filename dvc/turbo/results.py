@@ -2,8 +2,33 @@
 
 from collections.abc import Generator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from dvc.turbo.requests import Bits, ParityRequest
+
+
+class PlaneCost(NamedTuple):
+    """What a plane costs, as a rule that encoder statistics and decoders may expect."""
+
+    per_ideal_bit: float  # relative to the entropy of the prior
+    per_plane: float  # bits on top of that: checks, and the last request
+
+    def bits(self, entropy_bits: float, planes: int = 1) -> float:
+        """Return the bits to be expected.
+
+        Parameters
+        ----------
+        entropy_bits : float
+            Entropy of the priors of the planes.
+        planes : int, optional
+            How many there are.
+
+        Returns
+        -------
+        float
+            Parity and check bits.
+        """
+        return self.per_ideal_bit * entropy_bits + self.per_plane * planes
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def rendered_by_share(one: Material, truth: Picture, edges: CodedEdges | None) -
     truth : ndarray of shape (H, W), uint8
         Luma of that view.
     edges : CodedEdges or None
-        Where transforms stop; None: selected for the first of `SHARES`, and kept for the others.
+        Where transforms stop; None: selected.
 
     Returns
     -------
@@ -97,7 +97,6 @@ def rendered_by_share(one: Material, truth: Picture, edges: CodedEdges | None) -
     found = {}
     for share in (*SHARES, None):
         encoded = encode_to_size(image, max_bytes, edges, None, PictureOptions(depth_share=share))
-        edges = edges or code_edges(encoded.edges or EdgeMaps.none((one.depth.shape[0], one.depth.shape[1])))
         found["auto" if share is None else f"{share:g}"] = _rendered_db(encoded, truth)
     return found
 

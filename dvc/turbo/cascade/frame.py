@@ -13,9 +13,9 @@ from dvc.turbo.cascade.posterior import RangePosterior
 from dvc.turbo.cascade.reconciliation import CascadeSettings, PlaneReconciliation
 from dvc.turbo.crc import crc
 from dvc.turbo.requests import Bits, ParityRequest, ask
-from dvc.turbo.results import FrameCheck, PlaneCoroutine, PlaneResult
+from dvc.turbo.results import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult
 
-PLANE_EXPONENT = 5.0
+PLANE_EXPONENT = 8.0
 """Each plane is accepted by itself when the odds against it are below 2 to minus this."""
 SEARCH_BITS = 6
 """Check bits of half of the planes that are asked for, to find one that is wrong."""
@@ -49,6 +49,8 @@ class CascadeDecoder:
     seed : int
         Seed of the orders that encoder and decoder share.
     """
+
+    cost = PlaneCost(1.06, 6.0)
 
     def __init__(self, settings: CascadeSettings, num_bits: int, seed: int) -> None:
         self._settings = replace(settings, error_exponent=PLANE_EXPONENT)
