@@ -37,6 +37,11 @@ class _Recorder:
     inner: turbo.PlaneDecoder
     planes: dict[tuple[int, int], tuple[NDArray[np.float32], Bits]] = field(default_factory=dict)
 
+    @property
+    def cost(self) -> turbo.PlaneCost:
+        """What planes are expected to cost."""
+        return self.inner.cost
+
     def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int]) -> PlaneCoroutine:
         result = yield from self.inner.decode(llr_ch, place)
         self.planes[place] = np.asarray(llr_ch, np.float32), result.bits

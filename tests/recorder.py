@@ -45,12 +45,12 @@ def record(kernel: Any, *arguments: object) -> Any:
 def decode(path: str) -> None:
     """Decode a stream as a decoding process does, with tasks that come from another."""
     from decoder.group import GroupDecoder
-    from decoder.session import _tasks
+    from decoder.session import stream_tasks
     from dvc.stream import StreamReader
 
     with StreamReader(path) as reader:
         decoder: Any = GroupDecoder(reader.config)
-        for task in _tasks(reader.config, reader, None):
+        for task in stream_tasks(reader.config, reader):
             decoder.decode(pickle.loads(pickle.dumps(task)), None)
 
 

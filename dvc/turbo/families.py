@@ -25,7 +25,9 @@ ParityEncoder = Callable[[Words, Words], object]
 class PlaneDecoder(Protocol):
     """Decodes the planes of one frame after another."""
 
-    cost: PlaneCost
+    @property
+    def cost(self) -> PlaneCost:
+        """What planes are expected to cost."""
 
     def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int]) -> PlaneCoroutine:
         """Decode a plane as a coroutine.

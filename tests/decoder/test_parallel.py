@@ -16,7 +16,7 @@ import pytest
 
 from decoder import parallel
 from decoder.parallel import decode_groups, decoding_process
-from decoder.session import _tasks, decode_stream
+from decoder.session import decode_stream, stream_tasks
 from dvc.errors import DvcError
 from dvc.stream import StreamReader
 
@@ -76,7 +76,7 @@ def test_busy_processes_do_not_come_back() -> None:
 def test_a_killed_process_is_said_and_replaced() -> None:
     """Decoding ends in one error, and the next sequence gets another process."""
     with StreamReader(STREAM) as reader:
-        tasks = list(_tasks(reader.config, reader, None))
+        tasks = list(stream_tasks(reader.config, reader))
     with decoding_process() as process:
         threading.Timer(0.3, process.kill).start()
         with pytest.raises(DvcError, match="decoding process was killed"):
@@ -89,7 +89,7 @@ def test_a_killed_process_is_said_and_replaced() -> None:
 def test_a_fault_is_told_with_its_place() -> None:
     """What nobody foresaw arrives as an exception that says where it came from, and the process goes on."""
     with StreamReader(STREAM) as reader:
-        task = list(_tasks(reader.config, reader, None))[1]
+        task = list(stream_tasks(reader.config, reader))[1]
     with decoding_process() as process:
         with pytest.raises(RuntimeError) as caught:
             process.decode(replace(task, record=None))  # type: ignore[arg-type]
