@@ -3,7 +3,17 @@
 from dataclasses import dataclass
 from types import ModuleType
 
-from benchmarks.figures import anchor_rates, anchors, codec, rates, report, reproduction, robustness, turbo
+from benchmarks.figures import (
+    allocation,
+    anchor_rates,
+    anchors,
+    codec,
+    rates,
+    report,
+    reproduction,
+    robustness,
+    turbo,
+)
 from benchmarks.figures.dibr import curves, exhaustive, large, peers, reference
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
@@ -29,6 +39,7 @@ MODULES: tuple[ModuleType, ...] = (
     reproduction,
     anchors,
     anchor_rates,
+    allocation,
     robustness,
     reconstruction,
     side_information,

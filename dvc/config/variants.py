@@ -48,6 +48,8 @@ class GroupPreset:
 
     length: int
     key_frames: KeyFrameRule = KeyFrameRule()
+    # The same where one quality sets everything: a key frame more costs more than frames far from one.
+    allocated_length: int | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,9 @@ class CodecVariant:
             return self.groups_of_keys
         return self.usual_groups
 
-    def gop(self, length: int | None = None, references: str | None = None) -> GopConfig:
+    def gop(
+        self, length: int | None = None, references: str | None = None, allocated: bool = False
+    ) -> GopConfig:
         """Return the groups of pictures as a configuration, as far as nothing else is wanted.
 
         Parameters
@@ -106,6 +110,8 @@ class CodecVariant:
             Frames from one key frame to the next, with tracks that set key frames the most of them.
         references : str, optional
             One of `dvc.config.REFERENCES`.
+        allocated : bool, optional
+            Whether one quality sets key frames, steps and requests together.
 
         Returns
         -------
@@ -117,7 +123,10 @@ class CodecVariant:
         ConfigError
             If a value makes no sense.
         """
-        usual = self.groups(references).length
+        groups = self.groups(references)
+        usual = groups.length
+        if allocated and groups.allocated_length is not None:
+            usual = groups.allocated_length
         return GopConfig(usual if length is None else length, references or self.references)
 
 
@@ -154,7 +163,9 @@ VARIANTS = {
         # Half pixels: what they cost is less than what they save.
         tracks=TracksConfig("encoder", subpixel_bits=1),
         references="hierarchical",
-        usual_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.6, hierarchical=True)),
+        usual_groups=GroupPreset(
+            16, KeyFrameRule(longest_track_px=64.0, lost_share=0.6, hierarchical=True), allocated_length=32
+        ),
         groups_of_keys=GroupPreset(8),
         geometry=_GEOMETRY,
     ),
