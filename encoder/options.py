@@ -65,12 +65,6 @@ class _TrackOption(NamedTuple):
     tracked: bool = True  # only for codecs whose encoder tracks points
 
 
-def _lengths(groups: GroupPreset) -> str:
-    if groups.allocated_length is None:
-        return str(groups.length)
-    return f"{groups.allocated_length}, with --wz-q {groups.length}"
-
-
 def _of_groups(value: Callable[[GroupPreset], object]) -> Value:
     """Tell a setting that depends on the references."""
 
@@ -211,7 +205,7 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         "--gop",
         (1, MAX_GOP_LENGTH),
         f"frames from one key frame to the next, with {', '.join(_with_points(tracked=True))} the most; "
-        + _defaults(_of_groups(_lengths), VARIANTS),
+        + _defaults(_of_groups(lambda groups: groups.length), VARIANTS),
     )
     add(
         "--references",
@@ -325,7 +319,7 @@ def _configuration(
     return CodecConfig.preset(
         arguments.codec,
         VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
-        gop=variant.gop(arguments.gop, arguments.references, shared is not None),
+        gop=variant.gop(arguments.gop, arguments.references),
         key=_key(arguments, shared),
         wyner_ziv=_wyner_ziv(arguments, shared),
         turbo=TurboConfig(family=_family(arguments, shared), interleaver_seed=arguments.seed),

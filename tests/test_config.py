@@ -273,8 +273,6 @@ def test_groups_of_pictures_follow_from_the_codec() -> None:
     """Codecs have their own groups; what is given goes before, and what makes no sense is refused."""
     assert VARIANTS["2d"].gop() == GopConfig(2, "keys")
     assert VARIANTS["3d-te"].gop() == GopConfig(16, "hierarchical")
-    assert VARIANTS["3d-te"].gop(allocated=True) == GopConfig(32, "hierarchical")
-    assert VARIANTS["3d-te"].gop(references="keys", allocated=True) == GopConfig(8, "keys")
     assert VARIANTS["3d-te"].gop(references="keys") == GopConfig(8, "keys")
     assert VARIANTS["3d-td"].gop(4, "all") == GopConfig(4, "all")
     for wrong in ({"length": 0}, {"references": "none"}):

@@ -48,8 +48,6 @@ class GroupPreset:
 
     length: int
     key_frames: KeyFrameRule = KeyFrameRule()
-    # The same where one quality sets everything: a key frame more costs more than frames far from one.
-    allocated_length: int | None = None
 
 
 @dataclass(frozen=True)
@@ -99,9 +97,7 @@ class CodecVariant:
             return self.groups_of_keys
         return self.usual_groups
 
-    def gop(
-        self, length: int | None = None, references: str | None = None, allocated: bool = False
-    ) -> GopConfig:
+    def gop(self, length: int | None = None, references: str | None = None) -> GopConfig:
         """Return the groups of pictures as a configuration, as far as nothing else is wanted.
 
         Parameters
@@ -110,8 +106,6 @@ class CodecVariant:
             Frames from one key frame to the next, with tracks that set key frames the most of them.
         references : str, optional
             One of `dvc.config.REFERENCES`.
-        allocated : bool, optional
-            Whether one quality sets key frames, steps and requests together.
 
         Returns
         -------
@@ -123,10 +117,7 @@ class CodecVariant:
         ConfigError
             If a value makes no sense.
         """
-        groups = self.groups(references)
-        usual = groups.length
-        if allocated and groups.allocated_length is not None:
-            usual = groups.allocated_length
+        usual = self.groups(references).length
         return GopConfig(usual if length is None else length, references or self.references)
 
 
@@ -163,9 +154,7 @@ VARIANTS = {
         # Half pixels: what they cost is less than what they save.
         tracks=TracksConfig("encoder", subpixel_bits=1),
         references="hierarchical",
-        usual_groups=GroupPreset(
-            16, KeyFrameRule(longest_track_px=64.0, lost_share=0.6, hierarchical=True), allocated_length=32
-        ),
+        usual_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.6, hierarchical=True)),
         groups_of_keys=GroupPreset(8),
         geometry=_GEOMETRY,
     ),

@@ -131,9 +131,7 @@ class Sweep:
         return [(None, qp) for qp in self.qp or USUAL_QPS]
 
     def _gop_length(self) -> int:
-        return (
-            variant_of(self.codec).gop(self.gop, dict(self.options).get("references"), not self.wz_q).length
-        )
+        return variant_of(self.codec).gop(self.gop, dict(self.options).get("references")).length
 
     def anchor_qps(self) -> list[int]:
         """Return the QPs of the anchors: their own, and those of the sweep's key frames.
