@@ -1,5 +1,6 @@
 """The browser that the report page is tested in: found, or installed by ``python -m tests.browser``."""
 
+import ctypes
 import os
 import shutil
 import signal
@@ -40,6 +41,7 @@ GRAPHICS_ARGUMENTS = (
 START_LIMIT_S = 30
 WAIT_LIMIT_S = 60
 INSTALL_LIMIT_S = 600
+_PR_CAPBSET_DROP, _CAP_SYS_NICE = 24, 23
 _APT_GET = ("apt-get", "-q", "-o", "Acquire::http::Timeout=10", "-o", "DPkg::Lock::Timeout=60")
 PACKAGE_MANAGERS: dict[str, tuple[tuple[str, ...], ...]] = {
     "apt-get": ((*_APT_GET, "update"), (*_APT_GET, "install", "-y", "--no-install-recommends", "chromium")),
@@ -100,6 +102,15 @@ def main() -> int:
         return 0
     sys.stderr.write(f"{missing()}; tests of the report page {'fail' if is_required() else 'are skipped'}\n")
     return int(is_required())
+
+
+def deny_real_time() -> None:
+    """Keep programs that are started from now on from real-time priority, which root's browser would take.
+
+    One that spins at such a priority leaves nothing of the machine to anybody else.
+    """
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_CAPBSET_DROP, _CAP_SYS_NICE, 0, 0, 0)
 
 
 def wait_until(page: "Page", condition: str) -> None:

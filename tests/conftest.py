@@ -73,6 +73,7 @@ def graphics_browser(request: pytest.FixtureRequest) -> Iterator["Browser"]:
 def _started_browser(request: pytest.FixtureRequest, arguments: Sequence[str]) -> Iterator["Browser"]:
     from playwright.sync_api import sync_playwright
 
+    browsers.deny_real_time()
     path = browsers.find()
     if path is None and browsers.is_required():
         pytest.fail(browsers.missing())
