@@ -150,6 +150,7 @@ def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch) -> None:
     bits = rng.integers(0, 2, num_bits, dtype=np.uint8)
     llr = (rng.normal(2.0, 2.0, num_bits) * (1 - 2.0 * bits)).astype(np.float32)
 
+    @np.errstate(over="ignore")  # hashes wrap around, of which plain Python warns
     def course() -> list[object]:
         beliefs = RangePosterior(num_bits, SEED)
         beliefs.start(llr)
