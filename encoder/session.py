@@ -153,13 +153,13 @@ class EncoderSession:
             Key frame and Wyner-Ziv frames; parity is computed when it is needed.
         """
         statistics, wyner_ziv = self.statistics, self._wyner_ziv_encoder
+        steps = self._steps(len(group.wyner_ziv))
         if group.wyner_ziv and not statistics.num_wyner_ziv_frames:
             with statistics.timing("start_up_cpu_s"):
-                wyner_ziv.encode(group.wyner_ziv[0]).buffered_payload()
+                wyner_ziv.encode(group.wyner_ziv[0], steps[0]).buffered_payload()
         with statistics.timing("key_cpu_s"):
             key = self._key_encoder.encode(group.key)
         with statistics.timing("wyner_ziv_cpu_s"):
-            steps = self._steps(len(group.wyner_ziv))
             frames = tuple(map(wyner_ziv.encode, group.wyner_ziv, steps))
         tracks = self._encode_tracks(group)
         statistics.add_group(len(frames), key, tracks)

@@ -8,7 +8,7 @@ from dvc.turbo.requests import Bits, ParityRequest
 
 
 class PlaneCost(NamedTuple):
-    """What a plane costs, as a rule that encoder statistics and decoders may expect."""
+    """What a plane is expected to cost before anything of it is asked for."""
 
     per_ideal_bit: float  # relative to the entropy of the prior
     per_plane: float  # bits on top of that: checks, and the last request
