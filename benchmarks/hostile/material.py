@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import (
+    ALLOCATED_FAMILY,
     CodecConfig,
     GopConfig,
     KeyFrameConfig,
+    TurboConfig,
     VideoConfig,
     WynerZivConfig,
     allocation,
@@ -76,7 +78,8 @@ def material(allocated: bool = False) -> Material:
     video = VideoConfig(32, 24, 25, 1, luma_only=True)
     shared = allocation(28) if allocated else None
     quantised = WynerZivConfig.preset(2) if shared is None else shared.wyner_ziv
-    config = CodecConfig("2d", video, GopConfig(2), KeyFrameConfig(36), quantised)
+    family = ALLOCATED_FAMILY if allocated else TurboConfig.family
+    config = CodecConfig("2d", video, GopConfig(2), KeyFrameConfig(36), quantised, TurboConfig(family))
     file = io.BytesIO()
     EncoderSession(config, allocation=shared).write(frames, file, lambda _: None)
     groups, punctured = [], io.BytesIO()
