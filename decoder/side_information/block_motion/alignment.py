@@ -89,6 +89,28 @@ def _apply(homography: Floats, points: Floats) -> Floats:
     return mapped
 
 
+def homography_positions(homography: Floats, shape: tuple[int, ...]) -> Floats:
+    """Return where a homography takes the pixels of a frame.
+
+    Parameters
+    ----------
+    homography : ndarray of shape (3, 3), float64
+        From pixels of the frame to pixels of a reference.
+    shape : tuple of int
+        Height and width.
+
+    Returns
+    -------
+    ndarray of shape (H, W, 2), float64
+        (x, y) in pixels; at most a few frames away.
+    """
+    rows, columns = np.indices(shape)
+    points = np.stack([columns.ravel(), rows.ravel()], axis=-1).astype(np.float64)
+    limit = 4.0 * max(shape)
+    positions: Floats = np.clip(_apply(homography, points), -limit, limit)
+    return positions.reshape(*shape, 2)
+
+
 def warp_frame(frame: Frame, homography: Floats) -> Frame:
     """Warp a frame.
 
@@ -113,11 +135,7 @@ def warp_frame(frame: Frame, homography: Floats) -> Frame:
 
 
 def _warp(plane: Luma, homography: Floats) -> Luma:
-    rows, columns = np.indices(plane.shape)
-    points = np.stack([columns.ravel(), rows.ravel()], axis=-1).astype(np.float64)
-    limit = 4.0 * max(plane.shape)
-    positions = np.clip(_apply(homography, points), -limit, limit)
-    return np.floor(sample(plane, positions.reshape(*plane.shape, 2)) + 0.5).astype(np.uint8)
+    return np.floor(sample(plane, homography_positions(homography, plane.shape)) + 0.5).astype(np.uint8)
 
 
 class AlignedBlockMotion:

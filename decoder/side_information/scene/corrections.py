@@ -27,7 +27,9 @@ MIN_NUM_POINTS = 3
 """Points of which residuals can agree."""
 
 
-def track_residuals(wanted: Floats, reference: Floats, positions: Floats) -> tuple[Floats, Floats]:
+def track_residuals(
+    wanted: Floats, reference: Floats, positions: Floats, max_residual_px: float = MAX_RESIDUAL_PX
+) -> tuple[Floats, Floats]:
     """Compare where tracks are in a reference with where a rendered frame looks for them.
 
     Parameters
@@ -38,6 +40,8 @@ def track_residuals(wanted: Floats, reference: Floats, positions: Floats) -> tup
         The same points in the reference.
     positions : ndarray of shape (H, W, 2), float64
         Where each pixel of the frame is fetched from in the reference, (x, y) in pixels.
+    max_residual_px : float, optional
+        Larger ones are left out.
 
     Returns
     -------
@@ -53,11 +57,17 @@ def track_residuals(wanted: Floats, reference: Floats, positions: Floats) -> tup
     at = points[:, ::-1].T
     looked = [map_coordinates(positions[..., axis], at, order=1, mode="nearest") for axis in (0, 1)]
     residuals: Floats = there - np.stack(looked, axis=-1)
-    near = (residuals**2).sum(axis=1) <= MAX_RESIDUAL_PX**2
+    near = (residuals**2).sum(axis=1) <= max_residual_px**2
     return points[near], residuals[near]
 
 
-def correction_field(points: Floats, residuals: Floats, shape: tuple[int, ...]) -> Floats:
+def correction_field(
+    points: Floats,
+    residuals: Floats,
+    shape: tuple[int, ...],
+    reach_px: float = REACH_PX,
+    noise_px2: float = NOISE_PX2,
+) -> Floats:
     """Spread residuals over a frame, as far as they agree.
 
     Parameters
@@ -68,6 +78,10 @@ def correction_field(points: Floats, residuals: Floats, shape: tuple[int, ...]) 
         At each point, in pixels.
     shape : tuple of int
         Height and width.
+    reach_px : float, optional
+        Distance from which a residual says nothing.
+    noise_px2 : float, optional
+        Squared error of a residual by itself.
 
     Returns
     -------
@@ -77,7 +91,7 @@ def correction_field(points: Floats, residuals: Floats, shape: tuple[int, ...]) 
     field = np.zeros((shape[0], shape[1], 2))
     if len(points) >= MIN_NUM_POINTS:
         arguments = np.ascontiguousarray(points), np.ascontiguousarray(residuals)
-        _kernels.correction_field(*arguments, REACH_PX, PRIOR, NOISE_PX2, field)
+        _kernels.correction_field(*arguments, reach_px, PRIOR, noise_px2, field)
     return field
 
 

@@ -1,0 +1,117 @@
+"""A reference brought into the place of a frame by tracked points alone, without a model of the scene.
+
+A homography takes the common motion, smooth fields of the residuals of the tracks take what is left of it,
+such as the parallax of a slanted ground. Each reference is warped for itself, so that one serves as well as
+two; how far it reaches, and how wrong it may be where it does, is told for every pixel.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from decoder.side_information.block_motion.alignment import homography_positions, whole_frame_motion
+from decoder.side_information.scene.corrections import correction_field, track_residuals
+from dvc.multiview.sampling import sample
+
+Floats = NDArray[np.float64]
+Luma = NDArray[np.uint8]
+
+REACHES_PX = (160.0, 80.0, 40.0)
+"""Distances from which residuals say nothing, from field to field."""
+MAX_RESIDUAL_PX = 12.0
+"""Residuals beyond it are lost tracks, or points on something else."""
+NOISE_PX2 = 0.2
+"""Squared error of a residual that tracks rounded to half pixels make."""
+DISPLACEMENT_WINDOW = 33
+"""Side of the neighbourhood in which displacements are averaged, in pixels."""
+MAX_DISPLACEMENT_PX = 60.0
+"""Displacements beyond it count as this."""
+DETAIL_WINDOW = 5
+"""Side of the neighbourhood in which detail is measured, in pixels."""
+BASE_ERROR = 1.5
+"""Expected absolute error of a flat region that has not moved, in luma levels."""
+DETAIL_ERROR = 0.25
+"""Of one that has not moved, relative to its detail."""
+MOTION_ERROR = (0.08, 0.05)
+"""Growth of either with the displacement, per pixel."""
+UNSEEN_ERROR = 3.0
+"""How many times larger the error is where the reference does not reach."""
+
+
+class TrackedWarp(NamedTuple):
+    """What a reference says of a frame.
+
+    Attributes
+    ----------
+    luma : ndarray of shape (H, W), float64
+        Warped reference; the border repeats beyond it.
+    positions : ndarray of shape (H, W, 2), float64
+        Where each pixel lies in the reference, (x, y) in pixels; may be outside.
+    coverage : ndarray of shape (H, W), float64
+        1 where that is inside the reference, 0 where it is outside by a pixel or more.
+    displacement_px : ndarray of shape (H, W), float64
+        How far the neighbourhood of each pixel has moved.
+    expected_error : ndarray of shape (H, W), float64
+        Expected absolute error, in luma levels: larger where there is detail, where much has moved, and
+        outside.
+    """
+
+    luma: Floats
+    positions: Floats
+    coverage: Floats
+    displacement_px: Floats
+    expected_error: Floats
+
+
+def warp_by_tracks(reference: Luma, points: Floats, matches: Floats) -> TrackedWarp:
+    """Warp a reference on to a frame, of which only points are known.
+
+    Parameters
+    ----------
+    reference : ndarray of shape (H, W), uint8
+        Luma of the reference.
+    points : ndarray of shape (N, 2), float64
+        Tracked points in the frame, (x, y) in pixels; nan where they are not known.
+    matches : ndarray of shape (N, 2), float64
+        The same points in the reference.
+
+    Returns
+    -------
+    TrackedWarp
+        The reference in the place of the frame; where it is where nothing is known of the motion.
+    """
+    shape = reference.shape
+    positions = homography_positions(whole_frame_motion(points, matches), shape)
+    for reach_px in REACHES_PX:
+        found = track_residuals(points, matches, positions, MAX_RESIDUAL_PX)
+        positions = positions + correction_field(*found, shape, reach_px, NOISE_PX2)
+    luma, moved = sample(reference, positions), _displacement(positions)
+    inside = _coverage(positions)
+    return TrackedWarp(luma, positions, inside, moved, _expected_error(luma, inside, moved))
+
+
+def _displacement(positions: Floats) -> Floats:
+    rows, columns = np.indices(positions.shape[:2])
+    across, down = positions[..., 0] - columns, positions[..., 1] - rows
+    distance = np.minimum(np.sqrt(across * across + down * down), MAX_DISPLACEMENT_PX)
+    mean: Floats = uniform_filter(distance, DISPLACEMENT_WINDOW, mode="nearest")
+    return mean
+
+
+def _coverage(positions: Floats) -> Floats:
+    size = np.array(positions.shape[1::-1])
+    beyond = np.maximum(-positions, positions - (size - 1)).max(axis=-1)
+    inside: Floats = np.clip(1.0 - beyond, 0.0, 1.0)
+    return inside
+
+
+def _expected_error(luma: Floats, coverage: Floats, displacement_px: Floats) -> Floats:
+    side = DETAIL_WINDOW
+    detail = np.abs(luma - uniform_filter(luma, side, mode="nearest"))
+    detail = uniform_filter(detail, side, mode="nearest")
+    still = BASE_ERROR + DETAIL_ERROR * detail
+    moved = displacement_px * (MOTION_ERROR[0] + MOTION_ERROR[1] * detail)
+    error: Floats = (still + moved) * (1.0 + (UNSEEN_ERROR - 1.0) * (1.0 - coverage))
+    return error
