@@ -3,6 +3,8 @@
 ``python -m benchmarks.recorded_planes record STREAM.dvc PLANES.npz`` decodes a buffered stream and keeps its
 planes; ``python -m benchmarks.recorded_planes judge cascade PLANES.npz ...`` codes them again and prints all
 bits over their ideal code length, by class: the planes, and so the ideal, are the same for any code.
+``python -m benchmarks.recorded_planes priors STREAM.dvc ...`` decodes streams with priors that learn,
+and prints the ideal code length over that by the noise model alone, with the same predictions.
 """
 
 import argparse
@@ -12,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +24,10 @@ from decoder.report import PLANE_CLASSES
 from decoder.session import stream_tasks
 from decoder.wyner_ziv import REQUESTS
 from dvc import turbo
-from dvc.config import TURBO_FAMILIES
+from dvc.config import TURBO_FAMILIES, WynerZivConfig
 from dvc.stream import Form, StreamReader
 from dvc.turbo.results import PlaneCoroutine
+from dvc.wynerziv import priors
 from dvc.wynerziv.layout import FrameLayout
 
 Bits = NDArray[np.uint8]
@@ -42,8 +46,13 @@ class _Recorder:
         """What planes are expected to cost."""
         return self.inner.cost
 
-    def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int]) -> PlaneCoroutine:
-        result = yield from self.inner.decode(llr_ch, place)
+    def decode(
+        self,
+        llr_ch: NDArray[np.floating],
+        place: tuple[int, int],
+        coupling: turbo.NeighbourCoupling | None = None,
+    ) -> PlaneCoroutine:
+        result = yield from self.inner.decode(llr_ch, place, coupling)
         self.planes[place] = np.asarray(llr_ch, np.float32), result.bits
         return result
 
@@ -69,6 +78,49 @@ def _recording() -> Iterator[list[_Recorder]]:
         yield made
     finally:
         turbo.plane_decoder = original
+
+
+def _ideal_bits(llr: NDArray[np.floating], bits: Bits) -> float:
+    bounded = np.clip(llr.astype(np.float64), -WynerZivConfig.max_llr, WynerZivConfig.max_llr)
+    return float(np.logaddexp(0.0, np.where(bits == 1, bounded, -bounded)).sum() / np.log(2.0))
+
+
+def measure_priors(stream: Path) -> dict[str, tuple[float, float]]:
+    """Decode a buffered stream with learned priors, and compare these with the noise model alone.
+
+    Parameters
+    ----------
+    stream : Path
+        The stream.
+
+    Returns
+    -------
+    dict of str to tuple of two float
+        For each class of planes the ideal code length in bits by the noise model alone, and by learned priors
+        with the neighbours before each bit: predictions, and what is decoded, are the same.
+
+    Raises
+    ------
+    ValueError
+        If the stream is punctured, or is not decoded with learned priors.
+    """
+    lengths: dict[str, tuple[float, float]] = {}
+    learn = priors.LearnedPriors.learn
+
+    def _measure(self: priors.LearnedPriors, prior: priors.PlanePrior, bits: Bits) -> None:
+        (name,) = (name for name, own in PLANE_CLASSES.items() if prior.band in own)
+        before, after = lengths.get(name, (0.0, 0.0))
+        before += _ideal_bits(prior.inputs[0], bits)
+        lengths[name] = before, after + _ideal_bits(prior.coupling.llr_in_sequence(bits), bits)
+        learn(self, prior, bits)
+
+    with StreamReader(stream) as reader, mock.patch.object(priors.LearnedPriors, "learn", _measure):
+        if reader.form is not Form.BUFFERED or reader.config.wyner_ziv.priors != "learned":
+            raise ValueError(f"`stream` must be buffered and have learned priors, got {stream}")
+        decoder = GroupDecoder(reader.config)
+        for task in stream_tasks(reader.config, reader):
+            decoder.decode(task, _no_encoder)
+    return lengths
 
 
 def _no_encoder(request: turbo.ParityRequest) -> Bits:
@@ -253,6 +305,14 @@ def _judge_frame(
     judgement.num_planes += len(planes)
 
 
+def _print_priors(streams: list[Path]) -> None:
+    for stream in streams:
+        lengths = measure_priors(stream)
+        alone, learned = (sum(total[which] for total in lengths.values()) for which in (0, 1))
+        classes = "  ".join(f"{name} {after / before:.3f}" for name, (before, after) in lengths.items())
+        print(f"{stream.stem}: {learned / alone:.3f} of {alone:.0f} ideal bits; {classes}", flush=True)
+
+
 def main() -> None:
     """Run the command that this module's first lines describe."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
@@ -263,7 +323,12 @@ def main() -> None:
     judging = commands.add_parser("judge")
     judging.add_argument("family", choices=TURBO_FAMILIES)
     judging.add_argument("recordings", type=Path, nargs="+")
+    measuring = commands.add_parser("priors")
+    measuring.add_argument("streams", type=Path, nargs="+")
     arguments = parser.parse_args()
+    if arguments.command == "priors":
+        _print_priors(arguments.streams)
+        return
     if arguments.command == "record":
         print(f"{record(arguments.stream, arguments.output)} planes")
         return

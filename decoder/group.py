@@ -79,6 +79,7 @@ class GroupDecoder:
         points = self._received(task.record.tracks, len(task.record.wyner_ziv))
         references = self._config.gop.references
         frames = []
+        self._decoder.start_group()
         for index, around in decoding_order(before.index, after.index, references != "keys"):
             usable = [known[k] for k in _usable(known, around, references)]
             payload = task.record.wyner_ziv[index - before.index - 1]

@@ -22,6 +22,7 @@ from dvc.config import CodecConfig
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, reconstruction, transform
 from dvc.wynerziv.layout import FrameLayout, Quantization
+from dvc.wynerziv.priors import LearnedPriors
 from dvc.wynerziv.refinement import Refinement, expected_refinement
 
 Array = NDArray[np.float64]
@@ -121,6 +122,11 @@ class _FrameState:
         self.known[band] = known
         self.bands[band] = known.reconstruct(self.predicted[band])
 
+    def dc_error(self) -> Array | None:
+        """By how much the DC band is off its prediction, once it is known."""
+        error: Array = self.bands[0] - self.predicted[0]
+        return error if 0 in self.known else None
+
     def correct(self, band: int, lower: Array, upper: Array) -> None:
         """Change the intervals of a band that is known."""
         self.set_known(band, _KnownBand.of(lower, upper, self.known[band].scale, self._layout.band_shape))
@@ -184,6 +190,11 @@ class WynerZivDecoder:
         )
         seed = config.turbo.interleaver_seed
         self._plane_decoder = turbo.plane_decoder(settings, self.layout.num_bits, seed)
+        self._priors = LearnedPriors(self.layout.band_shape)
+
+    def start_group(self) -> None:
+        """Forget what was learned from frames of other groups of pictures."""
+        self._priors = LearnedPriors(self.layout.band_shape)
 
     def decode(
         self, index: int, quantization: Quantization, prediction: Prediction, slope: float = 0.0
@@ -259,9 +270,9 @@ class WynerZivDecoder:
                 if not _pays(worth, self._plane_decoder.cost, slope):
                     break
             middle, _ = bitplanes.prefix_borders(2 * prefix + 1, missing, edges)
-            llr = noise.bit_llr(lower, middle, upper, predicted, scale * gain)
             place = index, quantization.first_plane[band] + plane
-            result = yield from self._plane_decoder.decode(llr, place)
+            borders = lower, middle, upper
+            result = yield from self._decode_plane(place, band, borders, predicted, scale * gain, state)
             results.append(result)
             prefix = 2 * prefix + result.bits
             lower, upper = bitplanes.prefix_borders(prefix, missing, edges)
@@ -275,6 +286,22 @@ class WynerZivDecoder:
             state.gain = float(np.sqrt(state.gain * gain))
             state.set_known(band, _KnownBand.of(lower, upper, scale * gain, shape))
         return results
+
+    def _decode_plane(
+        self,
+        place: tuple[int, int],
+        band: int,
+        borders: tuple[Array, Array, Array],
+        predicted: Array,
+        scale: Array,
+        state: _FrameState,
+    ) -> Generator[turbo.ParityRequest, Bits, turbo.PlaneResult]:
+        if self._config.wyner_ziv.priors == "laplacian":
+            return (yield from self._plane_decoder.decode(noise.bit_llr(*borders, predicted, scale), place))
+        prior = self._priors.plane(band, borders, predicted, scale, state.dc_error())
+        result = yield from self._plane_decoder.decode(prior.llr, place, prior.coupling)
+        self._priors.learn(prior, result.bits)
+        return result
 
     def _correct(
         self,

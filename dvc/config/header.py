@@ -37,6 +37,7 @@ FIELD_NUMBERS = {
     "wyner_ziv.quantizer": 29,
     "wyner_ziv.slope": 30,
     "wyner_ziv.slope_percent": 31,
+    "wyner_ziv.priors": 32,
     "turbo.family": 40,
     "turbo.interleaver_seed": 41,
     "turbo.crc_bits": 42,

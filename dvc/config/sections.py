@@ -14,6 +14,7 @@ SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical", "cascade")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
 QUANTIZERS = ("range", "nested")
+PRIORS = ("laplacian", "learned")
 NUM_BANDS = 16
 MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
@@ -120,6 +121,8 @@ class WynerZivConfig(Section):
     # Percent of `slope` that holds for a frame with references up to 2, 4, 8, ... frames apart, the last
     # beyond; none: all the same.
     slope_percent: tuple[int, ...] = ()
+    # Priors of bits: as the correlation noise has them; or corrected by what was decoded, with neighbours.
+    priors: str = "laplacian"
 
     def _check_values(self) -> None:
         if len(self.levels) != NUM_BANDS:
@@ -138,6 +141,7 @@ class WynerZivConfig(Section):
         check_choice("noise_model", self.noise_model, NOISE_MODELS)
         check_range("initial_gain", self.initial_gain, 0.01, 100.0)
         check_choice("quantizer", self.quantizer, QUANTIZERS)
+        check_choice("priors", self.priors, PRIORS)
         check_range("slope", self.slope, 0.0, MAX_SLOPE)
         if len(self.slope_percent) > MAX_HIERARCHY or any(not 0 < n <= 100 for n in self.slope_percent):
             raise ConfigError(f"`slope_percent` must hold at most {MAX_HIERARCHY} numbers from 1 to 100")

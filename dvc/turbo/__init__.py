@@ -1,5 +1,6 @@
 """Slepian-Wolf coding of bit planes, by turbo codes or by parities of ranges; usable on its own."""
 
+from dvc.turbo.cascade.coupling import NeighbourCoupling
 from dvc.turbo.cascade.frame import joint_check
 from dvc.turbo.codes import CASCADE, TurboCode, choose_code, family, num_codes
 from dvc.turbo.crc import crc, crc_words
@@ -16,6 +17,7 @@ __all__ = [
     "Answer",
     "FrameCheck",
     "Kind",
+    "NeighbourCoupling",
     "ParityEncoder",
     "ParityRequest",
     "PlaneCost",

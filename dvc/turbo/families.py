@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.turbo.cascade.coupling import NeighbourCoupling
 from dvc.turbo.cascade.frame import CascadeDecoder
 from dvc.turbo.cascade.orders import prefix_parities
 from dvc.turbo.cascade.reconciliation import CascadeSettings
@@ -29,7 +30,12 @@ class PlaneDecoder(Protocol):
     def cost(self) -> PlaneCost:
         """What planes are expected to cost."""
 
-    def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int]) -> PlaneCoroutine:
+    def decode(
+        self,
+        llr_ch: NDArray[np.floating],
+        place: tuple[int, int],
+        coupling: NeighbourCoupling | None = None,
+    ) -> PlaneCoroutine:
         """Decode a plane as a coroutine.
 
         Parameters
@@ -38,6 +44,8 @@ class PlaneDecoder(Protocol):
             Side information as LLR log p(0) / p(1) of every bit.
         place : tuple of two int
             Numbers of the frame, and of the plane in it.
+        coupling : NeighbourCoupling, optional
+            How bits depend on each other, where they do; a family may leave that aside.
         """
 
     def check(self, frame: int) -> Generator[ParityRequest, Bits, FrameCheck]:
@@ -72,7 +80,12 @@ class TurboPlaneDecoder:
         self._codes = family(settings.family)
         self._decoders: dict[int, TurboDecoder] = {}
 
-    def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int]) -> PlaneCoroutine:
+    def decode(
+        self,
+        llr_ch: NDArray[np.floating],
+        place: tuple[int, int],
+        coupling: NeighbourCoupling | None = None,
+    ) -> PlaneCoroutine:
         """Decode a plane as a coroutine: it yields requests and is sent the bits.
 
         Parameters
@@ -81,6 +94,8 @@ class TurboPlaneDecoder:
             Side information as LLR log p(0) / p(1) of every bit.
         place : tuple of two int
             Numbers of the frame, and of the plane in it.
+        coupling : NeighbourCoupling, optional
+            How bits depend on each other, where they do; of no effect.
 
         Returns
         -------

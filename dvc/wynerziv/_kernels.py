@@ -323,3 +323,58 @@ def _add_levels(moments, depth, parts, bits, saved):
         for k in range(1 << (d - 1)):
             for m in range(3):
                 moments[k, m] = moments[2 * k, m] + moments[2 * k + 1, m]
+
+
+@kernel
+def _accumulate(inputs, offset, is_zero, weights, gradient, curvature):
+    """Add gradient and curvature of the code length of bits with LLRs ``offset + weights @ inputs``."""
+    count = weights.size
+    for n in range(offset.size):
+        llr = offset[n]
+        for k in range(count):
+            llr += weights[k] * inputs[k, n]
+        power, q = exponential(-abs(llr))
+        odds = power + power * q
+        unlikely = odds / (1.0 + odds)
+        error = (unlikely if llr < 0.0 else 1.0 - unlikely) - is_zero[n]
+        spread = unlikely * (1.0 - unlikely)
+        for k in range(count):
+            gradient[k] += error * inputs[k, n]
+            for m in range(k + 1):
+                curvature[k, m] += spread * inputs[k, n] * inputs[m, n]
+
+
+@kernel
+def _solve_positive(matrix, vector):
+    """Solve for the vector in place, by elimination; a positive definite matrix, lost."""
+    size = vector.size
+    for k in range(size):
+        for i in range(k + 1, size):
+            factor = matrix[i, k] / matrix[k, k]
+            for m in range(k, size):
+                matrix[i, m] -= factor * matrix[k, m]
+            vector[i] -= factor * vector[k]
+    for k in range(size - 1, -1, -1):
+        for m in range(k + 1, size):
+            vector[k] -= matrix[k, m] * vector[m]
+        vector[k] /= matrix[k, k]
+
+
+@kernel
+def fit_logistic(inputs, offset, is_zero, least, most, steps, weights, precision):
+    """Bring weights (K,), and the precision (K, K) with which they are known, up to date with bits.
+
+    inputs : (K, N); offset, is_zero : (N,), all float64; least, most : (K,), bounds of the weights.
+    """
+    before, count = weights.copy(), weights.size
+    known = precision.copy()
+    for _ in range(steps):
+        gradient, curvature = np.zeros(count), np.zeros((count, count))
+        _accumulate(inputs, offset, is_zero, weights, gradient, curvature)
+        for k in range(count):
+            for m in range(count):
+                precision[k, m] = known[k, m] + curvature[max(k, m), min(k, m)]
+                gradient[k] += known[k, m] * (weights[m] - before[m])
+        _solve_positive(precision.copy(), gradient)
+        for k in range(count):
+            weights[k] = min(max(weights[k] - gradient[k], least[k]), most[k])

@@ -1,11 +1,12 @@
 """Planes recorded from decoding, and codes judged on them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.recorded_planes import judge, record
+from benchmarks.recorded_planes import judge, measure_priors, record
 from decoder.report import PLANE_CLASSES
 from dvc.config import TURBO_FAMILIES, CodecConfig, GopConfig, VideoConfig, WynerZivConfig
 from encoder.session import EncoderSession
@@ -16,14 +17,20 @@ CONFIG = CodecConfig.preset(
 )
 
 
+def encode(config: CodecConfig, path: Path) -> Path:
+    """Write the buffered stream of a small clip."""
+    frames = [frame.without_chroma() for frame in moving_texture(5, 32, 48)]
+    with path.open("wb") as file:
+        EncoderSession(config).write(frames, file, lambda _: None)
+    return path
+
+
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the planes of two frames of a small clip."""
     folder = tmp_path_factory.mktemp("planes")
-    frames = [frame.without_chroma() for frame in moving_texture(5, 32, 48)]
-    with (folder / "clip.dvc").open("wb") as file:
-        EncoderSession(CONFIG).write(frames, file, lambda _: None)
-    assert record(folder / "clip.dvc", folder / "planes.npz") == 2 * sum(CONFIG.wyner_ziv.max_planes)
+    stream = encode(CONFIG, folder / "clip.dvc")
+    assert record(stream, folder / "planes.npz") == 2 * sum(CONFIG.wyner_ziv.max_planes)
     return folder / "planes.npz"
 
 
@@ -50,3 +57,16 @@ def test_codes_are_judged_on_the_same_planes(recording: Path, family: str) -> No
     ratio = found.ratio(*PLANE_CLASSES)
     assert ratio is not None
     assert 1.0 < ratio < 3.0
+
+
+def test_priors_are_compared_with_the_noise_model(tmp_path: Path) -> None:
+    """Ideal lengths by the noise model alone are those of its planes; learned ones are of a code."""
+    learned = replace(CONFIG, wyner_ziv=replace(CONFIG.wyner_ziv, priors="learned"))
+    lengths = measure_priors(encode(learned, tmp_path / "learned.dvc"))
+    record(encode(CONFIG, tmp_path / "plain.dvc"), tmp_path / "plain.npz")
+    ideal = judge([tmp_path / "plain.npz"], "adaptive").ideal_bits
+    for name, (before, after) in lengths.items():
+        assert before == pytest.approx(ideal[name], rel=1e-4)
+        assert 0.5 < after / before < 1.5
+    with pytest.raises(ValueError, match="learned priors"):
+        measure_priors(tmp_path / "plain.dvc")

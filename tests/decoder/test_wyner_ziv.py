@@ -202,3 +202,34 @@ def test_a_frame_may_be_left_as_predicted(original: Frame) -> None:
     decoded = decode(nested_config(), original, noisy_prediction(original, 2.0), 4.0, 1e6)
     assert decoded.num_requests == decoded.crc_bits == decoded.parity_bits == 0
     np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)
+
+
+def _learning(config: CodecConfig, family: str) -> CodecConfig:
+    learned = replace(config.wyner_ziv, priors="learned")
+    return replace(config, wyner_ziv=learned, turbo=replace(config.turbo, family=family))
+
+
+@pytest.mark.parametrize("family", TURBO_FAMILIES)
+def test_learned_priors_decode_the_same_bins(original: Frame, family: str) -> None:
+    """Priors change what planes cost, not what they are, with codes that know of neighbours or do not."""
+    prediction = noisy_prediction(original, 5.0)
+    plain = decode(nested_config(), original, prediction, 8.0)
+    learned = decode(_learning(nested_config(), family), original, prediction, 8.0)
+    assert learned.num_failed_planes == 0
+    np.testing.assert_array_equal(learned.frame.luma, plain.frame.luma)
+
+
+def test_every_group_learns_by_itself(original: Frame) -> None:
+    """What was learned from other frames changes what a frame costs, until a new group starts."""
+    config = _learning(nested_config(), "cascade")
+    encoded = WynerZivEncoder(config).encode(original, 8.0)
+    decoder = WynerZivDecoder(config)
+    quantization = decoder.layout.read_header(encoded.header)
+    prediction = noisy_prediction(original, 5.0)
+    costs = []
+    for number in range(3):
+        if number == 2:
+            decoder.start_group()
+        decoded = drive(decoder.decode(5, quantization, prediction), encoded.answer)
+        costs.append([cost.ideal_bits for cost in decoded.band_costs])
+    assert costs[0] == costs[2] != costs[1]

@@ -21,6 +21,7 @@ _SMALL_CHANGE = 1e-4  # of the expected errors in a range, that need not be pass
 _NEGLIGIBLE_CHANGE = 2e-6  # of the probability of a single bit
 _SMALL_ODDS = 1.0 / 64
 _NO_DIVISION = 2.0
+_MAX_SPREAD = 2.0  # that surprises of neighbours count as together
 _HASH, _MIX = 0x9E3779B97F4A7C15, 0x94D049BB133111EB
 
 
@@ -119,6 +120,19 @@ def propagate(
         if quiet:
             return sweep
     return max_sweeps
+
+
+@kernel
+def replace_prior(prior, new, ranks, last, odds, pending, num_orders):
+    """Replace prior odds, and mark what depends on those that change; `odds` are those by all beliefs."""
+    for n in range(prior.size):
+        factor = new[n] / prior[n]
+        changed = odds[n] * factor
+        change = _change_of_probability(min(odds[n], changed), max(odds[n], changed))
+        prior[n], odds[n] = new[n], changed
+        if change >= _NEGLIGIBLE_CHANGE:
+            for k in range(num_orders):
+                pending[k, last[k, ranks[k, n]]] += change
 
 
 @kernel
@@ -287,3 +301,23 @@ def expected_errors(odds):
         first += odds[n] / (1.0 + odds[n])
         present += min(odds[n], 1.0) / (1.0 + odds[n])
     return first, present
+
+
+@kernel
+def add_neighbours(deviation, alone, shift, slope, surprise, widening, weights, causal, llr):
+    """Write LLRs with what is believed of neighbours added; all (rows, columns) float64 but `weights` (3,).
+
+    deviation : probability of a 1, beyond that of the bit alone.
+    causal : whether only the neighbours to the left and above are known.
+    """
+    rows, columns = alone.shape
+    for r in range(rows):
+        for c in range(columns):
+            moved = spread = 0.0
+            for k in range(2 if causal else 4):
+                y, x = r - (k == 1) + (k == 3), c - (k == 0) + (k == 2)
+                if 0 <= y < rows and 0 <= x < columns:
+                    moved += weights[k & 1] * (shift[y, x] * deviation[y, x])
+                    spread += surprise[y, x] * deviation[y, x]
+            spread = min(max(spread, -_MAX_SPREAD), _MAX_SPREAD)
+            llr[r, c] = alone[r, c] + slope[r, c] * moved + widening[r, c] * (weights[2] * spread)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.turbo.cascade.coupling import NeighbourCoupling
 from dvc.turbo.cascade.posterior import RangePosterior
 from dvc.turbo.cascade.reconciliation import CascadeSettings, PlaneReconciliation
 from dvc.turbo.crc import crc
@@ -57,7 +58,12 @@ class CascadeDecoder:
         self._posterior = RangePosterior(num_bits, seed)
         self._planes: dict[int, tuple[PlaneReconciliation, PlaneResult]] = {}
 
-    def decode(self, llr_ch: NDArray[np.floating], place: tuple[int, int] = (0, 0)) -> PlaneCoroutine:
+    def decode(
+        self,
+        llr_ch: NDArray[np.floating],
+        place: tuple[int, int] = (0, 0),
+        coupling: NeighbourCoupling | None = None,
+    ) -> PlaneCoroutine:
         """Decode a plane as a coroutine: it yields requests and is sent the bits.
 
         Parameters
@@ -66,6 +72,8 @@ class CascadeDecoder:
             Side information as LLR log p(0) / p(1) of every bit.
         place : tuple of two int, optional
             Numbers of the frame, and of the plane in it.
+        coupling : NeighbourCoupling, optional
+            How bits depend on each other, where they do.
 
         Yields
         ------
@@ -77,7 +85,7 @@ class CascadeDecoder:
         PlaneResult
             The plane, most likely right.
         """
-        plane = PlaneReconciliation(llr_ch, self._settings, place)
+        plane = PlaneReconciliation(llr_ch, self._settings, place, coupling)
         result = yield from plane.decode(self._posterior)
         self._planes[place[1]] = plane, result
         return result

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from dvc.turbo import _kernels as turbo_kernels
 from dvc.turbo.cascade import _kernels
+from dvc.turbo.cascade.coupling import NeighbourCoupling
 from dvc.turbo.cascade.orders import bit_orders
 
 Bits = NDArray[np.uint8]
@@ -16,6 +17,8 @@ MAX_SCALE_CHANGE = 1.1
 """Factor on the prior odds that is learned from parities, from which on it is used."""
 CERTAIN = 0.999
 """2 |p - 1/2| of answers from which on they are not worth asking for."""
+MIN_COUPLED_CHANGE = 0.1
+"""Change of an LLR by what neighbours tell, from which on it is used."""
 SCALE_STRENGTH = 5.0
 """Errors that must be expected besides those of the plane, lest a few of them change the prior."""
 
@@ -49,6 +52,8 @@ class RangePosterior:
         self._first_decisions: Bits = np.zeros(num_bits, np.uint8)
         self._decided_prefix: dict[int, Bits] = {}  # parities of the first decisions in an order
         self._prior = np.zeros(num_bits)
+        self._llr = np.zeros(num_bits, np.float32)
+        self._coupling: NeighbourCoupling | None = None
         self._odds = np.zeros(num_bits)
         self._odds_known = False
         self._expected = 0.0
@@ -76,18 +81,20 @@ class RangePosterior:
         """Number of wrong decisions to be expected by the beliefs."""
         return float(_kernels.expected_errors(self._all_odds())[1])
 
-    def start(self, llr_ch: NDArray[np.float32]) -> None:
+    def start(self, llr_ch: NDArray[np.float32], coupling: NeighbourCoupling | None = None) -> None:
         """Begin a new plane.
 
         Parameters
         ----------
         llr_ch : ndarray of shape (N,), float32
             Side information as LLR log p(0) / p(1) of every bit, less than 80 in magnitude.
+        coupling : NeighbourCoupling, optional
+            How bits depend on each other, where they do.
         """
-        right, wrong = np.empty_like(llr_ch), np.empty_like(llr_ch)
-        turbo_kernels.bit_probabilities(np.abs(llr_ch), right, wrong)
         self._first_decisions = (llr_ch < 0).astype(np.uint8)
-        self._prior = wrong.astype(np.float64) / right
+        self._coupling = coupling
+        self._llr = llr_ch
+        self._prior = self._prior_odds(llr_ch)
         self._odds_known = False
         self._expected = float(_kernels.expected_errors(self._prior)[0])
         self._scale = 1.0
@@ -97,6 +104,12 @@ class RangePosterior:
         self._prefix[:] = 0
         self._messages[:] = 1.0
         self._decided_prefix = {}
+
+    def _prior_odds(self, llr: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Odds that each bit differs from its first decision, by LLRs alone."""
+        right, wrong = np.empty_like(llr), np.empty_like(llr)
+        turbo_kernels.bit_probabilities(np.where(self._first_decisions, -llr, llr), right, wrong)
+        return wrong.astype(np.float64) / right
 
     def add_answers(self, order: int, positions: Positions, bits: Bits) -> None:
         """Take in parities.
@@ -168,6 +181,35 @@ class RangePosterior:
         self._prior *= change
         self._scale = scale
         self._touch_all()
+        return True
+
+    def couple(self, max_llr: float) -> bool:
+        """Let the prior of each bit follow from what is believed of its neighbours.
+
+        Parameters
+        ----------
+        max_llr : float
+            Bound on the magnitude of its LLR.
+
+        Returns
+        -------
+        bool
+            Whether that was worth doing; beliefs have to be passed on again then.
+        """
+        if self._coupling is None:
+            return False
+        odds = self._all_odds()
+        wrong = odds / (1.0 + odds)
+        probability = np.where(self._first_decisions, 1.0 - wrong, wrong)
+        llr = np.clip(self._coupling.llr_given(probability), -max_llr, max_llr)
+        if np.abs(llr - self._llr).max() < MIN_COUPLED_CHANGE:
+            return False
+        self._llr = llr
+        prior = self._prior_odds(llr)
+        self._expected, scaled = float(_kernels.expected_errors(prior)[0]), prior * self._scale
+        _kernels.replace_prior(
+            self._prior, scaled, self._ranks, self._last, odds, self._pending, self.num_orders
+        )
         return True
 
     def restart(self) -> None:

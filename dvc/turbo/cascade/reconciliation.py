@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.turbo import _kernels
+from dvc.turbo.cascade.coupling import NeighbourCoupling
 from dvc.turbo.cascade.posterior import Positions, RangePosterior
 from dvc.turbo.crc import POLYNOMIALS, crc
 from dvc.turbo.requests import Bits, Kind, ParityRequest, ask
@@ -59,6 +60,8 @@ class PlaneReconciliation:
         How sure to be.
     place : tuple of two int, optional
         Numbers of the frame, and of the plane in it, which requests carry.
+    coupling : NeighbourCoupling, optional
+        How bits depend on each other, where they do.
 
     Raises
     ------
@@ -67,7 +70,11 @@ class PlaneReconciliation:
     """
 
     def __init__(
-        self, llr_ch: NDArray[np.floating], settings: CascadeSettings, place: tuple[int, int] = (0, 0)
+        self,
+        llr_ch: NDArray[np.floating],
+        settings: CascadeSettings,
+        place: tuple[int, int] = (0, 0),
+        coupling: NeighbourCoupling | None = None,
     ) -> None:
         llr = np.asarray(llr_ch, np.float32)
         if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
@@ -75,6 +82,7 @@ class PlaneReconciliation:
         self._llr = np.clip(llr, -settings.max_prior_llr, settings.max_prior_llr)
         self._settings = settings
         self._place = place
+        self._coupling = coupling
         self._entropy_bits = float(_kernels.prior_entropy(self._llr))
         self._check = np.zeros(0, np.uint8)
         self._answers: list[tuple[int, Positions, Bits]] = []
@@ -103,7 +111,7 @@ class PlaneReconciliation:
         """
         if self._entropy_bits >= self._settings.uncoded_entropy * self._llr.size:
             return (yield from self._fetch())
-        posterior.start(self._llr)
+        posterior.start(self._llr, self._coupling)
         return (yield from self._go_on(posterior, math.ceil(self._settings.error_exponent)))
 
     def correct(self, posterior: RangePosterior) -> PlaneCoroutine:
@@ -124,7 +132,7 @@ class PlaneReconciliation:
         PlaneResult
             The plane, with all that it has cost.
         """
-        posterior.start(self._llr)
+        posterior.start(self._llr, self._coupling)
         for order, positions, bits in self._answers:
             posterior.add_answers(order, positions, bits)
         yield from self._request_check(self._settings.crc_bits)
@@ -143,6 +151,8 @@ class PlaneReconciliation:
     def _next_question(self, posterior: RangePosterior) -> tuple[int, Positions] | None:
         """Choose what to ask as long as answers tell much."""
         self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+        if posterior.num_orders and posterior.couple(self._settings.max_prior_llr):
+            self._sweeps += posterior.propagate(SWEEPS, CHANGE)
         question = posterior.divisions(WORTH_ASKING)
         if question is None and posterior.num_orders and posterior.rescale():
             self._sweeps += posterior.propagate(SWEEPS, CHANGE)
@@ -205,6 +215,10 @@ class PlaneReconciliation:
         return (yield from ask(ParityRequest(*self._place, kind, code, start, count, positions)))
 
     def _result(self, bits: Bits) -> PlaneResult:
+        llr = self._llr
+        if self._coupling is not None:
+            limit = self._settings.max_prior_llr
+            llr = np.clip(self._coupling.llr_in_sequence(bits), -limit, limit)
         return PlaneResult(
             bits.copy(),
             True,
@@ -213,5 +227,5 @@ class PlaneReconciliation:
             self._num_parity,
             self._sweeps,
             self._entropy_bits,
-            float(_kernels.prior_information(self._llr, bits)),
+            float(_kernels.prior_information(llr, bits)),
         )

@@ -1,0 +1,250 @@
+"""Priors of bit planes that learn from those decoded before: corrected LLRs, and neighbours that tell more.
+
+The correlation noise is neither exactly Laplacian nor independent from block to block. The LLR of a bit is
+corrected by a few terms with weights: what the Laplacian says, the same but saturating, and by how much
+neighbouring blocks are off their prediction. While a plane is decoded, errors of the neighbours in this very
+plane tell more; how much is learned as well, from planes whose bits are all known. Both are logistic
+regressions whose weights start from those of usual frames, and follow what was decoded.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from dvc.config import ZIGZAG
+from dvc.turbo import NeighbourCoupling
+from dvc.wynerziv import noise, reconstruction
+
+Array = NDArray[np.float64]
+Bits = NDArray[np.uint8]
+
+MAX_INPUT = 12.0
+"""Bound on the magnitude of all terms of an LLR."""
+MAX_SPREAD = 2.0
+"""Bound on the surprises of the neighbours together."""
+SHIFT = 0.5
+"""Shift of the prediction, in scales, by which the slope of an LLR is measured, both ways."""
+WIDENING = 1.3
+"""Factor on the scale by which it is measured what that changes, both ways."""
+STEPS = 2
+"""Newton steps for every plane."""
+MEMORY = 0.9
+"""Share of what is known of the weights that is kept from plane to plane."""
+PRECISION = 1000.0
+"""Precision of each weight before anything is decoded."""
+
+
+@dataclass
+class _Weights:
+    """Weights of terms of a logistic regression, and how well they are known."""
+
+    values: Array
+    least: Array
+    most: Array
+    precision: Array
+
+    @classmethod
+    def of(cls, *values: float, least: tuple[float, ...], most: tuple[float, ...]) -> "_Weights":
+        precision = PRECISION * np.eye(len(values))
+        return cls(np.array(values), np.array(least), np.array(most), precision)
+
+    def learn(self, inputs: Array, offset: Array, bits: Bits) -> None:
+        from dvc.wynerziv import _kernels
+
+        self.precision *= MEMORY
+        is_zero = 1.0 - bits
+        _kernels.fit_logistic(
+            inputs, offset, is_zero, self.least, self.most, STEPS, self.values, self.precision
+        )
+
+
+def _alone(*values: float) -> _Weights:
+    """Weights of the LLR, of the LLR saturating, and of both kinds of shifts of neighbours."""
+    return _Weights.of(*values, least=(0.3, -4.0, -2.0, -1.0), most=(2.5, 2.5, 3.0, 1.5))
+
+
+def _coupled(*values: float) -> _Weights:
+    """Weights of neighbours along and across the edges that a band stands for, and of their surprise."""
+    return _Weights.of(*values, least=(-0.2, -0.5, -0.1), most=(0.8, 0.8, 0.3))
+
+
+@dataclass(frozen=True)
+class PlanePrior:
+    """What is known of a plane before it is decoded.
+
+    Attributes
+    ----------
+    llr : ndarray of shape (N,), float64
+        LLR log p(0) / p(1) of each bit.
+    coupling : NeighbourCoupling
+        How bits depend on their neighbours.
+    band : int
+        The band.
+    inputs : ndarray of shape (4, N), float64
+        Terms of the LLR.
+    """
+
+    llr: Array
+    coupling: NeighbourCoupling
+    band: int
+    inputs: Array
+
+
+class LearnedPriors:
+    """Priors of the planes of a group of pictures, one after the other as they are decoded.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Rows and columns of blocks.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._shape = shape
+        self._alone = [
+            _alone(1.0, 0.0, 0.55, 0.0),
+            _alone(1.12, -0.6, -0.1, 0.15),
+            _alone(1.15, -0.9, -0.1, 0.05),
+            _alone(1.2, -1.2, -0.1, 0.05),
+        ]
+        self._coupled = [
+            _coupled(0.33, 0.33, 0.02),
+            _coupled(0.25, 0.0, 0.02),
+            _coupled(0.22, 0.03, 0.03),
+            _coupled(0.25, 0.05, 0.04),
+        ]
+
+    def plane(
+        self,
+        band: int,
+        borders: tuple[Array, Array, Array],
+        side_information: Array,
+        scale: Array,
+        dc_error: Array | None,
+    ) -> PlanePrior:
+        """Return the prior of the next plane of a band.
+
+        Parameters
+        ----------
+        band : int
+            The band.
+        borders : tuple of three ndarray of shape (N,), float64
+            Of the interval known so far, with where the bit splits it between them.
+        side_information : ndarray of shape (N,), float64
+            Predicted coefficients.
+        scale : ndarray of shape (N,), float64
+            Scales of the Laplacians, positive.
+        dc_error : ndarray of shape (rows, columns), float64, or None
+            By how much the decoded DC band is off its prediction, if it is known.
+
+        Returns
+        -------
+        PlanePrior
+            For the decoder of planes, and for `learn`.
+        """
+        lower, middle, upper = borders
+        shape = self._shape
+        llr = _bounded(noise.bit_llr(lower, middle, upper, side_information, scale))
+        slope = _slope(borders, side_information, scale)
+        error = reconstruction.conditional_mean(lower, upper, side_information, scale) - side_information
+        around = slope * _neighbours(error.reshape(shape)).ravel()
+        ramp = np.zeros_like(llr) if dc_error is None else slope * _ramp(dc_error, band).ravel()
+        inputs = _bounded(np.stack([llr, llr / (1.0 + np.abs(llr)), around, ramp]))
+        weights = self._alone[_class_of(band)].values
+        corrected = np.zeros_like(llr)
+        for weight, term in zip(weights, inputs, strict=True):
+            corrected += weight * term
+        jump = reconstruction.conditional_mean(middle, upper, side_information, scale)
+        jump -= reconstruction.conditional_mean(lower, middle, side_information, scale)
+        along, across, spread = self._coupled[_class_of(band)].values
+        upright, lying = _orientation(band)
+        corrected = _bounded(corrected)
+        coupling = NeighbourCoupling(
+            corrected.reshape(shape),
+            jump.reshape(shape),
+            slope.reshape(shape),
+            ((jump / scale) ** 2).reshape(shape),
+            _widening(borders, side_information, scale).reshape(shape),
+            np.array([along if lying else across, along if upright else across, spread]),
+        )
+        return PlanePrior(corrected, coupling, band, inputs)
+
+    def learn(self, prior: PlanePrior, bits: Bits) -> None:
+        """Learn from a plane that is decoded.
+
+        Parameters
+        ----------
+        prior : PlanePrior
+            What was known of it before.
+        bits : ndarray of shape (N,), uint8
+            The plane.
+        """
+        number = _class_of(prior.band)
+        self._alone[number].learn(prior.inputs, np.zeros_like(prior.llr), bits)
+        self._coupled[number].learn(_coupled_inputs(prior, bits), prior.llr, bits)
+
+
+def _class_of(band: int) -> int:
+    return 0 if band == 0 else 1 if band < 3 else 2 if band < 6 else 3
+
+
+def _bounded(term: Array) -> Array:
+    clipped: Array = np.clip(term, -MAX_INPUT, MAX_INPUT)
+    return clipped
+
+
+def _orientation(band: int) -> tuple[bool, bool]:
+    """Say whether neighbours above and below, and those at the sides, lie along the edges of a band."""
+    vertical, horizontal = divmod(ZIGZAG[band], 4)
+    return horizontal >= vertical, vertical >= horizontal
+
+
+def _slope(borders: tuple[Array, Array, Array], side_information: Array, scale: Array) -> Array:
+    """Return by how much LLRs change where the prediction is shifted."""
+    above = _bounded(noise.bit_llr(*borders, side_information + SHIFT * scale, scale))
+    below = _bounded(noise.bit_llr(*borders, side_information - SHIFT * scale, scale))
+    return (above - below) / (2.0 * SHIFT * scale)
+
+
+def _widening(borders: tuple[Array, Array, Array], side_information: Array, scale: Array) -> Array:
+    """Return by how much LLRs change where scales grow."""
+    wide = _bounded(noise.bit_llr(*borders, side_information, scale * WIDENING))
+    return wide - _bounded(noise.bit_llr(*borders, side_information, scale / WIDENING))
+
+
+def _neighbours(plane: Array) -> Array:
+    """Return the mean of the eight neighbours."""
+    mean: Array = (9.0 * uniform_filter(plane, 3, mode="nearest") - plane) / 8.0
+    return mean
+
+
+def _ramp(dc_error: Array, band: int) -> Array:
+    """Return how DC errors decrease across a block, for bands whose patterns are of rows or columns alone."""
+    vertical, horizontal = divmod(ZIGZAG[band], 4)
+    padded = np.pad(dc_error, 1, mode="edge")
+    if vertical == 0 and horizontal > 0:
+        return padded[1:-1, :-2] - padded[1:-1, 2:]
+    if horizontal == 0 and vertical > 0:
+        return padded[:-2, 1:-1] - padded[2:, 1:-1]
+    return np.zeros_like(dc_error)
+
+
+def _coupled_inputs(prior: PlanePrior, bits: Bits) -> Array:
+    """Return what neighbours along and across, and their surprise, tell where all bits are known."""
+    coupling = prior.coupling
+    deviation = bits.reshape(coupling.alone.shape) - coupling.probability_alone
+    shift = np.pad(coupling.shift * deviation, 1)
+    sides, ends = shift[1:-1, :-2] + shift[1:-1, 2:], shift[:-2, 1:-1] + shift[2:, 1:-1]
+    surprise = np.pad(coupling.surprise * deviation, 1)
+    spread = surprise[1:-1, :-2] + surprise[1:-1, 2:] + surprise[:-2, 1:-1] + surprise[2:, 1:-1]
+    upright, lying = _orientation(prior.band)
+    along = sides * lying + ends * upright
+    across = sides * (not lying) + ends * (not upright)
+    terms = (
+        coupling.slope * along,
+        coupling.slope * across,
+        coupling.widening * np.clip(spread, -MAX_SPREAD, MAX_SPREAD),
+    )
+    return _bounded(np.stack(terms).reshape(3, -1))

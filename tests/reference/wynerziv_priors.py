@@ -1,0 +1,43 @@
+"""Learned priors of bit planes, the plain way: neighbours by loops, logistic regression by matrices."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.turbo import NeighbourCoupling
+
+Array = NDArray[np.float64]
+MAX_SPREAD = 2.0
+
+
+def coupled_llr(coupling: NeighbourCoupling, probability: Array, causal: bool) -> Array:
+    """Return LLRs with what is believed of the neighbours, or of those to the left and above."""
+    alone = coupling.alone
+    expected = 1.0 / (1.0 + np.exp(alone))
+    deviation = probability - expected
+    llr = alone.copy()
+    steps = [((0, -1), 0), ((-1, 0), 1), ((0, 1), 0), ((1, 0), 1)]
+    for place in np.ndindex(alone.shape):
+        moved = spread = 0.0
+        for (down, right), weight in steps[: 2 if causal else 4]:
+            other = place[0] + down, place[1] + right
+            if 0 <= other[0] < alone.shape[0] and 0 <= other[1] < alone.shape[1]:
+                moved += coupling.weights[weight] * coupling.shift[other] * deviation[other]
+                spread += coupling.energy[other] * (1 - 2 * expected[other]) * deviation[other]
+        llr[place] += coupling.slope[place] * moved
+        llr[place] += (
+            coupling.widening[place] * coupling.weights[2] * np.clip(spread, -MAX_SPREAD, MAX_SPREAD)
+        )
+    return llr
+
+
+def newton(
+    inputs: Array, offset: Array, is_zero: Array, weights: Array, precision: Array, steps: int
+) -> tuple[Array, Array]:
+    """Return weights after Newton steps from a Gaussian prior, and their precision."""
+    found, hessian = weights, precision
+    for _ in range(steps):
+        probability = 1.0 / (1.0 + np.exp(-(offset + found @ inputs)))
+        hessian = precision + (inputs * probability * (1.0 - probability)) @ inputs.T
+        gradient = inputs @ (probability - is_zero) + precision @ (found - weights)
+        found = found - np.linalg.solve(hessian, gradient)
+    return found, hessian

@@ -1,0 +1,117 @@
+"""Priors that learn: corrections that fit, neighbours that tell, and numbers whatever the planes are."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import uniform_filter
+
+from dvc.wynerziv import _kernels, noise
+from dvc.wynerziv.priors import LearnedPriors, PlanePrior
+from tests.reference.wynerziv_priors import newton
+
+SHAPE = (40, 44)
+STEP = 8.0
+
+
+def code_length(llr: np.ndarray, bits: np.ndarray) -> float:
+    """Return the ideal code length in bits."""
+    return float(np.logaddexp(0.0, np.where(bits == 1, llr, -llr)).sum() / np.log(2.0))
+
+
+def planes(
+    rng: np.random.Generator, error: np.ndarray, scale: float
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
+    """Return borders, side information, scales and bits of a plane of values with given errors."""
+    predicted = rng.uniform(0.0, 100.0, error.size)
+    true = predicted + error.ravel()
+    lower = 2.0 * STEP * np.floor(true / (2.0 * STEP))
+    bits = (true >= lower + STEP).astype(np.uint8)
+    return (lower, lower + STEP, lower + 2.0 * STEP), predicted, np.full(error.size, scale), bits
+
+
+def test_newton_steps_as_in_the_plain_way() -> None:
+    """Compiled and plain logistic regressions agree, and keep to the bounds."""
+    rng = np.random.default_rng(1)
+    inputs, offset = rng.normal(0.0, 1.0, (3, 500)), rng.normal(0.0, 0.5, 500)
+    is_zero = (rng.random(500) < 1.0 / (1.0 + np.exp(-2.0 * inputs[0]))).astype(np.float64)
+    start, precision = np.array([1.0, 0.0, 0.2]), np.diag([5.0, 9.0, 3.0])
+    wanted, hessian = newton(inputs, offset, is_zero, start, precision, 2)
+    for most in (9.0, 1.1):
+        weights, found = start.copy(), precision.copy()
+        limits = np.full(3, -9.0), np.full(3, most)
+        _kernels.fit_logistic(inputs, offset, is_zero, *limits, 2, weights, found)
+        if most == 9.0:
+            np.testing.assert_allclose(weights, wanted, rtol=1e-9)
+            np.testing.assert_allclose(found, hessian, rtol=1e-9)
+        assert weights.max() <= most
+
+
+def test_wrong_scales_are_corrected() -> None:
+    """Where the noise model is far from the errors, bits cost less with every plane that was decoded."""
+    rng = np.random.default_rng(2)
+    priors = LearnedPriors(SHAPE)
+    ratios = []
+    for _ in range(8):
+        borders, predicted, scale, bits = planes(rng, rng.laplace(0.0, 8.0, SHAPE), 2.0)
+        prior = priors.plane(1, borders, predicted, scale, None)
+        before = code_length(np.clip(noise.bit_llr(*borders, predicted, scale), -9.0, 9.0), bits)
+        ratios.append(code_length(np.clip(prior.llr, -9.0, 9.0), bits) / before)
+        priors.learn(prior, bits)
+    assert max(ratios[4:]) < 0.97
+    assert np.mean(ratios[4:]) < np.mean(ratios[:2])
+
+
+def test_smooth_errors_are_told_by_neighbours() -> None:
+    """Where errors are alike in neighbouring blocks, those before it make a bit cheaper."""
+    rng = np.random.default_rng(3)
+    priors = LearnedPriors(SHAPE)
+    alone = coupled = 0.0
+    for number in range(6):
+        error = 60.0 * uniform_filter(rng.normal(0.0, 1.0, SHAPE), 9) + rng.laplace(0.0, 0.7, SHAPE)
+        borders, predicted, scale, bits = planes(rng, error, 4.0)
+        prior = priors.plane(0, borders, predicted, scale, None)
+        if number > 2:
+            alone += code_length(prior.llr, bits)
+            coupled += code_length(prior.coupling.llr_in_sequence(bits), bits)
+        priors.learn(prior, bits)
+    assert coupled < 0.98 * alone
+
+
+@pytest.mark.parametrize(("band", "ends", "sides"), [(1, 1, 0), (2, 0, 1), (0, 1, 1)])
+def test_neighbours_along_edges_count_the_most(band: int, ends: int, sides: int) -> None:
+    """Blocks above and below lie along the edges of horizontal frequencies, those at the sides across."""
+    rng = np.random.default_rng(4)
+    borders, predicted, scale, _ = planes(rng, rng.laplace(0.0, 4.0, SHAPE), 4.0)
+    weights = LearnedPriors(SHAPE).plane(band, borders, predicted, scale, None).coupling.weights
+    usual = weights[:2].max()
+    np.testing.assert_array_equal(weights[:2] == usual, [bool(sides), bool(ends)])
+
+
+def test_ramps_of_dc_errors_tell_first_frequencies() -> None:
+    """A prediction too dark on the left raises the expected horizontal frequency, not the vertical."""
+    rng = np.random.default_rng(5)
+    borders, predicted, scale, _ = planes(rng, rng.laplace(0.0, 4.0, SHAPE), 4.0)
+    ramp = np.tile(-4.0 * np.arange(SHAPE[1], dtype=np.float64), (SHAPE[0], 1))
+    for band, moved in ((1, True), (2, False)):
+        plain = LearnedPriors(SHAPE).plane(band, borders, predicted, scale, None).llr
+        found = LearnedPriors(SHAPE).plane(band, borders, predicted, scale, ramp).llr
+        assert np.mean(found - plain) < -0.1 if moved else np.array_equal(found, plain)
+
+
+@pytest.mark.parametrize("width", [0.0, 1e-9, 1e6])
+def test_planes_of_any_kind_give_numbers(width: float) -> None:
+    """Bins without width, or far away from the prediction, and bits that nobody expects, are borne."""
+    rng = np.random.default_rng(6)
+    size = SHAPE[0] * SHAPE[1]
+    lower = rng.uniform(-1e6, 1e6, size)
+    borders = lower, lower + 0.5 * width, lower + width
+    priors = LearnedPriors(SHAPE)
+    for band in (0, 1, 5, 15) * 3:
+        scale = rng.choice([0.3, 1e4], size)
+        prior = priors.plane(band, borders, rng.uniform(-1e4, 1e4, size), scale, rng.normal(0, 1e5, SHAPE))
+        assert _is_sound(prior)
+        priors.learn(prior, rng.integers(0, 2, size, dtype=np.uint8))
+
+
+def _is_sound(prior: PlanePrior) -> bool:
+    told = prior.coupling.llr_given(np.ones(prior.llr.size, np.float32))
+    return bool(np.isfinite(told).all() and np.abs(prior.llr).max() <= 12.0)
