@@ -108,7 +108,7 @@ def measure_priors(stream: Path) -> dict[str, tuple[float, float]]:
     learn = priors.LearnedPriors.learn
 
     def _measure(self: priors.LearnedPriors, prior: priors.PlanePrior, bits: Bits) -> None:
-        (name,) = (name for name, own in PLANE_CLASSES.items() if prior.band in own)
+        (name,) = (name for name, own in PLANE_CLASSES.items() if prior.place[0] in own)
         before, after = lengths.get(name, (0.0, 0.0))
         before += _ideal_bits(prior.inputs[0], bits)
         lengths[name] = before, after + _ideal_bits(prior.coupling.llr_in_sequence(bits), bits)

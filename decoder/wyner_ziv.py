@@ -270,9 +270,8 @@ class WynerZivDecoder:
                 if not _pays(worth, self._plane_decoder.cost, slope):
                     break
             middle, _ = bitplanes.prefix_borders(2 * prefix + 1, missing, edges)
-            place = index, quantization.first_plane[band] + plane
-            borders = lower, middle, upper
-            result = yield from self._decode_plane(place, band, borders, predicted, scale * gain, state)
+            place, borders = (quantization.first_plane[band] + plane, band, plane), (lower, middle, upper)
+            result = yield from self._decode_plane(index, place, borders, predicted, scale * gain, state)
             results.append(result)
             prefix = 2 * prefix + result.bits
             lower, upper = bitplanes.prefix_borders(prefix, missing, edges)
@@ -289,17 +288,20 @@ class WynerZivDecoder:
 
     def _decode_plane(
         self,
-        place: tuple[int, int],
-        band: int,
+        index: int,
+        place: tuple[int, int, int],
         borders: tuple[Array, Array, Array],
         predicted: Array,
         scale: Array,
         state: _FrameState,
     ) -> Generator[turbo.ParityRequest, Bits, turbo.PlaneResult]:
+        """Decode a plane; `place` is its number in the frame, its band, and its number in that."""
+        number = index, place[0]
         if self._config.wyner_ziv.priors == "laplacian":
-            return (yield from self._plane_decoder.decode(noise.bit_llr(*borders, predicted, scale), place))
-        prior = self._priors.plane(band, borders, predicted, scale, state.dc_error())
-        result = yield from self._plane_decoder.decode(prior.llr, place, prior.coupling)
+            llr = noise.bit_llr(*borders, predicted, scale)
+            return (yield from self._plane_decoder.decode(llr, number))
+        prior = self._priors.plane(place[1:], borders, predicted, scale, state.dc_error())
+        result = yield from self._plane_decoder.decode(prior.llr, number, prior.coupling)
         self._priors.learn(prior, result.bits)
         return result
 

@@ -80,15 +80,15 @@ class PlanePrior:
         LLR log p(0) / p(1) of each bit.
     coupling : NeighbourCoupling
         How bits depend on their neighbours.
-    band : int
-        The band.
+    place : tuple of two int
+        The band, and which of its planes.
     inputs : ndarray of shape (4, N), float64
         Terms of the LLR.
     """
 
     llr: Array
     coupling: NeighbourCoupling
-    band: int
+    place: tuple[int, int]
     inputs: Array
 
 
@@ -105,12 +105,14 @@ class LearnedPriors:
         self._shape = shape
         self._alone = [
             _alone(1.0, 0.0, 0.55, 0.0),
+            _alone(1.0, 0.0, 0.55, 0.0),
             _alone(1.12, -0.6, -0.1, 0.15),
             _alone(1.15, -0.9, -0.1, 0.05),
             _alone(1.2, -1.2, -0.1, 0.05),
         ]
         self._coupled = [
-            _coupled(0.33, 0.33, 0.02),
+            _coupled(0.33, 0.0, 0.05),
+            _coupled(0.33, 0.0, 0.05),
             _coupled(0.25, 0.0, 0.02),
             _coupled(0.22, 0.03, 0.03),
             _coupled(0.25, 0.05, 0.04),
@@ -118,7 +120,7 @@ class LearnedPriors:
 
     def plane(
         self,
-        band: int,
+        place: tuple[int, int],
         borders: tuple[Array, Array, Array],
         side_information: Array,
         scale: Array,
@@ -128,8 +130,8 @@ class LearnedPriors:
 
         Parameters
         ----------
-        band : int
-            The band.
+        place : tuple of two int
+            The band, and which of its planes.
         borders : tuple of three ndarray of shape (N,), float64
             Of the interval known so far, with where the bit splits it between them.
         side_information : ndarray of shape (N,), float64
@@ -144,6 +146,7 @@ class LearnedPriors:
         PlanePrior
             For the decoder of planes, and for `learn`.
         """
+        band, number = place[0], _class_of(*place)
         lower, middle, upper = borders
         shape = self._shape
         llr = _bounded(noise.bit_llr(lower, middle, upper, side_information, scale))
@@ -152,13 +155,13 @@ class LearnedPriors:
         around = slope * _neighbours(error.reshape(shape)).ravel()
         ramp = np.zeros_like(llr) if dc_error is None else slope * _ramp(dc_error, band).ravel()
         inputs = _bounded(np.stack([llr, llr / (1.0 + np.abs(llr)), around, ramp]))
-        weights = self._alone[_class_of(band)].values
+        weights = self._alone[number].values
         corrected = np.zeros_like(llr)
         for weight, term in zip(weights, inputs, strict=True):
             corrected += weight * term
         jump = reconstruction.conditional_mean(middle, upper, side_information, scale)
         jump -= reconstruction.conditional_mean(lower, middle, side_information, scale)
-        along, across, spread = self._coupled[_class_of(band)].values
+        along, across, spread = self._coupled[number].values
         upright, lying = _orientation(band)
         corrected = _bounded(corrected)
         coupling = NeighbourCoupling(
@@ -169,7 +172,7 @@ class LearnedPriors:
             _widening(borders, side_information, scale).reshape(shape),
             np.array([along if lying else across, along if upright else across, spread]),
         )
-        return PlanePrior(corrected, coupling, band, inputs)
+        return PlanePrior(corrected, coupling, place, inputs)
 
     def learn(self, prior: PlanePrior, bits: Bits) -> None:
         """Learn from a plane that is decoded.
@@ -181,13 +184,16 @@ class LearnedPriors:
         bits : ndarray of shape (N,), uint8
             The plane.
         """
-        number = _class_of(prior.band)
+        number = _class_of(*prior.place)
         self._alone[number].learn(prior.inputs, np.zeros_like(prior.llr), bits)
         self._coupled[number].learn(_coupled_inputs(prior, bits), prior.llr, bits)
 
 
-def _class_of(band: int) -> int:
-    return 0 if band == 0 else 1 if band < 3 else 2 if band < 6 else 3
+def _class_of(band: int, plane: int) -> int:
+    """Return which weights a plane has; before the first one of DC the scale is a guess."""
+    if band == 0:
+        return min(plane, 1)
+    return 2 if band < 3 else 3 if band < 6 else 4
 
 
 def _bounded(term: Array) -> Array:
@@ -239,7 +245,7 @@ def _coupled_inputs(prior: PlanePrior, bits: Bits) -> Array:
     sides, ends = shift[1:-1, :-2] + shift[1:-1, 2:], shift[:-2, 1:-1] + shift[2:, 1:-1]
     surprise = np.pad(coupling.surprise * deviation, 1)
     spread = surprise[1:-1, :-2] + surprise[1:-1, 2:] + surprise[:-2, 1:-1] + surprise[2:, 1:-1]
-    upright, lying = _orientation(prior.band)
+    upright, lying = _orientation(prior.place[0])
     along = sides * lying + ends * upright
     across = sides * (not lying) + ends * (not upright)
     terms = (

@@ -52,7 +52,7 @@ def test_wrong_scales_are_corrected() -> None:
     ratios = []
     for _ in range(8):
         borders, predicted, scale, bits = planes(rng, rng.laplace(0.0, 8.0, SHAPE), 2.0)
-        prior = priors.plane(1, borders, predicted, scale, None)
+        prior = priors.plane((1, 1), borders, predicted, scale, None)
         before = code_length(np.clip(noise.bit_llr(*borders, predicted, scale), -9.0, 9.0), bits)
         ratios.append(code_length(np.clip(prior.llr, -9.0, 9.0), bits) / before)
         priors.learn(prior, bits)
@@ -68,7 +68,7 @@ def test_smooth_errors_are_told_by_neighbours() -> None:
     for number in range(6):
         error = 60.0 * uniform_filter(rng.normal(0.0, 1.0, SHAPE), 9) + rng.laplace(0.0, 0.7, SHAPE)
         borders, predicted, scale, bits = planes(rng, error, 4.0)
-        prior = priors.plane(0, borders, predicted, scale, None)
+        prior = priors.plane((0, 1), borders, predicted, scale, None)
         if number > 2:
             alone += code_length(prior.llr, bits)
             coupled += code_length(prior.coupling.llr_in_sequence(bits), bits)
@@ -81,7 +81,7 @@ def test_neighbours_along_edges_count_the_most(band: int, ends: int, sides: int)
     """Blocks above and below lie along the edges of horizontal frequencies, those at the sides across."""
     rng = np.random.default_rng(4)
     borders, predicted, scale, _ = planes(rng, rng.laplace(0.0, 4.0, SHAPE), 4.0)
-    weights = LearnedPriors(SHAPE).plane(band, borders, predicted, scale, None).coupling.weights
+    weights = LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, None).coupling.weights
     usual = weights[:2].max()
     np.testing.assert_array_equal(weights[:2] == usual, [bool(sides), bool(ends)])
 
@@ -92,8 +92,8 @@ def test_ramps_of_dc_errors_tell_first_frequencies() -> None:
     borders, predicted, scale, _ = planes(rng, rng.laplace(0.0, 4.0, SHAPE), 4.0)
     ramp = np.tile(-4.0 * np.arange(SHAPE[1], dtype=np.float64), (SHAPE[0], 1))
     for band, moved in ((1, True), (2, False)):
-        plain = LearnedPriors(SHAPE).plane(band, borders, predicted, scale, None).llr
-        found = LearnedPriors(SHAPE).plane(band, borders, predicted, scale, ramp).llr
+        plain = LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, None).llr
+        found = LearnedPriors(SHAPE).plane((band, 1), borders, predicted, scale, ramp).llr
         assert np.mean(found - plain) < -0.1 if moved else np.array_equal(found, plain)
 
 
@@ -107,7 +107,9 @@ def test_planes_of_any_kind_give_numbers(width: float) -> None:
     priors = LearnedPriors(SHAPE)
     for band in (0, 1, 5, 15) * 3:
         scale = rng.choice([0.3, 1e4], size)
-        prior = priors.plane(band, borders, rng.uniform(-1e4, 1e4, size), scale, rng.normal(0, 1e5, SHAPE))
+        prior = priors.plane(
+            (band, 1), borders, rng.uniform(-1e4, 1e4, size), scale, rng.normal(0, 1e5, SHAPE)
+        )
         assert _is_sound(prior)
         priors.learn(prior, rng.integers(0, 2, size, dtype=np.uint8))
 
