@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
-from dvc.config import SFM_BACKENDS
+from dvc.config import FALLBACKS, SFM_BACKENDS
 from dvc.errors import BitstreamError, ConfigError, DvcError, FeedbackError
 
 if TYPE_CHECKING:
@@ -91,6 +91,12 @@ def _add_prediction(parser: argparse.ArgumentParser) -> None:
         action=argparse.BooleanOptionalAction,
         help="move what is predicted to where neighbouring tracks agree that it is, instead of as the stream"
         " says",
+    )
+    add(
+        "--fallback",
+        choices=FALLBACKS,
+        help="what serves with points beside a model of the scene, and without one, instead of what the"
+        " stream names",
     )
 
 
@@ -211,6 +217,9 @@ def _with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "Code
     if arguments.track_corrections is not None:
         prediction = replace(config.side_information, track_corrections=arguments.track_corrections)
         config = replace(config, side_information=prediction)
+    if arguments.fallback is not None:
+        prediction = replace(config.side_information, fallback=arguments.fallback)
+        config = replace(config, side_information=prediction)
     if arguments.sfm is not None:
         config = replace(config, geometry=replace(config.geometry, backend=arguments.sfm))
     if arguments.path_regularity is not None:
@@ -225,7 +234,7 @@ def _choices(config: "CodecConfig") -> str:
     corrections = "--track-corrections" if prediction.track_corrections else "--no-track-corrections"
     return (
         f"{prediction.method} (--sfm {geometry.backend} --path-regularity {geometry.path_regularity:g}"
-        f" {corrections})"
+        f" {corrections} --fallback {prediction.fallback})"
     )
 
 

@@ -26,6 +26,7 @@ from dvc.config import (
     GroupPreset,
     KeyFrameConfig,
     KeyFrameRule,
+    SideInformationConfig,
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
@@ -324,8 +325,16 @@ def _configuration(
         wyner_ziv=_wyner_ziv(arguments, shared),
         turbo=TurboConfig(family=_family(arguments, shared), interleaver_seed=arguments.seed),
         tracks=replace(variant.tracks, **tracks),
+        side_information=_side_information(variant, shared),
         seed=arguments.seed,
     )
+
+
+def _side_information(variant: CodecVariant, shared: Allocation | None) -> SideInformationConfig:
+    """Return how a variant predicts; with one quality, points serve pixel by pixel where there are any."""
+    if shared is None or variant.tracks.kind == "none":
+        return variant.side_information
+    return replace(variant.side_information, fallback="tracks")
 
 
 def _family(arguments: argparse.Namespace, shared: Allocation | None) -> str:

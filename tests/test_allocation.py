@@ -1,5 +1,7 @@
 """One quality for key frames, steps and requests."""
 
+from fractions import Fraction
+
 import pytest
 
 from dvc.config import (
@@ -12,7 +14,9 @@ from dvc.config import (
     encode_config,
 )
 from dvc.errors import ConfigError
+from dvc.video import VideoInfo
 from dvc.wynerziv import quantizer
+from encoder.options import parser, session
 
 
 def test_slope_doubles_every_three_qps() -> None:
@@ -31,6 +35,22 @@ def test_every_quality_makes_a_stream(qp: int) -> None:
     assert decode_config(encode_config(config)) == config
     index = quantizer.index_of_step(shared.step(2))
     assert quantizer.step_from_index(index) >= min(shared.step(2), 1440.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--codec", "3d-te", "--qp", "30"), "tracks"),
+        (("--codec", "3d-te", "--wz-q", "4"), "block-motion"),
+        (("--codec", "2d", "--qp", "30"), "block-motion"),
+    ],
+)
+def test_references_are_warped_by_tracks_with_one_quality(options: tuple[str, ...], expected: str) -> None:
+    """Presets predict as they did; a codec without points has nothing to warp by."""
+    arguments = parser().parse_args(["in.mkv", "out.dvc", *options])
+    config = session(arguments, VideoInfo(16, 16, Fraction(25), None)).config
+    assert config.side_information.fallback == expected
+    assert decode_config(encode_config(config)) == config
 
 
 def test_frames_that_predict_others_are_finer() -> None:

@@ -190,6 +190,7 @@ def test_sizes_of_planes() -> None:
         ("side_information", "method", "", "`method`"),
         ("side_information", "method", "m" * 33, "`method`"),
         ("side_information", "smoothness", -1, "`smoothness`"),
+        ("side_information", "fallback", "hope", "one of block-motion, tracks, got 'hope'"),
         ("side_information", "unknown", 1, "has no field 'unknown'"),
     ],
 )

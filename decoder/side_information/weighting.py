@@ -112,12 +112,12 @@ def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_po
 
 
 def blend_tracked(block_motion: Prediction, rendered: Interpolation) -> Prediction:
-    """Blend aligned block motion with a scene whose camera tracks tell, by their expected errors.
+    """Blend a prediction from tracks alone with a scene whose camera they tell, by their expected errors.
 
     Parameters
     ----------
     block_motion : Prediction
-        By aligned block motion.
+        By aligned block motion, or from references that tracks bring into place.
     rendered : Interpolation
         From the scene.
 

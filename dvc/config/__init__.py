@@ -11,6 +11,7 @@ from dvc.config.header import (
 )
 from dvc.config.sections import (
     CRC_BITS,
+    FALLBACKS,
     MAX_AREA_PX,
     MAX_BAND_PLANES,
     MAX_GOP_LENGTH,
@@ -55,6 +56,7 @@ __all__ = [
     "CRC_BITS",
     "DEFAULT_CODEC",
     "DEFAULT_QP",
+    "FALLBACKS",
     "FIELD_NUMBERS",
     "KEY_FRAME_CHOICES",
     "MAX_AREA_PX",

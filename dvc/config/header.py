@@ -48,6 +48,7 @@ FIELD_NUMBERS = {
     "side_information.smoothness": 59,
     "side_information.track_corrections": 60,
     "side_information.depth_costs": 61,
+    "side_information.fallback": 62,
     "geometry.backend": 72,
     "geometry.path_regularity": 73,
     "geometry.rigid_order": 74,

@@ -10,6 +10,7 @@ from dvc.errors import ConfigError
 REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
 DEPTH_COSTS = ("gradient", "both")
+FALLBACKS = ("block-motion", "tracks")
 SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical", "cascade")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
@@ -223,6 +224,9 @@ class SideInformationConfig(Section):
     # What method `depth` compares key frames by: levels and gradients; or also, for a second depth, levels
     # and census bits: the two predictions are averaged.
     depth_costs: str = "gradient"
+    # What serves beside a model of the scene, and alone where there is none, if points are sent: block motion
+    # after that of the whole frame; or references that are warped by the points, pixel by pixel.
+    fallback: str = "block-motion"
 
     def _check_values(self) -> None:
         if not _NAME.fullmatch(self.method):
@@ -234,6 +238,7 @@ class SideInformationConfig(Section):
         check_range("search_radius", self.search_radius, 0, 64)
         check_range("smoothness", self.smoothness, 0, 1000)
         check_choice("depth_costs", self.depth_costs, DEPTH_COSTS)
+        check_choice("fallback", self.fallback, FALLBACKS)
 
 
 @dataclass(frozen=True)

@@ -6,93 +6,13 @@ chance, and a smooth field of them moves what is fetched from each key frame.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
-from decoder.side_information import _kernels
 from decoder.side_information.protocol import Interpolation
+from decoder.side_information.residual_fields import correction_field, track_residuals
 from dvc.multiview.sampling import sample
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
-
-REACH_PX = 80.0
-"""Distance from which a residual says nothing."""
-PRIOR = 0.3
-"""Weight of a residual of zero, relative to that of a point at the very place."""
-NOISE_PX2 = 0.1
-"""Squared error of a residual that rounded tracks make."""
-MAX_RESIDUAL_PX = 6.0
-"""Residuals beyond it are lost tracks, or points at a step of depth."""
-MIN_NUM_POINTS = 3
-"""Points of which residuals can agree."""
-
-
-def track_residuals(
-    wanted: Floats, reference: Floats, positions: Floats, max_residual_px: float = MAX_RESIDUAL_PX
-) -> tuple[Floats, Floats]:
-    """Compare where tracks are in a reference with where a rendered frame looks for them.
-
-    Parameters
-    ----------
-    wanted : ndarray of shape (N, 2), float64
-        Points of the frame, (x, y) in pixels; nan where they are not known.
-    reference : ndarray of shape (N, 2), float64
-        The same points in the reference.
-    positions : ndarray of shape (H, W, 2), float64
-        Where each pixel of the frame is fetched from in the reference, (x, y) in pixels.
-    max_residual_px : float, optional
-        Larger ones are left out.
-
-    Returns
-    -------
-    points : ndarray of shape (M, 2), float64
-        Those that are known in both, inside the frame, and not too far off.
-    residuals : ndarray of shape (M, 2), float64
-        Where they are in the reference minus where they are looked for.
-    """
-    size = np.array(positions.shape[1::-1], dtype=np.float64)
-    known = np.flatnonzero(np.isfinite(np.column_stack([wanted, reference])).all(axis=1))
-    known = known[((wanted[known] >= 0.0) & (wanted[known] <= size - 1.0)).all(axis=1)]
-    points, there = wanted[known], reference[known]
-    at = points[:, ::-1].T
-    looked = [map_coordinates(positions[..., axis], at, order=1, mode="nearest") for axis in (0, 1)]
-    residuals: Floats = there - np.stack(looked, axis=-1)
-    near = (residuals**2).sum(axis=1) <= max_residual_px**2
-    return points[near], residuals[near]
-
-
-def correction_field(
-    points: Floats,
-    residuals: Floats,
-    shape: tuple[int, ...],
-    reach_px: float = REACH_PX,
-    noise_px2: float = NOISE_PX2,
-) -> Floats:
-    """Spread residuals over a frame, as far as they agree.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2), float64
-        (x, y) in pixels.
-    residuals : ndarray of shape (N, 2), float64
-        At each point, in pixels.
-    shape : tuple of int
-        Height and width.
-    reach_px : float, optional
-        Distance from which a residual says nothing.
-    noise_px2 : float, optional
-        Squared error of a residual by itself.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 2), float64
-        Correction of every pixel; 0 far from all points and where residuals contradict each other.
-    """
-    field = np.zeros((shape[0], shape[1], 2))
-    if len(points) >= MIN_NUM_POINTS:
-        arguments = np.ascontiguousarray(points), np.ascontiguousarray(residuals)
-        _kernels.correction_field(*arguments, reach_px, PRIOR, noise_px2, field)
-    return field
 
 
 def corrected(

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from decoder.side_information.block_motion.alignment import AlignedBlockMotion
 from decoder.side_information.protocol import (
+    Interpolation,
     Prediction,
     ReferenceFrame,
     SceneInterpolator,
@@ -29,6 +30,7 @@ from decoder.side_information.scene.corrections import corrected
 from decoder.side_information.scene.group_geometry import GroupGeometry, estimate_geometry
 from decoder.side_information.scene.synthesis import completed
 from decoder.side_information.scene.untracked import SceneInterpolation
+from decoder.side_information.tracked_interpolation import METHOD, interpolate_by_tracks
 from decoder.side_information.weighting import blend_tracked
 from dvc.config import CodecConfig
 from dvc.multiview.depth_maps import DepthMap
@@ -71,6 +73,7 @@ class TrackedSceneInterpolation:
         self.name = interpolator.name
         self._build = interpolator
         self._geometry_config, self._seed = config.geometry, config.seed
+        self._settings = config.side_information
         self._aligned = AlignedBlockMotion(config.side_information)
         self._untracked = SceneInterpolation(interpolator, config)
         self._corrects = config.side_information.track_corrections
@@ -129,11 +132,45 @@ class TrackedSceneInterpolation:
     def _predict_one(
         self, group: _Group, around: tuple[ReferenceFrame, ReferenceFrame], instant: int
     ) -> Prediction:
+        frames = around[0].frame, around[1].frame
+        where = group.geometry.positions
+        tracks = where(around[0].index), where(instant), where(around[1].index)
+        rendered, reason = self._rendered(group, around, instant, tracks)
+        alone = self._without_scene(around, instant, tracks)
+        if rendered is None:
+            return replace(alone, success=False, reason=reason)
+        return completed(blend_tracked(alone, rendered), rendered, frames, self.name)
+
+    def _without_scene(
+        self,
+        around: tuple[ReferenceFrame, ReferenceFrame],
+        instant: int,
+        tracks: tuple[Floats, Floats, Floats],
+    ) -> Prediction:
+        """Predict a frame from tracks alone."""
+        if self._settings.fallback == "block-motion":
+            return self._aligned.predict(around, instant, tracks)
+        warped = interpolate_by_tracks(around, instant, tracks, self._settings)
+        prediction = Prediction(
+            warped.luma,
+            None,
+            warped.compensated,
+            METHOD,
+            expected_error=warped.expected_error,
+            alternatives=warped.hypotheses,
+        )
+        return completed(prediction, warped, (around[0].frame, around[1].frame), METHOD)
+
+    def _rendered(
+        self,
+        group: _Group,
+        around: tuple[ReferenceFrame, ReferenceFrame],
+        instant: int,
+        tracks: tuple[Floats, Floats, Floats],
+    ) -> tuple[Interpolation | None, str]:
+        """Return a frame as the scene predicts it; or none, and why not."""
         before, after = around
         geometry = group.geometry
-        where = geometry.positions
-        tracks = where(before.index), where(instant), where(after.index)
-        block_motion = self._aligned.predict(around, instant, tracks)
         reason = geometry.missing(before.index, instant, after.index)
         if reason and geometry.hopeful:
             group = self._part(group, around)
@@ -142,15 +179,13 @@ class TrackedSceneInterpolation:
         camera, pair = geometry.camera(instant), None if reason else self._between(group, around)
         camera = None if pair is None or camera is None else pair.rebased.camera(camera)
         if pair is None or camera is None:
-            return replace(block_motion, success=False, reason=reason or "a camera lies at infinity")
-        position = float(temporal_position(before, after, instant))
-        rendered = pair.interpolator.interpolate(camera, position)
+            return None, reason or "a camera lies at infinity"
+        rendered = pair.interpolator.interpolate(camera, float(temporal_position(before, after, instant)))
         if self._corrects:
             rendered = corrected(rendered, (before.frame.luma, after.frame.luma), tracks)
         if self._remembers:
             _remember(group, pair, camera, instant)
-        prediction = blend_tracked(block_motion, rendered)
-        return completed(prediction, rendered, (before.frame, after.frame), self.name)
+        return rendered, ""
 
     def _between(self, group: _Group, around: tuple[ReferenceFrame, ReferenceFrame]) -> _Pair | None:
         before, after = around

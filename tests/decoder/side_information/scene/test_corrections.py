@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 
 from decoder.side_information import _kernels
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.scene.corrections import (
+from decoder.side_information.residual_fields import (
     NOISE_PX2,
     PRIOR,
     REACH_PX,
-    corrected,
     correction_field,
     track_residuals,
 )
+from decoder.side_information.scene.corrections import corrected
 from dvc._jit import python_twin
 from dvc.multiview.sampling import sample
 from tests.clips import moving_texture

@@ -22,6 +22,7 @@ from tests.scenes_3d import camera_at, render, two_planes
 
 PIXELS = PixelFrame(176, 144)
 CONFIG = CodecConfig("3d-te", VideoConfig(176, 144, 25, 1), tracks=TracksConfig("encoder"))
+BY_TRACKS = replace(CONFIG, side_information=SideInformationConfig(fallback="tracks"))
 INSTANTS = (0.0, 0.45, 0.55, 0.6, 1.0)
 """The camera does not move evenly."""
 CHROMA = np.full((72, 88), 100, np.uint8), np.full((72, 88), 150, np.uint8)
@@ -94,8 +95,33 @@ def test_block_motion_serves_where_there_is_no_scene() -> None:
     assert found.method == "mci"
 
 
+def test_references_warped_by_tracks_serve_where_there_is_no_scene() -> None:
+    """Between a key frame and one without any texture the tracks still serve, chroma and refinement too."""
+    black = ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))
+    method = TrackedSceneInterpolation(DepthInterpolator, BY_TRACKS)
+    [found] = method.predict([KEYS[0], black], true_tracks(), [10])
+    assert (found.success, found.method) == (False, "tracks")
+    assert found.reason
+    assert found.expected_error is not None
+    assert found.chroma is not None
+    np.testing.assert_array_equal(found.chroma[0], 100)
+    assert found.refiner is not None
+    wanted = FRAMES[2].luma
+    refined = found.refiner.refine(wanted)
+    assert psnr_db(to_uint8(refined.luma), wanted) > psnr_db(to_uint8(found.luma), wanted)
+
+
+def test_references_warped_by_tracks_join_the_scene() -> None:
+    """Blended with them, the scene is on average as good as beside aligned block motion."""
+    old, new = (TrackedSceneInterpolation(DepthInterpolator, config) for config in (CONFIG, BY_TRACKS))
+    gained_db = [quality(new, true_tracks(), k) - quality(old, true_tracks(), k) for k in (9, 10, 11)]
+    assert np.mean(gained_db) > -0.2
+    assert max(np.abs(gained_db)) > 0.0
+
+
+@pytest.mark.parametrize("config", [CONFIG, BY_TRACKS], ids=["block motion", "tracks"])
 @pytest.mark.parametrize("kind", ["nan", "lost", "one place", "noise", "outside", "too few"])
-def test_hostile_tracks_give_a_prediction(kind: str) -> None:
+def test_hostile_tracks_give_a_prediction(kind: str, config: CodecConfig) -> None:
     """Tracks of any kind end in a prediction without holes, told as a failure where it is one."""
     positions = true_tracks().positions.copy()
     if kind == "nan":
@@ -110,7 +136,7 @@ def test_hostile_tracks_give_a_prediction(kind: str) -> None:
         positions[:, 1:4] += 1e6
     if kind == "too few":
         positions = positions[:3]
-    method = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
+    method = TrackedSceneInterpolation(DepthInterpolator, config)
     for prediction in method.predict(KEYS, PointTracks(positions), [9, 10, 11]):
         assert np.isfinite(prediction.luma).all()
         assert np.isfinite(np.stack(prediction.compensated)).all()
