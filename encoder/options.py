@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dvc import cli
 from dvc.config import (
     ALLOCATED_FAMILY,
+    ALLOCATED_TRACK_CODING,
     DEFAULT_CODEC,
     DEFAULT_QP,
     KEY_FRAME_CHOICES,
@@ -317,6 +318,8 @@ def _configuration(
 ) -> CodecConfig:
     rate, variant = info.frame_rate, VARIANTS[arguments.codec]
     tracks = _given(num_points=arguments.points, subpixel_bits=arguments.subpixel)
+    if shared is not None and variant.tracks.kind == "encoder":
+        tracks["coding"] = ALLOCATED_TRACK_CODING
     return CodecConfig.preset(
         arguments.codec,
         VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),

@@ -1,6 +1,14 @@
 """The codec configuration: everything that changes the decoded frames, and its form in a stream header."""
 
-from dvc.config.allocation import ALLOCATED_FAMILY, DEFAULT_QP, MAX_QP, Allocation, allocation, key_slope
+from dvc.config.allocation import (
+    ALLOCATED_FAMILY,
+    ALLOCATED_TRACK_CODING,
+    DEFAULT_QP,
+    MAX_QP,
+    Allocation,
+    allocation,
+    key_slope,
+)
 from dvc.config.codec import (
     CodecConfig,
 )
@@ -26,6 +34,7 @@ from dvc.config.sections import (
     QUANTIZERS,
     REFERENCES,
     SFM_BACKENDS,
+    TRACK_CODINGS,
     TRACKS_KINDS,
     TURBO_FAMILIES,
     ZIGZAG,
@@ -53,6 +62,7 @@ from dvc.config.variants import (
 
 __all__ = [
     "ALLOCATED_FAMILY",
+    "ALLOCATED_TRACK_CODING",
     "CRC_BITS",
     "DEFAULT_CODEC",
     "DEFAULT_QP",
@@ -77,6 +87,7 @@ __all__ = [
     "REFERENCES",
     "SFM_BACKENDS",
     "TRACKS_KINDS",
+    "TRACK_CODINGS",
     "TURBO_FAMILIES",
     "VARIANTS",
     "ZIGZAG",

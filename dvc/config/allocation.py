@@ -9,6 +9,8 @@ MAX_QP = 51
 DEFAULT_QP = 30
 ALLOCATED_FAMILY = "cascade"
 """Codes of the bit planes: those that cost the least."""
+ALLOCATED_TRACK_CODING = "regression"
+"""The same of tracks."""
 SLOPE_PER_KEY_SLOPE = 4.0
 """Squared error that a bit must save in frames that predict no other, where it is 1 in key frames."""
 SLOPE_PERCENT = (100, 60, 40, 30, 30)

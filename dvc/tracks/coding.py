@@ -15,6 +15,7 @@ from dvc.tracks import _kernels
 from dvc.tracks._kernels import LOST
 from dvc.tracks.point_sets import SamplingGrid, code_points, column_scan
 from dvc.tracks.points import FeaturePoints, PointTracks
+from dvc.tracks.regression import code_tracks
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -65,9 +66,13 @@ def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
         return b""
     forward = _scanned(tracks.forward, "first", config)
     backward = _scanned(tracks.backward[:, ::-1], "last", config)
+    return _written(forward, backward, config)
+
+
+def _written(forward: Integers, backward: Integers, config: CodecConfig) -> bytes:
     coder = RangeCoder.writer()
     _code_tracks(coder, forward, backward, config)
-    return coder.to_bytes()
+    return coder.to_bytes(shortest=config.tracks.coding == "regression")
 
 
 def _scanned(positions: Floats, key: str, config: CodecConfig) -> Integers:
@@ -110,9 +115,7 @@ def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> Poi
         return PointTracks.none(num_instants)
     most = np.full((config.tracks.num_points, num_instants, 2), LOST, np.int64)
     forward, backward = _code_tracks(RangeCoder.reader(payload), most, most, config)
-    written = RangeCoder.writer()
-    _code_tracks(written, forward, backward, config)
-    if len(forward) + len(backward) == 0 or written.to_bytes() != payload:
+    if len(forward) + len(backward) == 0 or _written(forward, backward, config) != payload:
         raise BitstreamError("the tracks are followed by other data, or are damaged")
     units = np.concatenate([forward, backward[:, ::-1]])
     scale = 2.0**config.tracks.subpixel_bits
@@ -123,6 +126,8 @@ def _code_tracks(
     coder: RangeCoder, forward: Integers, backward: Integers, config: CodecConfig
 ) -> tuple[Integers, Integers]:
     """Code tracks, each in its own direction of time; when reading, as many as there can be are given."""
+    if config.tracks.coding == "regression":
+        return code_tracks(coder, forward, backward, config)
     bound = config.tracks.num_points + 1
     num_forward, num_backward = (coder.uniform(bound, len(units)) for units in (forward, backward))
     counts = _initial_counts()

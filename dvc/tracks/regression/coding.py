@@ -1,0 +1,173 @@
+"""Coding of point tracks by regression: the motion of an instant is found again from the tracks coded so far.
+
+Each track is expected where a motion takes it that is linear in its place, its past motion and products of
+both coordinates of its place. The coefficients follow from the tracks that were coded before it at the same
+instant, by recursive least squares; what neighbours deviate from them, and by how much, is expected of it as
+well. First positions are coded as cells of a grid that are taken or not.
+
+References
+----------
+S. Haykin, "Adaptive Filter Theory", 2002, chapter 9: recursive least squares.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.config import CodecConfig
+from dvc.entropy import RangeCoder
+from dvc.entropy.mixing import STRETCH_LIMIT, TABLE_SIZE, logistic_tables
+from dvc.errors import BitstreamError
+from dvc.tracks.point_sets import SamplingGrid, code_points
+from dvc.tracks.regression import _kernels
+from dvc.tracks.regression._kernels import LOST, Models, Motion
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MAX_CELLS = 2**18
+"""Cells of a grid up to which first positions are coded as such."""
+
+_LOST = ((1.0, 4.0), (1.0, 16.0), (1.0, 26.0))
+_LOST_BACKWARD = ((1.0, 4.0), (1.0, 9.0), (1.0, 9.0))
+_POINTS_TOLD = ((2.0, 4.0), (3.6, 4.0), (4.4, 4.0), (5.2, 4.0))
+_LEVEL = 0.6
+_AREA_OF_REACH = 69
+_MAX_GUARD = 256
+
+
+def code_tracks(
+    coder: RangeCoder, forward: Integers, backward: Integers, config: CodecConfig
+) -> tuple[Integers, Integers]:
+    """Code tracks, each in its own direction of time.
+
+    Parameters
+    ----------
+    coder : RangeCoder
+        Where to write or to read.
+    forward, backward : ndarray of shape (N, T, 2), int64
+        Tracks in units of the last digit, in column scan of where they start; `LOST` where they are lost.
+        When reading, as many as there can be, of no meaning.
+    config : CodecConfig
+        Configuration of the stream.
+
+    Returns
+    -------
+    forward, backward : ndarray of shape (N, T, 2), int64
+        The tracks as they were coded; `LOST` where they are lost.
+
+    Raises
+    ------
+    BitstreamError
+        If the data are damaged.
+    """
+    bound = config.tracks.num_points + 1
+    num_forward, num_backward = (coder.uniform(bound, len(tracks)) for tracks in (forward, backward))
+    models = _models()
+    none = np.empty((0, forward.shape[1], 2), np.int64)
+    sent = _code_direction(coder, models, none, forward[:num_forward], config)
+    given = sent[sent[:, -1, 0] != LOST, ::-1]
+    models = models._replace(losses=np.array(_LOST_BACKWARD))
+    return sent, _code_direction(coder, models, given, backward[:num_backward], config)
+
+
+def _models() -> Models:
+    nodes = _kernels.NODE_STEP * np.arange(_kernels.NUM_NODES) - _kernels.NODE_LIMIT
+    tables = logistic_tables()
+    places = ((nodes + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT))).astype(np.int64)
+    curves = np.tile(tables[1, places], (_kernels.NUM_STAGES, 1))
+    return Models(curves, tables, np.array(_LOST))
+
+
+def _code_direction(
+    coder: RangeCoder, models: Models, given: Integers, tracks: Integers, config: CodecConfig
+) -> Integers:
+    """Code tracks after others that are given, and return those that were coded."""
+    if len(tracks) == 0:
+        return tracks
+    sides = _sides(config)
+    units = tracks.copy()
+    units[:, 0] = _code_first(coder, units[:, 0], given[:, 0], sides)
+    order = _spread_order(len(units))
+    units = np.concatenate([given, units[order]])
+    motion = _start(units[:, 0], sides)
+    for t in range(1, units.shape[1]):
+        live = units[:, t - 1, 0] != LOST
+        position = np.where(live[:, None], units[:, t], LOST)
+        state = coder.room_for(len(units) * _kernels.MAX_SYMBOLS)
+        inside = _kernels.code_instant(
+            state,
+            models,
+            motion,
+            t,
+            position,
+            live,
+            len(given),
+            np.array(sides),
+            float(2**config.tracks.subpixel_bits),
+        )
+        coder.check()
+        if not inside:
+            raise BitstreamError("a track leaves the frame")
+        units[:, t] = position
+    coded = np.empty_like(units[len(given) :])
+    coded[order] = units[len(given) :]
+    return coded
+
+
+def _code_first(coder: RangeCoder, points: Integers, taken: Integers, sides: tuple[int, int]) -> Integers:
+    """Code where tracks begin, away from where those are that are given."""
+    grid = SamplingGrid.of([points], *sides).code(coder)
+    if grid.min_distance == 0 or grid.grid_columns * grid.grid_rows > MAX_CELLS:
+        return code_points(coder, points, grid)
+    cells = np.ascontiguousarray(points >> grid.grid_exponent)
+    guard = coder.uniform(_MAX_GUARD, _guard(points, taken, grid.grid_exponent))
+    free = _free_cells(grid, taken, guard)
+    state = coder.room_for(free.size)
+    if not _kernels.code_occupancy(state, cells, free, grid.min_distance, np.array(_POINTS_TOLD)):
+        raise BitstreamError("a frame has no room for its points")
+    coder.check()
+    return cells << grid.grid_exponent
+
+
+def _guard(points: Integers, taken: Integers, exponent: int) -> int:
+    """Return the largest distance, on the grid, that all points keep from those that are given."""
+    if len(taken) == 0:
+        return 0
+    differences = points[:, None] - taken[None]
+    square = int((differences**2).sum(axis=-1).min()) >> 2 * exponent
+    return min(int(np.sqrt(square)), _MAX_GUARD - 1)
+
+
+def _free_cells(grid: SamplingGrid, taken: Integers, guard: int) -> NDArray[np.bool_]:
+    free = np.ones((grid.grid_columns, grid.grid_rows), np.bool_)
+    x, y = (np.arange(size) << grid.grid_exponent for size in free.shape)
+    least = (guard << grid.grid_exponent) ** 2
+    for point in taken if guard else ():
+        free &= (x[:, None] - point[0]) ** 2 + (y - point[1]) ** 2 >= least
+    return free
+
+
+def _spread_order(count: int) -> NDArray[np.intp]:
+    """Return numbers below a bound by their digits in reverse, so that the first ones are far apart."""
+    digits = max(count - 1, 1).bit_length()
+    reversed_digits = [int(format(k, f"0{digits}b")[::-1], 2) for k in range(2**digits)]
+    return np.array([k for k in reversed_digits if k < count], np.intp)
+
+
+def _start(first: Integers, sides: tuple[int, int]) -> Motion:
+    count, (width, height) = len(first), sides
+    places = first.astype(np.float64)
+    neighbours = np.empty((count, _kernels.NUM_NEIGHBOURS), np.int64)
+    weights = np.zeros(neighbours.shape)
+    reach = max(width * height / _AREA_OF_REACH, 1.0)
+    _kernels.nearest_before(places, reach, neighbours, weights)
+    learned = np.zeros(_kernels.NUM_LEARNED)
+    learned[_kernels.LEVEL] = _LEVEL
+    still, magnitude = np.zeros((count, 2)), np.full(count, _LEVEL)
+    return Motion(places, places.copy(), still, magnitude, neighbours, weights, learned)
+
+
+def _sides(config: CodecConfig) -> tuple[int, int]:
+    """Return the places for a point in x and y."""
+    bits = config.tracks.subpixel_bits
+    return (config.video.width - 1 << bits) + 1, (config.video.height - 1 << bits) + 1
