@@ -27,7 +27,7 @@ from benchmarks.figures.shape_adaptive import peers as depth_peers
 from benchmarks.figures.shape_adaptive import times as depth_times
 from benchmarks.figures.stereo import accuracy, consistency, identities, layers, rectification, toy
 from benchmarks.figures.stereo import times as stereo_times
-from benchmarks.figures.tracks import costs, limits, quality
+from benchmarks.figures.tracks import costs, fallback, limits, quality
 from benchmarks.figures.tracks import rates as tracks_rates
 from dvc.errors import ConfigError
 from dvc.rd.source_digest import Sources
@@ -48,6 +48,7 @@ MODULES: tuple[ModuleType, ...] = (
     quality,
     limits,
     costs,
+    fallback,
     tracks_rates,
     accuracy,
     consistency,
