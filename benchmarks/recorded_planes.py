@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from decoder.group import GroupDecoder
 from decoder.report import PLANE_CLASSES
 from decoder.session import stream_tasks
+from decoder.tasks import GroupTask, following
 from decoder.wyner_ziv import REQUESTS
 from dvc import turbo
 from dvc.config import TURBO_FAMILIES, WynerZivConfig
@@ -117,10 +118,19 @@ def measure_priors(stream: Path) -> dict[str, tuple[float, float]]:
     with StreamReader(stream) as reader, mock.patch.object(priors.LearnedPriors, "learn", _measure):
         if reader.form is not Form.BUFFERED or reader.config.wyner_ziv.priors != "learned":
             raise ValueError(f"`stream` must be buffered and have learned priors, got {stream}")
-        decoder = GroupDecoder(reader.config)
-        for task in stream_tasks(reader.config, reader):
-            decoder.decode(task, _no_encoder)
+        for _ in _decoded(reader):
+            pass
     return lengths
+
+
+def _decoded(reader: StreamReader) -> Iterator[GroupTask]:
+    """Decode a stream in this process, group by group."""
+    decoder = GroupDecoder(reader.config)
+    for chain in stream_tasks(reader.config, reader):
+        group = None
+        for task in chain:
+            group = decoder.decode(following(task, group), _no_encoder)
+            yield task
 
 
 def _no_encoder(request: turbo.ParityRequest) -> Bits:
@@ -152,9 +162,8 @@ def record(stream: Path, output: Path) -> int:
     with StreamReader(stream) as reader, _recording() as recorders:
         if reader.form is not Form.BUFFERED:
             raise ValueError(f"`stream` must be buffered, got {stream}")
-        decoder, layout = GroupDecoder(reader.config), FrameLayout.of(reader.config)
-        for task in stream_tasks(reader.config, reader):
-            decoder.decode(task, _no_encoder)
+        layout = FrameLayout.of(reader.config)
+        for task in _decoded(reader):
             for index, payload in enumerate(task.record.wyner_ziv, task.first_index):
                 planes = layout.read_header(payload).planes
                 names = [band for band, count in enumerate(planes) for _ in range(count)]

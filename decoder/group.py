@@ -1,21 +1,22 @@
-"""Decoding of the Wyner-Ziv frames of one group of pictures between two decoded key frames."""
+"""Decoding of the Wyner-Ziv frames of one group of pictures, whose key frames are decoded already."""
 
 import time
 from collections.abc import Iterable
 from dataclasses import replace
 
+from decoder.side_information.extrapolation import TrackedExtrapolation
 from decoder.side_information.methods import METHODS
-from decoder.side_information.protocol import ReferenceFrame
+from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask
 from decoder.wyner_ziv import WynerZivDecoder
 from dvc import turbo
-from dvc.config import CodecConfig
+from dvc.config import CodecConfig, GopConfig
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
 from dvc.turbo import Answer, num_codes
 from dvc.wynerziv.buffered import BufferedFrame
-from dvc.wynerziv.hierarchy import decoding_order
+from dvc.wynerziv.hierarchy import Around, group_order, reference_distance
 from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder, disagreement
 
 Points = PointTracks | FeaturePoints | None
@@ -26,6 +27,12 @@ def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> l
     if references == "all":
         return sorted(known)
     return sorted({min(known), *around, max(known)})
+
+
+def _order(task: GroupTask, gop: GopConfig) -> list[tuple[int, Around]]:
+    """Return in which order the Wyner-Ziv frames of a group are decoded, and from which references."""
+    anchor_distance = gop.anchor_distance if task.key is None else 0
+    return group_order(task.first_index - 1, task.last_index, gop.references != "keys", anchor_distance)
 
 
 class GroupDecoder:
@@ -50,6 +57,7 @@ class GroupDecoder:
             )
         self._config = config
         self._method = METHODS[method](config)
+        self._extrapolation = TrackedExtrapolation()
         self._decoder = WynerZivDecoder(config)
 
     def decode(self, task: GroupTask, ask: Answer) -> DecodedGroup:
@@ -72,20 +80,25 @@ class GroupDecoder:
         BitstreamError
             If tracks, headers or payloads are damaged, or a punctured stream was made for other predictions.
         """
-        if task.references is None:
+        if not task.record.wyner_ziv:
             return DecodedGroup.of(task, [])
-        before, after = task.references
-        known = {before.index: before, after.index: after}
-        points = self._received(task.record.tracks, len(task.record.wyner_ziv))
-        references = self._config.gop.references
+        if task.before is None:
+            raise BitstreamError("Wyner-Ziv frames without a frame before them")
+        gop = self._config.gop
+        known = {task.before.index: task.before}
+        if task.key is not None:
+            known[task.last_index] = ReferenceFrame(task.last_index, task.key)
+        points = self._received(task.record.tracks, task.record.num_frames - 1)
         frames = []
         self._decoder.start_group()
-        for index, around in decoding_order(before.index, after.index, references != "keys"):
-            usable = [known[k] for k in _usable(known, around, references)]
-            payload = task.record.wyner_ziv[index - before.index - 1]
+        for index, around in _order(task, gop):
+            started = time.perf_counter()
+            prediction = self._predict(task, known, points, index, around)
+            payload = task.record.wyner_ziv[index - task.first_index]
             answer = self._answer(task.form, payload, ask)
-            slope = self._config.wyner_ziv.slope_between(around[1] - around[0])
-            frame = self._decode_frame(index, usable, points, payload, answer, slope)
+            slope = self._config.wyner_ziv.slope_between(reference_distance(index, around))
+            frame = self._decode_frame(index, prediction, payload, answer, slope)
+            frame = replace(frame, decode_s=time.perf_counter() - started)
             known[index] = ReferenceFrame(index, frame.frame)
             frames.append(frame)
         group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
@@ -93,23 +106,28 @@ class GroupDecoder:
             _check_agreement(group.record, task.record)
         return group
 
+    def _predict(
+        self, task: GroupTask, known: dict[int, ReferenceFrame], points: Points, index: int, around: Around
+    ) -> Prediction:
+        if around[1] is None:
+            earlier = [known[k] for k in sorted(known)]
+            return self._extrapolation.predict(earlier, points, task.first_index - 1, index)
+        usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
+        return self._method.predict(usable, points, [index])[0]
+
     def _decode_frame(
         self,
         index: int,
-        references: list[ReferenceFrame],
-        points: Points,
+        prediction: Prediction,
         payload: bytes,
         answer: Answer,
         slope: float,
     ) -> DecodedFrame:
-        started = time.perf_counter()
         quantization = self._decoder.layout.read_header(payload)
-        prediction = self._method.predict(references, points, [index])[0]
         recorder = PunctureRecorder(answer)
         steps = self._decoder.decode(index, quantization, prediction, slope)
         decoded = turbo.drive(steps, recorder.answer)
-        punctured = recorder.payload(payload[: quantization.header_bytes])
-        return replace(decoded, punctured=punctured, decode_s=time.perf_counter() - started)
+        return replace(decoded, punctured=recorder.payload(payload[: quantization.header_bytes]))
 
     def _answer(self, form: Form | None, payload: bytes, ask: Answer) -> Answer:
         """Return who answers the requests for a frame."""

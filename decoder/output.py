@@ -91,7 +91,8 @@ class DecodedOutput:
 
     def _add(self, group: DecodedGroup, progress: Callable[[int], None]) -> None:
         shown = [(frame.index, frame.frame, Frame(frame.side_information)) for frame in group.wyner_ziv]
-        shown.append((group.key_index, group.key, group.key))
+        if group.key is not None:
+            shown.append((group.last.index, group.key, group.key))
         for index, decoded, predicted in shown:
             if self._wanted is None or index in self._wanted:
                 self._video.write(decoded)

@@ -11,13 +11,13 @@ import signal
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import Pipe
 from threading import Event, Lock
 
-from decoder.tasks import DecodedGroup, GroupTask
+from decoder.tasks import DecodedGroup, GroupTask, following
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError, DvcError
 from dvc.turbo import Answer, ParityRequest
@@ -148,65 +148,106 @@ def decoding_process() -> Iterator[DecodingProcess]:
             process.stop()
 
 
-def decode_groups(tasks: Iterable[GroupTask], jobs: int) -> Iterator[DecodedGroup]:
+Chain = Sequence[GroupTask]
+"""Consecutive groups, each but the first predicted from the one before it."""
+_Outcomes = deque[Future[DecodedGroup]]
+
+
+def decode_groups(chains: Iterable[Chain], jobs: int) -> Iterator[DecodedGroup]:
     """Decode groups of pictures; the same bytes for any number of jobs.
 
     Parameters
     ----------
-    tasks : iterable of GroupTask
-        The groups, in display order.
+    chains : iterable of sequence of GroupTask
+        Groups that are decoded one after the other, since each is predicted from the one before; in display
+        order.
     jobs : int
-        Processes that decode groups at the same time.
+        Processes that decode chains at the same time.
 
     Yields
     ------
     DecodedGroup
-        In the order of the tasks; at most ``jobs + 2`` are held.
+        In the order of the tasks; at most ``jobs + 2`` chains are held.
 
     Raises
     ------
     BitstreamError
         If the stream is damaged; all groups before the damage are yielded first.
     """
-    pending: deque[Future[DecodedGroup]] = deque()
-    lent: set[DecodingProcess] = set()
-    closed = Event()
-
-    def _decode(task: GroupTask) -> DecodedGroup:
-        if task.references is None:
-            return DecodedGroup.of(task, [])
-        with decoding_process() as process:
-            lent.add(process)
-            try:
-                if closed.is_set():
-                    raise DvcError("decoding was given up")
-                return process.decode(task)
-            finally:
-                lent.discard(process)
-
+    pending: deque[_Outcomes] = deque()
+    decoding = _Decoding()
     with ThreadPoolExecutor(jobs) as executor:
         try:
-            for outcome in _submitted(tasks, executor, _decode):
-                pending.append(outcome)
-                while len(pending) > jobs + 1 or (pending and pending[0].done()):
-                    yield pending.popleft().result()
+            for outcomes in _submitted(chains, executor, decoding):
+                pending.append(outcomes)
+                while pending and (len(pending) > jobs + 1 or pending[0][0].done()):
+                    yield _next(pending)
             while pending:
-                yield pending.popleft().result()
+                yield _next(pending)
         finally:
-            closed.set()
+            decoding.give_up()
             executor.shutdown(wait=False, cancel_futures=True)
-            for process in tuple(lent):
-                process.kill()
+            decoding.kill()
 
 
-def _submitted(
-    tasks: Iterable[GroupTask], executor: Executor, decode: Callable[[GroupTask], DecodedGroup]
-) -> Iterator[Future[DecodedGroup]]:
-    """Start the groups; damage of the stream waits its turn like the outcome of a group."""
+def _next(pending: deque[_Outcomes]) -> DecodedGroup:
+    group = pending[0].popleft().result()
+    if not pending[0]:
+        pending.popleft()
+    return group
+
+
+class _Decoding:
+    """Decodes chains in processes until it is given up."""
+
+    def __init__(self) -> None:
+        self._lent: set[DecodingProcess] = set()
+        self._closed = Event()
+
+    def give_up(self) -> None:
+        self._closed.set()
+
+    def kill(self) -> None:
+        for process in tuple(self._lent):
+            process.kill()
+
+    def run(self, chain: Chain, outcomes: Sequence[Future[DecodedGroup]]) -> None:
+        """Decode one group after the other; the first that fails is the last."""
+        if not any(task.record.wyner_ziv for task in chain):
+            for task, outcome in zip(chain, outcomes, strict=True):
+                outcome.set_result(DecodedGroup.of(task, []))
+            return
+        remaining = iter(outcomes)
+        outcome = next(remaining)
+        try:
+            with decoding_process() as process:
+                self._lent.add(process)
+                try:
+                    for group in self._groups(chain, process):
+                        outcome.set_result(group)
+                        outcome = next(remaining, outcome)
+                finally:
+                    self._lent.discard(process)
+        except Exception as err:
+            outcome.set_exception(err)
+
+    def _groups(self, chain: Chain, process: DecodingProcess) -> Iterator[DecodedGroup]:
+        group = None
+        for task in chain:
+            if self._closed.is_set():
+                raise DvcError("decoding was given up")
+            group = process.decode(following(task, group))
+            yield group
+
+
+def _submitted(chains: Iterable[Chain], executor: Executor, decoding: _Decoding) -> Iterator[_Outcomes]:
+    """Start the chains; damage of the stream waits its turn like the outcome of a group."""
     try:
-        for task in tasks:
-            yield executor.submit(decode, task)
+        for chain in chains:
+            outcomes = [Future[DecodedGroup]() for _ in chain]
+            executor.submit(decoding.run, chain, outcomes)
+            yield deque(outcomes)
     except BitstreamError as err:
         damage: Future[DecodedGroup] = Future()
         damage.set_exception(err)
-        yield damage
+        yield deque([damage])

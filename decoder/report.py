@@ -77,6 +77,9 @@ class DecodeReport:
                 crc=frame.crc_bits,
                 header=frame.header_bits + record_bits,
             )
+            if group.key is None and frame is group.wyner_ziv[-1]:
+                row["bits"]["tracks"] += costs.tracks
+                row["bits"]["header"] += costs.header
             original = self._original(frame.index)
             row["psnr_y_db"] = _psnr(original, frame.frame.luma)
             row["si_psnr_y_db"] = _psnr(original, frame.side_information)
@@ -89,8 +92,8 @@ class DecodeReport:
             row["side_information_reason"] = frame.reason
             row["decode_s"] = round(frame.decode_s, 6)
             self._frames.append(row)
-        index = group.key_index
-        if self._is_wanted(index):
+        index = group.last.index
+        if group.key is not None and self._is_wanted(index):
             row = {"index": index, "type": "key"}
             row["bits"] = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
             row["psnr_y_db"] = _psnr(self._original(index), group.key.luma)

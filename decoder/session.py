@@ -5,12 +5,11 @@ from collections.abc import Iterator
 from decoder.live import LiveSource
 from decoder.parallel import decode_groups, decoding_process
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.tasks import DecodedGroup, GroupTask, naming_group
+from decoder.tasks import DecodedGroup, GroupTask, following, naming_group
 from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError
 from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import Form, GopRecord, StreamReader
-from dvc.video import Frame
 
 
 def decode_stream(
@@ -49,8 +48,8 @@ def decode_stream(
 
 def stream_tasks(
     config: CodecConfig, reader: StreamReader, frames: range | None = None
-) -> Iterator[GroupTask]:
-    """Read a stream group by group, and decode its key frames.
+) -> Iterator[list[GroupTask]]:
+    """Read a stream, and decode its key frames.
 
     Parameters
     ----------
@@ -59,27 +58,50 @@ def stream_tasks(
     reader : StreamReader
         The stream.
     frames : range, optional
-        Display positions of the frames that are wanted, all by default; other groups are skipped.
+        Display positions of the frames that are wanted, all by default; others are skipped as far as none
+        that is wanted is predicted from them.
 
     Yields
     ------
-    GroupTask
-        What may be decoded anywhere.
+    list of GroupTask
+        Consecutive groups up to one that ends with a key frame: what may be decoded anywhere.
+
+    Raises
+    ------
+    BitstreamError
+        If the stream is damaged, after all groups before have been yielded.
     """
     first_group = first_index = 0
     if frames is not None:
-        first_group = max(reader.index.gop_of(frames.start) - 1, 0)  # for its key frame
-        first_index = reader.index.first_frame(first_group)
+        first_group, first_index = _start(config, reader, frames.start)
         reader.seek_gop(first_group)
-    keys = _KeyFrames(config, first_index)
-    packed = encode_config(config)
-    for number, record in enumerate(reader, first_group):
-        first_index, references, key = keys.add(number, record)
-        after = first_index + record.num_frames
-        if frames is None or after > frames.start:
-            yield GroupTask(packed, number, first_index, references, key, record, reader.form)
-        if frames is not None and after >= frames.stop:
-            return
+    tasks, chain = _Tasks(config, first_index), list[GroupTask]()
+    try:
+        for number, record in enumerate(reader, first_group):
+            task = tasks.add(number, record, reader.form)
+            if number > 0 and not chain and task.before is None:
+                continue  # what it is predicted from is before the first group that was read
+            chain.append(task)
+            ended = frames is not None and task.last_index + 1 >= frames.stop
+            if task.key is not None or ended:
+                if frames is None or task.last_index >= frames.start:
+                    yield chain
+                chain = []
+            if ended:
+                return
+    except BitstreamError:
+        if chain:
+            yield chain
+        raise
+    if chain:
+        yield chain
+
+
+def _start(config: CodecConfig, reader: StreamReader, frame: int) -> tuple[int, int]:
+    """Return number and first frame of the group with which to start, to decode a frame."""
+    back = config.gop.intra_period + config.gop.length if config.gop.intra_period else 0
+    group = max(reader.index.gop_of(max(frame - back, 0)) - 1, 0)  # for its key frame
+    return group, reader.index.first_frame(group)
 
 
 def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGroup]:
@@ -102,36 +124,41 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
     BitstreamError, FeedbackError
         If the encoder sends what cannot be decoded.
     """
-    keys = _KeyFrames(config)
-    packed = encode_config(config)
+    tasks = _Tasks(config)
     with decoding_process() as process:
+        group = None
         for gop in source.groups():
-            task = GroupTask(packed, gop.number, *keys.add(gop.number, gop.record), gop.record, None)
-            yield process.decode(task, source.answer)
+            task = following(tasks.add(gop.number, gop.record, None), group)
+            group = process.decode(task, source.answer)
+            yield group
 
 
-class _KeyFrames:
+class _Tasks:
     """Decodes the key frames, and knows between which two a group lies."""
 
     def __init__(self, config: CodecConfig, next_index: int = 0) -> None:
         video = config.video
+        self._config = config
+        self._packed = encode_config(config)
         self._decoder = KeyFrameDecoder(
             video.width, video.height, luma_only=video.luma_only, parameter_sets=config.key.parameter_sets
         )
         self._next_index = next_index
-        self._previous: ReferenceFrame | None = None
+        self._num_without_key = 0
+        self._before: ReferenceFrame | None = None
 
-    def add(
-        self, number: int, record: GopRecord
-    ) -> tuple[int, tuple[ReferenceFrame, ReferenceFrame] | None, Frame]:
-        """Decode the next group's key frame; return first index, references (None: not needed), key frame."""
+    def add(self, number: int, record: GopRecord, form: Form | None) -> GroupTask:
+        """Decode the key frame of the next group; what frames before it are no key frames is for others."""
+        key = None
+        self._num_without_key = self._num_without_key + record.num_frames if record.without_key else 0
         with naming_group(number, "key frame: "):
-            key = self._decoder.decode(record.key)
-        first_index = self._next_index
-        self._next_index += record.num_frames
-        current = ReferenceFrame(self._next_index - 1, key)
-        around = None if self._previous is None else (self._previous, current)
-        if record.num_frames == 1 and record.tracks:
+            if self._num_without_key > self._config.gop.intra_period:
+                raise BitstreamError(f"none since {self._num_without_key} frames")
+            if not record.without_key:
+                key = self._decoder.decode(record.key)
+        if record.num_frames == 1 and record.tracks and key is not None:
             raise BitstreamError(f"group of pictures {number}: tracks, but no Wyner-Ziv frames")
-        self._previous = current
-        return first_index, around if record.num_frames > 1 else None, key
+        task = GroupTask(self._packed, number, self._next_index, self._before, key, record, form)
+        self._next_index += record.num_frames
+        self._before = None if key is None else ReferenceFrame(task.last_index, key)
+        return task

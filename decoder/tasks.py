@@ -26,10 +26,10 @@ class GroupTask:
         Number of the group, from 0.
     first_index : int
         Display position of its first frame.
-    references : tuple of two ReferenceFrame, optional
-        The key frames around it; none where it has no Wyner-Ziv frames.
-    key : Frame
-        The key frame that ends it.
+    before : ReferenceFrame or None
+        The decoded frame before it; None for the first group of a sequence.
+    key : Frame or None
+        The key frame that ends it; None where its last frame is a Wyner-Ziv frame.
     record : GopRecord
         What the stream, or the encoder, sent of it.
     form : Form, optional
@@ -39,10 +39,15 @@ class GroupTask:
     config: bytes
     number: int
     first_index: int
-    references: tuple[ReferenceFrame, ReferenceFrame] | None
-    key: Frame
+    before: ReferenceFrame | None
+    key: Frame | None
     record: GopRecord
     form: Form | None
+
+    @property
+    def last_index(self) -> int:
+        """Display position of its last frame."""
+        return self.first_index + self.record.num_frames - 1
 
 
 @dataclass(frozen=True)
@@ -127,21 +132,26 @@ class DecodedGroup:
         Display position of its first frame.
     wyner_ziv : tuple of DecodedFrame
         Its Wyner-Ziv frames, in display order.
-    key : Frame
-        The key frame that ends it.
+    key : Frame or None
+        The key frame that ends it, if one does.
     record : GopRecord
         The record of the punctured form: what was really needed.
     """
 
     first_index: int
     wyner_ziv: tuple[DecodedFrame, ...]
-    key: Frame
+    key: Frame | None
     record: GopRecord
 
     @property
-    def key_index(self) -> int:
-        """Display position of the key frame."""
-        return self.first_index + len(self.wyner_ziv)
+    def frames(self) -> list[Frame]:
+        """All its frames, in display order."""
+        return [frame.frame for frame in self.wyner_ziv] + ([] if self.key is None else [self.key])
+
+    @property
+    def last(self) -> ReferenceFrame:
+        """Its last frame."""
+        return ReferenceFrame(self.first_index + self.record.num_frames - 1, self.frames[-1])
 
     @classmethod
     def of(cls, task: GroupTask, frames: Sequence[DecodedFrame]) -> "DecodedGroup":
@@ -161,9 +171,26 @@ class DecodedGroup:
         """
         payloads = tuple(frame.punctured for frame in frames)
         digest = frames_digest(frames) if frames else None
-        return cls(
-            task.first_index, tuple(frames), task.key, replace(task.record, wyner_ziv=payloads, digest=digest)
-        )
+        record = replace(task.record, wyner_ziv=payloads, digest=digest)
+        return cls(task.first_index, tuple(frames), task.key, record)
+
+
+def following(task: GroupTask, group: DecodedGroup | None) -> GroupTask:
+    """Return a task with what the group before it leaves to it.
+
+    Parameters
+    ----------
+    task : GroupTask
+        The task, as far as it is known without that group.
+    group : DecodedGroup or None
+        The group directly before it, if there is one.
+
+    Returns
+    -------
+    GroupTask
+        With the last frame of that group before it, where that is no key frame, which it has already.
+    """
+    return task if group is None or group.key is not None else replace(task, before=group.last)
 
 
 def frames_digest(frames: Sequence[DecodedFrame]) -> int:

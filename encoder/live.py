@@ -1,6 +1,7 @@
 """The encoder's end of a live run: sends groups while the decoder has room, answers its requests."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 from dvc.errors import FeedbackError, VideoError
 from dvc.feedback import Connection, EncoderEndpoint, GopDone
@@ -39,6 +40,11 @@ def serve(
         raise
 
 
+class _OpenGroup(NamedTuple):
+    frames: dict[int, EncodedFrame]  # Wyner-Ziv frames by display position
+    num_frames: int
+
+
 class _LiveEncoder:
     """State of a live run."""
 
@@ -52,7 +58,7 @@ class _LiveEncoder:
         self._endpoint = EncoderEndpoint(session.config)
         self._num_frames = 0
         self._ended = False
-        self._open: dict[int, dict[int, EncodedFrame]] = {}
+        self._open: dict[int, _OpenGroup] = {}
 
     def run(self) -> None:
         while True:
@@ -65,7 +71,7 @@ class _LiveEncoder:
                 if isinstance(event, ParityRequest):
                     self._answer(event)
                 elif isinstance(event, GopDone):
-                    self._progress(len(self._open.pop(event.number)) + 1)
+                    self._progress(self._open.pop(event.number).num_frames)
 
     def give_up(self, reason: str) -> None:
         self._endpoint.send_failure(reason)
@@ -80,11 +86,14 @@ class _LiveEncoder:
         encoded = self._session.encode(group)
         record = encoded.record(frame.header for frame in encoded.frames)
         number = self._endpoint.send_gop(record)
-        self._open[number] = dict(enumerate(encoded.frames, self._num_frames))
+        frames = dict(enumerate(encoded.frames, self._num_frames))
+        self._open[number] = _OpenGroup(frames, record.num_frames)
         self._num_frames += record.num_frames
 
     def _answer(self, request: ParityRequest) -> None:
-        frame = next(frames[request.frame] for frames in self._open.values() if request.frame in frames)
+        frame = next(
+            group.frames[request.frame] for group in self._open.values() if request.frame in group.frames
+        )
         try:
             bits = frame.answer(request)
         except ValueError as err:  # no such plane in this frame: the ledger knows only what frames may have

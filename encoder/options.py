@@ -9,11 +9,14 @@ from dvc import cli
 from dvc.config import (
     ALLOCATED_FAMILY,
     ALLOCATED_TRACK_CODING,
+    ANCHOR_DISTANCE,
     DEFAULT_CODEC,
     DEFAULT_QP,
+    INTRA_PERIOD,
     KEY_FRAME_CHOICES,
     MAX_BIRTHS,
     MAX_GOP_LENGTH,
+    MAX_INTRA_PERIOD,
     MAX_POINTS,
     MAX_QP,
     MAX_TRACKS_BPP,
@@ -24,6 +27,7 @@ from dvc.config import (
     Allocation,
     CodecConfig,
     CodecVariant,
+    GopConfig,
     GroupPreset,
     KeyFrameConfig,
     KeyFrameRule,
@@ -216,6 +220,14 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         " or all frames of the GOP that are decoded; "
         + _defaults(lambda variant: variant.references, VARIANTS),
     )
+    cli.add_integer(
+        group,
+        "--intra-period",
+        (1, MAX_INTRA_PERIOD),
+        "most frames from one key frame to the next where GOPs end without one, because tracks tell that less"
+        f" bits will do; with {', '.join(_with_points(tracked=True))} and --qp; default: {INTRA_PERIOD}",
+        metavar="N",
+    )
     quality = (
         "quality on H.264's scale, 1 (fine) to 51 (coarse): key frames, steps and what is asked for,"
         f" set together for the least rate; default: {DEFAULT_QP}"
@@ -291,6 +303,9 @@ def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession
 
     if arguments.qp is not None and arguments.wz_q is not None:
         raise ConfigError("--qp and --wz-q are two ways to set the quality: give one")
+    tracked = arguments.codec in _with_points(tracked=True)
+    if arguments.intra_period is not None and not (tracked and arguments.wz_q is None):
+        raise ConfigError("--intra-period is for GOPs whose points are tracked, and for --qp")
     for option in _TRACK_OPTIONS:
         codecs = _with_points(option.tracked)
         if _value(arguments, option) is not None and arguments.codec not in codecs:
@@ -323,7 +338,7 @@ def _configuration(
     return CodecConfig.preset(
         arguments.codec,
         VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
-        gop=variant.gop(arguments.gop, arguments.references),
+        gop=_gop(arguments, shared),
         key=_key(arguments, shared),
         wyner_ziv=_wyner_ziv(arguments, shared),
         turbo=TurboConfig(family=_family(arguments, shared), interleaver_seed=arguments.seed),
@@ -338,6 +353,15 @@ def _side_information(variant: CodecVariant, shared: Allocation | None) -> SideI
     if shared is None or variant.tracks.kind == "none":
         return variant.side_information
     return replace(variant.side_information, fallback="tracks")
+
+
+def _gop(arguments: argparse.Namespace, shared: Allocation | None) -> GopConfig:
+    variant = VARIANTS[arguments.codec]
+    gop = variant.gop(arguments.gop, arguments.references)
+    if shared is None or variant.tracks.kind != "encoder":
+        return gop
+    period = INTRA_PERIOD if arguments.intra_period is None else arguments.intra_period
+    return replace(gop, anchor_distance=ANCHOR_DISTANCE, intra_period=period)
 
 
 def _family(arguments: argparse.Namespace, shared: Allocation | None) -> str:

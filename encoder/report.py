@@ -81,9 +81,9 @@ class EncoderStatistics:
         num_wyner_ziv : int
             Its Wyner-Ziv frames.
         key, tracks : bytes
-            Its key frame, and its tracks or points.
+            Its key frame, empty where it has none, and its tracks or points.
         """
-        self.num_key_frames += 1
+        self.num_key_frames += bool(key)
         self.num_wyner_ziv_frames += num_wyner_ziv
         self.key_bits += 8 * len(key)
         self.tracks_bits += 8 * len(tracks)

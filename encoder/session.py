@@ -12,6 +12,7 @@ from dvc.tracks import encode_points
 from dvc.video import Frame
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.hierarchy import reference_distances
+from encoder.anchors import KeyFrameSpacing
 from encoder.block_matching import PointTrackerSettings
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, groups, tracked_groups
@@ -31,11 +32,11 @@ class EncodedGroup:
     Attributes
     ----------
     key : bytes
-        The H.264 picture that ends the group.
+        The H.264 picture that ends the group; empty where its last frame is a Wyner-Ziv frame, too.
     tracks : bytes
         Payload of the tracks or points; empty if there are none.
     frames : tuple of EncodedFrame
-        The Wyner-Ziv frames before it.
+        The Wyner-Ziv frames.
     """
 
     key: bytes
@@ -55,7 +56,8 @@ class EncodedGroup:
         GopRecord
             Key frame, tracks and these payloads.
         """
-        return GopRecord(len(self.frames) + 1, self.key, self.tracks, tuple(wyner_ziv))
+        num_frames = len(self.frames) + bool(self.key)
+        return GopRecord(num_frames, self.key, self.tracks, tuple(wyner_ziv))
 
 
 class EncoderSession:
@@ -90,6 +92,7 @@ class EncoderSession:
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)
         self._allocation = allocation
+        self._key_frames = KeyFrameSpacing(config.gop)
         self._rule = rule or VARIANTS[config.codec].groups(config.gop.references).key_frames
         self._max_tracks_bpp = max_tracks_bpp
         self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits, tracking)
@@ -153,23 +156,27 @@ class EncoderSession:
             Key frame and Wyner-Ziv frames; parity is computed when it is needed.
         """
         statistics, wyner_ziv = self.statistics, self._wyner_ziv_encoder
-        steps = self._steps(len(group.wyner_ziv))
-        if group.wyner_ziv and not statistics.num_wyner_ziv_frames:
+        anchored = not self._key_frames.needs_key(group)
+        originals = (*group.wyner_ziv, group.key) if anchored else group.wyner_ziv
+        steps = self._steps(len(originals), anchored)
+        if originals and not statistics.num_wyner_ziv_frames:
             with statistics.timing("start_up_cpu_s"):
-                wyner_ziv.encode(group.wyner_ziv[0], steps[0]).buffered_payload()
+                wyner_ziv.encode(originals[0], steps[0]).buffered_payload()
         with statistics.timing("key_cpu_s"):
-            key = self._key_encoder.encode(group.key)
+            key = b"" if anchored else self._key_encoder.encode(group.key)
         with statistics.timing("wyner_ziv_cpu_s"):
-            frames = tuple(map(wyner_ziv.encode, group.wyner_ziv, steps))
+            frames = tuple(map(wyner_ziv.encode, originals, steps))
         tracks = self._encode_tracks(group)
         statistics.add_group(len(frames), key, tracks)
         return EncodedGroup(key, tracks, frames)
 
-    def _steps(self, num_frames: int) -> list[float]:
-        """Return the width of nested bins of each frame between two key frames."""
+    def _steps(self, num_frames: int, anchored: bool) -> list[float]:
+        """Return the width of nested bins of each Wyner-Ziv frame of a group."""
         if self._allocation is None:
             return [1.0] * num_frames
-        distances = reference_distances(num_frames, self.config.gop.references != "keys")
+        gop = self.config.gop
+        anchor_distance = gop.anchor_distance if anchored else 0
+        distances = reference_distances(num_frames, gop.references != "keys", anchor_distance)
         return [self._allocation.step(distance) for distance in distances]
 
     def _encode_tracks(self, group: Group) -> bytes:

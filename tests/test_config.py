@@ -58,7 +58,11 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     return CodecConfig(
         draw(st.sampled_from(list(VARIANTS))),
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
-        GopConfig(draw(st.integers(1, 256)), draw(st.sampled_from(REFERENCES))),
+        GopConfig(
+            draw(st.integers(1, 256)),
+            draw(st.sampled_from(REFERENCES)),
+            *draw(st.sampled_from([(0, 0), (1, 1), (8, 96), (256, 1024)])),
+        ),
         KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
         WynerZivConfig(
             tuple(draw(st.lists(level, min_size=16, max_size=16).filter(any))),

@@ -132,8 +132,7 @@ def decoded_groups(reader: StreamReader) -> Iterator[tuple[list[Luma], GopRecord
     from decoder.session import decode_stream
 
     for group in decode_stream(reader.config, reader):
-        lumas = [frame.frame.luma for frame in group.wyner_ziv]
-        yield [*lumas, group.key.luma], group.record
+        yield [frame.luma for frame in group.frames], group.record
 
 
 class _Pipe:

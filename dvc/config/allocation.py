@@ -11,6 +11,10 @@ ALLOCATED_FAMILY = "cascade"
 """Codes of the bit planes: those that cost the least."""
 ALLOCATED_TRACK_CODING = "regression"
 """The same of tracks."""
+ANCHOR_DISTANCE = 8
+"""Most frames from one anchor to the next: farther apart they cost too much."""
+INTRA_PERIOD = 96
+"""Most frames between key frames: what is lost is back, and a player may start, after three seconds or so."""
 SLOPE_PER_KEY_SLOPE = 4.0
 """Squared error that a bit must save in frames that predict no other, where it is 1 in key frames."""
 SLOPE_PERCENT = (100, 60, 40, 30, 30)

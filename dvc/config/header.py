@@ -26,6 +26,8 @@ FIELD_NUMBERS = {
     "video.luma_only": 6,
     "gop.length": 8,
     "gop.references": 10,
+    "gop.anchor_distance": 11,
+    "gop.intra_period": 12,
     "key.qp": 16,
     "key.lossless": 17,
     "key.parameter_sets": 18,

@@ -21,6 +21,7 @@ NUM_BANDS = 16
 MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
 MAX_GOP_LENGTH = 256
+MAX_INTRA_PERIOD = 1024
 MAX_POINTS = 1024
 CRC_BITS = (8, 12, 16, 24, 32)
 MAX_PARAMETER_SETS_BYTES = 1024
@@ -82,10 +83,18 @@ class GopConfig(Section):
     # What frames are predicted from: the key frames; also the middle frame, decoded first, and so on; or
     # every frame of the group that has been decoded, in the same order.
     references: str = "keys"
+    # Groups may end with a Wyner-Ziv frame that is predicted from earlier frames alone. In these the last
+    # frame, and others not more than this apart, are anchors, decoded first; 0: key frames end all groups.
+    anchor_distance: int = 0
+    intra_period: int = 0  # most frames from one key frame to the next where there are such groups
 
     def _check_values(self) -> None:
         check_range("length", self.length, 1, MAX_GOP_LENGTH)
         check_choice("references", self.references, REFERENCES)
+        check_range("anchor_distance", self.anchor_distance, 0, MAX_GOP_LENGTH)
+        check_range("intra_period", self.intra_period, 0, MAX_INTRA_PERIOD)
+        if bool(self.anchor_distance) != bool(self.intra_period):
+            raise ConfigError("`anchor_distance` and `intra_period` are given together or not at all")
 
 
 @dataclass(frozen=True)

@@ -211,7 +211,7 @@ class EncoderEndpoint(_Endpoint):
         message = encode_message(Gop(number, record))
         if len(message) > max_payload_bytes(Gop, self._config):
             raise ValueError(f"`record` takes {len(message)} bytes, more than a message may have")
-        self._ledger.open_gop(number, record.num_frames)
+        self._ledger.open_gop(number, record.num_frames, record.without_key)
         self._outgoing.append(message)
         return number
 
@@ -289,7 +289,7 @@ class DecoderEndpoint(_Endpoint):
             case Hello(version, config):
                 self._accept_hello(version, config)
             case Gop(number, record):
-                self._ledger.open_gop(number, record.num_frames)
+                self._ledger.open_gop(number, record.num_frames, record.without_key)
             case ParityAnswer(frame, plane, bits):
                 self._ledger.answer(frame, plane, bits.size)
             case End(num_frames):

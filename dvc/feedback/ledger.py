@@ -26,7 +26,7 @@ class _Plane:
 @dataclass
 class _OpenGop:
     first_frame: int
-    num_frames: int
+    num_wyner_ziv: int
     planes: dict[tuple[int, int], _Plane] = field(default_factory=dict)
 
 
@@ -44,6 +44,7 @@ class Ledger:
         self.num_frames = 0  # of all groups of pictures sent
         self.ended = False
         self._gop_length = config.gop.length
+        self._has_anchors = config.gop.anchor_distance > 0
         self._num_planes = sum(config.wyner_ziv.max_planes)
         self._num_codes = num_codes(config.turbo.family)
         self._by_positions = config.turbo.family == CASCADE
@@ -78,7 +79,7 @@ class Ledger:
             raise ValueError(f"more than {MAX_OPEN_GOPS} groups of pictures open")
         self.num_credits += 1
 
-    def open_gop(self, number: int, num_frames: int) -> None:
+    def open_gop(self, number: int, num_frames: int, without_key: bool = False) -> None:
         """Enter a group of pictures.
 
         Parameters
@@ -87,11 +88,13 @@ class Ledger:
             Its number, from 0, in order.
         num_frames : int
             Frames that it adds.
+        without_key : bool, optional
+            Whether the last of them is a Wyner-Ziv frame, too.
 
         Raises
         ------
         ValueError
-            If it was not asked for, is not the next, or has too many frames.
+            If it was not asked for, is not the next, has too many frames, or must have a key frame.
         """
         if self.ended:
             raise ValueError("a group of pictures after the end")
@@ -104,7 +107,9 @@ class Ledger:
             raise ValueError(
                 f"{num_frames} frames in group of pictures {number}, at most {limit} are allowed"
             )
-        self._open[number] = _OpenGop(self.num_frames, num_frames)
+        if without_key and not (number and self._has_anchors):
+            raise ValueError(f"group of pictures {number} has no key frame")
+        self._open[number] = _OpenGop(self.num_frames, num_frames - (not without_key))
         self.num_credits -= 1
         self._num_gops += 1
         self.num_frames += num_frames
@@ -232,6 +237,6 @@ class Ledger:
         if not 0 <= plane < self._num_planes:
             raise ValueError(f"plane {plane}, there are {self._num_planes}")
         for gop in self._open.values():
-            if gop.first_frame <= frame < gop.first_frame + gop.num_frames - 1:
+            if gop.first_frame <= frame < gop.first_frame + gop.num_wyner_ziv:
                 return gop
         raise ValueError(f"frame {frame} is no Wyner-Ziv frame of an open group of pictures")

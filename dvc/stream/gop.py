@@ -1,6 +1,7 @@
-"""Syntax of a group of pictures (GOP): one key frame and the Wyner-Ziv frames before it."""
+"""Syntax of a group of pictures (GOP): Wyner-Ziv frames and mostly a key frame that ends it."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from dvc.bits import decode_bytes, decode_varint, encode_varint
 from dvc.config import MAX_GOP_LENGTH
@@ -8,6 +9,7 @@ from dvc.errors import BitstreamError
 from dvc.stream.records import framed_size
 
 DIGEST_BYTES = 4
+_WITHOUT_KEY = 4 * MAX_GOP_LENGTH  # added to the first field, of which all else is less
 
 
 @dataclass(frozen=True)
@@ -15,7 +17,7 @@ class GopRecord:
     """What one group of pictures adds to a stream."""
 
     num_frames: int  # its Wyner-Ziv frames and the key frame that closes it; 1 for the first key frame
-    key: bytes  # the key frame
+    key: bytes  # the key frame; empty where all frames are Wyner-Ziv frames
     tracks: bytes = b""  # point tracks; empty in codecs without geometry
     wyner_ziv: tuple[bytes, ...] = ()  # one payload for each Wyner-Ziv frame, in order of display
     digest: int | None = None  # CRC-32 of the decoded Wyner-Ziv frames; punctured form only
@@ -23,10 +25,15 @@ class GopRecord:
     def __post_init__(self) -> None:
         if not 1 <= self.num_frames <= MAX_GOP_LENGTH:
             raise ValueError(f"`num_frames` must be from 1 to {MAX_GOP_LENGTH}, got {self.num_frames}")
-        if len(self.wyner_ziv) != self.num_frames - 1:
+        if len(self.wyner_ziv) != self.num_frames - 1 and not self.without_key:
             raise ValueError(
                 f"`wyner_ziv` must have {self.num_frames - 1} payloads, got {len(self.wyner_ziv)}"
             )
+
+    @property
+    def without_key(self) -> bool:
+        """Whether its last frame is a Wyner-Ziv frame, too."""
+        return len(self.wyner_ziv) == self.num_frames and not self.key
 
 
 @dataclass(frozen=True)
@@ -48,8 +55,9 @@ class GopBits:
 def encode_gop(record: GopRecord) -> bytes:
     """Write the payload of a GOP record; inverse of `decode_gop`.
 
-    The first integer is twice the number of frames, plus one if there are tracks; it says how many Wyner-Ziv
-    payloads there are. The key frame is what is left, so that it needs no length.
+    The first integer is twice the number of frames, plus one if there are tracks, plus 1024 if no key frame
+    ends the group; it says how many Wyner-Ziv payloads there are. The key frame is what is left, so that it
+    needs no length.
 
     Parameters
     ----------
@@ -61,7 +69,8 @@ def encode_gop(record: GopRecord) -> bytes:
     bytes
         The payload.
     """
-    parts = [encode_varint(record.num_frames << 1 | bool(record.tracks))]
+    first = record.num_frames << 1 | bool(record.tracks)
+    parts = [encode_varint(first + _WITHOUT_KEY * record.without_key)]
     if record.digest is not None:
         parts.append(record.digest.to_bytes(DIGEST_BYTES, "little"))
     if record.tracks:
@@ -72,7 +81,16 @@ def encode_gop(record: GopRecord) -> bytes:
     return b"".join(parts)
 
 
-def decode_num_frames(payload: bytes, position: int = 0) -> tuple[int, bool, int]:
+class GopHead(NamedTuple):
+    """First field of a GOP payload."""
+
+    num_frames: int  # that the GOP adds
+    has_tracks: bool  # whether tracks follow
+    without_key: bool  # whether its last frame is a Wyner-Ziv frame
+    position: int  # of the byte after the field
+
+
+def decode_head(payload: bytes, position: int = 0) -> GopHead:
     """Read the first field of a GOP payload.
 
     Parameters
@@ -84,12 +102,8 @@ def decode_num_frames(payload: bytes, position: int = 0) -> tuple[int, bool, int
 
     Returns
     -------
-    num_frames : int
-        Frames that the GOP adds.
-    has_tracks : bool
-        Whether tracks follow.
-    position : int
-        Of the byte after the field.
+    GopHead
+        What it says.
 
     Raises
     ------
@@ -97,10 +111,11 @@ def decode_num_frames(payload: bytes, position: int = 0) -> tuple[int, bool, int
         If the number is out of range or the data end too early.
     """
     value, position = decode_varint(payload, position)
-    num_frames = value >> 1
+    without_key = value >= _WITHOUT_KEY
+    num_frames = (value - _WITHOUT_KEY * without_key) >> 1
     if not 1 <= num_frames <= MAX_GOP_LENGTH:
         raise BitstreamError(f"{num_frames} frames, from 1 to {MAX_GOP_LENGTH} are allowed")
-    return num_frames, bool(value & 1), position
+    return GopHead(num_frames, bool(value & 1), without_key, position)
 
 
 def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
@@ -123,9 +138,9 @@ def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
     BitstreamError
         If a length does not fit.
     """
-    num_frames, has_tracks, position = decode_num_frames(payload)
-    tracks, digest = b"", None
-    if with_digest and num_frames > 1:
+    num_frames, has_tracks, without_key, position = decode_head(payload)
+    tracks, digest, num_payloads = b"", None, num_frames - (not without_key)
+    if with_digest and num_payloads > 0:
         if len(payload) < position + DIGEST_BYTES:
             raise BitstreamError("the record ends within the digest")
         digest = int.from_bytes(payload[position : position + DIGEST_BYTES], "little")
@@ -135,9 +150,11 @@ def decode_gop(payload: bytes, with_digest: bool = False) -> GopRecord:
         if not tracks:
             raise BitstreamError("tracks are announced, but empty")
     wyner_ziv = []
-    for _ in range(num_frames - 1):
+    for _ in range(num_payloads):
         frame, position = decode_bytes(payload, position, len(payload))
         wyner_ziv.append(frame)
+    if without_key and position < len(payload):
+        raise BitstreamError(f"{len(payload) - position} bytes are left over in a group without key frame")
     return GopRecord(num_frames, payload[position:], tracks, tuple(wyner_ziv), digest)
 
 

@@ -9,7 +9,7 @@ from dvc.bits import MAX_VARINT_BYTES, decode_varint
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.files import Closing
-from dvc.stream.gop import GopRecord, decode_gop, decode_num_frames
+from dvc.stream.gop import GopRecord, decode_gop, decode_head
 from dvc.stream.index import SIZE_BYTES, TRAILER_BYTES, IndexEntry, StreamIndex, decode_end
 from dvc.stream.records import (
     CRC_BYTES,
@@ -177,6 +177,8 @@ class StreamReader(Closing):
         limit = self.config.gop.length if self._seen else 1
         if record.num_frames > limit:
             raise BitstreamError(f"{record.num_frames} frames where at most {limit} are allowed")
+        if record.without_key and not (self._seen and self.config.gop.anchor_distance):
+            raise BitstreamError("a group of pictures without a key frame where there can be none")
         return record
 
     def _check_end(self, payload: bytes) -> None:
@@ -238,7 +240,7 @@ class StreamReader(Closing):
                 break
             beginning = source.read(min(size, MAX_VARINT_BYTES))
             try:
-                num_frames, _, _ = decode_num_frames(beginning)
+                num_frames = decode_head(beginning).num_frames
             except BitstreamError as err:
                 raise place.error(str(err)) from err
             entries.append(IndexEntry(place.offset, framed_size(size), num_frames))

@@ -70,7 +70,7 @@ class StreamWriter:
         limit = self.config.gop.length if self._entries else 1
         if record.num_frames > limit:
             raise ValueError(f"`record` must add {limit} frames or fewer, got {record.num_frames}")
-        has_digest = self.form is Form.PUNCTURED and record.num_frames > 1
+        has_digest = self.form is Form.PUNCTURED and bool(record.wyner_ziv)
         if (record.digest is not None) != has_digest:
             raise ValueError("`record` must have a digest in punctured streams, where it has such frames")
         if len(self._entries) == MAX_GOPS:

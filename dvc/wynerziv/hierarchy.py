@@ -1,4 +1,9 @@
-"""In which order the Wyner-Ziv frames between two key frames are decoded, and from which references."""
+"""In which order the Wyner-Ziv frames of a group of pictures are decoded, and from which references."""
+
+from itertools import pairwise
+
+Around = tuple[int, int | None]
+"""Display positions of the nearest reference before a frame, and of that after it; none after an anchor."""
 
 
 def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[int, tuple[int, int]]]:
@@ -28,20 +33,98 @@ def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[in
     return order
 
 
-def reference_distances(num_frames: int, hierarchical: bool) -> list[int]:
-    """Return how far apart the references of the frames between two key frames are.
+def anchored_order(
+    before: int, last: int, hierarchical: bool, anchor_distance: int
+) -> list[tuple[int, Around]]:
+    """Return in which order the frames of a group that no key frame ends are decoded.
+
+    Parameters
+    ----------
+    before : int
+        Display position of the frame before the group.
+    last : int
+        Display position of its last frame.
+    hierarchical : bool
+        Whether the middle frame between two anchors comes first and serves the others as a reference.
+    anchor_distance : int
+        Most frames from one anchor to the next.
+
+    Returns
+    -------
+    list of (int, (int, int or None))
+        Display position of each frame, and of its references: first the anchors, evenly spaced, which are
+        predicted from what comes before them alone; then the frames between each two of them.
+    """
+    count = -(-(last - before) // anchor_distance)
+    ends = [before + (last - before) * number // count for number in range(count + 1)]
+    order: list[tuple[int, Around]] = [(anchor, (previous, None)) for previous, anchor in pairwise(ends)]
+    for first, second in pairwise(ends):
+        order += decoding_order(first, second, hierarchical)
+    return order
+
+
+def group_order(
+    before: int, last: int, hierarchical: bool, anchor_distance: int = 0
+) -> list[tuple[int, Around]]:
+    """Return in which order the Wyner-Ziv frames of a group are decoded, and from which references.
+
+    Parameters
+    ----------
+    before : int
+        Display position of the frame before the group.
+    last : int
+        Display position of its last frame.
+    hierarchical : bool
+        Whether the middle frame between two others comes first and serves them as a reference.
+    anchor_distance : int, optional
+        Most frames from one anchor to the next; 0 where a key frame ends the group.
+
+    Returns
+    -------
+    list of (int, (int, int or None))
+        Display position of each frame, and of its references.
+    """
+    if anchor_distance:
+        return anchored_order(before, last, hierarchical, anchor_distance)
+    return [*decoding_order(before, last, hierarchical)]
+
+
+def reference_distance(index: int, around: Around) -> int:
+    """Return how far apart the references of a frame are.
+
+    Parameters
+    ----------
+    index : int
+        Display position of the frame.
+    around : tuple of (int, int or None)
+        Those of its references.
+
+    Returns
+    -------
+    int
+        In frames; for an anchor twice the distance from its reference, as if there were one after it, too.
+    """
+    before, after = around
+    return 2 * (index - before) if after is None else after - before
+
+
+def reference_distances(num_frames: int, hierarchical: bool, anchor_distance: int = 0) -> list[int]:
+    """Return how far apart the references of the Wyner-Ziv frames of a group are.
 
     Parameters
     ----------
     num_frames : int
-        Frames between the key frames.
+        Wyner-Ziv frames of the group.
     hierarchical : bool
         Whether the middle frame comes first and serves the others as a reference.
+    anchor_distance : int, optional
+        Most frames from one anchor to the next; 0 where a key frame ends the group.
 
     Returns
     -------
     list of int
         For each frame, in order of display.
     """
-    order = sorted(decoding_order(0, num_frames + 1, hierarchical))
-    return [last - first for _, (first, last) in order]
+    last = num_frames if anchor_distance else num_frames + 1
+    order = sorted(group_order(0, last, hierarchical, anchor_distance))
+    return [reference_distance(index, around) for index, around in order]

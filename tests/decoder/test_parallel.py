@@ -76,11 +76,11 @@ def test_busy_processes_do_not_come_back() -> None:
 def test_a_killed_process_is_said_and_replaced() -> None:
     """Decoding ends in one error, and the next sequence gets another process."""
     with StreamReader(STREAM) as reader:
-        tasks = list(stream_tasks(reader.config, reader))
+        _, [task] = stream_tasks(reader.config, reader)
     with decoding_process() as process:
         threading.Timer(0.3, process.kill).start()
         with pytest.raises(DvcError, match="decoding process was killed"):
-            deque(map(process.decode, repeat(tasks[1])), maxlen=0)
+            deque(map(process.decode, repeat(task)), maxlen=0)
     assert process not in parallel._idle
     with StreamReader(STREAM) as reader:
         assert len(digests(reader)) == 2
@@ -89,7 +89,7 @@ def test_a_killed_process_is_said_and_replaced() -> None:
 def test_a_fault_is_told_with_its_place() -> None:
     """What nobody foresaw arrives as an exception that says where it came from, and the process goes on."""
     with StreamReader(STREAM) as reader:
-        task = list(stream_tasks(reader.config, reader))[1]
+        _, [task] = stream_tasks(reader.config, reader)
     with decoding_process() as process:
         with pytest.raises(RuntimeError) as caught:
             process.decode(replace(task, record=None))  # type: ignore[arg-type]

@@ -72,7 +72,7 @@ def punctured_stream(groups: list[DecodedGroup], config: CodecConfig) -> bytes:
 
 
 def frames_of(groups: list[DecodedGroup]) -> list[Frame]:
-    return [frame for group in groups for frame in (*(wz.frame for wz in group.wyner_ziv), group.key)]
+    return [frame for group in groups for frame in group.frames]
 
 
 def test_groups_come_in_display_order(groups: list[DecodedGroup], frames: list[Frame]) -> None:

@@ -15,6 +15,10 @@ records = st.builds(
     st.binary(max_size=300),
     st.binary(max_size=200),
     payloads,
+) | st.builds(
+    lambda tracks, frames: GopRecord(len(frames), b"", tracks, tuple(frames)),
+    st.binary(max_size=200),
+    st.lists(st.binary(max_size=300), min_size=1, max_size=6),
 )
 
 
@@ -40,11 +44,21 @@ def test_overhead_is_small() -> None:
     assert (bits.header, bits.tracks, bits.wyner_ziv_header) == (8 * 8, 0, (8, 16))
 
 
+def test_a_group_without_key_frame_has_a_payload_for_each_frame() -> None:
+    """It is told by the first field, so that other groups cost no more than they did."""
+    record = GopRecord(2, b"", b"", (b"one", b"two"))
+    assert record.without_key
+    assert not GopRecord(2, b"", b"", (b"one",)).without_key
+    assert encode_gop(record) == b"\x84\x08\x03one\x03two"
+    with pytest.raises(BitstreamError, match="1 bytes are left over in a group without key frame"):
+        decode_gop(encode_gop(record) + b"k")
+
+
 def test_limits_of_a_record() -> None:
     """As many payloads as there are Wyner-Ziv frames, and no more frames than a GOP may have."""
     longest = GopRecord(MAX_GOP_LENGTH, b"k", b"", (b"",) * (MAX_GOP_LENGTH - 1))
     assert decode_gop(encode_gop(longest)) == longest
-    for num_frames, num_payloads in ((0, 0), (2, 0), (1, 1), (MAX_GOP_LENGTH + 1, MAX_GOP_LENGTH), (-1, 0)):
+    for num_frames, num_payloads in ((0, 0), (2, 0), (1, 2), (MAX_GOP_LENGTH + 1, MAX_GOP_LENGTH), (-1, 0)):
         with pytest.raises(ValueError, match=r"`num_frames`|`wyner_ziv`"):
             GopRecord(num_frames, b"", b"", (b"",) * num_payloads)
 

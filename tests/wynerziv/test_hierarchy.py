@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.wynerziv.hierarchy import decoding_order, reference_distances
+from dvc.wynerziv.hierarchy import anchored_order, decoding_order, reference_distances
 
 
 @given(st.integers(0, 50), st.integers(1, 40), st.booleans())
@@ -41,3 +41,29 @@ def test_distances_are_those_of_the_references(num_frames: int, hierarchical: bo
 def test_distances_of_a_group_of_eight() -> None:
     """The middle frame lies between the key frames, every second one between its neighbours."""
     assert reference_distances(7, True) == [2, 4, 2, 8, 2, 4, 2]
+
+
+@given(st.integers(0, 50), st.integers(1, 40), st.booleans(), st.integers(1, 40))
+def test_anchors_come_first_and_know_only_what_is_before_them(
+    before: int, length: int, hierarchical: bool, distance: int
+) -> None:
+    """The last frame is an anchor, none is farther than allowed, and all other frames follow."""
+    last = before + length
+    order = anchored_order(before, last, hierarchical, distance)
+    assert sorted(index for index, _ in order) == list(range(before + 1, last + 1))
+    anchors = [(index, around[0]) for index, around in order if around[1] is None]
+    assert [index for index, _ in order][: len(anchors)] == [index for index, _ in anchors]
+    assert anchors[-1][0] == last
+    assert all(0 < index - previous <= distance for index, previous in anchors)
+    known = {before, *(index for index, _ in anchors)}
+    for index, (earlier, later) in order[len(anchors) :]:
+        assert later is not None
+        assert earlier < index < later
+        assert {earlier, later} <= known
+        known.add(index)
+
+
+def test_distances_of_a_group_with_anchors() -> None:
+    """An anchor counts as if it were in the middle between two references."""
+    assert reference_distances(8, True, 4) == [2, 4, 2, 8, 2, 4, 2, 8]
+    assert reference_distances(3, True, 8) == [3, 2, 6]

@@ -139,8 +139,8 @@ def warp_chroma(
     ----------
     interpolation : Interpolation
         What `interpolate` returned.
-    chroma : sequence of two (tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None)
-        Cb and Cr of each key frame.
+    chroma : sequence of one or two (tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None)
+        Cb and Cr of each reference.
 
     Returns
     -------
@@ -155,8 +155,10 @@ def warp_chroma(
         if len(planes) < len(halved):
             return None
         warped = [sample(plane, position) for plane, position in zip(planes, halved, strict=True)]
-        share = interpolation.weights[1][::2, ::2]
-        predicted.append(np.floor(warped[0] + share * (warped[1] - warped[0]) + 0.5).astype(np.uint8))
+        level = warped[0]
+        if len(warped) > 1:
+            level = level + interpolation.weights[1][::2, ::2] * (warped[1] - level)
+        predicted.append(np.floor(level + 0.5).astype(np.uint8))
     return predicted[0], predicted[1]
 
 
