@@ -17,7 +17,7 @@ from dvc.tracks import FeaturePoints, PointTracks
 
 Floats = NDArray[np.float64]
 
-METHOD = "tracks"
+METHOD = "anchor"
 """Name that these predictions carry."""
 NUM_REFERENCES = 2
 """Latest frames that are warped: noise of two differs, and what one does not reach the other may."""

@@ -85,7 +85,7 @@ def test_anchors_are_as_good_as_key_frames(groups: list[DecodedGroup], frames: l
         for original, frame in zip(frames, (frame for group in groups for frame in group.frames), strict=True)
     ]
     assert min(quality) > quality[0] - 4.0
-    assert [frame.method == "tracks" for frame in groups[1].wyner_ziv] == [False, True, False, True]
+    assert [frame.method == "anchor" for frame in groups[1].wyner_ziv] == [False, True, False, True]
 
 
 @pytest.mark.parametrize("jobs", [2, 5])
