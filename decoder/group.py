@@ -96,7 +96,7 @@ class GroupDecoder:
             prediction = self._predict(task, known, points, index, around)
             payload = task.record.wyner_ziv[index - task.first_index]
             answer = self._answer(task.form, payload, ask)
-            slope = self._config.wyner_ziv.slope_between(reference_distance(index, around))
+            slope = self._config.wyner_ziv.slope_between(reference_distance(around))
             frame = self._decode_frame(index, prediction, payload, answer, slope)
             frame = replace(frame, decode_s=time.perf_counter() - started)
             known[index] = ReferenceFrame(index, frame.frame)

@@ -17,8 +17,9 @@ INTRA_PERIOD = 96
 """Most frames between key frames: what is lost is back, and a player may start, after three seconds or so."""
 SLOPE_PER_KEY_SLOPE = 4.0
 """Squared error that a bit must save in frames that predict no other, where it is 1 in key frames."""
-SLOPE_PERCENT = (100, 60, 40, 30, 30)
-"""Share of that slope in frames with references up to 2, 4, 8, 16, 32 frames apart, which predict others."""
+SLOPE_PERCENT = (100, 60, 40, 30, 30, 15)
+"""Share of that slope in frames with references up to 2, 4, 8, 16, 32 frames apart, which predict others, and
+in anchors, which predict the most."""
 STEP_PER_ROOT_SLOPE = 3.0
 """Finest step: that of a fine uniform quantiser, of which a bit saves 2 ln 2 / 12 squared steps."""
 

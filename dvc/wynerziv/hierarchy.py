@@ -2,6 +2,8 @@
 
 from itertools import pairwise
 
+from dvc.config import MAX_GOP_LENGTH
+
 Around = tuple[int, int | None]
 """Display positions of the nearest reference before a frame, and of that after it; none after an anchor."""
 
@@ -89,23 +91,21 @@ def group_order(
     return [*decoding_order(before, last, hierarchical)]
 
 
-def reference_distance(index: int, around: Around) -> int:
+def reference_distance(around: Around) -> int:
     """Return how far apart the references of a frame are.
 
     Parameters
     ----------
-    index : int
-        Display position of the frame.
     around : tuple of (int, int or None)
-        Those of its references.
+        Display positions of its references.
 
     Returns
     -------
     int
-        In frames; for an anchor twice the distance from its reference, as if there were one after it, too.
+        In frames; for an anchor, which predicts the most, farther than in any other frame.
     """
     before, after = around
-    return 2 * (index - before) if after is None else after - before
+    return MAX_GOP_LENGTH if after is None else after - before
 
 
 def reference_distances(num_frames: int, hierarchical: bool, anchor_distance: int = 0) -> list[int]:
@@ -127,4 +127,4 @@ def reference_distances(num_frames: int, hierarchical: bool, anchor_distance: in
     """
     last = num_frames if anchor_distance else num_frames + 1
     order = sorted(group_order(0, last, hierarchical, anchor_distance))
-    return [reference_distance(index, around) for index, around in order]
+    return [reference_distance(around) for _, around in order]

@@ -76,5 +76,5 @@ def test_anchors_are_finer_than_what_they_predict(monkeypatch: pytest.MonkeyPatc
     layout = FrameLayout.of(config)
     steps = [layout.read_header(frame.header).step_indices[0] for frame in groups[1].frames]
     assert len(steps) == 4
-    assert steps[3] == steps[1] < steps[0] == steps[2]
+    assert steps[1] == steps[3] < steps[0] == steps[2]
     assert session.statistics.num_key_frames == 1

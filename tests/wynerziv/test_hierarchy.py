@@ -3,6 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.config import MAX_GOP_LENGTH
 from dvc.wynerziv.hierarchy import anchored_order, decoding_order, reference_distances
 
 
@@ -64,6 +65,7 @@ def test_anchors_come_first_and_know_only_what_is_before_them(
 
 
 def test_distances_of_a_group_with_anchors() -> None:
-    """An anchor counts as if it were in the middle between two references."""
-    assert reference_distances(8, True, 4) == [2, 4, 2, 8, 2, 4, 2, 8]
-    assert reference_distances(3, True, 8) == [3, 2, 6]
+    """An anchor counts as if its references were as far apart as they may ever be."""
+    far = MAX_GOP_LENGTH
+    assert reference_distances(8, True, 4) == [2, 4, 2, far, 2, 4, 2, far]
+    assert reference_distances(3, True, 8) == [3, 2, far]
