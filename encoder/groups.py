@@ -20,24 +20,17 @@ class Group:
     wyner_ziv : tuple of Frame
         Frames since the previous key frame, in display order.
     key : Frame
-        Its last frame, which mostly becomes a key frame.
+        The key frame that ends the group.
     tracks : PointTracks, optional
         Points of the previous key frame, followed to this one, and points of this one, followed back.
     points : FeaturePoints, optional
         Corners of the Wyner-Ziv frames.
-    changes : tuple of float
-        What tracks tell of each frame, the last one included: how much their blocks have changed since the
-        previous key frame, in grey levels a sample; none without tracks.
-    lost_share : float
-        Share of the points that are lost in the last.
     """
 
     wyner_ziv: tuple[Frame, ...]
     key: Frame
     tracks: PointTracks | None = None
     points: FeaturePoints | None = None
-    changes: tuple[float, ...] = ()
-    lost_share: float = 0.0
 
 
 def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:
@@ -148,8 +141,9 @@ class _Window:
 
     def _wait(self, frame: Frame) -> None:
         self._waiting.append(frame)
-        self._changes.append(self._tracker.change)
-        self._lost_shares.append(self._tracker.lost_share)
+        if self._rule.choice == "rate":
+            self._changes.append(self._tracker.change)
+            self._lost_shares.append(self._tracker.lost_share)
 
     def _close_first(self) -> Group:
         """Close a group of all frames that wait, or the first at the least rate; follow the others anew."""
@@ -157,11 +151,7 @@ class _Window:
         if self._rule.choice == "rate":
             costs = group_costs(self._changes, self._lost_shares, self._rule.hierarchical)
             count = first_length(costs, self._rule.min_length)
-        group = replace(
-            _closed(self._waiting[:count], self._tracker),
-            changes=tuple(self._changes[:count]),
-            lost_share=self._lost_shares[count - 1],
-        )
+        group = _closed(self._waiting[:count], self._tracker)
         others = self._waiting[count:]
         self._waiting, self._changes, self._lost_shares = [], [], []
         for frame in others:

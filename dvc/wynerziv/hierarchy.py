@@ -35,6 +35,27 @@ def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[in
     return order
 
 
+def anchor_instants(before: int, last: int, anchor_distance: int) -> list[int]:
+    """Return which frames of a group that no key frame ends are anchors.
+
+    Parameters
+    ----------
+    before : int
+        Display position of the frame before the group.
+    last : int
+        Display position of its last frame.
+    anchor_distance : int
+        Most frames from one anchor to the next.
+
+    Returns
+    -------
+    list of int
+        Their display positions, evenly spaced up to `last`.
+    """
+    count = -(-(last - before) // anchor_distance)
+    return [before + (last - before) * number // count for number in range(1, count + 1)]
+
+
 def anchored_order(
     before: int, last: int, hierarchical: bool, anchor_distance: int
 ) -> list[tuple[int, Around]]:
@@ -57,8 +78,7 @@ def anchored_order(
         Display position of each frame, and of its references: first the anchors, evenly spaced, which are
         predicted from what comes before them alone; then the frames between each two of them.
     """
-    count = -(-(last - before) // anchor_distance)
-    ends = [before + (last - before) * number // count for number in range(count + 1)]
+    ends = [before, *anchor_instants(before, last, anchor_distance)]
     order: list[tuple[int, Around]] = [(anchor, (previous, None)) for previous, anchor in pairwise(ends)]
     for first, second in pairwise(ends):
         order += decoding_order(first, second, hierarchical)

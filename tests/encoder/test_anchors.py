@@ -9,7 +9,7 @@ from dvc.tracks import PointTracks
 from dvc.video import Frame
 from dvc.wynerziv.layout import FrameLayout
 from encoder import anchors
-from encoder.anchors import KeyFrameSpacing, anchor_share
+from encoder.anchors import FieldOfMotion, KeyFrameSpacing, anchor_share, field_of_motion
 from encoder.groups import Group
 from encoder.session import EncodedGroup, EncoderSession
 from tests.clips import moving_texture
@@ -18,16 +18,35 @@ FRAME = Frame(np.zeros((16, 16), np.uint8), None)
 GOP = GopConfig(4, "hierarchical", anchor_distance=2, intra_period=10)
 
 
-def group_of(length: int, change: float, lost_share: float = 0.0) -> Group:
-    """Return a group whose blocks change evenly up to its end."""
-    tracks = PointTracks(np.zeros((3, length + 1, 2)))
-    changes = tuple(change * (number + 1) / length for number in range(length))
-    return Group((FRAME,) * (length - 1), FRAME, tracks, changes=changes, lost_share=lost_share)
+def group_of(length: int, speed_px: float, num_lost: int = 0) -> Group:
+    """Return a group of which eight points move evenly; some are lost after its first frame."""
+    positions = np.zeros((8, length + 1, 2))
+    positions[:, :, 0] = speed_px * np.arange(length + 1)
+    positions[:num_lost, 2:] = np.nan
+    return Group((FRAME,) * (length - 1), FRAME, PointTracks(positions))
 
 
-def test_shares_grow_with_change_and_loss() -> None:
-    """A frame that has not changed costs the least, and not nothing."""
-    assert 0 < anchor_share(0.0, 0.0) < anchor_share(2.0, 0.0) < anchor_share(2.0, 0.3)
+def test_motion_parallax_and_loss_are_told_apart() -> None:
+    """Medians do not mind one point that is wrong."""
+    first = np.zeros((8, 2))
+    second = np.tile([[3.0, 4.0]], (8, 1))
+    second[0] = 90.0
+    assert field_of_motion(first, second) == (5.0, 0.0, 0.0)
+    second[1:5, 0] += [-2.0, -2.0, 2.0, 2.0]
+    second[7] = np.nan
+    found = field_of_motion(first, second)
+    assert found.motion_px == pytest.approx(5.0)
+    assert found.parallax_px == pytest.approx(2.0)
+    assert found.lost_share == pytest.approx(1 / 8)
+    assert field_of_motion(first, first * np.nan).lost_share == 1.0
+
+
+def test_shares_grow_with_motion_parallax_and_loss() -> None:
+    """A frame that has not moved costs the least, and not nothing."""
+    fields = [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (5.0, 2.0, 0.0), (5.0, 2.0, 0.3)]
+    shares = [anchor_share(FieldOfMotion(*field), 352) for field in fields]
+    assert 0 < shares[0] < shares[1] < shares[2] < shares[3]
+    assert anchor_share(FieldOfMotion(10.0, 0.0, 0.0), 704) == shares[1]
 
 
 def test_key_frames_stay_near_enough() -> None:
@@ -38,7 +57,7 @@ def test_key_frames_stay_near_enough() -> None:
     assert needed == [False, False, True, False, False, True, False]
 
 
-@pytest.mark.parametrize("group", [group_of(4, 90.0), group_of(4, 5.0, 1.0), Group((), FRAME)])
+@pytest.mark.parametrize("group", [group_of(4, 20.0), group_of(4, 0.0, 8), Group((), FRAME)])
 def test_what_changes_much_gets_a_key_frame(group: Group) -> None:
     """So does what is not known for want of tracks."""
     spacing = KeyFrameSpacing(GOP)
