@@ -3,8 +3,8 @@
 from dvc.config.allocation import (
     ALLOCATED_FAMILY,
     ALLOCATED_TRACK_CODING,
-    DEFAULT_QP,
     ANCHOR_DISTANCE,
+    DEFAULT_QP,
     INTRA_PERIOD,
     MAX_QP,
     Allocation,
