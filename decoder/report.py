@@ -18,8 +18,8 @@ from dvc.video import Frame, VideoReader
 PSNR_CAP_DB = 100.0
 """PSNR that identical frames are given, so that means and JSON stay finite."""
 BIT_CLASSES = ("key", "tracks", "parity", "crc", "header")
-
-
+CHROMA = ("psnr_cb_db", "psnr_cr_db")
+"""PSNRs of chroma, where stream and reference have it."""
 PLANE_CLASSES = {"dc": range(1), "ac_1_2": range(1, 3), "ac_3_5": range(3, 6), "ac_6_15": range(6, 16)}
 """Bands whose planes are told of together, in zigzag order."""
 
@@ -80,8 +80,10 @@ class DecodeReport:
             if group.key is None and frame is group.wyner_ziv[-1]:
                 row["bits"]["tracks"] += costs.tracks
                 row["bits"]["header"] += costs.header
-            original = self._original(frame.index)
+            reference = self._original(frame.index)
+            original = None if reference is None else reference.luma
             row["psnr_y_db"] = _psnr(original, frame.frame.luma)
+            row |= _chroma_psnrs(reference, frame.frame)
             row["si_psnr_y_db"] = _psnr(original, frame.side_information)
             row["refined_si_psnr_y_db"] = _psnr(original, frame.refined_side_information)
             row["num_requests"] = frame.num_requests
@@ -96,19 +98,21 @@ class DecodeReport:
         if group.key is not None and self._is_wanted(index):
             row = {"index": index, "type": "key"}
             row["bits"] = _bits(key=costs.key, tracks=costs.tracks, header=costs.header)
-            row["psnr_y_db"] = _psnr(self._original(index), group.key.luma)
+            reference = self._original(index)
+            row["psnr_y_db"] = _psnr(None if reference is None else reference.luma, group.key.luma)
+            row |= _chroma_psnrs(reference, group.key)
             self._frames.append(row)
 
     def _is_wanted(self, index: int) -> bool:
         return self._wanted is None or index in self._wanted
 
-    def _original(self, index: int) -> NDArray[np.uint8] | None:
+    def _original(self, index: int) -> Frame | None:
         if self._reference is None:
             return None
         original = next(self._reference, None)
         if original is None:
             raise VideoError(f"the reference ends before frame {index} of the stream")
-        return original.luma
+        return original
 
     def to_dict(self, stream_bytes: int) -> dict[str, Any]:
         """Return the report as JSON-safe values.
@@ -143,6 +147,7 @@ class DecodeReport:
             "worst_psnr_y_db": min(_values(frames, "psnr_y_db"), default=None),
             "key_psnr_y_db": _mean([frame for frame in frames if frame["type"] == "key"], "psnr_y_db"),
             "wz_psnr_y_db": _mean(wyner_ziv, "psnr_y_db"),
+            **{name: _mean(frames, name) for name in CHROMA if name in frames[0]},
             "si_psnr_y_db": _mean(wyner_ziv, "si_psnr_y_db"),
             "refined_si_psnr_y_db": _mean(wyner_ziv, "refined_si_psnr_y_db"),
             "num_requests": sum(frame["num_requests"] for frame in wyner_ziv),
@@ -162,6 +167,14 @@ def _bits(**given: int) -> dict[str, int]:
 
 def _psnr(original: NDArray[np.uint8] | None, decoded: NDArray[np.uint8]) -> float | None:
     return None if original is None else min(psnr_db(original, decoded), PSNR_CAP_DB)
+
+
+def _chroma_psnrs(original: Frame | None, decoded: Frame) -> dict[str, float | None]:
+    """Return the PSNRs of both planes of chroma, if there are any."""
+    if original is None or original.chroma is None or decoded.chroma is None:
+        return {}
+    pairs = zip(original.chroma, decoded.chroma, strict=True)
+    return {name: _psnr(*pair) for name, pair in zip(CHROMA, pairs, strict=True)}
 
 
 def _mse_psnr(frames: list[dict[str, Any]]) -> float | None:

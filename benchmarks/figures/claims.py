@@ -59,6 +59,32 @@ CLAIMS = (
         "tracks/te-2d-mean",
     ),
     _claim(
+        "With one quality for everything it needs less rate than H.264 intra.",
+        "docs/results.md",
+        "allocation/te-qp-intra",
+        "allocation/te-qp-intra-mean",
+    ),
+    _claim(
+        "It is asked to need little more rate than H.264 with motion search and one intra frame.",
+        "docs/results.md",
+        "allocation/te-qp-x264-ippp",
+        "allocation/te-qp-x264-ippp-mean",
+    ),
+    _claim(
+        "It is asked to need less rate than H.264 with motion search and an intra frame every 16.",
+        "docs/results.md",
+        "allocation/te-qp-x264-ippp-16",
+        "allocation/te-qp-x264-ippp-16-mean",
+    ),
+    _claim(
+        "It is asked to need less rate than 2D-DVC with the same allocation, and than presets.",
+        "docs/results.md",
+        "allocation/te-qp-2d",
+        "allocation/te-qp-2d-mean",
+        "allocation/te-qp-presets",
+        "allocation/te-qp-presets-mean",
+    ),
+    _claim(
         "Prediction from decoded frames, hierarchically, needs less rate than from key frames alone.",
         "docs/side_information_tracks.md",
         "tracks/hierarchical",

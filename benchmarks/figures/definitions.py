@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from benchmarks.figures import (
-    allocation,
     anchor_rates,
     anchors,
     codec,
@@ -15,6 +14,9 @@ from benchmarks.figures import (
     robustness,
     turbo,
 )
+from benchmarks.figures.allocation import chroma, foreman, frames, planes, undetected
+from benchmarks.figures.allocation import rates as allocation_rates
+from benchmarks.figures.allocation import times as allocation_times
 from benchmarks.figures.dibr import curves, exhaustive, large, peers, reference
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
@@ -40,7 +42,13 @@ MODULES: tuple[ModuleType, ...] = (
     reproduction,
     anchors,
     anchor_rates,
-    allocation,
+    allocation_rates,
+    frames,
+    planes,
+    allocation_times,
+    chroma,
+    foreman,
+    undetected,
     priors,
     robustness,
     reconstruction,

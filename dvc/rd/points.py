@@ -159,8 +159,8 @@ class Task:
         return anchors_digest() if self.point.codec in ANCHOR_CODECS else self.code.digest
 
 
-def is_intra(codec: str) -> bool:
-    """Tell whether an anchor codes every frame alone.
+def anchor_gop(codec: str) -> int:
+    """Return how far apart the intra frames of an anchor are.
 
     Parameters
     ----------
@@ -169,10 +169,12 @@ def is_intra(codec: str) -> bool:
 
     Returns
     -------
-    bool
-        True if it does.
+    int
+        1 where every frame is one, 0 where only the first is.
     """
-    return codec == INTRA or ANCHOR_CODECS[codec].structure == "intra"
+    if codec == INTRA or ANCHOR_CODECS[codec].structure == "intra":
+        return 1
+    return ANCHOR_CODECS[codec].intra_period
 
 
 def _words(options: tuple[tuple[str, str], ...]) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 from dvc.config import DEFAULT_CODEC, MAX_QP, allocation, key_qp_for, variant_of
 from dvc.errors import ConfigError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
-from dvc.rd.points import ANCHORS, Point, is_intra
+from dvc.rd.points import ANCHORS, Point, anchor_gop
 
 MAX_NUMBERS = 1000
 USUAL_QPS = (22, 26, 30, 34, 38)
@@ -120,7 +120,7 @@ class Sweep:
                     **common,  # type: ignore[arg-type]
                 )
             for anchor in self.anchors:
-                gop_length = 1 if is_intra(ANCHORS[anchor]) else 0
+                gop_length = anchor_gop(ANCHORS[anchor])
                 for qp in self.anchor_qps():
                     yield Point(sequence, ANCHORS[anchor], None, str(qp), gop_length, **common)  # type: ignore[arg-type]
 

@@ -221,6 +221,8 @@ def test_report_without_reference_has_no_quality(groups: list[DecodedGroup]) -> 
     same = DecodeReport(CONFIG, Reference([groups[0].key]))
     same.add(groups[0])
     assert same.to_dict(100)["psnr_y_db"] == PSNR_CAP_DB
+    assert ("psnr_cb_db" in same.to_dict(100)) == (groups[0].key.chroma is not None)
+    assert "psnr_cb_db" not in totals
 
 
 def test_report_refuses_a_reference_that_does_not_fit(

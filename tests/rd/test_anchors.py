@@ -110,6 +110,19 @@ def test_no_motion_where_there_is_some(clip: Path, tmp_path: Path) -> None:
     assert sizes["x264-ippp-zero"] > sizes["x264-ippp"]
 
 
+def test_intra_frames_come_in_their_period(tmp_path: Path) -> None:
+    """With a period of 16, frames 0, 16 and 32 are intra and no other, which costs more."""
+    clip, sizes = write_clip(tmp_path / "long.mkv", 48, 32, 33), {}
+    for name in ("x264-ippp", "x264-ippp-16"):
+        file = tmp_path / f"{name}.264"
+        encode_file(clip, file, ANCHOR_CODECS[name], 30)
+        measured = measure_file(file, clip)
+        intra = [row["index"] for row in measured["per_frame"] if row["type"] == "intra"]
+        assert intra == ([0, 16, 32] if name == "x264-ippp-16" else [0])
+        sizes[name] = measured["totals"]["stream_bytes"]
+    assert sizes["x264-ippp-16"] > sizes["x264-ippp"]
+
+
 def test_motion_is_found_and_refused(clip: Path, tmp_path: Path) -> None:
     """A file with motion vectors that is passed off as one without is refused."""
     file = tmp_path / "moving.264"

@@ -197,10 +197,11 @@ def test_a_sweep_has_the_groups_of_its_codec() -> None:
 
 
 def test_anchors_that_are_files() -> None:
-    """Anchors with motion have a first key frame only; in colour they are refused."""
-    sweep = Sweep(("clip",), "2d", wz_q=(8,), anchors=("x264-intra", "x264-ippp-zero"), anchor_qp=(30,))
+    """Points of anchors say how far apart intra frames are, 0 for a first only; in colour there are none."""
+    anchors = ("x264-intra", "x264-ippp-zero", "x264-ippp-16")
+    sweep = Sweep(("clip",), "2d", wz_q=(8,), anchors=anchors, anchor_qp=(30,))
     found = {(point.codec, point.gop) for point in sweep.points() if point.codec != "2d"}
-    assert found == {("x264-intra", 1), ("x264-ippp-zero", 0)}
+    assert found == {("x264-intra", 1), ("x264-ippp-zero", 0), ("x264-ippp-16", 16)}
     with pytest.raises(ConfigError, match="x265 codes luma only"):
         Sweep(("clip",), anchors=("x265",), luma_only=False)
 

@@ -17,6 +17,7 @@ _X264 += (("bframes", "0"), ("b-adapt", "0"), ("ref", "1"), ("weightp", "0"), ("
 _X264 += (("sync-lookahead", "0"), ("sliced-threads", "0"), ("threads", "1"))
 _X264_INTRA = (("keyint", "1"), *_X264)
 _X264_IPPP = (("keyint", "infinite"), *_X264)
+_X264_IPPP_16 = (("keyint", "16"), *_X264)
 # Without subpixel refinement x264 chooses transforms and skipped blocks by rough measures: with 4x4
 # transforms only, as the reference software's rows have, and no early skipping it stays close to these.
 _X264_ZERO = (("me", "esa"), ("subme", "0"), ("8x8dct", "0"), ("fast-pskip", "0"))
@@ -55,6 +56,8 @@ class AnchorCodec:
         Which frames are predicted: none, each from the one before it, or with B frames.
     zero_motion : bool
         Whether every motion vector must be zero.
+    intra_period : int
+        Frames from one intra frame to the next; 0 where only the first is one, or the preset decides.
     """
 
     name: str
@@ -64,6 +67,7 @@ class AnchorCodec:
     parameters: Parameters
     structure: Literal["intra", "ippp", "random access"]
     zero_motion: bool = False
+    intra_period: int = 0
 
     @property
     def suffix(self) -> str:
@@ -133,6 +137,15 @@ _ALL = (
         zero_motion=True,
     ),
     AnchorCodec("x264-ippp", "x264 IPPP", "libx264", "medium", _X264_IPPP, "ippp"),
+    AnchorCodec(
+        "x264-ippp-16",
+        "x264 IPPP, intra every 16",
+        "libx264",
+        "medium",
+        _X264_IPPP_16,
+        "ippp",
+        intra_period=16,
+    ),
     AnchorCodec(
         "x265-intra", "x265 intra", "libx265", "medium", (("keyint", "1"), *_X265_LOW_DELAY), "intra"
     ),

@@ -1,0 +1,1 @@
+"""Figures of streams whose bits pay alike, one quality for everything: the `allocation` area."""
