@@ -46,12 +46,15 @@ def decode(path: str) -> None:
     """Decode a stream as a decoding process does, with tasks that come from another."""
     from decoder.group import GroupDecoder
     from decoder.session import stream_tasks
+    from decoder.tasks import following
     from dvc.stream import StreamReader
 
     with StreamReader(path) as reader:
         decoder: Any = GroupDecoder(reader.config)
-        for task in stream_tasks(reader.config, reader):
-            decoder.decode(pickle.loads(pickle.dumps(task)), None)
+        for chain in stream_tasks(reader.config, reader):
+            group = None
+            for task in chain:
+                group = decoder.decode(pickle.loads(pickle.dumps(following(task, group))), None)
 
 
 def encode(*arguments: str) -> None:
