@@ -16,7 +16,15 @@ from dvc.compile_ahead import Kernel, compile_part, compiling_ahead, listed
 from dvc.stream.records import FORMAT_VERSION
 from tests.test_golden import GOLDEN, Golden, digest, name_of, records, source
 
-NAMES = ("2d-colour", "3d-fused", "3d-td-both-depths", "3d-te-odd", "2d-allocated", "3d-te-allocated")
+NAMES = (
+    "2d-colour",
+    "3d-fused",
+    "3d-td-both-depths",
+    "3d-te-odd",
+    "2d-learned",
+    "3d-te-learned",
+    "3d-te-anchors",
+)
 CODECS = [golden for name in NAMES for golden in GOLDEN if golden.name == name]
 LISTS = {"decoder": decoder.KERNELS, "encoder": encoder.KERNELS}
 MODULE = "from dvc._jit import kernel\n@kernel\ndef {0}(x):\n    return x + 1\n"

@@ -43,6 +43,7 @@ class Golden:
     num_frames: int
     coding: str
     method: str
+    has_anchors: bool = False
 
     def path(self, version: int, form: str) -> Path:
         """Return where it lies."""
@@ -83,6 +84,9 @@ GOLDEN = [
     scene("td-both-depths", (104, 88), "-td --gop 3 --references all --wz-q 6 --luma-only"),
     moving_texture_stream("allocated", (48, 32), 9, "--qp 28 --gop 8 --references hierarchical"),
     scene("te-allocated", (104, 88), "-te --gop 3 --min-gop 3 --qp 26"),
+    moving_texture_stream("learned", (48, 32), 9, "--qp 28 --gop 8 --references hierarchical"),
+    scene("te-learned", (104, 88), "-te --gop 3 --min-gop 3 --qp 26 --intra-period 1"),
+    Golden("3d-te-anchors", (104, 88), 7, "--codec 3d-te --gop 3 --qp 35 --intra-period 8", "depth", True),
 ]
 ALL_PROCESSORS = os.environ.get("DVC_ALL_PROCESSORS") == "1"
 """Whether all frozen streams are decoded on every processor, as in continuous integration, or one a codec."""
@@ -203,7 +207,7 @@ def check(golden: Golden, path: Path, folder: Path) -> None:
     record, frames = decode(golden, path, folder)
     assert record == records()[name_of(path)]
     served = {(frame["side_information"], frame["side_information_reason"]) for frame in frames}
-    assert served == {(golden.method, "")}
+    assert served == {(golden.method, "")} | ({("anchor", "")} if golden.has_anchors else set())
     assert {frame["num_failed_planes"] for frame in frames} == {0}
 
 
