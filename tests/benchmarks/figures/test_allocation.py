@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from benchmarks.figures.allocation import chroma, curves, frames, planes, rates, times
+from benchmarks.figures.allocation import chroma, curves, frames, planes, rates, times, undetected
 from benchmarks.figures.harness import Measured, Setting
 from dvc.errors import RdCurveError
 from dvc.rd.curves import Curve, Experiment
@@ -133,3 +133,12 @@ def test_chroma_at_equal_luma(monkeypatch: pytest.MonkeyPatch) -> None:
     assert _chroma(monkeypatch, made_up([30.0, 36.0], 2.5), intra).holds is True
     with pytest.raises(RdCurveError, match="luma"):
         _chroma(monkeypatch, made_up([27.0, 36.0]), intra)
+
+
+def test_wrong_planes_are_found() -> None:
+    """Few planes are decoded, all of them are right, and so few prove nothing."""
+    found = undetected.undetected_planes(Setting(quick=True), "")
+    assert found.values["num_planes"] == 20 * undetected.PLANES_PER_FRAME
+    assert found.values["num_undetected"] == found.values["num_failed_frames"] == 0
+    assert found.values["upper_95"] == pytest.approx(1 - 0.05 ** (1 / found.values["num_planes"]))
+    assert found.holds is False
