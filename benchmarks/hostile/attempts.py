@@ -17,7 +17,7 @@ from dvc.stream import StreamReader
 from dvc.stream.records import RecordType
 
 
-def try_tracked(codec: str, number: int) -> str:
+def try_tracked(codec: str, number: int, allocated: bool = False) -> str:
     """Decode a mutation of a stream with tracks or points; most damage these.
 
     Parameters
@@ -26,13 +26,15 @@ def try_tracked(codec: str, number: int) -> str:
         As `tracked_material` takes it.
     number : int
         Of the mutation.
+    allocated : bool, optional
+        As `tracked_material` takes it.
 
     Returns
     -------
     str
         The outcome.
     """
-    stream, groups = tracked_material(codec)
+    stream, groups = tracked_material(codec, allocated)
     rng = np.random.default_rng(number)
     damaged = mutate_record(stream, rng) if number % 4 == 0 else mutate_tracks(stream, rng)
     return _judged(stream, damaged, groups)
@@ -141,6 +143,7 @@ def kinds() -> dict[str, Callable[[int], str]]:
         "allocated": _try_allocated,
         "tracks": partial(try_tracked, "3d-te"),
         "points": partial(try_tracked, "3d-td"),
+        "anchors": partial(try_tracked, "3d-te", allocated=True),
         "to-decoder": lambda number: try_messages(material().to_decoder, decode_live, number),
         "to-encoder": _try_encoder,
         "pictures": try_pictures,

@@ -23,7 +23,7 @@ GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
 STREAMS = ("buffered", "punctured", "allocated")
-GEOMETRY = ("tracks", "points")
+GEOMETRY = ("tracks", "points", "anchors")
 MESSAGES = ("to-decoder", "to-encoder")
 PICTURES = ("pictures",)
 DEPTH_IMAGES = ("depth-images",)

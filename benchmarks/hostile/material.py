@@ -4,7 +4,7 @@ import io
 import queue
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dvc.config import (
     ALLOCATED_FAMILY,
+    ALLOCATED_TRACK_CODING,
     CodecConfig,
     GopConfig,
     KeyFrameConfig,
@@ -94,13 +95,15 @@ def material(allocated: bool = False) -> Material:
 
 
 @cache
-def tracked_material(codec: str) -> tuple[bytes, list[list[Luma]]]:
+def tracked_material(codec: str, allocated: bool = False) -> tuple[bytes, list[list[Luma]]]:
     """Make a stream whose groups of pictures carry tracks or points.
 
     Parameters
     ----------
     codec : str
         ``3d-te`` or ``3d-td``.
+    allocated : bool, optional
+        Whether one quality sets everything: tracks are coded by regression, most groups have no key frame.
 
     Returns
     -------
@@ -114,15 +117,21 @@ def tracked_material(codec: str) -> tuple[bytes, list[list[Luma]]]:
     noise = np.random.default_rng(1).integers(0, 256, (9, 80, 96))
     texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
     frames = [Frame(texture[t : t + 48, t : t + 64].astype(np.uint8)) for t in range(7)]
-    config = CodecConfig.preset(
-        codec,
-        VideoConfig(64, 48, 25, 1, luma_only=True),
-        gop=GopConfig(3, "hierarchical"),
-        key=KeyFrameConfig(36),
-        wyner_ziv=WynerZivConfig.preset(1),
-    )
+    video, key = VideoConfig(64, 48, 25, 1, luma_only=True), KeyFrameConfig(36)
+    gop, quantised = GopConfig(3, "hierarchical"), WynerZivConfig.preset(1)
+    config, shared = CodecConfig.preset(codec, video, gop=gop, key=key, wyner_ziv=quantised), None
+    if allocated:
+        shared = allocation(34)
+        config = replace(
+            config,
+            gop=replace(gop, anchor_distance=2, intra_period=6),
+            wyner_ziv=shared.wyner_ziv,
+            turbo=TurboConfig(ALLOCATED_FAMILY),
+            tracks=replace(config.tracks, coding=ALLOCATED_TRACK_CODING),
+            side_information=replace(config.side_information, fallback="tracks"),
+        )
     file = io.BytesIO()
-    EncoderSession(config).write(frames, file, lambda _: None)
+    EncoderSession(config, allocation=shared).write(frames, file, lambda _: None)
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         return file.getvalue(), [group for group, _ in decoded_groups(reader)]
 
