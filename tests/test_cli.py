@@ -345,7 +345,7 @@ def test_json_goes_to_standard_output(desk: Path, capsys: pytest.CaptureFixture[
     report = json.loads(capsys.readouterr().out)
     assert report["frames"] == 5
     assert report["config"]["codec"] == DEFAULT_CODEC == "3d-te"
-    assert report["config"]["gop"] == {"length": 16, "references": "hierarchical"}
+    assert report["config"]["gop"].items() >= {"length": 16, "references": "hierarchical"}.items()
 
 
 @pytest.mark.parametrize("module", ["encoder", "decoder"])
