@@ -107,9 +107,10 @@ def main() -> int:
 def deny_real_time() -> None:
     """Keep programs that are started from now on from real-time priority, which root's browser would take.
 
-    One that spins at such a priority leaves nothing of the machine to anybody else.
+    One that spins at such a priority leaves nothing of the machine to anybody else. Nor do they inherit it.
     """
     if sys.platform == "linux":
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         ctypes.CDLL(None).prctl(_PR_CAPBSET_DROP, _CAP_SYS_NICE, 0, 0, 0)
 
 
