@@ -134,7 +134,7 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
 
 
 class _Tasks:
-    """Decodes the key frames, and knows between which two a group lies."""
+    """Decodes the key frames, and knows which one is directly before a group."""
 
     def __init__(self, config: CodecConfig, next_index: int = 0) -> None:
         video = config.video
@@ -148,7 +148,7 @@ class _Tasks:
         self._before: ReferenceFrame | None = None
 
     def add(self, number: int, record: GopRecord, form: Form | None) -> GroupTask:
-        """Decode the key frame of the next group; what frames before it are no key frames is for others."""
+        """Decode the key frame of the next group, if it has one; a frame before it that is none is missing."""
         key = None
         self._num_without_key = self._num_without_key + record.num_frames if record.without_key else 0
         with naming_group(number, "key frame: "):

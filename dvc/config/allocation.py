@@ -12,7 +12,7 @@ ALLOCATED_FAMILY = "cascade"
 ALLOCATED_TRACK_CODING = "regression"
 """The same of tracks."""
 ANCHOR_DISTANCE = 8
-"""Most frames from one anchor to the next: farther apart they cost too much."""
+"""Most frames from one anchor to the next."""
 INTRA_PERIOD = 96
 """Most frames between key frames: what is lost is back, and a player may start, after three seconds or so."""
 SLOPE_PER_KEY_SLOPE = 4.0
