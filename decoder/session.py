@@ -148,7 +148,7 @@ class _Tasks:
         self._before: ReferenceFrame | None = None
 
     def add(self, number: int, record: GopRecord, form: Form | None) -> GroupTask:
-        """Decode the key frame of the next group, if it has one; its task lacks a frame before it that is none."""
+        """Decode the next key frame, where there is one; a task lacks a frame before it that is none."""
         key = None
         self._num_without_key = self._num_without_key + record.num_frames if record.without_key else 0
         with naming_group(number, "key frame: "):
