@@ -390,27 +390,28 @@ def pack_words(bits, words):
 
 @kernel
 def crc_words(words, polynomial, width, register):
-    """Divide 64 planes at once by the CRC polynomial; `register` ends as the remainder, top bit first."""
-    head = 0  # register is circular: element (head + i) % width holds the coefficient of x**(width - 1 - i)
-    for i in range(width):
-        register[i] = np.uint64(0)
-    for n in range(words.size):
-        fed = words[n] ^ register[head]
-        register[head] = np.uint64(0)
-        head += 1
-        if head == width:
-            head = 0
-        for i in range(width):
-            if (polynomial >> (width - 1 - i)) & 1:
-                j = head + i
-                if j >= width:
-                    j -= width
-                register[j] ^= fed
-    rotated = np.empty(width, np.uint64)
-    for i in range(width):
-        rotated[i] = register[(head + i) % width]
-    for i in range(width):
-        register[i] = rotated[i]
+    """Divide 64 planes at once by the CRC polynomial P; `register` ends as the remainder, top bit first.
+
+    First by powers of it, P(x)**n = P(x**n) for n = 4**k: their terms lie so far apart that words are
+    eliminated many at once.
+    """
+    dividend = np.empty(words.size + width, np.uint64)
+    dividend[: words.size], dividend[words.size :] = words, np.uint64(0)
+    nearest = 1
+    while not (polynomial >> (width - nearest)) & 1:
+        nearest += 1
+    start = 0
+    for power in (64, 16, 4, 1):
+        while start < dividend.size - width * power:
+            stop = min(start + nearest * power, dividend.size - width * power)
+            fed = dividend[start:stop]
+            for lag in range(nearest, width + 1):
+                if (polynomial >> (width - lag)) & 1:
+                    place = dividend[start + lag * power : stop + lag * power]
+                    for n in range(fed.size):
+                        place[n] ^= fed[n]
+            start = stop
+    register[:] = dividend[words.size :]
 
 
 @kernel

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.turbo import crc
+from dvc._jit import python_twin
+from dvc.turbo import _kernels, crc
 from dvc.turbo.crc import POLYNOMIALS
 from tests.reference.turbo_crc import crc_remainder
 
@@ -24,6 +25,21 @@ def test_is_the_remainder_of_long_division(seed: int, length: int, width: int) -
     planes = np.random.default_rng(seed).integers(0, 2, (2, length), dtype=np.uint8)
     expected = [crc_remainder(plane, POLYNOMIALS[width], width) for plane in planes]
     np.testing.assert_array_equal(crc(planes, width), expected)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("twin", [False, True])
+@pytest.mark.parametrize("width", sorted(POLYNOMIALS))
+def test_kernel_divides_planes_of_any_length(width: int, twin: bool) -> None:
+    """Compiled and as Python, by the polynomial and, of many words, by powers of it."""
+    run = python_twin(_kernels.crc_words) if twin else _kernels.crc_words
+    rng = np.random.default_rng(width)
+    for length in (1, 3 * width - 1, 15 * width, 63 * width, 64 * width + 1, 150 * width):
+        words, checks = rng.integers(0, 2**64, length, dtype=np.uint64), np.empty(width, np.uint64)
+        run(words, POLYNOMIALS[width], width, checks)
+        for plane in (0, 41, 63):
+            bits, got = ((w >> np.uint64(plane)).astype(np.uint8) & 1 for w in (words, checks))
+            np.testing.assert_array_equal(got, crc_remainder(bits, POLYNOMIALS[width], width))
 
 
 def test_keeps_leading_dimensions() -> None:
