@@ -127,7 +127,7 @@ class GroupDecoder:
         recorder = PunctureRecorder(answer)
         steps = self._decoder.decode(index, quantization, prediction, slope)
         decoded = turbo.drive(steps, recorder.answer)
-        return replace(decoded, punctured=recorder.payload(payload[: quantization.header_bytes]))
+        return replace(decoded, punctured=recorder.payload(payload[: len(quantization.header)]))
 
     def _answer(self, form: Form | None, payload: bytes, ask: Answer) -> Answer:
         """Return who answers the requests for a frame."""

@@ -104,6 +104,23 @@ def decode_bytes(data: bytes, position: int, max_bytes: int) -> tuple[bytes, int
     return data[position : position + size], position + size
 
 
+def pack_digits(digits: str) -> bytes:
+    """Write bits that are spelled as digits.
+
+    Parameters
+    ----------
+    digits : str
+        Of 0 and 1; the first becomes the top bit of the first byte.
+
+    Returns
+    -------
+    bytes
+        ``ceil(len(digits) / 8)`` bytes, the last filled up with zeros.
+    """
+    size = -(-len(digits) // 8)
+    return int(digits.ljust(8 * size, "0") or "0", 2).to_bytes(size, "big")
+
+
 class BitWriter:
     """Collects bits, first bit in the top bit of the first byte; the counterpart of `BitReader`."""
 
@@ -135,25 +152,6 @@ class BitWriter:
             raise ValueError("`bits` must have one dimension and hold 0 and 1 only")
         self._parts.append(bits.copy())
         self._num_bits += bits.size
-
-    def write_number(self, value: int, count: int) -> None:
-        """Append an integer, its top bit first.
-
-        Parameters
-        ----------
-        value : int
-            From 0 to ``2**count - 1``.
-        count : int
-            Number of bits.
-
-        Raises
-        ------
-        ValueError
-            If the value needs more bits, or is negative.
-        """
-        if not 0 <= value < 1 << count:
-            raise ValueError(f"`value` must have {count} bits, got {value}")
-        self.write(np.array([value >> bit & 1 for bit in range(count - 1, -1, -1)], np.uint8))
 
     def to_bytes(self) -> bytes:
         """Return all bits, the last byte filled up with zeros.
@@ -217,7 +215,7 @@ class BitReader:
         return np.unpackbits(octets)[skip : skip + count]
 
     def read_number(self, count: int) -> int:
-        """Read an integer that `BitWriter.write_number` wrote.
+        """Read an integer, its top bit first.
 
         Parameters
         ----------

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.bits import MAX_VARINT, BitReader, BitWriter, decode_bytes, decode_varint, encode_varint
+from dvc.bits import MAX_VARINT, BitReader, BitWriter, decode_bytes, decode_varint, encode_varint, pack_digits
 from dvc.errors import BitstreamError
 
 
@@ -24,6 +24,14 @@ def test_reader_gives_back_what_was_written(parts: list[list[int]]) -> None:
     for part in parts:
         assert reader.read(len(part)).tolist() == part
     reader.expect_end()
+
+
+@given(st.lists(st.integers(0, 1)))
+def test_digits_are_bits(digits: list[int]) -> None:
+    """What is spelled is what a writer of the same bits writes."""
+    writer = BitWriter()
+    writer.write(np.array(digits, np.uint8))
+    assert pack_digits("".join(map(str, digits))) == writer.to_bytes()
 
 
 def test_writer_refuses_what_are_not_bits() -> None:

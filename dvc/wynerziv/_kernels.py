@@ -15,8 +15,47 @@ _HALVINGS = 5  # 32 probabilities above the share of outliers have a product tha
 
 
 @kernel
+def _butterfly(first, second, third, fourth):
+    """Transform four samples, or sums of them, of every block in place; int16, which holds all of them."""
+    for n in range(first.size):
+        a, b, c, d = first[n], second[n], third[n], fourth[n]
+        outer, outer_odd = np.int16(a + d), np.int16(a - d)
+        inner, inner_odd = np.int16(b + c), np.int16(b - c)
+        first[n], second[n] = outer + inner, np.int16(outer_odd + outer_odd) + inner_odd
+        third[n], fourth[n] = outer - inner, outer_odd - np.int16(inner_odd + inner_odd)
+
+
+@kernel
+def transform_samples(quads, order, core, extremes):
+    """4x4 integer transform, not scaled, to int16 `core` (16, N), with the `extremes` (16, 2) of each band.
+
+    Four samples of a line are a uint32 of `quads`, the first in its lowest bits; `order` (band of each
+    coefficient): (4, 4).
+    """
+    columns = quads.shape[1]
+    for y in range(quads.shape[0]):
+        line, start = quads[y], y // 4 * columns
+        first, second = core[order[y % 4, 0]][start:], core[order[y % 4, 1]][start:]
+        third, fourth = core[order[y % 4, 2]][start:], core[order[y % 4, 3]][start:]
+        for x in range(columns):
+            quad = line[x]
+            first[x], second[x] = quad & np.uint32(255), (quad >> np.uint32(8)) & np.uint32(255)
+            third[x], fourth[x] = (quad >> np.uint32(16)) & np.uint32(255), quad >> np.uint32(24)
+    for x in range(4):
+        _butterfly(core[order[0, x]], core[order[1, x]], core[order[2, x]], core[order[3, x]])
+    for y in range(4):
+        _butterfly(core[order[y, 0]], core[order[y, 1]], core[order[y, 2]], core[order[y, 3]])
+        for x in range(4):
+            line = core[order[y, x]]
+            least = greatest = line[0]
+            for n in range(line.size):
+                least, greatest = min(least, line[n]), max(greatest, line[n])
+            extremes[order[y, x], 0], extremes[order[y, x], 1] = least, greatest
+
+
+@kernel
 def transform_blocks(samples, scale, order, bands):
-    """4x4 integer transform of int64 or float64; `scale` and `order` (band of each coefficient): (4, 4)."""
+    """4x4 transform of float64; `scale` and `order` (band of each coefficient): (4, 4)."""
     columns = samples.shape[1] // 4
     half = np.empty((4, 4), samples.dtype)
     for block in range(bands.shape[1]):
@@ -37,46 +76,63 @@ def transform_blocks(samples, scale, order, bands):
 
 
 @kernel
-def pack_uniform(coefficients, step, origin, num_planes, first_plane, words):
-    """Quantise a band from `origin` steps below zero up: plane p is bit 63 - p % 64 of row p // 64 (W, N)."""
-    last = (1 << num_planes) - 1
-    per_step = 1.0 / step
-    numbers = np.empty(coefficients.size, np.uint64)
-    for n in range(coefficients.size):
-        numbers[n] = min(max(np.int64(coefficients[n] * per_step + origin), 0), last)
-    put_bits(numbers, num_planes, first_plane, words)
+def count_planes(extremes, origins, step, planes):
+    """Count the planes of nested bins for values between `extremes` (B, 2); `origins`: (B, max + 1)."""
+    most = origins.shape[1] - 1
+    for band in range(planes.size):
+        least, greatest = extremes[band, 0] / step, extremes[band, 1] / step
+        for count in range(most + 1):
+            first = -origins[band, count]
+            if count == most or (first <= least and greatest < (1 << count) + first):
+                planes[band] = count
+                break
 
 
 @kernel
-def pack_dead_zone(coefficients, step, num_planes, first_plane, words):
+def pack_uniform(core, scale, step, origins, num_planes, words):
+    """Quantise bands (B, N) from `origins` steps below zero up: plane p is bit 63 - p % 64 of row p // 64."""
+    per_step = 1.0 / step
+    numbers = np.empty(core.shape[1], np.int32)
+    first_plane = 0
+    for band in range(core.shape[0]):
+        line, unit, origin = core[band], scale[band], origins[band]
+        last = np.int32((1 << num_planes[band]) - 1)
+        if last > 0:
+            for n in range(line.size):
+                number = np.int32((line[n] * unit) * per_step + origin)
+                numbers[n] = min(max(number, np.int32(0)), last)
+            put_bits(numbers, num_planes[band], first_plane, words)
+        first_plane += num_planes[band]
+
+
+@kernel
+def pack_dead_zone(core, scale, step, num_planes, first_plane, words):
     """Quantise an AC band (doubled zero bin) and put its planes into `words`."""
     max_number = (1 << (num_planes - 1)) - 1
     per_step = 1.0 / step
-    numbers = np.empty(coefficients.size, np.uint64)
-    for n in range(coefficients.size):
-        value = coefficients[n] * per_step
-        above, below = np.int64(value), np.int64(-value)
-        below -= np.int64(below > 0) & np.int64(below == -value)  # a border belongs to the bin above it
+    numbers = np.empty(core.size, np.int32)
+    for n in range(core.size):
+        value = (core[n] * scale) * per_step
+        above, below = np.int32(value), np.int32(-value)
+        below -= np.int32(below > 0) & np.int32(below == -value)  # a border belongs to the bin above it
         numbers[n] = max_number + min(max(above, 0), max_number) - min(max(below, 0), max_number)
     put_bits(numbers, num_planes, first_plane, words)
 
 
 @kernel
 def put_bits(numbers, num_planes, first_plane, words):
-    """Set the planes of one band, most significant first; at once where they share a word."""
+    """Set the planes of one band, most significant first, in one word or across two."""
     row = first_plane >> 6
     spare = 64 * (row + 1) - first_plane - num_planes
+    line = words[row]
     if spare >= 0:
-        line = words[row]
         for n in range(numbers.size):
-            line[n] |= numbers[n] << np.uint64(spare)
+            line[n] |= np.uint64(numbers[n]) << np.uint64(spare)
         return
-    for p in range(num_planes):
-        plane = first_plane + p
-        line = words[plane >> 6]
-        for n in range(numbers.size):
-            bit = (numbers[n] >> np.uint64(num_planes - 1 - p)) & np.uint64(1)
-            line[n] |= bit << np.uint64(63 - (plane & 63))
+    following = words[row + 1]
+    for n in range(numbers.size):
+        line[n] |= np.uint64(numbers[n]) >> np.uint64(-spare)
+        following[n] |= np.uint64(numbers[n]) << np.uint64(64 + spare)
 
 
 # exp and log of our own: those of libraries differ between processors in their last digit, which the decoder

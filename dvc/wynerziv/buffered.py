@@ -40,46 +40,41 @@ def quantize_frame(
     words : ndarray of shape (ceil(num_planes / 64), num_bits), uint64
         Plane p stands in bit 63 - p % 64 of row p // 64; planes in decoding order.
     """
-    coefficients = transform.forward(luma).reshape(transform.NUM_BANDS, layout.num_bits)
+    core, extremes = transform.integer_core(luma)
+    scaled = extremes * transform.BAND_SCALE[:, None]
     if layout.nested:
-        return _quantize_nested(layout, coefficients, step_index)
-    return _quantize_over_range(layout, coefficients)
+        return _quantize_nested(layout, core, scaled, step_index)
+    return _quantize_over_range(layout, core, scaled)
 
 
 def _quantize_nested(
-    layout: FrameLayout, coefficients: NDArray[np.float64], step_index: int
+    layout: FrameLayout, core: NDArray[np.int16], extremes: NDArray[np.float64], step_index: int
 ) -> tuple[Quantization, Words]:
     step = quantizer.step_from_index(step_index)
-    planes = tuple(quantizer.nested_planes(band, values, step) for band, values in enumerate(coefficients))
-    quantization = layout.of_step(step_index, planes)
-    words = np.zeros((quantization.num_words, layout.num_bits), dtype=np.uint64)
-    for band in quantization.bands:
-        origin = quantizer.nested_origin(band, planes[band])
-        first = quantization.first_plane[band]
-        _kernels.pack_uniform(coefficients[band], step, origin, planes[band], first, words)
+    planes = quantizer.nested_planes(extremes, step)
+    quantization = layout.of_step(step_index, tuple(planes.tolist()))
+    words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
+    origins = quantizer.nested_origins(planes)
+    _kernels.pack_uniform(core, transform.BAND_SCALE, step, origins, planes, words)
     return quantization, words
 
 
 def _quantize_over_range(
-    layout: FrameLayout, coefficients: NDArray[np.float64]
+    layout: FrameLayout, core: NDArray[np.int16], extremes: NDArray[np.float64]
 ) -> tuple[Quantization, Words]:
-    bands = [band for band, planes in enumerate(layout.max_planes) if planes]
-    quantization = layout.over_range(
-        {
-            band: quantizer.step_index(coefficients[band], 1 << layout.max_planes[band])
-            for band in bands
-            if band
-        }
-    )
-    words = np.zeros((quantization.num_words, layout.num_bits), dtype=np.uint64)
-    for band in bands:
-        planes, first = quantization.planes[band], quantization.first_plane[band]
-        step = quantization.step(band)
-        if step is None:
-            step = quantizer.DC_RANGE / (1 << planes)
-            _kernels.pack_uniform(coefficients[band], step, 0.0, planes, first, words)
-        else:
-            _kernels.pack_dead_zone(coefficients[band], step, planes, first, words)
+    planes, scale = layout.max_planes, transform.BAND_SCALE
+    indices = {
+        band: quantizer.step_index(extremes[band], 1 << count)
+        for band, count in enumerate(planes)
+        if count and band
+    }
+    quantization = layout.over_range(indices)
+    words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
+    step = quantizer.DC_RANGE / (1 << planes[0])
+    _kernels.pack_uniform(core[:1], scale, step, np.zeros(1), np.array(planes, np.int64), words)
+    for band, index in indices.items():
+        step, first = quantizer.step_from_index(index), quantization.first_plane[band]
+        _kernels.pack_dead_zone(core[band], scale[band], step, planes[band], first, words)
     return quantization, words
 
 
@@ -123,7 +118,7 @@ class EncodedFrame:
         words: Words,
         encoders: Sequence[turbo.ParityEncoder],
     ) -> None:
-        self.header = layout.write_header(quantization)
+        self.header = quantization.header
         self._num_planes = quantization.num_planes
         self._words = words
         self._encoders = encoders
@@ -226,10 +221,11 @@ class BufferedFrame:
         self._first = {("crc", 0): 0, ("uncoded", 0): uncoded}
         self._first |= {("parity", code): uncoded + (code + 1) * layout.num_bits for code in range(num_codes)}
         size = -(-quantization.num_planes // 8)
-        expected = quantization.header_bytes + size * (uncoded + (num_codes + 1) * layout.num_bits)
+        header_bytes = len(quantization.header)
+        expected = header_bytes + size * (uncoded + (num_codes + 1) * layout.num_bits)
         if len(payload) != expected:
             raise BitstreamError(f"buffered Wyner-Ziv frame of {len(payload)} bytes, expected {expected}")
-        self._words = np.frombuffer(payload, np.uint8)[quantization.header_bytes :]
+        self._words = np.frombuffer(payload, np.uint8)[header_bytes:]
         self._words = self._words.reshape(-1, max(size, 1))
 
     def answer(self, request: ParityRequest) -> Bits:

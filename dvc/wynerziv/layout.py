@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.bits import BitReader, BitWriter
+from dvc.bits import BitReader, pack_digits
 from dvc.config import MAX_BAND_PLANES, CodecConfig
 from dvc.errors import BitstreamError
 from dvc.wynerziv import quantizer, transform
@@ -31,14 +31,14 @@ class Quantization:
         Bit planes of the 16 bands, in zigzag order; 0 for one that is not sent.
     step_indices : dict of int to int
         Index for `quantizer.step_from_index` by band; DC has none where its range is given.
-    header_bytes : int
-        Size of the header.
+    header : bytes
+        All of this, as a frame's payload starts with it.
     """
 
     nested: bool
     planes: tuple[int, ...]
     step_indices: dict[int, int]
-    header_bytes: int
+    header: bytes
 
     @cached_property
     def bands(self) -> tuple[int, ...]:
@@ -159,8 +159,8 @@ class FrameLayout:
         Quantization
             With as many planes as the configuration says.
         """
-        size = -(-len(step_indices) * quantizer.STEP_INDEX_BITS // 8)
-        return Quantization(False, self.max_planes, step_indices, size)
+        header = pack_digits("".join(_step_digits(step_indices[band]) for band in self._stepped_bands))
+        return Quantization(False, self.max_planes, step_indices, header)
 
     def of_step(self, step_index: int, planes: tuple[int, ...]) -> Quantization:
         """Return quantisers with nested bins of one width.
@@ -177,39 +177,15 @@ class FrameLayout:
         Quantization
             Of these.
         """
-        bits = BitWriter()
-        _write_planes(bits, planes)
-        size = -(-(quantizer.STEP_INDEX_BITS + bits.num_bits) // 8)
-        return Quantization(True, planes, dict.fromkeys(range(transform.NUM_BANDS), step_index), size)
+        header = pack_digits(_step_digits(step_index) + _plane_digits(planes))
+        return Quantization(True, planes, dict.fromkeys(range(transform.NUM_BANDS), step_index), header)
 
     @property
     def _stepped_bands(self) -> tuple[int, ...]:
         return tuple(band for band, planes in enumerate(self.max_planes) if planes and band > 0)
 
-    def write_header(self, quantization: Quantization) -> bytes:
-        """Pack what a decoder needs to know of a frame's quantisers; inverse of `read_header`.
-
-        Parameters
-        ----------
-        quantization : Quantization
-            The quantisers.
-
-        Returns
-        -------
-        bytes
-            `quantization.header_bytes` of them.
-        """
-        writer = BitWriter()
-        if quantization.nested:
-            writer.write_number(quantization.step_indices[0], quantizer.STEP_INDEX_BITS)
-            _write_planes(writer, quantization.planes)
-        else:
-            for band in self._stepped_bands:
-                writer.write_number(quantization.step_indices[band], quantizer.STEP_INDEX_BITS)
-        return writer.to_bytes()
-
     def read_header(self, data: bytes) -> Quantization:
-        """Unpack the header; inverse of `write_header`.
+        """Read the quantisers of a frame from its header.
 
         Parameters
         ----------
@@ -237,13 +213,22 @@ class FrameLayout:
             raise BitstreamError(f"header of a Wyner-Ziv frame of {len(data)} bytes: {err}") from err
 
 
-def _write_planes(writer: BitWriter, planes: tuple[int, ...]) -> None:
-    """Write the planes of the bands: each as its difference to the band before, in unary."""
-    writer.write_number(planes[0], _PLANE_COUNT_BITS)
-    for before, count in pairwise(planes):
-        difference = count - before
-        zeros = 2 * difference if difference > 0 else -2 * difference - (difference < 0)
-        writer.write_number(1, zeros + 1)
+def _step_digits(index: int) -> str:
+    return f"{index:0{quantizer.STEP_INDEX_BITS}b}"
+
+
+def _unary_digits(difference: int) -> str:
+    zeros = 2 * difference if difference > 0 else -2 * difference - (difference < 0)
+    return "0" * zeros + "1"
+
+
+_UNARY_DIGITS = {n: _unary_digits(n) for n in range(-MAX_BAND_PLANES, MAX_BAND_PLANES + 1)}
+
+
+def _plane_digits(planes: tuple[int, ...]) -> str:
+    """Spell the planes of the bands, each as its difference to the band before in unary."""
+    differences = [_UNARY_DIGITS[count - before] for before, count in pairwise(planes)]
+    return f"{planes[0]:0{_PLANE_COUNT_BITS}b}" + "".join(differences)
 
 
 def _read_planes(reader: BitReader) -> tuple[int, ...]:

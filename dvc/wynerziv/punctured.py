@@ -40,7 +40,7 @@ class PuncturedFrame:
     """
 
     def __init__(self, layout: FrameLayout, payload: bytes) -> None:
-        header_bytes = layout.read_header(payload).header_bytes
+        header_bytes = len(layout.read_header(payload).header)
         self._bits = np.unpackbits(np.frombuffer(payload, np.uint8)[header_bytes:])
         self._position = 0
 

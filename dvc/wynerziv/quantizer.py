@@ -16,7 +16,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config.sections import MAX_BAND_PLANES
+from dvc.config.sections import MAX_BAND_PLANES, NUM_BANDS
+from dvc.wynerziv import _kernels
 
 DC_RANGE = 1024.0
 STEP_INDEX_BITS = 6
@@ -63,7 +64,7 @@ def step_index(coefficients: NDArray[np.float64], levels: int) -> int:
     Parameters
     ----------
     coefficients : ndarray, float64
-        The band.
+        The band, or the least and the greatest of it.
     levels : int
         Levels of its quantiser, at least 2.
 
@@ -138,26 +139,42 @@ def nested_edges(band: int, planes: int, step: float) -> NDArray[np.float64]:
     return (numbers - nested_origin(band, planes)) * step
 
 
-def nested_planes(band: int, coefficients: NDArray[np.float64], step: float) -> int:
-    """Return how many planes hold all values of a band in nested bins.
+_ORIGINS = np.array(
+    [[nested_origin(band, planes) for planes in range(MAX_BAND_PLANES + 1)] for band in range(NUM_BANDS)]
+)
+
+
+def nested_planes(extremes: NDArray[np.float64], step: float) -> NDArray[np.int64]:
+    """Return how many planes hold all values of each band in nested bins.
 
     Parameters
     ----------
-    band : int
-        The band; 0 is DC.
-    coefficients : ndarray, float64
-        The band.
+    extremes : ndarray of shape (16, 2), float64
+        The least and the greatest coefficient of each band.
     step : float
         Width of a bin.
 
     Returns
     -------
-    int
+    ndarray of shape (16,), int64
         At most `MAX_BAND_PLANES`; values beyond are put into the outermost bins.
     """
-    lowest, highest = float(coefficients.min()) / step, float(coefficients.max()) / step
-    for planes in range(MAX_BAND_PLANES):
-        origin = nested_origin(band, planes)
-        if -origin <= lowest and highest < (1 << planes) - origin:
-            return planes
-    return MAX_BAND_PLANES
+    planes = np.empty(NUM_BANDS, np.int64)
+    _kernels.count_planes(extremes, _ORIGINS, step, planes)
+    return planes
+
+
+def nested_origins(planes: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return `nested_origin` of all bands.
+
+    Parameters
+    ----------
+    planes : ndarray of shape (16,), int64
+        Their bit planes.
+
+    Returns
+    -------
+    ndarray of shape (16,), float64
+        In steps from the lowest border.
+    """
+    return _ORIGINS[np.arange(NUM_BANDS), planes]

@@ -18,7 +18,7 @@ from dvc.config import ZIGZAG
 from dvc.wynerziv import _kernels
 
 Samples = NDArray[Any]
-"""Integers, which stay integers, or floats."""
+"""Integers or floats."""
 
 BLOCK = 4
 NUM_BANDS = BLOCK * BLOCK
@@ -27,6 +27,8 @@ _CORE = np.array([[1, 1, 1, 1], [2, 1, -1, -2], [1, -1, -1, 1], [1, -2, 2, -1]],
 _NORM = 1.0 / np.sqrt((_CORE**2).sum(axis=1))
 SCALE = np.outer(_NORM, _NORM)
 """What makes each coefficient of the integer core orthonormal, by row and column in the block."""
+BAND_SCALE: NDArray[np.float64] = SCALE.ravel()[list(ZIGZAG)]
+"""The same by band."""
 
 
 def band_shape(height: int, width: int) -> tuple[int, int]:
@@ -65,6 +67,37 @@ def pad_to_blocks(luma: Samples) -> Samples:
     return np.pad(luma, ((0, missing[0]), (0, missing[1])), mode="edge")
 
 
+def integer_core(luma: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+    """Transform a frame into bands of integers, which are not scaled yet.
+
+    Parameters
+    ----------
+    luma : ndarray of shape (H, W), uint8
+        Samples; sides that are not multiples of 4 are padded by replication.
+
+    Returns
+    -------
+    core : ndarray of shape (16, rows * columns), int16
+        Times `BAND_SCALE`, what `forward` returns.
+    extremes : ndarray of shape (16, 2), int16
+        The least and the greatest of each band.
+
+    Raises
+    ------
+    TypeError
+        If samples are of another type.
+    """
+    if luma.dtype != np.uint8:
+        raise TypeError(f"`luma` must be uint8, got {luma.dtype}")
+    padded = pad_to_blocks(luma)
+    rows, columns = band_shape(*padded.shape)
+    quads = np.require(np.ascontiguousarray(padded).view("<u4"), requirements=["A", "W"])
+    core = np.empty((NUM_BANDS, rows * columns), np.int16)
+    extremes = np.empty((NUM_BANDS, 2), np.int16)
+    _kernels.transform_samples(quads, _ORDER, core, extremes)
+    return core, extremes
+
+
 def forward(luma: Samples) -> NDArray[np.float64]:
     """Transform a frame into bands; inverse of `inverse`.
 
@@ -79,10 +112,9 @@ def forward(luma: Samples) -> NDArray[np.float64]:
         Orthonormal coefficients, bands in zigzag order.
     """
     padded = pad_to_blocks(luma)
-    dtype = np.int64 if np.issubdtype(padded.dtype, np.integer) else np.float64
     shape = band_shape(*padded.shape)
     bands = np.empty((NUM_BANDS, shape[0] * shape[1]))
-    _kernels.transform_blocks(np.ascontiguousarray(padded, dtype), SCALE, _ORDER, bands)
+    _kernels.transform_blocks(np.ascontiguousarray(padded, np.float64), SCALE, _ORDER, bands)
     return bands.reshape(NUM_BANDS, *shape)
 
 

@@ -1,10 +1,12 @@
 """Scalar quantisers and bit planes: borders, bins, digits."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.wynerziv import bitplanes, quantizer
+from dvc._jit import python_twin
+from dvc.wynerziv import _kernels, bitplanes, quantizer
 from tests.reference import wynerziv_planes as reference
 
 levels_strategy = st.sampled_from([2, 4, 8, 16, 32, 64, 128, 256])
@@ -40,7 +42,9 @@ def test_nested_bins_hold_every_coefficient(band: int, index: int, values: list[
     """As few planes as hold all values; DC is never negative."""
     coefficients = np.abs(values) if band == 0 else np.array(values)
     step = quantizer.step_from_index(index)
-    planes = quantizer.nested_planes(band, coefficients, step)
+    extremes = np.zeros((16, 2))
+    extremes[band] = coefficients.min(), coefficients.max()
+    planes = int(quantizer.nested_planes(extremes, step)[band])
     edges = quantizer.nested_edges(band, planes, step)
     assert edges.shape == (2**planes + 1,)
     assert edges[0] * (1 + 1e-9) <= coefficients.min()
@@ -48,6 +52,32 @@ def test_nested_bins_hold_every_coefficient(band: int, index: int, values: list[
     if planes:
         fewer = quantizer.nested_edges(band, planes - 1, step)
         assert coefficients.min() < fewer[0] or coefficients.max() >= fewer[-1]
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("twin", [False, True])
+def test_planes_are_counted_like_their_twin(twin: bool) -> None:
+    """Compiled and as Python, the kernel finds the fewest planes, on borders and beyond the largest."""
+    rng = np.random.default_rng(3)
+    origins = np.array([[quantizer.nested_origin(band, count) for count in range(13)] for band in range(16)])
+    run = python_twin(_kernels.count_planes) if twin else _kernels.count_planes
+    planes = np.empty(16, np.int64)
+    for step in (1.0, 1.1, 37.0):
+        for _ in range(40):
+            ends = (
+                rng.choice(origins.ravel(), (16, 2)) * step * rng.choice([0.0, 0.5, 1.0, 1.0, 3.0], (16, 2))
+            )
+            extremes = ends * [-1.0, 1.0]
+            run(extremes, origins, step, planes)
+            expected = [reference.nested_planes(band, *extremes[band].tolist(), step) for band in range(16)]
+            assert planes.tolist() == expected
+
+
+@given(st.lists(st.integers(0, 12), min_size=16, max_size=16))
+def test_origins_of_all_bands_are_those_of_each(planes: list[int]) -> None:
+    """Together they are what they are one by one."""
+    expected = [quantizer.nested_origin(band, count) for band, count in enumerate(planes)]
+    assert quantizer.nested_origins(np.array(planes)).tolist() == expected
 
 
 @given(st.integers(0, 15), st.integers(1, 12))

@@ -57,12 +57,65 @@ def test_padding_replicates_the_border() -> None:
     assert transform.pad_to_blocks(padded) is padded
 
 
+@given(st.integers(1, 21), st.integers(1, 21), st.integers(0, 2**32 - 1))
+def test_core_times_scale_is_the_transform(height: int, width: int, seed: int) -> None:
+    """The integer core gives the same numbers to the last digit, for frames of any size."""
+    luma = random_luma(height, width, seed)
+    core, extremes = transform.integer_core(luma)
+    bands = transform.forward(luma).reshape(16, -1)
+    np.testing.assert_array_equal(core * transform.BAND_SCALE[:, None], bands)
+    np.testing.assert_array_equal(extremes, np.stack([core.min(axis=1), core.max(axis=1)], axis=1))
+
+
+def test_core_takes_samples_wherever_they_lie() -> None:
+    """Parts of frames, at addresses of any kind, and frames that cannot be written to are the same."""
+    frame = random_luma(21, 40)
+    for part in (frame[3:15, 5:25], frame[::-1, ::-1], frame.ravel()[1:801].reshape(20, 40)):
+        read_only = part.copy()
+        read_only.flags.writeable = False
+        expected = transform.integer_core(part.copy())
+        for luma in (part, read_only):
+            for got, wanted in zip(transform.integer_core(luma), expected, strict=True):
+                np.testing.assert_array_equal(got, wanted)
+
+
+def test_core_refuses_other_samples() -> None:
+    """Samples of more than a byte are refused."""
+    with pytest.raises(TypeError, match="uint8"):
+        transform.integer_core(np.zeros((8, 8), np.int64))  # type: ignore[arg-type]
+
+
+def largest_blocks() -> np.ndarray:
+    """Return a row of blocks in which each coefficient is as small or as large as 8-bit samples make it."""
+    patterns = np.einsum("yi,xj->yxij", reference.CORE, reference.CORE).reshape(16, 4, 4)
+    return np.hstack([255 * (sign * pattern > 0) for sign in (1, -1) for pattern in patterns]).astype(
+        np.uint8
+    )
+
+
 @pytest.mark.nojit
 @pytest.mark.parametrize("twin", [False, True])
-@pytest.mark.parametrize("dtype", [np.int64, np.float64])
-def test_kernel_equals_matrix_products(dtype: type, twin: bool) -> None:
-    """Compiled and as Python, the kernel gives the bands of integers and of floats."""
-    luma = random_luma(12, 20).astype(dtype)
+def test_core_kernel_equals_matrix_products(twin: bool) -> None:
+    """Compiled and as Python, the kernel gives the core, and the extremes of each band, up to the largest."""
+    luma = np.vstack([largest_blocks(), random_luma(8, 128)])
+    core, extremes = np.empty((16, 96), np.int16), np.empty((16, 2), np.int16)
+    run = python_twin(_kernels.transform_samples) if twin else _kernels.transform_samples
+    rank = np.array(reference.ZIGZAG_RANK)
+    run(luma.view("<u4"), rank, core, extremes)
+    blocks = luma.reshape(3, 4, 32, 4).transpose(0, 2, 1, 3).reshape(96, 4, 4).astype(int)
+    expected = np.empty((16, 96), int)
+    expected[rank.ravel()] = (reference.CORE @ blocks @ reference.CORE.T).reshape(96, 16).T
+    np.testing.assert_array_equal(core, expected)
+    np.testing.assert_array_equal(extremes, np.stack([expected.min(axis=1), expected.max(axis=1)], axis=1))
+    assert extremes[0].tolist() == [0, 4080]
+    assert extremes.max() == 4590
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("twin", [False, True])
+def test_kernel_equals_matrix_products(twin: bool) -> None:
+    """Compiled and as Python, the kernel gives the bands."""
+    luma = random_luma(12, 20).astype(np.float64)
     bands = np.empty((16, 15))
     run = python_twin(_kernels.transform_blocks) if twin else _kernels.transform_blocks
     run(luma, transform.SCALE, np.array(reference.ZIGZAG_RANK), bands)
