@@ -25,6 +25,7 @@ EXAMPLES = """\
   dvc-decode street.dvc out.y4m --reference street.mkv --json -  PSNR and bits of every frame
   dvc-decode street.dvc out.mkv --punctured small.dvc           also write the stream that was really needed
   dvc-decode street.dvc part.mkv --frames 40:48                 frames 40 to 47, no more groups than they need
+  dvc-decode day-0003.dvc.part day.mkv --unfinished             what a recording holds that was cut off
   dvc-decode --connect 127.0.0.1:5000 out.mkv                   decode live from `dvc-encode --serve`
 """
 
@@ -55,6 +56,12 @@ def _parser() -> argparse.ArgumentParser:
         "--salvage",
         action="store_true",
         help="keep the frames before the damage of a damaged stream (exit status 2 all the same)",
+    )
+    parser.add_argument(
+        "--unfinished",
+        action="store_true",
+        help="decode the finished groups of pictures of a stream that lacks its end (a .part that is still"
+        " being written, or that a power cut left) and say what is missing (exit status 0; files only)",
     )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     return parser
@@ -135,6 +142,8 @@ def _decode(arguments: argparse.Namespace) -> int:
     if arguments.frames is not None and (arguments.connect or arguments.punctured):
         other = "--connect" if arguments.connect else "--punctured"
         raise ConfigError(f"--frames and {other} exclude each other: {other} is for whole sequences")
+    if arguments.unfinished and arguments.connect:
+        raise ConfigError("--unfinished is for files, not for --connect")
     outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
     inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
@@ -146,7 +155,8 @@ def _decode_file(arguments: argparse.Namespace) -> int:
     from decoder.session import decode_stream
     from dvc.stream import Form, StreamReader
 
-    with _naming(arguments.files[0]), StreamReader(arguments.files[0]) as reader:
+    path = arguments.files[0]
+    with _naming(path), StreamReader(path, unfinished=arguments.unfinished) as reader:
         config = _with_choices(reader.config, arguments)
         if config != reader.config and reader.form == Form.PUNCTURED:
             raise ConfigError(
@@ -159,6 +169,8 @@ def _decode_file(arguments: argparse.Namespace) -> int:
             failure = output.consume(groups, arguments.quiet, arguments.salvage)
         if failure is not None:
             raise failure
+        if reader.missing is not None:
+            sys.stderr.write(f"{PROG}: {cli.one_line(f'{path}: unfinished: {reader.missing}')}\n")
     return 0
 
 

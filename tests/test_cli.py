@@ -327,6 +327,43 @@ def test_salvage_of_nothing_writes_nothing(desk: Path, capsys: pytest.CaptureFix
     assert not (desk / "kept.y4m").exists()
 
 
+def test_unfinished_stream_is_decoded_with_a_word_of_what_is_missing(
+    desk: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The finished groups of a cut stream are written, whole or in part, and the status is 0."""
+    with StreamReader(desk / "s.dvc") as reader:
+        last = reader.index.entries[-1]
+    (desk / "s.dvc.part").write_bytes((desk / "s.dvc").read_bytes()[: last.offset + last.size // 2])
+    assert decode("s.dvc", "whole.y4m", "--unfinished") == 0
+    assert capsys.readouterr().err == ""
+    assert decode("s.dvc.part", "kept.y4m", "--unfinished") == 0
+    line = one_line_of(capsys)
+    assert line.startswith("dvc-decode: s.dvc.part: unfinished: record 3 ")
+    assert "(groups of pictures before it: 2, frames: 3)" in line
+    assert (desk / "whole.y4m").read_bytes().startswith((desk / "kept.y4m").read_bytes())
+    assert decode("s.dvc.part", "two.y4m", "--unfinished", "--frames", "1:", "--punctured", "p.dvc") == 2
+    capsys.readouterr()
+    assert decode("s.dvc.part", "two.y4m", "--unfinished", "--frames", "1:") == 0
+    assert "unfinished" in one_line_of(capsys)
+    for video, count in (("kept.y4m", 3), ("two.y4m", 2)):
+        with open_video(desk / video) as frames:
+            assert len(list(frames)) == count
+    assert decode("s.dvc.part", "o.y4m") == 2
+    assert not (desk / "o.y4m").exists()
+
+
+def test_stream_without_finished_group_is_refused(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where no group of pictures is finished there is nothing to write, with --unfinished either."""
+    with StreamReader(desk / "s.dvc") as reader:
+        first = reader.index.entries[0]
+    for cut in (3, first.offset - 1, first.offset, first.offset + first.size - 1):
+        (desk / "cut.dvc").write_bytes((desk / "s.dvc").read_bytes()[:cut])
+        for part in ((), ("--frames", ":1")):
+            assert decode("cut.dvc", "o.y4m", "--unfinished", *part) == 2
+            assert one_line_of(capsys).startswith("dvc-decode: cut.dvc: ")
+            assert not (desk / "o.y4m").exists()
+
+
 def test_punctured_stream_refuses_another_method(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A punctured stream holds what one method needed, so that no other can decode it."""
     assert decode("s.dvc", "o.y4m", "--punctured", "p.dvc") == 0

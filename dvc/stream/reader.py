@@ -1,7 +1,7 @@
 """Reading of streams, one group of pictures at a time; nothing in a stream is trusted."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -26,6 +26,10 @@ from dvc.stream.records import (
 )
 
 _CHUNK_BYTES = 2**20  # read at most so much before memory is spent on more of a record
+
+
+class _StreamEnds(BitstreamError):
+    """The stream ends where there should be more of it; nothing before that is wrong."""
 
 
 class _RecordSource:
@@ -63,7 +67,7 @@ class _RecordSource:
         place = Place(number, self.position)
         head = self.read(1)
         if not head:
-            raise place.error("the stream ends without its end record")
+            raise _StreamEnds(place.message("the stream ends without its end record"))
         try:
             place = Place(number, place.offset, RecordType(head[0]))
         except ValueError as err:
@@ -77,10 +81,12 @@ class _RecordSource:
         try:
             size, _ = decode_varint(head, 1)
         except BitstreamError as err:
-            raise place.error(f"length: {err}") from err
+            kind = BitstreamError if byte else _StreamEnds
+            raise kind(place.message(f"length: {err}")) from err
         check_payload_size(place.type, size, place)
         if self.size is not None and size + CRC_BYTES > self.size - self.position:
-            raise place.error(f"{size + CRC_BYTES} bytes promised, {self.size - self.position} left")
+            left = max(self.size - self.position, 0)
+            raise _StreamEnds(place.message(f"{size + CRC_BYTES} bytes promised, {left} left"))
         return place, size, head
 
     def read_record(self, number: int | None) -> tuple[Place, bytes]:
@@ -88,7 +94,7 @@ class _RecordSource:
         place, size, head = self.read_head(number)
         payload, crc = self.read(size), self.read(CRC_BYTES)
         if len(payload) < size or len(crc) < CRC_BYTES:
-            raise place.error("the stream ends within the record")
+            raise _StreamEnds(place.message("the stream ends within the record"))
         if crc != record_crc(head, payload):
             raise place.error("checksum mismatch")
         return place, payload
@@ -104,6 +110,9 @@ class StreamReader(Closing):
     ----------
     source : binary file or path
         A stream from its first byte on; a pipe will do for iteration. A file that was passed in stays open.
+    unfinished : bool, optional
+        Whether the stream may end before its end record, as one that is still being written: all GOPs that
+        are whole are yielded, and `missing` says what is not there. There must be one.
 
     Raises
     ------
@@ -114,8 +123,11 @@ class StreamReader(Closing):
     config: CodecConfig
     form: Form
     version: int
+    missing: str | None  # what an unfinished stream lacks, once that was met
 
-    def __init__(self, source: BinaryIO | str | os.PathLike[str]) -> None:
+    def __init__(self, source: BinaryIO | str | os.PathLike[str], *, unfinished: bool = False) -> None:
+        self.missing = None
+        self._unfinished = unfinished
         self._owned = isinstance(source, (str, os.PathLike))
         self._source = _RecordSource(_open(source))
         self._index: StreamIndex | None = None
@@ -153,7 +165,11 @@ class StreamReader(Closing):
             raise StopIteration
         self._done = True  # unless this record is a GOP
         offset = self._source.position
-        place, payload = self._source.read_record(len(self._seen) + 1)
+        try:
+            place, payload = self._source.read_record(len(self._seen) + 1)
+        except _StreamEnds as err:
+            self._miss(self._seen, err)
+            raise StopIteration from err
         try:
             if place.type is RecordType.END:
                 self._check_end(payload)
@@ -181,6 +197,13 @@ class StreamReader(Closing):
             raise BitstreamError("a group of pictures without a key frame where there can be none")
         return record
 
+    def _miss(self, finished: Sequence[IndexEntry], end: _StreamEnds) -> None:
+        """Note how an unfinished stream ends; anything else must not end so."""
+        if not (self._unfinished and finished):
+            raise end
+        num_frames = sum(entry.num_frames for entry in finished)
+        self.missing = f"{end} (groups of pictures before it: {len(finished)}, frames: {num_frames})"
+
     def _check_end(self, payload: bytes) -> None:
         num_frames, entries = decode_end(payload, self.form, self._first_offset, len(self._seen))
         found = sum(entry.num_frames for entry in self._seen)
@@ -193,7 +216,7 @@ class StreamReader(Closing):
 
     @property
     def index(self) -> StreamIndex:
-        """Where every GOP lies: read from the end of a buffered stream, by hopping over a punctured one.
+        """Where every GOP lies: read from the end of a buffered stream, else by hopping from GOP to GOP.
 
         Raises
         ------
@@ -204,7 +227,8 @@ class StreamReader(Closing):
             if self._source.size is None:
                 raise BitstreamError("a stream from a pipe has no index; it can only be read in order")
             position = self._source.position
-            self._index = self._read_index() if self.form is Form.BUFFERED else self._hop()
+            has_index = self.form is Form.BUFFERED and not self._unfinished
+            self._index = self._read_index() if has_index else self._hop()
             self._source.seek(position)
         return self._index
 
@@ -235,7 +259,11 @@ class StreamReader(Closing):
         source.seek(self._first_offset)
         entries: list[IndexEntry] = []
         while True:
-            place, size, head = source.read_head(len(entries) + 1)
+            try:
+                place, size, head = source.read_head(len(entries) + 1)
+            except _StreamEnds as err:
+                self._miss(entries, err)
+                break
             if place.type is not RecordType.GOP or len(entries) == MAX_GOPS:
                 break
             beginning = source.read(min(size, MAX_VARINT_BYTES))
@@ -245,7 +273,7 @@ class StreamReader(Closing):
                 raise place.error(str(err)) from err
             entries.append(IndexEntry(place.offset, framed_size(size), num_frames))
             source.seek(place.offset + len(head) + size + CRC_BYTES)
-        if place.type is not RecordType.END:
+        if not self.missing and place.type is not RecordType.END:
             raise place.error(f"unexpected after {len(entries)} groups of pictures")
         return StreamIndex(sum(entry.num_frames for entry in entries), tuple(entries))
 

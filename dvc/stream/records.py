@@ -66,9 +66,24 @@ class Place:
         BitstreamError
             To be raised.
         """
+        return BitstreamError(self.message(text))
+
+    def message(self, text: str) -> str:
+        """Put the name of the record before what is wrong with it.
+
+        Parameters
+        ----------
+        text : str
+            What is wrong.
+
+        Returns
+        -------
+        str
+            The message.
+        """
         name = f" ({_NAMES[self.type]})" if self.type is not None else ""
         record = "last record" if self.number is None else f"record {self.number}"
-        return BitstreamError(f"{record}{name} at byte {self.offset}: {text}")
+        return f"{record}{name} at byte {self.offset}: {text}"
 
 
 def check_payload_size(record_type: RecordType, size: int, place: Place) -> None:

@@ -72,6 +72,52 @@ def read_before_error(source: bytes | BinaryIO) -> tuple[list[GopRecord], str]:
 
 
 @forms
+@pytest.mark.parametrize("piped", [False, True])
+def test_unfinished_streams_give_their_finished_groups(form: Form, piped: bool) -> None:
+    """Cut anywhere, a stream has the groups that are whole before the cut, and says what is missing."""
+    data, records = write(form, RECORDS), in_form(form, RECORDS)
+    entries = StreamReader(io.BytesIO(data)).index.entries
+    for cut in range(entries[0].offset, len(data) + 1):
+        whole = [entry for entry in entries if entry.offset + entry.size <= cut]
+        file = io.BytesIO(data[:cut])
+        if piped:
+            file.seekable = lambda: False
+        reader = StreamReader(file, unfinished=True)
+        if not whole:
+            with pytest.raises(BitstreamError, match="record 1"):
+                list(reader)
+            continue
+        assert list(reader) == records[: len(whole)]
+        assert list(reader) == []
+        assert (reader.missing is None) == (cut == len(data))
+        if reader.missing is not None:
+            assert f"groups of pictures before it: {len(whole)}," in reader.missing
+
+
+@forms
+def test_unfinished_streams_have_an_index(form: Form) -> None:
+    """Groups of a cut stream can be sought; a whole stream lacks nothing when it is read as unfinished."""
+    data, records = write(form, RECORDS), in_form(form, RECORDS)
+    entries = StreamReader(io.BytesIO(data)).index.entries
+    for cut in (entries[2].offset, entries[3].offset - 1, len(data)):
+        reader = StreamReader(io.BytesIO(data[:cut]), unfinished=True)
+        whole = 2 if cut < len(data) else 4
+        assert reader.index.entries == entries[:whole]
+        reader.seek_gop(1)
+        assert list(reader) == records[1:whole]
+        assert (reader.missing is None) == (whole == 4)
+
+
+def test_damage_is_no_unfinished_end() -> None:
+    """A wrong byte in a whole record is refused in an unfinished stream, too."""
+    data = bytearray(write("buffered", RECORDS))
+    data[StreamReader(io.BytesIO(bytes(data))).index.entries[2].offset + 9] ^= 1
+    reader = StreamReader(io.BytesIO(bytes(data)), unfinished=True)
+    with pytest.raises(BitstreamError, match=r"record 3 .* checksum mismatch"):
+        list(reader)
+
+
+@forms
 @given(
     lengths=st.lists(st.integers(1, 4), max_size=6),
     rng=st.integers(0, 2**32).map(np.random.default_rng),
