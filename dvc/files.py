@@ -1,6 +1,7 @@
-"""Files that appear complete or not at all."""
+"""Files that appear complete or not at all, and files that keep what was finished of them."""
 
 import errno
+import io
 import os
 import secrets
 import shutil
@@ -9,11 +10,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from dvc.errors import DvcError
 
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+PARTIAL_SUFFIX = ".part"
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+_CANNOT_SYNC = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP})  # pipes and some file systems
 
 
 class Closing(ABC):
@@ -32,7 +38,103 @@ class Closing(ABC):
         self.close()
 
 
-def temporary_sibling(path: Path, error: type[DvcError] = DvcError) -> Path:
+class SyncedFile(io.BufferedWriter):
+    """A file to write from its beginning; what a write was given is on the disk when it returns.
+
+    Parameters
+    ----------
+    path : Path
+        Its name.
+    mode : str, optional
+        As in `open`: ``"x"`` for a file that must be new.
+    """
+
+    def __init__(self, path: Path, mode: str = "w") -> None:
+        super().__init__(io.FileIO(os.fspath(path), mode))
+
+    def write(self, data: "ReadableBuffer") -> int:
+        """Write bytes, and wait until the disk has them.
+
+        Parameters
+        ----------
+        data : bytes-like
+            What to append.
+
+        Returns
+        -------
+        int
+            Number of bytes.
+        """
+        count = super().write(data)
+        self.flush()
+        try:
+            os.fsync(self.fileno())
+        except OSError as err:
+            if err.errno not in _CANNOT_SYNC:
+                raise
+        return count
+
+    def close(self) -> None:
+        """Close the file; what a failed write left behind is dropped."""
+        with suppress(OSError):
+            super().close()
+
+
+@contextmanager
+def growing_output(path: Path) -> Iterator[SyncedFile]:
+    """Give a new file to write to, ``path`` with ``.part`` after it; rename it to `path` on success.
+
+    On any exception, and when the process is killed or the power is cut, what was written stays under the
+    partial name.
+
+    Parameters
+    ----------
+    path : Path
+        The name of the finished file; nothing may have it, nor the partial name.
+
+    Yields
+    ------
+    SyncedFile
+        The file.
+
+    Raises
+    ------
+    DvcError
+        If the file cannot be made there, the disk is full, or there is such a file already.
+    """
+    partial = path.with_name(path.name + PARTIAL_SUFFIX)
+    try:
+        with SyncedFile(partial, "x") as file:
+            _sync_folder(path.parent)
+            yield file
+        if path.exists():
+            raise DvcError(f"cannot finish {path}: it exists; what was written is {partial}")
+        os.rename(partial, path)
+        _sync_folder(path.parent)
+    except OSError as err:
+        if _concerns(err, partial):
+            raise DvcError(f"cannot write {partial}: {err.strerror}") from err
+        raise
+
+
+def _concerns(err: OSError, temporary: Path) -> bool:
+    """Tell whether an error is about a file that is being written."""
+    return err.errno in _NO_ROOM or str(temporary) in (err.filename, err.filename2)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Wait until the disk has the names of a folder."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    except OSError as err:
+        if err.errno not in _CANNOT_SYNC:
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def temporary_sibling(path: Path, error: type[DvcError] = DvcError, *, visible: bool = False) -> Path:
     """Create an empty file of a fresh name in the folder of `path`, from which it can be renamed into place.
 
     Parameters
@@ -41,6 +143,8 @@ def temporary_sibling(path: Path, error: type[DvcError] = DvcError) -> Path:
         The name that the finished file will have.
     error : type of DvcError, optional
         What to raise.
+    visible : bool, optional
+        Whether its name shows and ends in ``.part``: what a killed process leaves of it is of use.
 
     Returns
     -------
@@ -56,7 +160,8 @@ def temporary_sibling(path: Path, error: type[DvcError] = DvcError) -> Path:
         raise error(f"cannot write {path}: it is a folder")
     if not path.parent.is_dir():
         raise error(f"cannot write {path}: the folder {path.parent} does not exist")
-    temporary = path.with_name(f".{path.name[:100]}.{secrets.token_hex(4)}.tmp")
+    fresh = f"{path.name[:100]}.{secrets.token_hex(4)}"
+    temporary = path.with_name(f"{fresh}{PARTIAL_SUFFIX}" if visible else f".{fresh}.tmp")
     try:
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     except OSError as err:
@@ -65,7 +170,7 @@ def temporary_sibling(path: Path, error: type[DvcError] = DvcError) -> Path:
 
 
 @contextmanager
-def atomic_output(path: str | Path) -> Iterator[Path]:
+def atomic_output(path: str | Path, *, visible: bool = False) -> Iterator[Path]:
     """Give a temporary name to write to; rename it to `path` on success, remove it on any exception.
 
     A symbolic link is followed. A device or pipe (``/dev/stdout``) is written to directly.
@@ -74,6 +179,8 @@ def atomic_output(path: str | Path) -> Iterator[Path]:
     ----------
     path : str or Path
         The name of the finished file; a file that has it already stays as it is until then.
+    visible : bool, optional
+        Whether the temporary name shows and ends in ``.part``.
 
     Yields
     ------
@@ -99,12 +206,12 @@ def atomic_output(path: str | Path) -> Iterator[Path]:
         yield path
         return
     target = Path(os.path.realpath(path))
-    temporary = temporary_sibling(target)
+    temporary = temporary_sibling(target, visible=visible)
     try:
         yield temporary
         os.replace(temporary, target)
     except OSError as err:
-        if err.errno in _NO_ROOM or str(temporary) in (err.filename, err.filename2):
+        if _concerns(err, temporary):
             raise DvcError(f"cannot write {path}: {err.strerror}") from err
         raise
     finally:

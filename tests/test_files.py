@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from dvc.errors import DvcError
-from dvc.files import atomic_folder, atomic_output, check_folder, same_file
+from dvc.files import SyncedFile, atomic_folder, atomic_output, check_folder, growing_output, same_file
 
 
 def test_file_appears_only_after_success(tmp_path: Path) -> None:
@@ -34,6 +34,58 @@ def test_failure_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> N
     with pytest.raises(error):
         write_half()
     assert os.listdir(tmp_path) == []
+
+
+def test_visible_output_shows_while_it_is_written(tmp_path: Path) -> None:
+    """What a killed process leaves has a name that shows and says of what it is a part."""
+    with atomic_output(tmp_path / "out.dvc", visible=True) as temporary:
+        assert temporary.name.startswith("out.dvc.")
+        assert temporary.suffix == ".part"
+    assert os.listdir(tmp_path) == ["out.dvc"]
+
+
+def test_growing_file_is_renamed_when_it_is_finished(tmp_path: Path) -> None:
+    """Every write is in the file when it returns, under the partial name until the end."""
+    with growing_output(tmp_path / "out.bin") as file:
+        for count in range(1, 4):
+            file.write(b"0123456789")
+            assert (tmp_path / "out.bin.part").stat().st_size == 10 * count
+    assert os.listdir(tmp_path) == ["out.bin"]
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, OSError])
+def test_failure_leaves_what_was_written(tmp_path: Path, error: type[BaseException]) -> None:
+    """An exception of any kind passes through, and the partial file stays."""
+
+    def write_half() -> None:
+        with growing_output(tmp_path / "out.bin") as file:
+            file.write(b"half")
+            raise error
+
+    with pytest.raises(error):
+        write_half()
+    assert os.listdir(tmp_path) == ["out.bin.part"]
+    assert (tmp_path / "out.bin.part").read_bytes() == b"half"
+
+
+@pytest.mark.parametrize("name", ["out.bin", "out.bin.part"])
+def test_growing_file_replaces_nothing(tmp_path: Path, name: str) -> None:
+    """A file that has one of the names stays as it was."""
+
+    def write() -> None:
+        with growing_output(tmp_path / "out.bin") as file:
+            file.write(b"new")
+
+    (tmp_path / name).write_bytes(b"old")
+    with pytest.raises(DvcError, match="exists"):
+        write()
+    assert (tmp_path / name).read_bytes() == b"old"
+
+
+def test_synced_writes_to_what_cannot_be_synced() -> None:
+    """Writing to a device works as to a file."""
+    with SyncedFile(Path(os.devnull)) as file:
+        assert file.write(b"data") == 4
 
 
 def test_full_disk_is_one_clear_error(tmp_path: Path) -> None:
