@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc.errors import VideoError
-from dvc.video.damage import DamageCheck
+from dvc.video.damage import DamageCheck, FileSource, Source, UnknownSource
 from dvc.video.frames import Frame, VideoInfo, check_size
+from dvc.video.pipes import Pipe, PipeFeed
 from dvc.video.pixels import conversion_notices, frame_from_picture, is_full_range
-from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Request
+from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Request, SourceClock
 
 if TYPE_CHECKING:
     import av
@@ -22,15 +23,21 @@ if TYPE_CHECKING:
 _STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
 # FFmpeg counts every tag that its TIFF decoder does not know as an error.
 _STRICT_TIFF = {"err_detect": "crccheck+bitstream+buffer"}
+_LOCAL = {"protocol_whitelist": "file"}
+_NETWORK = "crypto,http,https,httpproxy,rtmp,rtmps,rtmpt,rtp,rtsp,rtsps,srtp,tcp,tls,udp"
+_OVER_TCP = {"rtsp_transport": "tcp"}  # over UDP packets get lost
+_VIDEO_DEVICE = "/dev/video"
 
 
-def open_container(request: Request) -> FrameStream:
+def open_container(request: Request, path: Path) -> FrameStream:
     """Open a file through FFmpeg; its first frame is decoded to learn what the file holds.
 
     Parameters
     ----------
     request : Request
-        The file, and what to read of it.
+        What to read of it.
+    path : Path
+        The file.
 
     Returns
     -------
@@ -42,21 +49,151 @@ def open_container(request: Request) -> FrameStream:
     VideoError
         If the file is not a video, cannot be decoded, or has too few frames.
     """
-    path = request.path
-    container = _open(path)
+    container = _open(path, input_format=request.input_format)
+    return _frame_stream(request, container, FileSource(path))
+
+
+def open_live(request: Request) -> FrameStream:
+    """Open a device or a network address through FFmpeg; its first frame is waited for.
+
+    Parameters
+    ----------
+    request : Request
+        What to read, and from where.
+
+    Returns
+    -------
+    FrameStream
+        The reader.
+
+    Raises
+    ------
+    VideoError
+        If it cannot be opened or decoded, or ends too early.
+    """
+    name = str(request.path)
+    with _av_errors(name, "is not a video that FFmpeg can read"):
+        container = _open_address(request, name)
+    _refuse_text(container, name)
+    return _frame_stream(request, container, UnknownSource(), live=True)
+
+
+def open_pipe(request: Request, pipe: Pipe) -> FrameStream:
+    """Open a pipe through FFmpeg; its first frame is waited for.
+
+    Parameters
+    ----------
+    request : Request
+        What to read.
+    pipe : Pipe
+        Where from.
+
+    Returns
+    -------
+    FrameStream
+        The reader, which closes the pipe, too.
+
+    Raises
+    ------
+    VideoError
+        If it cannot be opened or decoded, or ends too early.
+    """
+    import av
+
+    feed = PipeFeed(pipe)
+    with feed.raising():
+        with _av_errors(pipe.name, "is not a video that FFmpeg can read"):
+            container = av.open(feed, "r", format=request.input_format, options=_LOCAL)
+        _refuse_text(container, pipe.name)
+        stream = _frame_stream(request, container, pipe, live=True)
+
+    def _frames() -> Iterator[Frame]:
+        with feed.raising():
+            yield from stream
+
+    def _close() -> None:
+        stream.close()
+        pipe.close()
+
+    return FrameStream(stream.info, _frames(), _close, stream.clock)
+
+
+def is_device(request: Request) -> bool:
+    """Tell whether frames are to come from a device: one by its name, or FFmpeg's word for its kind.
+
+    Parameters
+    ----------
+    request : Request
+        What is asked for.
+
+    Returns
+    -------
+    bool
+        True for cameras and whatever FFmpeg opens without a file.
+
+    Raises
+    ------
+    VideoError
+        If there is no such format.
+    """
+    name = request.input_format
+    if name is None:
+        return str(request.path).startswith(_VIDEO_DEVICE)
+    from av import ContainerFormat
+
     try:
-        stream = _video_stream(container, path)
-        pictures = _decoded(container, stream, path)
+        return bool(ContainerFormat(name, "r").no_file)
+    except ValueError as err:
+        raise VideoError(f"{request.path}: FFmpeg reads no format {name}") from err
+
+
+def _open_address(request: Request, name: str) -> "InputContainer":
+    """Open a device or an address; what a network sends must not refer to local files."""
+    import av
+
+    if "://" in name:
+        options = {"protocol_whitelist": _NETWORK, **(_OVER_TCP if name.startswith("rtsp") else {})}
+        return av.open(name, format=request.input_format, options=options, timeout=request.timeout_s)
+    options = {}
+    if request.size is not None:
+        options["video_size"] = f"{request.size[0]}x{request.size[1]}"
+    if request.frame_rate is not None:
+        options["framerate"] = str(request.frame_rate)
+    return av.open(name, format=request.input_format or "v4l2", options=options)
+
+
+def _frame_stream(
+    request: Request, container: "InputContainer", source: Source, *, live: bool = False
+) -> FrameStream:
+    """Decode the first frame, and give it back with those that come after it."""
+    try:
+        stream = _video_stream(container, request.path)
+        if live:
+            stream.thread_type = "SLICE"  # threads for frames would hold some back
+        pictures = _decoded(container, stream, request.path, source)
         first = next(islice(pictures, request.start, None), None)
         if first is None:
             raise request.too_short()
-        info = _stream_info(request, stream, first)
+        info = _stream_info(request, stream, first, live=live)
         request.check_size(info)
     except BaseException:
         container.close()
         raise
-    chosen = islice(chain([first], pictures), request.num_frames)
-    return FrameStream(info, consistent_frames(((path, p) for p in chosen), info), container.close)
+    clock = SourceClock()
+    chosen: Iterator[av.VideoFrame] = islice(chain([first], pictures), request.num_frames)
+    if live:
+        chosen = _ticking(chosen, clock, info.frame_rate)
+    frames = consistent_frames(((request.path, picture) for picture in chosen), info)
+    return FrameStream(info, frames, container.close, clock)
+
+
+def _ticking(
+    pictures: Iterable["av.VideoFrame"], clock: SourceClock, frame_rate: Fraction
+) -> Iterator["av.VideoFrame"]:
+    """Show the time stamps of pictures to a clock."""
+    for picture in pictures:
+        clock.tick(picture.time, frame_rate)
+        yield picture
 
 
 def read_image(path: Path) -> "av.VideoFrame":
@@ -80,7 +217,8 @@ def read_image(path: Path) -> "av.VideoFrame":
     # By its name the file would be taken for a pattern of many names.
     container = _open(path, pattern_type="none")
     try:
-        picture = next(_decoded(container, _video_stream(container, path), path), None)
+        pictures = _decoded(container, _video_stream(container, path), path, FileSource(path))
+        picture = next(pictures, None)
     finally:
         container.close()
     if picture is None:
@@ -88,12 +226,14 @@ def read_image(path: Path) -> "av.VideoFrame":
     return picture
 
 
-def consistent_frames(pictures: Iterable[tuple[Path, "av.VideoFrame"]], info: VideoInfo) -> Iterator[Frame]:
+def consistent_frames(
+    pictures: Iterable[tuple[Path | str, "av.VideoFrame"]], info: VideoInfo
+) -> Iterator[Frame]:
     """Convert pictures, and refuse those that differ from the first in size or in being grey.
 
     Parameters
     ----------
-    pictures : iterable of Path and av.VideoFrame
+    pictures : iterable of (Path or str) and av.VideoFrame
         Where each comes from, and what was decoded.
     info : VideoInfo
         What was announced.
@@ -123,21 +263,26 @@ def consistent_frames(pictures: Iterable[tuple[Path, "av.VideoFrame"]], info: Vi
         yield frame
 
 
-def _open(path: Path, **options: str) -> "InputContainer":
+def _open(path: Path, input_format: str | None = None, **options: str) -> "InputContainer":
     """Open a local file; what it refers to must be local as well."""
     import av
 
     with _av_errors(path, "is not a video that FFmpeg can read"):
         container = av.open(
-            f"file:{os.path.abspath(path)}", options={"protocol_whitelist": "file", **options}
+            f"file:{os.path.abspath(path)}", format=input_format, options={**_LOCAL, **options}
         )
-    if container.format.name == "tty":
-        container.close()
-        raise VideoError(f"{path}: is a text file, not a video")
+    _refuse_text(container, path)
     return container
 
 
-def _video_stream(container: "InputContainer", path: Path) -> "VideoStream":
+def _refuse_text(container: "InputContainer", path: Path | str) -> None:
+    """Refuse text, which FFmpeg would draw."""
+    if container.format.name == "tty":
+        container.close()
+        raise VideoError(f"{path}: is a text file, not a video")
+
+
+def _video_stream(container: "InputContainer", path: Path | str) -> "VideoStream":
     """Return the first video stream that is not a cover picture, with strict error detection."""
     from av.stream import Disposition
 
@@ -153,11 +298,13 @@ def _video_stream(container: "InputContainer", path: Path) -> "VideoStream":
     raise VideoError(f"{path}: has no video stream")
 
 
-def _decoded(container: "InputContainer", stream: "VideoStream", path: Path) -> Iterator["av.VideoFrame"]:
+def _decoded(
+    container: "InputContainer", stream: "VideoStream", path: Path | str, source: Source
+) -> Iterator["av.VideoFrame"]:
     """Yield the pictures of a stream; `VideoError` after the last one before any damage."""
     count = 0
     problem: str | None = None
-    check = DamageCheck(path, container, stream)
+    check = DamageCheck(source, container, stream)
     with _av_errors(path, lambda: f"damaged after {count} frames" if count else "cannot be decoded"):
         for packet in container.demux(stream):
             problem = check.packet(packet) if packet.size else check.end()
@@ -171,7 +318,7 @@ def _decoded(container: "InputContainer", stream: "VideoStream", path: Path) -> 
                 raise VideoError(f"{path}: damaged after {count} frames ({problem})")
 
 
-def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame") -> VideoInfo:
+def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame", *, live: bool) -> VideoInfo:
     """Gather what the container and the first picture tell."""
     notices = list(conversion_notices(first))
     declared = stream.average_rate or stream.guessed_rate
@@ -188,6 +335,7 @@ def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame"
         num_frames=request.count_of(stream.frames) if stream.frames > request.start else None,
         notices=tuple(notices),
         full_range=is_full_range(first),
+        live=live,
     )
 
 
@@ -201,7 +349,7 @@ def _has_variable_rate(stream: "VideoStream") -> bool:
 
 
 @contextmanager
-def _av_errors(path: Path, problem: str | Callable[[], str]) -> Iterator[None]:
+def _av_errors(path: Path | str, problem: str | Callable[[], str]) -> Iterator[None]:
     """Turn what FFmpeg and the file system raise into one `VideoError`."""
     import av
 

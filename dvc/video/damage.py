@@ -2,7 +2,7 @@
 
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     import av
@@ -11,10 +11,54 @@ if TYPE_CHECKING:
 
 _EBML_ID = b"\x1a\x45\xdf\xa3"
 _SEGMENT_ID = b"\x18\x53\x80\x67"
-_HEAD_BYTES = 4096
+HEAD_BYTES = 4096
 
 _SLICE_TRAILER_BYTES = 8  # 24 bits of size, 8 of status, 32 of checksum
 _REVERSED_BITS = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+
+
+class Source(Protocol):
+    """Bytes that FFmpeg reads."""
+
+    def num_bytes(self) -> int | None:
+        """Return how many there are, or were before the end came; None if nobody knows."""
+
+    def head(self) -> bytes:
+        """Return the first `HEAD_BYTES`, as far as they are known."""
+
+
+class FileSource:
+    """Bytes of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def num_bytes(self) -> int | None:
+        """Return the size of the file."""
+        return self._path.stat().st_size
+
+    def head(self) -> bytes:
+        """Return the first bytes."""
+        with self._path.open("rb") as file:
+            return file.read(HEAD_BYTES)
+
+
+class UnknownSource:
+    """Bytes of which nothing is known: those of a device or a network."""
+
+    def num_bytes(self) -> int | None:
+        """Return None."""
+        return None
+
+    def head(self) -> bytes:
+        """Return nothing."""
+        return b""
 
 
 class DamageCheck:
@@ -22,16 +66,16 @@ class DamageCheck:
 
     Parameters
     ----------
-    path : Path
-        The file.
+    source : Source
+        Tells how many bytes there were, and the first of them.
     container : av.container.InputContainer
-        The same file, open.
+        What they hold.
     stream : av.video.stream.VideoStream
         The stream whose packets will be shown.
     """
 
-    def __init__(self, path: Path, container: "InputContainer", stream: "VideoStream") -> None:
-        self._path = path
+    def __init__(self, source: Source, container: "InputContainer", stream: "VideoStream") -> None:
+        self._source = source
         self._format = container.format.name
         self._declared_packets = stream.frames
         self._has_slice_checksums = stream.codec_context.name == "ffv1"
@@ -76,30 +120,30 @@ class DamageCheck:
         """
         if self._num_packets < self._declared_packets:
             return f"the file ends after {self._num_packets} of {self._declared_packets} frames"
-        file_bytes = self._path.stat().st_size
+        file_bytes = self._source.num_bytes()
+        if file_bytes is None:
+            return None
         if self._format == "yuv4mpegpipe" and 0 < self._end_of_packets < file_bytes:
             return "the file ends within a frame"
-        declared_bytes = matroska_bytes(self._path) if "matroska" in self._format else None
+        declared_bytes = matroska_bytes(self._source.head()) if "matroska" in self._format else None
         if declared_bytes is not None and file_bytes < declared_bytes:
             return f"the file ends after {file_bytes} of {declared_bytes} bytes"
         return None
 
 
-def matroska_bytes(path: Path) -> int | None:
+def matroska_bytes(head: bytes) -> int | None:
     """Return the length that a Matroska file should have by its own account.
 
     Parameters
     ----------
-    path : Path
-        The file.
+    head : bytes
+        Its first `HEAD_BYTES`.
 
     Returns
     -------
     int or None
         Bytes; None if the file does not say, as live recordings do not.
     """
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
     if not head.startswith(_EBML_ID):
         return None
     position, header_bytes = _ebml_size(head, len(_EBML_ID))

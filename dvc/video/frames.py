@@ -192,6 +192,8 @@ class VideoInfo:
         What was converted, assumed or ignored on the way to 8-bit 4:2:0 frames.
     full_range : bool
         True if the samples use 0 to 255 and not the ITU limited range; they are kept as they are.
+    live : bool
+        True if frames come when the source has them: from a pipe, a device or a network.
     """
 
     width: int
@@ -200,6 +202,7 @@ class VideoInfo:
     num_frames: int | None = None
     notices: tuple[str, ...] = ()
     full_range: bool = False
+    live: bool = False
 
     @property
     def size(self) -> tuple[int, int]:

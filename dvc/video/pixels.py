@@ -16,6 +16,43 @@ _FULL_RANGE = 2  # AVCOL_RANGE_JPEG
 _PLANAR_BITS = (8, 9, 10, 12, 14, 16)
 
 
+def planar_frame_bytes(width: int, height: int) -> int:
+    """Return the size of a planar 8-bit 4:2:0 frame.
+
+    Parameters
+    ----------
+    width, height : int
+        Sides in pixels.
+
+    Returns
+    -------
+    int
+        Bytes of luma and chroma.
+    """
+    rows, columns = chroma_shape(height, width)
+    return width * height + 2 * rows * columns
+
+
+def planar_frame(samples: Plane, width: int, height: int) -> Frame:
+    """Take the planes of a 4:2:0 frame apart.
+
+    Parameters
+    ----------
+    samples : ndarray of shape (`planar_frame_bytes`,), uint8
+        Y, Cb and Cr, row by row; not copied.
+    width, height : int
+        Sides in pixels.
+
+    Returns
+    -------
+    Frame
+        The frame.
+    """
+    rows, columns = chroma_shape(height, width)
+    luma, cb, cr = np.split(samples, [width * height, width * height + rows * columns])
+    return Frame(luma.reshape(height, width), (cb.reshape(rows, columns), cr.reshape(rows, columns)))
+
+
 def is_full_range(picture: "av.VideoFrame") -> bool:
     """Tell whether the YCbCr samples of a decoded picture use 0 to 255; RGB never counts.
 

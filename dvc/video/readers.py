@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
@@ -10,11 +11,21 @@ from typing import BinaryIO
 import numpy as np
 
 from dvc.errors import VideoError
-from dvc.video.containers import consistent_frames, open_container, read_image
-from dvc.video.frames import Frame, VideoInfo, VideoReader, check_size, chroma_shape, exact_frame_rate
-from dvc.video.pixels import conversion_notices, is_full_range
+from dvc.video.containers import (
+    consistent_frames,
+    is_device,
+    open_container,
+    open_live,
+    open_pipe,
+    read_image,
+)
+from dvc.video.frames import Frame, VideoInfo, check_size, exact_frame_rate
+from dvc.video.pipes import STANDARD_INPUT, Pipe, is_pipe, open_raw_pipe
+from dvc.video.pixels import conversion_notices, is_full_range, planar_frame, planar_frame_bytes
 from dvc.video.sources import DEFAULT_FRAME_RATE, FrameStream, Request
 
+RAW_FORMAT = "rawvideo"
+_ALIASES = {"y4m": "yuv4mpegpipe", "raw": RAW_FORMAT}
 RAW_SUFFIXES = frozenset({".yuv", ".raw"})
 IMAGE_SUFFIXES = frozenset(
     {
@@ -42,7 +53,9 @@ def open_video(
     frame_rate: Fraction | float | None = None,
     start: int = 0,
     num_frames: int | None = None,
-) -> VideoReader:
+    input_format: str | None = None,
+    timeout_s: float | None = None,
+) -> FrameStream:
     """Open a video for reading, whatever it is; one frame at a time is held in memory.
 
     A folder is read as images in natural order (``2.png`` before ``10.png``); ``.yuv`` and ``.raw`` are
@@ -53,10 +66,13 @@ def open_video(
     had to conceal is not passed on. (A file without checksums can hide damage; a raw file of the wrong length
     is refused at once, since it most likely has another size.)
 
+    Of a pipe, a device or a network address frames are taken as they come, waiting for each as long as it
+    takes. What comes from a pipe is raw if `size` is given and `input_format` is not.
+
     Parameters
     ----------
     path : str or Path
-        A file or folder.
+        A file or folder; ``-`` for standard input; a device (``/dev/video0``) or an address (``rtsp://...``).
     size : tuple of int, optional
         Width and height; needed for raw files, checked for all others.
     frame_rate : Fraction or float, optional
@@ -66,11 +82,16 @@ def open_video(
         Number of frames to skip.
     num_frames : int, optional
         Read at most so many; all if None.
+    input_format : str, optional
+        FFmpeg's name of the format or device (``yuv4mpegpipe`` or ``y4m``, ``mjpeg``, ``v4l2``, ...), where
+        it cannot be told from the name or the beginning; ``rawvideo`` or ``raw`` for planar 4:2:0.
+    timeout_s : float, optional
+        Patience with a silent network, in seconds.
 
     Returns
     -------
-    VideoReader
-        Also a context manager; ``info.notices`` says what is converted or assumed.
+    FrameStream
+        A `VideoReader`, and a context manager; ``info.notices`` says what is converted or assumed.
 
     Raises
     ------
@@ -86,25 +107,57 @@ def open_video(
     if size is not None and min(size) < 1:
         raise ValueError(f"`size` must be positive, got {size}")
     rate = None if frame_rate is None else exact_frame_rate(frame_rate)
-    request = Request(Path(path), size, rate, start, num_frames)
-    if not request.path.exists():
+    name = _ALIASES.get(input_format or "", input_format)
+    request = Request(Path(path), size, rate, start, num_frames, name, timeout_s)
+    if str(path) == STANDARD_INPUT:
+        return _open_pipe(request)
+    if "://" in str(path) or is_device(request):
+        return open_live(replace(request, path=str(path)))
+    return _open_path(request, Path(path))
+
+
+def _open_path(request: Request, path: Path) -> FrameStream:
+    """Open what stands in a file system."""
+    if not path.exists():
         raise VideoError(f"{path}: no such file or folder")
-    if request.path.is_dir():
-        return _open_folder(request)
-    if request.path.suffix.lower() in RAW_SUFFIXES:
-        return _open_raw(request)
-    return open_container(request)
+    if path.is_dir():
+        return _open_folder(request, path)
+    if is_pipe(path):
+        return _open_pipe(request)
+    if request.input_format == RAW_FORMAT or (
+        request.input_format is None and path.suffix.lower() in RAW_SUFFIXES
+    ):
+        return _open_raw(request, path)
+    return open_container(request, path)
 
 
-def _open_raw(request: Request) -> FrameStream:
-    """Open a headerless file of planar 4:2:0 frames."""
-    path = request.path
+def _open_pipe(request: Request) -> FrameStream:
+    """Open a pipe: raw frames where their size is told and no other format, else what FFmpeg finds."""
+    pipe = Pipe(request.path)
+    named = replace(request, path=pipe.name)
+    is_raw = request.size is not None if request.input_format is None else request.input_format == RAW_FORMAT
+    try:
+        if is_raw:
+            _check_raw(named)
+            return open_raw_pipe(named, pipe)
+        return open_pipe(named, pipe)
+    except BaseException:
+        pipe.close()
+        raise
+
+
+def _check_raw(request: Request) -> tuple[int, int, Fraction]:
+    """Return width, height and frame rate of raw frames."""
     if request.size is None or request.frame_rate is None:
-        raise VideoError(f"{path}: a raw file needs the size of its pictures and the frame rate")
-    width, height = request.size
-    check_size(width, height, str(path))
-    rows, columns = chroma_shape(height, width)
-    frame_bytes = width * height + 2 * rows * columns
+        raise VideoError(f"{request.path}: what is raw needs the size of its pictures and the frame rate")
+    check_size(*request.size, str(request.path))
+    return *request.size, request.frame_rate
+
+
+def _open_raw(request: Request, path: Path) -> FrameStream:
+    """Open a headerless file of planar 4:2:0 frames."""
+    width, height, frame_rate = _check_raw(request)
+    frame_bytes = planar_frame_bytes(width, height)
     try:
         file_bytes = path.stat().st_size
         file = path.open("rb")
@@ -121,33 +174,30 @@ def _open_raw(request: Request) -> FrameStream:
     except BaseException:
         file.close()
         raise
-    info = VideoInfo(width, height, request.frame_rate, count)
+    info = VideoInfo(width, height, frame_rate, count)
     return FrameStream(info, _raw_frames(file, info, path), file.close)
 
 
 def _raw_frames(file: BinaryIO, info: VideoInfo, path: Path) -> Iterator[Frame]:
     """Read planes one after the other; close the file at the end."""
-    rows, columns = chroma_shape(info.height, info.width)
-    luma_bytes, chroma_bytes = info.width * info.height, rows * columns
+    frame_bytes = planar_frame_bytes(info.width, info.height)
     with file:
         for index in range(info.num_frames or 0):
             try:
-                data = np.fromfile(file, np.uint8, luma_bytes + 2 * chroma_bytes)
+                data = np.fromfile(file, np.uint8, frame_bytes)
             except OSError as err:
                 raise VideoError(f"{path}: damaged after {index} frames ({err.strerror})") from err
-            if data.size != luma_bytes + 2 * chroma_bytes:
+            if data.size != frame_bytes:
                 raise VideoError(f"{path}: damaged after {index} frames (the file ends within a frame)")
-            luma, cb, cr = np.split(data, [luma_bytes, luma_bytes + chroma_bytes])
-            chroma = (cb.reshape(rows, columns), cr.reshape(rows, columns))
-            yield Frame(luma.reshape(info.height, info.width), chroma)
+            yield planar_frame(data, info.width, info.height)
 
 
-def _open_folder(request: Request) -> FrameStream:
+def _open_folder(request: Request, folder: Path) -> FrameStream:
     """Open a folder of images."""
     try:
-        entries = list(request.path.iterdir())
+        entries = list(folder.iterdir())
     except OSError as err:
-        raise VideoError(f"{request.path}: cannot be read ({err.strerror})") from err
+        raise VideoError(f"{folder}: cannot be read ({err.strerror})") from err
     images = [f for f in entries if f.suffix.lower() in IMAGE_SUFFIXES and not f.name.startswith(".")]
     count = request.count_of(len(images), "images")
     chosen = sorted(images, key=_natural_key)[request.start : request.start + count]

@@ -18,8 +18,8 @@ class Request:
 
     Attributes
     ----------
-    path : Path
-        A file or folder that exists.
+    path : Path or str
+        A file or folder that exists; what a message calls a pipe; a device or an address.
     size : tuple of int or None
         Width and height in pixels.
     frame_rate : Fraction or None
@@ -28,13 +28,19 @@ class Request:
         Number of frames to skip.
     num_frames : int or None
         Most frames to read.
+    input_format : str or None
+        FFmpeg's name of the format or device; it is found out by itself otherwise.
+    timeout_s : float or None
+        Patience with a silent network, in seconds.
     """
 
-    path: Path
+    path: Path | str
     size: tuple[int, int] | None = None
     frame_rate: Fraction | None = None
     start: int = 0
     num_frames: int | None = None
+    input_format: str | None = None
+    timeout_s: float | None = None
 
     def count_of(self, total: int, unit: str = "frames") -> int:
         """Return how many frames there are to read.
@@ -99,6 +105,32 @@ class Request:
             raise VideoError(f"{self.path}: pictures are {info.width}x{info.height}, not {width}x{height}")
 
 
+class SourceClock:
+    """Compares the time stamps of a live source with the number of frames that came."""
+
+    def __init__(self) -> None:
+        self._first_s: float | None = None
+        self._num_frames = 0
+        self.lead_s: float | None = None  # the most by which time stamps were ahead; None without any
+
+    def tick(self, time_s: float | None, frame_rate: Fraction) -> None:
+        """Take note of a frame.
+
+        Parameters
+        ----------
+        time_s : float or None
+            Its time stamp in seconds.
+        frame_rate : Fraction
+            Frames per second that there should be.
+        """
+        if time_s is not None:
+            if self._first_s is None:
+                self._first_s = time_s - self._num_frames / float(frame_rate)
+            lead_s = time_s - self._first_s - self._num_frames / float(frame_rate)
+            self.lead_s = max(self.lead_s or 0.0, lead_s)
+        self._num_frames += 1
+
+
 class FrameStream(Closing):
     """The one `VideoReader` behind all files: information, an iterator of frames, something to close.
 
@@ -110,9 +142,18 @@ class FrameStream(Closing):
         Read on demand.
     close : callable
         Called by `close`; must allow repetition.
+    clock : SourceClock, optional
+        Compares time stamps with frames, where there are some and the source is live.
     """
 
-    def __init__(self, info: VideoInfo, frames: Iterator[Frame], close: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        info: VideoInfo,
+        frames: Iterator[Frame],
+        close: Callable[[], None],
+        clock: SourceClock | None = None,
+    ) -> None:
+        self.clock = clock or SourceClock()
         self._info = info
         self._frames = frames
         self._close = close

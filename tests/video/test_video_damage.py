@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dvc.errors import VideoError
 from dvc.video import Frame, create_video, open_video
-from dvc.video.damage import checksum_is_valid, ffv1_slices, matroska_bytes
+from dvc.video.damage import HEAD_BYTES, checksum_is_valid, ffv1_slices, matroska_bytes
 from tests.clips import same_frame
 
 MakeFrames = Callable[..., list[Frame]]
@@ -98,14 +98,13 @@ def test_damage_anywhere_raises_nothing_but_video_error(
 def test_matroska_states_its_length(intact: dict[str, Path], tmp_path: Path) -> None:
     """The length in the file's own header is that of the file; a live recording has none."""
     data = intact[".mkv"].read_bytes()
-    assert matroska_bytes(intact[".mkv"]) == len(data)
+    assert matroska_bytes(data[:HEAD_BYTES]) == len(data)
     position = data.index(b"\x18\x53\x80\x67") + 4
     (tmp_path / "live.mkv").write_bytes(data[:position] + b"\x01" + b"\xff" * 7 + data[position + 8 :])
-    assert matroska_bytes(tmp_path / "live.mkv") is None
+    assert matroska_bytes((tmp_path / "live.mkv").read_bytes()[:HEAD_BYTES]) is None
     assert read_all(tmp_path / "live.mkv")[1] == ""
     for content in (b"", data[:4], data[:6], data[:position], b"text" * 100):
-        (tmp_path / "other").write_bytes(content)
-        assert matroska_bytes(tmp_path / "other") is None
+        assert matroska_bytes(content) is None
 
 
 def test_checksum_is_that_of_ffv1() -> None:
