@@ -2,20 +2,24 @@
 
 import argparse
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dvc import cli
-from dvc.config import CodecConfig
-from dvc.errors import ConfigError
+from dvc.files import PARTIAL_SUFFIX
 from encoder import options
 
 if TYPE_CHECKING:
-    from dvc.video import VideoReader
-    from encoder.report import EncoderStatistics
+    from collections.abc import Iterable
+
+    from dvc.video import Frame, VideoInfo
+    from dvc.video.sources import FrameStream
+    from encoder.pacing import PacedFrames
+    from encoder.segments import InputFrames, Segment
     from encoder.session import EncoderSession, Progress
 
-
+SILENCE_S = 1.0  # being late by less is not worth a word
 KERNELS = Path(__file__).with_name("kernels.txt")
 
 
@@ -23,8 +27,7 @@ def _encode(arguments: argparse.Namespace) -> int:
     from dvc.compile_ahead import compiling_ahead
     from dvc.video import open_video
 
-    if (arguments.output is None) == (arguments.serve is None):
-        raise ConfigError("give either OUTPUT or --serve HOST:PORT")
+    options.check(arguments)
     outputs = [name for name in (arguments.output, arguments.json) if name not in (None, "-")]
     cli.check_outputs([arguments.input], outputs)
     ahead = compiling_ahead(KERNELS)
@@ -34,33 +37,91 @@ def _encode(arguments: argparse.Namespace) -> int:
         frame_rate=arguments.frame_rate,
         start=arguments.start,
         num_frames=arguments.frames,
+        input_format=arguments.input_format,
+        timeout_s=arguments.timeout,
     )
     with ahead, video as reader:
         for notice in reader.info.notices:
-            sys.stderr.write(f"{options.PROG}: {cli.one_line(notice)}\n")
-        session = options.session(arguments, reader.info)
+            _say(notice)
         total = arguments.frames if reader.info.num_frames is None else reader.info.num_frames
         with cli.progress_bar("encoding", total, arguments.quiet) as progress:
-            if arguments.serve is None:
-                _write(session, reader, arguments, progress)
-            else:
-                _serve(session, reader, arguments, progress)
-    if arguments.json is not None:
-        cli.write_json(arguments.json, _report(session.statistics, session.config))
+            _run(reader, arguments, progress)
     return 0
 
 
-def _write(
-    session: "EncoderSession", reader: "VideoReader", arguments: argparse.Namespace, progress: "Progress"
-) -> None:
-    from dvc.files import atomic_output
+def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progress") -> None:
+    """Encode what comes from a reader, and report; what is live, or recorded as segments, may be stopped."""
+    from encoder.pacing import PacedFrames
+    from encoder.segments import InputFrames
 
-    with atomic_output(arguments.output) as temporary, temporary.open("wb") as file:
-        session.write(reader, file, progress)
+    live = reader.info.live
+    segments: list[Segment] = []
+    frames = PacedFrames(reader, reader.info.frame_rate)
+    source = InputFrames(frames)
+    session = options.session(arguments, reader.info)
+    try:
+        if arguments.serve is not None:
+            _serve(session, frames, arguments, progress)
+        else:
+            with source.stopping_at_signals() if live or arguments.segment else nullcontext():
+                if arguments.segment is None:
+                    _write(session, source, arguments.output, progress)
+                else:
+                    _write_segments(source, reader.info, arguments, progress, segments)
+    finally:
+        pace = _pace(reader, frames) if live else {}
+    if arguments.json is not None and (segments or not arguments.segment):
+        cli.write_json(arguments.json, {**_report(session, segments), **pace})
+    source.raise_end()
+
+
+def _pace(reader: "FrameStream", frames: "PacedFrames") -> dict[str, object]:
+    """Say how far the encoder fell behind a live source, and the source behind its own clock."""
+    lead_s = reader.clock.lead_s
+    if frames.behind_s > SILENCE_S:
+        _say(f"fell up to {frames.behind_s:.1f} s behind the source; one that cannot wait loses frames")
+    if lead_s is not None and lead_s > SILENCE_S:
+        _say(
+            f"time stamps ran up to {lead_s:.1f} s ahead of the frames: some were lost before they came here,"
+            f" or there are fewer than {float(reader.info.frame_rate):g} a second"
+        )
+    return {"behind_s": round(frames.behind_s, 3), "lead_s": None if lead_s is None else round(lead_s, 3)}
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"{options.PROG}: {cli.one_line(text)}\n")
+    sys.stderr.flush()
+
+
+def _write(session: "EncoderSession", source: "InputFrames", output: str, progress: "Progress") -> None:
+    from dvc.files import SyncedFile, atomic_output
+
+    with atomic_output(output, visible=True) as temporary, SyncedFile(temporary) as file:
+        session.write(source, file, progress)
+        source.raise_failure()
+        if session.statistics.num_frames == 0:
+            source.raise_end()
+
+
+def _write_segments(
+    source: "InputFrames",
+    info: "VideoInfo",
+    arguments: argparse.Namespace,
+    progress: "Progress",
+    finished: "list[Segment]",
+) -> None:
+    from encoder.segments import segment_names, write_segments
+
+    names = segment_names(arguments.output)
+    for path in names.existing().values():
+        if path.suffix == PARTIAL_SUFFIX:
+            _say(f"{path} is left of an earlier recording: `dvc-decode --unfinished` reads it")
+    length = max(1, round(arguments.segment * info.frame_rate))
+    finished += write_segments(source, names, length, lambda: options.session(arguments, info), progress)
 
 
 def _serve(
-    session: "EncoderSession", reader: "VideoReader", arguments: argparse.Namespace, progress: "Progress"
+    session: "EncoderSession", frames: "Iterable[Frame]", arguments: argparse.Namespace, progress: "Progress"
 ) -> None:
     from dvc.feedback import KEEP_ALIVE, listen, parse_address
     from encoder.live import serve
@@ -70,13 +131,32 @@ def _serve(
         sys.stderr.flush()
         connection = listener.accept(silence_timeout_s=arguments.timeout)
     with connection, connection.kept_alive(KEEP_ALIVE):
-        serve(session, reader, connection, progress)
+        serve(session, frames, connection, progress)
 
 
-def _report(statistics: "EncoderStatistics", config: CodecConfig) -> dict[str, object]:
+def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, object]:
     from dataclasses import asdict
 
-    return {"frames": statistics.num_frames, **asdict(statistics), "config": config.to_dict()}
+    from encoder.report import EncoderStatistics
+
+    statistics = session.statistics
+    report: dict[str, object] = {}
+    if segments:
+        statistics = EncoderStatistics.total(segment.statistics for segment in segments)
+        report["segments"] = [
+            {
+                "name": segment.path.name,
+                "frames": segment.statistics.num_frames,
+                "stream_bytes": segment.statistics.stream_bytes,
+            }
+            for segment in segments
+        ]
+    return {
+        "frames": statistics.num_frames,
+        **asdict(statistics),
+        "config": session.config.to_dict(),
+        **report,
+    }
 
 
 main = cli.command(options.PROG, options.parser, _encode)

@@ -51,6 +51,8 @@ EXAMPLES = """\
   dvc-encode video.mp4 out.dvc --gop 10 --points 100 --lost-tracks 0.4 --luma-only --frames 101
   dvc-encode video.mp4 out.dvc --codec 2d             every second frame predicted by block motion
   dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
+  dvc-encode rtsp://camera/main day-%04d.dvc --segment 60    a file a minute; Ctrl-C finishes the last
+  ffmpeg -i in.ts -pix_fmt yuv420p -f yuv4mpegpipe - | dvc-encode - out.dvc --input-format y4m
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
 
@@ -162,12 +164,29 @@ def parser() -> argparse.ArgumentParser:
     """
     top = cli.ArgumentParser(PROG, "Encode a video for distributed decoding.", EXAMPLES)
     top.add_argument(
-        "input", metavar="INPUT", help="any video that FFmpeg reads, raw 4:2:0, or a folder of images"
+        "input",
+        metavar="INPUT",
+        help="any video that FFmpeg reads, raw 4:2:0, or a folder of images; - for standard input; a camera"
+        " (/dev/video0) or an address (rtsp://...)",
     )
-    top.add_argument("output", metavar="OUTPUT", nargs="?", help="stream to write (.dvc)")
+    top.add_argument(
+        "output",
+        metavar="OUTPUT",
+        nargs="?",
+        help="stream to write (.dvc), complete or not at all; what a kill leaves is OUTPUT.*.part, for"
+        " `dvc-decode --unfinished`",
+    )
     _add_coding(top.add_argument_group("coding"))
     _add_tracks(top.add_argument_group(f"points and tracks ({', '.join(_with_points(tracked=False))})"))
     _add_source(top.add_argument_group("input"))
+    top.add_argument_group("long recordings").add_argument(
+        "--segment",
+        type=cli.parse_positive,
+        metavar="SECONDS",
+        help="write a stream for every so many seconds of video, each complete by itself: OUTPUT is a pattern"
+        " such as day-%%04d.dvc, numbers go on after those that exist; the one in the making has .part after"
+        " its name, and what is finished of it is on the disk",
+    )
     cli.add_live(
         top.add_argument_group("live"),
         "--serve",
@@ -269,13 +288,44 @@ def _add_tracks(group: argparse._ArgumentGroup) -> None:
 def _add_source(group: argparse._ArgumentGroup) -> None:
     cli.add_integer(group, "--start", (0, 10**9), "first frame to code", default=0, metavar="K")
     cli.add_integer(group, "--frames", (1, 10**9), "number of frames to code; default: all")
-    group.add_argument("--size", type=cli.parse_size, metavar="WxH", help="picture size of raw files")
+    group.add_argument(
+        "--size", type=cli.parse_size, metavar="WxH", help="picture size of raw files and raw standard input"
+    )
+    group.add_argument(
+        "--input-format",
+        metavar="FORMAT",
+        help="what INPUT is, in FFmpeg's words, where that cannot be told from it: y4m, mjpeg, v4l2, ...;"
+        " raw: planar 4:2:0, which a pipe is taken for where --size is given",
+    )
     group.add_argument(
         "--frame-rate",
         type=cli.parse_frame_rate,
         metavar="R",
         help="frames per second, such as 30 or 30000/1001; needed for raw files",
     )
+
+
+def check(arguments: argparse.Namespace) -> None:
+    """Refuse outputs that make no sense, before anything is opened.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        As parsed.
+
+    Raises
+    ------
+    ConfigError
+        If there is no output or there are two, or the names of segments cannot be told.
+    """
+    if (arguments.output is None) == (arguments.serve is None):
+        raise ConfigError("give either OUTPUT or --serve HOST:PORT")
+    if arguments.segment is not None:
+        if arguments.serve is not None:
+            raise ConfigError("--segment is for files, not for --serve")
+        from encoder.segments import segment_names
+
+        segment_names(arguments.output)
 
 
 def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession":

@@ -1,9 +1,9 @@
 """What an encoding run counts: frames, bits, processor time, and the work of the tracker."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 from encoder.corners import CornerDetector
 from encoder.tracking import TrackingCounts
@@ -49,6 +49,22 @@ class EncoderStatistics:
     num_sad_samples: int = 0
     num_tracked_frames: int = 0
     stream_bytes: int = 0
+
+    @classmethod
+    def total(cls, parts: "Iterable[EncoderStatistics]") -> "EncoderStatistics":
+        """Add up what several runs counted.
+
+        Parameters
+        ----------
+        parts : iterable of EncoderStatistics
+            The runs.
+
+        Returns
+        -------
+        EncoderStatistics
+            Sums of all fields.
+        """
+        return cls(*map(sum, zip(*map(astuple, parts), strict=True)))
 
     @property
     def num_frames(self) -> int:

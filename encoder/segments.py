@@ -1,0 +1,232 @@
+"""A recording as segments: streams of so many frames, each complete by itself, in numbered files."""
+
+import re
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain, count, islice
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Self
+
+from dvc.errors import ConfigError, VideoError
+from dvc.files import PARTIAL_SUFFIX, growing_output
+from dvc.video import Frame
+
+if TYPE_CHECKING:
+    from encoder.report import EncoderStatistics
+    from encoder.session import EncoderSession, Progress
+
+MIN_DIGITS = 4
+_CONVERSION = re.compile(r"%(0[1-9])?d")
+
+
+@dataclass(frozen=True)
+class SegmentNames:
+    """Names of segments: what stands before and after the number, and how many digits that has at least."""
+
+    folder: Path
+    before: str
+    num_digits: int
+    after: str
+
+    def path(self, number: int) -> Path:
+        """Return the name of a segment.
+
+        Parameters
+        ----------
+        number : int
+            Its number, from 0.
+
+        Returns
+        -------
+        Path
+            The name.
+        """
+        return self.folder / f"{self.before}{number:0{self.num_digits}d}{self.after}"
+
+    def existing(self) -> dict[int, Path]:
+        """Find the segments that there are, finished ones and the remains of others.
+
+        Returns
+        -------
+        dict of int to Path
+            Files by number; of a number that has both, the remains.
+        """
+        before, after = re.escape(self.before), re.escape(self.after)
+        pattern = re.compile(f"{before}([0-9]{{{self.num_digits},9}}){after}({re.escape(PARTIAL_SUFFIX)})?")
+        found = ((pattern.fullmatch(path.name), path) for path in sorted(self.folder.iterdir()))
+        return {int(match[1]): path for match, path in found if match is not None}
+
+
+def segment_names(output: str) -> SegmentNames:
+    """Read the pattern of the names of segments.
+
+    Parameters
+    ----------
+    output : str
+        A name with one ``%d`` or ``%04d`` in its last part; without one, ``-%04d`` goes before the suffix.
+
+    Returns
+    -------
+    SegmentNames
+        The names.
+
+    Raises
+    ------
+    ConfigError
+        If it has more of them, or another ``%``.
+
+    Examples
+    --------
+    >>> segment_names("day.dvc").path(7).name, segment_names("%02d.dvc").path(7).name
+    ('day-0007.dvc', '07.dvc')
+    """
+    path = Path(output)
+    parts = _CONVERSION.split(path.name)
+    if len(parts) == 3 and not any("%" in part for part in parts[::2]):
+        return SegmentNames(path.parent, parts[0], int(parts[1] or 1), parts[2])
+    if "%" in path.name:
+        raise ConfigError(f"names of segments need one number such as %04d, got {output!r}")
+    return SegmentNames(path.parent, f"{path.stem}-", MIN_DIGITS, path.suffix)
+
+
+class InputFrames:
+    """Frames of a recording up to its end, to where the source fails, or to where it is stopped.
+
+    Parameters
+    ----------
+    source : iterable of Frame
+        The source.
+    """
+
+    def __init__(self, source: Iterable[Frame]) -> None:
+        self.failure: VideoError | None = None  # what ended the source, after all frames before
+        self.stopped = False
+        self._source = iter(source)
+        self._waiting = False
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Frame:
+        if self.stopped or self.failure is not None:
+            raise StopIteration
+        try:
+            self._waiting = True
+            return next(self._source)
+        except VideoError as err:
+            self.failure = err
+            raise StopIteration from err
+        except KeyboardInterrupt:
+            if not self.stopped:
+                raise
+            raise StopIteration from None
+        finally:
+            self._waiting = False
+
+    @contextmanager
+    def stopping_at_signals(self) -> Iterator[None]:
+        """Let an interrupt or SIGTERM end the frames, as the end of the source does; a second breaks off.
+
+        Yields
+        ------
+        None
+            Nothing; signals do as before after the block.
+        """
+
+        def _stop(number: int, _: FrameType | None) -> None:
+            signal.signal(number, signal.default_int_handler)
+            self.stopped = True
+            if self._waiting:
+                raise KeyboardInterrupt
+
+        numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN]
+        if threading.current_thread() is not threading.main_thread():
+            numbers = []
+        before = {number: signal.signal(number, _stop) for number in numbers}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def raise_failure(self) -> None:
+        """Raise what the source failed with, if it did.
+
+        Raises
+        ------
+        VideoError
+            The failure.
+        """
+        if self.failure is not None:
+            raise self.failure
+
+    def raise_end(self) -> None:
+        """Raise what ended the frames before the end of the source.
+
+        Raises
+        ------
+        VideoError
+            If the source failed.
+        KeyboardInterrupt
+            If it was stopped.
+        """
+        self.raise_failure()
+        if self.stopped:
+            raise KeyboardInterrupt
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A segment that is finished."""
+
+    path: Path
+    statistics: "EncoderStatistics"
+
+
+def write_segments(
+    frames: Iterable[Frame],
+    names: SegmentNames,
+    num_frames: int,
+    new_session: Callable[[], "EncoderSession"],
+    progress: "Progress",
+) -> Iterator[Segment]:
+    """Encode a recording segment by segment; each starts with a key frame.
+
+    Numbers go on after those of the files that there are, so that no earlier recording is overwritten.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        The recording; read once, a group of pictures at a time.
+    names : SegmentNames
+        Names of the files. The one that is being written has ``.part`` after its name.
+    num_frames : int
+        Frames of a segment; the last one may have fewer.
+    new_session : callable
+        Sets up the encoder of a segment.
+    progress : callable
+        Called with the number of frames just finished.
+
+    Yields
+    ------
+    Segment
+        Each that has just been finished.
+
+    Raises
+    ------
+    DvcError
+        If a file cannot be written; the groups of pictures that were finished stay in it.
+    """
+    source = iter(frames)
+    for number in count(max(names.existing(), default=-1) + 1):
+        first = next(source, None)
+        if first is None:
+            return
+        session = new_session()
+        with growing_output(names.path(number)) as file:
+            session.write(chain([first], islice(source, num_frames - 1)), file, progress)
+        yield Segment(names.path(number), session.statistics)
