@@ -1,0 +1,140 @@
+"""Compiled loops of syndromes and of belief propagation; validated and described by their callers."""
+
+import numpy as np
+
+from dvc._jit import kernel
+
+_MAX_ODDS = 1e12  # of a bit, one way or the other
+_MAX_CERTAINTY = 1.0 - 1e-7  # of a sum of bits
+
+# ---- syndromes ----
+
+
+@kernel
+def find_edges(places, start, num_thrice, num_checks, edges):
+    """Write the syndrome bits of one bit of a plane from its places in the orders: two or three, all distinct."""
+    num_edges = places.size if places[places.size - 1] < num_thrice else places.size - 1
+    for j in range(num_edges):
+        check = (start[j] + places[j]) % num_checks
+        k = 0
+        while k < j:
+            if edges[k] == check:
+                check = (check + 1) % num_checks
+                k = 0
+            else:
+                k += 1
+        edges[j] = check
+    return num_edges
+
+
+@kernel
+def list_edges(places, starts, num_thrice, num_checks, edges):
+    """Write the syndrome bits of all bits of a block; -1 in place of one that a bit has not."""
+    edges[:] = -1
+    for i in range(edges.shape[0]):
+        for n in range(edges.shape[1]):
+            find_edges(places[n], starts[i], num_thrice, num_checks, edges[i, n])
+
+
+@kernel
+def add_planes(words, planes, places, starts, num_thrice, sums):
+    """Add the planes of a block to its syndrome."""
+    edges = np.empty(places.shape[1], np.int32)
+    for i in range(planes.size):
+        line, shift = words[planes[i] >> 6], np.uint64(63 - (planes[i] & 63))
+        for n in range(line.size):
+            if (line[n] >> shift) & np.uint64(1):
+                num_edges = find_edges(places[n], starts[i], num_thrice, sums.size, edges)
+                for j in range(num_edges):
+                    sums[edges[j]] ^= np.uint8(1)
+
+
+# ---- belief propagation ----
+
+
+@kernel
+def sort_edges(edges, num_checks, first, edge_of):
+    """Sort edges by syndrome bit: those of bit c are `edge_of[first[c] : first[c + 1]]`; -1 is no edge."""
+    first[:] = 0
+    for e in range(edges.size):
+        if edges[e] >= 0:
+            first[edges[e] + 1] += 1
+    for c in range(num_checks):
+        first[c + 1] += first[c]
+    place = first[:num_checks].copy()
+    for e in range(edges.size):
+        if edges[e] >= 0:
+            edge_of[place[edges[e]]] = e
+            place[edges[e]] += 1
+
+
+@kernel
+def from_numbers(lowest, probabilities, count, depth, outliers, received, odds):
+    """Turn odds of the bits of one number into odds by these and by the prior of the number.
+
+    The number lies among `count` candidates from `lowest` up, or, with probability `outliers`, anywhere.
+    """
+    anywhere = outliers
+    for q in range(depth):
+        anywhere *= 0.5 * (1.0 + received[q])
+    total = anywhere
+    for q in range(depth):
+        odds[q] = anywhere * (received[q] / (1.0 + received[q]))
+    for k in range(count):
+        number, weight = lowest + k, probabilities[k]
+        for q in range(depth):
+            if (number >> (depth - 1 - q)) & 1:
+                weight *= received[q]
+        total += weight
+        for q in range(depth):
+            if (number >> (depth - 1 - q)) & 1:
+                odds[q] += weight
+    for q in range(depth):
+        odds[q] = min(max(odds[q] / max(total - odds[q], total / _MAX_ODDS), 1.0 / _MAX_ODDS), _MAX_ODDS)
+
+
+@kernel
+def update_numbers(lowest, counts, probabilities, first_bit, outliers, messages, certainties, odds):
+    """Update all bits of a band: `odds` of a one, and what each tells its syndrome bits (`certainties`).
+
+    Bit q of number n is `first_bit[q] + n`; `messages` are the odds that its syndrome bits tell it.
+    """
+    depth, num_edges = first_bit.size, messages.shape[1]
+    received, found = np.empty(depth), np.empty(depth)
+    for n in range(lowest.size):
+        for q in range(depth):
+            product = 1.0
+            for j in range(num_edges):
+                product *= messages[first_bit[q] + n, j]
+            received[q] = min(max(product, 1.0 / _MAX_ODDS), _MAX_ODDS)
+        from_numbers(lowest[n], probabilities[n], counts[n], depth, outliers, received, found)
+        for q in range(depth):
+            bit = first_bit[q] + n
+            odds[bit] = found[q]
+            for j in range(num_edges):
+                ratio = found[q] / messages[bit, j]
+                certainties[bit, j] = (1.0 - ratio) / (1.0 + ratio)
+
+
+@kernel
+def update_checks(syndrome, first, edge_of, certainties, odds, messages):
+    """Update what all syndrome bits tell their bits; return how many of them decisions contradict."""
+    num_edges = messages.shape[1]
+    told, heard = messages.reshape(-1), certainties.reshape(-1)
+    before = np.empty(edge_of.size)
+    num_wrong = 0
+    for c in range(syndrome.size):
+        parity, product = syndrome[c], 1.0
+        for place in range(first[c], first[c + 1]):
+            edge = edge_of[place]
+            parity ^= np.uint8(odds[edge // num_edges] > 1.0)
+            before[place] = product
+            product *= heard[edge]
+        num_wrong += parity
+        after = -1.0 if syndrome[c] else 1.0
+        for place in range(first[c + 1] - 1, first[c] - 1, -1):
+            edge = edge_of[place]
+            certainty = min(max(before[place] * after, -_MAX_CERTAINTY), _MAX_CERTAINTY)
+            told[edge] = (1.0 - certainty) / (1.0 + certainty)
+            after *= heard[edge]
+    return num_wrong

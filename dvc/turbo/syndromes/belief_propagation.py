@@ -1,0 +1,141 @@
+"""The planes of a block from its syndrome, and from where each number is likely to be.
+
+Bits of one number depend on each other: what its syndrome bits tell of one of them changes what its prior
+tells of the others. All updates are sums, products and quotients, the same on any processor.
+
+References
+----------
+[Kschischang2001] F. Kschischang, B. Frey, H.-A. Loeliger, "Factor graphs and the sum-product algorithm", IEEE
+Trans. Inf. Theory 47(2), 2001.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.turbo.syndromes import _kernels
+from dvc.turbo.syndromes.graph import NUM_EDGES, Bits, SyndromeGraph
+
+Array = NDArray[np.float64]
+
+MAX_ITERATIONS = 100
+PATIENCE = 15
+"""Iterations without progress after which decoding is given up."""
+_PROGRESS = 0.98
+"""Share of contradicted syndrome bits that must be left for that to count as progress."""
+
+
+@dataclass(frozen=True, eq=False)
+class NumberPriors:
+    """Where the numbers of a band are likely to be.
+
+    Attributes
+    ----------
+    depth : int
+        Bits of each number, at least 1.
+    lowest : ndarray of shape (N,), int64
+        The least candidate of each number.
+    counts : ndarray of shape (N,), int64
+        How many candidates follow one another from there.
+    probabilities : ndarray of shape (N, K), float64
+        Of the candidates; they add up to 1 - `outliers`.
+    outliers : float
+        Probability that a number is none of these; then all are equally likely.
+    """
+
+    depth: int
+    lowest: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    probabilities: Array
+    outliers: float
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedBlock:
+    """What decoding of a block found.
+
+    Attributes
+    ----------
+    bits : ndarray of shape (P, N), uint8
+        Its planes.
+    success : bool
+        Whether they have the syndrome that was sent.
+    num_iterations : int
+        Iterations of belief propagation.
+    """
+
+    bits: Bits
+    success: bool
+    num_iterations: int
+
+
+def decode_block(graph: SyndromeGraph, syndrome: Bits, bands: Sequence[NumberPriors]) -> DecodedBlock:
+    """Find the likely planes that have a syndrome.
+
+    Parameters
+    ----------
+    graph : SyndromeGraph
+        The code.
+    syndrome : ndarray of shape (M,), uint8
+        What was received.
+    bands : sequence of NumberPriors
+        Priors of the bands of the block; their planes follow one another as in the block, most significant
+        first.
+
+    Returns
+    -------
+    DecodedBlock
+        The planes.
+
+    Raises
+    ------
+    ValueError
+        If the bands have not as many planes as the block, or the syndrome is not as long as it says.
+    """
+    if sum(band.depth for band in bands) != len(graph.planes) or syndrome.size != graph.num_checks:
+        raise ValueError(
+            f"{len(graph.planes)} planes with a syndrome of {graph.num_checks} bits, got priors of "
+            f"{sum(band.depth for band in bands)} and {syndrome.size}"
+        )
+    edges = graph.edges().ravel()
+    first = np.empty(graph.num_checks + 1, np.int64)
+    edge_of = np.empty(int((edges >= 0).sum()), np.int64)
+    _kernels.sort_edges(edges, graph.num_checks, first, edge_of)
+    messages = np.ones((graph.size, NUM_EDGES), np.float32)
+    certainties = np.empty((graph.size, NUM_EDGES), np.float32)
+    odds = np.empty(graph.size)
+    least_wrong, patience, iteration, num_wrong = graph.num_checks + 1.0, PATIENCE, 0, 1
+    while num_wrong and patience and iteration < MAX_ITERATIONS:
+        iteration += 1
+        _update_bands(bands, graph.num_bits, messages, certainties, odds)
+        num_wrong = _kernels.update_checks(syndrome, first, edge_of, certainties, odds, messages)
+        patience -= 1
+        if num_wrong < _PROGRESS * least_wrong:
+            least_wrong, patience = num_wrong, PATIENCE
+    bits = (odds > 1.0).astype(np.uint8).reshape(len(graph.planes), graph.num_bits)
+    return DecodedBlock(bits, num_wrong == 0, iteration)
+
+
+def _update_bands(
+    bands: Sequence[NumberPriors],
+    num_bits: int,
+    messages: NDArray[np.float32],
+    certainties: NDArray[np.float32],
+    odds: Array,
+) -> None:
+    plane = 0
+    for band in bands:
+        first_bit = (plane + np.arange(band.depth)) * num_bits
+        _kernels.update_numbers(
+            band.lowest,
+            band.counts,
+            band.probabilities,
+            first_bit,
+            band.outliers,
+            messages,
+            certainties,
+            odds,
+        )
+        plane += band.depth

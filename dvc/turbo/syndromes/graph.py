@@ -1,0 +1,137 @@
+"""Low-density parity-check codes of any length: which bits of a block each bit of its syndrome adds up.
+
+A block is made of bit planes of one frame. Each of its bits takes part in two or three bits of the syndrome,
+where it stands in as many pseudo-random orders of a plane, each from a start of the plane's own on and all
+around: a few permutations serve blocks of any planes and syndromes of any length.
+
+References
+----------
+[Liveris2002] A. Liveris, Z. Xiong, C. Georghiades, "Compression of binary sources with side information at the
+decoder using LDPC codes", IEEE Commun. Lett. 6(10), 2002.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.turbo.interleaver import random_keys, random_permutation
+from dvc.turbo.syndromes import _kernels
+
+Bits = NDArray[np.uint8]
+Words = NDArray[np.uint64]
+
+NUM_EDGES = 3
+"""Most bits of the syndrome that a bit takes part in."""
+_SPARSE_RATES = (0.03, 0.10)
+"""Bits of the syndrome for each bit of the block, from which on bits take part in two of them, and from which
+on as many as may."""
+_MAX_SPARSE_SHARE = 0.5
+"""Share of bits that do. They are what makes codes of high rate good, and two of them with the same syndrome bits
+cannot be told apart, of which there are many at low rates."""
+
+
+@dataclass(frozen=True)
+class SyndromeGraph:
+    """The code of one block.
+
+    Attributes
+    ----------
+    num_bits : int
+        Length N of a plane.
+    planes : tuple of int
+        Numbers of the planes of the block in their frame, in decoding order.
+    num_checks : int
+        Length M of the syndrome.
+    seed : int
+        Seed that encoder and decoder share.
+    """
+
+    num_bits: int
+    planes: tuple[int, ...]
+    num_checks: int
+    seed: int
+
+    def __post_init__(self) -> None:
+        """Refuse blocks without bits, and syndromes of which no bit could take part in several."""
+        if self.num_bits < 1 or not self.planes or self.num_checks < NUM_EDGES:
+            raise ValueError(
+                f"a block of {len(self.planes)} planes of {self.num_bits} bits has no syndrome of "
+                f"{self.num_checks} bits"
+            )
+
+    @property
+    def size(self) -> int:
+        """Bits in the block."""
+        return self.num_bits * len(self.planes)
+
+    @cached_property
+    def num_thrice(self) -> int:
+        """How many bits of a plane, the first of the last order, take part in as many syndrome bits as may be."""
+        low, high = _SPARSE_RATES
+        share = (self.num_checks / self.size - low) / (high - low)
+        return self.num_bits - int(_MAX_SPARSE_SHARE * min(max(share, 0.0), 1.0) * self.num_bits)
+
+    @cached_property
+    def starts(self) -> NDArray[np.int64]:
+        """Where each plane starts in each order; shape (len(planes), NUM_EDGES), int64."""
+        keys = random_keys((self.seed << 8) + NUM_EDGES, NUM_EDGES * (max(self.planes) + 1))
+        places = (keys % np.uint64(self.num_checks)).astype(np.int64).reshape(-1, NUM_EDGES)
+        starts: NDArray[np.int64] = places[list(self.planes)]
+        return starts
+
+    def edges(self) -> NDArray[np.int32]:
+        """List the syndrome bits of every bit.
+
+        Returns
+        -------
+        ndarray of shape (len(planes), N, NUM_EDGES), int32
+            Numbers of syndrome bits, all of a bit distinct; -1 in place of the third where a bit takes part in two.
+        """
+        edges = np.empty((len(self.planes), self.num_bits, NUM_EDGES), np.int32)
+        places = bit_places(self.num_bits, self.seed)
+        _kernels.list_edges(places, self.starts, self.num_thrice, self.num_checks, edges)
+        return edges
+
+
+@lru_cache(maxsize=8)
+def bit_places(num_bits: int, seed: int) -> NDArray[np.int32]:
+    """Return where each bit of a plane stands in the orders in which they meet syndrome bits.
+
+    Parameters
+    ----------
+    num_bits : int
+        Length N of the plane.
+    seed : int
+        Seed that encoder and decoder share.
+
+    Returns
+    -------
+    ndarray of shape (N, NUM_EDGES), int32
+        Place in each order; read-only.
+    """
+    places = np.stack([random_permutation((seed << 8) + j, num_bits) for j in range(NUM_EDGES)], axis=1)
+    places.flags.writeable = False
+    return places
+
+
+def syndrome(words: Words, graph: SyndromeGraph) -> Bits:
+    """Add up bits of a block, modulo 2.
+
+    Parameters
+    ----------
+    words : ndarray of shape (W, N), uint64
+        Bit planes of a frame: plane p stands in bit 63 - p % 64 of row p // 64.
+    graph : SyndromeGraph
+        Which bits are added up.
+
+    Returns
+    -------
+    ndarray of shape (graph.num_checks,), uint8
+        The syndrome.
+    """
+    sums = np.zeros(graph.num_checks, np.uint8)
+    places = bit_places(graph.num_bits, graph.seed)
+    _kernels.add_planes(words, np.array(graph.planes), places, graph.starts, graph.num_thrice, sums)
+    return sums
