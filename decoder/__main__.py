@@ -162,10 +162,13 @@ def _decode_file(arguments: argparse.Namespace) -> int:
             raise ConfigError(
                 f"a punctured stream can only be decoded as it was made, with {_choices(reader.config)}"
             )
+        if arguments.punctured and reader.form == Form.ONE_WAY:
+            raise ConfigError("--punctured is for streams that hold more than is needed, not for one-way streams")
         wanted = None if arguments.frames is None else _wanted(arguments.frames, reader.index.num_frames)
         with ExitStack() as stack:
             groups = decode_stream(config, reader, arguments.jobs, wanted)
-            output = _output(config, arguments, stack, wanted)
+            form = Form.ONE_WAY if reader.form == Form.ONE_WAY else Form.PUNCTURED
+            output = _output(config, arguments, stack, wanted, form)
             failure = output.consume(groups, arguments.quiet, arguments.salvage)
         if failure is not None:
             raise failure
@@ -251,9 +254,14 @@ def _choices(config: "CodecConfig") -> str:
 
 
 def _output(
-    config: "CodecConfig", arguments: argparse.Namespace, stack: ExitStack, wanted: range | None = None
+    config: "CodecConfig",
+    arguments: argparse.Namespace,
+    stack: ExitStack,
+    wanted: range | None = None,
+    form: "Form | None" = None,
 ) -> "DecodedOutput":
     from decoder.output import DecodedOutput
+    from dvc.stream import Form
     from dvc.video import open_video
 
     reference = None
@@ -272,6 +280,7 @@ def _output(
         report=arguments.json,
         reference=reference,
         wanted=wanted,
+        form=form or Form.PUNCTURED,
     )
 
 

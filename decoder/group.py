@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterable
 from dataclasses import replace
 
+from decoder.one_way import OneWayDecoder
 from decoder.side_information.extrapolation import TrackedExtrapolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
@@ -59,6 +60,7 @@ class GroupDecoder:
         self._method = METHODS[method](config)
         self._extrapolation = TrackedExtrapolation()
         self._decoder = WynerZivDecoder(config)
+        self._one_way = OneWayDecoder(config)
 
     def decode(self, task: GroupTask, ask: Answer) -> DecodedGroup:
         """Decode a group.
@@ -95,9 +97,12 @@ class GroupDecoder:
             started = time.perf_counter()
             prediction = self._predict(task, known, points, index, around)
             payload = task.record.wyner_ziv[index - task.first_index]
-            answer = self._answer(task.form, payload, ask)
-            slope = self._config.wyner_ziv.slope_between(reference_distance(around))
-            frame = self._decode_frame(index, prediction, payload, answer, slope)
+            if task.form is Form.ONE_WAY:
+                frame = self._one_way.decode(index, payload, prediction)
+            else:
+                answer = self._answer(task.form, payload, ask)
+                slope = self._config.wyner_ziv.slope_between(reference_distance(around))
+                frame = self._decode_frame(index, prediction, payload, answer, slope)
             frame = replace(frame, decode_s=time.perf_counter() - started)
             known[index] = ReferenceFrame(index, frame.frame)
             frames.append(frame)

@@ -36,6 +36,8 @@ class DecodedOutput:
         The original, for the report, from the first frame wanted on.
     wanted : range, optional
         Display positions of the frames that are written and reported, all by default.
+    form : Form, optional
+        Form of the stream that was really needed: one-way where it is what was read.
     """
 
     def __init__(
@@ -49,12 +51,13 @@ class DecodedOutput:
         report: str | None = None,
         reference: VideoReader | None = None,
         wanted: range | None = None,
+        form: Form = Form.PUNCTURED,
     ) -> None:
         self._wanted = wanted
         self._num_frames = 0
         self._report_path = report
         self._report = DecodeReport(config, reference, wanted)
-        self._stream = _punctured_writer(config, punctured, stack)
+        self._stream = _stream_writer(config, punctured, form, stack)
         self._video = _video_writer(config, video, config.video.luma_only, stack)
         self._side_information: VideoWriter | None = None
         if side_information is not None:
@@ -119,6 +122,6 @@ def _video_writer(config: CodecConfig, path: str, luma_only: bool, stack: ExitSt
     return stack.enter_context(create_video(path, (video.width, video.height), rate, luma_only=luma_only))
 
 
-def _punctured_writer(config: CodecConfig, path: str | None, stack: ExitStack) -> StreamWriter:
+def _stream_writer(config: CodecConfig, path: str | None, form: Form, stack: ExitStack) -> StreamWriter:
     temporary = stack.enter_context(atomic_output(path or os.devnull))
-    return StreamWriter(stack.enter_context(temporary.open("wb")), config, Form.PUNCTURED)
+    return StreamWriter(stack.enter_context(temporary.open("wb")), config, form)

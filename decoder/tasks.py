@@ -169,6 +169,8 @@ class DecodedGroup:
         DecodedGroup
             The group.
         """
+        if task.form is Form.ONE_WAY:
+            return cls(task.first_index, tuple(frames), task.key, task.record)
         payloads = tuple(frame.punctured for frame in frames)
         digest = frames_digest(frames) if frames else None
         record = replace(task.record, wyner_ziv=payloads, digest=digest)

@@ -8,19 +8,18 @@ bands, and the side information is refined and fused with what it was at first.
 """
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
+from decoder.frame_state import FrameState, KnownBand
 from decoder.side_information.protocol import Prediction
-from decoder.side_information.weighting import fuse
 from decoder.tasks import BandCost, DecodedFrame
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
-from dvc.wynerziv import bitplanes, noise, reconstruction, transform
+from dvc.wynerziv import bitplanes, noise, transform
 from dvc.wynerziv.layout import FrameLayout, Quantization
 from dvc.wynerziv.priors import LearnedPriors
 from dvc.wynerziv.refinement import Refinement, expected_refinement
@@ -32,8 +31,6 @@ REFINING_WIDTH = 4.0
 """Mean interval of the first band, in scales, below which each of its planes refines the side information."""
 NUM_FITTED_PLANES = 5
 """Planes of a band after which the scale is fitted again; later planes tell little."""
-ERROR_FLOOR = 0.15
-"""Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
 LOOK_AHEAD = 2
 """Planes of a band that are looked at together before the next is given up."""
 REQUESTS = turbo.SlepianWolfSettings(
@@ -53,109 +50,6 @@ REQUESTS = turbo.SlepianWolfSettings(
 
 
 FrameCoroutine = Generator[turbo.ParityRequest, Bits, DecodedFrame]
-
-
-@dataclass
-class _KnownBand:
-    """What is known of a decoded band."""
-
-    lower: Array
-    upper: Array
-    scale: Array
-
-    @classmethod
-    def of(cls, lower: Array, upper: Array, scale: Array, shape: tuple[int, int]) -> "_KnownBand":
-        return cls(lower.reshape(shape), upper.reshape(shape), scale.reshape(shape))
-
-    def reconstruct(self, side_information: Array) -> Array:
-        return reconstruction.conditional_mean(self.lower, self.upper, side_information, self.scale)
-
-    def error(self, side_information: Array) -> Array:
-        """Expected magnitude of truth minus prediction, relative to its mean over the frame."""
-        floor = ERROR_FLOOR * np.minimum(self.upper - self.lower, 4.0 * self.scale)
-        error: Array = np.abs(self.reconstruct(side_information) - side_information) + floor
-        return error / float(error.mean())
-
-
-class _FrameState:
-    """The frame as far as it is decoded: prediction, noise model, known bands."""
-
-    def __init__(self, layout: FrameLayout, prediction: Prediction, model: str, initial_gain: float) -> None:
-        self._layout = layout
-        self._model = model
-        self.known: dict[int, _KnownBand] = {}
-        self.gain = initial_gain
-        self._first = [transform.forward(luma) for luma in (prediction.luma, *prediction.alternatives)]
-        self.expected_error = None
-        if prediction.expected_error is not None:
-            self.expected_error = np.maximum(transform.forward(prediction.expected_error)[0], noise.MIN_SCALE)
-        self.prediction = prediction
-        self.predicted = self._first[0]
-        self.bands = self.predicted.copy()
-        self.base_scale = noise.MODELS[model](transform.forward(_disagreement(prediction)))
-
-    def use(self, prediction: Prediction) -> None:
-        """Fuse new side information with the first, and reconstruct the known bands again with it."""
-        lumas = (*prediction.compensated, prediction.luma)
-        hypotheses = np.stack(self._first + [transform.forward(luma) for luma in lumas])
-        self.predicted, spread = fuse(hypotheses, {band: self.bands[band] for band in self.known})
-        self.base_scale = noise.MODELS[self._model](spread)
-        luma = transform.inverse(self.predicted, self._layout.height, self._layout.width)
-        self.prediction = replace(prediction, luma=luma)
-        self.bands = self.predicted.copy()
-        for band, known in self.known.items():
-            self.bands[band] = known.reconstruct(self.predicted[band])
-
-    def scale(self, band: int) -> Array:
-        """Scale of each coefficient of a band before any of it is decoded."""
-        base: Array = self.base_scale[band]
-        texture = noise.texture(self.predicted, band)
-        if not self.known:
-            return noise.shaped(base, texture, self.expected_error)
-        activity = np.zeros_like(base)
-        for other, known in self.known.items():
-            activity += _smoothed(known.error(self.predicted[other]))
-        local = np.sqrt(base * base.mean() * (activity / len(self.known)))
-        return noise.shaped(local, texture, None)
-
-    def set_known(self, band: int, known: _KnownBand) -> None:
-        self.known[band] = known
-        self.bands[band] = known.reconstruct(self.predicted[band])
-
-    def dc_error(self) -> Array | None:
-        """By how much the DC band is off its prediction, once it is known."""
-        error: Array = self.bands[0] - self.predicted[0]
-        return error if 0 in self.known else None
-
-    def correct(self, band: int, lower: Array, upper: Array) -> None:
-        """Change the intervals of a band that is known."""
-        self.set_known(band, _KnownBand.of(lower, upper, self.known[band].scale, self._layout.band_shape))
-
-    def refine(self) -> None:
-        """Refine the side information with what is known, where its method can."""
-        if self.prediction.refiner is not None and self.known:
-            self.use(self.prediction.refiner.refine(self.luma()))
-
-    def refine_by_part(self, band: int, part: _KnownBand) -> None:
-        """Refine the side information with a band of which some planes are missing still."""
-        self.set_known(band, part)
-        self.refine()
-        del self.known[band]
-
-    def luma(self) -> NDArray[np.uint8]:
-        return transform.to_uint8(transform.inverse(self.bands, self._layout.height, self._layout.width))
-
-
-def _smoothed(error: Array) -> Array:
-    neighbourhood: Array = uniform_filter(error, 3, mode="nearest")
-    return 0.5 * error + 0.5 * neighbourhood
-
-
-def _disagreement(prediction: Prediction) -> Array:
-    """Half the difference of the compensated references; of the two that differ most where there are more."""
-    stack = np.stack(prediction.compensated)
-    difference: Array = stack[0] - stack[1] if len(stack) == 2 else stack.max(axis=0) - stack.min(axis=0)
-    return 0.5 * difference
 
 
 def _cost(band: int, results: list[turbo.PlaneResult]) -> BandCost:
@@ -223,7 +117,7 @@ class WynerZivDecoder:
             The frame and what it cost.
         """
         settings = self._config.wyner_ziv
-        state = _FrameState(self.layout, prediction, settings.noise_model, settings.initial_gain)
+        state = FrameState(self.layout, prediction, settings.noise_model, settings.initial_gain)
         decoded: dict[int, list[turbo.PlaneResult]] = {}
         check = turbo.FrameCheck()
         last = len(quantization.bands) - 1
@@ -253,7 +147,7 @@ class WynerZivDecoder:
         )
 
     def _decode_band(
-        self, index: int, band: int, quantization: Quantization, state: _FrameState, slope: float
+        self, index: int, band: int, quantization: Quantization, state: FrameState, slope: float
     ) -> Generator[turbo.ParityRequest, Bits, list[turbo.PlaneResult]]:
         edges = quantization.edges(band)
         planes, shape = quantization.planes[band], self.layout.band_shape
@@ -278,12 +172,12 @@ class WynerZivDecoder:
             if plane < NUM_FITTED_PLANES or missing == 0:
                 gain = noise.fit_gain(lower, upper, predicted, scale, gain if missing else state.gain)
             if refined and missing and np.mean(upper - lower) < REFINING_WIDTH * gain * np.mean(scale):
-                state.refine_by_part(band, _KnownBand.of(lower, upper, scale * gain, shape))
+                state.refine_by_part(band, KnownBand.of(lower, upper, scale * gain, shape))
                 predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
                 gain = noise.fit_gain(lower, upper, predicted, scale, gain)
         if results:
             state.gain = float(np.sqrt(state.gain * gain))
-            state.set_known(band, _KnownBand.of(lower, upper, scale * gain, shape))
+            state.set_known(band, KnownBand.of(lower, upper, scale * gain, shape))
         return results
 
     def _decode_plane(
@@ -293,7 +187,7 @@ class WynerZivDecoder:
         borders: tuple[Array, Array, Array],
         predicted: Array,
         scale: Array,
-        state: _FrameState,
+        state: FrameState,
     ) -> Generator[turbo.ParityRequest, Bits, turbo.PlaneResult]:
         """Decode a plane; `place` is its number in the frame, its band, and its number in that."""
         number = index, place[0]
@@ -310,7 +204,7 @@ class WynerZivDecoder:
         check: turbo.FrameCheck,
         decoded: dict[int, list[turbo.PlaneResult]],
         quantization: Quantization,
-        state: _FrameState,
+        state: FrameState,
     ) -> None:
         """Put planes that the check of the frame has corrected in the place of those decoded before."""
         for band, results in decoded.items():

@@ -49,12 +49,17 @@ EXAMPLES = """\
   dvc-encode street.mkv street.dvc                    the best codec at the usual quality
   dvc-encode street.mkv street.dvc --qp 24            finer; each 6 about halve the error
   dvc-encode video.mp4 out.dvc --gop 10 --points 100 --lost-tracks 0.4 --luma-only --frames 101
+  dvc-encode street.mkv street.dvc --no-feedback      a small file, where there is no way back to the camera
   dvc-encode video.mp4 out.dvc --codec 2d             every second frame predicted by block motion
   dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
   dvc-encode rtsp://camera/main day-%04d.dvc --segment 60    a file a minute; Ctrl-C finishes the last
   ffmpeg -i in.ts -pix_fmt yuv420p -f yuv4mpegpipe - | dvc-encode - out.dvc --input-format y4m
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
+
+DEFAULT_MARGIN_PERCENT = 60
+"""Estimates of what a frame needs err by a third, more where little is needed."""
+MAX_MARGIN_PERCENT = 1000
 
 
 Value = Callable[[CodecVariant], object]
@@ -274,6 +279,20 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         default=WynerZivConfig.noise_model,
         help="correlation noise model of the decoder; default: %(default)s",
     )
+    add(
+        "--no-feedback",
+        action="store_true",
+        help="for a camera without a way back: send what frames are estimated to need, a small file, in place of all"
+        " that a decoder may ask for; with 3d-te and --qp",
+    )
+    cli.add_integer(
+        group,
+        "--margin",
+        (0, MAX_MARGIN_PERCENT),
+        "with --no-feedback, percent that are sent beyond the estimate: more and fewer frames remain as"
+        f" predicted; default: {DEFAULT_MARGIN_PERCENT}",
+        metavar="PERCENT",
+    )
     cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
 
 
@@ -366,7 +385,22 @@ def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession
     tracking = PointTrackerSettings(**_given(max_births=arguments.births))
     shared = None if arguments.wz_q is not None else allocation(_qp(arguments))
     config = _configuration(arguments, info, shared)
-    return EncoderSession(config, _rule(arguments), bits_per_pixel, tracking, shared)
+    return EncoderSession(
+        config, _rule(arguments), bits_per_pixel, tracking, shared, margin_percent=_margin(arguments, config)
+    )
+
+
+def _margin(arguments: argparse.Namespace, config: CodecConfig) -> int | None:
+    """Return what is sent beyond the estimate, None where a decoder asks."""
+    if not arguments.no_feedback:
+        if arguments.margin is not None:
+            raise ConfigError("--margin is for --no-feedback")
+        return None
+    if config.wyner_ziv.quantizer != "nested" or config.tracks.kind != "encoder":
+        raise ConfigError("--no-feedback is for --qp and codecs whose encoder tracks points: 3d-te")
+    if arguments.serve is not None:
+        raise ConfigError("--no-feedback and --serve exclude each other: a decoder that is served asks")
+    return DEFAULT_MARGIN_PERCENT if arguments.margin is None else int(arguments.margin)
 
 
 def _qp(arguments: argparse.Namespace) -> int:

@@ -16,6 +16,7 @@ from encoder.anchors import KeyFrameSpacing
 from encoder.block_matching import PointTrackerSettings
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, groups, tracked_groups
+from encoder.one_way.payloads import OneWayEncoder
 from encoder.report import EncoderStatistics
 from encoder.track_budget import encode_within_budget
 from encoder.tracking import PointTracker
@@ -37,11 +38,14 @@ class EncodedGroup:
         Payload of the tracks or points; empty if there are none.
     frames : tuple of EncodedFrame
         The Wyner-Ziv frames.
+    one_way : tuple of bytes
+        Their payloads where no decoder asks for bits.
     """
 
     key: bytes
     tracks: bytes
     frames: tuple[EncodedFrame, ...]
+    one_way: tuple[bytes, ...] = ()
 
     def record(self, wyner_ziv: Iterable[bytes]) -> GopRecord:
         """Return the record of the group.
@@ -75,6 +79,8 @@ class EncoderSession:
         How points are followed.
     allocation : Allocation, optional
         Tells the steps of nested bins, where the configuration has them.
+    margin_percent : int, optional
+        What is sent beyond the need that is expected, where no decoder asks for it; else everything is.
     """
 
     def __init__(
@@ -84,6 +90,7 @@ class EncoderSession:
         max_tracks_bpp: float = MAX_TRACKS_BPP,
         tracking: PointTrackerSettings | None = None,
         allocation: Allocation | None = None,
+        margin_percent: int | None = None,
     ) -> None:
         video, key = config.video, config.key
         self._key_encoder = KeyFrameEncoder(
@@ -91,6 +98,7 @@ class EncoderSession:
         )
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)
+        self._one_way = None if margin_percent is None else OneWayEncoder(self.config, margin_percent)
         self._allocation = allocation
         self._key_frames = KeyFrameSpacing(config.gop)
         self._rule = rule or VARIANTS[config.codec].groups(config.gop.references).key_frames
@@ -101,7 +109,7 @@ class EncoderSession:
         self.statistics = EncoderStatistics()
 
     def write(self, frames: Iterable[Frame], file: BinaryIO, progress: Progress) -> None:
-        """Encode a sequence into the buffered form of a stream.
+        """Encode a sequence into a stream: of the buffered form, or one-way where no decoder asks.
 
         Parameters
         ----------
@@ -112,11 +120,12 @@ class EncoderSession:
         progress : callable
             Called with the number of frames just finished.
         """
-        writer = StreamWriter(file, self.config, "buffered")
+        writer = StreamWriter(file, self.config, "one-way" if self._one_way else "buffered")
         for group in self.groups(frames):
             encoded = self.encode(group)
             with self.statistics.timing("wyner_ziv_cpu_s"):
-                record = encoded.record(frame.buffered_payload() for frame in encoded.frames)
+                buffered = (frame.buffered_payload() for frame in encoded.frames)
+                record = encoded.record(encoded.one_way if self._one_way else buffered)
             writer.write_gop(record)
             progress(record.num_frames)
         writer.close()
@@ -161,14 +170,20 @@ class EncoderSession:
         steps = self._steps(len(originals), anchored)
         if originals and not statistics.num_wyner_ziv_frames:
             with statistics.timing("start_up_cpu_s"):
-                wyner_ziv.encode(originals[0], steps[0]).buffered_payload()
+                first = wyner_ziv.encode(originals[0], steps[0])
+                if self._one_way is None:
+                    first.buffered_payload()
         with statistics.timing("key_cpu_s"):
             key = b"" if anchored else self._key_encoder.encode(group.key)
         with statistics.timing("wyner_ziv_cpu_s"):
             frames = tuple(map(wyner_ziv.encode, originals, steps))
+        one_way: tuple[bytes, ...] = ()
+        if self._one_way is not None:
+            with statistics.timing("wyner_ziv_cpu_s"):
+                one_way = self._one_way.payloads(group, frames)
         tracks = self._encode_tracks(group)
         statistics.add_group(len(frames), key, tracks)
-        return EncodedGroup(key, tracks, frames)
+        return EncodedGroup(key, tracks, frames, one_way)
 
     def _steps(self, num_frames: int, anchored: bool) -> list[float]:
         """Return the width of nested bins of each Wyner-Ziv frame of a group."""

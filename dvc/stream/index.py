@@ -76,7 +76,7 @@ def encode_end(index: StreamIndex, form: Form) -> bytes:
     index : StreamIndex
         All GOP records.
     form : Form
-        The punctured form has no index: it would count in the rate.
+        Only the buffered form has an index: it would count in the rate of the others.
 
     Returns
     -------
@@ -84,7 +84,7 @@ def encode_end(index: StreamIndex, form: Form) -> bytes:
         The payload.
     """
     payload = encode_varint(index.num_frames)
-    if form is Form.PUNCTURED:
+    if form is not Form.BUFFERED:
         return payload
     parts = [payload, encode_varint(len(index.entries))]
     for entry in index.entries:
@@ -114,7 +114,7 @@ def decode_end(
     num_frames : int
         Of the stream.
     entries : tuple of IndexEntry or None
-        The index, None in the punctured form.
+        The index, None but in the buffered form.
 
     Raises
     ------

@@ -29,6 +29,7 @@ class Form(StrEnum):
 
     BUFFERED = "buffered"  # all parity, as an encoder without feedback makes it
     PUNCTURED = "punctured"  # only what the decoder asked for: the stream whose size is the rate
+    ONE_WAY = "one-way"  # only what an encoder without feedback chose to send
 
 
 _NAMES = {
@@ -41,7 +42,7 @@ _MAX_PAYLOAD_BYTES = {
     RecordType.GOP: MAX_RECORD_BYTES,
     RecordType.END: 8 * MAX_GOPS,
 }
-_FORM_BYTES = {Form.BUFFERED: 0, Form.PUNCTURED: 1}
+_FORM_BYTES = {Form.BUFFERED: 0, Form.PUNCTURED: 1, Form.ONE_WAY: 2}
 _FORMS = {byte: form for form, byte in _FORM_BYTES.items()}
 
 

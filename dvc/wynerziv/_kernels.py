@@ -434,3 +434,33 @@ def fit_logistic(inputs, offset, is_zero, least, most, steps, weights, precision
         _solve_positive(precision.copy(), gradient)
         for k in range(count):
             weights[k] = min(max(weights[k] - gradient[k], least[k]), most[k])
+
+
+@kernel
+def candidates(borders, side_information, scale, reach, max_bins, total, lowest, counts, probabilities):
+    """Write the bins around each prediction, up to `reach` scales and `max_bins`, and their Laplacian.
+
+    `borders` are equally far apart; probabilities of the candidates add up to `total`.
+    """
+    last, width = borders.size - 2, borders[1] - borders[0]
+    for n in range(scale.size):
+        own = np.int64(min(max((side_information[n] - borders[0]) / width, 0.0), np.float64(last)))
+        bins = np.int64(min(reach * scale[n] / width + 1.0, np.float64(max_bins)))
+        first, stop = max(own - bins, 0), min(own + bins, last) + 1
+        lowest[n], counts[n] = first, stop - first
+        mass, below = 0.0, _below(borders[first] - side_information[n], scale[n])
+        for k in range(first, stop):
+            above = _below(borders[k + 1] - side_information[n], scale[n])
+            probabilities[n, k - first] = max(above - below, 1e-12)
+            mass += probabilities[n, k - first]
+            below = above
+        for k in range(stop - first):
+            probabilities[n, k] *= total / mass
+
+
+@kernel
+def _below(x, scale):
+    """Return the probability that a Laplacian about zero is below x."""
+    power, q = exponential(-abs(x) / scale)
+    tail = 0.5 * (power + power * q)
+    return tail if x < 0.0 else 1.0 - tail

@@ -118,9 +118,9 @@ class EncodedFrame:
         words: Words,
         encoders: Sequence[turbo.ParityEncoder],
     ) -> None:
+        self.layout, self.quantization, self.words = layout, quantization, words
         self.header = quantization.header
         self._num_planes = quantization.num_planes
-        self._words = words
         self._encoders = encoders
         self._parity: dict[int, Words] = {}
         self._crc = np.empty((len(words), layout.crc_bits), np.uint64)
@@ -129,12 +129,12 @@ class EncodedFrame:
 
     def _parity_words(self, code: int) -> Words:
         if code not in self._parity:
-            self._parity[code] = np.empty_like(self._words)
+            self._parity[code] = np.empty_like(self.words)
             self._encode(code, self._parity[code])
         return self._parity[code]
 
     def _encode(self, code: int, parity: Words) -> None:
-        for row, released in zip(self._words, parity, strict=True):
+        for row, released in zip(self.words, parity, strict=True):
             self._encoders[code](row, released)
 
     def answer(self, request: ParityRequest) -> Bits:
@@ -164,7 +164,7 @@ class EncodedFrame:
         if request.kind == "parity":
             words = self._parity_words(request.code)
         else:
-            words = self._crc if request.kind == "crc" else self._words
+            words = self._crc if request.kind == "crc" else self.words
         _refuse_others(request, words.shape[1])
         row = words[request.plane // 64, _wanted(request)]
         return ((row >> np.uint64(63 - request.plane % 64)) & np.uint64(1)).astype(np.uint8)
@@ -187,10 +187,10 @@ class EncodedFrame:
             Payload of the buffered form: after the header, CRC, uncoded bits and the parity of each code; in
             each of them one big-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
         """
-        num_rows, num_bits = self._words.shape
+        num_rows, num_bits = self.words.shape
         first = self._crc.shape[1] + num_bits
         words = np.empty((num_rows, first + len(self._encoders) * num_bits), np.uint64)
-        np.concatenate([self._crc, self._words], axis=1, out=words[:, :first])
+        np.concatenate([self._crc, self.words], axis=1, out=words[:, :first])
         for code in range(len(self._encoders)):
             self._encode(code, words[:, first + code * num_bits : first + (code + 1) * num_bits])
         size = -(-self._num_planes // 8)

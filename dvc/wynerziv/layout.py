@@ -177,7 +177,7 @@ class FrameLayout:
         Quantization
             Of these.
         """
-        header = pack_digits(_step_digits(step_index) + _plane_digits(planes))
+        header = pack_digits(_step_digits(step_index) + plane_digits(planes))
         return Quantization(True, planes, dict.fromkeys(range(transform.NUM_BANDS), step_index), header)
 
     @property
@@ -206,7 +206,7 @@ class FrameLayout:
         try:
             if self.nested:
                 index = reader.read_number(quantizer.STEP_INDEX_BITS)
-                return self.of_step(index, _read_planes(reader))
+                return self.of_step(index, read_planes(reader))
             bands = self._stepped_bands
             return self.over_range({band: reader.read_number(quantizer.STEP_INDEX_BITS) for band in bands})
         except BitstreamError as err:
@@ -225,13 +225,41 @@ def _unary_digits(difference: int) -> str:
 _UNARY_DIGITS = {n: _unary_digits(n) for n in range(-MAX_BAND_PLANES, MAX_BAND_PLANES + 1)}
 
 
-def _plane_digits(planes: tuple[int, ...]) -> str:
-    """Spell the planes of the bands, each as its difference to the band before in unary."""
+def plane_digits(planes: tuple[int, ...]) -> str:
+    """Spell numbers of planes, each as its difference to that of the band before in unary.
+
+    Parameters
+    ----------
+    planes : tuple of int
+        Planes of the 16 bands.
+
+    Returns
+    -------
+    str
+        Digits 0 and 1.
+    """
     differences = [_UNARY_DIGITS[count - before] for before, count in pairwise(planes)]
     return f"{planes[0]:0{_PLANE_COUNT_BITS}b}" + "".join(differences)
 
 
-def _read_planes(reader: BitReader) -> tuple[int, ...]:
+def read_planes(reader: BitReader) -> tuple[int, ...]:
+    """Read numbers of planes; inverse of `plane_digits`.
+
+    Parameters
+    ----------
+    reader : BitReader
+        Where from.
+
+    Returns
+    -------
+    tuple of int
+        Planes of the 16 bands.
+
+    Raises
+    ------
+    BitstreamError
+        If a number is out of range, or the data end.
+    """
     planes = [reader.read_number(_PLANE_COUNT_BITS)]
     while len(planes) < transform.NUM_BANDS:
         zeros = 0

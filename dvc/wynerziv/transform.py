@@ -22,7 +22,7 @@ Samples = NDArray[Any]
 
 BLOCK = 4
 NUM_BANDS = BLOCK * BLOCK
-_ORDER = np.argsort(ZIGZAG).reshape(BLOCK, BLOCK)
+ORDER = np.argsort(ZIGZAG).reshape(BLOCK, BLOCK)
 _CORE = np.array([[1, 1, 1, 1], [2, 1, -1, -2], [1, -1, -1, 1], [1, -2, 2, -1]], dtype=np.int64)
 _NORM = 1.0 / np.sqrt((_CORE**2).sum(axis=1))
 SCALE = np.outer(_NORM, _NORM)
@@ -94,7 +94,7 @@ def integer_core(luma: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np
     quads = np.require(np.ascontiguousarray(padded).view("<u4"), requirements=["A", "W"])
     core = np.empty((NUM_BANDS, rows * columns), np.int16)
     extremes = np.empty((NUM_BANDS, 2), np.int16)
-    _kernels.transform_samples(quads, _ORDER, core, extremes)
+    _kernels.transform_samples(quads, ORDER, core, extremes)
     return core, extremes
 
 
@@ -114,7 +114,7 @@ def forward(luma: Samples) -> NDArray[np.float64]:
     padded = pad_to_blocks(luma)
     shape = band_shape(*padded.shape)
     bands = np.empty((NUM_BANDS, shape[0] * shape[1]))
-    _kernels.transform_blocks(np.ascontiguousarray(padded, np.float64), SCALE, _ORDER, bands)
+    _kernels.transform_blocks(np.ascontiguousarray(padded, np.float64), SCALE, ORDER, bands)
     return bands.reshape(NUM_BANDS, *shape)
 
 

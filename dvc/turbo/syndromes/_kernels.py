@@ -12,7 +12,7 @@ _MAX_CERTAINTY = 1.0 - 1e-7  # of a sum of bits
 
 @kernel
 def find_edges(places, start, num_thrice, num_checks, edges):
-    """Write the syndrome bits of one bit of a plane from its places in the orders: two or three, all distinct."""
+    """Write the syndrome bits of one bit of a plane, by its places: two or three, all distinct."""
     num_edges = places.size if places[places.size - 1] < num_thrice else places.size - 1
     for j in range(num_edges):
         check = (start[j] + places[j]) % num_checks

@@ -51,6 +51,25 @@ class NumberPriors:
     probabilities: Array
     outliers: float
 
+    def ideal_bits(self, numbers: NDArray[np.int64]) -> float:
+        """Return the ideal code length of numbers.
+
+        Parameters
+        ----------
+        numbers : ndarray of shape (N,), int64
+            The numbers.
+
+        Returns
+        -------
+        float
+            In bits.
+        """
+        places = numbers - self.lowest
+        among = (places >= 0) & (places < self.counts)
+        likely = self.probabilities[np.arange(numbers.size), np.where(among, places, 0)]
+        likelihood = np.where(among, likely, 0.0) + self.outliers / (1 << self.depth)
+        return float(-np.log2(likelihood).sum())
+
 
 @dataclass(frozen=True, eq=False)
 class DecodedBlock:

@@ -1,0 +1,140 @@
+"""A Wyner-Ziv frame as far as it is decoded: what is known of it, and what its prediction is worth."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from decoder.side_information.protocol import Prediction
+from decoder.side_information.weighting import fuse
+from dvc.wynerziv import noise, reconstruction, transform
+from dvc.wynerziv.layout import FrameLayout
+
+Array = NDArray[np.float64]
+
+ERROR_FLOOR = 0.15
+"""Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
+
+
+@dataclass
+class KnownBand:
+    """What is known of a decoded band.
+
+    Attributes
+    ----------
+    lower, upper : ndarray of shape (rows, columns), float64
+        Borders of the interval in which each coefficient lies.
+    scale : ndarray of shape (rows, columns), float64
+        Scale of the Laplacian about its prediction.
+    """
+
+    lower: Array
+    upper: Array
+    scale: Array
+
+    @classmethod
+    def of(cls, lower: Array, upper: Array, scale: Array, shape: tuple[int, int]) -> "KnownBand":
+        return cls(lower.reshape(shape), upper.reshape(shape), scale.reshape(shape))
+
+    def reconstruct(self, side_information: Array) -> Array:
+        return reconstruction.conditional_mean(self.lower, self.upper, side_information, self.scale)
+
+    def error(self, side_information: Array) -> Array:
+        """Expected magnitude of truth minus prediction, relative to its mean over the frame."""
+        floor = ERROR_FLOOR * np.minimum(self.upper - self.lower, 4.0 * self.scale)
+        error: Array = np.abs(self.reconstruct(side_information) - side_information) + floor
+        return error / float(error.mean())
+
+
+class FrameState:
+    """The frame as far as it is decoded: prediction, noise model, known bands.
+
+    Parameters
+    ----------
+    layout : FrameLayout
+        Layout of the frame.
+    prediction : Prediction
+        Side information.
+    model : str
+        Name of the correlation noise model.
+    initial_gain : float
+        Factor of the scales before anything is decoded.
+    """
+
+    def __init__(self, layout: FrameLayout, prediction: Prediction, model: str, initial_gain: float) -> None:
+        self._layout = layout
+        self._model = model
+        self.known: dict[int, KnownBand] = {}
+        self.gain = initial_gain
+        self._first = [transform.forward(luma) for luma in (prediction.luma, *prediction.alternatives)]
+        self.expected_error = None
+        if prediction.expected_error is not None:
+            self.expected_error = np.maximum(transform.forward(prediction.expected_error)[0], noise.MIN_SCALE)
+        self.prediction = prediction
+        self.predicted = self._first[0]
+        self.bands = self.predicted.copy()
+        self.base_scale = noise.MODELS[model](transform.forward(_disagreement(prediction)))
+
+    def use(self, prediction: Prediction) -> None:
+        """Fuse new side information with the first, and reconstruct the known bands again with it."""
+        lumas = (*prediction.compensated, prediction.luma)
+        hypotheses = np.stack(self._first + [transform.forward(luma) for luma in lumas])
+        self.predicted, spread = fuse(hypotheses, {band: self.bands[band] for band in self.known})
+        self.base_scale = noise.MODELS[self._model](spread)
+        luma = transform.inverse(self.predicted, self._layout.height, self._layout.width)
+        self.prediction = replace(prediction, luma=luma)
+        self.bands = self.predicted.copy()
+        for band, known in self.known.items():
+            self.bands[band] = known.reconstruct(self.predicted[band])
+
+    def scale(self, band: int) -> Array:
+        """Scale of each coefficient of a band before any of it is decoded."""
+        base: Array = self.base_scale[band]
+        texture = noise.texture(self.predicted, band)
+        if not self.known:
+            return noise.shaped(base, texture, self.expected_error)
+        activity = np.zeros_like(base)
+        for other, known in self.known.items():
+            activity += _smoothed(known.error(self.predicted[other]))
+        local = np.sqrt(base * base.mean() * (activity / len(self.known)))
+        return noise.shaped(local, texture, None)
+
+    def set_known(self, band: int, known: KnownBand) -> None:
+        self.known[band] = known
+        self.bands[band] = known.reconstruct(self.predicted[band])
+
+    def dc_error(self) -> Array | None:
+        """By how much the DC band is off its prediction, once it is known."""
+        error: Array = self.bands[0] - self.predicted[0]
+        return error if 0 in self.known else None
+
+    def correct(self, band: int, lower: Array, upper: Array) -> None:
+        """Change the intervals of a band that is known."""
+        self.set_known(band, KnownBand.of(lower, upper, self.known[band].scale, self._layout.band_shape))
+
+    def refine(self) -> None:
+        """Refine the side information with what is known, where its method can."""
+        if self.prediction.refiner is not None and self.known:
+            self.use(self.prediction.refiner.refine(self.luma()))
+
+    def refine_by_part(self, band: int, part: KnownBand) -> None:
+        """Refine the side information with a band of which some planes are missing still."""
+        self.set_known(band, part)
+        self.refine()
+        del self.known[band]
+
+    def luma(self) -> NDArray[np.uint8]:
+        return transform.to_uint8(transform.inverse(self.bands, self._layout.height, self._layout.width))
+
+
+def _smoothed(error: Array) -> Array:
+    neighbourhood: Array = uniform_filter(error, 3, mode="nearest")
+    return 0.5 * error + 0.5 * neighbourhood
+
+
+def _disagreement(prediction: Prediction) -> Array:
+    """Half the difference of the compensated references; of the two that differ most where there are more."""
+    stack = np.stack(prediction.compensated)
+    difference: Array = stack[0] - stack[1] if len(stack) == 2 else stack.max(axis=0) - stack.min(axis=0)
+    return 0.5 * difference

@@ -1,0 +1,136 @@
+"""Decoding of one Wyner-Ziv frame of which an encoder without feedback has sent syndromes.
+
+The planes of a block of bands are decoded together: DC first, which refines the prediction of the others. A
+block whose syndrome is too short is concealed: its bands stay as predicted, and whatever is decoded later
+rests on that.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.frame_state import FrameState, KnownBand
+from decoder.side_information.protocol import Prediction
+from decoder.tasks import BandCost, DecodedFrame
+from dvc import turbo
+from dvc.config import CodecConfig
+from dvc.turbo.syndromes.belief_propagation import decode_block
+from dvc.video import Frame
+from dvc.wynerziv import bitplanes, noise, transform
+from dvc.wynerziv.candidates import number_priors
+from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.one_way import BLOCKS, CHECK_BITS, OneWayFrame, SentBlock
+
+Array = NDArray[np.float64]
+Bits = NDArray[np.uint8]
+
+
+class OneWayDecoder:
+    """Decodes Wyner-Ziv frames of the one-way form, of one configuration.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        Configuration of the stream.
+    """
+
+    def __init__(self, config: CodecConfig) -> None:
+        self._layout = FrameLayout.of(config)
+        self._config = config
+
+    def decode(self, index: int, payload: bytes, prediction: Prediction) -> DecodedFrame:
+        """Decode one frame.
+
+        Parameters
+        ----------
+        index : int
+            Display position.
+        payload : bytes
+            What was sent of it.
+        prediction : Prediction
+            Side information.
+
+        Returns
+        -------
+        DecodedFrame
+            The frame and what it cost.
+
+        Raises
+        ------
+        BitstreamError
+            If the payload is damaged.
+        """
+        settings = self._config.wyner_ziv
+        received = OneWayFrame(self._layout, payload, self._config.turbo.interleaver_seed)
+        state = FrameState(self._layout, prediction, settings.noise_model, settings.initial_gain)
+        num_failed, costs = 0, []
+        for number, block in enumerate(received.blocks):
+            if block is not None:
+                cost = self._decode_block(number, block, received, state)
+                num_failed += 0 if cost else len(block.graph.planes)
+                costs += cost
+                state.refine()
+        num_sent = sum(len(block.graph.planes) for block in received.blocks if block is not None)
+        refiner = state.prediction.refiner
+        chroma = prediction.chroma if refiner is None else refiner.chroma()
+        return DecodedFrame(
+            index=index,
+            frame=Frame(state.luma(), chroma),
+            side_information=transform.to_uint8(prediction.luma),
+            refined_side_information=transform.to_uint8(state.prediction.luma),
+            method=prediction.method,
+            reason=prediction.reason,
+            num_requests=0,
+            crc_bits=received.check_bits,
+            parity_bits=received.syndrome_bits,
+            num_failed_planes=num_failed,
+            num_left_planes=received.quantization.num_planes - num_sent,
+            band_costs=tuple(costs),
+            punctured=payload,
+        )
+
+    def _decode_block(
+        self, number: int, block: SentBlock, received: OneWayFrame, state: FrameState
+    ) -> list[BandCost]:
+        """Decode a block; return what its bands cost, or nothing where it is concealed."""
+        quantization, depths = received.quantization, received.sent.depths
+        bands = [band for band in BLOCKS[number] if depths[band]]
+        scales = {band: state.scale(band).ravel() * state.gain for band in bands}
+        priors = [
+            number_priors(
+                quantization.edges(band),
+                quantization.planes[band],
+                depths[band],
+                state.predicted[band].ravel(),
+                scales[band],
+            )
+            for band in bands
+        ]
+        decoded = decode_block(block.graph, block.syndrome, priors)
+        if not (decoded.success and _checks(decoded.bits, block)):
+            return []
+        ideal_bits, first = [], 0
+        for band, prior in zip(bands, priors, strict=True):
+            planes = decoded.bits[first : first + depths[band]]
+            first += depths[band]
+            self._set_known(band, planes, scales[band], received, state)
+            ideal_bits.append(prior.ideal_bits(bitplanes.from_planes(planes)))
+        share = (block.graph.num_checks + CHECK_BITS) / max(sum(ideal_bits), 1.0)
+        return [BandCost(band, ideal, round(share * ideal)) for band, ideal in zip(bands, ideal_bits, strict=True)]
+
+    def _set_known(
+        self, band: int, planes: Bits, scale: Array, received: OneWayFrame, state: FrameState
+    ) -> None:
+        quantization = received.quantization
+        missing = quantization.planes[band] - len(planes)
+        prefix = bitplanes.from_planes(planes)
+        lower, upper = bitplanes.prefix_borders(prefix, missing, quantization.edges(band))
+        predicted, unit = state.predicted[band].ravel(), scale / state.gain
+        gain = noise.fit_gain(lower, upper, predicted, unit, state.gain)
+        state.gain = float(np.sqrt(state.gain * gain))
+        state.set_known(band, KnownBand.of(lower, upper, unit * gain, self._layout.band_shape))
+
+
+def _checks(bits: Bits, block: SentBlock) -> bool:
+    """Tell whether the planes of a block have its check bits."""
+    checks = turbo.joint_check(turbo.crc(bits, CHECK_BITS))
+    return np.array_equal(checks, block.check)

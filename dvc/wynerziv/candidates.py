@@ -1,0 +1,60 @@
+"""Among which numbers of a band those of its coefficients are likely to be, by the correlation noise."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.turbo.syndromes.belief_propagation import NumberPriors
+from dvc.wynerziv.noise import OUTLIER_PROBABILITY
+
+Array = NDArray[np.float64]
+
+_REACH = 11.5
+"""Distance from the prediction up to which numbers are candidates, in scales; beyond lies 1e-5 of a Laplacian."""
+_MAX_REACH = 31
+"""The same in bins: what is farther away is an outlier."""
+
+
+def number_priors(
+    edges: Array, planes: int, depth: int, side_information: Array, scale: Array
+) -> NumberPriors:
+    """Return where the numbers are likely to be that the first planes of a band spell.
+
+    Parameters
+    ----------
+    edges : ndarray of shape (2^planes + 1,), float64
+        Borders of the band's bins, which are nested: all of one width.
+    planes : int
+        Planes of the band.
+    depth : int
+        How many of them count, at least 1.
+    side_information : ndarray of shape (N,), float64
+        Predicted coefficients.
+    scale : ndarray of shape (N,), float64
+        Scales of the Laplacians, positive.
+
+    Returns
+    -------
+    NumberPriors
+        The same on any processor.
+    """
+    from dvc.wynerziv import _kernels
+
+    borders = np.ascontiguousarray(edges[:: 1 << (planes - depth)])
+    width = float(borders[1] - borders[0])
+    reach = int(min(math.ceil(_REACH * float(scale.max()) / width), _MAX_REACH))
+    lowest, counts = np.empty(scale.size, np.int64), np.empty(scale.size, np.int64)
+    probabilities = np.zeros((scale.size, min(2 * reach + 1, 1 << depth)))
+    _kernels.candidates(
+        borders,
+        side_information,
+        scale,
+        _REACH,
+        reach,
+        1.0 - OUTLIER_PROBABILITY,
+        lowest,
+        counts,
+        probabilities,
+    )
+    return NumberPriors(depth, lowest, counts, probabilities, OUTLIER_PROBABILITY)

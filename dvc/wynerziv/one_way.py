@@ -1,0 +1,225 @@
+"""The payload of the one-way form: what an encoder without feedback chose to send of a Wyner-Ziv frame.
+
+After the header it tells how many planes of each band are sent and how long the syndromes are, of which there is one
+for each block of bands; then come the check bits and the syndrome of each block.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc import turbo
+from dvc.bits import BitReader, BitWriter
+from dvc.errors import BitstreamError
+from dvc.turbo.syndromes.graph import SyndromeGraph, syndrome
+from dvc.wynerziv.layout import FrameLayout, Quantization, plane_digits, read_planes
+
+Bits = NDArray[np.uint8]
+Words = NDArray[np.uint64]
+
+BLOCKS = (range(1), range(1, 16))
+"""Bands whose planes have one syndrome: DC first, so that it can refine the prediction of the others."""
+CHECK_BITS = 16
+"""Check bits of a block."""
+LENGTH_CODE_BITS = 8
+_LENGTHS_PER_OCTAVE = 16
+
+
+def syndrome_length(code: int) -> int:
+    """Return the length that a code stands for; inverse of `length_code`.
+
+    Parameters
+    ----------
+    code : int
+        What the stream carries, in [0, 255].
+
+    Returns
+    -------
+    int
+        Bits of the syndrome: 0 for code 0; else 16 and more, sixteen lengths from each power of two to the next.
+    """
+    if code == 0:
+        return 0
+    octave, step = divmod(code - 1, _LENGTHS_PER_OCTAVE)
+    return (_LENGTHS_PER_OCTAVE + step) << octave
+
+
+def length_code(num_bits: float) -> int:
+    """Return the code of the least length that is not below one.
+
+    Parameters
+    ----------
+    num_bits : float
+        Bits wanted; 0 or less for none.
+
+    Returns
+    -------
+    int
+        Code for `syndrome_length`; that of the longest where none is enough.
+    """
+    if num_bits <= 0:
+        return 0
+    codes = range(1, 1 << LENGTH_CODE_BITS)
+    return next((code for code in codes if syndrome_length(code) >= num_bits), codes[-1])
+
+
+@dataclass(frozen=True)
+class SentPlanes:
+    """What is sent of a frame.
+
+    Attributes
+    ----------
+    depths : tuple of int
+        Planes of the 16 bands that are sent, the most significant ones.
+    length_codes : tuple of int
+        Code of the length of the syndrome of each of `BLOCKS`; 0 where none of its planes is sent.
+    """
+
+    depths: tuple[int, ...]
+    length_codes: tuple[int, ...]
+
+    def graph(self, block: int, quantization: Quantization, num_bits: int, seed: int) -> SyndromeGraph | None:
+        """Return the code of a block.
+
+        Parameters
+        ----------
+        block : int
+            Number of the block.
+        quantization : Quantization
+            Quantisers of the frame.
+        num_bits : int
+            Length of a plane.
+        seed : int
+            Seed that encoder and decoder share.
+
+        Returns
+        -------
+        SyndromeGraph or None
+            None where nothing of the block is sent.
+        """
+        firsts = [(quantization.first_plane.get(band, 0), self.depths[band]) for band in BLOCKS[block]]
+        planes = tuple(plane for first, depth in firsts for plane in range(first, first + depth))
+        length = syndrome_length(self.length_codes[block])
+        return SyndromeGraph(num_bits, planes, length, seed) if length and planes else None
+
+
+def encode_payload(
+    layout: FrameLayout, quantization: Quantization, words: Words, sent: SentPlanes, seed: int
+) -> bytes:
+    """Pack what is sent of a frame; inverse of `OneWayFrame`.
+
+    Parameters
+    ----------
+    layout : FrameLayout
+        Layout of the frame.
+    quantization : Quantization
+        Its quantisers.
+    words : ndarray of shape (W, N), uint64
+        Its bit planes, from `quantize_frame`.
+    sent : SentPlanes
+        What is sent.
+    seed : int
+        Seed that encoder and decoder share.
+
+    Returns
+    -------
+    bytes
+        Payload of the one-way form.
+    """
+    digits = plane_digits(sent.depths) + "".join(f"{code:0{LENGTH_CODE_BITS}b}" for code in sent.length_codes)
+    writer = BitWriter()
+    writer.write(np.array(list(map(int, digits)), np.uint8))
+    for block in range(len(BLOCKS)):
+        graph = sent.graph(block, quantization, layout.num_bits, seed)
+        if graph is not None:
+            writer.write(block_check([turbo.crc_words(row, CHECK_BITS) for row in words], graph.planes))
+            writer.write(syndrome(words, graph))
+    return quantization.header + writer.to_bytes()
+
+
+def block_check(checks: list[Words], planes: tuple[int, ...]) -> Bits:
+    """Join the check bits of the planes of a block.
+
+    Parameters
+    ----------
+    checks : list of ndarray of shape (CHECK_BITS,), uint64
+        Check bits of 64 planes each: plane p stands in bit 63 - p % 64.
+    planes : tuple of int
+        Planes of the block.
+
+    Returns
+    -------
+    ndarray of shape (CHECK_BITS,), uint8
+        Check bits of the block.
+    """
+    each = [(checks[p // 64] >> np.uint64(63 - p % 64)) & np.uint64(1) for p in planes]
+    return turbo.joint_check(np.stack(each).astype(np.uint8))[:CHECK_BITS]
+
+
+@dataclass(frozen=True, eq=False)
+class SentBlock:
+    """What was received of a block."""
+
+    graph: SyndromeGraph
+    check: Bits  # shape (CHECK_BITS,)
+    syndrome: Bits  # shape (M,)
+
+
+@dataclass(frozen=True)
+class OneWayFrame:
+    """What was received of a frame.
+
+    Parameters
+    ----------
+    layout : FrameLayout
+        Layout of the frame.
+    payload : bytes
+        What `encode_payload` packed.
+    seed : int
+        Seed that encoder and decoder share.
+
+    Raises
+    ------
+    BitstreamError
+        If the payload is not of the size that it says, or tells of planes that do not exist.
+    """
+
+    layout: FrameLayout
+    payload: bytes
+    seed: int
+    quantization: Quantization = field(init=False)
+    sent: SentPlanes = field(init=False)
+    blocks: tuple[SentBlock | None, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Unpack the payload."""
+        quantization = self.layout.read_header(self.payload)
+        reader = BitReader(self.payload[len(quantization.header) :])
+        depths = read_planes(reader)
+        if any(depth > planes for depth, planes in zip(depths, quantization.planes, strict=True)):
+            raise BitstreamError("more bit planes of a band are sent than it has")
+        codes = tuple(reader.read_number(LENGTH_CODE_BITS) for _ in BLOCKS)
+        sent = SentPlanes(depths, codes)
+        blocks: list[SentBlock | None] = []
+        for number in range(len(BLOCKS)):
+            graph = sent.graph(number, quantization, self.layout.num_bits, self.seed)
+            if graph is None:
+                blocks.append(None)
+            else:
+                blocks.append(SentBlock(graph, reader.read(CHECK_BITS), reader.read(graph.num_checks)))
+        reader.expect_end()
+        object.__setattr__(self, "quantization", quantization)
+        object.__setattr__(self, "sent", sent)
+        object.__setattr__(self, "blocks", tuple(blocks))
+
+    @cached_property
+    def syndrome_bits(self) -> int:
+        """Bits of all its syndromes."""
+        return sum(block.graph.num_checks for block in self.blocks if block is not None)
+
+    @cached_property
+    def check_bits(self) -> int:
+        """Check bits of all its blocks."""
+        return CHECK_BITS * sum(block is not None for block in self.blocks)
