@@ -163,7 +163,9 @@ def _decode_file(arguments: argparse.Namespace) -> int:
                 f"a punctured stream can only be decoded as it was made, with {_choices(reader.config)}"
             )
         if arguments.punctured and reader.form == Form.ONE_WAY:
-            raise ConfigError("--punctured is for streams that hold more than is needed, not for one-way streams")
+            raise ConfigError(
+                "--punctured is for streams that hold more than is needed, not for one-way streams"
+            )
         wanted = None if arguments.frames is None else _wanted(arguments.frames, reader.index.num_frames)
         with ExitStack() as stack:
             groups = decode_stream(config, reader, arguments.jobs, wanted)

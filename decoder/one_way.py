@@ -115,7 +115,9 @@ class OneWayDecoder:
             self._set_known(band, planes, scales[band], received, state)
             ideal_bits.append(prior.ideal_bits(bitplanes.from_planes(planes)))
         share = (block.graph.num_checks + CHECK_BITS) / max(sum(ideal_bits), 1.0)
-        return [BandCost(band, ideal, round(share * ideal)) for band, ideal in zip(bands, ideal_bits, strict=True)]
+        return [
+            BandCost(band, ideal, round(share * ideal)) for band, ideal in zip(bands, ideal_bits, strict=True)
+        ]
 
     def _set_known(
         self, band: int, planes: Bits, scale: Array, received: OneWayFrame, state: FrameState

@@ -46,7 +46,10 @@ def add_half_samples(image, x, y, block):
             x0 = min(max((x >> 1) + column, 0), width - 1)
             x1 = min(max((x >> 1) + column + fraction_x, 0), width - 1)
             block[row, column] += (
-                np.int64(image[y0, x0]) + np.int64(image[y0, x1]) + np.int64(image[y1, x0]) + np.int64(image[y1, x1])
+                np.int64(image[y0, x0])
+                + np.int64(image[y0, x1])
+                + np.int64(image[y1, x0])
+                + np.int64(image[y1, x1])
             )
 
 

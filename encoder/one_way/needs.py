@@ -13,7 +13,7 @@ from dvc.wynerziv.one_way import BLOCKS, SentPlanes, length_code
 Floats = NDArray[np.float64]
 
 _RATIOS_PER_OCTAVE = 8
-_MAX_OCTAVES = 7
+_OCTAVES = (-7, 4)
 _LOCAL_SHARE = 0.9
 """Of the scale, that is of the block itself; the rest is of the whole band."""
 _SCALE_PER_MAGNITUDE = (1.6, 0.5)
@@ -40,7 +40,7 @@ _FITTED_BITS = 6336
 @lru_cache(maxsize=1)
 def _tables() -> tuple[Floats, Floats]:
     """Return entropy, and squared error of the mean, of a Laplacian in bins, by the logarithm of its scale in bins."""
-    exponents = np.arange(-_MAX_OCTAVES * _RATIOS_PER_OCTAVE, _MAX_OCTAVES * _RATIOS_PER_OCTAVE + 1)
+    exponents = np.arange(_OCTAVES[0] * _RATIOS_PER_OCTAVE, _OCTAVES[1] * _RATIOS_PER_OCTAVE + 1)
     sample = np.linspace(-12.0, 12.0, 1441)  # in scales
     density = np.exp(-np.abs(sample))
     density /= density.sum()
@@ -74,7 +74,9 @@ class NeedEstimator:
     config: CodecConfig
     margin_percent: int
 
-    def choose(self, quantization: Quantization, magnitudes: Floats, distance: int, num_bits: int) -> SentPlanes:
+    def choose(
+        self, quantization: Quantization, magnitudes: Floats, distance: int, num_bits: int
+    ) -> SentPlanes:
         """Choose planes and lengths of syndromes of one frame.
 
         Parameters
@@ -127,7 +129,7 @@ def _depth(scales: Floats, step: float, planes: int, slope: float, num_bits: int
     best, chosen = 2.0 * float((scales**2).sum()) * weight, (0, 0.0)
     for depth in range(1, planes + 1):
         place = np.rint(exponents - _RATIOS_PER_OCTAVE * (planes - depth)).astype(np.int64)
-        place = np.clip(place + _MAX_OCTAVES * _RATIOS_PER_OCTAVE, 0, entropy.size - 1)
+        place = np.clip(place - _OCTAVES[0] * _RATIOS_PER_OCTAVE, 0, entropy.size - 1)
         bits = float(entropy[place].sum()) * weight
         cost = float((scales**2 * error[place]).sum()) * weight + slope * _BITS_PER_SAVED * bits
         if cost < best:

@@ -122,8 +122,8 @@ def decode_block(graph: SyndromeGraph, syndrome: Bits, bands: Sequence[NumberPri
     first = np.empty(graph.num_checks + 1, np.int64)
     edge_of = np.empty(int((edges >= 0).sum()), np.int64)
     _kernels.sort_edges(edges, graph.num_checks, first, edge_of)
-    messages = np.ones((graph.size, NUM_EDGES), np.float32)
-    certainties = np.empty((graph.size, NUM_EDGES), np.float32)
+    messages = np.ones((graph.size, NUM_EDGES))
+    certainties = np.empty((graph.size, NUM_EDGES))
     odds = np.empty(graph.size)
     least_wrong, patience, iteration, num_wrong = graph.num_checks + 1.0, PATIENCE, 0, 1
     while num_wrong and patience and iteration < MAX_ITERATIONS:
@@ -140,8 +140,8 @@ def decode_block(graph: SyndromeGraph, syndrome: Bits, bands: Sequence[NumberPri
 def _update_bands(
     bands: Sequence[NumberPriors],
     num_bits: int,
-    messages: NDArray[np.float32],
-    certainties: NDArray[np.float32],
+    messages: Array,
+    certainties: Array,
     odds: Array,
 ) -> None:
     plane = 0

@@ -26,7 +26,9 @@ def words_of(planes: np.ndarray) -> np.ndarray:
     return words
 
 
-def laplacian_band(num_bits: int, depth: int, scale: float, seed: int) -> tuple[NumberPriors, np.ndarray, float]:
+def laplacian_band(
+    num_bits: int, depth: int, scale: float, seed: int
+) -> tuple[NumberPriors, np.ndarray, float]:
     """Draw numbers near predictions; return priors, the numbers, and their ideal code length in bits."""
     rng = np.random.default_rng(seed)
     centre = rng.integers(0, 1 << depth, num_bits)
@@ -109,7 +111,7 @@ def test_kernels_are_their_python() -> None:
     for of in (lambda kernel: kernel, python_twin):
         first, edge_of = np.empty(71, np.int64), np.empty(int((edges >= 0).sum()), np.int64)
         of(_kernels.sort_edges)(edges, 70, first, edge_of)
-        messages, certainties = np.ones((120, 3), np.float32), np.empty((120, 3), np.float32)
+        messages, certainties = np.ones((120, 3)), np.empty((120, 3))
         odds = np.empty(120)
         wrong = []
         for _ in range(4):

@@ -1,0 +1,96 @@
+"""Payloads of the one-way form: what is packed is unpacked; what cannot be is refused."""
+
+import numpy as np
+import pytest
+
+from dvc import turbo
+from dvc.errors import BitstreamError
+from dvc.turbo.syndromes.graph import syndrome
+from dvc.wynerziv import quantizer
+from dvc.wynerziv.buffered import quantize_frame
+from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.one_way import (
+    CHECK_BITS,
+    OneWayFrame,
+    SentPlanes,
+    encode_payload,
+    length_code,
+    syndrome_length,
+)
+
+SEED = 3
+LAYOUT = FrameLayout(24, 32, True, (0,) * 16, 16)
+LUMA = np.random.default_rng(1).integers(0, 256, (24, 32), dtype=np.uint8)
+QUANTIZATION, WORDS = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(20.0))
+
+
+def depths(dc: int, *others: int) -> tuple[int, ...]:
+    """Return planes of the 16 bands, the last ones none."""
+    return (dc, *others, *(0,) * (15 - len(others)))
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        SentPlanes(depths(4, 3, 3, 1), (length_code(60), length_code(150))),
+        SentPlanes(depths(2), (length_code(16), 0)),
+        SentPlanes(depths(0, 1, 0, 2), (0, length_code(33))),
+        SentPlanes(depths(0), (0, 0)),
+        SentPlanes(depths(3, 3), (0, length_code(90))),
+    ],
+)
+def test_round_trip(sent: SentPlanes) -> None:
+    """Planes, check bits and syndromes come back; a block without syndrome is none."""
+    payload = encode_payload(LAYOUT, QUANTIZATION, WORDS, sent, SEED)
+    frame = OneWayFrame(LAYOUT, payload, SEED)
+    assert frame.quantization == QUANTIZATION
+    assert frame.sent == sent
+    for number, block in enumerate(frame.blocks):
+        graph = sent.graph(number, QUANTIZATION, LAYOUT.num_bits, SEED)
+        if graph is None:
+            assert block is None
+            continue
+        assert block is not None
+        np.testing.assert_array_equal(block.syndrome, syndrome(WORDS, graph))
+        planes = [(WORDS[p // 64] >> np.uint64(63 - p % 64)) & np.uint64(1) for p in graph.planes]
+        checks = turbo.crc(np.stack(planes).astype(np.uint8), CHECK_BITS)
+        np.testing.assert_array_equal(block.check, turbo.joint_check(checks))
+    header_bits = 8 * len(payload) - frame.syndrome_bits - frame.check_bits
+    assert 0 <= header_bits < 200
+
+
+def test_lengths_are_told_on_a_fine_scale() -> None:
+    """Every code is a longer syndrome than the one before, by 1/16 or 16 bits at most."""
+    lengths = [syndrome_length(code) for code in range(256)]
+    assert lengths[:3] == [0, 16, 17]
+    assert all(
+        0 < after - before <= max(before / 16, 16)
+        for before, after in zip(lengths, lengths[1:], strict=False)
+    )
+    for bits in (1, 16, 17, 100.5, 4095, 4097, 100_000):
+        code = length_code(bits)
+        assert syndrome_length(code - 1) < bits <= syndrome_length(code)
+    assert length_code(0) == 0
+    assert length_code(1e12) == 255
+
+
+@pytest.mark.parametrize("cut", range(0, 24, 3))
+def test_a_cut_payload_is_refused(cut: int) -> None:
+    """Wherever it ends too early."""
+    sent = SentPlanes(depths(4, 3), (length_code(60), length_code(60)))
+    payload = encode_payload(LAYOUT, QUANTIZATION, WORDS, sent, SEED)
+    assert cut < len(payload)
+    with pytest.raises(BitstreamError):
+        OneWayFrame(LAYOUT, payload[:cut], SEED)
+
+
+def test_planes_that_a_band_does_not_have_are_refused() -> None:
+    """So is what is left over."""
+    too_many = SentPlanes(depths(QUANTIZATION.planes[0] + 1), (0, 0))
+    payload = LAYOUT.write_header(QUANTIZATION)
+    with pytest.raises(BitstreamError, match="more bit planes of a band are sent than it has"):
+        OneWayFrame(LAYOUT, encode_payload(LAYOUT, QUANTIZATION, WORDS, too_many, SEED), SEED)
+    none = encode_payload(LAYOUT, QUANTIZATION, WORDS, SentPlanes(depths(0), (0, 0)), SEED)
+    assert none.startswith(payload)
+    with pytest.raises(BitstreamError, match="left over"):
+        OneWayFrame(LAYOUT, none + b"\0", SEED)
