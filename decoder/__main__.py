@@ -260,7 +260,7 @@ def _output(
     arguments: argparse.Namespace,
     stack: ExitStack,
     wanted: range | None = None,
-    form: "Form | None" = None,
+    form: str = "punctured",
 ) -> "DecodedOutput":
     from decoder.output import DecodedOutput
     from dvc.stream import Form
@@ -282,7 +282,7 @@ def _output(
         report=arguments.json,
         reference=reference,
         wanted=wanted,
-        form=form or Form.PUNCTURED,
+        form=Form(form),
     )
 
 

@@ -35,13 +35,50 @@ class KnownBand:
 
     @classmethod
     def of(cls, lower: Array, upper: Array, scale: Array, shape: tuple[int, int]) -> "KnownBand":
+        """Return what is known of a band whose coefficients stand in raster order.
+
+        Parameters
+        ----------
+        lower, upper, scale : ndarray of shape (rows * columns,), float64
+            See the attributes.
+        shape : tuple of int
+            Rows and columns.
+
+        Returns
+        -------
+        KnownBand
+            The same in the shape of the band.
+        """
         return cls(lower.reshape(shape), upper.reshape(shape), scale.reshape(shape))
 
     def reconstruct(self, side_information: Array) -> Array:
+        """Return the conditional mean of each coefficient.
+
+        Parameters
+        ----------
+        side_information : ndarray of shape (rows, columns), float64
+            Predicted coefficients.
+
+        Returns
+        -------
+        ndarray of shape (rows, columns), float64
+            Within the intervals.
+        """
         return reconstruction.conditional_mean(self.lower, self.upper, side_information, self.scale)
 
     def error(self, side_information: Array) -> Array:
-        """Expected magnitude of truth minus prediction, relative to its mean over the frame."""
+        """Return the expected magnitude of truth minus prediction.
+
+        Parameters
+        ----------
+        side_information : ndarray of shape (rows, columns), float64
+            Predicted coefficients.
+
+        Returns
+        -------
+        ndarray of shape (rows, columns), float64
+            Relative to its mean over the frame.
+        """
         floor = ERROR_FLOOR * np.minimum(self.upper - self.lower, 4.0 * self.scale)
         error: Array = np.abs(self.reconstruct(side_information) - side_information) + floor
         return error / float(error.mean())
@@ -77,7 +114,13 @@ class FrameState:
         self.base_scale = noise.MODELS[model](transform.forward(_disagreement(prediction)))
 
     def use(self, prediction: Prediction) -> None:
-        """Fuse new side information with the first, and reconstruct the known bands again with it."""
+        """Fuse new side information with the first, and reconstruct the known bands again with it.
+
+        Parameters
+        ----------
+        prediction : Prediction
+            The new side information.
+        """
         lumas = (*prediction.compensated, prediction.luma)
         hypotheses = np.stack(self._first + [transform.forward(luma) for luma in lumas])
         self.predicted, spread = fuse(hypotheses, {band: self.bands[band] for band in self.known})
@@ -89,7 +132,18 @@ class FrameState:
             self.bands[band] = known.reconstruct(self.predicted[band])
 
     def scale(self, band: int) -> Array:
-        """Scale of each coefficient of a band before any of it is decoded."""
+        """Return the scale of each coefficient of a band before any of it is decoded.
+
+        Parameters
+        ----------
+        band : int
+            The band.
+
+        Returns
+        -------
+        ndarray of shape (rows, columns), float64
+            Scales of Laplacians, without the gain.
+        """
         base: Array = self.base_scale[band]
         texture = noise.texture(self.predicted, band)
         if not self.known:
@@ -101,16 +155,39 @@ class FrameState:
         return noise.shaped(local, texture, None)
 
     def set_known(self, band: int, known: KnownBand) -> None:
+        """Enter a band that has been decoded.
+
+        Parameters
+        ----------
+        band : int
+            The band.
+        known : KnownBand
+            What is known of it.
+        """
         self.known[band] = known
         self.bands[band] = known.reconstruct(self.predicted[band])
 
     def dc_error(self) -> Array | None:
-        """By how much the DC band is off its prediction, once it is known."""
+        """Return by how much the DC band is off its prediction, once it is known.
+
+        Returns
+        -------
+        ndarray of shape (rows, columns), float64, or None
+            None as long as it is not.
+        """
         error: Array = self.bands[0] - self.predicted[0]
         return error if 0 in self.known else None
 
     def correct(self, band: int, lower: Array, upper: Array) -> None:
-        """Change the intervals of a band that is known."""
+        """Change the intervals of a band that is known.
+
+        Parameters
+        ----------
+        band : int
+            The band.
+        lower, upper : ndarray of shape (rows * columns,), float64
+            Borders.
+        """
         self.set_known(band, KnownBand.of(lower, upper, self.known[band].scale, self._layout.band_shape))
 
     def refine(self) -> None:
@@ -119,12 +196,27 @@ class FrameState:
             self.use(self.prediction.refiner.refine(self.luma()))
 
     def refine_by_part(self, band: int, part: KnownBand) -> None:
-        """Refine the side information with a band of which some planes are missing still."""
+        """Refine the side information with a band of which some planes are missing still.
+
+        Parameters
+        ----------
+        band : int
+            The band.
+        part : KnownBand
+            What is known of it.
+        """
         self.set_known(band, part)
         self.refine()
         del self.known[band]
 
     def luma(self) -> NDArray[np.uint8]:
+        """Return the frame as far as it is known.
+
+        Returns
+        -------
+        ndarray of shape (H, W), uint8
+            Luma samples.
+        """
         return transform.to_uint8(transform.inverse(self.bands, self._layout.height, self._layout.width))
 
 

@@ -13,6 +13,7 @@ from decoder.side_information.protocol import Prediction
 from decoder.tasks import BandCost, DecodedFrame
 from dvc import turbo
 from dvc.config import CodecConfig
+from dvc.errors import BitstreamError
 from dvc.turbo.syndromes.belief_propagation import decode_block
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, transform
@@ -57,10 +58,12 @@ class OneWayDecoder:
         Raises
         ------
         BitstreamError
-            If the payload is damaged.
+            If the payload is damaged, or bins are not nested.
         """
+        if not self._layout.nested:
+            raise BitstreamError("a one-way stream has nested bins")
         settings = self._config.wyner_ziv
-        received = OneWayFrame(self._layout, payload, self._config.turbo.interleaver_seed)
+        received = OneWayFrame.read(self._layout, payload, self._config.turbo.interleaver_seed)
         state = FrameState(self._layout, prediction, settings.noise_model, settings.initial_gain)
         num_failed, costs = 0, []
         for number, block in enumerate(received.blocks):

@@ -282,8 +282,8 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
     add(
         "--no-feedback",
         action="store_true",
-        help="for a camera without a way back: send what frames are estimated to need, a small file, in place of all"
-        " that a decoder may ask for; with 3d-te and --qp",
+        help="for a camera without a way back: send what frames are estimated to need, a small file, in place of"
+        " all that a decoder may ask for; with 3d-te and --qp",
     )
     cli.add_integer(
         group,

@@ -451,11 +451,12 @@ def candidates(borders, side_information, scale, reach, max_bins, total, lowest,
         mass, below = 0.0, _below(borders[first] - side_information[n], scale[n])
         for k in range(first, stop):
             above = _below(borders[k + 1] - side_information[n], scale[n])
-            probabilities[n, k - first] = max(above - below, 1e-12)
-            mass += probabilities[n, k - first]
+            share = max(above - below, 1e-12)
+            probabilities[n, k - first] = share
+            mass += share
             below = above
         for k in range(stop - first):
-            probabilities[n, k] *= total / mass
+            probabilities[n, k] = np.float64(probabilities[n, k]) * (total / mass)
 
 
 @kernel

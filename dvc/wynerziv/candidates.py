@@ -11,7 +11,7 @@ from dvc.wynerziv.noise import OUTLIER_PROBABILITY
 Array = NDArray[np.float64]
 
 _REACH = 11.5
-"""Distance from the prediction up to which numbers are candidates, in scales; beyond lies 1e-5 of a Laplacian."""
+"""Distance from the prediction up to which numbers are candidates, in scales: beyond is 1e-5 of a Laplacian."""
 _MAX_REACH = 31
 """The same in bins: what is farther away is an outlier."""
 
@@ -45,7 +45,7 @@ def number_priors(
     width = float(borders[1] - borders[0])
     reach = int(min(math.ceil(_REACH * float(scale.max()) / width), _MAX_REACH))
     lowest, counts = np.empty(scale.size, np.int64), np.empty(scale.size, np.int64)
-    probabilities = np.zeros((scale.size, min(2 * reach + 1, 1 << depth)))
+    probabilities = np.zeros((scale.size, min(2 * reach + 1, 1 << depth)), np.float32)
     _kernels.candidates(
         borders,
         side_information,

@@ -1,11 +1,12 @@
 """The payload of the one-way form: what an encoder without feedback chose to send of a Wyner-Ziv frame.
 
-After the header it tells how many planes of each band are sent and how long the syndromes are, of which there is one
-for each block of bands; then come the check bits and the syndrome of each block.
+After the header it tells how many planes of each band are sent and how long the syndromes are, one for each
+block of bands; then come the check bits and the syndrome of each block.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,7 @@ def syndrome_length(code: int) -> int:
     Returns
     -------
     int
-        Bits of the syndrome: 0 for code 0; else 16 and more, sixteen lengths from each power of two to the next.
+        Bits of the syndrome: 0 for code 0; else 16 and more, sixteen lengths to each octave.
     """
     if code == 0:
         return 0
@@ -108,7 +109,7 @@ class SentPlanes:
 def encode_payload(
     layout: FrameLayout, quantization: Quantization, words: Words, sent: SentPlanes, seed: int
 ) -> bytes:
-    """Pack what is sent of a frame; inverse of `OneWayFrame`.
+    """Pack what is sent of a frame; inverse of `OneWayFrame.read`.
 
     Parameters
     ----------
@@ -167,36 +168,49 @@ class SentBlock:
     syndrome: Bits  # shape (M,)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OneWayFrame:
     """What was received of a frame.
 
-    Parameters
+    Attributes
     ----------
-    layout : FrameLayout
-        Layout of the frame.
-    payload : bytes
-        What `encode_payload` packed.
-    seed : int
-        Seed that encoder and decoder share.
-
-    Raises
-    ------
-    BitstreamError
-        If the payload is not of the size that it says, or tells of planes that do not exist.
+    quantization : Quantization
+        Its quantisers.
+    sent : SentPlanes
+        What was sent.
+    blocks : tuple of (SentBlock or None)
+        Each of `BLOCKS`; None where nothing was sent of it.
     """
 
-    layout: FrameLayout
-    payload: bytes
-    seed: int
-    quantization: Quantization = field(init=False)
-    sent: SentPlanes = field(init=False)
-    blocks: tuple[SentBlock | None, ...] = field(init=False)
+    quantization: Quantization
+    sent: SentPlanes
+    blocks: tuple[SentBlock | None, ...]
 
-    def __post_init__(self) -> None:
-        """Unpack the payload."""
-        quantization = self.layout.read_header(self.payload)
-        reader = BitReader(self.payload[len(quantization.header) :])
+    @classmethod
+    def read(cls, layout: FrameLayout, payload: bytes, seed: int) -> Self:
+        """Unpack a payload; inverse of `encode_payload`.
+
+        Parameters
+        ----------
+        layout : FrameLayout
+            Layout of the frame.
+        payload : bytes
+            The payload.
+        seed : int
+            Seed that encoder and decoder share.
+
+        Returns
+        -------
+        OneWayFrame
+            What it holds.
+
+        Raises
+        ------
+        BitstreamError
+            If the payload is not of the size that it says, or tells of planes that do not exist.
+        """
+        quantization = layout.read_header(payload)
+        reader = BitReader(payload[len(quantization.header) :])
         depths = read_planes(reader)
         if any(depth > planes for depth, planes in zip(depths, quantization.planes, strict=True)):
             raise BitstreamError("more bit planes of a band are sent than it has")
@@ -204,15 +218,13 @@ class OneWayFrame:
         sent = SentPlanes(depths, codes)
         blocks: list[SentBlock | None] = []
         for number in range(len(BLOCKS)):
-            graph = sent.graph(number, quantization, self.layout.num_bits, self.seed)
+            graph = sent.graph(number, quantization, layout.num_bits, seed)
             if graph is None:
                 blocks.append(None)
             else:
                 blocks.append(SentBlock(graph, reader.read(CHECK_BITS), reader.read(graph.num_checks)))
         reader.expect_end()
-        object.__setattr__(self, "quantization", quantization)
-        object.__setattr__(self, "sent", sent)
-        object.__setattr__(self, "blocks", tuple(blocks))
+        return cls(quantization, sent, tuple(blocks))
 
     @cached_property
     def syndrome_bits(self) -> int:

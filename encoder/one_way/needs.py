@@ -17,7 +17,7 @@ _OCTAVES = (-7, 4)
 _LOCAL_SHARE = 0.9
 """Of the scale, that is of the block itself; the rest is of the whole band."""
 _SCALE_PER_MAGNITUDE = (1.6, 0.5)
-"""Scale of the decoder's error over the mean magnitude of the residual that tracks leave, for each of `BLOCKS`."""
+"""Scale of the decoder's error over the mean magnitude of the residual, for each of `BLOCKS`."""
 _NOISE_PER_ROOT_SLOPE = 0.1
 """Scale of what quantised references add."""
 _MIN_SCALE = 0.3
@@ -32,14 +32,14 @@ _NEEDS = {
     16: ((100.0, 0.71), (24.0, 0.71)),
 }
 _ANCHOR_NEEDS = ((100.0, 0.92), (36.0, 1.78))
-"""Need by what the residual tells, by how far the references are apart, for each of `BLOCKS`: bits of each band, and bits per
-bit expected. Fitted to box, desk, river and tree, at QP 28 or 32, of which planes of 6,336 bits were decoded."""
+"""By how far the references are apart, for each of `BLOCKS`: bits that a band needs anyway, and bits for each
+that the residual tells. Fitted by hand to box, desk, river and tree at QP 28 or 32, planes of 6,336 bits."""
 _FITTED_BITS = 6336
 
 
 @lru_cache(maxsize=1)
 def _tables() -> tuple[Floats, Floats]:
-    """Return entropy, and squared error of the mean, of a Laplacian in bins, by the logarithm of its scale in bins."""
+    """Return entropy, and squared error of the mean, of a Laplacian in bins, by its scale in bins."""
     exponents = np.arange(_OCTAVES[0] * _RATIOS_PER_OCTAVE, _OCTAVES[1] * _RATIOS_PER_OCTAVE + 1)
     sample = np.linspace(-12.0, 12.0, 1441)  # in scales
     density = np.exp(-np.abs(sample))

@@ -1,4 +1,4 @@
-"""What tracks alone leave to be told of a frame: its residual after the references moved as points have moved.
+"""What tracks alone leave to be told of a frame: its residual, references moved as points have moved.
 
 The decoder knows the scene, and predicts better; how much better depends on how far apart the references are.
 """

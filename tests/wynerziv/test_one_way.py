@@ -1,5 +1,7 @@
 """Payloads of the one-way form: what is packed is unpacked; what cannot be is refused."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -42,7 +44,7 @@ def depths(dc: int, *others: int) -> tuple[int, ...]:
 def test_round_trip(sent: SentPlanes) -> None:
     """Planes, check bits and syndromes come back; a block without syndrome is none."""
     payload = encode_payload(LAYOUT, QUANTIZATION, WORDS, sent, SEED)
-    frame = OneWayFrame(LAYOUT, payload, SEED)
+    frame = OneWayFrame.read(LAYOUT, payload, SEED)
     assert frame.quantization == QUANTIZATION
     assert frame.sent == sent
     for number, block in enumerate(frame.blocks):
@@ -63,10 +65,7 @@ def test_lengths_are_told_on_a_fine_scale() -> None:
     """Every code is a longer syndrome than the one before, by 1/16 or 16 bits at most."""
     lengths = [syndrome_length(code) for code in range(256)]
     assert lengths[:3] == [0, 16, 17]
-    assert all(
-        0 < after - before <= max(before / 16, 16)
-        for before, after in zip(lengths, lengths[1:], strict=False)
-    )
+    assert all(0 < after - before <= max(before / 16, 16) for before, after in itertools.pairwise(lengths))
     for bits in (1, 16, 17, 100.5, 4095, 4097, 100_000):
         code = length_code(bits)
         assert syndrome_length(code - 1) < bits <= syndrome_length(code)
@@ -81,16 +80,16 @@ def test_a_cut_payload_is_refused(cut: int) -> None:
     payload = encode_payload(LAYOUT, QUANTIZATION, WORDS, sent, SEED)
     assert cut < len(payload)
     with pytest.raises(BitstreamError):
-        OneWayFrame(LAYOUT, payload[:cut], SEED)
+        OneWayFrame.read(LAYOUT, payload[:cut], SEED)
 
 
 def test_planes_that_a_band_does_not_have_are_refused() -> None:
     """So is what is left over."""
     too_many = SentPlanes(depths(QUANTIZATION.planes[0] + 1), (0, 0))
-    payload = LAYOUT.write_header(QUANTIZATION)
+    payload = QUANTIZATION.header
     with pytest.raises(BitstreamError, match="more bit planes of a band are sent than it has"):
-        OneWayFrame(LAYOUT, encode_payload(LAYOUT, QUANTIZATION, WORDS, too_many, SEED), SEED)
+        OneWayFrame.read(LAYOUT, encode_payload(LAYOUT, QUANTIZATION, WORDS, too_many, SEED), SEED)
     none = encode_payload(LAYOUT, QUANTIZATION, WORDS, SentPlanes(depths(0), (0, 0)), SEED)
     assert none.startswith(payload)
     with pytest.raises(BitstreamError, match="left over"):
-        OneWayFrame(LAYOUT, none + b"\0", SEED)
+        OneWayFrame.read(LAYOUT, none + b"\0", SEED)

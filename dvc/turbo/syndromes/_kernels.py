@@ -81,7 +81,7 @@ def from_numbers(lowest, probabilities, count, depth, outliers, received, odds):
     for q in range(depth):
         odds[q] = anywhere * (received[q] / (1.0 + received[q]))
     for k in range(count):
-        number, weight = lowest + k, probabilities[k]
+        number, weight = lowest + k, np.float64(probabilities[k])
         for q in range(depth):
             if (number >> (depth - 1 - q)) & 1:
                 weight *= received[q]

@@ -39,7 +39,7 @@ class NumberPriors:
         The least candidate of each number.
     counts : ndarray of shape (N,), int64
         How many candidates follow one another from there.
-    probabilities : ndarray of shape (N, K), float64
+    probabilities : ndarray of shape (N, K), float32
         Of the candidates; they add up to 1 - `outliers`.
     outliers : float
         Probability that a number is none of these; then all are equally likely.
@@ -48,7 +48,7 @@ class NumberPriors:
     depth: int
     lowest: NDArray[np.int64]
     counts: NDArray[np.int64]
-    probabilities: Array
+    probabilities: NDArray[np.float32]
     outliers: float
 
     def ideal_bits(self, numbers: NDArray[np.int64]) -> float:
@@ -67,7 +67,7 @@ class NumberPriors:
         places = numbers - self.lowest
         among = (places >= 0) & (places < self.counts)
         likely = self.probabilities[np.arange(numbers.size), np.where(among, places, 0)]
-        likelihood = np.where(among, likely, 0.0) + self.outliers / (1 << self.depth)
+        likelihood = np.where(among, likely.astype(np.float64), 0.0) + self.outliers / (1 << self.depth)
         return float(-np.log2(likelihood).sum())
 
 

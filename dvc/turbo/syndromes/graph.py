@@ -6,8 +6,8 @@ around: a few permutations serve blocks of any planes and syndromes of any lengt
 
 References
 ----------
-[Liveris2002] A. Liveris, Z. Xiong, C. Georghiades, "Compression of binary sources with side information at the
-decoder using LDPC codes", IEEE Commun. Lett. 6(10), 2002.
+[Liveris2002] A. Liveris, Z. Xiong, C. Georghiades, "Compression of binary sources with side information at
+the decoder using LDPC codes", IEEE Communications Letters 6(10), 2002.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _SPARSE_RATES = (0.03, 0.10)
 """Bits of the syndrome for each bit of the block, from which on bits take part in two of them, and from which
 on as many as may."""
 _MAX_SPARSE_SHARE = 0.5
-"""Share of bits that do. They are what makes codes of high rate good, and two of them with the same syndrome bits
+"""Share of bits that do. They are what makes codes of high rate good, and two with the same syndrome bits
 cannot be told apart, of which there are many at low rates."""
 
 
@@ -68,7 +68,7 @@ class SyndromeGraph:
 
     @cached_property
     def num_thrice(self) -> int:
-        """How many bits of a plane, the first of the last order, take part in as many syndrome bits as may be."""
+        """How many bits of a plane, the first of the last order, take part in three syndrome bits."""
         low, high = _SPARSE_RATES
         share = (self.num_checks / self.size - low) / (high - low)
         return self.num_bits - int(_MAX_SPARSE_SHARE * min(max(share, 0.0), 1.0) * self.num_bits)
@@ -87,7 +87,7 @@ class SyndromeGraph:
         Returns
         -------
         ndarray of shape (len(planes), N, NUM_EDGES), int32
-            Numbers of syndrome bits, all of a bit distinct; -1 in place of the third where a bit takes part in two.
+            Numbers of syndrome bits, all of a bit distinct; -1 for the third where there are two.
         """
         edges = np.empty((len(self.planes), self.num_bits, NUM_EDGES), np.int32)
         places = bit_places(self.num_bits, self.seed)

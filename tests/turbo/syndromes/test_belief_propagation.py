@@ -43,7 +43,7 @@ def laplacian_band(
     stray = rng.random(num_bits) < OUTLIERS
     truth[stray] = rng.integers(0, 1 << depth, int(stray.sum()))
     likelihood = np.where(numbers == truth[:, None], probabilities, 0.0).sum(axis=1) + OUTLIERS / (1 << depth)
-    priors = NumberPriors(depth, lowest, counts, probabilities, OUTLIERS)
+    priors = NumberPriors(depth, lowest, counts, probabilities.astype(np.float32), OUTLIERS)
     return priors, truth, float(-np.log2(likelihood).sum())
 
 
