@@ -282,7 +282,7 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
     add(
         "--no-feedback",
         action="store_true",
-        help="for a camera without a way back: send what frames are estimated to need, a small file, in place of"
+        help="for a camera without a way back: send what frames are estimated to need in place of"
         " all that a decoder may ask for; with 3d-te and --qp",
     )
     cli.add_integer(

@@ -11,7 +11,7 @@ from dvc.wynerziv.noise import OUTLIER_PROBABILITY
 Array = NDArray[np.float64]
 
 _REACH = 11.5
-"""Distance from the prediction up to which numbers are candidates, in scales: beyond is 1e-5 of a Laplacian."""
+"""Reach of the candidates about a prediction, in scales: beyond is 1e-5 of a Laplacian."""
 _MAX_REACH = 31
 """The same in bins: what is farther away is an outlier."""
 
