@@ -203,7 +203,7 @@ def decode_configuration(payload: bytes, version: int = FORMAT_VERSION) -> tuple
         If it makes no sense.
     """
     if not payload or payload[0] not in _FORMS:
-        raise BitstreamError("the form is neither buffered nor punctured")
+        raise BitstreamError("a stream has no form of this number; it is buffered, punctured or one-way")
     config = decode_config(payload[1:])
     if version == 1 and config.side_information.method == "mesh":  # its name before there was another mesh
         config = replace(config, side_information=replace(config.side_information, method="depth"))

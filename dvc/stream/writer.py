@@ -31,7 +31,7 @@ class StreamWriter:
     config : CodecConfig
         The codec configuration.
     form : Form or str
-        ``"buffered"`` or ``"punctured"``.
+        ``"buffered"``, ``"punctured"`` or ``"one-way"``.
     """
 
     def __init__(self, file: BinaryIO, config: CodecConfig, form: Form | str) -> None:

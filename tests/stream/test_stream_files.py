@@ -43,7 +43,7 @@ forms = pytest.mark.parametrize("form", list(Form))
 
 def in_form(form: Form | str, records: list[GopRecord]) -> list[GopRecord]:
     """Return records as they stand in a form of stream: punctured ones have digests."""
-    if Form(form) is Form.BUFFERED:
+    if Form(form) is not Form.PUNCTURED:
         return records
     return [
         replace(record, digest=zlib.crc32(record.key)) if record.wyner_ziv else record for record in records
@@ -319,7 +319,7 @@ def test_method_mesh_of_version_1_is_read_as_depth() -> None:
 def head(form: Form) -> bytes:
     """Return the beginning of a stream, up to its first GOP record."""
     data = write(form, [])
-    return data[: len(data) - (7 if form is Form.PUNCTURED else 12)]
+    return data[: len(data) - (12 if form is Form.BUFFERED else 7)]
 
 
 @pytest.mark.parametrize(
@@ -361,12 +361,12 @@ def head(form: Form) -> bytes:
             "1 bytes are left over",
         ),
         (
-            lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x02"),
-            "record 0 .*neither",
+            lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x03"),
+            "record 0 .*no form",
         ),
         (
             lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b""),
-            "record 0 .*neither",
+            "record 0 .*no form",
         ),
         (
             lambda start, gop, end: start[:5] + frame_record(RecordType.CONFIGURATION, b"\x01\x7f"),
