@@ -46,7 +46,31 @@ def kernel(function: Function) -> Function:
     callable
         The compiled function; with ``NUMBA_DISABLE_JIT=1`` the function itself.
     """
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    return _compiled(function)
+
+
+def inlined_kernel(function: Function) -> Function:
+    """Compile a kernel as `kernel` does, and make it part of the kernels that call it.
+
+    For what is called so often that the call, and counting the references to its arrays, takes as long as
+    what it does. Each call makes the code of the caller longer.
+
+    Parameters
+    ----------
+    function : callable
+        A function of arrays and scalars in the subset of Python that numba compiles; it makes no arrays but
+        views.
+
+    Returns
+    -------
+    callable
+        The compiled function; with ``NUMBA_DISABLE_JIT=1`` the function itself.
+    """
+    return _compiled(function, forceinline=True, _nrt=False)  # without numba's run-time memory
+
+
+def _compiled(function: Function, **options: Any) -> Function:
+    compiled = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
     cache = getattr(compiled, "_cache", None)
     if cache is not None and hasattr(cache, "cache_path"):
         _lock_cache(cache)

@@ -5,11 +5,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-KERNEL = "from dvc._jit import kernel\n{}\n\n@kernel\ndef {}(x):\n    return {}\n"
+import pytest
+
+KERNEL = "from dvc._jit import inlined_kernel, kernel\n{}\n\n@{}\ndef {}(x):\n    return {}\n"
 
 
 def result_of(folder: Path, number: int) -> str:
-    (folder / "callee.py").write_text(KERNEL.format("", "callee", f"x + {number}"))
+    (folder / "callee.py").write_text(KERNEL.format("", "kernel", "callee", f"x + {number}"))
     command = [
         sys.executable,
         "-c",
@@ -21,10 +23,11 @@ def result_of(folder: Path, number: int) -> str:
     return run.stdout
 
 
-def test_an_edit_of_a_callee_is_noticed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("middle", ["kernel", "inlined_kernel"])
+def test_an_edit_of_a_callee_is_noticed(tmp_path: Path, middle: str) -> None:
     """A kernel whose callee in another file was edited is compiled anew, else loaded from disk."""
-    for name, called in (("middle", "callee"), ("caller", "middle")):
-        code = KERNEL.format(f"from {called} import {called}", name, f"{called}(x)")
+    for name, decorator, called in (("middle", middle, "callee"), ("caller", "kernel", "middle")):
+        code = KERNEL.format(f"from {called} import {called}", decorator, name, f"{called}(x)")
         (tmp_path / f"{name}.py").write_text(code)
     assert [result_of(tmp_path, number).split() for number in (1, 1, 2)] == [
         ["1", "0"],
