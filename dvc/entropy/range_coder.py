@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel, kernel
 from dvc.errors import BitstreamError
 
 # Fields of a state. LOW is where a writer's interval begins, and how far above that a reader's data are.
@@ -102,7 +102,8 @@ class RangeCoder:
         fields, words = self._state
         position = int(fields[POSITION])
         if not fields[READING] and position + num_symbols > words.size:
-            self._state = CoderState(fields, np.empty(2 * (position + num_symbols), np.uint32))
+            size = max(position + num_symbols, 2 * words.size)
+            self._state = CoderState(fields, np.empty(size, np.uint32))
             self._state.words[:position] = words[:position]
         return self._state
 
@@ -174,7 +175,7 @@ class RangeCoder:
         return number.to_bytes(4 * position + 4).rstrip(b"\0") or b"\0"
 
 
-@kernel
+@inlined_kernel
 def code_decision(coder: CoderState, probability: float, decision: int) -> int:
     """Code a decision, compiled.
 
@@ -199,6 +200,27 @@ def code_decision(coder: CoderState, probability: float, decision: int) -> int:
     else:
         _narrow(coder, _NONE, first_one)
     return int(one)
+
+
+@inlined_kernel
+def has_room(coder: CoderState, num_symbols: int) -> bool:
+    """Tell whether there is room for more decisions and numbers, compiled.
+
+    Parameters
+    ----------
+    coder : CoderState
+        Where to write or to read.
+    num_symbols : int
+        How many.
+
+    Returns
+    -------
+    bool
+        Whether `RangeCoder.room_for` would return the same state.
+    """
+    if coder.fields[READING]:
+        return True
+    return bool(np.int64(coder.fields[POSITION]) + num_symbols <= coder.words.size)
 
 
 @kernel
@@ -260,7 +282,7 @@ def code_uniform(coder: CoderState, bound: int, value: int) -> int:
     return value
 
 
-@kernel
+@inlined_kernel
 def _quantile(coder: CoderState) -> np.uint64:
     """Return where in the interval the data are, of 2^24 equal parts."""
     fields = coder.fields
@@ -271,7 +293,7 @@ def _quantile(coder: CoderState) -> np.uint64:
     return np.uint64(quantile)
 
 
-@kernel
+@inlined_kernel
 def _narrow(coder: CoderState, start: np.uint64, width: np.uint64) -> None:
     """Narrow the interval to some of 2^24 equal parts; write or read a word once there are few left."""
     fields = coder.fields

@@ -26,6 +26,33 @@ MAX_SYMBOLS = 1 + 2 * MAX_DECISIONS  # of one track at one instant
 
 _CLASS_BOUNDS = np.array([64, 102, 164, 262, 524, 1048, 2096, 4192, 8384])
 
+# ---- positions ----
+
+
+@kernel
+def set_units(positions, scale, sides, units):
+    """Round positions (P, 2) to units, `LOST` if they are not known; return whether all are in the frame."""
+    inside = True
+    for i in range(positions.shape[0]):
+        known = np.isfinite(positions[i, 0]) and np.isfinite(positions[i, 1])
+        for axis in range(2):
+            units[i, axis] = LOST
+            if known:
+                units[i, axis] = np.int64(np.rint(min(max(positions[i, axis] * scale, -1.0), 2.0**20)))
+                inside &= 0 <= units[i, axis] < sides[axis]
+    return inside
+
+
+@kernel
+def is_lost_for_good(units):
+    """Tell whether no track of units (N, T, 2) comes back once it is lost."""
+    for i in range(units.shape[0]):
+        for t in range(1, units.shape[1]):
+            if units[i, t - 1, 0] == LOST and units[i, t, 0] != LOST:
+                return False
+    return True
+
+
 # ---- point sets ----
 
 

@@ -64,8 +64,10 @@ def encode_tracks(tracks: PointTracks, config: CodecConfig) -> bytes:
     """
     if len(tracks) == 0:
         return b""
-    forward = _scanned(tracks.forward, "first", config)
-    backward = _scanned(tracks.backward[:, ::-1], "last", config)
+    units = _units(tracks.positions, config)
+    num_forward = len(tracks) - tracks.num_backward
+    forward = _scanned(units[:num_forward], "first", config)
+    backward = _scanned(units[num_forward:, ::-1], "last", config)
     return _written(forward, backward, config)
 
 
@@ -75,17 +77,16 @@ def _written(forward: Integers, backward: Integers, config: CodecConfig) -> byte
     return coder.to_bytes(shortest=config.tracks.coding == "regression")
 
 
-def _scanned(positions: Floats, key: str, config: CodecConfig) -> Integers:
-    """Return tracks in their direction of time in units, in column scan of where they start."""
-    if len(positions) > config.tracks.num_points:
-        raise ValueError(f"`tracks` must be at most {config.tracks.num_points}, got {len(positions)}")
-    units = _units(positions, config)
-    known = units[:, :, 0] != LOST
-    if not known[:, 0].all():
+def _scanned(units: Integers, key: str, config: CodecConfig) -> Integers:
+    """Return tracks in their direction of time in column scan of where they start."""
+    if len(units) > config.tracks.num_points:
+        raise ValueError(f"`tracks` must be at most {config.tracks.num_points}, got {len(units)}")
+    if (units[:, 0, 0] == LOST).any():
         raise ValueError(f"`tracks` must be known in the {key} key frame")
-    if (known[:, 1:] & ~known[:, :-1]).any():
+    units = units[column_scan(units[:, 0])]
+    if not _kernels.is_lost_for_good(units):
         raise ValueError("`tracks` must not come back once they are lost")
-    return units[column_scan(units[:, 0])]
+    return units
 
 
 def decode_tracks(payload: bytes, num_instants: int, config: CodecConfig) -> PointTracks:
@@ -259,10 +260,9 @@ def _sides(config: CodecConfig) -> tuple[int, int]:
 
 def _units(positions: Floats, config: CodecConfig) -> Integers:
     """Return positions in units of the last binary digit; `LOST` where they are not known."""
-    lost = np.logical_not(np.isfinite(positions).all(axis=-1))
-    scaled = np.where(lost[..., None], 0.0, positions) * 2.0**config.tracks.subpixel_bits
-    rounded = np.rint(np.clip(scaled, -1.0, 2.0**20)).astype(np.int64)
-    if (rounded < 0).any() or (rounded >= _sides(config)).any():
+    units = np.empty(positions.shape, np.int64)
+    scale = 2.0**config.tracks.subpixel_bits
+    points = np.ascontiguousarray(positions, np.float64).reshape(-1, 2)
+    if not _kernels.set_units(points, scale, np.array(_sides(config)), units.reshape(-1, 2)):
         raise ValueError("points must be inside the frame")
-    rounded[lost] = LOST
-    return rounded
+    return units

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dvc.entropy import RangeCoder, code_decision, code_uniform
-from dvc.entropy.range_coder import MAX_BOUND, is_settled
+from dvc.entropy.range_coder import MAX_BOUND, POSITION, has_room, is_settled
 from dvc.errors import BitstreamError
 from tests.reference import entropy as reference
 
@@ -135,6 +135,18 @@ def test_more_than_the_room_is_noticed() -> None:
         writer.to_bytes()
     with pytest.raises(AssertionError, match="read"):
         RangeCoder.reader(b"\0").to_bytes()
+
+
+def test_room_is_known() -> None:
+    """There is room for what was asked for until it is used up, and always for a reader."""
+    writer = RangeCoder.writer()
+    state = writer.room_for(100)
+    assert has_room(state, 100)
+    while has_room(state, 1):
+        code_uniform(state, MAX_BOUND, 5)
+    assert int(state.fields[POSITION]) == state.words.size
+    assert has_room(writer.room_for(1), 1)
+    assert has_room(RangeCoder.reader(b"\0").room_for(0), 1000)
 
 
 def test_a_sequence_takes_its_information() -> None:

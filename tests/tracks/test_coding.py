@@ -384,3 +384,31 @@ def test_wild_tracks_come_back(seed: int) -> None:
     decoded = decode_tracks(encode(tracks, config), 257, config)
     assert rows_of(decoded.forward) == rows_of(tracks.forward)
     assert rows_of(decoded.backward) == rows_of(tracks.backward)
+
+
+@pytest.mark.parametrize("twin", [False, True])
+@pytest.mark.parametrize("scale", [1.0, 4.0])
+def test_positions_are_rounded_to_units(scale: float, twin: bool) -> None:
+    """Halves go to even numbers, unknown positions are lost, and one outside is noticed in any coordinate."""
+    set_units = python_twin(_kernels.set_units) if twin else _kernels.set_units
+    positions = np.random.default_rng(1).uniform(0.0, 20.0, (50, 2)).round(1)
+    positions[::7] = np.nan
+    units, sides = np.empty((50, 2), np.int64), np.array([81, 90])
+    assert set_units(positions, scale, sides, units)
+    expected = np.where(np.isnan(positions), _kernels.LOST, np.rint(positions * scale))
+    assert np.array_equal(units, expected)
+    for x, y in ((-0.6, 3.0), (3.0, -1e9), (81.0, 3.0), (3.0, 1e300)):
+        positions[3] = x, y
+        assert not set_units(positions, scale, sides, units)
+
+
+@pytest.mark.parametrize("twin", [False, True])
+def test_tracks_that_come_back_are_noticed(twin: bool) -> None:
+    """A track may be lost at any instant, and not be known later."""
+    is_lost_for_good = python_twin(_kernels.is_lost_for_good) if twin else _kernels.is_lost_for_good
+    units = np.ones((3, 5, 2), np.int64)
+    for t in range(4, -1, -1):
+        units[1, t] = _kernels.LOST
+        assert is_lost_for_good(units)
+    units[1, 3] = 7
+    assert not is_lost_for_good(units)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dvc._jit import python_twin
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.tracks import PointTracks, decode_tracks, encode_tracks
@@ -154,34 +155,85 @@ def test_payloads_are_frozen(
     assert hashlib.sha256(payload).hexdigest()[:32] == frozen
 
 
+@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_motion_is_that_of_least_squares(seed: int) -> None:
+def test_motion_is_that_of_least_squares(seed: int, twin: bool) -> None:
     """Drawn to one position after the other, coefficients become those of all at once."""
+    choose = python_twin if twin else (lambda kernel: kernel)
     rng = np.random.default_rng(seed)
     features, errors = rng.normal(size=(30, 10)), rng.normal(0.0, 0.3, (30, 2))
     prior, noise = rng.uniform(0.5, 2.0, 10), 5.0
-    coefficients, covariance, gain = np.zeros((10, 2)), np.diag(prior), np.zeros(10)
-    for row, wanted in zip(features, errors, strict=True):
-        variance = _kernels.set_gain(covariance, row, gain)
-        rest = wanted - row @ coefficients
-        _kernels.learn_motion(rest, variance, noise, gain, coefficients, covariance)
+    instant = _kernels.new_instant(30)
+    covariance = instant.covariance.reshape(10, _kernels.STRIDE)
+    instant.features[:] = features
+    covariance[:, :10] = np.diag(prior)
+    for i, (row, wanted) in enumerate(zip(features, errors, strict=True)):
+        variance = choose(_kernels.set_gain)(instant, i)
+        np.testing.assert_allclose(instant.gain[:10], covariance[:, :10] @ row, atol=1e-12)
+        rest = wanted - row @ instant.coefficients
+        choose(_kernels.learn_motion)(instant, *rest, variance, noise)
     expected, spread = reference.regularised_least_squares(features, errors, prior, noise)
-    np.testing.assert_allclose(coefficients, expected, atol=1e-10)
-    np.testing.assert_allclose(covariance, spread, atol=1e-10)
+    np.testing.assert_allclose(instant.coefficients, expected, atol=1e-10)
+    np.testing.assert_allclose(covariance[:, :10], spread, atol=1e-10)
+    assert np.array_equal(covariance[:, :10], covariance[:, :10].T)
+    assert not covariance[:, 10:].any()
 
 
+@pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_neighbours_are_the_nearest(seed: int) -> None:
+def test_neighbours_are_the_nearest(seed: int, twin: bool) -> None:
     """Neighbours of a track are the nearest of those before it, the first of equals first."""
+    nearest_before = python_twin(_kernels.nearest_before) if twin else _kernels.nearest_before
     first = np.random.default_rng(seed).integers(0, 12, (40, 2)).astype(np.float64)
     neighbours, weights = np.empty((40, 8), np.int64), np.zeros((40, 8))
-    _kernels.nearest_before(first, 30.0, neighbours, weights)
+    nearest_before(first, 30.0, neighbours, weights)
     for i in range(40):
         expected = reference.nearest_before(first, i, 30.0)
         count = len(expected)
         assert neighbours[i, :count].tolist() == [j for j, _ in expected]
         assert (neighbours[i, count:] == -1).all()
         np.testing.assert_allclose(weights[i, :count], [weight for _, weight in expected])
+
+
+@pytest.mark.parametrize("twin", [False, True])
+@pytest.mark.parametrize("count", [1, 2, 3, 8, 77])
+def test_first_tracks_are_far_apart(count: int, twin: bool) -> None:
+    """Tracks are in the order of their numbers with binary digits reversed."""
+    spread_order = python_twin(_kernels.spread_order) if twin else _kernels.spread_order
+    assert spread_order(count).tolist() == reference.spread_order(count)
+
+
+@pytest.mark.parametrize("twin", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_near_given_tracks_are_not_free(seed: int, twin: bool) -> None:
+    """Cells are taken whose corner is nearer than so many cells to a given position, and no others."""
+    choose = python_twin if twin else (lambda kernel: kernel)
+    rng = np.random.default_rng(seed)
+    exponent, guard = int(rng.integers(0, 4)), int(rng.integers(0, 7))
+    shape = (21, 17)
+    taken = rng.integers(0, [shape[0] << exponent, shape[1] << exponent], (5, 2))
+    points = rng.integers(0, 100, (6, 2))
+    free = np.ones(shape, np.bool_)
+    choose(_kernels.take_guarded)(free, taken, guard, exponent)
+    assert np.array_equal(free, reference.unguarded_cells(shape, taken, guard << exponent, 1 << exponent))
+    square = ((points[:, None] - taken) ** 2).sum(axis=-1).min()
+    assert choose(_kernels.min_square)(points, taken) == square
+    assert choose(_kernels.min_square)(points, taken[:0]) == 0
+
+
+@pytest.mark.parametrize("twin", [False, True])
+@pytest.mark.parametrize("reach", [0, 2, 7])
+def test_points_are_counted_in_cells_around_them(reach: int, twin: bool) -> None:
+    """Cells after a point in the scan know how many points are within reach, up to three."""
+    count_near = python_twin(_kernels.count_near) if twin else _kernels.count_near
+    rng = np.random.default_rng(reach)
+    points = sorted((int(x), int(y)) for x, y in rng.integers(0, [20, 15], (12, 2)))
+    near = np.zeros((20, 15), np.uint8)
+    for k, (x, y) in enumerate(points):
+        count_near(near, x, y, reach, 3)
+        for later in range(15 * x + y + 1, 300):
+            cell = divmod(later, 15)
+            assert near[cell] == min(reference.num_within(points[: k + 1], cell, reach), 3)
 
 
 def test_motion_of_lost_tracks_is_not_followed() -> None:

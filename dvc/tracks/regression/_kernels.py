@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel, kernel
 from dvc.entropy.mixing import SQUASH, STRETCH, STRETCH_LIMIT, TABLE_SIZE
-from dvc.entropy.range_coder import FAILED, code_decision
+from dvc.entropy.range_coder import FAILED, code_decision, has_room
 
 LOST = -1
+OUTSIDE = -1
 NUM_FEATURES = 10
 NUM_NEIGHBOURS = 8
 NUM_STAGES, NUM_NODES = 5, 25
@@ -24,6 +25,9 @@ MAX_SYMBOLS = 1 + 2 * (2 + MAX_UNARY + 2 * MAX_EXPONENT)
 LEVEL, WEIGHT, SQUARES = 0, 1, 2
 """Places in `Motion.learned`: mean magnitude, sum of weights, squared coefficients."""
 NUM_LEARNED = SQUARES + NUM_FEATURES
+
+STRIDE = 12
+"""Places of the coefficients in a row: whole vectors of any processor."""
 
 NODE_STEP = 0.73
 NODE_LIMIT = 8.4
@@ -66,28 +70,30 @@ class Instant(NamedTuple):
     ----------
     features : ndarray of shape (N, 10), float64
         Of each track, before the instant.
-    starts, predictions : ndarray of shape (N, 2), float64
-        Where the track would be under no new motion, and where it is expected.
+    starts, fits, predictions : ndarray of shape (N, 2), float64
+        Where the track would be under no new motion, under the motion that was found before it, and where it
+        is expected.
     sizes : ndarray of shape (N,), float64
         Magnitude of its residual.
     known : ndarray of shape (N,), bool
         Whether it is known at the instant.
-    coefficients, covariance : ndarray of shape (10, 2) and (10, 10), float64
-        The new motion, and how uncertain it is.
-    gain, said, errors : ndarray of shape (10,), (3,) and (2,), float64
-        Of one track; room that is used again.
+    coefficients : ndarray of shape (10, 2), float64
+        The new motion.
+    covariance : ndarray of shape (10 * 12,), float64
+        How uncertain it is, row by row; a row ends with two zeros.
+    gain : ndarray of shape (12,), float64
+        Covariance times the features of one track, and two zeros; room that is used again.
     """
 
     features: NDArray[np.float64]
     starts: NDArray[np.float64]
+    fits: NDArray[np.float64]
     predictions: NDArray[np.float64]
     sizes: NDArray[np.float64]
     known: NDArray[np.bool_]
     coefficients: NDArray[np.float64]
     covariance: NDArray[np.float64]
     gain: NDArray[np.float64]
-    said: NDArray[np.float64]
-    errors: NDArray[np.float64]
 
 
 class Models(NamedTuple):
@@ -112,18 +118,40 @@ class Models(NamedTuple):
 
 
 @kernel
-def count_near(points, k, x, y, reach):
-    """Count the points before number `k` of a column scan within a distance."""
-    count = 0
-    for j in range(k - 1, -1, -1):
-        dx, dy = x - points[j, 0], y - points[j, 1]
-        if dx > reach:
-            break
-        count += dx * dx + dy * dy <= reach * reach
-    return count
+def min_square(points, taken):
+    """Least squared distance of points from others; 0 if there are no others."""
+    least = np.int64(2**62 if taken.shape[0] else 0)
+    for i in range(points.shape[0]):
+        for j in range(taken.shape[0]):
+            dx, dy = points[i, 0] - taken[j, 0], points[i, 1] - taken[j, 1]
+            least = min(least, dx * dx + dy * dy)
+    return least
 
 
 @kernel
+def take_guarded(free, taken, guard, exponent):
+    """Take the cells nearer than `guard` cells to one of the points in `taken` off those that are free."""
+    least = (guard << exponent) ** 2
+    for j in range(taken.shape[0]):
+        column, row = taken[j, 0] >> exponent, taken[j, 1] >> exponent
+        for x in range(max(column - guard, 0), min(column + guard + 2, free.shape[0])):
+            dx = (x << exponent) - taken[j, 0]
+            for y in range(max(row - guard, 0), min(row + guard + 2, free.shape[1])):
+                dy = (y << exponent) - taken[j, 1]
+                if dx * dx + dy * dy < least:
+                    free[x, y] = False
+
+
+@inlined_kernel
+def count_near(near, x, y, reach, most):
+    """Count a point in the cells within `reach`, and later in the scan; up to a number."""
+    for column in range(x, min(near.shape[0], x + reach + 1)):
+        for row in range(max(0, y - reach), min(near.shape[1], y + reach + 1)):
+            if (column - x) ** 2 + (row - y) ** 2 <= reach * reach and near[column, row] < most:
+                near[column, row] += 1
+
+
+@inlined_kernel
 def occupy(free, x, y, distance):
     """Take the cells nearer than `distance`, and later in the scan, off those that are free; count them."""
     taken = 0
@@ -145,6 +173,7 @@ def code_occupancy(coder, points, free, distance, told):
     """
     count, k = points.shape[0], 0
     num_free = np.int64(free.sum())
+    near = np.zeros(free.shape, np.uint8)
     for x in range(free.shape[0]):
         for y in range(free.shape[1]):
             left = count - k
@@ -152,36 +181,60 @@ def code_occupancy(coder, points, free, distance, told):
                 return True
             if not free[x, y]:
                 continue
-            near = min(count_near(points, k, x, y, (5 * distance + 1) // 2), told.shape[0] - 1)
             room = max(float(num_free - (left - 1) * distance * distance), float(left))
             expected = left / room
             here = 1
             if left < num_free:
-                ratio = told[near, 0] / told[near, 1]
+                ratio = told[near[x, y], 0] / told[near[x, y], 1]
                 probability = min(max(expected * ratio, 1e-4), 0.97)
                 here = code_decision(coder, probability, int(points[k, 0] == x and points[k, 1] == y))
-            told[near, 1] += expected
+            told[near[x, y], 1] += expected
             num_free -= 1
             free[x, y] = False
             if here:
-                told[near, 0] += 1.0
+                told[near[x, y], 0] += 1.0
                 points[k, 0], points[k, 1] = x, y
                 num_free -= occupy(free, x, y, distance)
+                count_near(near, x, y, (5 * distance + 1) // 2, told.shape[0] - 1)
                 k += 1
     return k == count
 
 
-# ---- neighbours ----
+# ---- order and neighbours ----
+
+
+@kernel
+def spread_order(count):
+    """Numbers below `count` by their binary digits in reverse, so that the first ones are far apart."""
+    order = np.empty(count, np.int64)
+    digits = 0
+    while 1 << digits < count:
+        digits += 1
+    place = 0
+    for k in range(1 << digits):
+        number = 0
+        for digit in range(digits):
+            number |= (k >> digit & 1) << (digits - 1 - digit)
+        if number < count:
+            order[place] = number
+            place += 1
+    return order
 
 
 @kernel
 def nearest_before(first, reach, neighbours, weights):
     """Find the nearest tracks before each one, nearest first, and their weights; `reach` is squared."""
+    squares = np.empty(first.shape[0])
     for i in range(first.shape[0]):
         neighbours[i] = -1
+        farthest = np.inf
         for j in range(i):
             dx, dy = first[i, 0] - first[j, 0], first[i, 1] - first[j, 1]
-            ratio = reach / (reach + (dx * dx + dy * dy))
+            squares[j] = dx * dx + dy * dy
+        for j in range(i):
+            if squares[j] >= farthest:
+                continue
+            ratio = reach / (reach + squares[j])
             weight = ratio * ratio
             k = NUM_NEIGHBOURS
             while k > 0 and (neighbours[i, k - 1] < 0 or weights[i, k - 1] < weight):
@@ -191,35 +244,37 @@ def nearest_before(first, reach, neighbours, weights):
                     neighbours[i, place] = neighbours[i, place - 1]
                     weights[i, place] = weights[i, place - 1]
                 neighbours[i, k], weights[i, k] = j, weight
+                if neighbours[i, NUM_NEIGHBOURS - 1] >= 0:
+                    farthest = squares[neighbours[i, NUM_NEIGHBOURS - 1]]
 
 
 # ---- residuals ----
 
 
-@kernel
+@inlined_kernel
 def logistic(tables, z):
     """Logistic function by table."""
     z = min(max(z, 0.01 - STRETCH_LIMIT), STRETCH_LIMIT - 0.01)
     return float(tables[SQUASH, np.int64((z + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT)))])
 
 
-@kernel
+@inlined_kernel
 def code_refined(coder, models, stage, probability, decision):
     """Code a decision by a probability that was computed, as the curve of its stage has learnt to read it."""
-    curve = models.curves[stage]
+    curves = models.curves
     probability = min(max(probability, 1.0 / TABLE_SIZE), 1.0 - 1.0 / TABLE_SIZE)
     stretched = models.tables[STRETCH, np.int64(probability * TABLE_SIZE)]
     place = (stretched + NODE_LIMIT) / NODE_STEP
     node = np.int64(place)
     share = place - node
-    refined = (1.0 - share) * curve[node] + share * curve[node + 1]
+    refined = (1.0 - share) * curves[stage, node] + share * curves[stage, node + 1]
     decision = code_decision(coder, min(max(refined, 1.0 / TABLE_SIZE), 1.0 - 1.0 / TABLE_SIZE), decision)
-    curve[node] += _RATE * (1.0 - share) * (decision - curve[node])
-    curve[node + 1] += _RATE * share * (decision - curve[node + 1])
+    curves[stage, node] += _RATE * (1.0 - share) * (decision - curves[stage, node])
+    curves[stage, node + 1] += _RATE * share * (decision - curves[stage, node + 1])
     return decision
 
 
-@kernel
+@inlined_kernel
 def code_rest(coder, rest):
     """Code a number of at least 0 by the code of Exp-Golomb, as it is."""
     rest += 1
@@ -235,7 +290,7 @@ def code_rest(coder, rest):
     return coded - 1
 
 
-@kernel
+@inlined_kernel
 def code_residual(coder, models, nearest, offset, scale, residual):
     """Code a whole number that a logistic density of mean `offset`, within half a unit of 0, lets expect."""
     tables = models.tables
@@ -262,30 +317,31 @@ def code_residual(coder, models, nearest, offset, scale, residual):
 # ---- motion of an instant ----
 
 
-@kernel
-def set_features(motion, i, t, sides, features):
+@inlined_kernel
+def set_features(motion, instant, i, t, sides):
     """Features (10,) of a track before instant `t`: place, motion since the first and the last, squares."""
+    features = instant.features
     scale = 2.8 / sides[0]
-    features[0] = 1.0
+    features[i, 0] = 1.0
     for axis in range(2):
-        features[1 + axis] = (motion.place[i, axis] - 0.5 * sides[axis]) * scale
-        features[3 + axis] = 0.0
-        features[5 + axis] = 0.0
+        features[i, 1 + axis] = (motion.place[i, axis] - 0.5 * sides[axis]) * scale
+        features[i, 3 + axis] = 0.0
+        features[i, 5 + axis] = 0.0
         if t > 1:
-            features[3 + axis] = (motion.place[i, axis] - motion.first[i, axis]) / t
-            features[5 + axis] = motion.velocity[i, axis]
-    features[7] = features[1] * features[1]
-    features[8] = features[1] * features[2]
-    features[9] = features[2] * features[2]
+            features[i, 3 + axis] = (motion.place[i, axis] - motion.first[i, axis]) / t
+            features[i, 5 + axis] = motion.velocity[i, axis]
+    features[i, 7] = features[i, 1] * features[i, 1]
+    features[i, 8] = features[i, 1] * features[i, 2]
+    features[i, 9] = features[i, 2] * features[i, 2]
 
 
-@kernel
-def set_prior(motion, live, t, covariance):
-    """Set the covariance (10, 10) of the coefficients before anything of an instant is known."""
+@inlined_kernel
+def set_prior(motion, units, t, covariance):
+    """Set the covariance of the coefficients before anything of instant `t` is known."""
     covariance[:] = 0.0
     speed, count = 0.0, 0
-    for i in range(live.size):
-        if live[i]:
+    for i in range(units.shape[0]):
+        if units[i, t - 1, 0] != LOST:
             speed += abs(motion.velocity[i, 0]) + abs(motion.velocity[i, 1])
             count += 1
     common = 5.0 if t == 1 else 0.53 + 0.73 * speed / max(2 * count, 1)
@@ -298,75 +354,76 @@ def set_prior(motion, live, t, covariance):
             deviation *= linear if k < 3 else square
         if 3 <= k < 7:
             deviation = 0.0 if t == 1 else (1.4 if k < 5 else 0.5)
-        covariance[k, k] = deviation * deviation
+        variance = deviation * deviation
         if t > 2 and weight > 0.0:
             squares = motion.learned[SQUARES + k] / weight
-            covariance[k, k] = share * squares + (1.0 - share) * covariance[k, k]
+            variance = share * squares + (1.0 - share) * variance
+        covariance[k * (STRIDE + 1)] = variance
 
 
-@kernel
-def fitted(start, features, coefficients, axis):
-    """Position by the motion that was found so far."""
-    position = start
+@inlined_kernel
+def fitted(instant, i):
+    """Position (x, y) of a track by the motion that was found so far."""
+    x, y = instant.starts[i, 0], instant.starts[i, 1]
     for k in range(NUM_FEATURES):
-        position += features[k] * coefficients[k, axis]
-    return position
+        feature = instant.features[i, k]
+        x += feature * instant.coefficients[k, 0]
+        y += feature * instant.coefficients[k, 1]
+    return x, y
 
 
-@kernel
-def set_gain(covariance, features, gain):
+@inlined_kernel
+def set_gain(instant, i):
     """Covariance times features; return the variance that the coefficients leave in the prediction."""
+    features, covariance, gain = instant.features, instant.covariance, instant.gain
+    for m in range(gain.size):
+        sum_of_products = 0.0
+        for k in range(NUM_FEATURES):  # the covariance is symmetric: the same products in the same order
+            sum_of_products += covariance[k * STRIDE + m] * features[i, k]
+        gain[m] = sum_of_products
     variance = 0.0
     for k in range(NUM_FEATURES):
-        gain[k] = 0.0
-        for m in range(NUM_FEATURES):
-            gain[k] += covariance[k, m] * features[m]
-        variance += features[k] * gain[k]
+        variance += features[i, k] * gain[k]
     return max(variance, 0.0)
 
 
-@kernel
-def learn_motion(errors, variance, noise, gain, coefficients, covariance):
+@inlined_kernel
+def learn_motion(instant, error_x, error_y, variance, noise):
     """Recursive least squares: draw the coefficients to a position; errors beyond what can be, by less."""
-    square = max(errors[0] * errors[0], errors[1] * errors[1])
+    coefficients, covariance, gain = instant.coefficients, instant.covariance, instant.gain
+    square = max(error_x * error_x, error_y * error_y)
     limit = 8.0 * (noise + variance)
     if square > limit:
         noise *= square / limit
     quotient = 1.0 / (noise + variance)
     for k in range(NUM_FEATURES):
-        for axis in range(2):
-            moved = coefficients[k, axis] + gain[k] * quotient * errors[axis]
-            coefficients[k, axis] = min(max(moved, -_LIMIT), _LIMIT)
-    for k in range(NUM_FEATURES):
-        for m in range(NUM_FEATURES):
-            covariance[k, m] -= gain[k] * gain[m] * quotient
+        share = gain[k] * quotient
+        coefficients[k, 0] = min(max(coefficients[k, 0] + share * error_x, -_LIMIT), _LIMIT)
+        coefficients[k, 1] = min(max(coefficients[k, 1] + share * error_y, -_LIMIT), _LIMIT)
+    for m in range(gain.size):
+        for k in range(NUM_FEATURES):
+            covariance[k * STRIDE + m] -= gain[k] * gain[m] * quotient
 
 
-@kernel
-def fitted_position(instant, i, axis):
-    """Position of a track by the motion that was found so far."""
-    return fitted(instant.starts[i, axis], instant.features[i], instant.coefficients, axis)
-
-
-@kernel
-def ask_neighbours(motion, instant, i, position):
-    """Set `said` to weighted sums of errors in x and y and of magnitudes; return the sum of the weights."""
-    instant.said[:] = 0.0
-    total = 0.0
+@inlined_kernel
+def ask_neighbours(motion, instant, units, i, t):
+    """Weighted sums of the errors of known neighbours in x, in y and in magnitude, and sum of the weights."""
+    error_x, error_y, size, total = 0.0, 0.0, 0.0, 0.0
     for place in range(NUM_NEIGHBOURS):
         j = motion.neighbours[i, place]
         if j < 0:
             break
         if instant.known[j]:
             weight = motion.weights[i, place]
-            for axis in range(2):
-                instant.said[axis] += weight * (position[j, axis] - fitted_position(instant, j, axis))
-            instant.said[2] += weight * instant.sizes[j]
+            x, y = fitted(instant, j)
+            error_x += weight * (units[j, t, 0] - x)
+            error_y += weight * (units[j, t, 1] - y)
+            size += weight * instant.sizes[j]
             total += weight
-    return total
+    return error_x, error_y, size, total
 
 
-@kernel
+@inlined_kernel
 def expected_size(motion, i, t, total, size):
     """Magnitude of the residual to expect, by the neighbours, the track itself and all tracks."""
     level = motion.learned[LEVEL]
@@ -375,64 +432,67 @@ def expected_size(motion, i, t, total, size):
     return (size + 3.3 * motion.magnitude[i] + 0.3 * level) / (total + 3.6)
 
 
-@kernel
-def predict(motion, instant, i, t, position, sides):
+@inlined_kernel
+def predict(motion, instant, units, i, t, sides):
     """Predict a track; return the size of the residual to expect, and the variance of the motion there."""
-    set_features(motion, i, t, sides, instant.features[i])
+    set_features(motion, instant, i, t, sides)
     for axis in range(2):
         instant.starts[i, axis] = motion.place[i, axis] + 0.14 * motion.velocity[i, axis]
-    variance = set_gain(instant.covariance, instant.features[i], instant.gain)
-    total = ask_neighbours(motion, instant, i, position)
-    for axis in range(2):
-        at = fitted_position(instant, i, axis) + instant.said[axis] / (total + 1.0)
-        instant.predictions[i, axis] = min(max(at, 0.0), sides[axis] - 1.0)
-    return expected_size(motion, i, t, total, instant.said[2]), variance
+    variance = set_gain(instant, i)
+    error_x, error_y, size, total = ask_neighbours(motion, instant, units, i, t)
+    x, y = fitted(instant, i)
+    instant.fits[i, 0], instant.fits[i, 1] = x, y
+    instant.predictions[i, 0] = min(max(x + error_x / (total + 1.0), 0.0), sides[0] - 1.0)
+    instant.predictions[i, 1] = min(max(y + error_y / (total + 1.0), 0.0), sides[1] - 1.0)
+    return expected_size(motion, i, t, total, size), variance
 
 
-@kernel
-def loss_context(predicted, scale, sides, pixel):
+@inlined_kernel
+def loss_context(instant, i, scale, sides, pixel):
     """Which context the loss of a track has, by how near the border it is expected."""
-    edge = min(predicted[0], sides[0] - 1 - predicted[0], predicted[1], sides[1] - 1 - predicted[1])
+    x, y = instant.predictions[i, 0], instant.predictions[i, 1]
+    edge = min(x, sides[0] - 1 - x, y, sides[1] - 1 - y)
     if edge < 6.0 * pixel + 2.0 * scale:
         return 0
     return 1 if edge < 20.0 * pixel else 2
 
 
-@kernel
-def code_loss(coder, counts, lost):
+@inlined_kernel
+def code_loss(coder, losses, context, lost):
     """Code whether a track is lost, by how many were before."""
-    lost = code_decision(coder, counts[0] / counts[1], lost)
-    counts[0] += lost
-    counts[1] += 1.0
+    lost = code_decision(coder, losses[context, 0] / losses[context, 1], lost)
+    losses[context, 0] += lost
+    losses[context, 1] += 1.0
     return lost
 
 
-@kernel
-def code_position(coder, models, predicted, scale, position):
-    """Code the position (2,) of a track."""
+@inlined_kernel
+def code_position(coder, models, instant, units, i, t, scale):
+    """Code the position of a track."""
     spread = 0.51 * max(scale, 0.1)
     for axis in range(2):
-        nearest = np.int64(np.floor(predicted[axis] + 0.5))
-        offset = predicted[axis] - nearest
-        position[axis] = code_residual(coder, models, nearest, offset, spread, position[axis] - nearest)
+        predicted = instant.predictions[i, axis]
+        nearest = np.int64(np.floor(predicted + 0.5))
+        offset = predicted - nearest
+        units[i, t, axis] = code_residual(coder, models, nearest, offset, spread, units[i, t, axis] - nearest)
 
 
-@kernel
-def learn(motion, instant, i, t, position, size, scale, variance):
+@inlined_kernel
+def learn(motion, instant, units, i, t, size, scale, variance):
     """Learn the new motion from a track whose position is known."""
     instant.known[i] = True
     away = 0.0
     for axis in range(2):
-        away += abs(position[i, axis] - instant.predictions[i, axis])
-        instant.errors[axis] = position[i, axis] - fitted_position(instant, i, axis)
+        away += abs(units[i, t, axis] - instant.predictions[i, axis])
     instant.sizes[i] = 0.5 * away * size / max(scale, 1e-9)
     motion.magnitude[i] += 0.35 * (min(instant.sizes[i], 8.0) - motion.magnitude[i])
     noise = (0.47 if t == 1 else 0.12) + 0.5 * size * size
-    learn_motion(instant.errors, variance, noise, instant.gain, instant.coefficients, instant.covariance)
+    error_x, error_y = units[i, t, 0] - instant.fits[i, 0], units[i, t, 1] - instant.fits[i, 1]
+    learn_motion(instant, error_x, error_y, variance, noise)
 
 
-@kernel
-def finish_instant(motion, instant, t, position):
+@inlined_kernel
+def finish_instant(motion, instant, units, t):
     """Learn how large residuals and coefficients are; filter places and velocities."""
     known = instant.known
     count = known.sum()
@@ -442,18 +502,26 @@ def finish_instant(motion, instant, t, position):
         motion.learned[WEIGHT] = 0.8 * motion.learned[WEIGHT] + 1.0
         for k in range(NUM_FEATURES):
             x, y = instant.coefficients[k, 0], instant.coefficients[k, 1]
-            square = 0.5 * (x * x + y * y) + max(instant.covariance[k, k], 0.0)
+            square = 0.5 * (x * x + y * y) + max(instant.covariance[k * (STRIDE + 1)], 0.0)
             motion.learned[SQUARES + k] = 0.8 * motion.learned[SQUARES + k] + square
+    share = 1.0 if t == 1 else 0.33
     for i in range(known.size):
-        for axis in range(2 if known[i] else 0):
-            fit = 0.5 * (fitted_position(instant, i, axis) + instant.predictions[i, axis])
-            error = position[i, axis] - fit
-            share = 1.0 if t == 1 else 0.33
-            motion.velocity[i, axis] = fit - motion.place[i, axis] + share * error
-            motion.place[i, axis] = fit + 0.75 * error
+        if known[i]:
+            x, y = fitted(instant, i)
+            follow(motion, instant, units, i, t, 0, x, share)
+            follow(motion, instant, units, i, t, 1, y, share)
 
 
-@kernel
+@inlined_kernel
+def follow(motion, instant, units, i, t, axis, fitted_last, share):
+    """Filter the place and the velocity of a track in one direction."""
+    fit = 0.5 * (fitted_last + instant.predictions[i, axis])
+    error = units[i, t, axis] - fit
+    motion.velocity[i, axis] = fit - motion.place[i, axis] + share * error
+    motion.place[i, axis] = fit + 0.75 * error
+
+
+@inlined_kernel
 def sum_of_known(instant):
     """Sum of the magnitudes of the residuals, in the order of the tracks."""
     total = 0.0
@@ -470,39 +538,53 @@ def new_instant(count):
         np.zeros((count, NUM_FEATURES)),
         np.zeros((count, 2)),
         np.zeros((count, 2)),
+        np.zeros((count, 2)),
         np.zeros(count),
         np.zeros(count, np.bool_),
         np.zeros((NUM_FEATURES, 2)),
-        np.zeros((NUM_FEATURES, NUM_FEATURES)),
-        np.zeros(NUM_FEATURES),
-        np.zeros(3),
-        np.zeros(2),
+        np.zeros(NUM_FEATURES * STRIDE),
+        np.zeros(STRIDE),
     )
 
 
-@kernel
-def code_instant(coder, models, motion, t, position, live, num_given, sides, pixel):
-    """Code where the tracks are at instant `t` that were `live` in the one before, and go on to the next.
-
-    The first `num_given` are known to both sides: they only help to predict. When reading, `position` (N, 2),
-    which is `LOST` but for these, receives the others. Return whether all are inside the frame.
-    """
-    instant = new_instant(live.size)
-    set_prior(motion, live, t, instant.covariance)
-    for i in range(live.size):
-        if not live[i]:
+@inlined_kernel
+def code_instant(coder, models, motion, instant, units, t, num_given, sides, pixel):
+    """Code where tracks are at instant `t` that were not lost in the one before, and go on to the next."""
+    instant.known[:] = False
+    instant.coefficients[:] = 0.0
+    set_prior(motion, units, t, instant.covariance)
+    for i in range(units.shape[0]):
+        if units[i, t - 1, 0] == LOST:
+            units[i, t] = LOST
             continue
-        size, variance = predict(motion, instant, i, t, position, sides)
+        size, variance = predict(motion, instant, units, i, t, sides)
         scale = np.sqrt(size * size + 1.3 * variance)
         if i >= num_given:
-            predicted = instant.predictions[i]
-            context = loss_context(predicted, scale, sides, pixel)
-            if code_loss(coder, models.losses[context], int(position[i, 0] == LOST)):
-                position[i, 0], position[i, 1] = LOST, LOST
+            context = loss_context(instant, i, scale, sides, pixel)
+            if code_loss(coder, models.losses, context, int(units[i, t, 0] == LOST)):
+                units[i, t] = LOST
                 continue
-            code_position(coder, models, predicted, scale, position[i])
-            if not (0 <= position[i, 0] < sides[0] and 0 <= position[i, 1] < sides[1]):
+            code_position(coder, models, instant, units, i, t, scale)
+            if not (0 <= units[i, t, 0] < sides[0] and 0 <= units[i, t, 1] < sides[1]):
                 return False
-        learn(motion, instant, i, t, position, size, scale, variance)
-    finish_instant(motion, instant, t, position)
+        learn(motion, instant, units, i, t, size, scale, variance)
+    finish_instant(motion, instant, units, t)
     return True
+
+
+@kernel
+def code_instants(coder, models, motion, units, begin, num_given, sides, pixel):
+    """Code the tracks (N, T, 2) at the instants from `begin` on: all those before are known.
+
+    The first `num_given` are known to both sides: they only help to predict. When reading, `units` receives
+    the others. Return the instant up to which they are coded, as far as there is room for its symbols and the
+    data are not damaged; `OUTSIDE` if a track leaves the frame.
+    """
+    instant = new_instant(units.shape[0])
+    most = units.shape[0] * MAX_SYMBOLS
+    for t in range(begin, units.shape[1]):
+        if coder.fields[FAILED] or not has_room(coder, most):
+            return t
+        if not code_instant(coder, models, motion, instant, units, t, num_given, sides, pixel):
+            return OUTSIDE
+    return units.shape[1]

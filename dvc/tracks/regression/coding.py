@@ -10,12 +10,14 @@ References
 S. Haykin, "Adaptive Filter Theory", 2002, chapter 9: recursive least squares.
 """
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.config import CodecConfig
 from dvc.entropy import RangeCoder
-from dvc.entropy.mixing import STRETCH_LIMIT, TABLE_SIZE, logistic_tables
+from dvc.entropy.mixing import SQUASH, STRETCH_LIMIT, TABLE_SIZE, logistic_tables
 from dvc.errors import BitstreamError
 from dvc.tracks.point_sets import SamplingGrid, code_points
 from dvc.tracks.regression import _kernels
@@ -71,11 +73,14 @@ def code_tracks(
 
 
 def _models() -> Models:
+    return Models(_initial_curves().copy(), logistic_tables(), np.array(_LOST))
+
+
+@cache
+def _initial_curves() -> Floats:
     nodes = _kernels.NODE_STEP * np.arange(_kernels.NUM_NODES) - _kernels.NODE_LIMIT
-    tables = logistic_tables()
     places = ((nodes + STRETCH_LIMIT) * (TABLE_SIZE / (2 * STRETCH_LIMIT))).astype(np.int64)
-    curves = np.tile(tables[1, places], (_kernels.NUM_STAGES, 1))
-    return Models(curves, tables, np.array(_LOST))
+    return np.tile(logistic_tables()[SQUASH, places], (_kernels.NUM_STAGES, 1))
 
 
 def _code_direction(
@@ -85,30 +90,19 @@ def _code_direction(
     if len(tracks) == 0:
         return tracks
     sides = _sides(config)
-    units = tracks.copy()
-    units[:, 0] = _code_first(coder, units[:, 0], given[:, 0], sides)
-    order = _spread_order(len(units))
-    units = np.concatenate([given, units[order]])
+    first = _code_first(coder, tracks[:, 0], np.ascontiguousarray(given[:, 0]), sides)
+    order = _kernels.spread_order(len(tracks))
+    units = np.concatenate([given, tracks[order]])
+    units[len(given) :, 0] = first[order]
     motion = _start(units[:, 0], sides)
-    for t in range(1, units.shape[1]):
-        live = units[:, t - 1, 0] != LOST
-        position = np.where(live[:, None], units[:, t], LOST)
+    pixel = float(2**config.tracks.subpixel_bits)
+    t = 1
+    while t < units.shape[1]:
         state = coder.room_for(len(units) * _kernels.MAX_SYMBOLS)
-        inside = _kernels.code_instant(
-            state,
-            models,
-            motion,
-            t,
-            position,
-            live,
-            len(given),
-            np.array(sides),
-            float(2**config.tracks.subpixel_bits),
-        )
+        t = _kernels.code_instants(state, models, motion, units, t, len(given), np.array(sides), pixel)
         coder.check()
-        if not inside:
+        if t == _kernels.OUTSIDE:
             raise BitstreamError("a track leaves the frame")
-        units[:, t] = position
     coded = np.empty_like(units[len(given) :])
     coded[order] = units[len(given) :]
     return coded
@@ -121,7 +115,8 @@ def _code_first(coder: RangeCoder, points: Integers, taken: Integers, sides: tup
         return code_points(coder, points, grid)
     cells = np.ascontiguousarray(points >> grid.grid_exponent)
     guard = coder.uniform(_MAX_GUARD, _guard(points, taken, grid.grid_exponent))
-    free = _free_cells(grid, taken, guard)
+    free = np.ones((grid.grid_columns, grid.grid_rows), np.bool_)
+    _kernels.take_guarded(free, taken, guard, grid.grid_exponent)
     state = coder.room_for(free.size)
     if not _kernels.code_occupancy(state, cells, free, grid.min_distance, np.array(_POINTS_TOLD)):
         raise BitstreamError("a frame has no room for its points")
@@ -130,28 +125,9 @@ def _code_first(coder: RangeCoder, points: Integers, taken: Integers, sides: tup
 
 
 def _guard(points: Integers, taken: Integers, exponent: int) -> int:
-    """Return the largest distance, on the grid, that all points keep from those that are given."""
-    if len(taken) == 0:
-        return 0
-    differences = points[:, None] - taken[None]
-    square = int((differences**2).sum(axis=-1).min()) >> 2 * exponent
+    """Return the largest distance, on the grid, that points keep from those that are given; 0: none are."""
+    square = int(_kernels.min_square(points, taken)) >> 2 * exponent
     return min(int(np.sqrt(square)), _MAX_GUARD - 1)
-
-
-def _free_cells(grid: SamplingGrid, taken: Integers, guard: int) -> NDArray[np.bool_]:
-    free = np.ones((grid.grid_columns, grid.grid_rows), np.bool_)
-    x, y = (np.arange(size) << grid.grid_exponent for size in free.shape)
-    least = (guard << grid.grid_exponent) ** 2
-    for point in taken if guard else ():
-        free &= (x[:, None] - point[0]) ** 2 + (y - point[1]) ** 2 >= least
-    return free
-
-
-def _spread_order(count: int) -> NDArray[np.intp]:
-    """Return numbers below a bound by their digits in reverse, so that the first ones are far apart."""
-    digits = max(count - 1, 1).bit_length()
-    reversed_digits = [int(format(k, f"0{digits}b")[::-1], 2) for k in range(2**digits)]
-    return np.array([k for k in reversed_digits if k < count], np.intp)
 
 
 def _start(first: Integers, sides: tuple[int, int]) -> Motion:
