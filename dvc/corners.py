@@ -125,16 +125,15 @@ def spaced(points: NDArray[np.int64] | Floats, max_points: int, min_distance_px:
 def _take_spaced(points: Floats, min_distance_px2: float, taken: Indices) -> int:
     """Fill `taken`, and return how many there are."""
     count = 0
+    x, y = np.empty(taken.size), np.empty(taken.size)
     for i in range(points.shape[0]):
         if count == taken.size:
             break
-        near = False
-        for j in taken[:count]:
-            dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-            if dx * dx + dy * dy < min_distance_px2:
-                near = True
-                break
-        if not near:
-            taken[count] = i
+        num_near = 0
+        for j in range(count):  # to stop at the first that is near takes longer than vectors do
+            dx, dy = x[j] - points[i, 0], y[j] - points[i, 1]
+            num_near += dx * dx + dy * dy < min_distance_px2
+        if num_near == 0:
+            taken[count], x[count], y[count] = i, points[i, 0], points[i, 1]
             count += 1
     return count

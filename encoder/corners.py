@@ -27,13 +27,15 @@ class CornerSettings:
     # tracked rather than a place where edges meet: half the resolution is enough to find it.
     grid_px: int = 1
     window_px: int = SENT_WINDOW_PX  # of the gradients that count, at the resolution that is looked at
-    min_response: float = 1e-7  # of a corner; gradients are in units of the full range of luma
+    min_response: float = 1e-7  # of a corner, at least 0; gradients are in units of the full range of luma
     min_distance: float = 0.4  # of two corners, in units of their distance if they were evenly spread
 
     def __post_init__(self) -> None:
         """Refuse a grid that half the resolution does not have."""
         if self.grid_px < 1 or (self.grid_px >= _SPARSE_GRID_PX and self.grid_px % 2):
             raise ValueError(f"the grid of corners must be 1, 2, 3 or even, got {self.grid_px}")
+        if self.min_response < 0:
+            raise ValueError(f"the response to a corner must be at least 0, got {self.min_response}")
 
 
 TRACKED_CORNERS = CornerSettings(grid_px=4, window_px=3)
@@ -74,15 +76,21 @@ def find_corners(
     worthy = response > settings.min_response
     if grid < _SPARSE_GRID_PX:
         worthy &= is_local_max(response, 1)
-    rows, columns = np.nonzero(worthy)
-    strength = response[rows, columns]
-    if strength.size > _CANDIDATES * max_corners:
-        strongest = strength >= np.partition(strength, -_CANDIDATES * max_corners)[-_CANDIDATES * max_corners]
-        rows, columns, strength = rows[strongest], columns[strongest], strength[strongest]
-    order = np.argsort(-strength, kind="stable")[: _CANDIDATES * max_corners]
-    points = np.stack([columns[order], rows[order]], axis=-1) * grid + first
+    rows, columns = np.divmod(_strongest(response, worthy, _CANDIDATES * max_corners), response.shape[1])
+    points = np.stack([columns, rows], axis=-1) * grid + first
     min_distance_px = settings.min_distance * (luma.size / max_corners) ** 0.5
     return points[spaced(points, max_corners, min_distance_px)]
+
+
+def _strongest(response: NDArray[np.float32], worthy: NDArray[np.bool_], most: int) -> Points:
+    """Return the places in raster order of the largest positive responses, from the largest on."""
+    places = np.flatnonzero(worthy)
+    # Positive numbers are in the order of their bits; of equal ones the first place comes first.
+    keys = response[worthy].view(np.int32).astype(np.int64) << 32
+    keys -= places
+    keys.sort()
+    strongest: Points = -keys[: -most - 1 : -1] & 0xFFFFFFFF
+    return strongest
 
 
 class CornerDetector:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from encoder.corners import TRACKED_CORNERS, CornerDetector, CornerSettings, find_corners
+from encoder.corners import TRACKED_CORNERS, CornerDetector, CornerSettings, _strongest, find_corners
 from tests.clips import moving_texture, odd_frames
 
 STILL_LIFE = moving_texture(1, 120, 160)[0].luma
@@ -44,3 +44,20 @@ def test_detector_counts_and_scans_columns() -> None:
     assert [len(frame) for frame in points.frames] == [30, 30]
     assert all((np.diff(frame[:, 0]) >= 0).all() for frame in points.frames)
     assert detector.num_corners == 60
+
+
+@pytest.mark.parametrize("most", [1, 7, 60, 500])
+def test_strongest_responses_come_first(most: int) -> None:
+    """Places are in the order of their responses, equal ones in raster order."""
+    response = np.random.default_rng(most).integers(0, 9, (20, 30)).astype(np.float32) / 8
+    worthy = response > 0.3
+    places = np.flatnonzero(worthy)
+    expected = places[np.argsort(-response.ravel()[places], kind="stable")][:most]
+    assert _strongest(response, worthy, most).tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize("settings", [{"grid_px": 5}, {"grid_px": 0}, {"min_response": -1e-9}])
+def test_settings_that_make_no_sense_are_refused(settings: dict[str, float]) -> None:
+    """Grids suit half the resolution, and responses to corners are positive."""
+    with pytest.raises(ValueError, match="must be"):
+        CornerSettings(**settings)  # type: ignore[arg-type]
