@@ -1,13 +1,20 @@
 """Compiled loops of block matching; validated and described by their callers.
 
-Images are uint8 arrays [row, column]; points are (x, y). A block of half side h has (2h + 1)^2 samples.
+Images are uint8 arrays [row, column]; points are (x, y). A block of half side h has (2h + 1)^2 samples. All
+of them are compared: to stop early takes longer than vectors of samples do. Half sides are constants where
+kernels are called, so that there are no loops around these vectors.
 """
 
 import numpy as np
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel, kernel
 
 UNKNOWN = np.int64(1) << 40
+_AROUND = np.array([(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1) if x or y])
+
+HALF_BLOCK_PX = 5
+QUARTER_HALF_BLOCK_PX = 4
+"""Half sides of blocks, in images of full size and of a quarter of it."""
 
 # ---- blocks ----
 
@@ -31,81 +38,73 @@ def min_shift_sads(image, points, blocks, shift, min_sads, counts):
 
     `counts` adds up blocks compared and samples compared.
     """
-    half = blocks.shape[1] // 2
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
-        min_sads[i] = block_sad(image, x - shift, y, half, blocks[i], UNKNOWN, counts)
-        for dx, dy in ((shift, 0), (0, -shift), (0, shift)):
-            min_sads[i] = min(
-                min_sads[i], block_sad(image, x + dx, y + dy, half, blocks[i], min_sads[i], counts)
-            )
+        min_sads[i] = UNKNOWN
+        for k in range(4):
+            moved = shift if k % 2 else -shift
+            at_x, at_y = (x + moved, y) if k < 2 else (x, y + moved)
+            min_sads[i] = min(min_sads[i], block_sad(image, at_x, at_y, HALF_BLOCK_PX, blocks, i, counts))
 
 
-@kernel
-def median_motion(velocity, alive, median):
-    """Median of each component over the live points, of which there is at least one."""
-    for axis in range(2):
-        ordered = np.sort(velocity[alive, axis])
-        median[axis] = ordered[ordered.size // 2]
+@inlined_kernel
+def block_sad(image, x, y, half, blocks, i, counts):
+    """Sum of absolute differences (SAD) of block `i` at a place; `UNKNOWN` off the image.
 
-
-@kernel
-def block_sad(image, x, y, half, block, limit, counts):
-    """Sum of absolute differences; stops after the row that reaches `limit`; `UNKNOWN` off the image.
-
-    `counts` adds up blocks compared and samples compared.
+    Of a row the first eight samples are compared, and those of the last eight that are not among them; so
+    `half` is from 4 to 7. `counts` adds up blocks compared and samples compared.
     """
-    height, width = image.shape
-    if x < half or y < half or x >= width - half or y >= height - half:
+    if not is_within(image, x, y, half):
         return UNKNOWN
-    total, side, rows = np.int64(0), 2 * half + 1, 0
-    while rows < side and total < limit:
-        samples = image[y - half + rows, x - half : x + half + 1]
-        line = np.int32(0)
-        for column in range(side):
-            line += abs(np.int32(samples[column]) - np.int32(block[rows, column]))
-        total += line
-        rows += 1
+    side = 2 * half + 1
+    total = np.int32(0)
+    for column in range(8):
+        mask = np.uint8(255) if column >= 16 - side else np.uint8(0)
+        for row in range(side):
+            at_x, at_y = np.uintp(x - half + column), np.uintp(y - half + row)
+            sample, late = image[at_y, at_x], image[at_y, np.uintp(x + half - 7 + column)] & mask
+            known, known_late = blocks[i, row, column], blocks[i, row, side - 8 + column] & mask
+            total = np.int32(total + abs(np.int32(np.int32(sample) - np.int32(known))))
+            total = np.int32(total + abs(np.int32(np.int32(late) - np.int32(known_late))))
     counts[0] += 1
-    counts[1] += rows * side
-    return total
+    counts[1] += side * side
+    return np.int64(total)
 
 
-@kernel
+@inlined_kernel
 def is_within(image, x, y, margin):
     """Tell whether a point is so far inside the image that all places around it can be compared."""
     height, width = image.shape
     return margin <= x < width - margin and margin <= y < height - margin
 
 
-@kernel
-def descend(image, x, y, half, block, sad, max_steps, counts):
-    """Follow the least SAD among the eight neighbours to a local minimum; return it and its SAD."""
-    from_x, from_y = 0, 0
-    for _ in range(max_steps):
+@inlined_kernel
+def descend(image, x, y, blocks, i, sad, max_steps, around, counts):
+    """Follow the least SAD among the eight neighbours to a local minimum; return it and its SAD.
+
+    `around` (8,) receives the SADs of its neighbours in raster order.
+    """
+    for step in range(max_steps + 1):
         best, step_x, step_y = sad, 0, 0
-        for dy in range(-1, 2):
-            for dx in range(-1, 2):
-                # What the last step has left behind was compared before it.
-                seen = (from_x != 0 or from_y != 0) and max(abs(dx + from_x), abs(dy + from_y)) <= 1
-                if (dx == 0 and dy == 0) or seen:
-                    continue
-                found = block_sad(image, x + dx, y + dy, half, block, best, counts)
-                if found < best:
-                    best, step_x, step_y = found, dx, dy
-        if step_x == 0 and step_y == 0:
+        for k in range(8):
+            dx, dy = _AROUND[k, 0], _AROUND[k, 1]
+            found = block_sad(image, x + dx, y + dy, HALF_BLOCK_PX, blocks, i, counts)
+            around[k] = found
+            if found < best:
+                best, step_x, step_y = found, dx, dy
+        if (step_x == 0 and step_y == 0) or step == max_steps:
             break
-        x, y, sad, from_x, from_y = x + step_x, y + step_y, best, step_x, step_y
+        x, y, sad = x + step_x, y + step_y, best
     return x, y, sad
 
 
-@kernel
-def spiral_search(image, x, y, half, block, small, spiral, counts):
+@inlined_kernel
+def spiral_search(image, x, y, half, blocks, i, small, spiral, counts):
     """Compare along a spiral until the first small SAD; return where the least one is, and that SAD."""
     best, best_x, best_y = UNKNOWN, x, y
     for k in range(spiral.shape[0]):
         at_x, at_y = x + spiral[k, 0], y + spiral[k, 1]
-        sad = block_sad(image, at_x, at_y, half, block, best, counts)
+        sad = block_sad(image, at_x, at_y, half, blocks, i, counts)
         if sad < best:
             best, best_x, best_y = sad, at_x, at_y
             if best <= small:
@@ -117,51 +116,87 @@ def spiral_search(image, x, y, half, block, small, spiral, counts):
 
 
 @kernel
-def nearest_found(first, found, i):
-    """Return which of the points found already in this frame started nearest to point `i`; -1 if none."""
-    min_distance, nearest = UNKNOWN, -1
-    for j in range(found.size):
-        if found[j]:
-            distance = (first[i, 0] - first[j, 0]) ** 2 + (first[i, 1] - first[j, 1]) ** 2
-            if distance < min_distance:
-                min_distance, nearest = distance, j
-    return nearest
+def median_motion(velocity, alive, median):
+    """Median of each component over the live points, of which there is at least one."""
+    for axis in range(2):
+        ordered = np.sort(velocity[alive, axis])
+        median[axis] = ordered[ordered.size // 2]
 
 
 @kernel
-def best_candidate(image, half, block, candidates, counts):
+def move_as_nearest(points, ends, squares, velocity):
+    """Squared distance of points from the last place of the nearest track, and its last motion, back in time.
+
+    `ends` (K, 2, 2) are the last two places of each track; nan: it is lost. Where there is none the distance
+    is infinite, and there is no motion.
+    """
+    count = points.shape[0]
+    x, y = points[:, 0].astype(np.float64), points[:, 1].astype(np.float64)
+    nearest = np.full(count, -1)
+    squares[:] = np.inf
+    for j in range(ends.shape[0]):
+        at_x, at_y = ends[j, 1, 0], ends[j, 1, 1]
+        for i in range(count):
+            square = (x[i] - at_x) * (x[i] - at_x) + (y[i] - at_y) * (y[i] - at_y)
+            nearest[i] = j if square < squares[i] else nearest[i]
+            squares[i] = square if square < squares[i] else squares[i]
+    for i in range(count):
+        for axis in range(2):
+            velocity[i, axis] = 0
+            if nearest[i] >= 0:
+                velocity[i, axis] = np.int64(np.rint(ends[nearest[i], 0, axis] - ends[nearest[i], 1, axis]))
+
+
+@inlined_kernel
+def lead(first_x, first_y, j, begin, leaders):
+    """Let point `j`, which was found, lead the points from `begin` on to which no other started nearer.
+
+    `leaders` holds the squared distance and the number of the nearest one, the first of equals.
+    """
+    for k in range(begin, leaders.size):
+        i = np.uintp(k)
+        dx, dy = np.int32(first_x[i] - first_x[j]), np.int32(first_y[i] - first_y[j])
+        square = np.int32(np.int32(dx * dx) + np.int32(dy * dy))
+        leaders[i] = min(leaders[i], (np.int64(square) << 20) + j)
+
+
+@inlined_kernel
+def best_candidate(image, blocks, i, candidates, counts):
     """Compare a block at several places; return the first of least SAD, and that SAD."""
     best, best_x, best_y = UNKNOWN, candidates[0, 0], candidates[0, 1]
     for k in range(candidates.shape[0]):
-        seen = False
+        x, y, seen = candidates[k, 0], candidates[k, 1], False
         for j in range(k):
-            if candidates[j, 0] == candidates[k, 0] and candidates[j, 1] == candidates[k, 1]:
-                seen = True
+            seen |= candidates[j, 0] == x and candidates[j, 1] == y
         if not seen:
-            sad = block_sad(image, candidates[k, 0], candidates[k, 1], half, block, best, counts)
+            sad = block_sad(image, x, y, HALF_BLOCK_PX, blocks, i, counts)
             if sad < best:
-                best, best_x, best_y = sad, candidates[k, 0], candidates[k, 1]
+                best, best_x, best_y = sad, x, y
     return best_x, best_y, best
 
 
 @kernel
 def coarse_to_fine_search(
-    image, quarter, block, quarter_block, last_x, last_y, spiral, quarter_spiral, counts
+    image, quarter, blocks, quarter_blocks, i, last, spiral, quarter_spiral, around, counts
 ):
-    """Search in images of a quarter of the size, then around what was found there."""
-    x, y, sad = spiral_search(
-        quarter,
-        (last_x + 2) // 4,
-        (last_y + 2) // 4,
-        quarter_block.shape[0] // 2,
-        quarter_block,
-        -1,
-        quarter_spiral,
-        counts,
-    )
+    """Search in images of a quarter of the size, around what was found there, and down to a local minimum."""
+    x, y, half = (last[i, 0] + 2) // 4, (last[i, 1] + 2) // 4, QUARTER_HALF_BLOCK_PX
+    x, y, sad = spiral_search(quarter, x, y, half, quarter_blocks, i, -1, quarter_spiral, counts)
     if sad < UNKNOWN:
-        x, y, sad = spiral_search(image, 4 * x, 4 * y, block.shape[0] // 2, block, -1, spiral, counts)
+        x, y, sad = spiral_search(image, 4 * x, 4 * y, HALF_BLOCK_PX, blocks, i, -1, spiral[:49], counts)
+    if sad < UNKNOWN:
+        x, y, sad = descend(image, x, y, blocks, i, sad, spiral.shape[0], around, counts)
     return x, y, sad
+
+
+@kernel
+def leaders_of(first_x, first_y, found):
+    """What `lead` makes of the points that are found already."""
+    leaders = np.full(found.size, UNKNOWN << 20)
+    for j in range(found.size):
+        if found[j]:
+            lead(first_x, first_y, j, 0, leaders)
+    return leaders
 
 
 @kernel
@@ -180,67 +215,84 @@ def track_frame(
     max_coarse_searches,
     position,
     sads,
+    beside,
     found,
     counts,
 ):
-    """Find each live point in a frame; `position`, `sads` and `found` receive what came of it.
+    """Find each live point in a frame, and return how many are found.
 
-    `small` bounds the SAD of a point that is found. `last` and `velocity` are positions in the frame before
-    and the motion into it. Points that are `found` already show the others where to look. Coarse-to-fine
-    searches are for points whose neighbours do not tell the motion. A minimum at the border of the image is
-    none: it may go on outside.
+    `position`, `sads`, `beside` (N, 4) and `found` receive what came of it; `beside` are the SADs to the
+    left, to the right, above and below. `small` bounds the SAD of a point that is found. `last` and
+    `velocity` are positions in the frame before and the motion into it. Points that are `found` already show
+    the others where to look. Coarse-to-fine searches are for points whose neighbours do not tell the motion.
+    A minimum at the border of the image is none: it may go on outside.
     """
-    half = blocks.shape[1] // 2
     candidates = np.empty((3, 2), np.int64)
-    coarse_searches = 0
+    around = np.empty(8, np.int64)
+    first_x, first_y = first[:, 0].astype(np.int32), first[:, 1].astype(np.int32)
+    leaders = leaders_of(first_x, first_y, found)
+    num_found, coarse_searches = np.int64(found.sum()), 0
     for i in range(alive.size):
         if found[i] or not alive[i]:
             continue
-        j = nearest_found(first, found, i)
+        led = leaders[i] < UNKNOWN << 20
+        j = leaders[i] & (1 << 20) - 1
         for axis in range(2):
             candidates[0, axis] = last[i, axis]
             candidates[1, axis] = last[i, axis] + velocity[i, axis]
-            motion = velocity[i, axis] if j < 0 else position[j, axis] - last[j, axis]
+            motion = position[j, axis] - last[j, axis] if led else velocity[i, axis]
             candidates[2, axis] = last[i, axis] + motion
-        x, y, sad = best_candidate(image, half, blocks[i], candidates, counts)
-        if sad > small[i] and j >= 0 and not is_within(image, candidates[2, 0], candidates[2, 1], half):
-            continue  # it has left with its neighbours
+        x, y, sad = best_candidate(image, blocks, i, candidates, counts)
         if sad > small[i]:
-            x, y, sad = spiral_search(image, x, y, half, blocks[i], small[i], spiral, counts)
+            if led and not is_within(image, candidates[2, 0], candidates[2, 1], HALF_BLOCK_PX):
+                continue  # it has left with its neighbours
+            x, y, sad = spiral_search(image, x, y, HALF_BLOCK_PX, blocks, i, small[i], spiral, counts)
         if sad < UNKNOWN:
-            x, y, sad = descend(image, x, y, half, blocks[i], sad, spiral.shape[0], counts)
+            x, y, sad = descend(image, x, y, blocks, i, sad, spiral.shape[0], around, counts)
         if sad > small[i] and coarse_searches < max_coarse_searches:
             coarse_searches += 1
             x, y, sad = coarse_to_fine_search(
-                image,
-                quarter,
-                blocks[i],
-                quarter_blocks[i],
-                last[i, 0],
-                last[i, 1],
-                spiral[:49],
-                quarter_spiral,
-                counts,
+                image, quarter, blocks, quarter_blocks, i, last, spiral, quarter_spiral, around, counts
             )
-            if sad < UNKNOWN:
-                x, y, sad = descend(image, x, y, half, blocks[i], sad, spiral.shape[0], counts)
-        found[i] = sad <= small[i] and is_within(image, x, y, half + 1)
         position[i, 0], position[i, 1], sads[i] = x, y, sad
+        if sad <= small[i] and is_within(image, x, y, HALF_BLOCK_PX + 1):
+            found[i] = True
+            num_found += 1
+            for k in range(4):
+                beside[i, k] = around[(3, 4, 1, 6)[k]]
+            lead(first_x, first_y, i, i + 1, leaders)
+    return num_found
+
+
+@inlined_kernel
+def offset_between(before, here, after):
+    """Place a minimum between pixels, where the two sides of a V through three SADs meet."""
+    steepest = max(before, after) - here
+    if min(before, after) >= here and steepest > 0:
+        return 0.5 * (before - after) / steepest
+    return 0.0
 
 
 @kernel
-def subpixel_offsets(image, blocks, position, alive, sads, counts, offsets):
-    """Place the minimum between pixels, where the two sides of a V through three SADs meet."""
-    half = blocks.shape[1] // 2
-    for i in range(alive.size):
-        if not alive[i]:
-            continue
-        x, y = position[i, 0], position[i, 1]
+def finish_frame(first, small, last, position, sads, beside, found, scale, velocity, path):
+    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; what is not found is nan there.
+
+    Return the largest squared distance of a point that is found from where it started, and the sum of SADs,
+    of which those not found have the largest that they could have been found with.
+    """
+    longest, sum_of_sads = 0, 0
+    for i in range(found.size):
+        square = 0
         for axis in range(2):
-            dx, dy = 1 - axis, axis
-            before = block_sad(image, x - dx, y - dy, half, blocks[i], UNKNOWN, counts)
-            after = block_sad(image, x + dx, y + dy, half, blocks[i], UNKNOWN, counts)
-            steepest = max(before, after) - sads[i]
-            offsets[i, axis] = 0.0
-            if max(before, after) < UNKNOWN and min(before, after) >= sads[i] and steepest > 0:
-                offsets[i, axis] = 0.5 * (before - after) / steepest
+            velocity[i, axis] = position[i, axis] - last[i, axis]
+            moved = position[i, axis] - first[i, axis]
+            square += moved * moved
+            path[i, axis] = np.nan
+            if found[i]:
+                offset = 0.0
+                if scale > 1.0:
+                    offset = offset_between(beside[i, 2 * axis], sads[i], beside[i, 2 * axis + 1])
+                path[i, axis] = np.rint((position[i, axis] + offset) * scale) / scale
+        longest = max(longest, square if found[i] else 0)
+        sum_of_sads += sads[i] if found[i] else small[i]
+    return longest, sum_of_sads

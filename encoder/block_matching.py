@@ -5,9 +5,10 @@ point that has been found already; it goes on along a spiral until a small SAD i
 of least SAD to a local minimum. A point without small SAD is lost.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,15 @@ from encoder.corners import TRACKED_CORNERS, CornerSettings, find_corners
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+_SIDE_PX = 2 * _kernels.HALF_BLOCK_PX + 1
+_QUARTER_SIDE_PX = 2 * _kernels.QUARTER_HALF_BLOCK_PX + 1
+
 
 @dataclass(frozen=True)
 class PointTrackerSettings:
     """How points are found and followed."""
 
     corners: CornerSettings = TRACKED_CORNERS
-    half_block_px: int = 5  # of the blocks that are compared: 11 x 11 samples
     spiral_px: int = 5  # reach of the spiral
     coarse_reach_px: int = 48  # reach of the search for points whose motion nothing tells
     max_coarse_searches: int = 4  # of these, in one frame
@@ -105,13 +108,12 @@ class KeyPoints:
         KeyPoints
             None of them at the border.
         """
-        half = settings.half_block_px
-        positions = find_corners(luma, num_points, half + 1, settings.corners)
-        blocks = np.empty((len(positions), 2 * half + 1, 2 * half + 1), np.uint8)
+        positions = find_corners(luma, num_points, _kernels.HALF_BLOCK_PX + 1, settings.corners)
+        blocks = np.empty((len(positions), _SIDE_PX, _SIDE_PX), np.uint8)
         _kernels.cut_blocks(luma, positions, blocks)
         min_sads = np.empty(len(positions), np.int64)
         _kernels.min_shift_sads(luma, positions, blocks, settings.shift_px, min_sads, operations)
-        num_samples = (2 * half + 1) ** 2
+        num_samples = _SIDE_PX**2
         small = np.clip(
             settings.small_share * np.minimum(min_sads, 255 * num_samples),
             settings.small_noise * num_samples,
@@ -143,13 +145,15 @@ class BlockMatchingTracker:
         self, points: KeyPoints, velocity: Integers, subpixel_bits: int, settings: PointTrackerSettings
     ) -> None:
         self.points = points
-        self.last = points.positions.copy()
+        self.last = points.positions
         self.velocity = velocity
         self.alive = np.ones(len(self.last), np.bool_)
+        self.num_alive = len(self.last)
         self.path: list[Floats] = [self.last.astype(np.float64)]
-        self._sads = np.zeros(len(self.last), np.int64)
-        self._quarter_blocks = np.empty((0, 9, 9), np.uint8)
-        self._subpixel_bits = subpixel_bits
+        self._longest_px2 = 0
+        self._sum_of_sads = 0
+        self._quarter_blocks = np.empty((0, _QUARTER_SIDE_PX, _QUARTER_SIDE_PX), np.uint8)
+        self._scale = 2.0**subpixel_bits
         self._settings = settings
 
     def step(self, luma: Plane, max_coarse_searches: int) -> Integers:
@@ -165,26 +169,27 @@ class BlockMatchingTracker:
         Returns
         -------
         ndarray of shape (2,), int64
-            Blocks whose SAD was begun, and samples compared in them.
+            Blocks whose SAD was computed, and samples compared in them.
         """
         count = len(self.last)
-        position = np.zeros((count, 2), np.int64)
-        sads = np.zeros(count, np.int64)
-        operations = np.zeros(2, np.int64)
-        found = np.zeros(count, np.bool_)
-        self._search(luma, 0, position, sads, found, operations)
-        enough = (1.0 - self._settings.coarse_search_share) * self.alive.sum()
-        if max_coarse_searches and found.sum() < enough:
-            self._search(luma, max_coarse_searches, position, sads, found, operations)
-        self.alive = found
-        offsets = np.zeros((count, 2))
-        if self._subpixel_bits:
-            _kernels.subpixel_offsets(luma, self.points.blocks, position, found, sads, operations, offsets)
-        self.velocity = position - self.last
-        self.last = position
-        self._sads = sads
-        self.path.append(self._rounded(position + offsets))
-        return operations
+        search = _Search(
+            np.zeros((count, 2), np.int64),
+            np.zeros(count, np.int64),
+            np.zeros((count, 4), np.int64),
+            np.zeros(count, np.bool_),
+            np.zeros(2, np.int64),
+        )
+        num_found = self._search(luma, 0, search)
+        enough = (1.0 - self._settings.coarse_search_share) * self.num_alive
+        if max_coarse_searches and num_found < enough:
+            num_found = self._search(luma, max_coarse_searches, search)
+        self._finish(search, num_found)
+        return search.operations
+
+    @property
+    def longest_px(self) -> float:
+        """Largest distance of a live point from where it started, in pixels; 0 if none is left."""
+        return math.sqrt(self._longest_px2)
 
     @property
     def change(self) -> float:
@@ -193,48 +198,60 @@ class BlockMatchingTracker:
         A point that is lost counts as the largest difference that it could have been found with; 0 without
         points.
         """
-        if not len(self.alive):
-            return 0.0
-        differences = np.where(self.alive, self._sads, self.points.small)
-        return float(differences.mean()) / (2 * self._settings.half_block_px + 1) ** 2
+        return self._sum_of_sads / len(self.last) / _SIDE_PX**2 if len(self.last) else 0.0
 
-    def _rounded(self, position: Floats) -> Floats:
-        scale = 2**self._subpixel_bits
-        rounded: Floats = np.round(position * scale) / scale
-        rounded[~self.alive] = np.nan
-        return rounded
-
-    def _search(
-        self,
-        luma: Plane,
-        max_coarse_searches: int,
-        position: Integers,
-        sads: Integers,
-        found: NDArray[np.bool_],
-        operations: Integers,
-    ) -> None:
+    def _search(self, luma: Plane, max_coarse_searches: int, search: "_Search") -> int:
+        """Find points that are not found yet; return how many are in the end."""
         points, settings = self.points, self._settings
         if max_coarse_searches and len(self._quarter_blocks) == 0:
-            self._quarter_blocks = np.empty((len(self.last), 9, 9), np.uint8)
+            self._quarter_blocks = np.empty((len(self.last), *self._quarter_blocks.shape[1:]), np.uint8)
             _kernels.cut_blocks(_quarter(points.luma), points.positions // 4, self._quarter_blocks)
-        _kernels.track_frame(
-            luma,
-            points.blocks,
-            points.small,
+        return int(
+            _kernels.track_frame(
+                luma,
+                points.blocks,
+                points.small,
+                points.positions,
+                self.last,
+                self.velocity,
+                self.alive,
+                spiral(settings.spiral_px),
+                _quarter(luma) if max_coarse_searches else luma,
+                self._quarter_blocks,
+                spiral(settings.coarse_reach_px // 4),
+                max_coarse_searches,
+                *search,
+            )
+        )
+
+    def _finish(self, search: "_Search", num_found: int) -> None:
+        """Go on to the next frame."""
+        position, sads, beside, found, _ = search
+        points, velocity, path = self.points, np.empty_like(position), np.empty(position.shape)
+        self._longest_px2, self._sum_of_sads = _kernels.finish_frame(
             points.positions,
+            points.small,
             self.last,
-            self.velocity,
-            self.alive,
-            spiral(settings.spiral_px),
-            _quarter(luma) if max_coarse_searches else luma,
-            self._quarter_blocks,
-            spiral(settings.coarse_reach_px // 4),
-            max_coarse_searches,
             position,
             sads,
+            beside,
             found,
-            operations,
+            self._scale,
+            velocity,
+            path,
         )
+        self.last, self.velocity, self.alive, self.num_alive = position, velocity, found, num_found
+        self.path.append(path)
+
+
+class _Search(NamedTuple):
+    """What comes of a search for the points in a frame."""
+
+    position: Integers
+    sads: Integers
+    beside: Integers
+    found: NDArray[np.bool_]
+    operations: Integers
 
 
 def _quarter(luma: Plane) -> Plane:

@@ -58,7 +58,7 @@ class PointTracker:
         self._num_points = num_points
         self._subpixel_bits = subpixel_bits
         self._settings = settings or PointTrackerSettings()
-        self._motion = np.zeros(2, np.int64)
+        self._led: tuple[Integers, NDArray[np.bool_]] | None = None
         self._num_before = 0
         self.counts = TrackingCounts()
 
@@ -75,7 +75,7 @@ class PointTracker:
         points = KeyPoints.find(luma, self._num_points, self._settings, operations)
         self._count(operations)
         count = len(points.positions)
-        velocity = np.tile(self._motion, (count, 1))
+        velocity = np.tile(self._last_motion(), (count, 1))
         self._matching = BlockMatchingTracker(points, velocity, self._subpixel_bits, self._settings)
         self._num_before = count
         self.counts.num_corners += count
@@ -91,10 +91,10 @@ class PointTracker:
         """
         started = time.process_time()
         matching = self._matching
-        self._num_before = int(matching.alive.sum())
+        self._num_before = matching.num_alive
         self._count(matching.step(luma, self._settings.max_coarse_searches))
-        if matching.alive.any():
-            _kernels.median_motion(matching.velocity, matching.alive, self._motion)
+        if matching.num_alive:
+            self._led = matching.velocity, matching.alive
         self.counts.num_frames += 1
         self.counts.cpu_s += time.process_time() - started
 
@@ -123,22 +123,18 @@ class PointTracker:
     @property
     def longest_px(self) -> float:
         """Largest distance of a live point from where it started, in pixels; 0 if none is left."""
-        matching = self._matching
-        if not matching.alive.any():
-            return 0.0
-        return float(np.hypot(*(matching.last - matching.points.positions)[matching.alive].T).max())
+        return self._matching.longest_px
 
     @property
     def lost_share(self) -> float:
         """Share of the points of the key frame that are lost; 0 if there were none."""
-        alive = self._matching.alive
-        return 1.0 - float(alive.mean()) if len(alive) else 0.0
+        matching = self._matching
+        return 1.0 - matching.num_alive / len(matching.alive) if len(matching.alive) else 0.0
 
     @property
     def last_lost_share(self) -> float:
         """Share of the points of the last frame but one that were lost in the last; 0 if there were none."""
-        alive = self._matching.alive
-        return 1.0 - float(alive.sum()) / self._num_before if self._num_before else 0.0
+        return 1.0 - self._matching.num_alive / self._num_before if self._num_before else 0.0
 
     @property
     def change(self) -> float:
@@ -168,7 +164,7 @@ class PointTracker:
             return np.empty((0, len(frames), 2))
         matching = self._uncovered(forward.positions[:, -2:])
         for luma in reversed(frames[:-1]):
-            if not matching.alive.any():
+            if not matching.num_alive:
                 break
             self._count(matching.step(luma, 0))
         positions = np.full((len(matching.alive), len(frames), 2), np.nan)
@@ -180,22 +176,18 @@ class PointTracker:
     def _uncovered(self, ends: Floats) -> BlockMatchingTracker:
         """Choose points far from the tracks, whose last two positions are given; they move as the nearest."""
         settings, points = self._settings, self._matching.points
-        known = ends[np.isfinite(ends).all(axis=(1, 2))]
-        distance, nearest = _nearest(points.positions, known[:, 1])
-        chosen = np.flatnonzero(distance >= settings.birth_distance_px)[: settings.max_births]
-        velocity = np.zeros((len(chosen), 2), np.int64)
-        if len(known):
-            velocity = np.rint(known[:, 0] - known[:, 1]).astype(np.int64)[nearest[chosen]]
-        return BlockMatchingTracker(points[chosen], velocity, self._subpixel_bits, settings)
+        squares, velocity = np.empty(len(points.positions)), np.empty_like(points.positions)
+        _kernels.move_as_nearest(points.positions, np.ascontiguousarray(ends), squares, velocity)
+        chosen = np.flatnonzero(squares >= settings.birth_distance_px**2)[: settings.max_births]
+        return BlockMatchingTracker(points[chosen], velocity[chosen], self._subpixel_bits, settings)
+
+    def _last_motion(self) -> Integers:
+        """Return the median motion into the last frame where any point was found; at first, none."""
+        median = np.zeros(2, np.int64)
+        if self._led:
+            _kernels.median_motion(*self._led, median)
+        return median
 
     def _count(self, operations: Integers) -> None:
         self.counts.num_blocks += int(operations[0])
         self.counts.num_samples += int(operations[1])
-
-
-def _nearest(points: Integers, others: Floats) -> tuple[Floats, NDArray[np.intp]]:
-    """Return the distance of each point from the nearest of the others, and which it is."""
-    if len(others) == 0:
-        return np.full(len(points), np.inf), np.zeros(len(points), np.intp)
-    distances = np.hypot(*(points[:, None] - others[None]).transpose(2, 0, 1))
-    return distances.min(axis=1), distances.argmin(axis=1)

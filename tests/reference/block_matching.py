@@ -1,4 +1,4 @@
-"""Plain twin of block matching: exhaustive, without early end."""
+"""Plain twins of block matching."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,3 +40,26 @@ def spiral_search(
             if value <= small:
                 break
     return best
+
+
+def leader(first: NDArray[np.int64], found: NDArray[np.bool_], i: int) -> int:
+    """Return which point that is found started nearest to another, the first of equals; -1 if none."""
+    squares = ((first - first[i]) ** 2).sum(axis=1)
+    return int(np.argmin(np.where(found, squares, 2**40))) if found.any() else -1
+
+
+def between_pixels(before: int, here: int, after: int) -> float:
+    """Return where the two sides of a V through three SADs meet; 0 where there is no V."""
+    if min(before, after) < here or before == after == here:
+        return 0.0
+    return (before - after) / (2 * (max(before, after) - here))
+
+
+def last_motion(point: NDArray[np.int64], ends: NDArray[np.float64]) -> tuple[float, list[int]]:
+    """Return the squared distance of the nearest of tracks (K, 2, 2), and its motion back in time."""
+    known = ends[np.isfinite(ends[:, 1, 0])]
+    if not len(known):
+        return np.inf, [0, 0]
+    squares = ((known[:, 1] - point) ** 2).sum(axis=1)
+    nearest = known[np.argmin(squares)]
+    return float(squares.min()), np.rint(nearest[0] - nearest[1]).astype(int).tolist()
