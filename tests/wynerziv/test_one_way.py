@@ -4,6 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from dvc import turbo
 from dvc.errors import BitstreamError
@@ -93,3 +95,15 @@ def test_planes_that_a_band_does_not_have_are_refused() -> None:
     assert none.startswith(payload)
     with pytest.raises(BitstreamError, match="left over"):
         OneWayFrame.read(LAYOUT, none + b"\0", SEED)
+
+
+@given(st.binary(max_size=80), st.booleans())
+def test_any_bytes_are_read_or_refused(data: bytes, after_header: bool) -> None:
+    """Nothing but a frame or a `BitstreamError` comes of them."""
+    payload = QUANTIZATION.header + data if after_header else data
+    try:
+        frame = OneWayFrame.read(LAYOUT, payload, SEED)
+    except BitstreamError:
+        return
+    assert frame.syndrome_bits + frame.check_bits <= 8 * len(payload)
+    assert all(depth <= own for depth, own in zip(frame.sent.depths, frame.quantization.planes, strict=True))
