@@ -97,14 +97,14 @@ class OneWayDecoder:
         """Decode a block; return what its bands cost, or nothing where it is concealed."""
         quantization, depths = received.quantization, received.sent.depths
         bands = [band for band in BLOCKS[number] if depths[band]]
-        scales = {band: state.scale(band).ravel() * state.gain for band in bands}
+        scales = {band: state.scale(band).ravel() for band in bands}
         priors = [
             number_priors(
                 quantization.edges(band),
                 quantization.planes[band],
                 depths[band],
                 state.predicted[band].ravel(),
-                scales[band],
+                scales[band] * state.gain,
             )
             for band in bands
         ]
@@ -129,10 +129,9 @@ class OneWayDecoder:
         missing = quantization.planes[band] - len(planes)
         prefix = bitplanes.from_planes(planes)
         lower, upper = bitplanes.prefix_borders(prefix, missing, quantization.edges(band))
-        predicted, unit = state.predicted[band].ravel(), scale / state.gain
-        gain = noise.fit_gain(lower, upper, predicted, unit, state.gain)
+        gain = noise.fit_gain(lower, upper, state.predicted[band].ravel(), scale, state.gain)
         state.gain = float(np.sqrt(state.gain * gain))
-        state.set_known(band, KnownBand.of(lower, upper, unit * gain, self._layout.band_shape))
+        state.set_known(band, KnownBand.of(lower, upper, scale * gain, self._layout.band_shape))
 
 
 def _checks(bits: Bits, block: SentBlock) -> bool:

@@ -107,3 +107,17 @@ def test_any_bytes_are_read_or_refused(data: bytes, after_header: bool) -> None:
         return
     assert frame.syndrome_bits + frame.check_bits <= 8 * len(payload)
     assert all(depth <= own for depth, own in zip(frame.sent.depths, frame.quantization.planes, strict=True))
+
+
+def test_blocks_that_would_take_all_memory_are_refused() -> None:
+    """A few bytes may not promise planes without end."""
+    layout = FrameLayout(8192, 8192, True, (0,) * 16, 16)
+    quantization = layout.of_step(0, (12,) * 16)
+    payload = (
+        quantization.header
+        + np.packbits(
+            np.array([int(digit) for digit in "1100" + "1" * 15 + "00000000" + "00000001"], np.uint8)
+        ).tobytes()
+    )
+    with pytest.raises(BitstreamError, match="a block of"):
+        OneWayFrame.read(layout, payload + bytes(20), SEED)
