@@ -25,6 +25,8 @@ BLOCKS = (range(1), range(1, 16))
 CHECK_BITS = 16
 """Check bits of a block."""
 LENGTH_CODE_BITS = 8
+MAX_BLOCK_BITS = 1 << 25
+"""Bits of the planes of a block: belief propagation takes some hundred bytes of memory for each."""
 _LENGTHS_PER_OCTAVE = 16
 
 
@@ -219,6 +221,8 @@ class OneWayFrame:
         blocks: list[SentBlock | None] = []
         for number in range(len(BLOCKS)):
             graph = sent.graph(number, quantization, layout.num_bits, seed)
+            if graph is not None and graph.size > MAX_BLOCK_BITS:
+                raise BitstreamError(f"a block of {graph.size} bits, at most {MAX_BLOCK_BITS} are allowed")
             if graph is None:
                 blocks.append(None)
             else:

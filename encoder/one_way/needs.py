@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dvc.config import CodecConfig
 from dvc.wynerziv.layout import Quantization
-from dvc.wynerziv.one_way import BLOCKS, SentPlanes, length_code
+from dvc.wynerziv.one_way import BLOCKS, MAX_BLOCK_BITS, SentPlanes, length_code
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _NOISE_PER_ROOT_SLOPE = 0.1
 """Scale of what quantised references add."""
 _MIN_SCALE = 0.3
 _CODE_FACTOR = 1.14
-"""Length of the shortest syndrome that serves, over the ideal code length."""
+"""Length of the shortest syndrome that serves, over the ideal code length; by hand, as all of these."""
 _BITS_PER_SAVED = 1.25
 """Bits that an ideal one costs, where planes are chosen."""
 _NEEDS = {
@@ -108,7 +108,8 @@ class NeedEstimator:
                 num_bands += depths[band] > 0
             fixed = needs[0] * num_bands * num_bits / _FITTED_BITS
             needed = _CODE_FACTOR * (1.0 + self.margin_percent / 100.0) * (fixed + needs[1] * expected)
-            codes.append(length_code(min(needed, 1.1 * num_bits * sum(depths[band] for band in block))))
+            size = num_bits * sum(depths[band] for band in block)
+            codes.append(length_code(min(needed, 1.1 * size)) if size <= MAX_BLOCK_BITS else 0)
         return SentPlanes(tuple(depths), tuple(codes))
 
     def _scales(self, magnitudes: Floats, share: float) -> Floats:
