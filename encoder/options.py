@@ -58,7 +58,7 @@ EXAMPLES = """\
 """
 
 DEFAULT_MARGIN_PERCENT = 60
-"""Estimates of what a frame needs err by a third, more where little is needed."""
+"""Estimates of what a frame needs err; chosen by hand."""
 MAX_MARGIN_PERCENT = 1000
 
 
@@ -252,21 +252,7 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         f" bits will do; with {', '.join(_with_points(tracked=True))} and --qp; default: {INTRA_PERIOD}",
         metavar="N",
     )
-    quality = (
-        "quality on H.264's scale, 1 (fine) to 51 (coarse): key frames, steps and what is asked for,"
-        f" set together for the least rate; default: {DEFAULT_QP}"
-    )
-    cli.add_integer(group, "--qp", (1, MAX_QP), quality, metavar="QP")
-    preset = (
-        "in place of --qp, a quantiser preset of the literature, 1 (coarse) to 8 (fine); all is asked for"
-    )
-    cli.add_integer(group, "--wz-q", (1, 8), preset, metavar="Q")
-    add(
-        "--key-qp",
-        default="auto",
-        metavar="QP",
-        help="1 to 51, lossless, or auto: whatever suits --qp or --wz-q; default: %(default)s",
-    )
+    _add_quality(group)
     add(
         "--turbo",
         choices=TURBO_FAMILIES,
@@ -279,7 +265,30 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         default=WynerZivConfig.noise_model,
         help="correlation noise model of the decoder; default: %(default)s",
     )
-    add(
+    _add_one_way(group)
+    cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
+
+
+def _add_quality(group: argparse._ArgumentGroup) -> None:
+    quality = (
+        "quality on H.264's scale, 1 (fine) to 51 (coarse): key frames, steps and what is asked for,"
+        f" set together for the least rate; default: {DEFAULT_QP}"
+    )
+    cli.add_integer(group, "--qp", (1, MAX_QP), quality, metavar="QP")
+    preset = (
+        "in place of --qp, a quantiser preset of the literature, 1 (coarse) to 8 (fine); all is asked for"
+    )
+    cli.add_integer(group, "--wz-q", (1, 8), preset, metavar="Q")
+    group.add_argument(
+        "--key-qp",
+        default="auto",
+        metavar="QP",
+        help="1 to 51, lossless, or auto: whatever suits --qp or --wz-q; default: %(default)s",
+    )
+
+
+def _add_one_way(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
         "--no-feedback",
         action="store_true",
         help="for a camera without a way back: send what frames are estimated to need in place of"
@@ -293,7 +302,6 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         f" predicted; default: {DEFAULT_MARGIN_PERCENT}",
         metavar="PERCENT",
     )
-    cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
 
 
 def _add_tracks(group: argparse._ArgumentGroup) -> None:
