@@ -19,7 +19,7 @@ from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, transform
 from dvc.wynerziv.candidates import number_priors
 from dvc.wynerziv.layout import FrameLayout
-from dvc.wynerziv.one_way import BLOCKS, CHECK_BITS, OneWayFrame, SentBlock
+from dvc.wynerziv.one_way import BLOCKS, OneWayFrame, SentBlock
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
@@ -117,7 +117,7 @@ class OneWayDecoder:
             first += depths[band]
             self._set_known(band, planes, scales[band], received, state)
             ideal_bits.append(prior.ideal_bits(bitplanes.from_planes(planes)))
-        share = (block.graph.num_checks + CHECK_BITS) / max(sum(ideal_bits), 1.0)
+        share = (block.graph.num_checks + block.check.size) / max(sum(ideal_bits), 1.0)
         return [
             BandCost(band, ideal, round(share * ideal)) for band, ideal in zip(bands, ideal_bits, strict=True)
         ]
@@ -136,5 +136,5 @@ class OneWayDecoder:
 
 def _checks(bits: Bits, block: SentBlock) -> bool:
     """Tell whether the planes of a block have its check bits."""
-    checks = turbo.joint_check(turbo.crc(bits, CHECK_BITS))
+    checks = turbo.joint_check(turbo.crc(bits, block.check.size))
     return np.array_equal(checks, block.check)

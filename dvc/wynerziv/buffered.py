@@ -174,9 +174,25 @@ class EncodedFrame:
         if not planes.size or not 0 <= request.count <= self._crc.shape[1]:
             raise ValueError(f"{request.count} joint bits of {planes.size} planes")
         _refuse_others(request, self._num_planes)
-        rows = self._crc[planes // 64]
-        bits = (rows >> (63 - planes % 64).astype(np.uint64)[:, None]) & np.uint64(1)
-        return turbo.joint_check(bits.astype(np.uint8))[: request.count]
+        return self.joint_check(request.positions)[: request.count]
+
+    def joint_check(self, planes: Sequence[int]) -> Bits:
+        """Return check bits of several planes together.
+
+        Parameters
+        ----------
+        planes : sequence of int
+            Numbers of the planes.
+
+        Returns
+        -------
+        ndarray of shape (crc_bits,), uint8
+            See `turbo.joint_check`.
+        """
+        chosen = np.array(planes, np.int64)
+        shifts = (63 - chosen % 64).astype(np.uint64)
+        bits = (self._crc[chosen // 64] >> shifts[:, None]) & np.uint64(1)
+        return turbo.joint_check(bits.astype(np.uint8))
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`.

@@ -11,19 +11,16 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc import turbo
 from dvc.bits import BitReader, BitWriter
 from dvc.errors import BitstreamError
 from dvc.turbo.syndromes.graph import SyndromeGraph, syndrome
+from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.layout import FrameLayout, Quantization, plane_digits, read_planes
 
 Bits = NDArray[np.uint8]
-Words = NDArray[np.uint64]
 
 BLOCKS = (range(1), range(1, 16))
 """Bands whose planes have one syndrome: DC first, so that it can refine the prediction of the others."""
-CHECK_BITS = 16
-"""Check bits of a block."""
 LENGTH_CODE_BITS = 8
 MAX_BLOCK_BITS = 1 << 25
 """Bits of the planes of a block: belief propagation takes some hundred bytes of memory for each."""
@@ -108,19 +105,13 @@ class SentPlanes:
         return SyndromeGraph(num_bits, planes, length, seed) if length and planes else None
 
 
-def encode_payload(
-    layout: FrameLayout, quantization: Quantization, words: Words, sent: SentPlanes, seed: int
-) -> bytes:
+def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
     """Pack what is sent of a frame; inverse of `OneWayFrame.read`.
 
     Parameters
     ----------
-    layout : FrameLayout
-        Layout of the frame.
-    quantization : Quantization
-        Its quantisers.
-    words : ndarray of shape (W, N), uint64
-        Its bit planes, from `quantize_frame`.
+    frame : EncodedFrame
+        The frame.
     sent : SentPlanes
         What is sent.
     seed : int
@@ -135,30 +126,11 @@ def encode_payload(
     writer = BitWriter()
     writer.write(np.array(list(map(int, digits)), np.uint8))
     for block in range(len(BLOCKS)):
-        graph = sent.graph(block, quantization, layout.num_bits, seed)
+        graph = sent.graph(block, frame.quantization, frame.layout.num_bits, seed)
         if graph is not None:
-            writer.write(block_check([turbo.crc_words(row, CHECK_BITS) for row in words], graph.planes))
-            writer.write(syndrome(words, graph))
-    return quantization.header + writer.to_bytes()
-
-
-def block_check(checks: list[Words], planes: tuple[int, ...]) -> Bits:
-    """Join the check bits of the planes of a block.
-
-    Parameters
-    ----------
-    checks : list of ndarray of shape (CHECK_BITS,), uint64
-        Check bits of 64 planes each: plane p stands in bit 63 - p % 64.
-    planes : tuple of int
-        Planes of the block.
-
-    Returns
-    -------
-    ndarray of shape (CHECK_BITS,), uint8
-        Check bits of the block.
-    """
-    each = [(checks[p // 64] >> np.uint64(63 - p % 64)) & np.uint64(1) for p in planes]
-    return turbo.joint_check(np.stack(each).astype(np.uint8))[:CHECK_BITS]
+            writer.write(frame.joint_check(graph.planes))
+            writer.write(syndrome(frame.words, graph))
+    return frame.header + writer.to_bytes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +138,7 @@ class SentBlock:
     """What was received of a block."""
 
     graph: SyndromeGraph
-    check: Bits  # shape (CHECK_BITS,)
+    check: Bits  # shape (crc_bits,)
     syndrome: Bits  # shape (M,)
 
 
@@ -226,7 +198,7 @@ class OneWayFrame:
             if graph is None:
                 blocks.append(None)
             else:
-                blocks.append(SentBlock(graph, reader.read(CHECK_BITS), reader.read(graph.num_checks)))
+                blocks.append(SentBlock(graph, reader.read(layout.crc_bits), reader.read(graph.num_checks)))
         reader.expect_end()
         return cls(quantization, sent, tuple(blocks))
 
@@ -238,4 +210,4 @@ class OneWayFrame:
     @cached_property
     def check_bits(self) -> int:
         """Check bits of all its blocks."""
-        return CHECK_BITS * sum(block is not None for block in self.blocks)
+        return sum(block.check.size for block in self.blocks if block is not None)

@@ -63,7 +63,7 @@ class OneWayEncoder:
             frame, distance = frames[index - 1], reference_distance(around)
             sent = self._needs.choose(frame.quantization, magnitudes, distance, frame.layout.num_bits)
             seed = self._config.turbo.interleaver_seed
-            payloads[index - 1] = encode_payload(frame.layout, frame.quantization, frame.words, sent, seed)
+            payloads[index - 1] = encode_payload(frame, sent, seed)
         return tuple(payloads)
 
 

@@ -11,10 +11,9 @@ from dvc import turbo
 from dvc.errors import BitstreamError
 from dvc.turbo.syndromes.graph import syndrome
 from dvc.wynerziv import quantizer
-from dvc.wynerziv.buffered import quantize_frame
+from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
 from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.one_way import (
-    CHECK_BITS,
     OneWayFrame,
     SentPlanes,
     encode_payload,
@@ -26,6 +25,7 @@ SEED = 3
 LAYOUT = FrameLayout(24, 32, True, (0,) * 16, 16)
 LUMA = np.random.default_rng(1).integers(0, 256, (24, 32), dtype=np.uint8)
 QUANTIZATION, WORDS = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(20.0))
+FRAME = EncodedFrame(LAYOUT, QUANTIZATION, WORDS, ())
 
 
 def depths(dc: int, *others: int) -> tuple[int, ...]:
@@ -45,7 +45,7 @@ def depths(dc: int, *others: int) -> tuple[int, ...]:
 )
 def test_round_trip(sent: SentPlanes) -> None:
     """Planes, check bits and syndromes come back; a block without syndrome is none."""
-    payload = encode_payload(LAYOUT, QUANTIZATION, WORDS, sent, SEED)
+    payload = encode_payload(FRAME, sent, SEED)
     frame = OneWayFrame.read(LAYOUT, payload, SEED)
     assert frame.quantization == QUANTIZATION
     assert frame.sent == sent
@@ -57,7 +57,7 @@ def test_round_trip(sent: SentPlanes) -> None:
         assert block is not None
         np.testing.assert_array_equal(block.syndrome, syndrome(WORDS, graph))
         planes = [(WORDS[p // 64] >> np.uint64(63 - p % 64)) & np.uint64(1) for p in graph.planes]
-        checks = turbo.crc(np.stack(planes).astype(np.uint8), CHECK_BITS)
+        checks = turbo.crc(np.stack(planes).astype(np.uint8), LAYOUT.crc_bits)
         np.testing.assert_array_equal(block.check, turbo.joint_check(checks))
     header_bits = 8 * len(payload) - frame.syndrome_bits - frame.check_bits
     assert 0 <= header_bits < 200
@@ -79,7 +79,7 @@ def test_lengths_are_told_on_a_fine_scale() -> None:
 def test_a_cut_payload_is_refused(cut: int) -> None:
     """Wherever it ends too early."""
     sent = SentPlanes(depths(4, 3), (length_code(60), length_code(60)))
-    payload = encode_payload(LAYOUT, QUANTIZATION, WORDS, sent, SEED)
+    payload = encode_payload(FRAME, sent, SEED)
     assert cut < len(payload)
     with pytest.raises(BitstreamError):
         OneWayFrame.read(LAYOUT, payload[:cut], SEED)
@@ -90,8 +90,8 @@ def test_planes_that_a_band_does_not_have_are_refused() -> None:
     too_many = SentPlanes(depths(QUANTIZATION.planes[0] + 1), (0, 0))
     payload = QUANTIZATION.header
     with pytest.raises(BitstreamError, match="more bit planes of a band are sent than it has"):
-        OneWayFrame.read(LAYOUT, encode_payload(LAYOUT, QUANTIZATION, WORDS, too_many, SEED), SEED)
-    none = encode_payload(LAYOUT, QUANTIZATION, WORDS, SentPlanes(depths(0), (0, 0)), SEED)
+        OneWayFrame.read(LAYOUT, encode_payload(FRAME, too_many, SEED), SEED)
+    none = encode_payload(FRAME, SentPlanes(depths(0), (0, 0)), SEED)
     assert none.startswith(payload)
     with pytest.raises(BitstreamError, match="left over"):
         OneWayFrame.read(LAYOUT, none + b"\0", SEED)
