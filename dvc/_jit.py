@@ -3,6 +3,8 @@
 import ast
 import contextlib
 import fcntl
+import threading
+import time
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -71,11 +73,52 @@ def inlined_kernel(function: Function) -> Function:
 
 def _compiled(function: Function, **options: Any) -> Function:
     compiled = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    _time_loading(compiled)
     cache = getattr(compiled, "_cache", None)
     if cache is not None and hasattr(cache, "cache_path"):
         _lock_cache(cache)
         _stamp_cache(cache, function)
     return cast(Function, compiled)
+
+
+class _LoadingClock(threading.local):
+    """Processor time that a thread has spent on loading and compiling kernels."""
+
+    seconds = 0.0
+    running = False
+
+
+_CLOCK = _LoadingClock()
+
+
+def loading_time_s() -> float:
+    """Tell how long this thread has been loading and compiling kernels.
+
+    Returns
+    -------
+    float
+        Processor time in seconds.
+    """
+    return _CLOCK.seconds
+
+
+def _time_loading(compiled: Any) -> None:
+    """Let the clock run while a kernel, with all that it calls, is loaded or compiled."""
+    compile_now: Callable[[Any], Any] | None = getattr(compiled, "compile", None)
+    if compile_now is None:  # the JIT is off
+        return
+
+    def timed(signature: Any) -> Any:
+        if _CLOCK.running:
+            return compile_now(signature)
+        started, _CLOCK.running = time.thread_time(), True
+        try:
+            return compile_now(signature)
+        finally:
+            _CLOCK.seconds += time.thread_time() - started
+            _CLOCK.running = False
+
+    compiled.compile = timed
 
 
 def _stamp_cache(cache: Any, function: Callable[..., Any]) -> None:

@@ -1,6 +1,5 @@
 """Corners of a frame that are worth tracking, spread over the frame."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ from dvc.corners import SENT_WINDOW_PX, is_local_max, quick_corner_response, spa
 from dvc.tracks import FeaturePoints
 from dvc.tracks.point_sets import column_scan
 from dvc.video.frames import Plane
+from encoder.clock import coding_time_s
 
 Points = NDArray[np.int64]
 
@@ -123,13 +123,13 @@ class CornerDetector:
         FeaturePoints
             Column by column.
         """
-        started = time.process_time()
+        started = coding_time_s()
         found = []
         for luma in frames:
             points = find_corners(luma, self._num_points, _MARGIN_PX, self._settings)
             found.append(points[column_scan(points)].astype(np.float64))
         self.num_corners += sum(map(len, found))
-        self.cpu_s += time.process_time() - started
+        self.cpu_s += coding_time_s() - started
         return FeaturePoints(tuple(found))
 
 

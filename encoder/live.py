@@ -34,7 +34,8 @@ def serve(
     """
     live = _LiveEncoder(session, frames, connection, progress)
     try:
-        live.run()
+        with session.statistics.coding():
+            live.run()
     except VideoError as err:
         live.give_up(str(err))
         raise
@@ -64,7 +65,8 @@ class _LiveEncoder:
         while True:
             while self._endpoint.num_credits and not self._ended:
                 self._send_group()
-            self._connection.send(self._endpoint.bytes_to_send())
+            with self._session.statistics.timing("writing_cpu_s"):
+                self._connection.send(self._endpoint.bytes_to_send())
             if self._endpoint.finished:
                 return
             for event in self._endpoint.receive(self._connection.receive()):
@@ -84,8 +86,9 @@ class _LiveEncoder:
             self._ended = True
             return
         encoded = self._session.encode(group)
-        record = encoded.record(frame.header for frame in encoded.frames)
-        number = self._endpoint.send_gop(record)
+        with self._session.statistics.timing("writing_cpu_s"):
+            record = encoded.record(frame.header for frame in encoded.frames)
+            number = self._endpoint.send_gop(record)
         frames = dict(enumerate(encoded.frames, self._num_frames))
         self._open[number] = _OpenGroup(frames, record.num_frames)
         self._num_frames += record.num_frames
@@ -95,7 +98,8 @@ class _LiveEncoder:
             group.frames[request.frame] for group in self._open.values() if request.frame in group.frames
         )
         try:
-            bits = frame.answer(request)
+            with self._session.statistics.timing("parity_cpu_s"):
+                bits = frame.answer(request)
         except ValueError as err:  # no such plane in this frame: the ledger knows only what frames may have
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
         self._endpoint.send_answer(request.frame, request.plane, bits)

@@ -1,12 +1,25 @@
 """What an encoding run counts: frames, bits, processor time, and the work of the tracker."""
 
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
+from typing import Any
 
+from dvc._jit import loading_time_s
+from dvc.video import Frame
+from encoder.clock import coding_time_s
 from encoder.corners import CornerDetector
 from encoder.tracking import TrackingCounts
+
+PARTS = (
+    "key_cpu_s",
+    "tracking_cpu_s",
+    "transform_cpu_s",
+    "one_way_cpu_s",
+    "parity_cpu_s",
+    "writing_cpu_s",
+)
+"""Fields that share the time of coding; the rest of it finds groups of pictures and holds all together."""
 
 
 @dataclass
@@ -17,15 +30,26 @@ class EncoderStatistics:
     ----------
     num_key_frames, num_wyner_ziv_frames : int
         Frames of each type.
-    key_cpu_s, wyner_ziv_cpu_s : float
-        Processor time spent on the frames of each type, in seconds.
+    coding_cpu_s : float
+        Processor time, in seconds, of all that is not reading of the input nor loading of compiled code.
+    key_cpu_s : float
+        Of it, on key frames.
+    tracking_cpu_s : float
+        On corners, tracks and their coding.
+    transform_cpu_s : float
+        On transform, quantiser, bit planes and their check bits.
+    one_way_cpu_s : float
+        On choosing and packing what is sent where no decoder asks.
+    parity_cpu_s : float
+        On parity, and on packing what a decoder may ask for or asks for.
+    writing_cpu_s : float
+        On records and files, or messages.
+    reading_cpu_s : float
+        Processor time of waiting for frames of the input, beside that of coding.
     start_up_cpu_s : float
-        Processor time that the first Wyner-Ziv frame took before it was coded again and counted: compiled
-        code is loaded when it is first called.
+        Processor time of loading compiled code, which happens when it is first called, beside that of coding.
     key_bits, tracks_bits : int
         Bits of all key frames, and of all tracks or points.
-    tracking_cpu_s : float
-        Processor time spent on corners, tracks and their coding, in seconds.
     num_corners : int
         Corners found.
     num_sad_blocks, num_sad_samples : int
@@ -38,12 +62,17 @@ class EncoderStatistics:
 
     num_key_frames: int = 0
     num_wyner_ziv_frames: int = 0
+    coding_cpu_s: float = 0.0
     key_cpu_s: float = 0.0
-    wyner_ziv_cpu_s: float = 0.0
+    tracking_cpu_s: float = 0.0
+    transform_cpu_s: float = 0.0
+    one_way_cpu_s: float = 0.0
+    parity_cpu_s: float = 0.0
+    writing_cpu_s: float = 0.0
+    reading_cpu_s: float = 0.0
     start_up_cpu_s: float = 0.0
     key_bits: int = 0
     tracks_bits: int = 0
-    tracking_cpu_s: float = 0.0
     num_corners: int = 0
     num_sad_blocks: int = 0
     num_sad_samples: int = 0
@@ -71,9 +100,68 @@ class EncoderStatistics:
         """Frames of both types."""
         return self.num_key_frames + self.num_wyner_ziv_frames
 
+    @property
+    def wyner_ziv_cpu_s(self) -> float:
+        """Processor time spent on Wyner-Ziv frames, in seconds."""
+        return self.transform_cpu_s + self.one_way_cpu_s + self.parity_cpu_s
+
+    @property
+    def other_cpu_s(self) -> float:
+        """Processor time of coding that is none of its `PARTS`, in seconds."""
+        return self.coding_cpu_s - sum(float(getattr(self, name)) for name in PARTS)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all that was counted.
+
+        Returns
+        -------
+        dict
+            All fields, and the two sums of times.
+        """
+        sums = {"wyner_ziv_cpu_s": self.wyner_ziv_cpu_s, "other_cpu_s": self.other_cpu_s}
+        return asdict(self) | sums
+
+    @contextmanager
+    def coding(self) -> Iterator[None]:
+        """Count the time of coding and that of loading, but not that of `reading`.
+
+        Yields
+        ------
+        None
+            Nothing; what the block takes is added.
+        """
+        loaded, read = loading_time_s(), self.reading_cpu_s
+        try:
+            with self.timing("coding_cpu_s"):
+                yield
+        finally:
+            self.coding_cpu_s -= self.reading_cpu_s - read
+            self.start_up_cpu_s += loading_time_s() - loaded
+
+    def reading(self, frames: Iterable[Frame]) -> Iterator[Frame]:
+        """Count the time that frames take to come.
+
+        Parameters
+        ----------
+        frames : iterable of Frame
+            The input.
+
+        Yields
+        ------
+        Frame
+            The same.
+        """
+        source = iter(frames)
+        while True:
+            with self.timing("reading_cpu_s"):
+                frame = next(source, None)
+            if frame is None:
+                return
+            yield frame
+
     @contextmanager
     def timing(self, name: str) -> Iterator[None]:
-        """Add processor time to one of the fields.
+        """Add processor time to one of the fields, without that of loading compiled code.
 
         Parameters
         ----------
@@ -85,9 +173,11 @@ class EncoderStatistics:
         None
             Nothing; what the block takes is added.
         """
-        started = time.process_time()
-        yield
-        setattr(self, name, getattr(self, name) + time.process_time() - started)
+        started = coding_time_s()
+        try:
+            yield
+        finally:
+            setattr(self, name, getattr(self, name) + coding_time_s() - started)
 
     def add_group(self, num_wyner_ziv: int, key: bytes, tracks: bytes) -> None:
         """Count an encoded group of pictures.
@@ -104,7 +194,7 @@ class EncoderStatistics:
         self.key_bits += 8 * len(key)
         self.tracks_bits += 8 * len(tracks)
 
-    def set_tracking(self, tracker: TrackingCounts, detector: CornerDetector, coding_cpu_s: float) -> None:
+    def set_tracking(self, tracker: TrackingCounts, detector: CornerDetector, tracks_cpu_s: float) -> None:
         """Take over what is counted elsewhere since the start.
 
         Parameters
@@ -113,10 +203,10 @@ class EncoderStatistics:
             Work of the tracker.
         detector : CornerDetector
             Detector of the corners that are sent as they are.
-        coding_cpu_s : float
+        tracks_cpu_s : float
             Processor time that coding of tracks and points took, in seconds.
         """
-        self.tracking_cpu_s = coding_cpu_s + tracker.cpu_s + detector.cpu_s
+        self.tracking_cpu_s = tracks_cpu_s + tracker.cpu_s + detector.cpu_s
         self.num_corners = tracker.num_corners + detector.num_corners
         self.num_sad_blocks, self.num_sad_samples = tracker.num_blocks, tracker.num_samples
         self.num_tracked_frames = tracker.num_frames

@@ -1,6 +1,5 @@
 """The encoder of figure 5.1: frames in; key frames, tracks and parity out."""
 
-import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import BinaryIO
@@ -14,6 +13,7 @@ from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.hierarchy import reference_distances
 from encoder.anchors import KeyFrameSpacing
 from encoder.block_matching import PointTrackerSettings
+from encoder.clock import coding_time_s
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, groups, tracked_groups
 from encoder.one_way.payloads import OneWayEncoder
@@ -105,7 +105,7 @@ class EncoderSession:
         self._max_tracks_bpp = max_tracks_bpp
         self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits, tracking)
         self._detector = CornerDetector(config.tracks.num_points)
-        self._coding_cpu_s = 0.0
+        self._tracks_cpu_s = 0.0
         self.statistics = EncoderStatistics()
 
     def write(self, frames: Iterable[Frame], file: BinaryIO, progress: Progress) -> None:
@@ -120,16 +120,22 @@ class EncoderSession:
         progress : callable
             Called with the number of frames just finished.
         """
-        writer = StreamWriter(file, self.config, "one-way" if self._one_way else "buffered")
-        for group in self.groups(frames):
-            encoded = self.encode(group)
-            with self.statistics.timing("wyner_ziv_cpu_s"):
-                buffered = (frame.buffered_payload() for frame in encoded.frames)
-                record = encoded.record(encoded.one_way if self._one_way else buffered)
-            writer.write_gop(record)
-            progress(record.num_frames)
-        writer.close()
-        self.statistics.stream_bytes = writer.num_bytes
+        statistics = self.statistics
+        with statistics.coding():
+            writer = StreamWriter(file, self.config, "one-way" if self._one_way else "buffered")
+            for group in self.groups(frames):
+                encoded = self.encode(group)
+                payloads = encoded.one_way
+                if self._one_way is None:
+                    with statistics.timing("parity_cpu_s"):
+                        payloads = tuple(frame.buffered_payload() for frame in encoded.frames)
+                with statistics.timing("writing_cpu_s"):
+                    record = encoded.record(payloads)
+                    writer.write_gop(record)
+                progress(record.num_frames)
+            with statistics.timing("writing_cpu_s"):
+                writer.close()
+        statistics.stream_bytes = writer.num_bytes
 
     def groups(self, frames: Iterable[Frame]) -> Iterator[Group]:
         """Cut the sequence into groups of pictures as the configuration says.
@@ -145,6 +151,7 @@ class EncoderSession:
             See `encoder.groups`.
         """
         length, kind = self.config.gop.length, self.config.tracks.kind
+        frames = self.statistics.reading(frames)
         if kind == "encoder" and length > 1:
             return tracked_groups(frames, length, self._tracker, self._rule)
         if kind == "decoder":
@@ -168,18 +175,13 @@ class EncoderSession:
         anchored = not self._key_frames.needs_key(group)
         originals = (*group.wyner_ziv, group.key) if anchored else group.wyner_ziv
         steps = self._steps(len(originals), anchored)
-        if originals and not statistics.num_wyner_ziv_frames:
-            with statistics.timing("start_up_cpu_s"):
-                first = wyner_ziv.encode(originals[0], steps[0])
-                if self._one_way is None:
-                    first.buffered_payload()
         with statistics.timing("key_cpu_s"):
             key = b"" if anchored else self._key_encoder.encode(group.key)
-        with statistics.timing("wyner_ziv_cpu_s"):
+        with statistics.timing("transform_cpu_s"):
             frames = tuple(map(wyner_ziv.encode, originals, steps))
         one_way: tuple[bytes, ...] = ()
         if self._one_way is not None:
-            with statistics.timing("wyner_ziv_cpu_s"):
+            with statistics.timing("one_way_cpu_s"):
                 one_way = self._one_way.payloads(group, frames)
         tracks = self._encode_tracks(group)
         statistics.add_group(len(frames), key, tracks)
@@ -195,12 +197,12 @@ class EncoderSession:
         return [self._allocation.step(distance) for distance in distances]
 
     def _encode_tracks(self, group: Group) -> bytes:
-        started = time.process_time()
+        started = coding_time_s()
         payload = b""
         if group.tracks is not None:
             payload = encode_within_budget(group.tracks, self.config, self._max_tracks_bpp)
         elif group.points is not None:
             payload = encode_points(group.points, self.config)
-        self._coding_cpu_s += time.process_time() - started
-        self.statistics.set_tracking(self._tracker.counts, self._detector, self._coding_cpu_s)
+        self._tracks_cpu_s += coding_time_s() - started
+        self.statistics.set_tracking(self._tracker.counts, self._detector, self._tracks_cpu_s)
         return payload

@@ -1,6 +1,5 @@
 """Tracks of groups of pictures: points of each key frame, followed into the frames after it and before it."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +10,7 @@ from dvc.tracks import PointTracks
 from dvc.video.frames import Plane
 from encoder import _kernels
 from encoder.block_matching import BlockMatchingTracker, KeyPoints, PointTrackerSettings
+from encoder.clock import coding_time_s
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -70,7 +70,7 @@ class PointTracker:
         luma : ndarray of shape (H, W), uint8
             The key frame.
         """
-        started = time.process_time()
+        started = coding_time_s()
         operations = np.zeros(2, np.int64)
         points = KeyPoints.find(luma, self._num_points, self._settings, operations)
         self._count(operations)
@@ -79,7 +79,7 @@ class PointTracker:
         self._matching = BlockMatchingTracker(points, velocity, self._subpixel_bits, self._settings)
         self._num_before = count
         self.counts.num_corners += count
-        self.counts.cpu_s += time.process_time() - started
+        self.counts.cpu_s += coding_time_s() - started
 
     def step(self, luma: Plane) -> None:
         """Follow the points into the next frame.
@@ -89,14 +89,14 @@ class PointTracker:
         luma : ndarray of shape (H, W), uint8
             The frame.
         """
-        started = time.process_time()
+        started = coding_time_s()
         matching = self._matching
         self._num_before = matching.num_alive
         self._count(matching.step(luma, self._settings.max_coarse_searches))
         if matching.num_alive:
             self._led = matching.velocity, matching.alive
         self.counts.num_frames += 1
-        self.counts.cpu_s += time.process_time() - started
+        self.counts.cpu_s += coding_time_s() - started
 
     def close(self, frames: Sequence[Plane]) -> PointTracks:
         """End a group, and start the next at the key frame that closes it.
@@ -115,9 +115,9 @@ class PointTracker:
         before = self._matching
         forward = self.tracks(len(frames) + 1)
         self.start(frames[-1])
-        started = time.process_time()
+        started = coding_time_s()
         backward = self._births(forward, [before.points.luma, *frames])
-        self.counts.cpu_s += time.process_time() - started
+        self.counts.cpu_s += coding_time_s() - started
         return PointTracks(np.concatenate([forward.positions, backward]), len(backward))
 
     @property

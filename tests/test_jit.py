@@ -34,3 +34,31 @@ def test_an_edit_of_a_callee_is_noticed(tmp_path: Path, middle: str) -> None:
         ["1", "1"],
         ["2", "0"],
     ]
+
+
+def test_loading_and_compiling_are_told_apart_from_running(tmp_path: Path) -> None:
+    """The clock of loading runs when a kernel is first called, in the thread that calls it."""
+    (tmp_path / "one.py").write_text(KERNEL.format("", "kernel", "one", "x + 1"))
+    (tmp_path / "two.py").write_text(KERNEL.format("from one import one", "kernel", "two", "one(x)"))
+    program = (
+        "import threading, time; from dvc._jit import loading_time_s; from two import two; found = []\n"
+        "before = time.thread_time(), loading_time_s(); two(0)\n"
+        "after = time.thread_time(), loading_time_s(); two(0)\n"
+        "thread = threading.Thread(target=lambda: found.append(loading_time_s()))\n"
+        "thread.start(); thread.join()\n"
+        "print(before[1], after[1], after[0] - before[0], loading_time_s(), found[0])"
+    )
+    path = os.pathsep.join([str(tmp_path), str(Path(__file__).resolve().parents[1])])
+    environment = {
+        **os.environ,
+        "PYTHONPATH": path,
+        "NUMBA_CACHE_DIR": str(tmp_path),
+        "NUMBA_DISABLE_JIT": "0",
+    }
+    command = [sys.executable, "-c", program]
+    for share in (0.9, 0.5):  # compiled, then loaded
+        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        before, loading, spent, again, other = map(float, run.stdout.split())
+        assert before == other == 0.0
+        assert share * spent < loading < spent
+        assert again == loading

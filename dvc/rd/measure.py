@@ -87,6 +87,7 @@ def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[st
         "totals": decoded,
         "times": {
             **_process_times(encoding, decoding),
+            "coding_cpu_s": round(coded["coding_cpu_s"], 6),
             "key_encode_cpu_s": round(coded["key_cpu_s"], 6),
             "wz_encode_cpu_s": round(coded["wyner_ziv_cpu_s"], 6),
             "tracking_cpu_s": round(coded["tracking_cpu_s"], 6),

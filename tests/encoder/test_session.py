@@ -1,7 +1,8 @@
 """Groups of pictures, and what the encoder writes and counts."""
 
 import io
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 
 import pytest
 from hypothesis import given
@@ -12,6 +13,7 @@ from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import Form, StreamReader
 from dvc.video import Frame
 from encoder.groups import groups
+from encoder.report import PARTS
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
@@ -85,9 +87,30 @@ def test_statistics_count_what_was_written() -> None:
     assert counted.stream_bytes == len(file.getvalue())
     records = list(StreamReader(io.BytesIO(file.getvalue())))
     assert counted.key_bits == 8 * sum(len(record.key) for record in records)
-    assert counted.key_cpu_s >= 0.0
-    assert counted.wyner_ziv_cpu_s >= 0.0
-    assert counted.start_up_cpu_s > 0.0
+
+
+def test_times_are_parts_of_coding_which_neither_reads_nor_loads() -> None:
+    """All parts fit into the time of coding; frames that take long to come make it no longer."""
+
+    def slow(frames: Sequence[Frame]) -> Iterator[Frame]:
+        for frame in frames:
+            until = time.thread_time() + 0.05
+            while time.thread_time() < until:
+                pass
+            yield frame
+
+    session_of(luma_only=True).write(FRAMES[:5], io.BytesIO(), lambda _: None)  # code is loaded
+    session = session_of(luma_only=True)
+    started = time.thread_time()
+    session.write(slow(FRAMES[:5]), io.BytesIO(), lambda _: None)
+    total, counted = time.thread_time() - started, session.statistics
+    assert counted.key_cpu_s > 0.0
+    assert 0.0 < counted.wyner_ziv_cpu_s == counted.transform_cpu_s + counted.parity_cpu_s
+    assert counted.other_cpu_s >= 0.0
+    assert counted.reading_cpu_s >= 0.25
+    assert counted.coding_cpu_s + counted.reading_cpu_s == pytest.approx(total, abs=0.02)
+    assert sum(getattr(counted, name) for name in PARTS) <= counted.coding_cpu_s
+    assert counted.to_dict()["other_cpu_s"] == counted.other_cpu_s
 
 
 @pytest.mark.parametrize("luma_only", [True, False])

@@ -1,0 +1,18 @@
+"""The clock of all coding: processor time without that of compiled code being loaded."""
+
+import time
+
+from dvc._jit import loading_time_s
+
+
+def coding_time_s() -> float:
+    """Tell the processor time of this thread, but for loading of compiled code.
+
+    An encoder works in one thread: others read the input ahead.
+
+    Returns
+    -------
+    float
+        Seconds since some moment.
+    """
+    return time.thread_time() - loading_time_s()
