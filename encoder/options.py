@@ -17,6 +17,7 @@ from dvc.config import (
     MAX_BIRTHS,
     MAX_GOP_LENGTH,
     MAX_INTRA_PERIOD,
+    MAX_MARGIN_PERCENT,
     MAX_POINTS,
     MAX_QP,
     MAX_TRACKS_BPP,
@@ -59,7 +60,6 @@ EXAMPLES = """\
 
 DEFAULT_MARGIN_PERCENT = 60
 """Estimates of what a frame needs err; chosen by hand."""
-MAX_MARGIN_PERCENT = 1000
 
 
 Value = Callable[[CodecVariant], object]

@@ -13,6 +13,8 @@ MAX_TRACKS_BPP = 0.01
 """Most bits that tracks cost, per pixel of the Wyner-Ziv frames."""
 MAX_BIRTHS = 48
 """Most points of the key frame that closes a group which are followed back."""
+MAX_MARGIN_PERCENT = 1000
+"""Most that is sent beyond what frames are estimated to need, where no decoder asks."""
 
 
 @dataclass(frozen=True)

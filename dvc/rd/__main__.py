@@ -21,6 +21,7 @@ EXAMPLES = """\
   dvc-rd run foreman_qcif15 --wz-q 1-8 --anchor intra --out results/foreman   a curve, and H.264 intra
   dvc-rd run street stairway statue --frames 51 --out results/scenes --jobs 2
   dvc-rd run box --option noise-model=band --wz-q 1,4,8 --out results/band    any option of dvc-encode
+  dvc-rd run box --no-feedback --margin 30,60 --frames 49 --out results/oneway  what a camera writes alone
   dvc-rd run --spec sweep.toml --frames 11 --out results/quick                sweeps of a file, shortened
   dvc-rd report results/foreman                                               a page, tables and plots
   dvc-rd compare results/before results/after                                 BD-rate of the one to the other
@@ -99,6 +100,13 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     add("--qp", metavar="LIST", help="qualities on H.264's scale; default: 22,26,30,34,38")
     add("--wz-q", metavar="LIST", help="quantiser presets in place of --qp, such as 1,4,8 or 1-8")
     add("--key-qp", metavar="LIST", help="auto, one QP, or one for each preset; default: auto")
+    add(
+        "--no-feedback",
+        action="store_true",
+        default=None,
+        help="files as dvc-encode --no-feedback writes them, whose size is the rate",
+    )
+    add("--margin", metavar="LIST", help="with --no-feedback, percent beyond the estimate: a curve for each")
     add("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")
     add("--start", type=cli.integer(0, 10**9), metavar="K", help="first frame; default: 0")
     add("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
@@ -163,7 +171,10 @@ def _measure(points: list[Any], arguments: argparse.Namespace) -> int:
 def _sweeps(arguments: argparse.Namespace) -> list[Any]:
     from dvc.rd.specification import build_sweep, parse_options, read_spec
 
-    names = ("codec", "qp", "wz_q", "key_qp", "gop", "start", "frames", "luma_only", "anchors", "anchor_qp")
+    names = [
+        *("codec", "qp", "wz_q", "key_qp", "no_feedback", "margin", "gop", "start", "frames", "luma_only"),
+        *("anchors", "anchor_qp"),
+    ]
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     if arguments.sequences:
         given["sequences"] = arguments.sequences

@@ -24,8 +24,8 @@ def measure(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]
     """Measure one point.
 
     The rate is the size of the punctured stream. That it is an honest one is proven here: a fresh process
-    decodes that stream, with nothing else at hand, to the same bytes. The rate of an anchor is the size of a
-    file that a second process decodes.
+    decodes that stream, with nothing else at hand, to the same bytes. Where no decoder asks for bits, and for
+    anchors, it is the size of the encoder's own file, which a second process decodes.
 
     Parameters
     ----------
@@ -64,18 +64,13 @@ def measure(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]
 
 
 def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]:
-    encode, decode, prove = _commands(task, str(task.source.path.absolute()), f"{folder}/")
+    encode, decode, *prove = _commands(task, str(task.source.path.absolute()), f"{folder}/")
     encoding = processes.run(_process(encode))
     decoding = processes.run(_process(decode))
-    processes.run(_process(prove))
+    for command in prove:
+        processes.run(_process(command))
     coded, decoded = _reports(folder)
-    num_bytes = (folder / _PUNCTURED).stat().st_size
-    if num_bytes != decoded["stream_bytes"]:
-        raise DvcError(
-            f"the punctured stream has {num_bytes} bytes, the report says {decoded['stream_bytes']}"
-        )
-    if not filecmp.cmp(folder / _VIDEO, folder / _AGAIN, shallow=False):
-        raise DvcError("a fresh process decodes the punctured stream to other frames")
+    proof = _proof(task, folder, decoded["stream_bytes"])
     config, per_frame = decoded.pop("config"), decoded.pop("per_frame")
     del decoded["version"]
     video = config["video"]
@@ -93,10 +88,24 @@ def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[st
             "tracking_cpu_s": round(coded["tracking_cpu_s"], 6),
             "encode_start_up_cpu_s": round(coded["start_up_cpu_s"], 6),
         },
-        "proof": {"punctured_bytes": num_bytes, "fresh_decode_equal": True},
+        "proof": proof,
         "config": config,
         "per_frame": per_frame,
     }
+
+
+def _proof(task: Task, folder: Path, reported: int) -> dict[str, Any]:
+    """Check that a rate is the size of a file, which decodes to the frames it is reported for."""
+    one_way = task.point.one_way
+    num_bytes = (folder / (_STREAM if one_way else _PUNCTURED)).stat().st_size
+    if num_bytes != reported:
+        kind = "one-way" if one_way else "punctured"
+        raise DvcError(f"the {kind} stream has {num_bytes} bytes, the report says {reported}")
+    if one_way:
+        return {"file_bytes": num_bytes, "decoded_by": "a fresh process"}
+    if not filecmp.cmp(folder / _VIDEO, folder / _AGAIN, shallow=False):
+        raise DvcError("a fresh process decodes the punctured stream to other frames")
+    return {"punctured_bytes": num_bytes, "fresh_decode_equal": True}
 
 
 def _measure_anchor(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]:
@@ -124,15 +133,21 @@ def _measure_anchor(task: Task, folder: Path, processes: ProcessGroup) -> dict[s
     }
 
 
-def _commands(task: Task, original: str, folder: str = "") -> tuple[list[str], list[str], list[str]]:
-    """Return the arguments of encoder, decoder and proving decoder, each after the name of its module."""
+def _commands(task: Task, original: str, folder: str = "") -> tuple[list[str], ...]:
+    """Return the arguments of encoder, decoder and proving decoder, each after the name of its module.
+
+    A file that no decoder asks for bits of proves itself: there is no other.
+    """
     stream, punctured, video = folder + _STREAM, folder + _PUNCTURED, folder + _VIDEO
     encode = ["encoder", original, stream, *task.point.encoder_options(), "--json", folder + _ENCODER_JSON]
     options = task.point.decoder_options()
     decode = ["decoder", stream, video, "--reference", original, "--reference-start", str(task.point.start)]
-    decode += [*options, "--punctured", punctured, "--json", folder + _DECODER_JSON]
+    decode += [*options, "--json", folder + _DECODER_JSON]
     if task.point.has_wyner_ziv:
         decode += ["--side-information-video", folder + _PREDICTED]
+    if task.point.one_way:
+        return encode, decode
+    decode += ["--punctured", punctured]
     return encode, decode, ["decoder", punctured, folder + _AGAIN, *options]
 
 

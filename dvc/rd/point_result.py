@@ -101,8 +101,8 @@ class PointResult:
     def encoding_times_s(self) -> list[float] | None:
         """Processor times of encoding that belong to frames, in seconds: the loading of code is left out.
 
-        Of key frames, Wyner-Ziv frames and tracking, or of an anchor's encoder; None if one of these was not
-        measured.
+        Of all coding, or of an anchor's encoder; where that was not counted, of key frames, Wyner-Ziv frames
+        and tracking: None if one of them was not, either.
         """
         times = self.data["times"]
         if "coding_cpu_s" in times:
@@ -116,6 +116,12 @@ class PointResult:
         parts = [number(times.get(name)) for name in names]
         known = [part for part in parts if part is not None]
         return known if len(known) == len(parts) else None
+
+    @property
+    def coding_ms(self) -> float | None:
+        """Processor time of encoding a frame of any type, loading of code left out; None if not measured."""
+        times_s = self.encoding_times_s
+        return None if times_s is None else 1000 * sum(times_s) / max(1, self.data["totals"]["frames"])
 
     def type_ms(self, kind: str) -> float | None:
         """Return the processor time of encoding a frame of one type.

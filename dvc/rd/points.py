@@ -15,6 +15,8 @@ SCHEMA = "dvc3d-rd-point/2"
 INTRA = "h264-intra"
 ANCHORS = {"intra": INTRA, **{name: name for name in ANCHOR_CODECS}}
 """Codecs to compare with, by the names that the command line knows."""
+NO_FEEDBACK = "no-feedback"
+"""Option of the encoder that makes a file which no decoder asks for."""
 CODECS = (*VARIANTS, *ANCHORS.values())
 
 
@@ -67,6 +69,11 @@ class Point:
     def has_wyner_ziv(self) -> bool:
         """Whether there are frames that are not key frames."""
         return self.wz_q is not None or self.qp is not None
+
+    @property
+    def one_way(self) -> bool:
+        """Whether the encoder's own file is what is decoded, and no decoder asks for any bit of it."""
+        return (NO_FEEDBACK, "true") in self.options
 
     def encoder_options(self) -> list[str]:
         """Return the options of the encoder that make this point.

@@ -12,10 +12,13 @@ from dvc.rd.curves import ANCHOR_LABEL, Experiment, experiments
 from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.plots import curve_styles, render_experiment
 from dvc.rd.point_result import PointResult
+from dvc.rd.rate_cost import CAPTION, rate_cost_cells, rate_costs, render_rate_cost
 from dvc.rd.tables import NOTHING, escaped, fenced, points_cells, preface, table
 
 if TYPE_CHECKING:
     from dvc.rd.page.verdict import Verdict
+
+RATE_COST_SLUG = "rate-against-cost"
 
 
 def write_reports(
@@ -69,6 +72,9 @@ def write_reports(
         return list(outputs)
     folder = texts[0].parent if figures is None else figures
     stem = (texts or outputs)[0].stem
+    costs = rate_costs(found, anchor)
+    if len(costs) > 1:
+        drawn[RATE_COST_SLUG] = render_rate_cost(costs, styles, anchor)
     written = _write_figures(drawn, folder, stem)
     for path in texts:
         names = {slug: os.path.relpath(paths[0], path.parent) for slug, paths in written.items()}
@@ -109,7 +115,7 @@ def report_text(
     results : sequence of PointResult
         The points that they are made of.
     pictures : dict of str to str
-        Name of the picture of each experiment, by its slug.
+        Name of the picture of each experiment, by its slug, and of `RATE_COST_SLUG`.
     judged : sequence of Verdict, optional
         Every curve against every other; left out by default.
     anchor : str, optional
@@ -121,7 +127,7 @@ def report_text(
         Markdown.
     """
     parts = ["# Rate-distortion report\n", preface(results), "## BD-rate\n", _bd_table(found, anchor)]
-    parts.append(_all_pairs(judged))
+    parts += [_all_pairs(judged), _rate_cost(found, anchor, pictures)]
     for experiment in found:
         name = escaped(experiment.name)
         parts += [f"## {name}\n", f"{escaped(experiment.title)}.\n"]
@@ -145,6 +151,15 @@ def _bd_table(found: Sequence[Experiment], anchor: str) -> str:
     head = ["sequence", "codec", f"BD-rate against {anchor} (overlap, points)"]
     note = "Mean difference in rate at equal PSNR (PCHIP on the logarithm of the rate); negative is better.\n"
     return note + "\n" + table(head, rows)
+
+
+def _rate_cost(found: Sequence[Experiment], anchor: str, pictures: dict[str, str]) -> str:
+    """Return rate against cost as a picture and a table; nothing without a picture."""
+    if RATE_COST_SLUG not in pictures:
+        return ""
+    picture = f"![BD-rate over the processor time of the encoder]({pictures[RATE_COST_SLUG]})\n"
+    cells = table(*rate_cost_cells(rate_costs(found, anchor), anchor))
+    return "\n".join(["## Rate against cost of encoding\n", f"{CAPTION}.\n", picture, cells])
 
 
 def _all_pairs(judged: Sequence["Verdict"]) -> str:

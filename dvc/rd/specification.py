@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from dvc.config import DEFAULT_CODEC, MAX_QP, allocation, key_qp_for, variant_of
+from dvc.config import DEFAULT_CODEC, MAX_MARGIN_PERCENT, MAX_QP, allocation, key_qp_for, variant_of
 from dvc.errors import ConfigError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
-from dvc.rd.points import ANCHORS, Point, anchor_gop
+from dvc.rd.points import ANCHORS, NO_FEEDBACK, Point, anchor_gop
 
 MAX_NUMBERS = 1000
 USUAL_QPS = (22, 26, 30, 34, 38)
@@ -60,6 +60,10 @@ class Sweep:
     qp : tuple of int
         Qualities that set key frames, steps and requests together, in place of presets; where neither is
         given, `USUAL_QPS`.
+    no_feedback : bool
+        Whether the encoder sends what it estimates to be needed, in place of what a decoder asks for.
+    margin : tuple of int
+        Then, per cent beyond the estimate, a curve for each; the encoder's own if there are none.
     """
 
     sequences: tuple[str, ...] = ()
@@ -75,6 +79,8 @@ class Sweep:
     anchors: tuple[str, ...] = ()
     anchor_qp: tuple[int, ...] = field(default=tuple(range(20, 45, 4)))
     qp: tuple[int, ...] = ()
+    no_feedback: bool = False
+    margin: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.sequences:
@@ -93,6 +99,8 @@ class Sweep:
             check_option(self.side_information)
         for name, _ in self.options:
             check_option(name)
+        if self.margin and not self.no_feedback:
+            raise ConfigError("margins are for streams without feedback (no_feedback)")
 
     def points(self) -> Iterator[Point]:
         """Yield the points, sequence by sequence, anchors last.
@@ -107,22 +115,31 @@ class Sweep:
         key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(levels)
         for sequence in self.sequences:
             common = {"start": self.start, "frames": self.frames, "luma_only": self.luma_only}
-            for (wz_q, qp), key_qp in zip(levels, key_qps, strict=False):
-                yield Point(
-                    sequence,
-                    self.codec,
-                    wz_q,
-                    key_qp,
-                    gop,
-                    options=self.options,
-                    side_information=self.side_information,
-                    qp=qp,
-                    **common,  # type: ignore[arg-type]
-                )
+            for options in self._encoder_options():
+                for (wz_q, qp), key_qp in zip(levels, key_qps, strict=False):
+                    yield Point(
+                        sequence,
+                        self.codec,
+                        wz_q,
+                        key_qp,
+                        gop,
+                        options=options,
+                        side_information=self.side_information,
+                        qp=qp,
+                        **common,  # type: ignore[arg-type]
+                    )
             for anchor in self.anchors:
                 gop_length = anchor_gop(ANCHORS[anchor])
                 for qp in self.anchor_qps():
                     yield Point(sequence, ANCHORS[anchor], None, str(qp), gop_length, **common)  # type: ignore[arg-type]
+
+    def _encoder_options(self) -> list[tuple[tuple[str, str], ...]]:
+        """List further options of the encoder, curve by curve."""
+        if not self.no_feedback:
+            return [self.options]
+        one_way = {**dict(self.options), NO_FEEDBACK: "true"}
+        margins = [{"margin": str(margin)} for margin in self.margin] or [{}]
+        return [tuple(sorted({**one_way, **margin}.items())) for margin in margins]
 
     def _levels(self) -> list[tuple[int | None, int | None]]:
         """List preset or quality of the points, the other being none."""
@@ -291,14 +308,16 @@ def build_sweep(given: dict[str, Any]) -> Sweep:
     for name in ("sequences", "key_qp", "anchors"):
         if name in values:
             values[name] = tuple(_listed(name, values[name]))
-    for name, low, high in (("wz_q", 1, 8), ("qp", 1, MAX_QP), ("anchor_qp", 1, 51)):
+    ranges = {"wz_q": (1, 8), "qp": (1, MAX_QP), "anchor_qp": (1, 51), "margin": (0, MAX_MARGIN_PERCENT)}
+    for name, (low, high) in ranges.items():
         if name in values:
             values[name] = parse_numbers(",".join(_listed(name, values[name])), low, high)
     for name, low in (("gop", 1), ("start", 0), ("frames", 1)):
         if name in values and (type(values[name]) is not int or values[name] < low):
             raise ConfigError(f"`{name}` must be a whole number from {low}, got {values[name]!r}")
-    if not isinstance(values.get("luma_only", True), bool):
-        raise ConfigError(f"`luma_only` must be true or false, got {values['luma_only']!r}")
+    for name in ("luma_only", "no_feedback"):
+        if not isinstance(values.get(name, True), bool):
+            raise ConfigError(f"`{name}` must be true or false, got {values[name]!r}")
     if isinstance(values.get("options"), dict):
         values["options"] = tuple(sorted((name, _word(value)) for name, value in values["options"].items()))
     if not isinstance(values.get("side_information", ""), str):

@@ -2,15 +2,18 @@
 
 import json
 import sys
+import time
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
 import pytest
 
 from dvc.errors import ConfigError, DvcError, VideoError
-from dvc.rd.anchors import decoding, zero_motion
+from dvc.rd.anchors import decoding, encoding, zero_motion
 from dvc.rd.anchors.__main__ import main
 from dvc.rd.anchors.codecs import ANCHOR_CODECS, AnchorCodec
 from dvc.rd.anchors.decoding import decode_file, measure_file
@@ -23,6 +26,7 @@ from dvc.rd.results import read_results
 from dvc.rd.sources import find_source
 from dvc.rd.sweep import run_points
 from dvc.video import Frame, create_video, open_video
+from dvc.video.sources import FrameStream
 
 NUM_FRAMES = 5
 EVERY_CODEC = pytest.mark.parametrize("codec", ANCHOR_CODECS.values(), ids=lambda codec: codec.name)
@@ -78,6 +82,37 @@ def test_coarser_quantization_needs_less(clip: Path, tmp_path: Path, codec: Anch
     assert found[0][0] > found[1][0]
     assert found[0][1] > found[1][1]
     assert found[1] == found[2]
+
+
+def test_time_of_reading_is_not_that_of_coding(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Frames that take long to read make coding no dearer, however many are read at once."""
+
+    class Slow:
+        def __init__(self, reader: FrameStream) -> None:
+            self.info, self._reader = reader.info, reader
+
+        def __enter__(self) -> "Slow":
+            self._reader.__enter__()
+            return self
+
+        def __exit__(self, *of_what: Any) -> None:
+            self._reader.__exit__(*of_what)
+
+        def __iter__(self) -> Iterator[Frame]:
+            for frame in self._reader:
+                until = time.process_time() + 0.2
+                while time.process_time() < until:
+                    pass
+                yield frame
+
+    monkeypatch.setattr(encoding, "open_video", lambda *given, **named: Slow(open_video(*given, **named)))
+    monkeypatch.setattr(encoding, "READ_AT_ONCE", 2)
+    started = time.process_time()
+    coded = encode_file(clip, tmp_path / "slow.264", ANCHOR_CODECS["x264-superfast"], 30)
+    assert coded["frames"] == NUM_FRAMES
+    assert 0 < coded["coding_cpu_s"] < time.process_time() - started - 0.2 * NUM_FRAMES
 
 
 def test_qps_of_av1_cover_the_same_range() -> None:

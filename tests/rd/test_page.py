@@ -19,7 +19,7 @@ from dvc.rd.page.tables import cost_table, side_information_table
 from dvc.rd.page.verdict import verdicts
 from dvc.rd.pictures import read_picture
 from dvc.rd.point_result import PointResult
-from dvc.rd.results import POINTS_FOLDER, read_folders
+from dvc.rd.results import POINTS_FOLDER, read_folders, read_results
 from tests.rd.made_up import result_data, write_results
 from tests.rd.made_up_page import HOSTILE, write_many
 
@@ -150,6 +150,14 @@ def test_cost_is_per_frame_and_beside_intra(tmp_path: Path) -> None:
     assert codec[2:6] == ("1.00", "1.00", "1.00", "1.00")
     assert intra[1] == "H.264 intra"
     assert intra[3] == "–"
+
+
+def test_rate_stands_beside_cost(tmp_path: Path) -> None:
+    """A table and a picture of rate against cost are there where two codecs have both."""
+    results = read_results(write_results(tmp_path / "a"))
+    assert "Rate against cost of encoding" in own_text(page_of(results, tmp_path / "both.html"))
+    one = [result for result in results if result.data["codec"] == "2d"]
+    assert "Rate against cost of encoding" not in own_text(page_of(one, tmp_path / "one.html"))
 
 
 def test_cost_without_a_part_is_not_shown() -> None:

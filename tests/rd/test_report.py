@@ -2,10 +2,14 @@
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 from dvc.rd.curves import experiments
 from dvc.rd.differences import bd_text, compare_curves
 from dvc.rd.point_result import PointResult
+from dvc.rd.rate_cost import rate_costs
 from dvc.rd.report import write_reports
 from dvc.rd.results import read_results
 from dvc.rd.tables import points_cells, table
@@ -94,7 +98,9 @@ def test_report_has_tables_and_pictures(tmp_path: Path) -> None:
     """The report names its pictures, a PNG and a well-formed SVG, and is the same when made again."""
     results = read_results(write_results(tmp_path / "a"))
     written = write_reports(results, [tmp_path / "report.md"])
-    assert [path.name for path in written] == ["report.md", "report-clip.png", "report-clip.svg"]
+    stems = ["report.md", "report-clip.png", "report-clip.svg"]
+    stems += ["report-rate-against-cost.png", "report-rate-against-cost.svg"]
+    assert [path.name for path in written] == stems
     text = written[0].read_text(encoding="utf-8")
     assert "(report-clip.png)" in text
     assert "-20.0 %" in text
@@ -127,3 +133,33 @@ def test_report_of_single_points(tmp_path: Path) -> None:
     """One point without an anchor is a report as well."""
     (report, *_) = write_reports([PointResult("a", result_data(60.0, 30.0))], [tmp_path / "r.md"])
     assert "| clip | 2D-DVC, GOP 2 | – |" in report.read_text(encoding="utf-8")
+
+
+def test_rate_stands_beside_cost(tmp_path: Path) -> None:
+    """Means over the sequences that have both of a codec and of the one that all are compared with."""
+    results = read_results(write_results(tmp_path / "a"))
+    for one in results:
+        one.data["times"]["coding_cpu_s"] = 0.006 if one.data["codec"] == "2d" else 0.003
+    other = [PointResult(f"b{one.name}", on_another_sequence(one.data)) for one in results[:3]]
+    costs = rate_costs(experiments([*results, *other]))
+    assert [(one.label, one.num_sequences) for one in costs] == [("H.264 intra", 1), ("2D-DVC, GOP 2", 1)]
+    assert [one.cost_ms for one in costs] == pytest.approx([1.0, 2.0])
+    assert [one.bd_rate_percent for one in costs] == pytest.approx([0.0, -20.0])
+    assert rate_costs(experiments(results), "no such curve") == []
+
+
+def on_another_sequence(data: dict[str, Any]) -> dict[str, Any]:
+    """Move a made-up result to a sequence of its own."""
+    return {**data, "sequence": {**data["sequence"], "name": "other", "digest": "d2"}}
+
+
+def test_report_shows_rate_against_cost(tmp_path: Path) -> None:
+    """With two codecs whose cost is known there are a table and a plot; with one there is neither."""
+    results = read_results(write_results(tmp_path / "a"))
+    written = write_reports(results, [tmp_path / "report.md"])
+    text = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "| 2D-DVC, GOP 2 | 1.00 | -20.0 % | 1 |" in text
+    assert "](report-rate-against-cost.png)" in text
+    assert (tmp_path / "report-rate-against-cost.svg") in written
+    write_reports([one for one in results if one.data["codec"] == "2d"], [tmp_path / "b.md"])
+    assert "Rate against cost" not in (tmp_path / "b.md").read_text(encoding="utf-8")

@@ -222,3 +222,30 @@ def test_other_methods_are_refused(value: object) -> None:
     """What cannot be the name of a method raises ConfigError."""
     with pytest.raises(ConfigError, match=r"side_information|cannot be given"):
         build_sweep({"sequences": ["clip"], "side_information": value})
+
+
+def test_streams_without_feedback_are_options_of_points() -> None:
+    """Each margin is a curve of its own, beside the options that are given; none is the encoder's own."""
+    sweep = build_sweep({"sequences": ["clip"], "qp": "28,34", "no_feedback": True, "options": {"seed": 2}})
+    assert [point.options for point in sweep.points()] == [(("no-feedback", "true"), ("seed", "2"))] * 2
+    assert all(point.one_way for point in sweep.points())
+    words = next(iter(sweep.points())).encoder_options()
+    assert "--no-feedback" in words
+    assert "--margin" not in words
+    sweep = build_sweep({"sequences": ["clip"], "qp": 28, "no_feedback": True, "margin": "0,40"})
+    assert [dict(point.options)["margin"] for point in sweep.points()] == ["0", "40"]
+    assert not any(point.one_way for point in Sweep(("clip",)).points())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"margin": 5}, "margins are for streams without feedback"),
+        ({"no_feedback": "yes"}, "`no_feedback` must be true or false"),
+        ({"no_feedback": True, "margin": "1001"}, "expected numbers from 0 to 1000"),
+    ],
+)
+def test_margins_without_their_form_are_refused(given: dict[str, object], message: str) -> None:
+    """A margin is a number, and needs an encoder that nobody asks."""
+    with pytest.raises(ConfigError, match=message):
+        build_sweep({"sequences": ["clip"], **given})

@@ -85,6 +85,22 @@ def test_pictures_lie_beside_the_points(folder: Path, clip: Path) -> None:
     assert psnr_db(first, planes["key"]) == pytest.approx(report["psnr_y_db"])
 
 
+def test_streams_without_feedback_are_measured_as_they_are(clip: Path, tmp_path: Path) -> None:
+    """The rate is the size of the encoder's own file, which a second process decodes; there is no other."""
+    arguments = [str(clip), "--qp", "36", "--no-feedback", "--margin", "40", "--out", str(tmp_path)]
+    assert main(["run", *arguments, "--quiet"]) == 0
+    (point,) = (result.data for result in read_results(tmp_path))
+    assert [command.split()[2] for command in point["commands"]] == ["encoder", "decoder"]
+    assert "--margin 40 --no-feedback" in point["commands"][0]
+    assert "--punctured" not in point["commands"][1]
+    num_bytes = point["proof"]["file_bytes"]
+    assert sum(point["totals"]["bits"].values()) == 8 * num_bytes
+    assert point["totals"]["rate_kbps"] == pytest.approx(8 * num_bytes * 25 / NUM_FRAMES / 1000)
+    times = point["times"]
+    assert 0 < times["key_encode_cpu_s"] + times["wz_encode_cpu_s"] < times["coding_cpu_s"]
+    assert times["coding_cpu_s"] < times["encode_cpu_s"]
+
+
 def test_results_name_no_machine(folder: Path, clip: Path) -> None:
     """Neither the folder of the clip nor that of the results stands in a result."""
     for path in (folder / POINTS_FOLDER).iterdir():

@@ -146,10 +146,22 @@ _ALL = (
         "ippp",
         intra_period=16,
     ),
+    *(
+        AnchorCodec(f"x264-{preset}", f"x264 IPPP, {preset}", "libx264", preset, _X264_IPPP, "ippp")
+        for preset in ("ultrafast", "superfast", "veryfast")
+    ),
     AnchorCodec(
         "x265-intra", "x265 intra", "libx265", "medium", (("keyint", "1"), *_X265_LOW_DELAY), "intra"
     ),
     AnchorCodec("x265", "x265 IPPP", "libx265", "medium", (("keyint", "-1"), *_X265_LOW_DELAY), "ippp"),
+    AnchorCodec(
+        "x265-ultrafast",
+        "x265 IPPP, ultrafast",
+        "libx265",
+        "ultrafast",
+        (("keyint", "-1"), *_X265_LOW_DELAY),
+        "ippp",
+    ),
     AnchorCodec(
         "x265-random-access",
         "x265 random access",
@@ -160,6 +172,14 @@ _ALL = (
     ),
     AnchorCodec("svtav1-intra", "SVT-AV1 intra", "libsvtav1", "5", (("keyint", "1"), *_SVTAV1), "intra"),
     AnchorCodec("svtav1", "SVT-AV1 low delay", "libsvtav1", "5", (("keyint", "-1"), *_SVTAV1), "ippp"),
+    AnchorCodec(
+        "svtav1-fastest",
+        "SVT-AV1 low delay, fastest",
+        "libsvtav1",
+        "13",
+        (("keyint", "-1"), *_SVTAV1),
+        "ippp",
+    ),
 )
 ANCHOR_CODECS: Final = {codec.name: codec for codec in _ALL}
 """Anchors that are measured as files, by name."""

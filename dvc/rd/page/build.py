@@ -11,7 +11,14 @@ from dvc.page.document import SHARED, asset, content_policy, data_uri, script_js
 from dvc.page.plotting import MATPLOTLIB_DASHES
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment, experiments
 from dvc.rd.page.pictures import MAX_POINTS, NOISE_GAIN, Gallery, build_gallery
-from dvc.rd.page.tables import SHARE_TITLES, chart_points, cost_table, shares, side_information_table
+from dvc.rd.page.tables import (
+    SHARE_TITLES,
+    chart_points,
+    cost_table,
+    rate_cost_table,
+    shares,
+    side_information_table,
+)
 from dvc.rd.page.verdict import Verdict, verdicts
 from dvc.rd.plots import (
     Style,
@@ -20,6 +27,7 @@ from dvc.rd.plots import (
     render_frames,
 )
 from dvc.rd.point_result import PointResult
+from dvc.rd.rate_cost import rate_costs, render_rate_cost
 from dvc.rd.tables import code_digests, points_cells, preface
 
 if TYPE_CHECKING:
@@ -70,8 +78,10 @@ def write_page(
     found = experiments(results)
     styles = curve_styles(found)
     drawn = drawn or {one.slug: render_experiment(one, styles, (".svg",), anchor) for one in found}
+    texts = _texts(results, found, anchor, verdicts(found) if judged is None else judged)
     page = {
-        **_texts(results, found, anchor, verdicts(found) if judged is None else judged),
+        **texts,
+        "rate_cost": _rate_cost(found, styles, texts["anchor"]),
         "styles": {label: _style(style) for label, style in styles.items()},
         "sequences": [_sequence(one, drawn[one.slug][".svg"], styles) for one in found],
     }
@@ -129,6 +139,15 @@ def _texts(
         ],
         "sizes": sorted({(r.data["sequence"]["width"], r.data["sequence"]["height"]) for r in results}),
     }
+
+
+def _rate_cost(found: Sequence[Experiment], styles: dict[str, Style], anchor: str) -> dict[str, Any] | None:
+    """Return rate against cost as a table and a picture, where there are two codecs."""
+    costs = rate_costs(found, anchor)
+    if len(costs) < 2:
+        return None
+    picture = render_rate_cost(costs, styles, anchor, (".svg",))[".svg"]
+    return {"table": rate_cost_table(costs, anchor), "picture": data_uri("image/svg+xml", picture)}
 
 
 def _sequence(one: Experiment, svg: bytes, styles: dict[str, Style]) -> dict[str, Any]:

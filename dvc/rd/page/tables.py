@@ -6,6 +6,7 @@ from typing import Any
 
 from dvc.rd.curves import ANCHOR_LABEL, Curve, Experiment
 from dvc.rd.point_result import PointResult, mean, number
+from dvc.rd.rate_cost import CAPTION, RateCost, rate_cost_cells
 from dvc.rd.tables import NOTHING
 
 SHARE_TITLES = {
@@ -90,9 +91,9 @@ def cost_table(found: Sequence[Experiment]) -> Table:
     rows = []
     for one in found:
         anchor = one.anchor(ANCHOR_LABEL)
-        intra = None if anchor is None else mean([_frames_ms(point) for point in anchor.points])
+        intra = None if anchor is None else mean([point.coding_ms for point in anchor.points])
         for curve in one.curves:
-            encode = mean([_frames_ms(point) for point in curve.points])
+            encode = mean([point.coding_ms for point in curve.points])
             ratio = None if encode is None or not intra else encode / intra
             numbers = [
                 _format(mean([point.type_ms("key") for point in curve.points]), 2),
@@ -111,6 +112,25 @@ def cost_table(found: Sequence[Experiment]) -> Table:
         "means over the points of a curve"
     )
     return Table(caption, head, tuple(rows), 2)
+
+
+def rate_cost_table(points: Sequence[RateCost], reference: str) -> Table:
+    """Return rate against cost.
+
+    Parameters
+    ----------
+    points : sequence of RateCost
+        All codecs.
+    reference : str
+        Label of the one that they are compared with.
+
+    Returns
+    -------
+    Table
+        A row for each codec.
+    """
+    head, rows = rate_cost_cells(points, reference)
+    return Table(CAPTION, tuple(head), tuple(map(tuple, rows)))
 
 
 def shares(curve: Curve) -> list[dict[str, Any]]:
@@ -163,12 +183,6 @@ def chart_points(curve: Curve) -> list[dict[str, Any]]:
 def _side_information(point: PointResult) -> str:
     initial, refined = point.total("si_psnr_y_db"), point.total("refined_si_psnr_y_db")
     return f"{initial:.2f}" if refined is None else f"{initial:.2f} ({refined:.2f})"
-
-
-def _frames_ms(point: PointResult) -> float | None:
-    """Return the encoding time per frame of any type, start-up left out."""
-    times_s = point.encoding_times_s
-    return None if times_s is None else 1000 * sum(times_s) / max(1, point.data["totals"]["frames"])
 
 
 def _process_ms(point: PointResult, process: str) -> float | None:
