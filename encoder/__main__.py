@@ -161,6 +161,7 @@ def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, o
     return {
         "frames": statistics.num_frames,
         **statistics.to_dict(),
+        "operations_per_pixel": statistics.operations_per_pixel(session.config),
         "config": session.config.to_dict(),
         **report,
     }

@@ -1,15 +1,24 @@
 """What an encoding run counts: frames, bits, processor time, and the work of the tracker."""
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
 from dvc._jit import loading_time_s
+from dvc.config import CodecConfig
 from dvc.video import Frame
+from dvc.wynerziv.buffered import EncodedFrame
+from dvc.wynerziv.transform import NUM_BANDS, band_shape
+from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
 from encoder.clock import coding_time_s
 from encoder.corners import CornerDetector
+from encoder.operations import Work, stages
 from encoder.tracking import TrackingCounts
+
+BLOCK, QUARTER_BLOCK = ((2 * half + 1) ** 2 for half in (HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX))
+"""Samples of a block in images of full size, and of a quarter of it."""
 
 PARTS = (
     "key_cpu_s",
@@ -56,6 +65,14 @@ class EncoderStatistics:
         Blocks compared by the tracker, and samples compared in them.
     num_tracked_frames : int
         Frames that it searched.
+    num_pairs : int
+        Pairs of points of which one may show the other where to look.
+    num_corner_frames : int
+        Frames in which corners were looked for.
+    num_positions : int
+        Positions of tracks that were coded after their first.
+    num_planes, num_coded_bands, num_rows : int
+        Bit planes of the Wyner-Ziv frames, bands that have some, and rows of words of 64 planes.
     stream_bytes : int
         Size of the stream; 0 in live mode.
     """
@@ -77,6 +94,12 @@ class EncoderStatistics:
     num_sad_blocks: int = 0
     num_sad_samples: int = 0
     num_tracked_frames: int = 0
+    num_pairs: int = 0
+    num_corner_frames: int = 0
+    num_positions: int = 0
+    num_planes: int = 0
+    num_coded_bands: int = 0
+    num_rows: int = 0
     stream_bytes: int = 0
 
     @classmethod
@@ -179,20 +202,56 @@ class EncoderStatistics:
         finally:
             setattr(self, name, getattr(self, name) + coding_time_s() - started)
 
-    def add_group(self, num_wyner_ziv: int, key: bytes, tracks: bytes) -> None:
+    def add_group(self, frames: Sequence[EncodedFrame], key: bytes, tracks: bytes) -> None:
         """Count an encoded group of pictures.
 
         Parameters
         ----------
-        num_wyner_ziv : int
+        frames : sequence of EncodedFrame
             Its Wyner-Ziv frames.
         key, tracks : bytes
             Its key frame, empty where it has none, and its tracks or points.
         """
         self.num_key_frames += bool(key)
-        self.num_wyner_ziv_frames += num_wyner_ziv
+        self.num_wyner_ziv_frames += len(frames)
         self.key_bits += 8 * len(key)
         self.tracks_bits += 8 * len(tracks)
+        for frame in frames:
+            self.num_planes += frame.quantization.num_planes
+            self.num_coded_bands += sum(planes > 0 for planes in frame.quantization.planes)
+            self.num_rows += frame.quantization.num_words
+
+    def operations_per_pixel(self, config: CodecConfig) -> dict[str, dict[str, float]]:
+        """Count operations by the model of `encoder.operations`.
+
+        Parameters
+        ----------
+        config : CodecConfig
+            Configuration of the stream.
+
+        Returns
+        -------
+        dict of str to dict
+            By stage and kind, for each pixel of all frames; key frames are those of x264, and not counted.
+        """
+        pixels = config.video.width * config.video.height
+        places = math.prod(band_shape(config.video.height, config.video.width))
+        num_large = (self.num_sad_samples - self.num_sad_blocks * QUARTER_BLOCK) // (BLOCK - QUARTER_BLOCK)
+        work = Work(
+            num_samples=places * NUM_BANDS * self.num_wyner_ziv_frames,
+            num_frames=self.num_wyner_ziv_frames,
+            num_coded_bands=self.num_coded_bands,
+            num_words=places * self.num_rows,
+            num_rows=self.num_rows,
+            crc_bits=config.turbo.crc_bits,
+            num_blocks=num_large,
+            num_quarter_blocks=self.num_sad_blocks - num_large,
+            num_pairs=self.num_pairs,
+            num_corner_samples=pixels * self.num_corner_frames,
+            num_positions=self.num_positions,
+        )
+        share = 1.0 / max(pixels * self.num_frames, 1)
+        return {name: asdict(stage.times(share)) for name, stage in stages(work).items()}
 
     def set_tracking(self, tracker: TrackingCounts, detector: CornerDetector, tracks_cpu_s: float) -> None:
         """Take over what is counted elsewhere since the start.
@@ -209,4 +268,5 @@ class EncoderStatistics:
         self.tracking_cpu_s = tracks_cpu_s + tracker.cpu_s + detector.cpu_s
         self.num_corners = tracker.num_corners + detector.num_corners
         self.num_sad_blocks, self.num_sad_samples = tracker.num_blocks, tracker.num_samples
-        self.num_tracked_frames = tracker.num_frames
+        self.num_tracked_frames, self.num_pairs = tracker.num_frames, tracker.num_pairs
+        self.num_corner_frames = tracker.num_starts

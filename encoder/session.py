@@ -17,6 +17,7 @@ from encoder.clock import coding_time_s
 from encoder.corners import CornerDetector
 from encoder.groups import Group, cornered_groups, groups, tracked_groups
 from encoder.one_way.payloads import OneWayEncoder
+from encoder.operations import predicted_positions
 from encoder.report import EncoderStatistics
 from encoder.track_budget import encode_within_budget
 from encoder.tracking import PointTracker
@@ -184,7 +185,7 @@ class EncoderSession:
             with statistics.timing("one_way_cpu_s"):
                 one_way = self._one_way.payloads(group, frames)
         tracks = self._encode_tracks(group)
-        statistics.add_group(len(frames), key, tracks)
+        statistics.add_group(frames, key, tracks)
         return EncodedGroup(key, tracks, frames, one_way)
 
     def _steps(self, num_frames: int, anchored: bool) -> list[float]:
@@ -201,6 +202,7 @@ class EncoderSession:
         payload = b""
         if group.tracks is not None:
             payload = encode_within_budget(group.tracks, self.config, self._max_tracks_bpp)
+            self.statistics.num_positions += predicted_positions(group.tracks)
         elif group.points is not None:
             payload = encode_points(group.points, self.config)
         self._tracks_cpu_s += coding_time_s() - started

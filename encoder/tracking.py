@@ -28,6 +28,10 @@ class TrackingCounts:
         Blocks whose SAD was begun, and samples compared in them.
     num_frames : int
         Frames that were searched.
+    num_starts : int
+        Frames in which points were found.
+    num_pairs : int
+        Pairs of points of which one may show the other where to look.
     cpu_s : float
         Processor time of all that, in seconds.
     """
@@ -36,6 +40,8 @@ class TrackingCounts:
     num_blocks: int = 0
     num_samples: int = 0
     num_frames: int = 0
+    num_starts: int = 0
+    num_pairs: int = 0
     cpu_s: float = 0.0
 
 
@@ -79,6 +85,7 @@ class PointTracker:
         self._matching = BlockMatchingTracker(points, velocity, self._subpixel_bits, self._settings)
         self._num_before = count
         self.counts.num_corners += count
+        self.counts.num_starts += 1
         self.counts.cpu_s += coding_time_s() - started
 
     def step(self, luma: Plane) -> None:
@@ -92,7 +99,7 @@ class PointTracker:
         started = coding_time_s()
         matching = self._matching
         self._num_before = matching.num_alive
-        self._count(matching.step(luma, self._settings.max_coarse_searches))
+        self._follow(matching, luma, self._settings.max_coarse_searches)
         if matching.num_alive:
             self._led = matching.velocity, matching.alive
         self.counts.num_frames += 1
@@ -166,7 +173,7 @@ class PointTracker:
         for luma in reversed(frames[:-1]):
             if not matching.num_alive:
                 break
-            self._count(matching.step(luma, 0))
+            self._follow(matching, luma, 0)
         positions = np.full((len(matching.alive), len(frames), 2), np.nan)
         positions[:, len(frames) - len(matching.path) :] = np.stack(matching.path[::-1], axis=1)
         num_found = np.isfinite(positions[:, 1:-1, 0]).sum(axis=1)
@@ -187,6 +194,11 @@ class PointTracker:
         if self._led:
             _kernels.median_motion(*self._led, median)
         return median
+
+    def _follow(self, matching: BlockMatchingTracker, luma: Plane, max_coarse_searches: int) -> None:
+        count = len(matching.last)
+        self._count(matching.step(luma, max_coarse_searches))
+        self.counts.num_pairs += count * (count - 1) // 2
 
     def _count(self, operations: Integers) -> None:
         self.counts.num_blocks += int(operations[0])

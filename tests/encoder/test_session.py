@@ -89,6 +89,22 @@ def test_statistics_count_what_was_written() -> None:
     assert counted.key_bits == 8 * sum(len(record.key) for record in records)
 
 
+def test_operations_are_those_of_the_frames() -> None:
+    """Stages of the model are for a pixel of all frames, by what the run counted."""
+    session = session_of(luma_only=True)
+    session.write(FRAMES[:5], io.BytesIO(), lambda _: None)
+    counted, share = session.statistics, 2 / 5
+    found = counted.operations_per_pixel(session.config)
+    places = 6  # blocks of an 8 x 12 frame
+    assert counted.num_rows == counted.num_wyner_ziv_frames == 2
+    assert 0 < counted.num_coded_bands <= counted.num_planes
+    assert found["transform"]["adds"] == pytest.approx(5.0 * share)
+    banded = counted.num_coded_bands * places / (5 * 96)
+    assert found["quantiser and planes"]["multiplies"] == pytest.approx(2 * banded)
+    assert found["check bits"]["logic"] > 0.0
+    assert found["block matching"] == dict.fromkeys(found["transform"], 0.0)
+
+
 def test_times_are_parts_of_coding_which_neither_reads_nor_loads() -> None:
     """All parts fit into the time of coding; frames that take long to come make it no longer."""
 

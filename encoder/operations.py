@@ -1,0 +1,343 @@
+"""What encoding takes in operations: a model of its stages, whatever processor runs them.
+
+It counts what kernels do with samples, coefficients, words and other data, one by one, as they are written:
+vectors of a processor do many at once. Loops, addresses and conversions between types are not counted. What
+is moved are the bytes of all elements of arrays that are read or written, wherever a processor keeps them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from dvc.tracks import PointTracks
+from dvc.tracks.regression._kernels import NUM_FEATURES, NUM_NEIGHBOURS, STRIDE
+from dvc.turbo.crc import POLYNOMIALS
+from dvc.turbo.syndromes.graph import NUM_EDGES
+from dvc.wynerziv.transform import BLOCK, NUM_BANDS
+from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
+
+_VECTOR_PX = 8
+"""Samples of a row of a block that are compared at once."""
+
+
+@dataclass(frozen=True)
+class Operations:
+    """Operations of a stage.
+
+    Attributes
+    ----------
+    adds : float
+        Sums and differences.
+    multiplies : float
+        Products, quotients and remainders.
+    logic : float
+        AND, OR, XOR and shifts of words.
+    compares : float
+        Comparisons, minima, maxima and magnitudes.
+    bytes : float
+        Read from arrays and written to them.
+    """
+
+    adds: float = 0
+    multiplies: float = 0
+    logic: float = 0
+    compares: float = 0
+    bytes: float = 0
+
+    def __add__(self, other: "Operations") -> "Operations":
+        """Return what both take."""
+        return Operations(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    def times(self, factor: float) -> "Operations":
+        """Return what doing it several times takes.
+
+        Parameters
+        ----------
+        factor : float
+            How many times.
+
+        Returns
+        -------
+        Operations
+            All numbers that much larger.
+        """
+        return Operations(*(factor * number for number in astuple(self)))
+
+    @property
+    def total(self) -> float:
+        """Operations of all kinds; bytes are none."""
+        return self.adds + self.multiplies + self.logic + self.compares
+
+
+@dataclass(frozen=True)
+class Work:
+    """How much there was to do in a run.
+
+    Attributes
+    ----------
+    num_samples : int
+        Samples of Wyner-Ziv frames, in whole 4x4 blocks.
+    num_frames : int
+        Wyner-Ziv frames.
+    num_coded_bands : int
+        Bands of them that have planes.
+    num_words : int
+        Words of 64 planes that their coefficient positions have.
+    num_rows : int
+        Rows of these: one for each 64 planes of a frame.
+    crc_bits : int
+        Check bits of a plane.
+    num_blocks, num_quarter_blocks : int
+        Blocks that were compared with others, in images of full size and of a quarter of it.
+    num_pairs : int
+        Pairs of points of which one may show the other where to look.
+    num_corner_samples : int
+        Samples of frames in which corners were looked for.
+    num_positions : int
+        Positions of tracks that were coded after their first.
+    """
+
+    num_samples: int
+    num_frames: int
+    num_coded_bands: int
+    num_words: int
+    num_rows: int
+    crc_bits: int
+    num_blocks: int
+    num_quarter_blocks: int
+    num_pairs: int
+    num_corner_samples: int
+    num_positions: int
+
+
+def butterfly() -> Operations:
+    """Count one dimension of the 4x4 transform, for four samples ([Malvar2003]: doubling is a sum, too).
+
+    Returns
+    -------
+    Operations
+        Of four 16-bit numbers, in place.
+    """
+    return Operations(adds=8 + 2, bytes=2 * BLOCK * 2)
+
+
+def transform(num_samples: float, num_frames: float) -> Operations:
+    """Count the transform of frames, and finding the least and the greatest of each band.
+
+    Parameters
+    ----------
+    num_samples : float
+        Samples in whole blocks.
+    num_frames : float
+        In how many frames.
+
+    Returns
+    -------
+    Operations
+        Samples come four to a word, and leave as 16-bit coefficients.
+    """
+    unpacking = Operations(logic=6, bytes=BLOCK * (1 + 2)).times(num_samples / BLOCK)
+    both = butterfly().times(2 * num_samples / BLOCK)
+    extremes = Operations(compares=2, bytes=2 * 2).times(num_samples)
+    return unpacking + both + extremes + Operations(bytes=3 * 2).times(NUM_BANDS * num_frames)
+
+
+def quantisation(num_coefficients: float) -> Operations:
+    """Count nested bins of coefficients, and entering their numbers into words of planes.
+
+    Parameters
+    ----------
+    num_coefficients : float
+        Of bands that have planes.
+
+    Returns
+    -------
+    Operations
+        A band whose planes lie across two words takes a little more.
+    """
+    bins = Operations(multiplies=2, adds=1, compares=2, bytes=2 + 4)
+    words = Operations(logic=2, bytes=4 + 8 + 8)
+    return (bins + words).times(num_coefficients)
+
+
+def check_bits(num_words: float, num_rows: float, crc_bits: int) -> Operations:
+    """Count the check bits of planes, 64 at once.
+
+    Parameters
+    ----------
+    num_words : float
+        Words of 64 planes: one for each coefficient position, and each 64 planes of a frame.
+    num_rows : float
+        Rows that they stand in: one for each 64 planes of a frame.
+    crc_bits : int
+        Check bits of a plane.
+
+    Returns
+    -------
+    Operations
+        A sum modulo 2 for each term of the generator but the first, for each word.
+    """
+    terms = bin(POLYNOMIALS[crc_bits]).count("1")
+    division = Operations(logic=terms, bytes=2 * 8 + terms * 3 * 8)
+    return division.times(num_words) + Operations(bytes=3 * 8 * crc_bits).times(num_rows)
+
+
+def block_comparison(half_side_px: int = HALF_BLOCK_PX) -> Operations:
+    """Count the sum of absolute differences of a block, in vectors that overlap in the middle of each row.
+
+    Parameters
+    ----------
+    half_side_px : int, optional
+        Half the side of the block.
+
+    Returns
+    -------
+    Operations
+        All of its samples; some are masked and add nothing.
+    """
+    rows = 2 * half_side_px + 1
+    pair = Operations(adds=2 * 2, compares=2, logic=2, bytes=4)
+    return pair.times(_VECTOR_PX * rows)
+
+
+def leading() -> Operations:
+    """Count whether a point that was found shows another one where to look.
+
+    Returns
+    -------
+    Operations
+        The squared distance, and the least one so far.
+    """
+    return Operations(adds=2 + 1 + 1, multiplies=2, logic=1, compares=1, bytes=4 * 4 + 2 * 8)
+
+
+def corners(num_samples: float) -> Operations:
+    """Count the response to corners of frames, at half the resolution.
+
+    Parameters
+    ----------
+    num_samples : float
+        Samples of the frames.
+
+    Returns
+    -------
+    Operations
+        By definition, every filter as one of rows and one of columns: the code is OpenCV's. Which are the
+        strongest, and those apart, is left out.
+    """
+    shrinking = Operations(adds=4, logic=1, bytes=4 + 1)
+    smooth = Operations(adds=2, logic=1, bytes=3 + 2)
+    slope = Operations(adds=1, bytes=2 * 2 + 4)
+    gradients = (smooth + slope).times(2)
+    products = Operations(multiplies=3, bytes=6 * 4 + 3 * 4)
+    window = Operations(adds=2, bytes=3 * 4 + 4).times(3 * 2)
+    response = Operations(adds=3, multiplies=4, bytes=3 * 4 + 4)
+    return (shrinking + gradients + products + window + response).times(num_samples / 4)
+
+
+def fit() -> Operations:
+    """Count where the motion that was found takes a track.
+
+    Returns
+    -------
+    Operations
+        Products and sums of its features and of the coefficients in x and y.
+    """
+    both = Operations(multiplies=2, adds=2, bytes=3 * 8)
+    return both.times(NUM_FEATURES) + Operations(bytes=2 * 8)
+
+
+def predicted_positions(tracks: PointTracks) -> int:
+    """Count the positions that are predicted when tracks are coded.
+
+    Parameters
+    ----------
+    tracks : PointTracks
+        Tracks from key frame to key frame.
+
+    Returns
+    -------
+    int
+        All but where tracks begin; for the sake of those that were followed back, the others once more as far
+        as they are known at both ends.
+    """
+    forward, backward = (np.isfinite(one[:, :, 0]) for one in (tracks.forward, tracks.backward))
+    count = int(forward[:, 1:].sum())
+    if len(backward):
+        count += int(backward[:, :-1].sum()) + int(forward[forward[:, -1], :-1].sum())
+    return count
+
+
+def regression(num_positions: float) -> Operations:
+    """Count prediction of positions by recursive least squares, and what is learnt from each.
+
+    Parameters
+    ----------
+    num_positions : float
+        Positions of tracks after their first.
+
+    Returns
+    -------
+    Operations
+        All neighbours are known, and no error is larger than can be; entropy coding, some tens of operations
+        for each bit, is left out.
+    """
+    products = Operations(multiplies=1, adds=1, bytes=2 * 8)
+    gain = products.times((STRIDE + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * STRIDE)
+    limited = Operations(multiplies=1, adds=1, compares=2, bytes=2 * 8).times(2)
+    coefficients = (Operations(multiplies=1, bytes=8) + limited).times(NUM_FEATURES)
+    covariance = Operations(multiplies=2, adds=1, bytes=4 * 8).times(STRIDE * NUM_FEATURES)
+    neighbours = (fit() + Operations(adds=6, multiplies=3, bytes=33)).times(NUM_NEIGHBOURS)
+    features = Operations(adds=4, multiplies=7, bytes=7 * 8 + 3 * 7 * 8)
+    prediction = Operations(adds=9, multiplies=7, compares=4, bytes=12 * 8)
+    learning = Operations(adds=11, multiplies=10, compares=5, bytes=13 * 8 + 1)
+    once = gain + coefficients + covariance + neighbours + fit() + features + prediction + learning
+    return once.times(num_positions)
+
+
+def syndrome(num_bits: float) -> Operations:
+    """Count the syndrome of a block of planes, half of whose bits are ones.
+
+    Parameters
+    ----------
+    num_bits : float
+        Bits of its planes.
+
+    Returns
+    -------
+    Operations
+        Every one takes part in as many bits of the syndrome as it may, at places that are computed.
+    """
+    found = Operations(logic=2, bytes=8)
+    place = Operations(adds=1, multiplies=1, logic=1, bytes=4 + 8 + 4 + 4 + 1 + 1)
+    different = Operations(compares=1, bytes=4).times(NUM_EDGES * (NUM_EDGES - 1) / 2)
+    one = place.times(NUM_EDGES) + different + Operations(compares=1, bytes=4)
+    return (found + one.times(0.5)).times(num_bits)
+
+
+def stages(work: Work) -> Mapping[str, Operations]:
+    """Count the stages of an encoder that are its own.
+
+    Parameters
+    ----------
+    work : Work
+        What a run had to do.
+
+    Returns
+    -------
+    mapping of str to Operations
+        Of the whole run, by stage.
+    """
+    per_band = work.num_samples / NUM_BANDS / max(work.num_frames, 1)
+    compared = block_comparison().times(work.num_blocks) + block_comparison(QUARTER_HALF_BLOCK_PX).times(
+        work.num_quarter_blocks
+    )
+    return {
+        "transform": transform(work.num_samples, work.num_frames),
+        "quantiser and planes": quantisation(per_band * work.num_coded_bands),
+        "check bits": check_bits(work.num_words, work.num_rows, work.crc_bits),
+        "corners": corners(work.num_corner_samples),
+        "block matching": compared + leading().times(work.num_pairs),
+        "coding of tracks": regression(work.num_positions),
+    }

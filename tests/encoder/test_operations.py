@@ -1,0 +1,226 @@
+"""The model of operations is what kernels do, on numbers that count."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import astuple
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dvc.corners import SENSITIVITY
+from dvc.tracks import PointTracks
+from dvc.tracks.regression import _kernels as kernels
+from dvc.tracks.regression._kernels import NUM_NEIGHBOURS
+from dvc.turbo import _kernels as turbo_kernels
+from dvc.turbo.crc import POLYNOMIALS
+from dvc.turbo.crc import crc_words as checks_of
+from dvc.turbo.syndromes import _kernels as syndrome_kernels
+from dvc.turbo.syndromes.graph import SyndromeGraph, bit_places
+from dvc.turbo.syndromes.graph import syndrome as syndrome_of
+from dvc.wynerziv import _kernels as wyner_ziv_kernels
+from dvc.wynerziv import transform
+from encoder import _kernels, operations
+from encoder.corners import TRACKED_CORNERS, _response
+from encoder.operations import Operations
+from tests.clips import moving_texture
+from tests.counting import Data, Tally, counting
+
+RNG = np.random.default_rng(11)
+LUMA = RNG.integers(0, 256, (16, 32)).astype(np.uint8)
+CORE, EXTREMES = transform.integer_core(LUMA)
+
+
+def counted(kernel: Any, tally: Tally, *arguments: Any, scratch: bool = True) -> Operations:
+    """Return what a call of a kernel adds to a tally."""
+    before = tally.operations()
+    counting(kernel, tally, scratch=scratch)(*arguments)
+    return tally.operations() + before.times(-1)
+
+
+def test_transform() -> None:
+    """Samples to bands: all that is done to them, to the last byte, and the same coefficients."""
+    tally, core, extremes = Tally(), np.zeros_like(CORE), np.zeros_like(EXTREMES)
+    quads = LUMA.view("<u4")
+    found = counted(
+        wyner_ziv_kernels.transform_samples,
+        tally,
+        Data(quads, tally),
+        transform.ORDER,
+        Data(core, tally),
+        Data(extremes, tally),
+    )
+    assert found == operations.transform(LUMA.size, 1)
+    np.testing.assert_array_equal(core, CORE)
+    np.testing.assert_array_equal(extremes, EXTREMES)
+
+
+@pytest.mark.parametrize("planes", [[10, 4, 4, 3, 3, 2, 2, 1, 1, 1, 0, 0, 0, 0, 0, 0], [4] * 16])
+def test_quantisation(planes: Sequence[int]) -> None:
+    """Coefficients to words of planes: only bands that have some count."""
+    tally, words = Tally(), np.zeros((1, CORE.shape[1]), np.uint64)
+    given = transform.BAND_SCALE, 16.0, np.zeros(16), np.array(planes)
+    kernel = wyner_ziv_kernels.pack_uniform
+    found = counted(kernel, tally, Data(CORE, tally), *given, Data(words, tally))
+    assert found == operations.quantisation(CORE.shape[1] * np.count_nonzero(planes))
+    expected = np.zeros_like(words)
+    kernel(CORE, *given, expected)
+    np.testing.assert_array_equal(words, expected)
+
+
+@pytest.mark.parametrize("crc_bits", POLYNOMIALS)
+def test_check_bits(crc_bits: int) -> None:
+    """A sum for each term of the generator and each word."""
+    tally, words = Tally(), RNG.integers(0, 2**64, 300, dtype=np.uint64)
+    register = np.zeros(crc_bits, np.uint64)
+    given = POLYNOMIALS[crc_bits], crc_bits
+    kernel = turbo_kernels.crc_words
+    found = counted(kernel, tally, Data(words, tally), *given, Data(register, tally))
+    assert found == operations.check_bits(words.size, 1, crc_bits)
+    np.testing.assert_array_equal(register, checks_of(words, crc_bits))
+
+
+@pytest.mark.parametrize("half_side_px", [_kernels.HALF_BLOCK_PX, _kernels.QUARTER_HALF_BLOCK_PX])
+def test_block_comparison(half_side_px: int) -> None:
+    """Every sample of a block, and those that are masked."""
+    tally, side = Tally(), 2 * half_side_px + 1
+    blocks = RNG.integers(0, 256, (2, side, side)).astype(np.uint8)
+    counts = np.zeros(2, np.int64)
+    image = np.ascontiguousarray(LUMA)
+    given = 16, 8, half_side_px, Data(blocks, tally), 1, counts
+    found = counted(_kernels.block_sad, tally, Data(image, tally), *given, scratch=False)
+    assert found == operations.block_comparison(half_side_px)
+    assert counts.tolist() == [1, side**2]
+
+
+def test_leading() -> None:
+    """A point that was found is compared with all that are left."""
+    tally, places = Tally(), RNG.integers(0, 200, (2, 9)).astype(np.int32)
+    leaders = np.full(9, _kernels.UNKNOWN << 20)
+    given = (*(Data(line, tally) for line in places), 2, 3, Data(leaders, tally))
+    assert counted(_kernels.lead, tally, *given, scratch=False) == operations.leading().times(6)
+    assert (leaders[3:] < _kernels.UNKNOWN << 20).all()
+
+
+def harris(luma: Data, tally: Tally) -> Data:
+    """Compute the response to corners at half the resolution, step by step, around the borders."""
+    height, width = luma.shape[0] // 2, luma.shape[1] // 2
+
+    def drawn(of: type, value: Callable[[int, int], Any]) -> Data:
+        out = Data(np.zeros((height, width), of), tally)
+        for y, x in np.ndindex(height, width):
+            out[y, x] = value(y, x)
+        return out
+
+    def around(image: Data, y: int, x: int) -> Any:
+        return image[y % height, x % width]
+
+    def smooth(down: int, across: int) -> Data:
+        """Weigh a sample twice between its neighbours along one direction."""
+
+        def weighed(y: int, x: int) -> Any:
+            before, after = (around(small, y + s * down, x + s * across) for s in (-1, 1))
+            return before + (around(small, y, x) << 1) + after
+
+        return drawn(np.int16, weighed)
+
+    def summed(image: Data, down: int, across: int) -> Data:
+        def three(y: int, x: int) -> Any:
+            first, second, third = (around(image, y + s * down, x + s * across) for s in (-1, 0, 1))
+            return first + second + third
+
+        return drawn(np.float32, three)
+
+    def shrunk(y: int, x: int) -> Any:
+        (a, b), (c, d) = ((luma[2 * y + k, 2 * x], luma[2 * y + k, 2 * x + 1]) for k in range(2))
+        return (a + b + c + d + 2) >> 2
+
+    def response(y: int, x: int) -> Any:
+        xx, xy, yy = (window[y, x] for window in windows)
+        trace = xx + yy
+        return xx * yy - xy * xy - SENSITIVITY * (trace * trace)
+
+    small = drawn(np.uint8, shrunk)
+    lines, columns = smooth(1, 0), smooth(0, 1)
+    dx = drawn(np.float32, lambda y, x: around(lines, y, x + 1) - around(lines, y, x - 1))
+    dy = drawn(np.float32, lambda y, x: around(columns, y + 1, x) - around(columns, y - 1, x))
+    pairs = ((dx, dx), (dx, dy), (dy, dy))
+    products = [drawn(np.float32, lambda y, x, p=p: p[0][y, x] * p[1][y, x]) for p in pairs]
+    windows = [summed(summed(product, 1, 0), 0, 1) for product in products]
+    return drawn(np.float32, response)
+
+
+def test_corners() -> None:
+    """The response to corners by its definition, which gives what the encoder's detector looks at."""
+    tally = Tally()
+    luma = moving_texture(1, 32, 48)[0].luma
+    found = harris(Data(luma, tally), tally)
+    assert tally.operations() == operations.corners(luma.size)
+    response, shrink = _response(luma, TRACKED_CORNERS)
+    assert shrink == 2
+    inside = (slice(3, -3), slice(3, -3))
+    expected = response[inside].astype(np.float64) * (4 * 255.0 * 3) ** 4
+    np.testing.assert_allclose(found.array[inside], expected, rtol=1e-3, atol=1e-4 * expected.max())
+
+
+def as_data(values: Any, tally: Tally, *plain: str) -> Any:
+    """Let the arrays of a named tuple count, but for some that hold places."""
+    parts = zip(values._fields, values, strict=True)
+    return type(values)(*(part if name in plain else Data(part, tally) for name, part in parts))
+
+
+def test_regression() -> None:
+    """A position that is predicted from eight neighbours, and what is learnt from it."""
+    count, sides, tally = 12, (100, 100), Tally()
+    first = RNG.uniform(20, 80, (count, 2))
+    neighbours, weights = np.empty((count, NUM_NEIGHBOURS), np.int64), np.zeros((count, NUM_NEIGHBOURS))
+    kernels.nearest_before(first, 1000.0, neighbours, weights)
+    moved, last = first + RNG.normal(0.0, 1.0, first.shape), RNG.normal(0.0, 1.0, first.shape)
+    motion = kernels.Motion(first, moved, last, np.ones(count), neighbours, weights, np.ones(12))
+    units = np.repeat(np.rint(moved).astype(np.int64)[:, None], 3, axis=1)
+    state, instant = as_data(motion, tally, "neighbours"), as_data(kernels.new_instant(count), tally)
+    places = Data(units, tally)
+    counting(kernels.set_prior, tally)(state, places, 2, instant.covariance)
+    predict, learn = counting(kernels.predict, tally), counting(kernels.learn, tally)
+    for i in range(count):
+        before = tally.operations()
+        size, variance = predict(state, instant, places, i, 2, sides)
+        learn(state, instant, places, i, 2, size, 1.0, variance)
+    assert (neighbours[-1] >= 0).all()
+    assert tally.operations() + before.times(-1) == operations.regression(1)
+
+
+def test_positions_that_are_predicted() -> None:
+    """All but the first of each track; whole ones once more where tracks were followed back."""
+    positions = np.full((3, 4, 2), np.nan)
+    positions[0], positions[1, :2], positions[2, 2:] = 1.0, 2.0, 3.0
+    assert operations.predicted_positions(PointTracks(positions[:2])) == 3 + 1
+    assert operations.predicted_positions(PointTracks(positions, 1)) == 3 + 1 + 1 + 3
+    assert operations.predicted_positions(PointTracks.none(4)) == 0
+
+
+def test_syndrome() -> None:
+    """Half of the bits are ones, each of which is added to three bits of the syndrome."""
+    num_bits, planes = 2000, (0, 1)
+    graph = SyndromeGraph(num_bits, planes, 110, 1)
+    assert graph.num_thrice == num_bits
+    ones = np.tile(np.array([0, 1], np.uint64), num_bits // 2)
+    words = ((ones << np.uint64(63)) | (ones << np.uint64(62)))[None]
+    tally, sums = Tally(), np.zeros(graph.num_checks, np.uint8)
+    given = np.array(planes), Data(bit_places(num_bits, 1), tally), Data(graph.starts, tally)
+    kernel = syndrome_kernels.add_planes
+    found = counted(kernel, tally, Data(words, tally), *given, graph.num_thrice, Data(sums, tally))
+    model = operations.syndrome(2 * num_bits)
+    assert astuple(found) == pytest.approx(astuple(model), rel=0.04)
+    np.testing.assert_array_equal(sums, syndrome_of(words, graph))
+
+
+def test_stages_add_up() -> None:
+    """A run without work takes nothing; twice the work takes twice the operations."""
+    fields = operations.Work.__dataclass_fields__
+    none = operations.stages(operations.Work(**dict.fromkeys(fields, 0) | {"crc_bits": 16}))
+    assert all(stage.total == stage.bytes == 0 for stage in none.values())
+    once, twice = (
+        operations.stages(operations.Work(**dict.fromkeys(fields, 16 * n) | {"crc_bits": 16})) for n in (1, 2)
+    )
+    linear = set(once) - {"quantiser and planes"}
+    assert all(twice[name] == once[name].times(2) for name in linear)
