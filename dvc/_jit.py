@@ -12,6 +12,8 @@ from typing import Any, TypeVar, cast
 
 import numba
 
+from dvc.memory import resident_bytes
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -82,9 +84,10 @@ def _compiled(function: Function, **options: Any) -> Function:
 
 
 class _LoadingClock(threading.local):
-    """Processor time that a thread has spent on loading and compiling kernels."""
+    """Processor time that a thread has spent on loading and compiling kernels, and memory that this took."""
 
     seconds = 0.0
+    num_bytes = 0
     running = False
 
 
@@ -102,6 +105,17 @@ def loading_time_s() -> float:
     return _CLOCK.seconds
 
 
+def loaded_bytes() -> int:
+    """Tell by how much the memory of the process grew while this thread was loading and compiling kernels.
+
+    Returns
+    -------
+    int
+        Bytes; 0 where the system does not tell.
+    """
+    return _CLOCK.num_bytes
+
+
 def _time_loading(compiled: Any) -> None:
     """Let the clock run while a kernel, with all that it calls, is loaded or compiled."""
     compile_now: Callable[[Any], Any] | None = getattr(compiled, "compile", None)
@@ -111,10 +125,11 @@ def _time_loading(compiled: Any) -> None:
     def timed(signature: Any) -> Any:
         if _CLOCK.running:
             return compile_now(signature)
-        started, _CLOCK.running = time.thread_time(), True
+        started, held, _CLOCK.running = time.thread_time(), resident_bytes(), True
         try:
             return compile_now(signature)
         finally:
+            _CLOCK.num_bytes += max(resident_bytes() - held, 0)
             _CLOCK.seconds += time.thread_time() - started
             _CLOCK.running = False
 

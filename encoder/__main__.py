@@ -51,16 +51,18 @@ def _encode(arguments: argparse.Namespace) -> int:
 
 def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progress") -> None:
     """Encode what comes from a reader, and report; what is live, or recorded as segments, may be stopped."""
+    from dvc.memory import resident_bytes
     from encoder.pacing import PacedFrames
+    from encoder.report import memory_report
     from encoder.segments import InputFrames
 
     live = reader.info.live
     segments: list[Segment] = []
     frames = PacedFrames(reader, reader.info.frame_rate)
     source = InputFrames(frames)
+    _load_libraries()
+    baseline_bytes = resident_bytes()
     session = options.session(arguments, reader.info)
-    if session.config.tracks.kind != "none":
-        _load_opencv()
     try:
         if arguments.serve is not None:
             _serve(session, frames, arguments, progress)
@@ -73,13 +75,16 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
     finally:
         pace = _pace(reader, frames) if live else {}
     if arguments.json is not None and (segments or not arguments.segment):
-        cli.write_json(arguments.json, {**_report(session, segments), **pace})
+        memory = {"memory": memory_report(baseline_bytes)}
+        cli.write_json(arguments.json, {**_report(session, segments), **memory, **pace})
     source.raise_end()
 
 
-def _load_opencv() -> None:
-    """Load OpenCV before any frame is coded, for one thread: the encoder counts the time of its own."""
+def _load_libraries() -> None:
+    """Load what coding takes before there are frames; OpenCV for the one thread whose time is counted."""
     import cv2
+
+    import encoder.session  # noqa: F401
 
     cv2.setNumThreads(1)
 

@@ -11,7 +11,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from dvc.tracks import PointTracks
-from dvc.tracks.regression._kernels import NUM_FEATURES, NUM_NEIGHBOURS, STRIDE
+from dvc.tracks.regression.coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES
 from dvc.turbo.crc import POLYNOMIALS
 from dvc.turbo.syndromes.graph import NUM_EDGES
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS
@@ -284,10 +284,10 @@ def regression(num_positions: float) -> Operations:
         for each bit, is left out.
     """
     products = Operations(multiplies=1, adds=1, bytes=2 * 8)
-    gain = products.times((STRIDE + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * STRIDE)
+    gain = products.times((ROW_FEATURES + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * ROW_FEATURES)
     limited = Operations(multiplies=1, adds=1, compares=2, bytes=2 * 8).times(2)
     coefficients = (Operations(multiplies=1, bytes=8) + limited).times(NUM_FEATURES)
-    covariance = Operations(multiplies=2, adds=1, bytes=4 * 8).times(STRIDE * NUM_FEATURES)
+    covariance = Operations(multiplies=2, adds=1, bytes=4 * 8).times(ROW_FEATURES * NUM_FEATURES)
     neighbours = (fit() + Operations(adds=6, multiplies=3, bytes=33)).times(NUM_NEIGHBOURS)
     features = Operations(adds=4, multiplies=7, bytes=7 * 8 + 3 * 7 * 8)
     prediction = Operations(adds=9, multiplies=7, compares=4, bytes=12 * 8)

@@ -6,8 +6,9 @@ from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass
 from typing import Any
 
-from dvc._jit import loading_time_s
+from dvc._jit import loaded_bytes, loading_time_s
 from dvc.config import CodecConfig
+from dvc.memory import peak_resident_bytes
 from dvc.video import Frame
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.transform import NUM_BANDS, band_shape
@@ -29,6 +30,30 @@ PARTS = (
     "writing_cpu_s",
 )
 """Fields that share the time of coding; the rest of it finds groups of pictures and holds all together."""
+
+
+def memory_report(baseline_bytes: int) -> dict[str, int]:
+    """Say how much memory the encoder took, and how much of it is Python's.
+
+    Parameters
+    ----------
+    baseline_bytes : int
+        What the process held when all was imported and nothing was encoded.
+
+    Returns
+    -------
+    dict of str to int
+        ``peak_bytes`` of the process; ``baseline_bytes``; ``loaded_bytes``, by which loading of compiled code
+        made it grow; ``own_bytes``, the rest of the peak. All 0 where the system does not tell.
+    """
+    peak, loaded = peak_resident_bytes(), loaded_bytes()
+    own = max(peak - baseline_bytes - loaded, 0)
+    return {
+        "peak_bytes": peak,
+        "baseline_bytes": baseline_bytes,
+        "loaded_bytes": loaded,
+        "own_bytes": own,
+    }
 
 
 @dataclass

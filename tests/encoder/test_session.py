@@ -13,7 +13,7 @@ from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import Form, StreamReader
 from dvc.video import Frame
 from encoder.groups import groups
-from encoder.report import PARTS
+from encoder.report import PARTS, memory_report
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
@@ -87,6 +87,13 @@ def test_statistics_count_what_was_written() -> None:
     assert counted.stream_bytes == len(file.getvalue())
     records = list(StreamReader(io.BytesIO(file.getvalue())))
     assert counted.key_bits == 8 * sum(len(record.key) for record in records)
+
+
+def test_memory_is_the_encoder_s_own() -> None:
+    """What was held before, and what compiled code took, is no part of it; nothing is below zero."""
+    found = memory_report(1000)
+    assert found["own_bytes"] == found["peak_bytes"] - found["loaded_bytes"] - 1000
+    assert memory_report(found["peak_bytes"] + 1)["own_bytes"] == 0
 
 
 def test_operations_are_those_of_the_frames() -> None:

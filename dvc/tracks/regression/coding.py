@@ -26,6 +26,10 @@ from dvc.tracks.regression._kernels import LOST, Models, Motion
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+NUM_FEATURES, NUM_NEIGHBOURS = _kernels.NUM_FEATURES, _kernels.NUM_NEIGHBOURS
+"""What a track's motion is linear in, and how many tracks near it are asked for their errors."""
+ROW_FEATURES = _kernels.STRIDE
+"""Features in a row of the covariance, zeros at its end included."""
 MAX_CELLS = 2**18
 """Cells of a grid up to which first positions are coded as such."""
 

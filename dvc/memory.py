@@ -1,0 +1,35 @@
+"""Memory of this process, as Linux counts it."""
+
+from pathlib import Path
+
+_STATUS = Path("/proc/self/status")
+
+
+def resident_bytes() -> int:
+    """Tell how much memory this process holds now.
+
+    Returns
+    -------
+    int
+        Resident size; 0 where the system does not tell.
+    """
+    return _field("VmRSS:")
+
+
+def peak_resident_bytes() -> int:
+    """Tell how much memory this process has held at most, since its program was loaded.
+
+    Returns
+    -------
+    int
+        Largest resident size; 0 where the system does not tell.
+    """
+    return _field("VmHWM:")
+
+
+def _field(name: str) -> int:
+    try:
+        lines = _STATUS.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return 0
+    return 1024 * next((int(line.split()[1]) for line in lines if line.startswith(name)), 0)
