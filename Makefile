@@ -62,6 +62,7 @@ pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real c
 	$(BIN)/python -m benchmarks.pictures.tracks
 	$(BIN)/python -m benchmarks.pictures.stereo
 	$(BIN)/python -m benchmarks.pictures.dibr
+	$(BIN)/python -m benchmarks.pictures.cost
 
 format: $(INSTALLED)  ## format the code
 	$(BIN)/ruff format .

@@ -73,12 +73,29 @@ def curve_styles(found: Sequence[Experiment]) -> dict[str, Style]:
     labels = {curve.label: curve.is_anchor for one in found for curve in one.curves}
     last = {curve.label for one in found for curve in one.curves if curve.has_lossless_keys}
     codecs = [label for label, is_anchor in labels.items() if not is_anchor]
+    own = sorted(codecs, key=lambda label: (label in last, label))
+    return label_styles(own, sorted(label for label, is_anchor in labels.items() if is_anchor))
+
+
+def label_styles(codecs: Sequence[str], anchors: Sequence[str]) -> dict[str, Style]:
+    """Give every label its style.
+
+    Parameters
+    ----------
+    codecs, anchors : sequence of str
+        Labels of codecs of the project, drawn filled, and of those to compare with, drawn open.
+
+    Returns
+    -------
+    dict of str to Style
+        By label, all different as far as there are colours, markers and dashes.
+    """
     styles = {}
-    for number, label in enumerate(sorted(codecs, key=lambda label: (label in last, label))):
+    for number, label in enumerate(codecs):
         round_, i = divmod(number, len(COLOURS))
         dash = DASHES[round_ % len(DASHES)]
         styles[label] = Style(COLOURS[i], MARKERS[(i + round_) % len(MARKERS)], dash, False)
-    for number, label in enumerate(sorted(label for label, is_anchor in labels.items() if is_anchor)):
+    for number, label in enumerate(anchors):
         round_, i = divmod(number, len(ANCHOR_COLOURS))
         marker = ANCHOR_MARKERS[(i + round_) % len(ANCHOR_MARKERS)]
         dash = ANCHOR_DASHES[(i + 2 * round_) % len(ANCHOR_DASHES)]

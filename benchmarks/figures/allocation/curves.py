@@ -27,7 +27,14 @@ RANGE_DB = (30.0, 44.0)
 """Qualities that are compared."""
 TRACKED = "te-qp"
 """Tracked coding with one quality for everything."""
-_CODECS = {TRACKED: {"qp": QPS}, "presets": {"wz_q": PRESETS}, "2d": {"codec": "2d", "qp": QPS}}
+ONE_WAY = "one-way"
+"""The same without a way back from the decoder."""
+_CODECS = {
+    TRACKED: {"qp": QPS},
+    ONE_WAY: {"qp": QPS, "no_feedback": True},
+    "presets": {"wz_q": PRESETS},
+    "2d": {"codec": "2d", "qp": QPS},
+}
 
 
 @cache
@@ -41,7 +48,7 @@ def curve(setting: Setting, clip: str, name: str) -> Curve:
     clip : str
         Sequence.
     name : str
-        ``te-qp``, ``presets`` (of the same codec), ``2d``, or a key of `ANCHORS`.
+        ``te-qp``, ``one-way``, ``presets`` (of the same codec), ``2d``, or a key of `ANCHORS`.
 
     Returns
     -------

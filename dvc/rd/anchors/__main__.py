@@ -1,7 +1,6 @@
 """Command ``python -m dvc.rd.anchors``: write a file of a standard codec, and measure it."""
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
@@ -54,7 +53,6 @@ def _parser() -> argparse.ArgumentParser:
 def _encode(arguments: argparse.Namespace) -> int:
     from dvc.rd.anchors.encoding import encode_file
 
-    os.environ.setdefault("SVT_LOG", "1")  # SVT-AV1 reads it when it is opened: errors only
     cli.check_outputs([arguments.input], [arguments.output])
     coded = encode_file(
         arguments.input,

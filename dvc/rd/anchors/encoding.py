@@ -1,5 +1,6 @@
 """Write an anchor's file: one elementary stream, parameter sets once, then the pictures."""
 
+import os
 import re
 import time
 from collections.abc import Iterable, Iterator
@@ -82,7 +83,7 @@ def encode_file(
 
     with open_video(source, start=start, num_frames=frames) as reader, atomic_output(path) as temporary:
         size, rate = reader.info.size, reader.info.frame_rate
-        parts = _encode(_counted(reader), size, rate, codec, parameters)
+        parts = encode_frames(_counted(reader), size, rate, codec, qp)
         with temporary.open("wb") as file:
             while True:
                 started = time.process_time()
@@ -100,14 +101,35 @@ def encode_file(
     }
 
 
-def _encode(
-    frames: Iterator[Frame],
-    size: tuple[int, int],
-    rate: Fraction,
-    codec: AnchorCodec,
-    parameters: dict[str, str],
+def encode_frames(
+    frames: Iterable[Frame], size: tuple[int, int], rate: Fraction, codec: AnchorCodec, qp: int
 ) -> Iterator[bytes]:
-    """Yield the parts of the file."""
+    """Code frames, and give the parts of the file as they are made.
+
+    Parameters
+    ----------
+    frames : iterable of Frame
+        Grey frames.
+    size : tuple of int
+        Width and height.
+    rate : Fraction
+        Frames per second.
+    codec : AnchorCodec
+        With what.
+    qp : int
+        On the scale of H.264, 1 to 51.
+
+    Yields
+    ------
+    bytes
+        Parts of the file.
+
+    Raises
+    ------
+    ConfigError
+        If the encoder is missing, or refuses the size.
+    """
+    parameters = codec.encoder_parameters(qp)
     if codec.zero_motion:
         _check_available(codec)
         yield from encode_without_motion(
@@ -134,6 +156,7 @@ def _open(
     from av.codec.context import Flags
 
     _check_available(codec)
+    os.environ.setdefault("SVT_LOG", "1")  # SVT-AV1 reads it when it is opened: errors only
     context = av.CodecContext.create(codec.library, "w")
     context.width, context.height = size
     context.pix_fmt = codec.pixel_format

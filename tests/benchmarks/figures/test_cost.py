@@ -1,0 +1,116 @@
+"""Rate against cost: turns, means, and what the page shows of rows."""
+
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+
+from benchmarks.figures.cost import rate_cost
+from benchmarks.figures.harness import Row, Setting
+from benchmarks.pictures import cost
+from dvc.errors import DvcError
+from tests.benchmarks.figures.test_allocation import made_up
+
+
+def test_encoders_are_timed_in_turn() -> None:
+    """Each runs once to warm up, and then as often as asked, one after the other."""
+    order: list[str] = []
+    runs = {name: [lambda one=f"{name}{k}": order.append(one) for k in range(2)] for name in "ab"}
+    found = rate_cost.times_ms(runs, 10, 3)
+    assert order == ["a0", "a1", "b0", "b1"] * 4
+    assert set(found) == {"a", "b"}
+    assert all(ms >= 0.0 for ms in found.values())
+
+
+def test_times_are_medians_of_turns_and_means_of_qualities(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A turn that something disturbed does not count."""
+    spent = iter([0.0, 5.0, 0.0, 7.0, 0.1, 0.3, 0.2, 0.4, 9.0, 0.5])  # of two qualities, turn by turn
+    now = [0.0]
+    monkeypatch.setattr(rate_cost.time, "process_time", lambda: now[0])
+
+    def run() -> None:
+        now[0] += next(spent)
+
+    found = rate_cost.times_ms({"a": [run, run]}, 100, 4)
+    first, second = (0.0, 0.1, 0.2, 9.0), (7.0, 0.3, 0.4, 0.5)
+    assert found["a"] == pytest.approx(10 * ((first[1] + first[2]) / 2 + (second[2] + second[3]) / 2) / 2)
+
+
+@pytest.mark.parametrize("name", ["x264-superfast", rate_cost.ONE_WAY])
+def test_frames_are_coded_in_memory(name: str) -> None:
+    """Encoders of both kinds make something of the frames, and the same each time."""
+    material = rate_cost.Material.read("street", 3)
+    assert all(frame.chroma is None for frame in material.frames)
+    run = material.one_way_run(40) if name == rate_cost.ONE_WAY else material.anchor_run(name, 40)
+    made = []
+    for one in (run(), run()):
+        assert isinstance(one, list | BytesIO)
+        made.append(b"".join(one) if isinstance(one, list) else one.getvalue())
+    assert made[0] == made[1]
+    assert 100 < len(made[0]) < material.frames[0].luma.size
+
+
+def test_rates_are_beside_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every codec has its time and the BD-rates of its curve; the one to compare with has none of its own."""
+    reference, other = made_up([30, 34, 38, 42]), made_up([30, 34, 38, 42], 1.25)
+    monkeypatch.setattr(
+        rate_cost, "curve", lambda _setting, _clip, name: reference if name == rate_cost.REFERENCE else other
+    )
+    monkeypatch.setattr(rate_cost.Material, "read", classmethod(lambda cls, _clip, n: cls(None, (None,) * n)))
+    monkeypatch.setattr(
+        rate_cost, "times_ms", lambda runs, n, turns: {name: float(len(of)) for name, of in runs.items()}
+    )
+    monkeypatch.setattr(rate_cost.Material, "one_way_run", lambda _self, qp: qp)
+    monkeypatch.setattr(rate_cost.Material, "anchor_run", lambda _self, _name, qp: qp)
+    names = (rate_cost.REFERENCE, "x264-superfast", rate_cost.ONE_WAY)
+    found = rate_cost.rate_cost(Setting(), "made up", names)
+    codecs = found.values["codecs"]
+    assert codecs[rate_cost.REFERENCE] == {"cost_ms": 5.0, "bd_rate_percent": 0.0, "bd_rate_mse_percent": 0.0}
+    assert codecs[rate_cost.ONE_WAY]["cost_ms"] == 4.0
+    assert codecs["x264-superfast"]["bd_rate_percent"] == pytest.approx(25.0, abs=0.1)
+    assert "3D-TE, no feedback 4.00 ms +25 %" in found.got
+    mean = rate_cost.mean_rate_cost(Setting(), "", names)
+    assert mean.values["num_clips"] == 5
+    assert mean.values["codecs"] == codecs
+
+
+def row(name: str, clip: str, values: dict[str, object]) -> Row:
+    return {"area": "cost", "name": name, "clip": clip, "values": values}
+
+
+def test_page_shows_means_over_the_clips_that_were_measured() -> None:
+    """The largest group that has rows is shown, cheapest codec first."""
+    codecs = {"x264-superfast": {"cost_ms": 1.0, "bd_rate_percent": 20.0}}
+    dear = {"cost_ms": 3.0, "bd_rate_percent": 0.0}
+    rows = [
+        row("rate-cost-standard", "stone", {"codecs": {"x264-ippp": dear}}),
+        row("rate-cost", "tree", {"codecs": {"x264-ippp": dear, **codecs}}),
+        row("rate-cost", "box", {"codecs": {name: {**of, "cost_ms": 2.0} for name, of in codecs.items()}}),
+    ]
+    rows[2]["values"]["codecs"]["x264-ippp"] = {"cost_ms": 6.0, "bd_rate_percent": 0.0}
+    points, clips = cost.rate_costs(rows)
+    assert clips == ["box", "tree"]
+    assert [(one.label, one.cost_ms) for one in points] == [("x264 IPPP, superfast", 1.5), ("x264 IPPP", 4.5)]
+    assert all(style.is_open for style in cost.styles(points).values())
+    with pytest.raises(DvcError, match="no row of rate against cost"):
+        cost.rate_costs([])
+
+
+def test_operations_are_summed() -> None:
+    """Stages are means over clips, and the last line their sum."""
+    kinds = dict.fromkeys(cost.KINDS, 1.0)
+    stages = {"transform": kinds, "planes": {**kinds, "bytes": 4.0}}
+    text = cost.operations_table([row("operations", "box", {"operations_per_pixel": stages})])
+    assert "| planes | 1.00 | 1.00 | 1.00 | 1.00 | 4.00 |" in text
+    assert text.endswith("| all | 2.0 | 2.0 | 2.0 | 2.0 | 5.0 |\n")
+
+
+def test_parts_of_the_page_are_replaced() -> None:
+    """The page has the marks of both parts; text between them is replaced, and nothing else."""
+    page = Path("docs/encoder_cost.md").read_text(encoding="utf-8")
+    for name in ("operations", "rate against cost"):
+        page = cost.with_part(page, name, f"new {name}\n")
+        assert f"<!-- {name}: begin -->\nnew {name}\n<!-- {name}: end -->" in page
+    assert cost.with_part(page, "operations", "new operations\n") == page
+    with pytest.raises(DvcError, match="no marks"):
+        cost.with_part(page, "other", "")
