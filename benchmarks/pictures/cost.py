@@ -6,6 +6,8 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from benchmarks.figures.allocation.curves import AREA as ALLOCATION
+from benchmarks.figures.allocation.curves import TRACKED
 from benchmarks.figures.cost.rate_cost import AREA, REFERENCE, label
 from benchmarks.figures.document import DOCUMENT, read_rows
 from benchmarks.figures.harness import STATIC_CLIPS, Row
@@ -23,7 +25,8 @@ EXAMPLES = """\
 """
 FOLDER = Path("docs") / "cost"
 PAGE = Path("docs") / "encoder_cost.md"
-GROUPS = ("rate-cost", "rate-cost-live", "rate-cost-standard")
+GROUPS = ("rate-cost", "rate-cost-standard")
+"""Figures of rate against cost, those with the most codecs first."""
 KINDS = ("adds", "multiplies", "logic", "compares", "bytes")
 Found = Mapping[str, Mapping[str, float]]
 
@@ -70,7 +73,11 @@ def rate_costs(rows: Sequence[Row]) -> tuple[list[RateCost], list[str]]:
     name = next((name for name in GROUPS if measured(rows, name)), None)
     if name is None:
         raise DvcError(f"{DOCUMENT}: no row of rate against cost was measured")
-    found: dict[str, Found] = {clip: row["values"]["codecs"] for clip, row in measured(rows, name).items()}
+    found: dict[str, Found] = {
+        clip: row["values"]["codecs"] | _with_feedback(rows, clip, row["values"]["codecs"])
+        for clip, row in measured(rows, name).items()
+    }
+    common = [codec for codec in next(iter(found.values())) if all(codec in of for of in found.values())]
     points = [
         RateCost(
             label(codec),
@@ -78,9 +85,24 @@ def rate_costs(rows: Sequence[Row]) -> tuple[list[RateCost], list[str]]:
             statistics.fmean(found[clip][codec]["bd_rate_percent"] for clip in found),
             len(found),
         )
-        for codec in next(iter(found.values()))
+        for codec in common
     ]
     return sorted(points, key=lambda point: point.cost_ms), list(found)
+
+
+def _with_feedback(rows: Sequence[Row], clip: str, codecs: Found) -> Found:
+    """Return rate and cost of tracked coding live, from the rows that tell them, where there are such rows.
+
+    Its time is that of x264 superfast in the same run, times what it takes of that where both were timed.
+    """
+    values = {
+        (row["area"], row["name"]): row["values"] for row in rows if row["clip"] == clip and row["values"]
+    }
+    rate, time = (values.get(name) for name in ((ALLOCATION, "te-qp-x264-ippp"), (AREA, "live-cpu")))
+    if rate is None or time is None or "x264-superfast" not in codecs:
+        return {}
+    cost_ms = time["ratios"]["superfast"] * codecs["x264-superfast"]["cost_ms"]
+    return {TRACKED: {"cost_ms": cost_ms, "bd_rate_percent": rate["bd_rate_percent"]}}
 
 
 def styles(points: Sequence[RateCost]) -> dict[str, Style]:

@@ -32,7 +32,7 @@ PEERS = (
     *("x264-intra", "x264-ultrafast", "x264-superfast", "x264-veryfast", REFERENCE),
     *("x265-ultrafast", "svtav1-fastest"),
 )
-LABELS = {ONE_WAY: "3D-TE, no feedback", TRACKED: "3D-TE, feedback", "2d": "2D, feedback"}
+LABELS = {ONE_WAY: "3D-TE, no feedback", TRACKED: "3D-TE, live"}
 """Codecs of the project; others have the labels of anchors."""
 REPETITIONS = 5
 Run = Callable[[], object]
