@@ -97,6 +97,10 @@ class Data:
         """Elements of the array."""
         return self.array.size
 
+    def view(self, of: Any) -> "Data":
+        """Return the same bytes as numbers of another type."""
+        return Data(self.array.view(of.of), self.tally)
+
     def __getitem__(self, key: Any) -> Any:
         found = self.array[key]
         if isinstance(found, np.ndarray):
@@ -131,7 +135,8 @@ class _Numpy:
 
     def __init__(self, tally: Tally, scratch: bool) -> None:
         self._tally, self._scratch = tally, scratch
-        for name in ("bool_", "uint8", "int16", "int32", "uint32", "int64", "uint64", "uintp", "float64"):
+        names = "bool_ uint8 int16 int32 uint32 int64 uint64 uintp float32 float64"
+        for name in names.split():
             setattr(self, name, _Type(getattr(np, name), tally))
 
     def _made(self, array: np.ndarray[Any, Any]) -> Any:
@@ -145,11 +150,14 @@ class _Numpy:
     def full(self, shape: Any, value: Any) -> Any:
         return self._made(np.full(shape, value))
 
+    def _rounded(self, number: Any, found: Any) -> Any:
+        return Value(found.item(), self._tally) if isinstance(number, Value) else found
+
     def rint(self, number: Any) -> Any:
-        return np.rint(_plain(number))
+        return self._rounded(number, np.rint(_plain(number)))
 
     def floor(self, number: Any) -> Any:
-        return np.floor(_plain(number))
+        return self._rounded(number, np.floor(_plain(number)))
 
 
 def counting(kernel: Callable[..., Any], tally: Tally, *, scratch: bool = True) -> Callable[..., Any]:
