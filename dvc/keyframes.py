@@ -40,6 +40,9 @@ _X264_PARAMETERS = {
     "sliced-threads": 0,
     "threads": 1,
 }
+# Modes by sums of transformed differences, and none of the searches by rate and distortion. The wider zero of
+# the quantiser's dead zone is set back with them: it suits the search that is left out.
+_QUICK_X264_PARAMETERS = {"subme": 5, "trellis": 0, "deadzone-intra": 7}
 # Nothing may be concealed: any syntax error ends the decoding of the picture.
 _DECODER_OPTIONS = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
 
@@ -61,6 +64,9 @@ class KeyFrameEncoder:
         decodes to the source itself.
     luma_only : bool, optional
         Code luma alone (4:0:0).
+    quick : bool, optional
+        Leave out the searches by rate and distortion: less than half the time, and 3 to 6 % more bits at the
+        same quality.
 
     Raises
     ------
@@ -74,13 +80,15 @@ class KeyFrameEncoder:
     [H264] clauses 7.3.2.1 (parameter sets) and 7.3.3 (slice header).
     """
 
-    def __init__(self, width: int, height: int, qp: Qp, *, luma_only: bool = False) -> None:
+    def __init__(
+        self, width: int, height: int, qp: Qp, *, luma_only: bool = False, quick: bool = False
+    ) -> None:
         if qp != "lossless" and not (isinstance(qp, int) and MIN_QP <= qp <= MAX_QP):
             raise ValueError(f"`qp` must be {MIN_QP} to {MAX_QP} or 'lossless', got {qp!r}")
         check_size(width, height, "key frames")
         self._size = (width, height)
         self._luma_only = luma_only
-        self._context = _open_encoder(*_coded_size(width, height), qp, luma_only)
+        self._context = _open_encoder(*_coded_size(width, height), qp, luma_only, quick)
         self._count = 0
         self._decoder: KeyFrameDecoder | None = None
         units = _nal_units(self._context.extradata or b"")
@@ -234,7 +242,7 @@ def _coded_size(width: int, height: int) -> tuple[int, int]:
     return -(-width // MACROBLOCK_PX) * MACROBLOCK_PX, -(-height // MACROBLOCK_PX) * MACROBLOCK_PX
 
 
-def _open_encoder(width: int, height: int, qp: Qp, luma_only: bool) -> "VideoCodecContext":
+def _open_encoder(width: int, height: int, qp: Qp, luma_only: bool, quick: bool) -> "VideoCodecContext":
     """Open libx264 with parameter sets apart from the pictures."""
     import av
     from av.codec.context import Flags
@@ -246,11 +254,12 @@ def _open_encoder(width: int, height: int, qp: Qp, luma_only: bool) -> "VideoCod
     context.time_base = Fraction(1, 25)
     context.thread_count = 1
     context.flags |= Flags.global_header
+    parameters = _X264_PARAMETERS | (_QUICK_X264_PARAMETERS if quick else {})
     context.options = {
         "preset": "medium",
         "tune": "zerolatency",
         "qp": "0" if qp == "lossless" else str(qp),
-        "x264-params": ":".join(f"{name}={value}" for name, value in _X264_PARAMETERS.items()),
+        "x264-params": ":".join(f"{name}={value}" for name, value in parameters.items()),
     }
     if qp != "lossless":
         context.profile = "High"

@@ -95,7 +95,11 @@ class EncoderSession:
     ) -> None:
         video, key = config.video, config.key
         self._key_encoder = KeyFrameEncoder(
-            video.width, video.height, "lossless" if key.lossless else key.qp, luma_only=video.luma_only
+            video.width,
+            video.height,
+            "lossless" if key.lossless else key.qp,
+            luma_only=video.luma_only,
+            quick=margin_percent is not None,
         )
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
         self._wyner_ziv_encoder = WynerZivEncoder(self.config)
