@@ -130,6 +130,22 @@ def test_grey_frames_count_as_neutral_in_colour(moving_frames: MakeFrames) -> No
     assert same_frame(encoder.reconstruct(encoder.encode(frame)), frame.with_chroma())
 
 
+def test_quick_pictures_are_as_good_for_a_few_more_bits(shared_sequences: Path) -> None:
+    """Any decoder reads them; without the searches they cost more, though not more than a tenth."""
+    with open_video(shared_sequences / "box.mkv", num_frames=1) as reader:
+        frame = next(iter(reader))
+    sizes, quality_db = {}, {}
+    for quick in (False, True):
+        encoder = KeyFrameEncoder(352, 288, 30, quick=quick)
+        data = encoder.encode(frame)
+        decoder = KeyFrameDecoder(352, 288, encoder.parameter_sets)
+        sizes[quick], quality_db[quick] = len(data), psnr_db(frame.luma, decoder.decode(data).luma)
+    assert sizes[True] != sizes[False]
+    # Six decibels are twelve steps of QP, which halve the bits of a picture twice.
+    cost = sizes[True] / sizes[False] * 2 ** (-(quality_db[True] - quality_db[False]) / 3)
+    assert 1.0 < cost < 1.1
+
+
 def test_coding_is_repeatable(moving_frames: MakeFrames) -> None:
     """Two encoders give the same bytes; the parameter sets are a dozen."""
     frames = moving_frames(3, 64, 48)

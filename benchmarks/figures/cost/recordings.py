@@ -91,17 +91,22 @@ def _num_finished(folder: Path) -> tuple[int, bool]:
     return 0, True
 
 
-def _first_group_s(frames: list[Frame]) -> float:
-    """Start an encoder, feed it, and return the time until a group is on the disk."""
+def _cpu_s(process: "subprocess.Popen[bytes]") -> float:
+    fields = Path(f"/proc/{process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _first_group_s(frames: list[Frame]) -> tuple[float, float]:
+    """Start an encoder, feed it, and return the time until a group is on the disk, and the processor time."""
     with tempfile.TemporaryDirectory() as folder:
         started = time.perf_counter()
         with _start(Path(folder), frames[0].luma.shape[::-1]) as process:
             _feed(process, iter(frames[:1]))
             while _num_finished(Path(folder))[0] == 0:
                 time.sleep(0.001)
-            taken_s = time.perf_counter() - started
+            taken_s, cpu_s = time.perf_counter() - started, _cpu_s(process)
             process.communicate()
-    return taken_s
+    return taken_s, cpu_s
 
 
 def first_group(setting: Setting, _clip: str) -> Measured:
@@ -112,8 +117,9 @@ def first_group(setting: Setting, _clip: str) -> Measured:
     frames = _frames(2)
     _first_group_s(frames)
     times = sorted(_first_group_s(frames) for _ in range(setting.choose(NUM_STARTS, 1)))
-    text = f"{times[0]:.2f} s (median {times[len(times) // 2]:.2f} s)"
-    return Measured(text, times[0] <= MOST_START_S, {"seconds": times})
+    taken_s, cpu_s = times[0]
+    text = f"{taken_s:.2f} s ({cpu_s:.2f} s of processor time)"
+    return Measured(text, taken_s <= MOST_START_S, {"seconds_and_cpu_s": times})
 
 
 def _cropped(frame: Frame, size: tuple[int, int]) -> Frame:
