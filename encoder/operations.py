@@ -156,7 +156,7 @@ def quantisation(num_coefficients: float) -> Operations:
     Operations
         A band whose planes lie across two words takes a little more.
     """
-    bins = Operations(multiplies=2, adds=1, compares=2, bytes=2 + 4)
+    bins = Operations(multiplies=1, adds=1, compares=2, bytes=2 + 4)
     words = Operations(logic=2, bytes=4 + 8 + 8)
     return (bins + words).times(num_coefficients)
 

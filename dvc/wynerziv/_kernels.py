@@ -92,26 +92,19 @@ def count_planes(extremes, origins, step, planes):
 def pack_uniform(core, scale, step, origins, num_planes, words):
     """Quantise bands (B, N) from `origins` steps below zero up: plane p is bit 63 - p % 64 of row p // 64.
 
-    In single precision: what lies within a millionth of a border may go to either bin. Numbers of bands that
-    follow each other are put together first, as many as an int32 holds.
+    In single precision: what lies within a millionth of a border may go to either bin.
     """
-    gathered = np.zeros(core.shape[1], np.int32)
-    first_plane, waiting = 0, 0
+    numbers = np.empty(core.shape[1], np.int32)
+    first_plane = 0
     for band in range(core.shape[0]):
-        line, planes = core[band], num_planes[band]
-        if waiting + planes > 31:
-            put_bits(gathered, waiting, first_plane, words)
-            gathered[:] = 0
-            first_plane, waiting = first_plane + waiting, 0
-        if planes > 0:
-            unit, origin = np.float32(scale[band] / step), np.float32(origins[band])
-            times = np.int32(1 << planes)
+        line, unit, origin = core[band], np.float32(scale[band] / step), np.float32(origins[band])
+        last = np.int32((1 << num_planes[band]) - 1)
+        if last > 0:
             for n in range(line.size):
                 number = np.int32(np.float32(np.float32(line[n]) * unit) + origin)
-                number = min(max(number, np.int32(0)), np.int32(times - 1))
-                gathered[n] = np.int32(gathered[n] * times) + number
-        waiting += planes
-    put_bits(gathered, waiting, first_plane, words)
+                numbers[n] = min(max(number, np.int32(0)), last)
+            put_bits(numbers, num_planes[band], first_plane, words)
+        first_plane += num_planes[band]
 
 
 @kernel

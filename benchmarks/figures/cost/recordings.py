@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from itertools import cycle, islice
 from pathlib import Path
 
-from benchmarks.figures.cost.encoder_time import AREA
+from benchmarks.figures.cost.rate_cost import AREA
 from benchmarks.figures.harness import Figure, Measured, Setting, clip_source, run_module
 from dvc.errors import BitstreamError, DvcError
 from dvc.stream import StreamReader
@@ -167,7 +167,7 @@ def kills(setting: Setting, _clip: str) -> Measured:
 FIGURES = (
     Figure(
         AREA,
-        "memory",
+        "recording-memory",
         f"memory of the encoder process, {MANY_FRAMES:,} CIF frames over {FEW_FRAMES}, --no-feedback",
         "equal within 10 %",
         memory,
