@@ -1,15 +1,18 @@
 """Rate against cost: turns, means, and what the page shows of rows."""
 
+from fractions import Fraction
 from io import BytesIO
 from pathlib import Path
 
 import pytest
 
-from benchmarks.figures.cost import rate_cost
+from benchmarks.figures.cost import encoder_time, rate_cost, recordings
 from benchmarks.figures.harness import Row, Setting
 from benchmarks.pictures import cost
 from dvc.errors import DvcError
+from dvc.video import Frame, VideoInfo
 from tests.benchmarks.figures.test_allocation import made_up
+from tests.clips import moving_texture, same_frame
 
 
 def test_encoders_are_timed_in_turn() -> None:
@@ -72,6 +75,36 @@ def test_rates_are_beside_times(monkeypatch: pytest.MonkeyPatch) -> None:
     mean = rate_cost.mean_rate_cost(Setting(), "", names)
     assert mean.values["num_clips"] == 5
     assert mean.values["codecs"] == codecs
+
+
+@pytest.mark.parametrize(
+    ("form", "ours_ms", "holds"), [("one-way", 1.01, False), ("live", 1.19, True), ("frames", 9.0, None)]
+)
+def test_times_are_shares_of_those_of_presets(
+    monkeypatch: pytest.MonkeyPatch, form: str, ours_ms: float, holds: bool | None
+) -> None:
+    """What a form must reach is a share of the cheap preset with a search; the cheapest is beside it."""
+    times = {"ours": ours_ms, "x264-superfast": 1.0, "x264-ultrafast": 0.5}
+    monkeypatch.setattr(encoder_time, "times_ms", lambda _runs, _n, _turns: times)
+    monkeypatch.setattr(encoder_time, "_record_requests", lambda _material: [])
+    material = rate_cost.Material(VideoInfo(48, 32, Fraction(25)), tuple(moving_texture(3, 32, 48)))
+    found = encoder_time._compare(Setting(), material, form)
+    assert found.holds is holds
+    assert found.values["ratios"]["x264-ultrafast"] == 2 * ours_ms
+    assert f"{ours_ms:.2f} of superfast's" in found.got
+
+
+def test_recordings_go_there_and_back() -> None:
+    """Neighbours in a recording are neighbours in the clip; a crop keeps colour in place."""
+    frames = moving_texture(4, 32, 48)
+    order = [
+        next(k for k, one in enumerate(frames) if one is frame)
+        for frame in recordings._there_and_back(frames, 9)
+    ]
+    assert order == [0, 1, 2, 3, 2, 1, 0, 1, 2]
+    cropped = recordings._cropped(frames[0], (24, 16))
+    luma, (cb, _) = frames[0].luma[8:24, 12:36], frames[0].chroma or ()
+    assert same_frame(cropped, Frame(luma, (cb[4:12, 6:18], (frames[0].chroma or ())[1][4:12, 6:18])))
 
 
 def row(name: str, clip: str, values: dict[str, object]) -> Row:

@@ -10,22 +10,24 @@ from benchmarks.figures import definitions, rates
 from benchmarks.figures.harness import Setting
 from benchmarks.figures.tracks import costs, curves, limits, points, prediction, quality, runs
 from benchmarks.figures.tracks.runs import BLOCK_MOTION, TD_DEPTH, TE_DEPTH, Run, Way
+from dvc.multiview.cameras import PixelFrame
 from dvc.rd.processes import ProcessGroup
 from dvc.rd.sources import Source, find_source
 from dvc.tracks import FeaturePoints, PointTracks
-from dvc.video import open_video
+from dvc.video import Frame, open_video
 from encoder.options import parser, session
-from sequences.__main__ import main as render
+from tests.clips import write_clip
+from tests.scenes_3d import render
 
 FRAMES = 5
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Render a few small frames."""
+    """Write a few small views of a static scene."""
+    views = [render(time, PixelFrame(96, 80))[0] for time in np.linspace(0.0, 1.0, FRAMES)]
     path = tmp_path_factory.mktemp("clip") / "clip.mkv"
-    assert render(["render", "street", "--size", "96x80", "--frames", str(FRAMES), "--out", str(path)]) == 0
-    return path
+    return write_clip(path, [Frame(view).with_chroma() for view in views])
 
 
 @pytest.mark.parametrize(
