@@ -101,7 +101,7 @@ def _with_feedback(rows: Sequence[Row], clip: str, codecs: Found) -> Found:
     rate, time = (values.get(name) for name in ((ALLOCATION, "te-qp-x264-ippp"), (AREA, "live-cpu")))
     if rate is None or time is None or "x264-superfast" not in codecs:
         return {}
-    cost_ms = time["ratios"]["superfast"] * codecs["x264-superfast"]["cost_ms"]
+    cost_ms = time["ratios"]["x264-superfast"] * codecs["x264-superfast"]["cost_ms"]
     return {TRACKED: {"cost_ms": cost_ms, "bd_rate_percent": rate["bd_rate_percent"]}}
 
 

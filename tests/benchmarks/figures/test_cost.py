@@ -133,7 +133,7 @@ def test_live_coding_is_shown_by_the_rows_that_tell_of_it() -> None:
     """Its time is relative to x264 superfast; without rows for all clips it is left out."""
     codecs = {"x264-superfast": {"cost_ms": 2.0, "bd_rate_percent": 20.0}}
     rows = [row("rate-cost", clip, {"codecs": codecs}) for clip in ("box", "tree")]
-    rows.append(row("live-cpu", "box", {"ratios": {"superfast": 1.5}}))
+    rows.append(row("live-cpu", "box", {"ratios": {"x264-superfast": 1.5}}))
     rows.append({**row("te-qp-x264-ippp", "box", {"bd_rate_percent": 4.0}), "area": "allocation"})
     assert [one.label for one in cost.rate_costs(rows)[0]] == ["x264 IPPP, superfast"]
     (_, live), clips = cost.rate_costs([one for one in rows if one["clip"] == "box"])
