@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
         help="decode frames A to B-1, counted from 0, and only the groups of pictures that they need (files"
         " only); A: means to the end, :B from the beginning",
     )
-    jobs = "processes that decode at the same time (files only)"
+    jobs = "processes that decode at the same time"
     cli.add_integer(parser, "--jobs", (1, 256), jobs, default=1)
     parser.add_argument(
         "--salvage",
@@ -206,7 +206,7 @@ def _decode_live(arguments: argparse.Namespace) -> int:
         config = _with_choices(source.config, arguments)
         try:
             with connection.kept_alive(KEEP_ALIVE), ExitStack() as stack:
-                groups = decode_live(config, source)
+                groups = decode_live(config, source, arguments.jobs)
                 failure = _output(config, arguments, stack).consume(
                     groups, arguments.quiet, arguments.salvage
                 )

@@ -1,26 +1,35 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures, whose key frames are decoded already."""
 
 import time
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from decoder.one_way import OneWayDecoder
 from decoder.side_information.extrapolation import TrackedExtrapolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask
-from decoder.wyner_ziv import WynerZivDecoder
+from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
 from dvc import turbo
-from dvc.config import CodecConfig, GopConfig
+from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
-from dvc.turbo import Answer, num_codes
+from dvc.turbo import Answer, ParityRequest, Place, num_codes
 from dvc.wynerziv.buffered import BufferedFrame
-from dvc.wynerziv.hierarchy import Around, group_order, reference_distance
+from dvc.wynerziv.hierarchy import Around, group_order, levels, reference_distance
+from dvc.wynerziv.priors import LearnedPriors
 from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder, disagreement
 
+Bits = NDArray[np.uint8]
 Points = PointTracks | FeaturePoints | None
+Known = dict[int, ReferenceFrame]
+GroupCoroutine = Generator[Sequence[ParityRequest], tuple[Place, Bits], DecodedGroup]
+"""Yields further requests, maybe none; is sent the answer to any one that waits."""
 
 
 def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> list[int]:
@@ -30,10 +39,12 @@ def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> l
     return sorted({min(known), *around, max(known)})
 
 
-def _order(task: GroupTask, gop: GopConfig) -> list[tuple[int, Around]]:
-    """Return in which order the Wyner-Ziv frames of a group are decoded, and from which references."""
+def _order(task: GroupTask, config: CodecConfig) -> list[list[tuple[int, Around]]]:
+    """Return which Wyner-Ziv frames of a group are decoded side by side, in order, from which references."""
+    gop = config.gop
     anchor_distance = gop.anchor_distance if task.key is None else 0
-    return group_order(task.first_index - 1, task.last_index, gop.references != "keys", anchor_distance)
+    order = group_order(task.first_index - 1, task.last_index, gop.references != "keys", anchor_distance)
+    return levels(order) if config.wyner_ziv.priors == "by-level" else [[place] for place in order]
 
 
 class GroupDecoder:
@@ -43,6 +54,8 @@ class GroupDecoder:
     ----------
     config : CodecConfig
         Configuration of the stream.
+    frames : WynerZivDecoder, optional
+        Decodes frames of several groups of this configuration; an own one by default.
 
     Raises
     ------
@@ -50,7 +63,7 @@ class GroupDecoder:
         If the stream asks for a side-information method that this decoder does not have.
     """
 
-    def __init__(self, config: CodecConfig) -> None:
+    def __init__(self, config: CodecConfig, frames: WynerZivDecoder | None = None) -> None:
         method = config.side_information.method
         if method not in METHODS:
             raise BitstreamError(
@@ -59,7 +72,7 @@ class GroupDecoder:
         self._config = config
         self._method = METHODS[method](config)
         self._extrapolation = TrackedExtrapolation()
-        self._decoder = WynerZivDecoder(config)
+        self._decoder = frames or WynerZivDecoder(config)
         self._one_way = OneWayDecoder(config)
 
     def decode(self, task: GroupTask, ask: Answer) -> DecodedGroup:
@@ -82,37 +95,87 @@ class GroupDecoder:
         BitstreamError
             If tracks, headers or payloads are damaged, or a punctured stream was made for other predictions.
         """
+        steps = self.steps(task)
+        try:
+            waiting = deque(next(steps))
+            while True:
+                request = waiting.popleft()
+                waiting.extend(steps.send(((request.frame, request.plane), ask(request))))
+        except StopIteration as stop:
+            group: DecodedGroup = stop.value
+            return group
+
+    def steps(self, task: GroupTask) -> GroupCoroutine:
+        """Decode a group as a coroutine; requests come out where the task is of no stream.
+
+        Parameters
+        ----------
+        task : GroupTask
+            The group.
+
+        Yields
+        ------
+        sequence of ParityRequest
+            Further requests, maybe none; send the answer to any one that waits, with its frame and plane.
+
+        Returns
+        -------
+        DecodedGroup
+            Its frames, and the record of what was needed.
+
+        Raises
+        ------
+        BitstreamError
+            As `decode` does.
+        """
         if not task.record.wyner_ziv:
             return DecodedGroup.of(task, [])
         if task.before is None:
             raise BitstreamError("Wyner-Ziv frames without a frame before them")
-        gop = self._config.gop
         known = {task.before.index: task.before}
         if task.key is not None:
             known[task.last_index] = ReferenceFrame(task.last_index, task.key)
         points = self._received(task.record.tracks, task.record.num_frames - 1)
-        frames = []
-        self._decoder.start_group()
-        for index, around in _order(task, gop):
-            started = time.perf_counter()
-            prediction = self._predict(task, known, points, index, around)
-            payload = task.record.wyner_ziv[index - task.first_index]
-            if task.form is Form.ONE_WAY:
-                frame = self._one_way.decode(index, payload, prediction)
-            else:
-                answer = self._answer(task.form, payload, ask)
-                slope = self._config.wyner_ziv.slope_between(reference_distance(around))
-                frame = self._decode_frame(index, prediction, payload, answer, slope)
-            frame = replace(frame, decode_s=time.perf_counter() - started)
-            known[index] = ReferenceFrame(index, frame.frame)
-            frames.append(frame)
+        frames: list[DecodedFrame] = []
+        priors = self._decoder.new_priors()
+        for level in _order(task, self._config):
+            learned = [LearnedPriors.mean([priors]) for _ in level[1:]] + [priors]
+            steps = [
+                self._frame(task, known, points, place, own)
+                for place, own in zip(level, learned, strict=True)
+            ]
+            decoded = yield from turbo.together(steps)
+            priors = LearnedPriors.mean(learned)
+            known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
+            frames += decoded
         group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
         if task.form is Form.PUNCTURED:
             _check_agreement(group.record, task.record)
         return group
 
+    def _frame(
+        self, task: GroupTask, known: Known, points: Points, place: tuple[int, Around], priors: LearnedPriors
+    ) -> FrameCoroutine:
+        """Decode one frame, from a stream without any request."""
+        (index, around), started = place, time.perf_counter()
+        prediction = self._predict(task, known, points, index, around)
+        payload = task.record.wyner_ziv[index - task.first_index]
+        if task.form is Form.ONE_WAY:
+            frame = self._one_way.decode(index, payload, prediction)
+        else:
+            quantization = self._decoder.layout.read_header(payload)
+            slope = self._config.wyner_ziv.slope_between(reference_distance(around))
+            recorder = PunctureRecorder()
+            steps = recorder.watch(self._decoder.decode(index, quantization, prediction, priors, slope))
+            if task.form is None:
+                frame = yield from steps
+            else:
+                frame = turbo.drive(steps, self._answer(task.form, payload))
+            frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
+        return replace(frame, decode_s=time.perf_counter() - started)
+
     def _predict(
-        self, task: GroupTask, known: dict[int, ReferenceFrame], points: Points, index: int, around: Around
+        self, task: GroupTask, known: Known, points: Points, index: int, around: Around
     ) -> Prediction:
         if around[1] is None:
             earlier = [known[k] for k in sorted(known)]
@@ -120,26 +183,12 @@ class GroupDecoder:
         usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
         return self._method.predict(usable, points, [index])[0]
 
-    def _decode_frame(
-        self,
-        index: int,
-        prediction: Prediction,
-        payload: bytes,
-        answer: Answer,
-        slope: float,
-    ) -> DecodedFrame:
-        quantization = self._decoder.layout.read_header(payload)
-        recorder = PunctureRecorder(answer)
-        steps = self._decoder.decode(index, quantization, prediction, slope)
-        decoded = turbo.drive(steps, recorder.answer)
-        return replace(decoded, punctured=recorder.payload(payload[: len(quantization.header)]))
-
-    def _answer(self, form: Form | None, payload: bytes, ask: Answer) -> Answer:
-        """Return who answers the requests for a frame."""
+    def _answer(self, form: Form, payload: bytes) -> Answer:
+        """Return who answers the requests for a frame of a stream."""
         layout = self._decoder.layout
         if form is Form.BUFFERED:
             return BufferedFrame(layout, payload, num_codes(self._config.turbo.family)).answer
-        return ask if form is None else PuncturedFrame(layout, payload).answer
+        return PuncturedFrame(layout, payload).answer
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:
         """Read what was sent of the geometry of a group."""

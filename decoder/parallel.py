@@ -17,19 +17,20 @@ from contextlib import contextmanager
 from multiprocessing import Pipe
 from threading import Event, Lock
 
-from decoder.tasks import DecodedGroup, GroupTask, following
+from decoder.tasks import Answered, DecodedGroup, GroupTask, following
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError, DvcError
-from dvc.turbo import Answer, ParityRequest
+from dvc.turbo import ParityRequest
 
+Outcome = Sequence[ParityRequest] | DecodedGroup | Exception
 _MAX_IDLE = 2  # processes kept for the next sequence: they take about a second to start, and some memory
 
 
 class DecodingProcess:
-    """A process that decodes one group at a time; see `decoder.worker`."""
+    """A process that decodes groups; see `decoder.worker`."""
 
     def __init__(self) -> None:
-        self.busy = False
+        self.num_running = 0
         self._connection, other = Pipe()
         command = [sys.executable, "-P", "-m", "decoder.worker", str(other.fileno())]
         # Whoever starts the process ends it; an interrupt from the terminal is not for it.
@@ -46,15 +47,13 @@ class DecodingProcess:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
-    def decode(self, task: GroupTask, answer: Answer | None = None) -> DecodedGroup:
-        """Decode a group.
+    def decode(self, task: GroupTask) -> DecodedGroup:
+        """Decode a group of a stream.
 
         Parameters
         ----------
         task : GroupTask
             The group.
-        answer : callable, optional
-            Answers its requests, where it is not from a stream.
 
         Returns
         -------
@@ -68,32 +67,68 @@ class DecodingProcess:
         DvcError
             If the process dies.
         """
-        self.busy = True
-        outcome = self._exchange(task)
-        while answer is not None and isinstance(outcome, ParityRequest):
-            outcome = self._exchange(answer(outcome))
-        self.busy = False
+        self.submit(task)
+        _, outcome = self.receive()
         if isinstance(outcome, Exception):
             raise outcome
         assert isinstance(outcome, DecodedGroup)
         return outcome
 
-    def _exchange(self, message: object) -> object:
+    def submit(self, message: GroupTask | Answered) -> None:
+        """Begin a group, besides those that are under way, or go on with one.
+
+        Parameters
+        ----------
+        message : GroupTask or Answered
+            The group, or bits that it asked for.
+
+        Raises
+        ------
+        DvcError
+            If the process dies.
+        """
+        self.num_running += isinstance(message, GroupTask)
         try:
             self._connection.send(message)
-            return self._connection.recv()
+        except OSError as err:
+            raise self._death() from err
+
+    def receive(self) -> tuple[int, Outcome]:
+        """Wait for what a group asks for, or comes to.
+
+        Returns
+        -------
+        number : int
+            Number of the group.
+        outcome : sequence of ParityRequest, DecodedGroup or Exception
+            Its further requests, maybe none; or its frames, or what it ended with.
+
+        Raises
+        ------
+        DvcError
+            If the process dies.
+        """
+        try:
+            number, outcome = self._connection.recv()
         except (EOFError, OSError) as err:
-            try:  # a process that ends by itself says how
-                status = self._process.wait(timeout=1)
-            except subprocess.TimeoutExpired:
-                self.kill()
-                status = self._process.wait()
-            how = (
-                "was killed; is there enough memory for --jobs?"
-                if status < 0
-                else f"ended with status {status}"
-            )
-            raise DvcError(f"a decoding process {how}") from err
+            raise self._death() from err
+        self.num_running -= isinstance(outcome, DecodedGroup | Exception)
+        return number, outcome
+
+    def fileno(self) -> int:
+        """Return the file descriptor that can be read when something is to be received."""
+        return self._connection.fileno()
+
+    def _death(self) -> DvcError:
+        try:  # a process that ends by itself says how
+            status = self._process.wait(timeout=1)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            status = self._process.wait()
+        how = (
+            "was killed; is there enough memory for --jobs?" if status < 0 else f"ended with status {status}"
+        )
+        return DvcError(f"a decoding process {how}")
 
     @property
     def alive(self) -> bool:
@@ -124,7 +159,7 @@ def stop_idle_processes() -> None:
 
 @contextmanager
 def decoding_process() -> Iterator[DecodingProcess]:
-    """Lend a process; one that comes back busy is stopped, others are kept for the next.
+    """Lend a process; one that comes back at work is stopped, others are kept for the next.
 
     Yields
     ------
@@ -141,7 +176,7 @@ def decoding_process() -> Iterator[DecodingProcess]:
         yield process
     finally:
         with _lock:
-            kept = not process.busy and process.alive and len(_idle) < _MAX_IDLE
+            kept = process.num_running == 0 and process.alive and len(_idle) < _MAX_IDLE
             if kept:
                 _idle.append(process)
         if not kept:

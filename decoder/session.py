@@ -1,11 +1,12 @@
 """The decoder of figure 5.1: stream or connection in; decoded groups of pictures, and what they cost, out."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 
-from decoder.live import LiveSource
+from decoder.live import GroupsInFlight, LiveSource
 from decoder.parallel import decode_groups, decoding_process
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.tasks import DecodedGroup, GroupTask, following, naming_group
+from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError
 from dvc.keyframes import KeyFrameDecoder
@@ -104,7 +105,7 @@ def _start(config: CodecConfig, reader: StreamReader, frame: int) -> tuple[int, 
     return group, reader.index.first_frame(group)
 
 
-def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGroup]:
+def decode_live(config: CodecConfig, source: LiveSource, jobs: int = 1) -> Iterator[DecodedGroup]:
     """Decode what an encoder at the other end of a connection sends, asking for parity as it is needed.
 
     Parameters
@@ -113,6 +114,8 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
         The sequence's configuration, or that with the decoder's own choice of side information.
     source : LiveSource
         The encoder.
+    jobs : int, optional
+        Processes that decode groups at the same time, many in each.
 
     Yields
     ------
@@ -125,12 +128,10 @@ def decode_live(config: CodecConfig, source: LiveSource) -> Iterator[DecodedGrou
         If the encoder sends what cannot be decoded.
     """
     tasks = _Tasks(config)
-    with decoding_process() as process:
-        group = None
-        for gop in source.groups():
-            task = following(tasks.add(gop.number, gop.record, None), group)
-            group = process.decode(task, source.answer)
-            yield group
+    with ExitStack() as stack:
+        processes = [stack.enter_context(decoding_process()) for _ in range(jobs)]
+        groups = GroupsInFlight(source, processes, lambda gop: tasks.add(gop.number, gop.record, None))
+        yield from groups.decode()
 
 
 class _Tasks:

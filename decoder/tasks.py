@@ -4,6 +4,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from decoder.side_information.protocol import ReferenceFrame
 from dvc.errors import BitstreamError
 from dvc.stream import Form, GopRecord
+from dvc.turbo import Place
 from dvc.video import Frame
 
 
@@ -48,6 +50,24 @@ class GroupTask:
     def last_index(self) -> int:
         """Display position of its last frame."""
         return self.first_index + self.record.num_frames - 1
+
+
+class Answered(NamedTuple):
+    """Bits that were asked for while a group is decoded.
+
+    Attributes
+    ----------
+    number : int
+        Number of the group.
+    place : tuple of two int
+        Numbers of the frame and of the plane.
+    bits : ndarray of shape (count,), uint8
+        The bits.
+    """
+
+    number: int
+    place: Place
+    bits: NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,29 @@
 """The process in which groups of pictures are decoded: `decoder.parallel` starts it and talks to it.
 
-Tasks come through the connection whose file descriptor is the only argument. The answer is the decoded
-group, or the exception that it ended with; before that come requests for parity, if the encoder is live.
+Tasks come through the connection whose file descriptor is the only argument and, if the encoder is live,
+answers to requests. What goes back has the number of its group: requests, and at last the decoded group or
+the exception that it ended with. Any number of groups are under way: while some wait for answers, the first
+of those that can go on does.
 """
 
+import heapq
 import os
 import sys
 import traceback
+from collections.abc import Iterator
+from itertools import count
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from decoder.tasks import GroupTask, naming_group
+from decoder.tasks import Answered, GroupTask, naming_group
 from dvc.config import decode_config
 from dvc.errors import DvcError
+
+if TYPE_CHECKING:
+    from decoder.group import GroupCoroutine, GroupDecoder
+    from decoder.wyner_ziv import WynerZivDecoder
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
@@ -27,28 +36,65 @@ def serve(connection: "Connection[Any, Any]") -> None:
     """
     received: SimpleQueue[Any] = SimpleQueue()
     Thread(target=_receive, args=(connection, received), daemon=True).start()
-
-    def _ask(request: object) -> Any:
-        connection.send(request)
-        return received.get()
-
     _import_opencv_quietly()
-    from decoder.group import GroupDecoder
-
-    decoders: dict[bytes, GroupDecoder] = {}
-    while True:
-        task: GroupTask = received.get()
+    groups = _Groups()
+    for message in _first_group_first(received):
         try:
-            if task.config not in decoders:
-                decoders = {task.config: GroupDecoder(decode_config(task.config))}
-            with naming_group(task.number):
-                outcome: object = decoders[task.config].decode(task, _ask)
+            with naming_group(message.number):
+                outcome = groups.go_on(message)
         except DvcError as err:
             outcome = err
         except Exception as err:  # whose class the other side may be unable to read
             outcome = RuntimeError(repr(err))
             outcome.add_note(f"in the decoding process:\n{traceback.format_exc()}")
-        connection.send(outcome)
+        connection.send((message.number, outcome))
+
+
+def _first_group_first(received: "SimpleQueue[Any]") -> Iterator[GroupTask | Answered]:
+    """Take what was received, always that of the first group of all that is there."""
+    waiting: list[tuple[int, int, GroupTask | Answered]] = []
+    arrivals = count()
+    while True:
+        while not waiting or not received.empty():
+            message = received.get()
+            heapq.heappush(waiting, (message.number, next(arrivals), message))
+        yield heapq.heappop(waiting)[-1]
+
+
+class _Groups:
+    """Groups that are under way; their decoders are kept for others of the same configuration."""
+
+    def __init__(self) -> None:
+        self._config = b""
+        self._frames: WynerZivDecoder | None = None
+        self._idle: list[GroupDecoder] = []
+        self._running: dict[int, tuple[GroupDecoder, GroupCoroutine]] = {}
+
+    def go_on(self, message: GroupTask | Answered) -> object:
+        """Begin a group, or go on with it; return further requests, or the decoded group."""
+        if isinstance(message, GroupTask):
+            decoder = self._decoder(message.config)
+            self._running[message.number] = decoder, decoder.steps(message)
+        decoder, steps = self._running.pop(message.number)
+        try:
+            if isinstance(message, GroupTask):
+                requests = next(steps)
+            else:
+                requests = steps.send((message.place, message.bits))
+        except StopIteration as stop:
+            self._idle.append(decoder)
+            return stop.value
+        self._running[message.number] = decoder, steps
+        return requests
+
+    def _decoder(self, config: bytes) -> "GroupDecoder":
+        from decoder.group import GroupDecoder
+        from decoder.wyner_ziv import WynerZivDecoder
+
+        if config != self._config:
+            self._config, self._idle = config, []
+            self._frames = WynerZivDecoder(decode_config(config))
+        return self._idle.pop() if self._idle else GroupDecoder(decode_config(config), self._frames)
 
 
 def _receive(connection: "Connection[Any, Any]", received: "SimpleQueue[Any]") -> None:

@@ -8,7 +8,7 @@ bands, and the side information is refined and fused with what it was at first.
 """
 
 from collections.abc import Generator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +64,7 @@ def _pays(worth: Refinement, cost: turbo.PlaneCost, slope: float) -> bool:
 
 
 class WynerZivDecoder:
-    """Decodes Wyner-Ziv frames of one configuration; keeps turbo decoders between frames.
+    """Decodes Wyner-Ziv frames of one configuration, also several side by side; keeps decoders of planes.
 
     Parameters
     ----------
@@ -75,23 +75,26 @@ class WynerZivDecoder:
     def __init__(self, config: CodecConfig) -> None:
         self.layout = FrameLayout.of(config)
         self._config = config
-        settings = replace(
+        self._settings = replace(
             REQUESTS,
             family=config.turbo.family,
             crc_bits=config.turbo.crc_bits,
             first_crc_bits=config.turbo.first_crc_bits,
             max_prior_llr=config.wyner_ziv.max_llr,
         )
-        seed = config.turbo.interleaver_seed
-        self._plane_decoder = turbo.plane_decoder(settings, self.layout.num_bits, seed)
-        self._priors = LearnedPriors(self.layout.band_shape)
+        self._idle: list[turbo.PlaneDecoder] = []
 
-    def start_group(self) -> None:
-        """Forget what was learned from frames of other groups of pictures."""
-        self._priors = LearnedPriors(self.layout.band_shape)
+    def new_priors(self) -> LearnedPriors:
+        """Return what is known of priors before anything is decoded."""
+        return LearnedPriors(self.layout.band_shape)
 
     def decode(
-        self, index: int, quantization: Quantization, prediction: Prediction, slope: float = 0.0
+        self,
+        index: int,
+        quantization: Quantization,
+        prediction: Prediction,
+        priors: LearnedPriors,
+        slope: float = 0.0,
     ) -> FrameCoroutine:
         """Decode one frame.
 
@@ -103,6 +106,8 @@ class WynerZivDecoder:
             From the frame's header.
         prediction : Prediction
             Side information.
+        priors : LearnedPriors
+            What was learned from other frames; this one adds to it, where priors learn.
         slope : float, optional
             Squared error that a bit must save, or its plane is not asked for; 0: all planes are.
 
@@ -116,15 +121,37 @@ class WynerZivDecoder:
         DecodedFrame
             The frame and what it cost.
         """
-        settings = self._config.wyner_ziv
+        planes = self._idle.pop() if self._idle else self._new_plane_decoder()
+        frame = _Frame(self._config, self.layout, planes, priors, index)
+        decoded = yield from frame.decode(quantization, prediction, slope)
+        self._idle.append(planes)
+        return decoded
+
+    def _new_plane_decoder(self) -> turbo.PlaneDecoder:
+        seed = self._config.turbo.interleaver_seed
+        return turbo.plane_decoder(self._settings, self.layout.num_bits, seed)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """One frame while it is decoded."""
+
+    config: CodecConfig
+    layout: FrameLayout
+    plane_decoder: turbo.PlaneDecoder
+    priors: LearnedPriors
+    index: int
+
+    def decode(self, quantization: Quantization, prediction: Prediction, slope: float) -> FrameCoroutine:
+        settings = self.config.wyner_ziv
         state = FrameState(self.layout, prediction, settings.noise_model, settings.initial_gain)
         decoded: dict[int, list[turbo.PlaneResult]] = {}
         check = turbo.FrameCheck()
         last = len(quantization.bands) - 1
         for position, band in enumerate(quantization.bands):
-            decoded[band] = yield from self._decode_band(index, band, quantization, state, slope)
+            decoded[band] = yield from self._decode_band(band, quantization, state, slope)
             if position == last:
-                check = yield from self._plane_decoder.check(index)
+                check = yield from self.plane_decoder.check(self.index)
                 self._correct(check, decoded, quantization, state)
             if position in settings.refine_after or position == last:
                 state.refine()
@@ -132,7 +159,7 @@ class WynerZivDecoder:
         refiner = state.prediction.refiner
         chroma = prediction.chroma if refiner is None else refiner.chroma()
         return DecodedFrame(
-            index=index,
+            index=self.index,
             frame=Frame(state.luma(), chroma),
             side_information=transform.to_uint8(prediction.luma),
             refined_side_information=transform.to_uint8(state.prediction.luma),
@@ -147,11 +174,11 @@ class WynerZivDecoder:
         )
 
     def _decode_band(
-        self, index: int, band: int, quantization: Quantization, state: FrameState, slope: float
+        self, band: int, quantization: Quantization, state: FrameState, slope: float
     ) -> Generator[turbo.ParityRequest, Bits, list[turbo.PlaneResult]]:
         edges = quantization.edges(band)
         planes, shape = quantization.planes[band], self.layout.band_shape
-        refined = not state.known and 0 in self._config.wyner_ziv.refine_after
+        refined = not state.known and 0 in self.config.wyner_ziv.refine_after
         predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
         prefix = np.zeros(self.layout.num_bits, dtype=np.int64)
         lower, upper = bitplanes.prefix_borders(prefix, planes, edges)
@@ -161,11 +188,11 @@ class WynerZivDecoder:
             if slope > 0:
                 depth = min(missing + 1, LOOK_AHEAD)
                 worth = expected_refinement(prefix, missing + 1, edges, predicted, scale * gain, depth)
-                if not _pays(worth, self._plane_decoder.cost, slope):
+                if not _pays(worth, self.plane_decoder.cost, slope):
                     break
             middle, _ = bitplanes.prefix_borders(2 * prefix + 1, missing, edges)
             place, borders = (quantization.first_plane[band] + plane, band, plane), (lower, middle, upper)
-            result = yield from self._decode_plane(index, place, borders, predicted, scale * gain, state)
+            result = yield from self._decode_plane(place, borders, predicted, scale * gain, state)
             results.append(result)
             prefix = 2 * prefix + result.bits
             lower, upper = bitplanes.prefix_borders(prefix, missing, edges)
@@ -182,7 +209,6 @@ class WynerZivDecoder:
 
     def _decode_plane(
         self,
-        index: int,
         place: tuple[int, int, int],
         borders: tuple[Array, Array, Array],
         predicted: Array,
@@ -190,13 +216,13 @@ class WynerZivDecoder:
         state: FrameState,
     ) -> Generator[turbo.ParityRequest, Bits, turbo.PlaneResult]:
         """Decode a plane; `place` is its number in the frame, its band, and its number in that."""
-        number = index, place[0]
-        if self._config.wyner_ziv.priors == "laplacian":
+        number = self.index, place[0]
+        if self.config.wyner_ziv.priors == "laplacian":
             llr = noise.bit_llr(*borders, predicted, scale)
-            return (yield from self._plane_decoder.decode(llr, number))
-        prior = self._priors.plane(place[1:], borders, predicted, scale, state.dc_error())
-        result = yield from self._plane_decoder.decode(prior.llr, number, prior.coupling)
-        self._priors.learn(prior, result.bits)
+            return (yield from self.plane_decoder.decode(llr, number))
+        prior = self.priors.plane(place[1:], borders, predicted, scale, state.dc_error())
+        result = yield from self.plane_decoder.decode(prior.llr, number, prior.coupling)
+        self.priors.learn(prior, result.bits)
         return result
 
     def _correct(

@@ -40,6 +40,8 @@ class CodecConfig(Section):
     def _check_values(self) -> None:
         check_choice("codec", self.codec, VARIANTS)
         check_range("seed", self.seed, 0, 2**31 - 1)
+        if self.wyner_ziv.priors == "by-level" and self.gop.references == "all":
+            raise ConfigError("frames that are predicted from all others cannot have priors by level")
 
     @classmethod
     def preset(cls, codec: str, video: VideoConfig, **sections: Any) -> Self:

@@ -16,7 +16,7 @@ SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical", "cascade")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
 QUANTIZERS = ("range", "nested")
-PRIORS = ("laplacian", "learned")
+PRIORS = ("laplacian", "learned", "by-level")
 NUM_BANDS = 16
 MAX_SIDE_PX = 16384
 MAX_AREA_PX = 2**24
@@ -132,7 +132,9 @@ class WynerZivConfig(Section):
     # Percent of `slope` that holds for a frame with references up to 2, 4, 8, ... frames apart, the last
     # beyond; none: all the same.
     slope_percent: tuple[int, ...] = ()
-    # Priors of bits: as the correlation noise has them; or corrected by what was decoded, with neighbours.
+    # Priors of bits: as the correlation noise has them; or corrected by what was decoded, with neighbours:
+    # all of the group before; or the frame itself, and frames before those with which it is decoded side by
+    # side, since none of them is predicted from another.
     priors: str = "laplacian"
 
     def _check_values(self) -> None:

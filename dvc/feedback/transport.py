@@ -4,8 +4,9 @@ import contextlib
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from multiprocessing.connection import wait
+from typing import Any, Protocol
 
 from dvc.errors import ConfigError, FeedbackError
 from dvc.files import Closing
@@ -16,6 +17,15 @@ _RETRY_S = 0.1
 _KEEP_ALIVES_PER_TIMEOUT = 4
 _LINGER_S = 1.0
 _LINGER_BYTES = 2**24
+
+
+class Readable(Protocol):
+    """What can be waited for."""
+
+    def fileno(self) -> int:
+        """Return its file descriptor."""
+
+
 _Address = Any  # what `socket` takes for an address depends on the family
 
 
@@ -69,7 +79,7 @@ class Connection(Closing):
         self._socket = peer
         self._timeout_s = timeout_s
         self._sending = threading.Lock()
-        self._last_sent_s = time.monotonic()
+        self._last_sent_s = self._silent_since_s = time.monotonic()
         try:
             peer.settimeout(timeout_s)
             peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -119,7 +129,47 @@ class Connection(Closing):
             raise self._error("is silent", err) from err
         if not data:
             raise FeedbackError(f"the other side ({self.name}) closed the connection")
+        self._silent_since_s = time.monotonic()
         return data
+
+    def fileno(self) -> int:
+        """Return the file descriptor of the socket."""
+        return self._socket.fileno()
+
+    def wait(self, others: Sequence[Readable] = (), patient: bool = False) -> list[Any]:
+        """Wait until something can be received, of the peer or of others.
+
+        Parameters
+        ----------
+        others : sequence
+            What has a file descriptor that can be read then.
+        patient : bool, optional
+            Whether the peer may be silent, since nothing is expected of it.
+
+        Returns
+        -------
+        list
+            This connection, if bytes of the peer or its end are there, and those of `others` that are ready.
+
+        Raises
+        ------
+        FeedbackError
+            If the peer is silent for the timeout while something is expected of it.
+        """
+        left_s = None if patient else max(0.0, self._silent_since_s + self._timeout_s - time.monotonic())
+        try:
+            ready = _readable([self, *others], left_s)
+        except (OSError, ValueError) as err:
+            raise FeedbackError(f"the other side ({self.name}) went away: {err}") from err
+        if patient:
+            self._silent_since_s = time.monotonic()
+        elif not ready:
+            raise self._error("is silent", TimeoutError())
+        return ready
+
+    def has_received(self) -> bool:
+        """Say whether there is something to be received at once, if only the end."""
+        return bool(_readable([self], 0.0))
 
     @contextlib.contextmanager
     def kept_alive(self, message: bytes) -> Iterator[None]:
@@ -224,6 +274,10 @@ class Listener(Closing):
     def close(self) -> None:
         """Stop listening."""
         self._socket.close()
+
+
+def _readable(objects: list[Any], timeout_s: float | None) -> list[Any]:
+    return wait(objects, timeout_s)
 
 
 def listen(host: str = "localhost", port: int = 0) -> Listener:

@@ -7,7 +7,7 @@ from dvc.turbo.crc import crc, crc_words
 from dvc.turbo.decoder import TurboDecoder
 from dvc.turbo.encoder import encode_planes, encode_words
 from dvc.turbo.families import ParityEncoder, PlaneDecoder, parity_encoders, plane_decoder
-from dvc.turbo.requests import KINDS, Answer, Kind, ParityRequest, ask, drive
+from dvc.turbo.requests import KINDS, Answer, Kind, ParityRequest, Place, ask, drive, together
 from dvc.turbo.results import FrameCheck, PlaneCost, PlaneResult
 from dvc.turbo.slepian_wolf import SlepianWolfSettings, decode_plane
 
@@ -20,6 +20,7 @@ __all__ = [
     "NeighbourCoupling",
     "ParityEncoder",
     "ParityRequest",
+    "Place",
     "PlaneCost",
     "PlaneDecoder",
     "PlaneResult",
@@ -39,4 +40,5 @@ __all__ = [
     "num_codes",
     "parity_encoders",
     "plane_decoder",
+    "together",
 ]

@@ -1,6 +1,6 @@
 """What a decoder asks for: one kind of request, and the driver of coroutines that yield them."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
@@ -32,6 +32,8 @@ class ParityRequest:
 
 Answer = Callable[[ParityRequest], Bits]
 """Turns a request into bits: ndarray of shape (count,), uint8."""
+Place = tuple[int, int]
+"""Numbers of a frame, and of a plane in it: at most one request for a plane waits for its answer."""
 Result = TypeVar("Result")
 
 
@@ -87,3 +89,42 @@ def drive(coroutine: Generator[ParityRequest, Bits, Result], answer: Answer) -> 
     except StopIteration as stop:
         result: Result = stop.value
         return result
+
+
+def together(
+    coroutines: Sequence[Generator[ParityRequest, Bits, Result]],
+) -> Generator[Sequence[ParityRequest], tuple[Place, Bits], list[Result]]:
+    """Run decoding coroutines of different frames side by side: none waits for the answers of another.
+
+    Parameters
+    ----------
+    coroutines : sequence of generator
+        Each yields requests for frames of its own, and is sent bits.
+
+    Yields
+    ------
+    sequence of ParityRequest
+        Further requests, maybe none; send the answer to any one that waits, with its frame and plane.
+
+    Returns
+    -------
+    list of object
+        What each coroutine returns.
+    """
+    results: dict[int, Result] = {}
+    waiting: dict[Place, int] = {}
+
+    def _advance(number: int, bits: Bits | None) -> list[ParityRequest]:
+        try:
+            request = next(coroutines[number]) if bits is None else coroutines[number].send(bits)
+        except StopIteration as stop:
+            results[number] = stop.value
+            return []
+        waiting[request.frame, request.plane] = number
+        return [request]
+
+    requests = [request for number in range(len(coroutines)) for request in _advance(number, None)]
+    while waiting:
+        place, bits = yield requests
+        requests = _advance(waiting.pop(place), bits)
+    return [results[number] for number in range(len(coroutines))]

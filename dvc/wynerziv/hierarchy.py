@@ -1,5 +1,6 @@
 """In which order the Wyner-Ziv frames of a group of pictures are decoded, and from which references."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 from dvc.config import MAX_GOP_LENGTH
@@ -109,6 +110,32 @@ def group_order(
     if anchor_distance:
         return anchored_order(before, last, hierarchical, anchor_distance)
     return [*decoding_order(before, last, hierarchical)]
+
+
+def levels(order: Sequence[tuple[int, Around]]) -> list[list[tuple[int, Around]]]:
+    """Put frames together that are not predicted from each other.
+
+    Parameters
+    ----------
+    order : sequence of (int, (int, int or None))
+        As from `group_order`.
+
+    Returns
+    -------
+    list of list of (int, (int, int or None))
+        The same frames: each anchor alone, then those between anchors or key frames, then those between
+        these, and so on.
+    """
+    found: list[list[tuple[int, Around]]] = [[place] for place in order if place[1][1] is None]
+    num_anchors, level_of = len(found), dict[int, int]()
+    for index, (before, after) in order:
+        if after is not None:
+            level = max(level_of.get(before, -1), level_of.get(after, -1)) + 1
+            level_of[index] = level
+            if num_anchors + level == len(found):
+                found.append([])
+            found[num_anchors + level].append((index, (before, after)))
+    return found
 
 
 def reference_distance(around: Around) -> int:

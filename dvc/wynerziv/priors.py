@@ -7,6 +7,7 @@ plane tell more; how much is learned as well, from planes whose bits are all kno
 regressions whose weights start from those of usual frames, and follow what was decoded.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,6 +50,14 @@ class _Weights:
     def of(cls, *values: float, least: tuple[float, ...], most: tuple[float, ...]) -> "_Weights":
         precision = PRECISION * np.eye(len(values))
         return cls(np.array(values), np.array(least), np.array(most), precision)
+
+    @classmethod
+    def mean(cls, several: Sequence["_Weights"]) -> "_Weights":
+        values, precision = several[0].values.copy(), several[0].precision.copy()
+        for other in several[1:]:
+            values += other.values
+            precision += other.precision
+        return cls(values / len(several), several[0].least, several[0].most, precision / len(several))
 
     def learn(self, inputs: Array, offset: Array, bits: Bits) -> None:
         from dvc.wynerziv import _kernels
@@ -117,6 +126,29 @@ class LearnedPriors:
             _coupled(0.22, 0.03, 0.03),
             _coupled(0.25, 0.05, 0.04),
         ]
+
+    @classmethod
+    def mean(cls, several: Sequence["LearnedPriors"]) -> "LearnedPriors":
+        """Return what was learned side by side.
+
+        Parameters
+        ----------
+        several : sequence of LearnedPriors
+            One or more; they stay as they are.
+
+        Returns
+        -------
+        LearnedPriors
+            With the mean of their weights, and of how well these are known.
+        """
+        together = cls(several[0]._shape)
+        together._alone = [
+            _Weights.mean(weights) for weights in zip(*(p._alone for p in several), strict=True)
+        ]
+        together._coupled = [
+            _Weights.mean(weights) for weights in zip(*(p._coupled for p in several), strict=True)
+        ]
+        return together
 
     def plane(
         self,

@@ -1,13 +1,17 @@
 """The payload of the punctured form: after the header, the bits that were asked for, in that order."""
 
+from collections.abc import Generator
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import BitstreamError
-from dvc.turbo import Answer, ParityRequest
+from dvc.turbo import ParityRequest
 from dvc.wynerziv.layout import FrameLayout
 
 Bits = NDArray[np.uint8]
+Result = TypeVar("Result")
 
 
 def disagreement(found: str) -> BitstreamError:
@@ -71,34 +75,40 @@ class PuncturedFrame:
 
 
 class PunctureRecorder:
-    """Passes requests on and collects the answers, to be written as a punctured payload.
+    """Collects the answers to requests as they pass, to be written as a punctured payload."""
 
-    Parameters
-    ----------
-    source : callable
-        Who answers.
-    """
-
-    def __init__(self, source: Answer) -> None:
-        self._source = source
+    def __init__(self) -> None:
         self._bits: list[Bits] = []
 
-    def answer(self, request: ParityRequest) -> Bits:
-        """Pass a request on, and keep the answer.
+    def watch(
+        self, coroutine: Generator[ParityRequest, Bits, Result]
+    ) -> Generator[ParityRequest, Bits, Result]:
+        """Pass on requests of a coroutine, and keep the answers.
 
         Parameters
         ----------
-        request : ParityRequest
-            Bits wanted.
+        coroutine : generator
+            Yields requests, and is sent bits.
+
+        Yields
+        ------
+        ParityRequest
+            The same.
 
         Returns
         -------
-        ndarray of shape (count,), uint8
-            The bits.
+        object
+            What the coroutine returns.
         """
-        bits = self._source(request)
-        self._bits.append(bits)
-        return bits
+        try:
+            request = next(coroutine)
+            while True:
+                bits = yield request
+                self._bits.append(bits)
+                request = coroutine.send(bits)
+        except StopIteration as stop:
+            result: Result = stop.value
+            return result
 
     def payload(self, header: bytes) -> bytes:
         """Pack what was collected; `PuncturedFrame` answers with it.

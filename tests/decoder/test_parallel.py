@@ -69,7 +69,7 @@ def test_no_more_processes_wait_than_are_worth_it() -> None:
 def test_busy_processes_do_not_come_back() -> None:
     """A process that is in the middle of something when its user leaves is stopped."""
     with decoding_process() as process:
-        process.busy = True
+        process.num_running = 1
     assert not process.alive
 
 
@@ -121,7 +121,7 @@ def test_leaving_early_ends_what_is_running() -> None:
         groups = decode_stream(reader.config, reader)
         assert next(groups).first_index == 0
         groups.close()
-    assert not any(process.busy for process in parallel._idle)
+    assert not any(process.num_running for process in parallel._idle)
 
 
 def test_no_groups_need_no_answer() -> None:

@@ -1,0 +1,177 @@
+"""A link with delay and little bandwidth: what lies between two processes that are far apart.
+
+``python -m benchmarks.slow_link HOST:PORT`` listens on any free port, which it prints, and passes what comes
+there on to HOST:PORT and back.
+"""
+
+import argparse
+import socket
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+
+from dvc.feedback import parse_address
+
+DELAY_S = 0.1
+BITS_PER_SECOND = 1e6
+_CHUNK_BYTES = 1024
+_MAX_QUEUED_BYTES = 2**16
+_WAIT_S = 0.5
+
+
+@dataclass
+class Direction:
+    """One way of the link; what is sent comes out at the bandwidth, each byte after the delay, in order.
+
+    Attributes
+    ----------
+    delay_s : float
+        From the last bit in to the last bit out, in seconds.
+    bits_per_second : float
+        Bandwidth.
+    num_bytes : int
+        Bytes so far, without headers of transport and network.
+    """
+
+    delay_s: float
+    bits_per_second: float
+    num_bytes: int = 0
+    _free_s: float = 0.0
+    _chunks: deque[tuple[float, bytes]] = field(default_factory=deque)
+    _changed: threading.Condition = field(default_factory=threading.Condition)
+
+    def enter(self, data: bytes) -> None:
+        """Let bytes in; returns when the line is free again.
+
+        Parameters
+        ----------
+        data : bytes
+            Some bytes; none: there are no more.
+        """
+        now = time.monotonic()
+        self._free_s = max(self._free_s, now) + 8 * len(data) / self.bits_per_second
+        self.num_bytes += len(data)
+        with self._changed:
+            self._chunks.append((self._free_s + self.delay_s, data))
+            self._changed.notify()
+        time.sleep(self._free_s - now)
+
+    def leave(self) -> bytes:
+        """Wait for what comes out next.
+
+        Returns
+        -------
+        bytes
+            Some bytes; none: there are no more.
+        """
+        with self._changed:
+            while not self._chunks:
+                self._changed.wait(_WAIT_S)
+            due_s, data = self._chunks.popleft()
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        return data
+
+
+class SlowLink:
+    """Connects whoever comes to a port with another one, both ways slowly.
+
+    Parameters
+    ----------
+    host, port : str, int
+        Where connections are passed on to.
+    delay_s : float, optional
+        Of each way, in seconds.
+    bits_per_second : float, optional
+        Bandwidth of each way.
+    """
+
+    def __init__(
+        self, host: str, port: int, delay_s: float = DELAY_S, bits_per_second: float = BITS_PER_SECOND
+    ) -> None:
+        self.forth = Direction(delay_s, bits_per_second)  # from the far end to who has connected
+        self.back = Direction(delay_s, bits_per_second)
+        self._far = host, port
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.address = f"127.0.0.1:{self._listening.getsockname()[1]}"
+
+    def serve(self) -> None:
+        """Pass on what one connection sends and gets, until both ends have said all."""
+        with self._listening:
+            near, _ = self._listening.accept()
+        with near, socket.create_connection(self._far) as far:
+            for end in (near, far):
+                end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _MAX_QUEUED_BYTES)
+            threads = [
+                threading.Thread(target=work, args=(direction, end), daemon=True)
+                for direction, first, last in ((self.back, near, far), (self.forth, far, near))
+                for work, end in ((_take_in, first), (_give_out, last))
+            ]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+
+
+def _take_in(direction: Direction, end: socket.socket) -> None:
+    data = b"."
+    while data:
+        data = b""
+        with suppress(OSError):
+            data = end.recv(_CHUNK_BYTES)
+        direction.enter(data)
+
+
+def _give_out(direction: Direction, end: socket.socket) -> None:
+    with suppress(OSError):
+        while data := direction.leave():
+            end.sendall(data)
+        end.shutdown(socket.SHUT_WR)
+
+
+@contextmanager
+def slow_link(
+    host: str, port: int, delay_s: float = DELAY_S, bits_per_second: float = BITS_PER_SECOND
+) -> Iterator[SlowLink]:
+    """Run a link beside a block.
+
+    Parameters
+    ----------
+    host, port : str, int
+        Where connections are passed on to.
+    delay_s : float, optional
+        Of each way, in seconds.
+    bits_per_second : float, optional
+        Bandwidth of each way.
+
+    Yields
+    ------
+    SlowLink
+        Its `address` is where to connect; its directions count bytes.
+    """
+    link = SlowLink(host, port, delay_s, bits_per_second)
+    threading.Thread(target=link.serve, daemon=True).start()
+    yield link
+
+
+def main() -> int:
+    """Run the command."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.slow_link", description=__doc__)
+    parser.add_argument("address", metavar="HOST:PORT")
+    parser.add_argument("--delay", type=float, default=DELAY_S, metavar="S", help="of each way")
+    parser.add_argument("--bandwidth", type=float, default=BITS_PER_SECOND, metavar="BITS_PER_SECOND")
+    arguments = parser.parse_args()
+    link = SlowLink(*parse_address(arguments.address), arguments.delay, arguments.bandwidth)
+    sys.stdout.write(f"{link.address}\n")
+    sys.stdout.flush()
+    link.serve()
+    sys.stdout.write(f"{link.forth.num_bytes} bytes forth, {link.back.num_bytes} back\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
