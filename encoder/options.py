@@ -417,8 +417,6 @@ def _qp(arguments: argparse.Namespace) -> int:
 
 def _wyner_ziv(arguments: argparse.Namespace, shared: Allocation | None) -> WynerZivConfig:
     chosen = WynerZivConfig.preset(arguments.wz_q) if shared is None else shared.wyner_ziv
-    if arguments.references == "all" and chosen.priors == "by-level":
-        chosen = replace(chosen, priors="learned")
     return replace(chosen, noise_model=arguments.noise_model)
 
 

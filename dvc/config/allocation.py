@@ -89,5 +89,5 @@ def allocation(qp: int) -> Allocation:
         Key frames of this QP; in Wyner-Ziv frames a bit must save more, most where they predict no other.
     """
     slope = SLOPE_PER_KEY_SLOPE * key_slope(qp)
-    wyner_ziv = WynerZivConfig(quantizer="nested", slope=slope, slope_percent=SLOPE_PERCENT, priors="by-level")
+    wyner_ziv = WynerZivConfig(quantizer="nested", slope=slope, slope_percent=SLOPE_PERCENT, priors="learned")
     return Allocation(qp, wyner_ziv)

@@ -20,6 +20,7 @@ from dvc.config.sections import (
     WynerZivConfig,
 )
 from dvc.config.variants import VARIANTS, variant_of
+from dvc.errors import ConfigError
 
 
 @dataclass(frozen=True)
