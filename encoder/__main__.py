@@ -3,6 +3,7 @@
 import argparse
 import sys
 from contextlib import nullcontext
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,6 +59,7 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
 
     live = reader.info.live
     segments: list[Segment] = []
+    decoder: dict[str, object] = {}
     frames = PacedFrames(reader, reader.info.frame_rate)
     source = InputFrames(frames)
     _load_libraries()
@@ -65,7 +67,7 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
     session = options.session(arguments, reader.info)
     try:
         if arguments.serve is not None:
-            _serve(session, frames, arguments, progress)
+            decoder = _serve(session, frames, arguments, progress)
         else:
             with source.stopping_at_signals() if live or arguments.segment else nullcontext():
                 if arguments.segment is None:
@@ -73,7 +75,7 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
                 else:
                     _write_segments(source, reader.info, arguments, progress, segments)
     finally:
-        pace = _pace(reader, frames) if live else {}
+        pace = (_pace(reader, frames) if live else {}) | decoder
     if arguments.json is not None and (segments or not arguments.segment):
         memory = {"memory": memory_report(baseline_bytes)}
         cli.write_json(arguments.json, {**_report(session, segments), **memory, **pace})
@@ -136,16 +138,21 @@ def _write_segments(
 
 def _serve(
     session: "EncoderSession", frames: "Iterable[Frame]", arguments: argparse.Namespace, progress: "Progress"
-) -> None:
+) -> dict[str, object]:
+    """Answer a decoder; return how late it was."""
     from dvc.feedback import KEEP_ALIVE, listen, parse_address
     from encoder.live import serve
+    from encoder.pacing import DecoderPace
 
+    video = session.config.video
+    pace = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), _say)
     with listen(*parse_address(arguments.serve)) as listener:
         sys.stderr.write(f"{options.PROG}: waiting for a decoder on {listener.name}\n")
         sys.stderr.flush()
         connection = listener.accept(silence_timeout_s=arguments.timeout)
     with connection, connection.kept_alive(KEEP_ALIVE):
-        serve(session, frames, connection, progress)
+        serve(session, frames, connection, progress, pace)
+    return {"decoder_behind_s": round(pace.behind_s, 3), "most_frames_open": pace.most_frames_open}
 
 
 def _report(session: "EncoderSession", segments: "list[Segment]") -> dict[str, object]:

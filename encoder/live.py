@@ -8,11 +8,16 @@ from dvc.feedback import Connection, EncoderEndpoint, GopDone
 from dvc.turbo import ParityRequest
 from dvc.video import Frame
 from dvc.wynerziv.buffered import EncodedFrame
+from encoder.pacing import DecoderPace
 from encoder.session import EncoderSession, Progress
 
 
 def serve(
-    session: EncoderSession, frames: Iterable[Frame], connection: Connection, progress: Progress
+    session: EncoderSession,
+    frames: Iterable[Frame],
+    connection: Connection,
+    progress: Progress,
+    pace: DecoderPace,
 ) -> None:
     """Encode a sequence for a decoder at the other end of a connection, answering its requests.
 
@@ -26,13 +31,15 @@ def serve(
         The peer.
     progress : callable
         Called with the number of frames just finished.
+    pace : DecoderPace
+        Told what the decoder has, and when it takes no more: it says how many groups may be open.
 
     Raises
     ------
     FeedbackError
         If the peer breaks the protocol, falls silent or goes away.
     """
-    live = _LiveEncoder(session, frames, connection, progress)
+    live = _LiveEncoder(session, frames, connection, progress, pace)
     try:
         with session.statistics.coding():
             live.run()
@@ -50,8 +57,14 @@ class _LiveEncoder:
     """State of a live run."""
 
     def __init__(
-        self, session: EncoderSession, frames: Iterable[Frame], connection: Connection, progress: Progress
+        self,
+        session: EncoderSession,
+        frames: Iterable[Frame],
+        connection: Connection,
+        progress: Progress,
+        pace: DecoderPace,
     ) -> None:
+        self._pace = pace
         self._session = session
         self._source = session.groups(frames)
         self._connection = connection
@@ -62,18 +75,23 @@ class _LiveEncoder:
         self._open: dict[int, _OpenGroup] = {}
 
     def run(self) -> None:
-        while True:
-            while self._endpoint.num_credits and not self._ended:
+        while not self._endpoint.finished:
+            wanted = self._endpoint.num_credits > 0 and not self._ended
+            if wanted:
                 self._send_group()
+            elif not self._ended:
+                self._pace.waits()
             with self._session.statistics.timing("writing_cpu_s"):
                 self._connection.send(self._endpoint.bytes_to_send())
-            if self._endpoint.finished:
-                return
+            if wanted and not self._connection.has_received():
+                continue
             for event in self._endpoint.receive(self._connection.receive()):
                 if isinstance(event, ParityRequest):
                     self._answer(event)
                 elif isinstance(event, GopDone):
-                    self._progress(self._open.pop(event.number).num_frames)
+                    num_frames = self._open.pop(event.number).num_frames
+                    self._pace.done(num_frames)
+                    self._progress(num_frames)
 
     def give_up(self, reason: str) -> None:
         self._endpoint.send_failure(reason)
@@ -92,6 +110,7 @@ class _LiveEncoder:
         frames = dict(enumerate(encoded.frames, self._num_frames))
         self._open[number] = _OpenGroup(frames, record.num_frames)
         self._num_frames += record.num_frames
+        self._pace.sent(record.num_frames)
 
     def _answer(self, request: ParityRequest) -> None:
         frame = next(

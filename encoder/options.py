@@ -415,8 +415,10 @@ def _qp(arguments: argparse.Namespace) -> int:
     return DEFAULT_QP if arguments.qp is None else int(arguments.qp)
 
 
-def _wyner_ziv(arguments: argparse.Namespace, shared: Allocation | None) -> WynerZivConfig:
+def _wyner_ziv(arguments: argparse.Namespace, shared: Allocation | None, references: str) -> WynerZivConfig:
     chosen = WynerZivConfig.preset(arguments.wz_q) if shared is None else shared.wyner_ziv
+    if chosen.priors == "learned" and references == "hierarchical":
+        chosen = replace(chosen, priors="by-level")  # as good, and frames of a level wait for no other
     return replace(chosen, noise_model=arguments.noise_model)
 
 
@@ -427,12 +429,13 @@ def _configuration(
     tracks = _given(num_points=arguments.points, subpixel_bits=arguments.subpixel)
     if shared is not None and variant.tracks.kind == "encoder":
         tracks["coding"] = ALLOCATED_TRACK_CODING
+    gop = _gop(arguments, shared)
     return CodecConfig.preset(
         arguments.codec,
         VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
-        gop=_gop(arguments, shared),
+        gop=gop,
         key=_key(arguments, shared),
-        wyner_ziv=_wyner_ziv(arguments, shared),
+        wyner_ziv=_wyner_ziv(arguments, shared, gop.references),
         turbo=TurboConfig(family=_family(arguments, shared), interleaver_seed=arguments.seed),
         tracks=replace(variant.tracks, **tracks),
         side_information=_side_information(variant, shared),

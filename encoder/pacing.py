@@ -1,4 +1,4 @@
-"""Whether the encoder keeps up with a source whose frames come at the rate of the video."""
+"""Whether the encoder keeps up with a source whose frames come at the rate of the video, and a decoder."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -82,3 +82,73 @@ class PacedFrames:
                 self.behind_s = max(self.behind_s, late_s)
             before = got
             yield frame
+
+
+class DecoderPace:
+    """How far a live decoder falls behind the video while its window of groups of pictures is full.
+
+    Parameters
+    ----------
+    frame_rate : Fraction
+        Frames per second of the video.
+    say : callable
+        Told a line when the decoder is late, and again each time that it is `GROWTH` times as late.
+    clock : callable, optional
+        Tells the time in seconds.
+
+    Attributes
+    ----------
+    behind_s : float
+        The most that the next frame had to wait for the decoder, in seconds.
+    most_frames_open : int
+        The most frames that were sent, and not done, at a time.
+    """
+
+    GROWTH = 4.0
+
+    def __init__(
+        self, frame_rate: Fraction, say: Callable[[str], None], clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.behind_s = 0.0
+        self.most_frames_open = 0
+        self._interval_s = float(1 / frame_rate)
+        self._say, self._clock = say, clock
+        self._start_s: float | None = None
+        self._num_sent = self._num_done = 0
+        self._told_s = 1.0 / self.GROWTH
+
+    def sent(self, num_frames: int) -> None:
+        """Count frames that go to the decoder.
+
+        Parameters
+        ----------
+        num_frames : int
+            Number of frames.
+        """
+        if self._start_s is None:
+            self._start_s = self._clock()
+        self._num_sent += num_frames
+        self.most_frames_open = max(self.most_frames_open, self._num_sent - self._num_done)
+
+    def done(self, num_frames: int) -> None:
+        """Count frames that the decoder is done with.
+
+        Parameters
+        ----------
+        num_frames : int
+            Number of frames.
+        """
+        self._num_done += num_frames
+
+    def waits(self) -> None:
+        """Notice that the decoder takes no more for now; say it where it is late."""
+        if self._start_s is None:
+            return
+        behind_s = self._clock() - self._start_s - self._num_sent * self._interval_s
+        self.behind_s = max(self.behind_s, behind_s)
+        if behind_s >= self.GROWTH * self._told_s:
+            self._told_s = behind_s
+            self._say(
+                f"the decoder is {behind_s:.1f} s behind the video: it has {self._num_sent - self._num_done}"
+                f" frames up to number {self._num_sent - 1}, others wait at the source; none is dropped"
+            )

@@ -3,13 +3,12 @@
 import io
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from benchmarks.hostile.depth_images import try_depth_images
 from benchmarks.hostile.layered_pieces import try_pieces
-from benchmarks.hostile.material import Luma, decode_live, decoded_groups, material, serve, tracked_material
+from benchmarks.hostile.material import Luma, decoded_groups, live_run, material, serve, tracked_material
 from benchmarks.hostile.mutations import mutate, mutate_record, mutate_tracks, record_spans
 from benchmarks.hostile.pictures import try_pictures
 from dvc.errors import BitstreamError, FeedbackError
@@ -88,6 +87,10 @@ class _Replay:
     def send(self, data: bytes) -> None:
         """Throw away."""
 
+    def has_received(self) -> bool:
+        """Let the encoder send all that it may."""
+        return False
+
     def receive(self) -> bytes:
         for chunk in self._chunks:
             if chunk:
@@ -95,15 +98,11 @@ class _Replay:
         raise FeedbackError("the other side closed the connection")
 
 
-def try_messages(chunks: Sequence[bytes], receive: Callable[[Any], None], number: int) -> str:
-    """Let one end of a live run receive a mutation of what it once received.
+def try_encoder(number: int) -> str:
+    """Let the encoder of a live run receive a mutation of what it once received.
 
     Parameters
     ----------
-    chunks : sequence of bytes
-        What it received.
-    receive : callable
-        Runs that end on a connection.
     number : int
         Of the mutation.
 
@@ -112,8 +111,8 @@ def try_messages(chunks: Sequence[bytes], receive: Callable[[Any], None], number
     str
         The outcome.
     """
-    rng = np.random.default_rng(number)
-    damaged = list(chunks)
+    made, rng = material(), np.random.default_rng(number)
+    damaged = list(made.to_encoder)
     place = int(rng.integers(len(damaged)))
     match number % 8:
         case 0:
@@ -123,10 +122,44 @@ def try_messages(chunks: Sequence[bytes], receive: Callable[[Any], None], number
         case _:
             damaged[place] = mutate(damaged[place], rng)
     try:
-        receive(_Replay(damaged))
-    except (BitstreamError, FeedbackError):
+        serve(made.frames, made.config, _Replay(damaged))
+    except FeedbackError:
         return "refused"
     return "decoded"
+
+
+def try_decoder(number: int) -> str:
+    """Let the decoder of a live run, with many requests in flight, receive a mutation of what was sent.
+
+    Parameters
+    ----------
+    number : int
+        Of the mutation.
+
+    Returns
+    -------
+    str
+        The outcome.
+    """
+    made, rng = material(), np.random.default_rng(number)
+    place, passed = int(rng.integers(1, len(made.to_encoder))), [b""]
+
+    def _change(data: bytes) -> bytes:
+        passed.append(data)
+        if len(passed) != place + 1:
+            return data
+        match number % 8:
+            case 0:
+                return data + passed[int(rng.integers(len(passed)))]
+            case 1:
+                return b""
+            case _:
+                return mutate(data, rng)
+
+    failure, _ = live_run(made.frames, made.config, (_change, lambda data: data))
+    if failure is not None and not isinstance(failure, BitstreamError | FeedbackError):
+        raise failure
+    return "decoded" if failure is None else "refused"
 
 
 def kinds() -> dict[str, Callable[[int], str]]:
@@ -144,8 +177,8 @@ def kinds() -> dict[str, Callable[[int], str]]:
         "tracks": partial(try_tracked, "3d-te"),
         "points": partial(try_tracked, "3d-td"),
         "anchors": partial(try_tracked, "3d-te", allocated=True),
-        "to-decoder": lambda number: try_messages(material().to_decoder, decode_live, number),
-        "to-encoder": _try_encoder,
+        "to-decoder": try_decoder,
+        "to-encoder": try_encoder,
         "pictures": try_pictures,
         "depth-images": try_depth_images,
         "layers": try_pieces,
@@ -156,8 +189,3 @@ def _try_allocated(number: int) -> str:
     made = material(allocated=True)
     stream = made.buffered if number % 4 < 2 else made.punctured
     return try_stream(stream, made.groups, number)
-
-
-def _try_encoder(number: int) -> str:
-    made = material()
-    return try_messages(made.to_encoder, partial(serve, made.frames, made.config), number)

@@ -1,11 +1,11 @@
 """What hostile input is made of: good streams, and the messages of a live run."""
 
 import io
-import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from fractions import Fraction
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -22,12 +22,18 @@ from dvc.config import (
     WynerZivConfig,
     allocation,
 )
+from dvc.feedback import Connection, connect, listen
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
 
-PATIENCE_S = 20
-"""How long one end of a recorded live run waits for the other."""
+PATIENCE_S = 2.0
+"""How long one end of a live run waits for the other."""
 Luma = NDArray[np.uint8]
+Change = Callable[[bytes], bytes]
+
+
+def _same(data: bytes) -> bytes:
+    return data
 
 
 @dataclass(frozen=True)
@@ -44,8 +50,8 @@ class Material:
         Both forms of the stream.
     groups : list of list of ndarray
         Luma of the decoded frames of each group of pictures.
-    to_decoder, to_encoder : list of bytes
-        Bytes that each end of a live run received, one entry per time that the other end sent some.
+    to_encoder : list of bytes
+        Bytes that the encoder of a live run received, one entry for each time.
     """
 
     frames: list[Frame]
@@ -53,7 +59,6 @@ class Material:
     buffered: bytes
     punctured: bytes
     groups: list[list[Luma]]
-    to_decoder: list[bytes]
     to_encoder: list[bytes]
 
 
@@ -90,8 +95,8 @@ def material(allocated: bool = False) -> Material:
             groups.append(group)
             writer.write_gop(record)
         writer.close()
-    to_decoder, to_encoder = ([], []) if allocated else _record_live(frames, config)
-    return Material(frames, config, file.getvalue(), punctured.getvalue(), groups, to_decoder, to_encoder)
+    to_encoder = [] if allocated else _record_live(frames, config)
+    return Material(frames, config, file.getvalue(), punctured.getvalue(), groups, to_encoder)
 
 
 @cache
@@ -144,41 +149,66 @@ def decoded_groups(reader: StreamReader) -> Iterator[tuple[list[Luma], GopRecord
         yield [frame.luma for frame in group.frames], group.record
 
 
-class _Pipe:
-    """One end of a connection within this process; keeps what it received."""
+def live_run(
+    frames: list[Frame], config: CodecConfig, change: tuple[Change, Change] = (_same, _same)
+) -> list[Exception | None]:
+    """Run encoder and decoder on a connection between two threads.
 
-    def __init__(self) -> None:
-        self.inbox: queue.Queue[bytes] = queue.Queue()
-        self.received: list[bytes] = []
-        self.other: _Pipe | None = None
+    Parameters
+    ----------
+    frames : list of Frame
+        The sequence.
+    config : CodecConfig
+        Configuration of the encoder.
+    change : tuple of two callables
+        Turn what is received at a time into what the decoder, and the encoder, get in place of it.
 
-    def send(self, data: bytes) -> None:
-        assert self.other is not None
-        if data:
-            self.other.inbox.put(data)
+    Returns
+    -------
+    list of Exception or None
+        What the decoder, and what the encoder, ended with.
+    """
+    ended: list[Exception | None] = [None, None]
 
-    def receive(self) -> bytes:
-        data = self.inbox.get(timeout=PATIENCE_S)
-        self.received.append(data)
+    def _run(number: int, end: Connection, work: Callable[[Connection], None]) -> None:
+        receive = end.receive
+        end.receive = lambda: change[number](receive())  # type: ignore[method-assign]
+        with end:
+            try:
+                work(end)
+            except Exception as err:
+                ended[number] = err
+
+    with listen() as listener:
+        near = connect(listener.host, listener.port, PATIENCE_S)
+        far = listener.accept(PATIENCE_S, PATIENCE_S)
+    serving = threading.Thread(target=_run, args=(1, far, partial(serve, frames, config)))
+    serving.start()
+    _run(0, near, decode_live)
+    serving.join()
+    return ended
+
+
+def _record_live(frames: list[Frame], config: CodecConfig) -> list[bytes]:
+    received: list[bytes] = []
+
+    def _keep(data: bytes) -> bytes:
+        received.append(data)
         return data
 
-
-def _record_live(frames: list[Frame], config: CodecConfig) -> tuple[list[bytes], list[bytes]]:
-    ends = _Pipe(), _Pipe()
-    ends[0].other, ends[1].other = ends[1], ends[0]
-    serving = threading.Thread(target=serve, args=(frames, config, ends[0]))
-    serving.start()
-    decode_live(ends[1])
-    serving.join()
-    return ends[1].received, ends[0].received
+    failure, _ = live_run(frames, config, (_same, _keep))
+    assert failure is None
+    return received
 
 
 def serve(frames: list[Frame], config: CodecConfig, connection: Any) -> None:
     """Run the encoder on a connection."""
     from encoder import live
+    from encoder.pacing import DecoderPace
     from encoder.session import EncoderSession
 
-    live.serve(EncoderSession(config), frames, connection, lambda _: None)
+    pace = DecoderPace(Fraction(25), lambda _: None)
+    live.serve(EncoderSession(config), frames, connection, lambda _: None, pace)
 
 
 def decode_live(connection: Any) -> None:
