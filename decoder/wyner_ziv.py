@@ -81,6 +81,7 @@ class WynerZivDecoder:
             crc_bits=config.turbo.crc_bits,
             first_crc_bits=config.turbo.first_crc_bits,
             max_prior_llr=config.wyner_ziv.max_llr,
+            batch=config.turbo.batch_percent / 100,
         )
         self._idle: list[turbo.PlaneDecoder] = []
 

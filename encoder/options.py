@@ -60,6 +60,8 @@ EXAMPLES = """\
 
 DEFAULT_MARGIN_PERCENT = 60
 """Estimates of what a frame needs err; chosen by hand."""
+LONG_DELAY_PERCENT = 80
+"""Of what is not known of a plane; chosen by hand: more spares little waiting for many bits."""
 
 
 Value = Callable[[CodecVariant], object]
@@ -258,6 +260,12 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         choices=TURBO_FAMILIES,
         help=f"codes of the bit planes; default: {ALLOCATED_FAMILY}, with --wz-q {TurboConfig.family}",
     )
+    add(
+        "--long-delay",
+        action="store_true",
+        help="for a live decoder that is far away: it asks for more at once, so that less often is waited for"
+        " answers, for some percent of the rate; with --turbo cascade, the default",
+    )
     add("--luma-only", action="store_true", help="code no chroma")
     add(
         "--noise-model",
@@ -436,7 +444,7 @@ def _configuration(
         gop=gop,
         key=_key(arguments, shared),
         wyner_ziv=_wyner_ziv(arguments, shared, gop.references),
-        turbo=TurboConfig(family=_family(arguments, shared), interleaver_seed=arguments.seed),
+        turbo=_turbo(arguments, shared),
         tracks=replace(variant.tracks, **tracks),
         side_information=_side_information(variant, shared),
         seed=arguments.seed,
@@ -459,9 +467,13 @@ def _gop(arguments: argparse.Namespace, shared: Allocation | None) -> GopConfig:
     return replace(gop, anchor_distance=ANCHOR_DISTANCE, intra_period=period)
 
 
-def _family(arguments: argparse.Namespace, shared: Allocation | None) -> str:
+def _turbo(arguments: argparse.Namespace, shared: Allocation | None) -> TurboConfig:
     usual = TurboConfig.family if shared is None else ALLOCATED_FAMILY
-    return usual if arguments.turbo is None else str(arguments.turbo)
+    family = usual if arguments.turbo is None else str(arguments.turbo)
+    if arguments.long_delay and family != ALLOCATED_FAMILY:
+        raise ConfigError(f"--long-delay is for --turbo {ALLOCATED_FAMILY}, not for {family}")
+    batch_percent = LONG_DELAY_PERCENT if arguments.long_delay else 0
+    return TurboConfig(family, arguments.seed, batch_percent=batch_percent)
 
 
 def _key(arguments: argparse.Namespace, shared: Allocation | None) -> KeyFrameConfig:

@@ -44,6 +44,7 @@ FIELD_NUMBERS = {
     "turbo.interleaver_seed": 41,
     "turbo.crc_bits": 42,
     "turbo.first_crc_bits": 43,
+    "turbo.batch_percent": 44,
     "side_information.method": 56,
     "side_information.block_size": 57,
     "side_information.search_radius": 58,

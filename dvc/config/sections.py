@@ -215,6 +215,9 @@ class TurboConfig(Section):
     interleaver_seed: int = 1
     crc_bits: int = 16  # length of the checksum that the encoder computes for each bit plane
     first_crc_bits: int = 8  # of these, how many the decoder asks for at once; more only where it is in doubt
+    # With parities of ranges, what the answers to a request are to tell, in percent of what is not known of
+    # the plane; 0: as little as costs the fewest bits, in the most requests.
+    batch_percent: int = 0
 
     def _check_values(self) -> None:
         check_choice("family", self.family, TURBO_FAMILIES)
@@ -222,6 +225,9 @@ class TurboConfig(Section):
         if self.crc_bits not in CRC_BITS:
             raise ConfigError(f"`crc_bits` must be one of {CRC_BITS}, got {shown(self.crc_bits)}")
         check_range("first_crc_bits", self.first_crc_bits, 1, self.crc_bits)
+        check_range("batch_percent", self.batch_percent, 0, 100)
+        if self.batch_percent and self.family != "cascade":
+            raise ConfigError("`batch_percent` is for parities of ranges, family `cascade`")
 
 
 @dataclass(frozen=True)

@@ -163,7 +163,7 @@ class Ledger:
             if positions[:1] != (request.plane,):
                 raise ValueError(f"joint bits of other planes than {where}")
         elif self._by_positions and request.kind == "parity":
-            limit = self._limits["parity"]
+            limit = self._limits["parity"] * (self._num_codes - request.code)
             if len(positions) != request.count:
                 raise ValueError(f"{request.count} parity bits of {where} at {len(positions)} positions")
         if positions and not limit:

@@ -18,7 +18,8 @@ MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 
 _MAX_FAILURE_BYTES = 500
-_MAX_REQUEST_BYTES = 26  # without positions, each of which takes no more bytes than it is ahead of the last
+_MAX_REQUEST_BYTES = 26  # without positions
+_MAX_POSITION_BYTES = 2  # on the average: the orders of a plane are a few times as long as their bits
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
     if message_type is ParityRequest:
         by_positions = config.turbo.family == CASCADE
         largest = max(config.video.num_blocks, sum(config.wyner_ziv.max_planes))
-        return _MAX_REQUEST_BYTES + (largest if by_positions else 0)
+        return _MAX_REQUEST_BYTES + (_MAX_POSITION_BYTES * largest if by_positions else 0)
     area_px = (config.video.width + 15) * (config.video.height + 15)
     return 4 * area_px + 2**20 + MAX_HEADER_BYTES * config.gop.length
 

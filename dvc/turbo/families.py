@@ -150,7 +150,7 @@ def plane_decoder(settings: SlepianWolfSettings, num_bits: int, seed: int) -> Pl
     """
     if settings.family != CASCADE:
         return TurboPlaneDecoder(settings, num_bits, seed)
-    own = CascadeSettings(crc_bits=settings.crc_bits, max_prior_llr=settings.max_prior_llr)
+    own = CascadeSettings(settings.crc_bits, max_prior_llr=settings.max_prior_llr, batch=settings.batch)
     return CascadeDecoder(own, num_bits, seed)
 
 

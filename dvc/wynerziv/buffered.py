@@ -96,6 +96,11 @@ def _refuse_others(request: ParityRequest, num_bits: int) -> None:
         raise ValueError(f"bits {request.start}+{request.count} of {num_bits}")
 
 
+def _bits(row: Words, plane: int) -> Bits:
+    """Return the bits of a plane out of words."""
+    return ((row >> np.uint64(63 - plane % 64)) & np.uint64(1)).astype(np.uint8)
+
+
 class EncodedFrame:
     """All bits that may be asked of one Wyner-Ziv frame; parity is computed when a code is first needed.
 
@@ -161,13 +166,26 @@ class EncodedFrame:
             raise ValueError(f"no {request.kind!r} bits of code {request.code}")
         if request.kind == "joint":
             return self._answer_jointly(request)
+        if request.kind == "parity" and request.positions:
+            return self._answer_orders(request)
         if request.kind == "parity":
             words = self._parity_words(request.code)
         else:
             words = self._crc if request.kind == "crc" else self.words
         _refuse_others(request, words.shape[1])
-        row = words[request.plane // 64, _wanted(request)]
-        return ((row >> np.uint64(63 - request.plane % 64)) & np.uint64(1)).astype(np.uint8)
+        return _bits(words[request.plane // 64, _wanted(request)], request.plane)
+
+    def _answer_orders(self, request: ParityRequest) -> Bits:
+        """Answer at positions in an order, beyond whose end come those of the next one."""
+        num_bits = self.words.shape[1]
+        _refuse_others(request, num_bits * (len(self._encoders) - request.code))
+        orders, positions = np.divmod(np.array(request.positions, np.int64), num_bits)
+        row = np.empty(positions.size, np.uint64)
+        for order in np.unique(orders):
+            wanted = orders == order
+            parity = self._parity_words(request.code + int(order))
+            row[wanted] = parity[request.plane // 64, positions[wanted]]
+        return _bits(row, request.plane)
 
     def _answer_jointly(self, request: ParityRequest) -> Bits:
         planes = np.array(request.positions, np.int64)

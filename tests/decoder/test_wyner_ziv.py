@@ -37,7 +37,7 @@ def decode(
     encoded = WynerZivEncoder(config).encode(original, step)
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
-    return drive(decoder.decode(5, quantization, prediction, slope), encoded.answer)
+    return drive(decoder.decode(5, quantization, prediction, decoder.new_priors(), slope), encoded.answer)
 
 
 def noisy_prediction(original: Frame, noise: float, seed: int = 0) -> Prediction:
@@ -145,7 +145,8 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
         return encoded.answer(request)
 
     quantization = decoder.layout.read_header(encoded.header)
-    decoded = drive(decoder.decode(5, quantization, noisy_prediction(original, 3.0)), answer)
+    steps = decoder.decode(5, quantization, noisy_prediction(original, 3.0), decoder.new_priors())
+    decoded = drive(steps, answer)
     assert {plane for plane, _ in seen} == set(range(quantization.num_planes))
     assert sum(count for (_, kind), count in seen.items() if kind == "crc") == decoded.crc_bits
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
@@ -226,10 +227,10 @@ def test_every_group_learns_by_itself(original: Frame) -> None:
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)
     prediction = noisy_prediction(original, 5.0)
-    costs = []
+    costs, priors = [], decoder.new_priors()
     for number in range(3):
         if number == 2:
-            decoder.start_group()
-        decoded = drive(decoder.decode(5, quantization, prediction), encoded.answer)
+            priors = decoder.new_priors()
+        decoded = drive(decoder.decode(5, quantization, prediction, priors), encoded.answer)
         costs.append([cost.ideal_bits for cost in decoded.band_costs])
     assert costs[0] == costs[2] != costs[1]

@@ -72,6 +72,7 @@ def test_orders_may_change_and_requests_go_on() -> None:
         ranges(5, 80, NUM_BITS - 1),
         ranges(9, start=3, order=7),
         ranges(6, start=4),
+        ranges(7, NUM_BITS, 6 * NUM_BITS - 1, start=5, order=2),
         ParityRequest(1, 0, "crc", 0, 0, 5),
         ParityRequest(1, 0, "joint", 0, 0, 16, (0, 3, NUM_PLANES - 1)),
         ParityRequest(1, 0, "joint", 0, 16, 6, (0, 3)),
@@ -83,10 +84,11 @@ def test_orders_may_change_and_requests_go_on() -> None:
 @pytest.mark.parametrize(
     ("request_", "text"),
     [
-        (ranges(5, 5), "must increase from 0 to 1583"),
+        (ranges(5, 5, order=7), "must increase from 0 to 1583"),
         (ranges(5, 4), "must increase"),
         (ranges(-1, 4), "must increase"),
-        (ranges(3, NUM_BITS), "must increase"),
+        (ranges(3, NUM_BITS, order=7), "must increase"),
+        (ranges(3, 2 * NUM_BITS, order=6), "must increase"),
         (ranges(*range(NUM_BITS + 1)), "1585 parity bits"),
         (ranges(5, order=8), "code 8"),
         (ranges(5, start=1), "number 1 on, where 0 is the next"),

@@ -1,15 +1,18 @@
 """Layout and payloads of a Wyner-Ziv frame: what is written is what can be asked for."""
 
+from collections.abc import Generator
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from dvc import turbo
 from dvc._jit import python_twin
 from dvc.config import MAX_BAND_PLANES, CodecConfig, VideoConfig, WynerZivConfig
 from dvc.errors import BitstreamError
-from dvc.turbo import ParityRequest
+from dvc.turbo import ParityRequest, drive
 from dvc.turbo.cascade.orders import bit_orders
 from dvc.wynerziv import _kernels, bitplanes, quantizer, transform
 from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame, quantize_frame
@@ -248,8 +251,16 @@ def test_punctured_payload_replays_what_was_recorded(counts: list[int], seed: in
     bands = [band for band, planes in enumerate(layout.max_planes) if planes and band]
     header = layout.over_range(dict.fromkeys(bands, 9)).header
     rng = np.random.default_rng(seed)
-    recorder = PunctureRecorder(lambda request: rng.integers(0, 2, request.count, dtype=np.uint8))
-    given_bits = [recorder.answer(ParityRequest(0, 0, "uncoded", 0, 0, count)) for count in counts]
+    recorder = PunctureRecorder()
+
+    def asking() -> Generator[ParityRequest, NDArray[np.uint8], list[NDArray[np.uint8]]]:
+        answers = []
+        for count in counts:
+            answers.append((yield ParityRequest(0, 0, "uncoded", 0, 0, count)))
+        return answers
+
+    steps = recorder.watch(asking())
+    given_bits = drive(steps, lambda request: rng.integers(0, 2, request.count, dtype=np.uint8))
     payload = recorder.payload(header)
     assert len(payload) == len(header) + -(-sum(counts) // 8)
     source = PuncturedFrame(layout, payload)

@@ -12,6 +12,8 @@ pending, mass : (K, N) float64 at ends of ranges, by how much beliefs of its bit
 stale : (K, N) uint8 at ends of ranges, whether it is to be found out again where to divide it.
 """
 
+import math
+
 import numpy as np
 
 from dvc._jit import kernel
@@ -247,6 +249,17 @@ def lay_out(orders, order, odds, max_bias, positions):
     if count and (positions[count - 1] == odds.size - 1 or bias * bias > max_bias):
         count -= 1
     return count
+
+
+@kernel
+def remaining_entropy(odds):
+    """Add up the entropies of all bits, in bits of information."""
+    total = 0.0
+    for n in range(odds.size):
+        p = min(odds[n], 1.0 / odds[n])
+        p = p / (1.0 + p)
+        total -= p * math.log2(p) + (1.0 - p) * math.log2(1.0 - p)
+    return total
 
 
 @kernel

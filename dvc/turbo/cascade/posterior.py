@@ -19,6 +19,10 @@ CERTAIN = 0.999
 """2 |p - 1/2| of answers from which on they are not worth asking for."""
 MIN_COUPLED_CHANGE = 0.1
 """Change of an LLR by what neighbours tell, from which on it is used."""
+MIN_BATCH = 3.0
+"""Least that the answers to one request of several orders tell, in bits of information, if they can."""
+FIRST_ORDERS = 6
+"""Most orders that the first request is about, where one may be about several."""
 SCALE_STRENGTH = 5.0
 """Errors that must be expected besides those of the plane, lest a few of them change the prior."""
 
@@ -245,6 +249,55 @@ class RangePosterior:
                 best, chosen = told, (order, self._positions[:count].copy())
         return chosen
 
+    def batch(self, share: float, max_bias: float, new_bias: float) -> list[tuple[int, Positions]]:
+        """Choose what to ask next at once, of several orders.
+
+        Parameters
+        ----------
+        share : float
+            What the answers are to tell, as a share of what is not known.
+        max_bias : float
+            Greatest 2 |p - 1/2| of an answer that is worth its bit.
+        new_bias : float
+            As `new_order` takes it, which is used where no range of an order in use is worth dividing.
+
+        Returns
+        -------
+        list of (int, ndarray of shape (n,), int64)
+            Orders, in order, and positions, as from `divisions`; empty if nothing is worth it.
+        """
+        wanted = max(share * float(_kernels.remaining_entropy(self._all_odds())), MIN_BATCH)
+        found = self._divisions_that_tell(wanted, max_bias)
+        if found:
+            return found
+        told, first = 0.0, self.num_orders
+        for order in range(first, min(len(self._orders), first + (1 if first else FIRST_ORDERS))):
+            question = self._lay_out(order, new_bias)
+            if question is None or (found and told + question[1].size > wanted):
+                break
+            found.append(question)
+            told += question[1].size
+            if told >= wanted:
+                break
+        return found
+
+    def _divisions_that_tell(self, wanted: float, max_bias: float) -> list[tuple[int, Positions]]:
+        """Choose the divisions whose answers tell most, of all orders, until they tell enough."""
+        self._find_divisions()
+        places, biases = [np.zeros((2, 0), np.int64)], [np.zeros(0)]
+        for order in range(self.num_orders):
+            count, _ = _kernels.choose_divisions(
+                self._last, order, self._division, self._bias, max_bias, self._positions
+            )
+            positions = self._positions[:count].copy()
+            places.append(np.stack([np.full(count, order), positions]))
+            biases.append(self._bias[order, self._last[order, positions]])
+        place, bias = np.concatenate(places, axis=1), np.concatenate(biases)
+        best = np.argsort(bias, kind="stable")
+        told = np.cumsum(1.0 - bias[best] ** 2)
+        orders, positions = place[:, best[: np.searchsorted(told, wanted) + 1]]
+        return [(int(order), np.sort(positions[orders == order])) for order in np.unique(orders)]
+
     def best_divisions(self) -> tuple[int, Positions] | None:
         """Choose what to ask where nothing tells much: all that tells at least half as much as the best.
 
@@ -276,9 +329,9 @@ class RangePosterior:
         tuple of int and ndarray of shape (n,), int64, or None
             The order and positions; none if there is no order left or one range would be all.
         """
-        if not self.orders_left:
-            return None
-        order = self.num_orders
+        return self._lay_out(self.num_orders, max_bias) if self.orders_left else None
+
+    def _lay_out(self, order: int, max_bias: float) -> tuple[int, Positions] | None:
         count = _kernels.lay_out(self._orders, order, self._all_odds(), max_bias, self._positions)
         positions = self._positions[:count].copy()
         if order == 0:  # the parity of the plane is not known yet

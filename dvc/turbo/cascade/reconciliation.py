@@ -41,12 +41,21 @@ class CascadeSettings:
     error_exponent: float = 14.0  # accept a plane when the odds against it are below 2 ** -error_exponent
     max_prior_llr: float = 9.0  # side information is never taken for surer than this
     uncoded_entropy: float = 0.95  # bits per bit of prior from which parities cannot pay
+    # What the answers to a request are to tell, as a share of what is not known: few requests, which are
+    # about several orders at once; 0: many, each about one order, and only what tells much.
+    batch: float = 0.0
 
     def __post_init__(self) -> None:
         if self.crc_bits not in POLYNOMIALS:
             raise ValueError(f"`crc_bits` must be one of {sorted(POLYNOMIALS)}, got {self.crc_bits}")
         if not 0 < self.max_prior_llr <= 40:
             raise ValueError(f"`max_prior_llr` must be within 0..40, got {self.max_prior_llr}")
+        if not 0 <= self.batch <= 1:
+            raise ValueError(f"`batch` must be within 0..1, got {self.batch}")
+
+
+Question = list[tuple[int, Positions]]
+"""Orders that follow each other, with the positions that are asked for in each."""
 
 
 class PlaneReconciliation:
@@ -141,25 +150,31 @@ class PlaneReconciliation:
     def _go_on(self, posterior: RangePosterior, exponent: int) -> PlaneCoroutine:
         while True:
             question = self._next_question(posterior)
-            if question is None and (yield from self._accept(posterior, exponent)):
+            if not question and (yield from self._accept(posterior, exponent)):
                 return self._result(posterior.decisions)
             question = question or self._last_question(posterior)
-            if question is None or self._num_parity + question[1].size > self._llr.size:
+            size = sum(positions.size for _, positions in question)
+            if not question or self._num_parity + size > self._llr.size:
                 return (yield from self._fetch())
-            yield from self._ask(posterior, *question)
+            yield from self._ask(posterior, question)
 
-    def _next_question(self, posterior: RangePosterior) -> tuple[int, Positions] | None:
+    def _next_question(self, posterior: RangePosterior) -> Question:
         """Choose what to ask as long as answers tell much."""
         self._sweeps += posterior.propagate(SWEEPS, CHANGE)
         if posterior.num_orders and posterior.couple(self._settings.max_prior_llr):
             self._sweeps += posterior.propagate(SWEEPS, CHANGE)
-        question = posterior.divisions(WORTH_ASKING)
-        if question is None and posterior.num_orders and posterior.rescale():
+        question = self._worth_asking(posterior)
+        if not question and posterior.num_orders and posterior.rescale():
             self._sweeps += posterior.propagate(SWEEPS, CHANGE)
-            question = posterior.divisions(WORTH_ASKING)
-        return posterior.new_order(RANGE_BIAS) if question is None else question
+            question = self._worth_asking(posterior)
+        return question if question or self._settings.batch else _only(posterior.new_order(RANGE_BIAS))
 
-    def _last_question(self, posterior: RangePosterior) -> tuple[int, Positions] | None:
+    def _worth_asking(self, posterior: RangePosterior) -> Question:
+        if self._settings.batch:
+            return posterior.batch(self._settings.batch, WORTH_ASKING, RANGE_BIAS)
+        return _only(posterior.divisions(WORTH_ASKING))
+
+    def _last_question(self, posterior: RangePosterior) -> Question:
         """Choose what to ask where little can be learned, but the plane is not right yet."""
         question = None
         if posterior.expected_errors > UNSURE_ERRORS:
@@ -169,7 +184,7 @@ class PlaneReconciliation:
             self._surprises += 1
             posterior.restart()
             question = posterior.partition(min(FIRST_PARTITION << self._surprises, self._llr.size))
-        return question
+        return _only(question)
 
     def _accept(self, posterior: RangePosterior, exponent: int) -> Generator[ParityRequest, Bits, bool]:
         """Say whether the decisions are right; ask for as many check bits as that takes."""
@@ -193,14 +208,17 @@ class PlaneReconciliation:
             new = yield from self._request("crc", 0, self._check.size, missing)
             self._check = np.concatenate([self._check, new])
 
-    def _ask(
-        self, posterior: RangePosterior, order: int, positions: Positions
-    ) -> Generator[ParityRequest, Bits, None]:
-        wanted = tuple(positions.tolist())
-        bits = yield from self._request("parity", order, self._num_parity, len(wanted), wanted)
+    def _ask(self, posterior: RangePosterior, question: Question) -> Generator[ParityRequest, Bits, None]:
+        first = question[0][0]
+        places = [(order - first) * self._llr.size + positions for order, positions in question]
+        wanted = tuple(np.concatenate(places).tolist())
+        bits = yield from self._request("parity", first, self._num_parity, len(wanted), wanted)
         self._num_parity += len(wanted)
-        self._answers.append((order, positions, bits))
-        posterior.add_answers(order, positions, bits)
+        start = 0
+        for order, positions in question:
+            self._answers.append((order, positions, bits[start : start + positions.size]))
+            posterior.add_answers(*self._answers[-1])
+            start += positions.size
 
     def _fetch(self) -> PlaneCoroutine:
         """Ask for the bits themselves."""
@@ -229,3 +247,7 @@ class PlaneReconciliation:
             self._entropy_bits,
             float(_kernels.prior_information(llr, bits)),
         )
+
+
+def _only(question: tuple[int, Positions] | None) -> Question:
+    return [] if question is None else [question]
