@@ -55,12 +55,14 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     side = st.integers(1, 4096)
     rate = st.integers(1, 2**31 - 1)
     level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
+    references, family = draw(st.sampled_from(REFERENCES)), draw(st.sampled_from(TURBO_FAMILIES))
+    priors = st.sampled_from(PRIORS).filter(lambda name: name != "by-level" or references != "all")
     return CodecConfig(
         draw(st.sampled_from(list(VARIANTS))),
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
         GopConfig(
             draw(st.integers(1, 256)),
-            draw(st.sampled_from(REFERENCES)),
+            references,
             *draw(st.sampled_from([(0, 0), (1, 1), (8, 96), (256, 1024)])),
         ),
         KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
@@ -71,9 +73,13 @@ def configs(draw: st.DrawFn) -> CodecConfig:
             quantizer=draw(st.sampled_from(QUANTIZERS)),
             slope=draw(st.floats(0, MAX_SLOPE)),
             slope_percent=tuple(draw(st.lists(st.integers(1, 100), max_size=8))),
-            priors=draw(st.sampled_from(PRIORS)),
+            priors=draw(priors),
         ),
-        TurboConfig(draw(st.sampled_from(TURBO_FAMILIES)), draw(st.integers(0, 2**31 - 1))),
+        TurboConfig(
+            family,
+            draw(st.integers(0, 2**31 - 1)),
+            batch_percent=draw(st.integers(0, 100)) if family == "cascade" else 0,
+        ),
         SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
         GeometryConfig(draw(st.sampled_from(SFM_BACKENDS)), draw(st.floats(0, 100)), draw(st.booleans())),
         TracksConfig(

@@ -194,7 +194,8 @@ FIGURES = (
         "live",
         "slow-link",
         f"{NUM_FRAMES} frames live over a link of {1000 * DELAY_S:.0f} ms delay each way and"
-        f" {BITS_PER_SECOND / 1e6:.0f} Mbit/s, one job, {OPTION}: time over that of the bits and of decoding the file",
+        f" {BITS_PER_SECOND / 1e6:.0f} Mbit/s, one job, {OPTION}:"
+        " time over that of the bits and of decoding the file",
         "≤ 1.3, the same frames and bits, memory of both flat within 5 %",
         slow_live_run,
         ("box",),

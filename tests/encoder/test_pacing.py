@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dvc.video import Frame
-from encoder.pacing import PacedFrames
+from encoder.pacing import DecoderPace, PacedFrames
 
 FRAME = Frame(np.zeros((2, 2), np.uint8))
 
@@ -57,3 +57,34 @@ def test_lateness_adds_up_and_is_made_good(
 ) -> None:
     """Work that takes longer than a frame lasts adds up; shorter work and waiting for the source take off."""
     assert behind_s(work_s, waiting_s, reading_s) == expected_s
+
+
+def test_a_late_decoder_is_told_of_less_and_less_often() -> None:
+    """It is said when the decoder is a second late, and when it is four times as late as was said last."""
+    clock, said = Clock(), list[str]()
+    pace = DecoderPace(Fraction(4), said.append, clock)
+    pace.waits()
+    for _ in range(3):
+        pace.sent(8)
+    pace.done(8)
+    for now_s in range(40):
+        clock.now_s = float(now_s)
+        pace.waits()
+    assert [line.split(" s behind")[0] for line in said] == [
+        f"the decoder is {late}.0" for late in (1, 4, 16)
+    ]
+    assert "16 frames up to number 23" in said[0]
+    assert "none is dropped" in said[0]
+    assert (pace.behind_s, pace.most_frames_open) == (33.0, 24)
+
+
+def test_a_decoder_in_time_is_not_told_of() -> None:
+    """As long as frames are sent as early as they come nothing is said."""
+    clock, said = Clock(), list[str]()
+    pace = DecoderPace(Fraction(4), said.append, clock)
+    for number in range(50):
+        clock.now_s = 0.25 * number
+        pace.sent(1)
+        pace.waits()
+        pace.done(1)
+    assert (said, pace.behind_s, pace.most_frames_open) == ([], 0.0, 1)

@@ -133,10 +133,10 @@ def test_endpoint_refuses_a_request_that_is_too_long() -> None:
     """The length is judged before the bytes come."""
     encoder = EncoderEndpoint(CONFIG)
     limit = max_payload_bytes(ParityRequest, CONFIG)
-    assert limit == 26 + NUM_BITS
+    assert limit == 26 + 2 * NUM_BITS
     assert max_payload_bytes(ParityRequest, TURBO) == 26
     too_long = b"\x04" + bytes([(limit + 1) & 0x7F | 0x80, (limit + 1) >> 7])
-    with pytest.raises(FeedbackError, match="at most 1610"):
+    with pytest.raises(FeedbackError, match="at most 3194"):
         encoder.receive(too_long)
 
 

@@ -30,11 +30,15 @@ class PlaneSource:
             return check[: request.count]
         bits = self._planes[request.plane]
         if request.kind == "parity":
-            wanted = {(request.plane, request.code, position) for position in request.positions}
+            orders, positions = np.divmod(np.array(request.positions), bits.size)
+            orders += request.code
+            wanted = {
+                (request.plane, *place) for place in zip(orders.tolist(), positions.tolist(), strict=True)
+            }
             assert len(wanted) == request.count
             assert not wanted & self.asked
             self.asked |= wanted
-            order = bit_orders(bits.size, SEED)[0][request.code]
-            return (np.cumsum(bits[order])[list(request.positions)] % 2).astype(np.uint8)
+            parities = np.cumsum(bits[bit_orders(bits.size, SEED)[0]], axis=1) % 2
+            return parities[orders, positions].astype(np.uint8)
         source = crc(bits, self._crc_bits) if request.kind == "crc" else bits
         return source[request.start : request.start + request.count]

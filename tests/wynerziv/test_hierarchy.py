@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.config import MAX_GOP_LENGTH
-from dvc.wynerziv.hierarchy import anchored_order, decoding_order, reference_distances
+from dvc.wynerziv.hierarchy import anchored_order, decoding_order, group_order, levels, reference_distances
 
 
 @given(st.integers(0, 50), st.integers(1, 40), st.booleans())
@@ -69,3 +69,27 @@ def test_distances_of_a_group_with_anchors() -> None:
     far = MAX_GOP_LENGTH
     assert reference_distances(8, True, 4) == [2, 4, 2, far, 2, 4, 2, far]
     assert reference_distances(3, True, 8) == [3, 2, far]
+
+
+@given(st.integers(0, 50), st.integers(1, 40), st.booleans(), st.integers(0, 9))
+def test_frames_of_a_level_are_not_predicted_from_each_other(
+    before: int, length: int, hierarchical: bool, anchor_distance: int
+) -> None:
+    """Each frame is in one level; its references, and all anchors before others, are in earlier ones."""
+    order = group_order(before, before + length, hierarchical, anchor_distance)
+    anchors = {index for index, (_, after) in order if after is None}
+    known = {before} if anchor_distance else {before, before + length}
+    for level in levels(order):
+        for _, around in level:
+            assert {place for place in around if place is not None} <= known
+            assert around[1] is None or anchors <= known
+        assert len(level) == 1 or all(around[1] is not None for _, around in level)
+        known |= {index for index, _ in level}
+    assert sorted(place for level in levels(order) for place in level) == sorted(order)
+
+
+def test_levels_are_few() -> None:
+    """Sixteen frames take four steps, or five where the last of them are anchors."""
+    assert [len(level) for level in levels(group_order(0, 16, True))] == [1, 2, 4, 8]
+    assert [len(level) for level in levels(group_order(0, 16, True, 8))] == [1, 1, 2, 4, 8]
+    assert [len(level) for level in levels(group_order(0, 5, False))] == [4]

@@ -219,7 +219,7 @@ def test_answers_are_the_codes_of_the_planes() -> None:
         ParityRequest(0, 0, "uncoded", 0, 3, -1),
         ParityRequest(0, 0, "uncoded", 0, 0, 17),
         ParityRequest(0, 0, "parity", 0, 0, 2, (3, 3)),
-        ParityRequest(0, 0, "parity", 0, 0, 2, (3, 16)),
+        ParityRequest(0, 0, "parity", 0, 0, 2, (3, 16 * len(CODES))),
         ParityRequest(0, 0, "parity", 0, 0, 2, (-1, 3)),
         ParityRequest(0, 0, "parity", 0, 0, 2, (1, 2, 3)),
         ParityRequest(0, 0, "joint", 0, 0, 8),

@@ -117,3 +117,22 @@ def test_planes_of_any_kind_give_numbers(width: float) -> None:
 def _is_sound(prior: PlanePrior) -> bool:
     told = prior.coupling.llr_given(np.ones(prior.llr.size, np.float32))
     return bool(np.isfinite(told).all() and np.abs(prior.llr).max() <= 12.0)
+
+
+def test_what_was_learned_side_by_side_is_averaged() -> None:
+    """The mean of one is the same, that of two lies between them, and neither changes with the mean."""
+    rng = np.random.default_rng(5)
+    several = [LearnedPriors(SHAPE), LearnedPriors(SHAPE)]
+    borders, predicted, scale, bits = planes(rng, rng.laplace(0.0, 8.0, SHAPE), 2.0)
+
+    def llr(priors: LearnedPriors) -> np.ndarray:
+        return priors.plane((1, 1), borders, predicted, scale, None).coupling.alone
+
+    several[0].learn(several[0].plane((1, 1), borders, predicted, scale, None), bits)
+    before = [llr(priors) for priors in several]
+    np.testing.assert_array_equal(llr(LearnedPriors.mean(several[:1])), before[0])
+    mean = LearnedPriors.mean(several)
+    np.testing.assert_allclose(llr(mean), (before[0] + before[1]) / 2.0, atol=1e-9)
+    mean.learn(mean.plane((1, 1), borders, predicted, scale, None), bits)
+    for priors, wanted in zip(several, before, strict=True):
+        np.testing.assert_array_equal(llr(priors), wanted)

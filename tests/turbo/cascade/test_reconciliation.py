@@ -16,23 +16,26 @@ from tests.reference.turbo_exchange import noisy
 SETTINGS = CascadeSettings()
 
 
-def exchange(bits: Bits, llr_ch: np.ndarray) -> PlaneResult:
+def exchange(bits: Bits, llr_ch: np.ndarray, settings: CascadeSettings = SETTINGS) -> PlaneResult:
     """Decode one plane by itself, and check that it pays for every bit once."""
     source = PlaneSource(bits[None])
-    plane = PlaneReconciliation(llr_ch, SETTINGS)
+    plane = PlaneReconciliation(llr_ch, settings)
     result = drive(plane.decode(RangePosterior(bits.size, SEED)), source.answer)
     assert result.parity_bits == source.paid["parity"] + source.paid["uncoded"]
     assert result.crc_bits == source.paid["crc"] <= SETTINGS.crc_bits
     return result
 
 
-@given(st.integers(1, 120), st.integers(0, 10**6), st.floats(0.0, 12.0))
+BATCHED = CascadeSettings(batch=0.8)
+
+
+@given(st.integers(1, 120), st.integers(0, 10**6), st.floats(0.0, 12.0), st.sampled_from([SETTINGS, BATCHED]))
 @settings(max_examples=60, deadline=None)
-def test_garbage_priors_end_exactly(num_bits: int, seed: int, spread: float) -> None:
+def test_garbage_priors_end_exactly(num_bits: int, seed: int, spread: float, how: CascadeSettings) -> None:
     """LLRs that have nothing to do with the bits cost at most two bits per bit."""
     rng = np.random.default_rng(seed)
     bits = rng.integers(0, 2, num_bits, dtype=np.uint8)
-    result = exchange(bits, rng.normal(0, spread, num_bits))
+    result = exchange(bits, rng.normal(0, spread, num_bits), how)
     assert result.parity_bits <= 2 * num_bits
     np.testing.assert_array_equal(result.bits, bits)
 
@@ -190,3 +193,26 @@ def test_settings_are_checked(field: dict[str, float]) -> None:
     """Settings that no decoder can go by are refused."""
     with pytest.raises(ValueError, match="must be"):
         CascadeSettings(**field)
+
+
+@pytest.mark.parametrize(("probability", "most"), [(0.005, 1.5), (0.03, 1.3), (0.12, 1.3)])
+def test_batches_take_fewer_requests_for_some_more_bits(probability: float, most: float) -> None:
+    """Planes are as exact; requests are less than two thirds, bits some more."""
+    rng = np.random.default_rng(4)
+    requests, ideal, paid = [0, 0], 0.0, 0
+    for _ in range(6):
+        bits, llr_ch = noisy(rng, 3000, probability)
+        for number, how in enumerate((SETTINGS, BATCHED)):
+            result = exchange(bits, llr_ch, how)
+            np.testing.assert_array_equal(result.bits, bits)
+            requests[number] += result.num_requests
+        paid += result.parity_bits + result.crc_bits
+        ideal += result.ideal_bits
+    assert requests[1] < 0.67 * requests[0]
+    assert paid < most * ideal
+
+
+def test_a_share_of_a_batch_is_one() -> None:
+    """Shares beyond one are refused."""
+    with pytest.raises(ValueError, match="batch"):
+        CascadeSettings(batch=1.1)
