@@ -95,6 +95,7 @@ class PlaneReconciliation:
         self._entropy_bits = float(_kernels.prior_entropy(self._llr))
         self._check = np.zeros(0, np.uint8)
         self._answers: list[tuple[int, Positions, Bits]] = []
+        self._fetched: Bits | None = None
         self._num_parity = 0
         self._num_requests = 0
         self._sweeps = 0
@@ -221,10 +222,11 @@ class PlaneReconciliation:
             start += positions.size
 
     def _fetch(self) -> PlaneCoroutine:
-        """Ask for the bits themselves."""
-        bits = yield from self._request("uncoded", 0, 0, self._llr.size)
-        self._num_parity += bits.size
-        return self._result(bits)
+        """Ask for the bits themselves, unless they have come before."""
+        if self._fetched is None:
+            self._fetched = yield from self._request("uncoded", 0, 0, self._llr.size)
+            self._num_parity += self._fetched.size
+        return self._result(self._fetched)
 
     def _request(
         self, kind: Kind, code: int, start: int, count: int, positions: tuple[int, ...] = ()

@@ -195,7 +195,7 @@ def test_settings_are_checked(field: dict[str, float]) -> None:
         CascadeSettings(**field)
 
 
-@pytest.mark.parametrize(("probability", "most"), [(0.005, 1.5), (0.03, 1.3), (0.12, 1.3)])
+@pytest.mark.parametrize(("probability", "most"), [(0.005, 1.5), (0.03, 1.5), (0.12, 1.3)])
 def test_batches_take_fewer_requests_for_some_more_bits(probability: float, most: float) -> None:
     """Planes are as exact; requests are less than two thirds, bits some more."""
     rng = np.random.default_rng(4)

@@ -1,0 +1,72 @@
+"""The link with delay: what goes in comes out, in order, and not before its time."""
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from benchmarks.slow_link import SlowLink, slow_link
+
+DELAY_S, BITS_PER_SECOND = 0.1, 4e5
+
+
+@contextmanager
+def linked() -> Iterator[tuple[SlowLink, socket.socket, socket.socket]]:
+    """Yield a link, its near end and its far end."""
+    with (
+        socket.create_server(("127.0.0.1", 0)) as listener,
+        slow_link("127.0.0.1", listener.getsockname()[1], DELAY_S, BITS_PER_SECOND) as link,
+    ):
+        host, _, port = link.address.rpartition(":")
+        with socket.create_connection((host, int(port)), 10) as near:
+            far, _ = listener.accept()
+            with far:
+                yield link, near, far
+
+
+def received(end: socket.socket, num_bytes: int) -> bytes:
+    """Read so many bytes."""
+    data = b""
+    while len(data) < num_bytes:
+        piece = end.recv(2**16)
+        assert piece
+        data += piece
+    return data
+
+
+def test_bytes_take_their_time_both_ways() -> None:
+    """The last byte comes when all have gone over the line, and the delay is over; each way is alone."""
+    data = np.random.default_rng(1).integers(0, 256, 20_000, np.uint8).tobytes()
+    with linked() as (link, near, far):
+        for sender, receiver in ((near, far), (far, near)):
+            started = time.monotonic()
+            threading.Thread(target=sender.sendall, args=(data,)).start()
+            assert received(receiver, len(data)) == data
+            assert time.monotonic() - started >= DELAY_S + 8 * len(data) / BITS_PER_SECOND - 0.01
+        assert (link.forth.num_bytes, link.back.num_bytes) == (len(data), len(data))
+
+
+def test_an_answer_waits_for_both_delays() -> None:
+    """A byte and its answer take twice the delay, and many at a time no more than one."""
+    with linked() as (_, near, far):
+        started = time.monotonic()
+        for _ in range(10):
+            near.sendall(b"?")
+        assert received(far, 10) == b"?" * 10
+        far.sendall(b"!" * 10)
+        assert received(near, 10) == b"!" * 10
+        assert 2 * DELAY_S <= time.monotonic() - started < 10 * DELAY_S
+
+
+def test_ends_close_one_after_the_other() -> None:
+    """Where one end has said all, the other hears the end, and can still answer."""
+    with linked() as (_, near, far):
+        near.shutdown(socket.SHUT_WR)
+        assert far.recv(1) == b""
+        far.sendall(b"bye")
+        assert received(near, 3) == b"bye"
+        far.close()
+        assert near.recv(1) == b""

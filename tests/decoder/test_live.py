@@ -1,0 +1,286 @@
+"""Live decoding with many groups in flight: the same as from a file, and clean ends where the peer is bad."""
+
+import io
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from benchmarks.slow_link import slow_link
+from decoder.live import LiveSource, window
+from decoder.session import decode_live, decode_stream
+from decoder.tasks import DecodedGroup
+from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, TurboConfig, VideoConfig, allocation
+from dvc.errors import BitstreamError, FeedbackError
+from dvc.feedback import MAX_OPEN_GOPS, Connection, EncoderEndpoint, connect, listen
+from dvc.stream import GopRecord, StreamReader
+from dvc.turbo import ParityRequest
+from dvc.video import Frame
+from encoder.live import serve
+from encoder.pacing import DecoderPace
+from encoder.session import EncoderSession
+from tests.clips import moving_texture
+
+PATIENCE_S = 20.0
+SHARED = allocation(32)
+
+
+def configuration(**gop: int) -> CodecConfig:
+    return CodecConfig(
+        "2d",
+        VideoConfig(32, 24, 25, 1, luma_only=True),
+        GopConfig(4, "hierarchical", **gop),
+        KeyFrameConfig(36),
+        replace(SHARED.wyner_ziv, priors="by-level"),
+        TurboConfig("cascade", batch_percent=80),
+    )
+
+
+CONFIG = configuration()
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[Frame]:
+    return [Frame(frame.luma) for frame in moving_texture(22, 24, 32)]
+
+
+def session(config: CodecConfig = CONFIG) -> EncoderSession:
+    return EncoderSession(config, allocation=SHARED)
+
+
+@pytest.fixture(scope="module")
+def offline(frames: list[Frame]) -> list[DecodedGroup]:
+    """Return what a file of the same video decodes to."""
+    file = io.BytesIO()
+    session().write(frames, file, lambda _: None)
+    with StreamReader(io.BytesIO(file.getvalue())) as reader:
+        return list(decode_stream(reader.config, reader))
+
+
+@contextmanager
+def serving(work: Callable[[Connection], object], timeout_s: float = PATIENCE_S) -> Iterator[str]:
+    """Let something serve whoever connects; yield the address."""
+
+    def _serve() -> None:
+        with listener.accept(PATIENCE_S, PATIENCE_S) as connection:
+            work(connection)
+
+    with listen("127.0.0.1") as listener:
+        thread = threading.Thread(target=_serve)
+        thread.start()
+        yield listener.name
+        thread.join()
+
+
+def decoded(address: str, jobs: int = 1, timeout_s: float = PATIENCE_S) -> Iterator[DecodedGroup]:
+    host, _, port = address.rpartition(":")
+    with connect(host, int(port), timeout_s) as connection:
+        source = LiveSource(connection)
+        yield from decode_live(source.config, source, jobs)
+
+
+def encoding(frames: list[Frame], pace: DecoderPace | None = None) -> Callable[[Connection], None]:
+    quiet = DecoderPace(Fraction(25), lambda _: None)
+    return lambda connection: serve(session(), frames, connection, lambda _: None, pace or quiet)
+
+
+def assert_same(found: list[DecodedGroup], wanted: list[DecodedGroup]) -> None:
+    assert [group.first_index for group in found] == [group.first_index for group in wanted]
+    for ours, theirs in zip(found, wanted, strict=True):
+        assert ours.record == theirs.record
+        for frame, other in zip(ours.frames, theirs.frames, strict=True):
+            np.testing.assert_array_equal(frame.luma, other.luma)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_many_groups_in_flight_give_the_frames_and_bits_of_a_file(
+    frames: list[Frame], offline: list[DecodedGroup], jobs: int
+) -> None:
+    """Whatever the order in which answers come, groups come in order and are the same."""
+    pace = DecoderPace(Fraction(25), lambda _: None)
+    with serving(encoding(frames, pace)) as address:
+        assert_same(list(decoded(address, jobs)), offline)
+    assert 4 < pace.most_frames_open <= len(frames)
+
+
+def test_a_long_delay_is_waited_for_once_for_all_groups(
+    frames: list[Frame], offline: list[DecodedGroup]
+) -> None:
+    """Over a link with delay frames and bits are the same, and requests do not wait for each other."""
+    delay_s = 0.03
+    with serving(encoding(frames)) as address:
+        host, _, port = address.rpartition(":")
+        with slow_link(host, int(port), delay_s) as link:
+            started = time.monotonic()
+            found = list(decoded(link.address))
+            taken_s = time.monotonic() - started
+    assert_same(found, offline)
+    num_requests = sum(frame.num_requests for group in found for frame in group.wyner_ziv)
+    assert taken_s < 2 * delay_s * num_requests
+
+
+def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame]) -> None:
+    """A chain is decoded in order, beside others, to what it is decoded to from a file."""
+    config = configuration(anchor_distance=2, intra_period=12)
+    config = replace(config, codec="3d-te", side_information=replace(config.side_information, method="depth"))
+    config = replace(config, tracks=replace(config.tracks, kind="encoder", coding="regression"))
+    still = [frames[0]] * 14
+    file = io.BytesIO()
+    session(config).write(still, file, lambda _: None)
+    with StreamReader(io.BytesIO(file.getvalue())) as reader:
+        wanted = list(decode_stream(reader.config, reader))
+    assert any(group.key is None for group in wanted)
+    pace = DecoderPace(Fraction(25), lambda _: None)
+    with serving(lambda end: serve(session(config), still, end, lambda _: None, pace)) as address:
+        assert_same(list(decoded(address, 2)), wanted)
+
+
+class Liar:
+    """An encoder that goes on well until it has got some requests, then behaves as it is told to."""
+
+    def __init__(self, frames: list[Frame], num_requests: int, behave: Callable[["Liar"], None]) -> None:
+        self._frames, self._left, self._behave = frames, num_requests, behave
+        self.waiting: list[ParityRequest] = []
+
+    def __call__(self, connection: Connection) -> None:
+        self.connection, self.endpoint = connection, EncoderEndpoint(session().config)
+        own = session()
+        self.endpoint = EncoderEndpoint(own.config)
+        groups = own.groups(self._frames)
+        number = 0
+        while len(self.waiting) < self._left:
+            for _ in range(self.endpoint.num_credits):
+                group = next(groups, None)
+                if group is None:
+                    break
+                encoded = own.encode(group)
+                record = encoded.record(frame.header for frame in encoded.frames)
+                number = self.endpoint.send_gop(record)
+            connection.send(self.endpoint.bytes_to_send())
+            events = self.endpoint.receive(connection.receive())
+            self.waiting += [event for event in events if isinstance(event, ParityRequest)]
+        assert number >= 2
+        try:
+            self._behave(self)
+        except FeedbackError:
+            return
+
+
+def stall(liar: Liar) -> None:
+    """Say nothing any more, but listen."""
+    while True:
+        liar.connection.receive()
+
+
+def die(liar: Liar) -> None:
+    """Go away in the middle of a message."""
+    request = liar.waiting[0]
+    liar.endpoint.send_answer(request.frame, request.plane, np.zeros(request.count, np.uint8))
+    liar.connection.send(liar.endpoint.bytes_to_send()[:-1])
+
+
+def answer_twice(liar: Liar) -> None:
+    """Answer one request a second time."""
+    request = liar.waiting[0]
+    liar.endpoint.send_answer(request.frame, request.plane, np.zeros(request.count, np.uint8))
+    data = liar.endpoint.bytes_to_send()
+    liar.connection.send(data + data)
+    stall(liar)
+
+
+def send_more_groups(liar: Liar) -> None:
+    """Send a group of pictures that was not asked for, though many others are open."""
+    while liar.endpoint.num_credits:
+        liar.endpoint.send_gop(GopRecord(1, b"x", b"", ()))
+    data = liar.endpoint.bytes_to_send()
+    liar.connection.send(data * 2)
+    stall(liar)
+
+
+@pytest.mark.parametrize(
+    ("behave", "error", "words"),
+    [
+        (stall, FeedbackError, "is silent for 2 s"),
+        (die, FeedbackError, "closed the connection|went away"),
+        (answer_twice, FeedbackError, "not asked for"),
+        (send_more_groups, (FeedbackError, BitstreamError), "group of pictures"),
+    ],
+)
+def test_bad_peers_end_many_requests_in_flight(
+    frames: list[Frame],
+    behave: Callable[[Liar], None],
+    error: type[Exception],
+    words: str,
+) -> None:
+    """Whatever waits, the run ends with one error, and no process goes on with a group."""
+    with serving(Liar(frames, 5, behave)) as address:
+        started = time.monotonic()
+        with pytest.raises(error, match=words):
+            list(decoded(address, timeout_s=2.0))
+    assert time.monotonic() - started < PATIENCE_S
+
+
+@pytest.mark.parametrize("share", [0.5, 0.05, 1.0])
+def test_lies_do_not_hang(frames: list[Frame], offline: list[DecodedGroup], share: float) -> None:
+    """Random or constant bits in all answers end in frames that are not right, or in one error."""
+    rng = np.random.default_rng(1)
+
+    def _lie(liar: Liar) -> None:
+        while True:
+            for request in liar.waiting:
+                bits = (rng.random(request.count) < share).astype(np.uint8)
+                liar.endpoint.send_answer(request.frame, request.plane, bits)
+            liar.connection.send(liar.endpoint.bytes_to_send())
+            events = liar.endpoint.receive(liar.connection.receive())
+            liar.waiting = [event for event in events if isinstance(event, ParityRequest)]
+
+    found: list[DecodedGroup] = []
+    with serving(Liar(frames, 5, _lie)) as address:
+        try:
+            for group in decoded(address, timeout_s=2.0):
+                found.append(group)
+        except (FeedbackError, BitstreamError):
+            pass
+    assert [group.record for group in found] != [group.record for group in offline]
+
+
+def test_the_window_is_bounded_by_frames_and_by_their_size() -> None:
+    """Small frames fill what the protocol allows, large ones take two groups; never more or less."""
+    assert window(CONFIG) == MAX_OPEN_GOPS
+    large = replace(CONFIG, video=replace(CONFIG.video, width=3840, height=2160))
+    assert window(large) == 2
+    assert 2 < window(replace(large, video=replace(large.video, width=1280, height=720))) < MAX_OPEN_GOPS
+
+
+def test_a_peer_that_does_not_introduce_itself_is_refused() -> None:
+    """Something else than an encoder ends the run at once."""
+
+    def _babble(connection: Connection) -> None:
+        connection.send(b"\x02\x00")
+        with pytest.raises(FeedbackError):
+            connection.receive()
+
+    with serving(_babble) as address, pytest.raises(FeedbackError, match="broke the feedback protocol"):
+        list(decoded(address))
+
+
+def test_leaving_early_stops_what_is_in_flight(frames: list[Frame]) -> None:
+    """Who takes one group and goes leaves an encoder that hears of it, and no process at work."""
+    ended: list[FeedbackError] = []
+
+    def _serve(connection: Connection) -> None:
+        try:
+            encoding(frames)(connection)
+        except FeedbackError as err:
+            ended.append(err)
+
+    with serving(_serve) as address:
+        groups = decoded(address)
+        assert next(groups).first_index == 0
+        groups.close()
+    assert len(ended) == 1
