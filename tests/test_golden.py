@@ -86,6 +86,10 @@ GOLDEN = [
     scene("te-allocated", (104, 88), "-te --gop 3 --min-gop 3 --qp 26"),
     moving_texture_stream("learned", (48, 32), 9, "--qp 28 --gop 8 --references hierarchical"),
     scene("te-learned", (104, 88), "-te --gop 3 --min-gop 3 --qp 26 --intra-period 1"),
+    moving_texture_stream("by-level", (48, 32), 9, "--qp 28 --gop 8 --references hierarchical"),
+    moving_texture_stream(
+        "long-delay", (48, 32), 9, "--qp 28 --gop 8 --references hierarchical --long-delay"
+    ),
     Golden("3d-te-anchors", (104, 88), 7, "--codec 3d-te --gop 3 --qp 35 --intra-period 8", "depth", True),
 ]
 ALL_PROCESSORS = os.environ.get("DVC_ALL_PROCESSORS") == "1"
