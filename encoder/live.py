@@ -1,6 +1,7 @@
 """The encoder's end of a live run: sends groups while the decoder has room, answers its requests."""
 
 from collections.abc import Iterable
+from fractions import Fraction
 from typing import NamedTuple
 
 from dvc.errors import FeedbackError, VideoError
@@ -17,7 +18,7 @@ def serve(
     frames: Iterable[Frame],
     connection: Connection,
     progress: Progress,
-    pace: DecoderPace,
+    pace: DecoderPace | None = None,
 ) -> None:
     """Encode a sequence for a decoder at the other end of a connection, answering its requests.
 
@@ -31,7 +32,7 @@ def serve(
         The peer.
     progress : callable
         Called with the number of frames just finished.
-    pace : DecoderPace
+    pace : DecoderPace, optional
         Told what the decoder has, and when it takes no more: it says how many groups may be open.
 
     Raises
@@ -39,7 +40,9 @@ def serve(
     FeedbackError
         If the peer breaks the protocol, falls silent or goes away.
     """
-    live = _LiveEncoder(session, frames, connection, progress, pace)
+    video = session.config.video
+    quiet = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), lambda _: None)
+    live = _LiveEncoder(session, frames, connection, progress, pace or quiet)
     try:
         with session.statistics.coding():
             live.run()

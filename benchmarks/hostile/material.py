@@ -4,7 +4,6 @@ import io
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import cache, partial
 from typing import Any
 
@@ -204,11 +203,9 @@ def _record_live(frames: list[Frame], config: CodecConfig) -> list[bytes]:
 def serve(frames: list[Frame], config: CodecConfig, connection: Any) -> None:
     """Run the encoder on a connection."""
     from encoder import live
-    from encoder.pacing import DecoderPace
     from encoder.session import EncoderSession
 
-    pace = DecoderPace(Fraction(25), lambda _: None)
-    live.serve(EncoderSession(config), frames, connection, lambda _: None, pace)
+    live.serve(EncoderSession(config), frames, connection, lambda _: None)
 
 
 def decode_live(connection: Any) -> None:

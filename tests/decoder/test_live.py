@@ -85,8 +85,7 @@ def decoded(address: str, jobs: int = 1, timeout_s: float = PATIENCE_S) -> Itera
 
 
 def encoding(frames: list[Frame], pace: DecoderPace | None = None) -> Callable[[Connection], None]:
-    quiet = DecoderPace(Fraction(25), lambda _: None)
-    return lambda connection: serve(session(), frames, connection, lambda _: None, pace or quiet)
+    return lambda connection: serve(session(), frames, connection, lambda _: None, pace)
 
 
 def assert_same(found: list[DecodedGroup], wanted: list[DecodedGroup]) -> None:
@@ -135,8 +134,7 @@ def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame])
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         wanted = list(decode_stream(reader.config, reader))
     assert any(group.key is None for group in wanted)
-    pace = DecoderPace(Fraction(25), lambda _: None)
-    with serving(lambda end: serve(session(config), still, end, lambda _: None, pace)) as address:
+    with serving(lambda end: serve(session(config), still, end, lambda _: None)) as address:
         assert_same(list(decoded(address, 2)), wanted)
 
 

@@ -40,6 +40,9 @@ class _Recorder:
         self.received.append(self._connection.receive())
         return self.received[-1]
 
+    def has_received(self) -> bool:
+        return self._connection.has_received()
+
     def send(self, data: bytes) -> None:
         self._connection.send(data)
 
@@ -52,6 +55,9 @@ class _Replay:
 
     def receive(self) -> bytes:
         return next(self._received)
+
+    def has_received(self) -> bool:
+        return False
 
     def send(self, data: bytes) -> None:
         pass
