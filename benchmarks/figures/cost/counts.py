@@ -27,8 +27,8 @@ def _report(setting: Setting, clip: str) -> dict[str, Any]:
 def operations(setting: Setting, clip: str) -> Measured:
     """Count operations a pixel by the model of the encoder, which tests hold against its kernels.
 
-    Of a run of 49 frames without feedback, for each pixel of all frames; key frames, which x264 codes, are
-    left out.
+    Of a run of 49 frames without feedback, for each pixel of all frames; key frames, which x264 codes, and
+    what is done for the want of feedback are left out.
 
     Gives operations of all kinds, and bytes of arrays read and written.
     """
@@ -55,7 +55,7 @@ FIGURES = (
     Figure(
         AREA,
         "operations",
-        f"operations a pixel of the encoder but for its key frames, {_RUN}",
+        f"operations a pixel of the encoder but for key frames, estimates and syndromes, {_RUN}",
         "the true figure",
         operations,
         STATIC_CLIPS,
