@@ -40,8 +40,8 @@ _X264_PARAMETERS = {
     "sliced-threads": 0,
     "threads": 1,
 }
-# Modes by sums of transformed differences, and none of the searches by rate and distortion. The wider zero of
-# the quantiser's dead zone is set back with them: it suits the search that is left out.
+# Modes by sums of transformed differences, no search by rate and distortion; the dead zone is narrower than
+# usual, which pays where no trellis decides about each coefficient.
 _QUICK_X264_PARAMETERS = {"subme": 5, "trellis": 0, "deadzone-intra": 7}
 # Nothing may be concealed: any syntax error ends the decoding of the picture.
 _DECODER_OPTIONS = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}

@@ -23,7 +23,7 @@ CLIPS = (*STATIC_CLIPS, "cube")
 LARGE_SCENES = ("statue", "street")
 LARGE_SIZE = "1280x720"
 PEERS = ("x264-superfast", "x264-ultrafast")
-NUM_FRAMES, NUM_LARGE_FRAMES, QUICK_FRAMES = 49, 33, 5
+NUM_FRAMES, NUM_LARGE_FRAMES, QUICK_FRAMES = 49, 17, 5
 REPETITIONS = 9
 LIMITS = {"one-way": 1.0, "live": 1.2, "frames": None}
 """Times the processor time of x264 superfast, by form; None: the true figure is asked for."""
