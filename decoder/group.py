@@ -56,6 +56,8 @@ class GroupDecoder:
         Configuration of the stream.
     frames : WynerZivDecoder, optional
         Decodes frames of several groups of this configuration; an own one by default.
+    one_way : OneWayDecoder, optional
+        Decodes frames of the one-way form in another way than usual.
 
     Raises
     ------
@@ -63,7 +65,12 @@ class GroupDecoder:
         If the stream asks for a side-information method that this decoder does not have.
     """
 
-    def __init__(self, config: CodecConfig, frames: WynerZivDecoder | None = None) -> None:
+    def __init__(
+        self,
+        config: CodecConfig,
+        frames: WynerZivDecoder | None = None,
+        one_way: OneWayDecoder | None = None,
+    ) -> None:
         method = config.side_information.method
         if method not in METHODS:
             raise BitstreamError(
@@ -73,7 +80,7 @@ class GroupDecoder:
         self._method = METHODS[method](config)
         self._extrapolation = TrackedExtrapolation()
         self._decoder = frames or WynerZivDecoder(config)
-        self._one_way = OneWayDecoder(config)
+        self._one_way = one_way or OneWayDecoder(config)
 
     def decode(self, task: GroupTask, ask: Answer) -> DecodedGroup:
         """Decode a group.

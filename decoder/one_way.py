@@ -5,6 +5,8 @@ block whose syndrome is too short is concealed: its bands stay as predicted, and
 rests on that.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,11 +16,11 @@ from decoder.tasks import BandCost, DecodedFrame
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
-from dvc.turbo.syndromes.belief_propagation import decode_block
+from dvc.turbo.syndromes.belief_propagation import NumberPriors, decode_block
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, transform
-from dvc.wynerziv.candidates import number_priors
 from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.one_way import BLOCKS, OneWayFrame, SentBlock
 
 Array = NDArray[np.float64]
@@ -97,25 +99,33 @@ class OneWayDecoder:
         """Decode a block; return what its bands cost, or nothing where it is concealed."""
         quantization, depths = received.quantization, received.sent.depths
         bands = [band for band in BLOCKS[number] if depths[band]]
-        scales = {band: state.scale(band).ravel() for band in bands}
-        priors = [
-            number_priors(
+        scales = {band: state.scale(band) for band in bands}
+        learned = [
+            LearnedBand(
                 quantization.edges(band),
                 quantization.planes[band],
                 depths[band],
-                state.predicted[band].ravel(),
+                state.predicted[band],
+                scales[band],
                 scales[band] * state.gain,
             )
             for band in bands
         ]
-        decoded = decode_block(block.graph, block.syndrome, priors)
+        priors = [band.priors() for band in learned]
+
+        def _learn(beliefs: Sequence[NDArray[np.float32]]) -> list[NumberPriors]:
+            learned[:] = map(LearnedBand.learn, learned, priors, beliefs)
+            priors[:] = [band.priors() for band in learned]
+            return priors
+
+        decoded = decode_block(block.graph, block.syndrome, priors, _learn)
         if not (decoded.success and _checks(decoded.bits, block)):
             return []
         ideal_bits, first = [], 0
         for band, prior in zip(bands, priors, strict=True):
             planes = decoded.bits[first : first + depths[band]]
             first += depths[band]
-            self._set_known(band, planes, scales[band], received, state)
+            self._set_known(band, planes, scales[band].ravel(), received, state)
             ideal_bits.append(prior.ideal_bits(bitplanes.from_planes(planes)))
         share = (block.graph.num_checks + block.check.size) / max(sum(ideal_bits), 1.0)
         return [

@@ -462,6 +462,40 @@ def candidates(borders, side_information, scale, reach, max_bins, total, lowest,
 
 
 @kernel
+def expected_errors(borders, lowest, counts, believed, side_information, scale, errors):
+    """Write the expected distance of each coefficient from its prediction, by beliefs about its bin.
+
+    Within a bin it is that of a Laplacian.
+    """
+    width = borders[1] - borders[0]
+    for n in range(scale.size):
+        own = scale[n]
+        rest = _exponential_of(-width / own)
+        beyond = own - width * rest / max(1.0 - rest, 1e-9) if rest < 0.999 else 0.5 * width
+        error, mass = 0.0, 1e-30
+        for k in range(counts[n]):
+            weight = np.float64(believed[n, k])
+            below = side_information[n] - borders[lowest[n] + k]
+            above = width - below
+            if below > 0.0 and above > 0.0:
+                left, right = _exponential_of(-below / own), _exponential_of(-above / own)
+                inside = max(2.0 - left - right, 1e-9)
+                distance = (2.0 * own - (own + below) * left - (own + above) * right) / inside
+                distance = min(max(distance, 0.0), width)
+            else:
+                distance = max(-below, -above) + beyond
+            error += weight * distance
+            mass += weight
+        errors[n] = error / mass
+
+
+@kernel
+def _exponential_of(x):
+    power, q = exponential(x)
+    return power + power * q
+
+
+@kernel
 def _below(x, scale):
     """Return the probability that a Laplacian about zero is below x."""
     power, q = exponential(-abs(x) / scale)

@@ -1,69 +1,60 @@
-"""How many planes of a frame pay, and how long their syndromes must be, by the residual that tracks leave."""
+"""How many planes of a frame pay, and how long their syndromes must be, by residual and noise."""
 
-from dataclasses import dataclass
-from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import CodecConfig
+from dvc.config import MAX_GOP_LENGTH, CodecConfig
 from dvc.wynerziv.layout import Quantization
 from dvc.wynerziv.one_way import BLOCKS, MAX_BLOCK_BITS, SentPlanes, length_code
+from encoder.one_way import _kernels
+from encoder.one_way.laplacian import FIRST_OCTAVE, NUM_PLACES, PER_OCTAVE, PER_PLANE, laplacian_tables
+from encoder.one_way.sampled_blocks import BlockErrors
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
-_RATIOS_PER_OCTAVE = 8
-_OCTAVES = (-7, 4)
-_LOCAL_SHARE = 0.9
-"""Of the scale, that is of the block itself; the rest is of the whole band."""
-_SCALE_PER_MAGNITUDE = (1.6, 0.5)
-"""Scale of the decoder's error over the mean magnitude of the residual, for each of `BLOCKS`."""
-_NOISE_PER_ROOT_SLOPE = 0.1
-"""Scale of what quantised references add."""
-_MIN_SCALE = 0.3
-_CODE_FACTOR = 1.14
-"""Length of the shortest syndrome that serves, over the ideal code length; by hand, as all of these."""
-_BITS_PER_SAVED = 1.25
-"""Bits that an ideal one costs, where planes are chosen."""
-_NEEDS = {
-    2: ((107.0, 0.81), (0.0, 0.87)),
-    4: ((166.0, 0.56), (11.0, 0.73)),
-    8: ((381.0, 0.55), (8.0, 0.79)),
-    16: ((100.0, 0.71), (24.0, 0.71)),
-}
-_ANCHOR_NEEDS = ((100.0, 0.92), (36.0, 1.78))
-"""By how far the references are apart, for each of `BLOCKS`: bits that a band needs anyway, and bits for each
-that the residual tells. Fitted by hand to box, desk, river and tree at QP 28 or 32, planes of 6,336 bits."""
+_FIRST = (127 + FIRST_OCTAVE) * PER_OCTAVE  # of single precision: exponent and three bits after it
+_SHIFT = PER_PLANE, 2 * PER_OCTAVE
+"""Places of a plane; and by how many variances are lower where needs are told."""
 _FITTED_BITS = 6336
+_UNKNOWN = 255.0**2
+_LEAST_BITS = 100.0
+BLOCK_BITS = 40
+"""What a block costs beside its syndrome: check bits, and numbers of planes."""
+BITS_PER_BIT = 1.3
+"""What a bit of expected entropy costs, where planes are chosen."""
 
 
-@lru_cache(maxsize=1)
-def _tables() -> tuple[Floats, Floats]:
-    """Return entropy, and squared error of the mean, of a Laplacian in bins, by its scale in bins."""
-    exponents = np.arange(_OCTAVES[0] * _RATIOS_PER_OCTAVE, _OCTAVES[1] * _RATIOS_PER_OCTAVE + 1)
-    sample = np.linspace(-12.0, 12.0, 1441)  # in scales
-    density = np.exp(-np.abs(sample))
-    density /= density.sum()
-    entropy, error = np.zeros(exponents.size), np.zeros(exponents.size)
-    offsets = (np.arange(8) + 0.5) / 8
-    for k, exponent in enumerate(exponents):
-        for offset in offsets:
-            bins = np.floor(sample * 2.0 ** (exponent / _RATIOS_PER_OCTAVE) + offset).astype(np.int64)
-            bins -= bins[0]
-            mass = np.bincount(bins, density)
-            first, second = np.bincount(bins, density * sample), np.bincount(bins, density * sample**2)
-            own = mass > 0
-            mass, first, second = mass[own], first[own], second[own]
-            entropy[k] -= float((mass * np.log2(mass)).sum()) / offsets.size
-            error[k] += float((second - first * first / mass).sum()) / offsets.size
-    return entropy, error
+class Needs(NamedTuple):
+    """What one of `BLOCKS` needs: fitted to decoded frames by `benchmarks.searches.one_way_needs`."""
+
+    variance: tuple[float, float, float]  # of the error: share of residual and of noise, and what is added
+    factor: float  # of the expected bits
+    exponent: float  # of the expected bits
+    anchor_factor: float  # the same where only earlier frames are known
 
 
-@dataclass(frozen=True)
+NEEDS = (
+    Needs((0.48, 1.28, 0.3), 19.4, 0.753, 1.14),
+    Needs((0.42, 1.04, 0.3), 4.19, 0.935, 1.04),
+)
+"""Of each of `BLOCKS`; lengths of syndromes that just serve."""
+
+
+class Choice(NamedTuple):
+    """What is sent of a frame, and how much of the error is left."""
+
+    sent: SentPlanes
+    noise: Floats  # of the frame as a reference; shape (16, B)
+    expected_bits: tuple[float, ...]  # of the shortest syndrome of each of `BLOCKS` that serves
+
+
 class NeedEstimator:
     """Chooses what to send.
 
-    Attributes
+    Parameters
     ----------
     config : CodecConfig
         Configuration of the stream.
@@ -71,20 +62,19 @@ class NeedEstimator:
         What is sent beyond the need that is expected.
     """
 
-    config: CodecConfig
-    margin_percent: int
+    def __init__(self, config: CodecConfig, margin_percent: int) -> None:
+        self._config = config
+        self._margin = 1.0 + margin_percent / 100.0
 
-    def choose(
-        self, quantization: Quantization, magnitudes: Floats, distance: int, num_bits: int
-    ) -> SentPlanes:
+    def choose(self, quantization: Quantization, errors: BlockErrors, distance: int, num_bits: int) -> Choice:
         """Choose planes and lengths of syndromes of one frame.
 
         Parameters
         ----------
         quantization : Quantization
             Quantisers of the frame.
-        magnitudes : ndarray of shape (B, 16), float64
-            What its residual is, from `residual_magnitudes`.
+        errors : BlockErrors
+            What is expected of its prediction.
         distance : int
             How far its references are apart, in frames.
         num_bits : int
@@ -92,54 +82,156 @@ class NeedEstimator:
 
         Returns
         -------
-        SentPlanes
-            What to send.
+        Choice
+            What to send, and what it leaves.
         """
-        slope = self.config.wyner_ziv.slope_between(distance)
-        depths, codes = [0] * 16, []
-        for block, share, needs in zip(BLOCKS, _SCALE_PER_MAGNITUDE, _needs(distance), strict=True):
-            expected, num_bands = 0.0, 0
-            for band in block:
-                step, planes = quantization.step(band), quantization.planes[band]
-                assert step is not None
-                scales = self._scales(magnitudes[:, band], share)
-                depths[band], bits = _depth(scales, step, planes, slope, num_bits)
-                expected += bits
-                num_bands += depths[band] > 0
-            fixed = needs[0] * num_bands * num_bits / _FITTED_BITS
-            needed = _CODE_FACTOR * (1.0 + self.margin_percent / 100.0) * (fixed + needs[1] * expected)
-            size = num_bits * sum(depths[band] for band in block)
-            codes.append(length_code(min(needed, 1.1 * size)) if size <= MAX_BLOCK_BITS else 0)
-        return SentPlanes(tuple(depths), tuple(codes))
-
-    def _scales(self, magnitudes: Floats, share: float) -> Floats:
-        """Return the scale of the decoder's error in each block of a band."""
-        if not len(magnitudes):
-            return np.full(1, 255.0)
-        noise = _NOISE_PER_ROOT_SLOPE**2 * self.config.wyner_ziv.slope + _MIN_SCALE**2
-        local = _LOCAL_SHARE * magnitudes + (1.0 - _LOCAL_SHARE) * magnitudes.mean()
-        scales: Floats = np.sqrt((share * local) ** 2 + noise)
-        return scales
+        if not errors.residual.size:  # too small a picture to tell
+            errors = BlockErrors(np.full((16, 1), _UNKNOWN), np.zeros((16, 1)))
+        slope = self._config.wyner_ziv.slope_between(distance)
+        depths, codes, expected, noise = [], [], [], np.empty_like(errors.noise)
+        for block, needs in enumerate(NEEDS):
+            costs = block_costs(quantization, errors, block, needs.variance, num_bits)
+            chosen, bits = choose_depths(costs, slope)
+            size = num_bits * int(chosen.sum())
+            expected.append(length_of(bits, needs, distance, num_bits))
+            length = min(self._margin * expected[-1], 1.1 * size)
+            if costs.saved_by(chosen) < slope * (length + BLOCK_BITS):
+                chosen, length, expected[-1] = np.zeros_like(chosen), 0.0, 0.0
+            costs.write_noise(chosen, noise)
+            depths += chosen.tolist()
+            codes.append(length_code(length) if size <= MAX_BLOCK_BITS else 0)
+        return Choice(SentPlanes(tuple(depths), tuple(codes)), noise, tuple(expected))
 
 
-def _depth(scales: Floats, step: float, planes: int, slope: float, num_bits: int) -> tuple[int, float]:
-    """Return how many planes of a band pay, and their expected bits."""
-    entropy, error = _tables()
-    exponents = _RATIOS_PER_OCTAVE * np.log2(scales / step)
-    weight = num_bits / len(scales)
-    best, chosen = 2.0 * float((scales**2).sum()) * weight, (0, 0.0)
-    for depth in range(1, planes + 1):
-        place = np.rint(exponents - _RATIOS_PER_OCTAVE * (planes - depth)).astype(np.int64)
-        place = np.clip(place - _OCTAVES[0] * _RATIOS_PER_OCTAVE, 0, entropy.size - 1)
-        bits = float(entropy[place].sum()) * weight
-        cost = float((scales**2 * error[place]).sum()) * weight + slope * _BITS_PER_SAVED * bits
-        if cost < best:
-            best, chosen = cost, (depth, bits)
-    return chosen
+class BlockCosts(NamedTuple):
+    """What planes of one of `BLOCKS` are expected to cost and to leave."""
+
+    bands: slice  # in the frame
+    planes: Integers  # of each band; shape (bands,)
+    step: float  # finest
+    places: Integers  # of the variances, in the tables; shape (bands, B)
+    entropies: Floats  # by bands and planes that are known; shape (bands, most planes + 1)
+    needs: Floats  # bits that tell the need; as these
+    squares: Floats  # squared error that is left; as these
+
+    def saved_by(self, depths: Integers) -> float:
+        """Return the squared error that planes save.
+
+        Parameters
+        ----------
+        depths : ndarray of shape (bands,), int64
+            Planes that are sent.
+
+        Returns
+        -------
+        float
+            Sum over the frame.
+        """
+        left = self.squares[np.arange(len(depths)), depths]
+        return float((self.squares[:, 0] - left).sum())
+
+    def write_noise(self, depths: Integers, noise: Floats) -> None:
+        """Write the squared error that is left in each block.
+
+        Parameters
+        ----------
+        depths : ndarray of shape (bands,), int64
+            Planes that are known.
+        noise : ndarray of shape (16, B), float64
+            Of all bands of the frame, of which those of the block are written.
+        """
+        tables = tuple(laplacian_tables())
+        _kernels.remaining_noise(
+            self.places, self.planes, depths, self.step, PER_PLANE, tables, noise[self.bands]
+        )
 
 
-def _needs(distance: int) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return needs by how far the references are apart."""
-    if distance > 2 * max(_NEEDS):
-        return _ANCHOR_NEEDS
-    return next((needs for level, needs in _NEEDS.items() if distance <= level), _NEEDS[max(_NEEDS)])
+def block_costs(
+    quantization: Quantization,
+    errors: BlockErrors,
+    block: int,
+    variance: tuple[float, float, float],
+    num_bits: int,
+) -> BlockCosts:
+    """Expect what the planes of a block cost and leave.
+
+    Parameters
+    ----------
+    quantization : Quantization
+        Quantisers of the frame, with nested bins.
+    errors : BlockErrors
+        What is expected of its prediction.
+    block : int
+        Number in `BLOCKS`.
+    variance : tuple of float
+        See `Needs`.
+    num_bits : int
+        Length of a plane.
+
+    Returns
+    -------
+    BlockCosts
+        Of the whole frame.
+    """
+    bands = slice(BLOCKS[block].start, BLOCKS[block].stop)
+    planes: Integers = np.array(quantization.planes, np.int64)[bands]
+    step = quantization.step(0)
+    assert step is not None
+    residual, noise = errors.residual[bands], errors.noise[bands]
+    places: Integers = np.empty(residual.shape, np.int64)
+    histograms = np.empty((len(planes), NUM_PLACES), np.int64)
+    _kernels.variance_places(residual, noise, variance, step, _FIRST, places, histograms)
+    costs = np.zeros((3, len(planes), int(planes.max(initial=0)) + 1))
+    _kernels.expected_costs(histograms, planes, step, _SHIFT, tuple(laplacian_tables()), *costs)
+    costs *= num_bits / places.shape[1]
+    entropies, needs, squares = costs
+    return BlockCosts(bands, planes, step, places, entropies, needs, squares)
+
+
+def choose_depths(costs: BlockCosts, slope: float) -> tuple[Integers, float]:
+    """Choose how many planes of each band of a block pay.
+
+    Parameters
+    ----------
+    costs : BlockCosts
+        What they cost and leave.
+    slope : float
+        Squared error that a bit must save.
+
+    Returns
+    -------
+    depths : ndarray of shape (bands,), int64
+        Planes that are sent.
+    bits : float
+        The bits that tell what these need.
+    """
+    total = costs.squares + BITS_PER_BIT * slope * costs.entropies
+    total[np.arange(total.shape[1]) > costs.planes[:, None]] = np.inf
+    depths = total.argmin(axis=1)
+    return depths, float(costs.needs[np.arange(len(depths)), depths].sum())
+
+
+def length_of(bits: float, needs: Needs, distance: int, num_bits: int) -> float:
+    """Return the length of the shortest syndrome that is expected to serve.
+
+    Parameters
+    ----------
+    bits : float
+        What tells the need of a block, from `choose_depths`.
+    needs : Needs
+        Those of the block.
+    distance : int
+        How far the references are apart, in frames.
+    num_bits : int
+        Length of a plane.
+
+    Returns
+    -------
+    float
+        In bits; 0 where nothing is sent.
+    """
+    if bits <= 0:
+        return 0.0
+    size = num_bits / _FITTED_BITS
+    length = needs.factor * (bits / size + _LEAST_BITS) ** needs.exponent
+    return float(size * length * (needs.anchor_factor if distance > MAX_GOP_LENGTH // 2 else 1.0))

@@ -1,6 +1,7 @@
 """Payloads of the one-way form: what a group of pictures needs, told by its own frames and tracks."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,24 @@ from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.hierarchy import group_order, reference_distance
 from dvc.wynerziv.one_way import encode_payload
 from encoder.groups import Group
-from encoder.one_way.needs import NeedEstimator
-from encoder.one_way.residuals import motion_field, residual_magnitudes
+from encoder.one_way.needs import Choice, NeedEstimator
+from encoder.one_way.sampled_blocks import BlockErrors, BlockSampler
+
+
+class _Reference(NamedTuple):
+    """A frame that others are predicted from."""
+
+    luma: Plane  # before coding
+    noise: NDArray[np.float64]  # that coding adds
+
+
+class ChosenFrame(NamedTuple):
+    """What is sent of a frame, and why."""
+
+    number: int  # among the Wyner-Ziv frames of its group
+    distance: int  # from one of its references to the other
+    errors: BlockErrors
+    choice: Choice
 
 
 class OneWayEncoder:
@@ -29,7 +46,9 @@ class OneWayEncoder:
     def __init__(self, config: CodecConfig, margin_percent: int) -> None:
         self._config = config
         self._needs = NeedEstimator(config, margin_percent)
-        self._before: Plane | None = None
+        self._sampler = BlockSampler((config.video.height, config.video.width))
+        self._key_step = 0.0 if config.key.lossless else quantizer_step(config.key.qp)
+        self._before: _Reference | None = None
 
     def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
         """Pack the Wyner-Ziv frames of the next group.
@@ -46,30 +65,66 @@ class OneWayEncoder:
         tuple of bytes
             Payload of each frame, in order of display.
         """
-        lumas = [frame.luma for frame in (*group.wyner_ziv, group.key)]
-        before, self._before = self._before, lumas[-1]
-        if not frames:
-            return ()
-        assert before is not None
-        lumas = [before, *lumas]
-        gop, payloads = self._config.gop, [b""] * len(frames)
-        anchored = len(frames) == len(lumas) - 1
-        for index, around in group_order(
-            0, len(lumas) - 1, gop.references != "keys", gop.anchor_distance if anchored else 0
-        ):
-            instants = [instant for instant in around if instant is not None]
-            fields = [_field(group, index, instant, before.shape) for instant in instants]
-            magnitudes = residual_magnitudes(lumas[index], [lumas[k] for k in instants], fields)
-            frame, distance = frames[index - 1], reference_distance(around)
-            sent = self._needs.choose(frame.quantization, magnitudes, distance, frame.layout.num_bits)
-            seed = self._config.turbo.interleaver_seed
-            payloads[index - 1] = encode_payload(frame, sent, seed)
+        payloads = [b""] * len(frames)
+        seed = self._config.turbo.interleaver_seed
+        for chosen in self.choices(group, frames):
+            payloads[chosen.number] = encode_payload(frames[chosen.number], chosen.choice.sent, seed)
         return tuple(payloads)
 
+    def choices(self, group: Group, frames: Sequence[EncodedFrame]) -> Iterator[ChosenFrame]:
+        """Choose what is sent of the Wyner-Ziv frames of the next group.
 
-def _field(group: Group, index: int, reference: int, shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Tell where blocks of a frame are in another of its group."""
-    positions = np.empty((0, len(group.wyner_ziv) + 2, 2))
-    if group.tracks is not None:
-        positions = group.tracks.positions
-    return motion_field(positions[:, index], positions[:, reference], (shape[0], shape[1]))
+        Parameters
+        ----------
+        group, frames
+            See `payloads`.
+
+        Yields
+        ------
+        ChosenFrame
+            In decoding order.
+        """
+        gop, lumas = self._config.gop, [frame.luma for frame in (*group.wyner_ziv, group.key)]
+        last, known = len(lumas), dict[int, _Reference]()
+        if self._before is not None:
+            known[0] = self._before
+        if len(frames) < last:
+            known[last] = _Reference(lumas[-1], self._sampler.intra_noise(lumas[-1], self._key_step))
+        anchor_distance = gop.anchor_distance if len(frames) == last else 0
+        for index, around in (
+            group_order(0, last, gop.references != "keys", anchor_distance) if frames else ()
+        ):
+            references = [instant for instant in around if instant is not None]
+            errors = self._sampler.errors(
+                lumas[index - 1],
+                [known[instant].luma for instant in references],
+                [known[instant].noise for instant in references],
+                [_positions(group, instant) for instant in (index, *references)],
+            )
+            frame = frames[index - 1]
+            distance, num_bits = reference_distance(around), frame.layout.num_bits
+            choice = self._needs.choose(frame.quantization, errors, distance, num_bits)
+            known[index] = _Reference(lumas[index - 1], choice.noise)
+            yield ChosenFrame(index - 1, distance, errors, choice)
+        self._before = known[last]
+
+
+def quantizer_step(qp: int) -> float:
+    """Return the step of an H.264 quantiser.
+
+    Parameters
+    ----------
+    qp : int
+        Quantisation parameter.
+
+    Returns
+    -------
+    float
+        In units of the orthonormal transform: 0.625 at 0, twice as much every six.
+    """
+    return float(0.625 * 2.0 ** (qp / 6.0))
+
+
+def _positions(group: Group, instant: int) -> NDArray[np.float64]:
+    """Return where the points of a group are in one of its frames."""
+    return np.empty((0, 2)) if group.tracks is None else group.tracks.positions[:, instant]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel, kernel
 
 _MAX_ODDS = 1e12  # of a bit, one way or the other
 _MAX_CERTAINTY = 1.0 - 1e-7  # of a sum of bits
@@ -10,42 +10,56 @@ _MAX_CERTAINTY = 1.0 - 1e-7  # of a sum of bits
 # ---- syndromes ----
 
 
-@kernel
-def find_edges(places, start, num_thrice, num_checks, edges):
-    """Write the syndrome bits of one bit of a plane, by its places: two or three, all distinct."""
-    num_edges = places.size if places[places.size - 1] < num_thrice else places.size - 1
+@inlined_kernel
+def _find_edges(places, start, num_edges, num_checks, edges):
+    """Write the syndrome bits of one bit of a plane, by its places modulo their number: all distinct."""
     for j in range(num_edges):
-        check = (start[j] + places[j]) % num_checks
+        check = start[j] + places[j]
+        if check >= num_checks:
+            check -= num_checks
         k = 0
         while k < j:
             if edges[k] == check:
-                check = (check + 1) % num_checks
+                check = check + 1 if check + 1 < num_checks else 0
                 k = 0
             else:
                 k += 1
         edges[j] = check
-    return num_edges
+
+
+@kernel
+def _reduced(places, num_thrice, num_checks, reduced, num_edges):
+    """Write all places modulo the number of syndrome bits, and in how many of them each bit takes part."""
+    last = places.shape[1] - 1
+    for n in range(places.shape[0]):
+        num_edges[n] = places.shape[1] if places[n, last] < num_thrice else last
+        for j in range(places.shape[1]):
+            reduced[n, j] = places[n, j] % num_checks
 
 
 @kernel
 def list_edges(places, starts, num_thrice, num_checks, edges):
     """Write the syndrome bits of all bits of a block; -1 in place of one that a bit has not."""
     edges[:] = -1
+    reduced, num_edges = np.empty(places.shape, np.int64), np.empty(places.shape[0], np.int64)
+    _reduced(places, num_thrice, num_checks, reduced, num_edges)
     for i in range(edges.shape[0]):
         for n in range(edges.shape[1]):
-            find_edges(places[n], starts[i], num_thrice, num_checks, edges[i, n])
+            _find_edges(reduced[n], starts[i], num_edges[n], num_checks, edges[i, n])
 
 
 @kernel
 def add_planes(words, planes, places, starts, num_thrice, sums):
     """Add the planes of a block to its syndrome."""
-    edges = np.empty(places.shape[1], np.int32)
+    edges = np.empty(places.shape[1], np.int64)
+    reduced, num_edges = np.empty(places.shape, np.int64), np.empty(places.shape[0], np.int64)
+    _reduced(places, num_thrice, sums.size, reduced, num_edges)
     for i in range(planes.size):
         line, shift = words[planes[i] >> 6], np.uint64(63 - (planes[i] & 63))
         for n in range(line.size):
             if (line[n] >> shift) & np.uint64(1):
-                num_edges = find_edges(places[n], starts[i], num_thrice, sums.size, edges)
-                for j in range(num_edges):
+                _find_edges(reduced[n], starts[i], num_edges[n], sums.size, edges)
+                for j in range(num_edges[n]):
                     sums[edges[j]] ^= np.uint8(1)
 
 
@@ -114,6 +128,30 @@ def update_numbers(lowest, counts, probabilities, first_bit, outliers, messages,
             for j in range(num_edges):
                 ratio = found[q] / messages[bit, j]
                 certainties[bit, j] = (1.0 - ratio) / (1.0 + ratio)
+
+
+@kernel
+def believe(lowest, counts, probabilities, first_bit, messages, believed):
+    """Write the probabilities of all candidates by their priors and by what syndrome bits tell."""
+    depth, num_edges = first_bit.size, messages.shape[1]
+    received = np.empty(depth)
+    for n in range(lowest.size):
+        for q in range(depth):
+            product = 1.0
+            for j in range(num_edges):
+                product *= messages[first_bit[q] + n, j]
+            received[q] = min(max(product, 1.0 / _MAX_ODDS), _MAX_ODDS)
+        total = 0.0
+        weights = np.empty(counts[n])
+        for k in range(counts[n]):
+            weight = np.float64(probabilities[n, k])
+            for q in range(depth):
+                share = 1.0 / (1.0 + received[q])
+                weight *= received[q] * share if ((lowest[n] + k) >> (depth - 1 - q)) & 1 else share
+            weights[k] = weight
+            total += weight
+        for k in range(counts[n]):
+            believed[n, k] = weights[k] / total if total > 0.0 else probabilities[n, k]
 
 
 @kernel

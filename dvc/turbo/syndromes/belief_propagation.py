@@ -9,7 +9,7 @@ References
 Trans. Inf. Theory 47(2), 2001.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 MAX_ITERATIONS = 100
 PATIENCE = 15
 """Iterations without progress after which decoding is given up."""
+LEARNING_PERIOD = 4
+"""Iterations from which something is learned about priors."""
 _PROGRESS = 0.98
 """Share of contradicted syndrome bits that must be left for that to count as progress."""
 
@@ -90,7 +92,13 @@ class DecodedBlock:
     num_iterations: int
 
 
-def decode_block(graph: SyndromeGraph, syndrome: Bits, bands: Sequence[NumberPriors]) -> DecodedBlock:
+Learn = Callable[[Sequence[NDArray[np.float32]]], Sequence[NumberPriors]]
+"""From what is believed of all candidates, shape (N, K) for each band, to new priors."""
+
+
+def decode_block(
+    graph: SyndromeGraph, syndrome: Bits, bands: Sequence[NumberPriors], learn: Learn | None = None
+) -> DecodedBlock:
     """Find the likely planes that have a syndrome.
 
     Parameters
@@ -102,6 +110,8 @@ def decode_block(graph: SyndromeGraph, syndrome: Bits, bands: Sequence[NumberPri
     bands : sequence of NumberPriors
         Priors of the bands of the block; their planes follow one another as in the block, most significant
         first.
+    learn : callable, optional
+        Makes better priors of beliefs, every `LEARNING_PERIOD` iterations.
 
     Returns
     -------
@@ -127,6 +137,8 @@ def decode_block(graph: SyndromeGraph, syndrome: Bits, bands: Sequence[NumberPri
     odds = np.empty(graph.size)
     least_wrong, patience, iteration, num_wrong = graph.num_checks + 1.0, PATIENCE, 0, 1
     while num_wrong and patience and iteration < MAX_ITERATIONS:
+        if learn is not None and iteration and iteration % LEARNING_PERIOD == 0:
+            bands = learn(_beliefs(bands, graph.num_bits, messages))
         iteration += 1
         _update_bands(bands, graph.num_bits, messages, certainties, odds)
         num_wrong = _kernels.update_checks(syndrome, first, edge_of, certainties, odds, messages)
@@ -135,6 +147,18 @@ def decode_block(graph: SyndromeGraph, syndrome: Bits, bands: Sequence[NumberPri
             least_wrong, patience = num_wrong, PATIENCE
     bits = (odds > 1.0).astype(np.uint8).reshape(len(graph.planes), graph.num_bits)
     return DecodedBlock(bits, num_wrong == 0, iteration)
+
+
+def _beliefs(bands: Sequence[NumberPriors], num_bits: int, messages: Array) -> list[NDArray[np.float32]]:
+    """Return the probabilities of the candidates of all bands by priors and syndrome."""
+    beliefs, plane = [], 0
+    for band in bands:
+        believed = np.zeros_like(band.probabilities)
+        first_bit = (plane + np.arange(band.depth)) * num_bits
+        _kernels.believe(band.lowest, band.counts, band.probabilities, first_bit, messages, believed)
+        beliefs.append(believed)
+        plane += band.depth
+    return beliefs
 
 
 def _update_bands(

@@ -3,65 +3,109 @@
 import numpy as np
 import pytest
 
+from dvc._jit import python_twin
 from dvc.config import CodecConfig, VideoConfig, allocation
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.buffered import quantize_frame
 from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.one_way import syndrome_length
-from encoder.one_way import needs
-from encoder.one_way.needs import NeedEstimator
+from encoder.one_way import _kernels
+from encoder.one_way.needs import NEEDS, Choice, NeedEstimator, block_costs, length_of
+from encoder.one_way.sampled_blocks import BlockErrors
 
 SHARED = allocation(28)
-CONFIG = CodecConfig.preset("3d-te", VideoConfig(64, 48, 25, 1, luma_only=True), wyner_ziv=SHARED.wyner_ziv)
+CONFIG = CodecConfig.preset("3d-te", VideoConfig(352, 288, 25, 1, luma_only=True), wyner_ziv=SHARED.wyner_ziv)
 LAYOUT = FrameLayout.of(CONFIG)
-LUMA = np.random.default_rng(1).integers(0, 256, (48, 64), dtype=np.uint8)
+LUMA = np.random.default_rng(1).integers(0, 256, (288, 352), dtype=np.uint8)
 QUANTIZATION, _ = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(SHARED.step(4)))
 
 
-def lengths(magnitude: float, margin_percent: int = 60, distance: int = 4) -> tuple[int, int]:
-    """Return planes and bits that are sent where the residual is the same everywhere."""
-    magnitudes = np.full((48, 16), magnitude)
-    sent = NeedEstimator(CONFIG, margin_percent).choose(QUANTIZATION, magnitudes, distance, LAYOUT.num_bits)
-    assert all(depth <= planes for depth, planes in zip(sent.depths, QUANTIZATION.planes, strict=True))
-    return sum(sent.depths), sum(map(syndrome_length, sent.length_codes))
+def errors(residual: float, noise: float = 0.0) -> BlockErrors:
+    """Return errors that are the same everywhere, given by their roots."""
+    return BlockErrors(np.full((16, 48), residual**2), np.full((16, 48), noise**2))
 
 
-def test_larger_residuals_need_more() -> None:
-    """More planes, and longer syndromes; nothing where there is nothing to tell."""
-    found = [lengths(magnitude) for magnitude in (0.0, 5.0, 20.0, 80.0)]
+def chosen(expected: BlockErrors, margin_percent: int = 30, distance: int = 4) -> Choice:
+    """Choose what is sent; no more planes than there are."""
+    choice = NeedEstimator(CONFIG, margin_percent).choose(QUANTIZATION, expected, distance, LAYOUT.num_bits)
+    pairs = zip(choice.sent.depths, QUANTIZATION.planes, strict=True)
+    assert all(depth <= planes for depth, planes in pairs)
+    return choice
+
+
+def sizes(choice: Choice) -> tuple[int, int]:
+    """Return planes and bits that are sent."""
+    return sum(choice.sent.depths), sum(map(syndrome_length, choice.sent.length_codes))
+
+
+def test_larger_errors_need_more() -> None:
+    """More planes, and longer syndromes; nothing where there is nothing to tell; noise is an error, too."""
+    found = [sizes(chosen(errors(residual))) for residual in (0.0, 20.0, 40.0, 80.0)]
     assert found[0] == (0, 0)
     assert found == sorted(found)
     assert found[1][1] < found[2][1] < found[3][1]
+    assert sizes(chosen(errors(20.0, 40.0))) > found[1]
 
 
 def test_margins_lengthen_syndromes_alone() -> None:
     """Up to what the planes hold."""
-    planes, bits = zip(*(lengths(20.0, margin) for margin in (0, 60, 1000)), strict=True)
+    planes, bits = zip(*(sizes(chosen(errors(40.0), margin)) for margin in (0, 60, 1000)), strict=True)
     assert len(set(planes)) == 1
     assert bits[0] < bits[1] < bits[2]
     assert bits[1] / bits[0] == pytest.approx(1.6, rel=0.1)
-    assert lengths(20.0, 10**9)[1] < 1.3 * planes[0] * LAYOUT.num_bits
+
+
+def test_huge_margins_send_nothing_that_does_not_pay() -> None:
+    """At most a tenth more than the planes."""
+    planes, bits = sizes(chosen(errors(60.0), 10**9))
+    assert bits < 1.3 * planes * LAYOUT.num_bits
 
 
 @pytest.mark.parametrize("distance", [2, 3, 4, 8, 16, 32, 256])
 def test_every_distance_has_its_needs(distance: int) -> None:
     """Anchors, too."""
-    planes, bits = lengths(30.0, distance=distance)
+    planes, bits = sizes(chosen(errors(40.0), distance=distance))
     assert planes > 0
     assert bits > 0
 
 
+def test_what_is_sent_lessens_the_noise() -> None:
+    """Of the frame as a reference: as much as the planes tell, and not where nothing is sent."""
+    rough, fine = chosen(errors(40.0)), chosen(errors(0.2))
+    assert rough.noise[0].max() < 0.2 * 40.0**2 * NEEDS[0].variance[0]
+    np.testing.assert_allclose(fine.noise[0], NEEDS[0].variance[0] * 0.04 + NEEDS[0].variance[2], rtol=0.07)
+
+
 def test_pictures_without_whole_blocks_are_sent_as_if_unknown() -> None:
     """What cannot be estimated is expected to be large."""
-    sent = NeedEstimator(CONFIG, 0).choose(QUANTIZATION, np.empty((0, 16)), 2, LAYOUT.num_bits)
-    assert sent.depths[0] == QUANTIZATION.planes[0]
+    choice = chosen(BlockErrors(np.empty((16, 0)), np.empty((16, 0))), distance=2)
+    assert choice.sent.depths[0] == QUANTIZATION.planes[0]
 
 
-def test_tables_are_those_of_a_laplacian() -> None:
-    """Entropy of wide distributions grows by one bit an octave, where the error is that of a bin."""
-    entropy, error = needs._tables()
-    assert entropy[0] < 0.15
-    assert (np.diff(entropy) > 0).all()
-    assert entropy[-9] - entropy[-17] == pytest.approx(1.0, abs=0.02)
-    assert error[0] == pytest.approx(2.0, rel=0.1)
-    assert error[-17] * 4.0**2 == pytest.approx(1 / 12, rel=0.05)  # bins of a quarter of the scale
+def test_frames_of_any_size_need_alike() -> None:
+    """In bits a coefficient."""
+    per_bit = [length_of(0.1 * size, NEEDS[0], 4, size) / size for size in (6336, 396, 14400)]
+    assert per_bit == pytest.approx([per_bit[0]] * 3)
+    assert length_of(0.0, NEEDS[0], 4, 6336) == 0.0
+
+
+@pytest.mark.nojit
+def test_kernels_are_their_python() -> None:
+    """To the last bit."""
+    rng = np.random.default_rng(2)
+    expected = BlockErrors(rng.uniform(0.0, 900.0, (16, 30)) ** 2, rng.uniform(0.0, 9.0, (16, 30)))
+    jit = [block_costs(QUANTIZATION, expected, block, NEEDS[block].variance, 99) for block in (0, 1)]
+    names = ("variance_places", "expected_costs", "remaining_noise")
+    left, twins = np.zeros((2, 16, 30))
+    with pytest.MonkeyPatch.context() as patch:
+        for costs in jit:
+            costs.write_noise(costs.planes // 2, left)
+        for name in names:
+            patch.setattr(_kernels, name, python_twin(getattr(_kernels, name)))
+        for block, costs in enumerate(jit):
+            plain = block_costs(QUANTIZATION, expected, block, NEEDS[block].variance, 99)
+            for ours, twin in zip(costs[3:], plain[3:], strict=True):
+                np.testing.assert_array_equal(ours, twin)
+            plain.write_noise(plain.planes // 2, twins)
+    np.testing.assert_array_equal(left, twins)
+    assert left.all()

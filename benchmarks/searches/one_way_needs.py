@@ -1,0 +1,310 @@
+"""Needs of streams without feedback, fitted to frames whose planes were known while they were decoded.
+
+``python -m benchmarks.searches.one_way_needs box desk river stone tree --qp 26 32`` prints `NEEDS` of
+`encoder.one_way.needs`, and how far from them the frames of each clip are.
+"""
+
+import argparse
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from benchmarks.figures.harness import clip_source
+from decoder.frame_state import FrameState, KnownBand
+from decoder.group import GroupDecoder
+from decoder.one_way import OneWayDecoder
+from decoder.session import stream_tasks
+from decoder.side_information.protocol import Prediction
+from decoder.tasks import DecodedFrame, following
+from dvc.config import CodecConfig
+from dvc.stream import StreamReader, StreamWriter
+from dvc.turbo import ParityRequest
+from dvc.video import Frame, open_video
+from dvc.wynerziv import bitplanes, noise, transform
+from dvc.wynerziv.buffered import EncodedFrame
+from dvc.wynerziv.learned_scales import LearnedBand
+from dvc.wynerziv.one_way import BLOCKS
+from encoder import options
+from encoder.one_way.needs import NEEDS, Needs, block_costs, choose_depths
+from encoder.one_way.payloads import OneWayEncoder
+from encoder.one_way.sampled_blocks import BlockErrors
+
+Floats = NDArray[np.float64]
+
+CODE_RATIO = 1.15, 6.0
+"""Length of the shortest syndrome that serves over the ideal code length: for long blocks, and what is added
+over the root of the bits of short ones."""
+LEARNING_STEPS = 3
+_ROBUST = 0.2  # what is farther off counts less
+
+
+@dataclass(eq=False)
+class RecordedFrame:
+    """What was expected of a frame, and what was found.
+
+    Attributes
+    ----------
+    clip : str
+        Its sequence.
+    config : CodecConfig
+        Configuration of the stream.
+    encoded : EncodedFrame
+        Its planes.
+    luma : ndarray of shape (H, W), uint8
+        Luma before coding.
+    distance : int
+        How far its references are apart.
+    errors : BlockErrors
+        What the encoder expects.
+    bits, squares : dict of int to ndarray of shape (planes + 1,)
+        Ideal code length of each band by planes that are coded, and squared error that is left.
+    """
+
+    clip: str
+    config: CodecConfig
+    encoded: EncodedFrame
+    luma: NDArray[np.uint8]
+    distance: int
+    errors: BlockErrors
+    bits: dict[int, Floats]
+    squares: dict[int, Floats]
+
+    @property
+    def slope(self) -> float:
+        """Squared error that a bit must save."""
+        return self.config.wyner_ziv.slope_between(self.distance)
+
+
+class KnowingDecoder(OneWayDecoder):
+    """Decodes frames whose planes it knows, as many as pay, and records what all would have cost.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        Configuration of the stream.
+    known : dict of int to RecordedFrame
+        Frames by display position.
+    """
+
+    def __init__(self, config: CodecConfig, known: dict[int, RecordedFrame]) -> None:
+        super().__init__(config)
+        self._known = known
+
+    def decode(self, index: int, payload: bytes, prediction: Prediction) -> DecodedFrame:
+        """Decode one frame; see `OneWayDecoder.decode`."""
+        settings = self._config.wyner_ziv
+        record = self._known[index]
+        state = FrameState(self._layout, prediction, settings.noise_model, settings.initial_gain)
+        truth = transform.forward(record.luma)
+        for block in BLOCKS:
+            bands = [band for band in block if record.encoded.quantization.planes[band]]
+            found = {band: _costs(record, band, state, truth[band]) for band in bands}
+            for band, known in found.items():
+                if known is not None:
+                    state.set_known(band, known)
+            state.refine()
+        first, last = (transform.to_uint8(luma) for luma in (prediction.luma, state.prediction.luma))
+        refiner = state.prediction.refiner
+        chroma = prediction.chroma if refiner is None else refiner.chroma()
+        frame = Frame(state.luma(), chroma)
+        return DecodedFrame(index, frame, first, last, prediction.method, prediction.reason, 0, 0, 0, 0, 0)
+
+
+def _costs(record: RecordedFrame, band: int, state: FrameState, truth: Floats) -> KnownBand | None:
+    """Record what the planes of a band cost and leave; return what those that pay tell of it."""
+    quantization = record.encoded.quantization
+    planes, edges = quantization.planes[band], quantization.edges(band)
+    numbers = bitplanes.from_planes(_planes(record.encoded, band))
+    predicted, scale = state.predicted[band], state.scale(band)
+    bits, squares = np.zeros(planes + 1), np.empty(planes + 1)
+    squares[0] = ((truth - predicted) ** 2).sum()
+    best, least = None, float(squares[0])
+    for depth in range(1, planes + 1):
+        prefix = numbers >> (planes - depth)
+        lower, upper = bitplanes.prefix_borders(prefix, planes - depth, edges)
+        gain = noise.fit_gain(lower, upper, predicted.ravel(), scale.ravel(), state.gain)
+        known = KnownBand.of(lower, upper, scale.ravel() * gain, predicted.shape)
+        squares[depth] = ((truth - known.reconstruct(predicted)) ** 2).sum()
+        learned = LearnedBand(edges, planes, depth, predicted, scale, scale * state.gain)
+        bits[depth] = _learned_bits(learned, prefix)
+        cost = squares[depth] + 1.25 * record.slope * bits[depth]
+        if cost < least:
+            best, least = known, cost
+    record.bits[band], record.squares[band] = bits, squares
+    return best
+
+
+def _planes(frame: EncodedFrame, band: int) -> NDArray[np.uint8]:
+    """Return the planes of a band; shape (planes, N)."""
+    first = frame.quantization.first_plane[band]
+    requests = (
+        ParityRequest(0, first + plane, "uncoded", 0, 0, frame.layout.num_bits)
+        for plane in range(frame.quantization.planes[band])
+    )
+    return np.stack([frame.answer(request) for request in requests])
+
+
+def _nobody(request: ParityRequest) -> NDArray[np.uint8]:
+    """Refuse requests, of which the one-way form has none."""
+    raise ValueError(f"a request without feedback: {request}")
+
+
+def _learned_bits(band: LearnedBand, numbers: NDArray[np.int64]) -> float:
+    """Return the ideal code length of numbers by the scales that they themselves would teach."""
+    for _ in range(LEARNING_STEPS):
+        priors = band.priors()
+        places = numbers - priors.lowest
+        among = (places >= 0) & (places < priors.counts)
+        believed = np.where(among[:, None], np.float32(0.0), priors.probabilities)
+        believed[np.flatnonzero(among), places[among]] = 1.0
+        band = band.learn(priors, believed)
+    return band.priors().ideal_bits(numbers)
+
+
+def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
+    """Encode and decode a clip, all planes known.
+
+    Parameters
+    ----------
+    clip : str
+        Name of the catalogue.
+    qp : int
+        Quality.
+    num_frames : int
+        Frames of it.
+
+    Returns
+    -------
+    list of RecordedFrame
+        Its Wyner-Ziv frames.
+    """
+    source = clip_source(clip).path
+    known: dict[int, RecordedFrame] = {}
+    arguments = options.parser().parse_args(
+        [str(source), "-", "--qp", str(qp), "--no-feedback", "--luma-only"]
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "stream.dvc"
+        with open_video(source) as video, path.open("wb") as file:
+            session = options.session(arguments, video.info)
+            config, encoder, first = session.config, OneWayEncoder(session.config, 0), 0
+            with StreamWriter(file, config, "one-way") as writer:
+                for group in session.groups(islice(video, num_frames)):
+                    encoded = session.encode(group)
+                    for index, distance, errors, _ in encoder.choices(group, encoded.frames):
+                        luma = (*group.wyner_ziv, group.key)[index].luma
+                        known[first + index] = RecordedFrame(
+                            clip, config, encoded.frames[index], luma, distance, errors, {}, {}
+                        )
+                    gop = encoded.record(encoded.one_way)
+                    writer.write_gop(gop)
+                    first += gop.num_frames
+        decoder = GroupDecoder(config, one_way=KnowingDecoder(config, known))
+        with StreamReader(path) as reader:
+            for chain in stream_tasks(config, reader):
+                before = None
+                for task in chain:
+                    before = decoder.decode(following(task, before), _nobody)
+    return list(known.values())
+
+
+def fit(frames: Sequence[RecordedFrame], block: int) -> tuple[Needs, dict[str, Floats]]:
+    """Fit the needs of a block.
+
+    Parameters
+    ----------
+    frames : sequence of RecordedFrame
+        Frames of several clips, each of which counts alike.
+    block : int
+        Number in `BLOCKS`.
+
+    Returns
+    -------
+    needs : Needs
+        What fits them.
+    deviations : dict of str to ndarray
+        Logarithm of expected over shortest length, of the frames of each clip in which planes pay.
+    """
+    counts = {clip: sum(frame.clip == clip for frame in frames) for clip in {frame.clip for frame in frames}}
+    weights = np.array([1.0 / counts[frame.clip] for frame in frames])
+    variance = _fit_variance(frames, weights, block)
+    told, lengths = np.empty(len(frames)), np.empty(len(frames))
+    for number, frame in enumerate(frames):
+        told[number], lengths[number] = _told_and_needed(frame, variance, block)
+    own = (told > 0) | (lengths > 100)
+    anchors = np.array([frame.distance > 128 for frame in frames])
+    design = np.stack([np.log(told + 100.0), np.ones(len(frames)), anchors], axis=1)[own]
+    target = np.log(lengths[own] + 100.0)
+    basis = (weights * np.sqrt(lengths + 100.0))[own]
+    shrink = np.diag([0.0, 0.0, 0.02 * basis.sum()])
+    robust = basis
+    for _ in range(10):
+        solution = np.linalg.solve(
+            design.T @ (robust[:, None] * design) + shrink, design.T @ (robust * target)
+        )
+        robust = basis / np.maximum(1.0, np.abs(design @ solution - target) / _ROBUST)
+    deviations = design @ solution - target
+    names = np.array([frame.clip for frame in frames])[own]
+    exponent, factor, anchor = solution
+    needs = Needs(variance, float(np.exp(factor)), float(exponent), float(np.exp(anchor)))
+    return needs, {clip: deviations[names == clip] for clip in sorted(counts)}
+
+
+def _fit_variance(frames: Sequence[RecordedFrame], weights: Floats, block: int) -> tuple[float, float, float]:
+    """Fit shares of residual and noise to the squared error before anything is sent."""
+    added = NEEDS[block].variance[2]
+    rows = [
+        (weight, frame.errors.residual[band].mean(), frame.errors.noise[band].mean(), squares[0])
+        for frame, weight in zip(frames, weights, strict=True)
+        for band, squares in frame.squares.items()
+        if band in BLOCKS[block]
+    ]
+    weight, residual, noises, squares = np.array(rows).T
+    true = squares / frames[0].encoded.layout.num_bits + added
+
+    def _loss(logarithms: Floats) -> float:
+        expected = np.exp(logarithms[0]) * residual + np.exp(logarithms[1]) * noises + added
+        return float((weight * np.hypot(1.0, np.log(expected / true) / 0.3)).sum())
+
+    shares = np.exp(minimize(_loss, [-0.7, 0.0], method="Nelder-Mead").x)
+    return float(shares[0]), float(shares[1]), added
+
+
+def _told_and_needed(
+    frame: RecordedFrame, variance: tuple[float, float, float], block: int
+) -> tuple[float, float]:
+    """Return bits that tell the need of what the encoder would send, and the length that it needs."""
+    encoded = frame.encoded
+    costs = block_costs(encoded.quantization, frame.errors, block, variance, encoded.layout.num_bits)
+    depths, told = choose_depths(costs, frame.slope)
+    bits = sum(frame.bits[band][depth] for band, depth in zip(BLOCKS[block], depths, strict=True) if depth)
+    return told, CODE_RATIO[0] * bits + CODE_RATIO[1] * float(np.sqrt(bits))
+
+
+def main() -> None:
+    """Print needs that fit clips."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("clips", nargs="+", help="names of the catalogue")
+    parser.add_argument("--qp", nargs="+", type=int, default=[26, 32])
+    parser.add_argument("--frames", type=int, default=33)
+    arguments = parser.parse_args()
+    frames = []
+    for clip in arguments.clips:
+        for qp in arguments.qp:
+            frames += record(clip, qp, arguments.frames)
+            print(f"{clip}, QP {qp}: recorded", flush=True)
+    for block in range(len(BLOCKS)):
+        needs, deviations = fit(frames, block)
+        print(needs)
+        for clip, logs in deviations.items():
+            print(f"  {clip}: {logs.mean():+.2f} ± {logs.std():.2f} ({logs.size} frames)")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""Laplacians in bins: entropy of the bins, and squared error of their means, by how wide they are."""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+PER_OCTAVE = 8
+"""Places for each octave of the variance."""
+PER_PLANE = 2 * PER_OCTAVE
+"""How many places a bit plane is, which halves the bins."""
+FIRST_OCTAVE = -14
+"""Of the variance over the squared width of the bins; less counts as this."""
+NUM_PLACES = PER_OCTAVE * 34
+_NUM_OFFSETS = 4  # of the bins against the middle of the Laplacian
+_REACH = 14.0  # in scales
+_FINE = 8.0  # scales over width from which on formulas for fine bins are exact enough
+
+
+class LaplacianTables(NamedTuple):
+    """What a Laplacian in bins costs, on the mean over all offsets of the bins."""
+
+    variance: Floats  # over the squared width of the bins, by place; shape (NUM_PLACES,)
+    entropy: Floats  # bits to tell the bin; shape (NUM_PLACES,)
+    error: Floats  # squared error of the mean of the bin over the variance; shape (NUM_PLACES,)
+
+
+def _moments(edge: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the integrals, up to an edge, of density, value and square of a Laplacian of scale 1."""
+    tail = 0.5 * np.exp(-np.abs(edge))
+    low = edge < 0
+    return (
+        np.where(low, tail, 1.0 - tail),
+        np.where(low, tail * (edge - 1.0), -tail * (edge + 1.0)),
+        np.where(low, tail * (edge**2 - 2.0 * edge + 2.0), 2.0 - tail * (edge**2 + 2.0 * edge + 2.0)),
+    )
+
+
+def _in_bins(width: float) -> tuple[float, float]:
+    """Return entropy, and squared error over the variance, for bins of a width in scales."""
+    if width < 1.0 / _FINE:
+        return float(np.log2(2.0 * np.e / width)), width * width / 24.0
+    entropy = error = 0.0
+    for offset in (np.arange(_NUM_OFFSETS) + 0.5) / _NUM_OFFSETS:
+        inner = np.arange(-np.ceil(_REACH / width), np.ceil(_REACH / width) + 1) + offset
+        edges = np.concatenate([[-1e3], inner * width, [1e3]])
+        mass, first, second = (np.diff(moment) for moment in _moments(edges))
+        some = mass > 0
+        mass, first, second = mass[some], first[some], second[some]
+        entropy -= float((mass * np.log2(mass)).sum()) / _NUM_OFFSETS
+        error += float((second - first * first / mass).sum()) / _NUM_OFFSETS
+    return entropy, error / 2.0
+
+
+@lru_cache(maxsize=1)
+def laplacian_tables() -> LaplacianTables:
+    """Tabulate Laplacians in bins.
+
+    Returns
+    -------
+    LaplacianTables
+        By places: eighths of octaves of the variance over the squared width, from `FIRST_OCTAVE` on.
+    """
+    octave, eighth = np.divmod(np.arange(NUM_PLACES), PER_OCTAVE)
+    variances = 2.0 ** (octave + FIRST_OCTAVE) * (1.0 + (eighth + 0.5) / PER_OCTAVE)
+    found = [_in_bins(float(width)) for width in np.sqrt(2.0 / variances)]
+    entropy, error = (np.array(column) for column in zip(*found, strict=True))
+    return LaplacianTables(variances, entropy, error)

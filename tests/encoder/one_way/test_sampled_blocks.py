@@ -1,0 +1,139 @@
+"""What tracks leave to be told, on some blocks."""
+
+import numpy as np
+import pytest
+
+from dvc._jit import python_twin
+from dvc.wynerziv import transform
+from encoder.one_way import _kernels
+from encoder.one_way.sampled_blocks import BLOCK_PX, SPACING_PX, BlockSampler
+from tests.clips import moving_texture
+
+SHAPE = (48, 64)
+BLOCKS = 12
+NONE = np.empty((0, 2))
+
+
+def points(displacement: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return points of a frame, and where they are in a reference."""
+    grid = np.stack(np.meshgrid(np.arange(5.0, 64, 12), np.arange(5.0, 48, 12)), axis=-1).reshape(-1, 2)
+    return grid, grid + displacement
+
+
+def silence() -> np.ndarray:
+    """Return the noise of a reference that has none."""
+    return np.zeros((16, BLOCKS))
+
+
+def sampled(picture: np.ndarray) -> np.ndarray:
+    """Return mean squared coefficients of the sampled blocks of a picture; shape (16, BLOCKS)."""
+    squares = (transform.forward(picture) ** 2).reshape(16, 6, 2, 8, 2).mean(axis=(2, 4))
+    spacing = SPACING_PX // BLOCK_PX
+    return squares[:, ::spacing, ::spacing].reshape(16, -1)
+
+
+def test_what_moves_with_the_points_leaves_nothing() -> None:
+    """Inside the picture; without motion of the points, or without points, everything is left."""
+    texture = np.random.default_rng(1).integers(0, 256, (80, 96), dtype=np.uint8)
+    frame, reference = texture[10:58, 12:76], texture[7:55, 8:72]  # (x, y) is at (x + 4, y + 3) there
+    sampler = BlockSampler(SHAPE)
+    assert sampler.num_blocks == BLOCKS
+    found = {}
+    for name, places in (
+        ("moved", points((4.0, 3.0))),
+        ("still", points((0.0, 0.0))),
+        ("none", (NONE, NONE)),
+    ):
+        found[name] = sampler.errors(frame, [reference], [silence()], places)
+    inner = np.arange(BLOCKS).reshape(3, 4)[:, :3].ravel()
+    assert found["moved"].residual[:, inner].max() == 0.0
+    assert found["still"].residual[:, inner].min() > 1.0
+    np.testing.assert_array_equal(found["none"].residual, found["still"].residual)
+
+
+def test_points_that_are_not_known_everywhere_do_not_count() -> None:
+    """Neither in the frame nor in a reference."""
+    frames = [frame.luma for frame in moving_texture(2, *SHAPE)]
+    first, second = points((2.5, -1.0))
+    expected = BlockSampler(SHAPE).errors(frames[1], frames[:1], [silence()], (first[7:], second[7:]))
+    first[:3], second[3:7] = np.nan, np.nan
+    found = BlockSampler(SHAPE).errors(frames[1], frames[:1], [silence()], (first, second))
+    np.testing.assert_array_equal(found.residual, expected.residual)
+
+
+def test_residuals_are_those_of_the_transform() -> None:
+    """Mean squares by bands in blocks of 8x8 samples, of the mean of two references at rest."""
+    frames = [frame.luma for frame in moving_texture(3, *SHAPE)]
+    noises = [np.full((16, BLOCKS), 3.0), np.full((16, BLOCKS), 5.0)]
+    found = BlockSampler(SHAPE).errors(frames[1], frames[::2], noises, [NONE] * 3)
+    mean = (frames[0].astype(np.float64) + frames[2]) / 2
+    np.testing.assert_allclose(found.residual, sampled(frames[1] - mean), atol=1e-9)
+    np.testing.assert_allclose(found.noise, 2.0)  # of the mean of two that are independent
+
+
+def test_noise_comes_from_where_the_blocks_come_from() -> None:
+    """From the sampled block that is nearest there, at the borders as well."""
+    luma = np.zeros(SHAPE, np.uint8)
+    noise = np.tile(np.arange(float(BLOCKS)), (16, 1))
+    found = BlockSampler(SHAPE).errors(luma, [luma], [noise], points((16.0, -15.0)))
+    rows, columns = np.divmod(np.arange(BLOCKS), 4)
+    expected = 4 * np.maximum(rows - 1, 0) + np.minimum(columns + 1, 3)
+    np.testing.assert_array_equal(found.noise, np.tile(expected, (16, 1)))
+
+
+def test_intra_noise() -> None:
+    """None of even pictures and of lossless ones; that of a uniform quantiser where there is much to code."""
+    sampler = BlockSampler((288, 352))
+    noisy = np.random.default_rng(2).integers(0, 256, (288, 352), dtype=np.uint8)
+    assert sampler.intra_noise(np.full((288, 352), 90, np.uint8), 16.0).max() == 0.0
+    assert sampler.intra_noise(noisy, 0.0).max() == 0.0
+    fine = sampler.intra_noise(noisy, 16.0)
+    assert fine.mean() == pytest.approx(16.0**2 * (1 / 3**3 + (2 / 3) ** 3) / 3, rel=0.05)
+    coarse = sampler.intra_noise(noisy, 4000.0)
+    assert coarse.mean() == pytest.approx(255.0**2 / 12, rel=0.4)  # everything is lost
+
+
+@pytest.mark.parametrize("shape", [(7, 64), (1, 1), (23, 41), (8, 8)])
+def test_blocks_that_are_not_whole_are_left_out(shape: tuple[int, int]) -> None:
+    """Small pictures have none."""
+    sampler = BlockSampler(shape)
+    luma = np.zeros(shape, np.uint8)
+    expected = len(range(0, shape[0] - 7, 16)) * len(range(0, shape[1] - 7, 16))
+    assert sampler.num_blocks == expected
+    assert sampler.intra_noise(luma, 8.0).shape == (16, expected)
+    found = sampler.errors(luma, [luma], [np.zeros((16, expected))], [NONE, NONE])
+    assert found.residual.shape == (16, expected)
+
+
+@pytest.mark.nojit
+def test_kernels_are_their_python() -> None:
+    """To the last bit."""
+    rng = np.random.default_rng(5)
+    image = rng.integers(0, 256, (24, 40), dtype=np.uint8)
+    corners = np.array([[0, 0], [0, 16], [16, 0], [16, 32]])
+    motion = np.array([[1, -3], [40, 7], [-9, 2], [3, 200]])
+    spots = rng.uniform(0.0, 40.0, (7, 2))
+    blocks = rng.integers(-500, 500, (4, 8, 8), dtype=np.int32)
+    noise = rng.uniform(0.0, 9.0, (16, 4))
+    calls = [
+        (_kernels.nearest_points, (spots, corners), ((4, 3), np.float64), ((4, 3), np.int64)),
+        (_kernels.blend_motion, (rng.random((4, 3)), np.array([[0, 2, -1]] * 4), spots), ((4, 2), np.int64)),
+        (_kernels.add_half_samples, (image, corners, motion), ((4, 8, 8), np.int32)),
+        (_kernels.subtract_samples, (image, corners, 8), ((4, 8, 8), np.int32)),
+        (_kernels.energies, (blocks, 8.0, transform.SCALE, transform.ORDER), ((16, 4), np.float64)),
+        (
+            _kernels.intra_errors,
+            (image, corners, 20.0, 0.3, transform.SCALE, transform.ORDER),
+            ((16, 4), np.float64),
+        ),
+        (_kernels.add_noise, (corners, motion, (2, 2), 16, noise), ((16, 4), np.float64)),
+    ]
+    for kernel, given, *outputs in calls:
+        found = []
+        for function in (kernel, python_twin(kernel)):
+            arrays = [np.zeros(shape, kind) for shape, kind in outputs]
+            function(*given, *arrays)
+            found.append(arrays)
+        for ours, twins in zip(*found, strict=True):
+            np.testing.assert_array_equal(ours, twins, err_msg=str(kernel))
+            assert ours.any(), kernel
