@@ -96,6 +96,8 @@ class Work:
         Samples of frames in which corners were looked for.
     num_positions : int
         Positions of tracks that were coded after their first.
+    num_syndrome_bits, num_syndrome_places : int
+        Bits of planes that were added up to syndromes, and bits of one plane of each block of them.
     """
 
     num_samples: int
@@ -109,6 +111,8 @@ class Work:
     num_pairs: int
     num_corner_samples: int
     num_positions: int
+    num_syndrome_bits: int
+    num_syndrome_places: int
 
 
 def butterfly() -> Operations:
@@ -296,24 +300,28 @@ def regression(num_positions: float) -> Operations:
     return once.times(num_positions)
 
 
-def syndrome(num_bits: float) -> Operations:
-    """Count the syndrome of a block of planes, half of whose bits are ones.
+def syndrome(num_bits: float, num_places: float) -> Operations:
+    """Count the syndromes of blocks of planes, half of whose bits are ones.
 
     Parameters
     ----------
     num_bits : float
-        Bits of its planes.
+        Bits of their planes.
+    num_places : float
+        Bits of one plane of each.
 
     Returns
     -------
     Operations
-        Every one takes part in as many bits of the syndrome as it may, at places that are computed.
+        Every one takes part in as many bits of the syndrome as it may, at places that are found from those of
+        an order, which begins anywhere.
     """
+    reduced = Operations(multiplies=1, bytes=4 + 8).times(NUM_EDGES) + Operations(compares=1, bytes=4 + 8)
     found = Operations(logic=2, bytes=8)
-    place = Operations(adds=1, multiplies=1, logic=1, bytes=4 + 8 + 4 + 4 + 1 + 1)
-    different = Operations(compares=1, bytes=4).times(NUM_EDGES * (NUM_EDGES - 1) / 2)
-    one = place.times(NUM_EDGES) + different + Operations(compares=1, bytes=4)
-    return (found + one.times(0.5)).times(num_bits)
+    place = Operations(adds=1.5, compares=1, logic=1, bytes=4 * 8 + 2)
+    different = Operations(compares=1, bytes=8).times(NUM_EDGES * (NUM_EDGES - 1) / 2)
+    one = place.times(NUM_EDGES) + different + Operations(bytes=2 * 8)
+    return (found + one.times(0.5)).times(num_bits) + reduced.times(num_places)
 
 
 def stages(work: Work) -> Mapping[str, Operations]:
@@ -340,4 +348,5 @@ def stages(work: Work) -> Mapping[str, Operations]:
         "corners": corners(work.num_corner_samples),
         "block matching": compared + leading().times(work.num_pairs),
         "coding of tracks": regression(work.num_positions),
+        "syndromes": syndrome(work.num_syndrome_bits, work.num_syndrome_places),
     }

@@ -15,6 +15,8 @@ from dvc.wynerziv.transform import NUM_BANDS, band_shape
 from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
 from encoder.clock import coding_time_s
 from encoder.corners import CornerDetector
+from encoder.one_way.operations import estimates
+from encoder.one_way.sampled_blocks import OneWayWork
 from encoder.operations import Work, stages
 from encoder.tracking import TrackingCounts
 
@@ -98,6 +100,10 @@ class EncoderStatistics:
         Positions of tracks that were coded after their first.
     num_planes, num_coded_bands, num_rows : int
         Bit planes of the Wyner-Ziv frames, bands that have some, and rows of words of 64 planes.
+    num_sampled_blocks, num_moved_blocks, num_intra_blocks, num_block_points : int
+        Blocks that are looked at where no decoder asks: see `encoder.one_way.sampled_blocks.OneWayWork`.
+    num_syndrome_bits, num_syndrome_places : int
+        Bits of planes that were added up to syndromes, and bits of one plane of each block of them.
     stream_bytes : int
         Size of the stream; 0 in live mode.
     """
@@ -125,6 +131,12 @@ class EncoderStatistics:
     num_planes: int = 0
     num_coded_bands: int = 0
     num_rows: int = 0
+    num_sampled_blocks: int = 0
+    num_moved_blocks: int = 0
+    num_intra_blocks: int = 0
+    num_block_points: int = 0
+    num_syndrome_bits: int = 0
+    num_syndrome_places: int = 0
     stream_bytes: int = 0
 
     @classmethod
@@ -274,9 +286,28 @@ class EncoderStatistics:
             num_pairs=self.num_pairs,
             num_corner_samples=pixels * self.num_corner_frames,
             num_positions=self.num_positions,
+            num_syndrome_bits=self.num_syndrome_bits,
+            num_syndrome_places=self.num_syndrome_places,
         )
+        estimated = OneWayWork(
+            self.num_sampled_blocks, self.num_moved_blocks, self.num_intra_blocks, self.num_block_points
+        )
+        found = {**stages(work), "estimates": estimates(estimated)}
         share = 1.0 / max(pixels * self.num_frames, 1)
-        return {name: asdict(stage.times(share)) for name, stage in stages(work).items()}
+        return {name: asdict(stage.times(share)) for name, stage in found.items()}
+
+    def set_one_way(self, work: OneWayWork) -> None:
+        """Take over what choosing without a decoder has taken since the start.
+
+        Parameters
+        ----------
+        work : OneWayWork
+            The work.
+        """
+        self.num_sampled_blocks, self.num_moved_blocks = work.num_blocks, work.num_moved
+        self.num_intra_blocks, self.num_block_points = work.num_intra, work.num_distances
+        self.num_syndrome_bits = work.num_syndrome_bits
+        self.num_syndrome_places = work.num_syndrome_places
 
     def set_tracking(self, tracker: TrackingCounts, detector: CornerDetector, tracks_cpu_s: float) -> None:
         """Take over what is counted elsewhere since the start.

@@ -188,6 +188,7 @@ class EncoderSession:
         if self._one_way is not None:
             with statistics.timing("one_way_cpu_s"):
                 one_way = self._one_way.payloads(group, frames)
+            statistics.set_one_way(self._one_way.work)
         tracks = self._encode_tracks(group)
         statistics.add_group(frames, key, tracks)
         return EncodedGroup(key, tracks, frames, one_way)

@@ -13,7 +13,7 @@ from dvc.wynerziv.hierarchy import group_order, reference_distance
 from dvc.wynerziv.one_way import encode_payload
 from encoder.groups import Group
 from encoder.one_way.needs import Choice, NeedEstimator
-from encoder.one_way.sampled_blocks import BlockErrors, BlockSampler
+from encoder.one_way.sampled_blocks import BlockErrors, BlockSampler, OneWayWork
 
 
 class _Reference(NamedTuple):
@@ -50,6 +50,11 @@ class OneWayEncoder:
         self._key_step = 0.0 if config.key.lossless else quantizer_step(config.key.qp)
         self._before: _Reference | None = None
 
+    @property
+    def work(self) -> OneWayWork:
+        """What there was to do so far."""
+        return self._sampler.work
+
     def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
         """Pack the Wyner-Ziv frames of the next group.
 
@@ -68,7 +73,10 @@ class OneWayEncoder:
         payloads = [b""] * len(frames)
         seed = self._config.turbo.interleaver_seed
         for chosen in self.choices(group, frames):
-            payloads[chosen.number] = encode_payload(frames[chosen.number], chosen.choice.sent, seed)
+            frame, sent = frames[chosen.number], chosen.choice.sent
+            payloads[chosen.number] = encode_payload(frame, sent, seed)
+            self.work.num_syndrome_bits += frame.layout.num_bits * sum(sent.depths)
+            self.work.num_syndrome_places += frame.layout.num_bits * sum(map(bool, sent.length_codes))
         return tuple(payloads)
 
     def choices(self, group: Group, frames: Sequence[EncodedFrame]) -> Iterator[ChosenFrame]:

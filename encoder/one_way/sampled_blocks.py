@@ -41,6 +41,32 @@ class BlockErrors:
     noise: Floats
 
 
+@dataclass
+class OneWayWork:
+    """How much there was to do where no decoder asks.
+
+    Attributes
+    ----------
+    num_blocks : int
+        Sampled blocks of Wyner-Ziv frames.
+    num_moved : int
+        Those of their references.
+    num_intra : int
+        Those of key frames.
+    num_distances : int
+        Pairs of a block and a point whose motion it may follow.
+    num_syndrome_bits, num_syndrome_places : int
+        Bits of planes that were added up to syndromes, and bits of one plane of each block of them.
+    """
+
+    num_blocks: int = 0
+    num_moved: int = 0
+    num_intra: int = 0
+    num_distances: int = 0
+    num_syndrome_bits: int = 0
+    num_syndrome_places: int = 0
+
+
 class BlockSampler:
     """Looks at some blocks of frames of one size.
 
@@ -51,6 +77,7 @@ class BlockSampler:
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
+        self.work = OneWayWork()
         height, width = shape
         rows, columns = (np.arange(0, side - BLOCK_PX + 1, SPACING_PX) for side in (height, width))
         self._grid = rows.size, columns.size
@@ -78,6 +105,7 @@ class BlockSampler:
         """
         errors = np.zeros((transform.NUM_BANDS, self.num_blocks))
         if step > 0:
+            self.work.num_intra += self.num_blocks
             _kernels.intra_errors(
                 luma, self._corners, step, _ROUNDING, transform.SCALE, transform.ORDER, errors
             )
@@ -109,6 +137,8 @@ class BlockSampler:
             Of the sampled blocks.
         """
         count = len(references)
+        self.work.num_blocks += self.num_blocks
+        self.work.num_moved += self.num_blocks * count
         blocks = np.zeros((self.num_blocks, BLOCK_PX, BLOCK_PX), np.int32)
         noise = np.zeros((transform.NUM_BANDS, self.num_blocks))
         for reference, added, motion in zip(references, noises, self._motions(positions), strict=True):
@@ -123,6 +153,7 @@ class BlockSampler:
         """Return the motion of the blocks into each reference, (x, y) in half pixels."""
         known = np.isfinite(np.hstack(positions)).all(axis=1)
         points, *others = (instant[known] for instant in positions)
+        self.work.num_distances += self.num_blocks * len(points)
         distances = np.empty((self.num_blocks, _kernels.NEAREST))
         nearest = np.empty(distances.shape, np.int64)
         _kernels.nearest_points(points, self._corners, distances, nearest)

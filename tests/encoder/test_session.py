@@ -3,6 +3,7 @@
 import io
 import time
 from collections.abc import Iterator, Sequence
+from fractions import Fraction
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,8 @@ from hypothesis import strategies as st
 from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, VideoConfig, WynerZivConfig
 from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import Form, StreamReader
-from dvc.video import Frame
+from dvc.video import Frame, VideoInfo
+from encoder import options
 from encoder.groups import groups
 from encoder.report import PARTS, memory_report
 from encoder.session import EncoderSession
@@ -87,6 +89,23 @@ def test_statistics_count_what_was_written() -> None:
     assert counted.stream_bytes == len(file.getvalue())
     records = list(StreamReader(io.BytesIO(file.getvalue())))
     assert counted.key_bits == 8 * sum(len(record.key) for record in records)
+
+
+def test_work_without_a_decoder_is_counted() -> None:
+    """Blocks of frames, of their references and of key frames, and bits of syndromes, for a pixel."""
+    frames = moving_texture(5, 48, 64)
+    arguments = options.parser().parse_args(["in", "out.dvc", "--no-feedback", "--qp", "20", "--gop", "2"])
+    session = options.session(arguments, VideoInfo(64, 48, Fraction(25)))
+    session.write(frames, io.BytesIO(), lambda _: None)
+    counted, blocks = session.statistics, 12
+    assert counted.num_wyner_ziv_frames > 0
+    assert counted.num_sampled_blocks == blocks * counted.num_wyner_ziv_frames
+    assert blocks * counted.num_wyner_ziv_frames < counted.num_moved_blocks <= 2 * counted.num_sampled_blocks
+    assert counted.num_intra_blocks == blocks * counted.num_key_frames
+    assert counted.num_syndrome_bits % 192 == 0
+    found = counted.operations_per_pixel(session.config)
+    assert found["syndromes"]["logic"] > 0
+    assert found["estimates"]["adds"] > 0
 
 
 def test_memory_is_the_encoder_s_own() -> None:
