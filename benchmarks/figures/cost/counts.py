@@ -55,7 +55,7 @@ FIGURES = (
     Figure(
         AREA,
         "operations",
-        f"operations a pixel of the encoder but for key frames, estimates and syndromes, {_RUN}",
+        f"operations a pixel of the encoder but for key frames, {_RUN}",
         "the true figure",
         operations,
         STATIC_CLIPS,
