@@ -65,8 +65,7 @@ class KeyFrameEncoder:
     luma_only : bool, optional
         Code luma alone (4:0:0).
     quick : bool, optional
-        Leave out the searches by rate and distortion: less than half the time, and 3 to 6 % more bits at the
-        same quality.
+        Leave out the searches by rate and distortion: less time, for more bits at the same quality.
 
     Raises
     ------

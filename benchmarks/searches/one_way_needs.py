@@ -1,6 +1,6 @@
 """Needs of streams without feedback, fitted to frames whose planes were known while they were decoded.
 
-``python -m benchmarks.searches.one_way_needs box desk river stone tree --qp 26 32`` prints `NEEDS` of
+``python -m benchmarks.searches.one_way_needs box cube desk river stone tree --qp 26 32`` prints `NEEDS` of
 `encoder.one_way.needs`, and how far from them the frames of each clip are.
 """
 

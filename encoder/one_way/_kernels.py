@@ -6,8 +6,8 @@ from dvc._jit import inlined_kernel, kernel
 
 NEAREST = 3  # points whose motion is blended
 _NEAR = 16.0  # squared distance, in pixels, up to which they count alike
-_SIDE = 8  # of a sampled block
-_DIRECTIONS = 3  # from the left, from above, from both
+SIDE = 8  # of a sampled block
+DIRECTIONS = 3  # from the left, from above, from both
 
 
 @kernel
@@ -16,7 +16,7 @@ def nearest_points(points, corners, distances, nearest):
     distances[:] = np.inf
     nearest[:] = -1
     for k in range(corners.shape[0]):
-        y, x = corners[k, 0] + 0.5 * _SIDE, corners[k, 1] + 0.5 * _SIDE
+        y, x = corners[k, 0] + 0.5 * SIDE, corners[k, 1] + 0.5 * SIDE
         for i in range(points.shape[0]):
             distance = (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2
             if distance < distances[k, NEAREST - 1]:
@@ -53,10 +53,10 @@ def add_half_samples(image, corners, motion, blocks):
     for k in range(corners.shape[0]):
         y, x = 2 * corners[k, 0] + motion[k, 1], 2 * corners[k, 1] + motion[k, 0]
         y0, x0, fraction_y, fraction_x = y >> 1, x >> 1, y & 1, x & 1
-        if y0 >= 0 and x0 >= 0 and y0 + _SIDE + fraction_y <= height and x0 + _SIDE + fraction_x <= width:
-            for row in range(_SIDE):
+        if y0 >= 0 and x0 >= 0 and y0 + SIDE + fraction_y <= height and x0 + SIDE + fraction_x <= width:
+            for row in range(SIDE):
                 above, below = y0 + row, y0 + row + fraction_y
-                for column in range(_SIDE):
+                for column in range(SIDE):
                     left, right = x0 + column, x0 + column + fraction_x
                     blocks[k, row, column] += (
                         np.int32(image[above, left])
@@ -65,10 +65,10 @@ def add_half_samples(image, corners, motion, blocks):
                         + np.int32(image[below, right])
                     )
         else:
-            for row in range(_SIDE):
+            for row in range(SIDE):
                 above = min(max(y0 + row, 0), height - 1)
                 below = min(max(y0 + row + fraction_y, 0), height - 1)
-                for column in range(_SIDE):
+                for column in range(SIDE):
                     left = min(max(x0 + column, 0), width - 1)
                     right = min(max(x0 + column + fraction_x, 0), width - 1)
                     blocks[k, row, column] += (
@@ -83,8 +83,8 @@ def add_half_samples(image, corners, motion, blocks):
 def subtract_samples(image, corners, factor, blocks):
     """Subtract `factor` times the blocks of `image` at their corners."""
     for k in range(corners.shape[0]):
-        for row in range(_SIDE):
-            for column in range(_SIDE):
+        for row in range(SIDE):
+            for column in range(SIDE):
                 sample = np.int32(image[corners[k, 0] + row, corners[k, 1] + column])
                 blocks[k, row, column] -= factor * sample
 
@@ -110,11 +110,11 @@ def energies(blocks, unit, scale, order, means):
     squares, weights = np.empty((4, 4)), np.empty((4, 4))
     for y in range(4):
         for x in range(4):
-            weights[y, x] = (scale[y, x] / unit) ** 2 / ((_SIDE // 4) * (_SIDE // 4))
+            weights[y, x] = (scale[y, x] / unit) ** 2 / ((SIDE // 4) * (SIDE // 4))
     for k in range(blocks.shape[0]):
         squares[:] = 0.0
-        for y0 in range(0, _SIDE, 4):
-            for x0 in range(0, _SIDE, 4):
+        for y0 in range(0, SIDE, 4):
+            for x0 in range(0, SIDE, 4):
                 _transform(blocks[k], y0, x0, half, core)
                 for y in range(4):
                     for x in range(4):
@@ -127,8 +127,8 @@ def energies(blocks, unit, scale, order, means):
 @inlined_kernel
 def _intra_residual(image, y0, x0, direction, block):
     """Write eight times a block less what its neighbours predict, by 4x4 parts."""
-    for y in range(0, _SIDE, 4):
-        for x in range(0, _SIDE, 4):
+    for y in range(0, SIDE, 4):
+        for x in range(0, SIDE, 4):
             above, left = max(y0 + y - 1, 0), max(x0 + x - 1, 0)
             around = 0
             for i in range(4):
@@ -151,15 +151,15 @@ def intra_errors(image, corners, step, rounding, scale, order, errors):
     Each block is predicted in the direction that leaves the smallest coefficients.
     """
     half, core = np.empty((4, 4), np.int32), np.empty((4, 4), np.int32)
-    block, squares = np.empty((_SIDE, _SIDE), np.int32), np.empty(16)
+    block, squares = np.empty((SIDE, SIDE), np.int32), np.empty(16)
     for k in range(corners.shape[0]):
         least = np.inf
-        for direction in range(_DIRECTIONS):
+        for direction in range(DIRECTIONS):
             _intra_residual(image, corners[k, 0], corners[k, 1], direction, block)
             squares[:] = 0.0
             total = 0.0
-            for y0 in range(0, _SIDE, 4):
-                for x0 in range(0, _SIDE, 4):
+            for y0 in range(0, SIDE, 4):
+                for x0 in range(0, SIDE, 4):
                     _transform(block, y0, x0, half, core)
                     for y in range(4):
                         for x in range(4):

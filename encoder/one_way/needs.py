@@ -48,7 +48,6 @@ class Choice(NamedTuple):
 
     sent: SentPlanes
     noise: Floats  # of the frame as a reference; shape (16, B)
-    expected_bits: tuple[float, ...]  # of the shortest syndrome of each of `BLOCKS` that serves
 
 
 class NeedEstimator:
@@ -88,19 +87,18 @@ class NeedEstimator:
         if not errors.residual.size:  # too small a picture to tell
             errors = BlockErrors(np.full((16, 1), _UNKNOWN), np.zeros((16, 1)))
         slope = self._config.wyner_ziv.slope_between(distance)
-        depths, codes, expected, noise = [], [], [], np.empty_like(errors.noise)
+        depths, codes, noise = [], [], np.empty_like(errors.noise)
         for block, needs in enumerate(NEEDS):
             costs = block_costs(quantization, errors, block, needs.variance, num_bits)
             chosen, bits = choose_depths(costs, slope)
             size = num_bits * int(chosen.sum())
-            expected.append(length_of(bits, needs, distance, num_bits))
-            length = min(self._margin * expected[-1], 1.1 * size)
+            length = min(self._margin * length_of(bits, needs, distance, num_bits), 1.1 * size)
             if costs.saved_by(chosen) < slope * (length + BLOCK_BITS):
-                chosen, length, expected[-1] = np.zeros_like(chosen), 0.0, 0.0
+                chosen, length = np.zeros_like(chosen), 0.0
             costs.write_noise(chosen, noise)
             depths += chosen.tolist()
             codes.append(length_code(length) if size <= MAX_BLOCK_BITS else 0)
-        return Choice(SentPlanes(tuple(depths), tuple(codes)), noise, tuple(expected))
+        return Choice(SentPlanes(tuple(depths), tuple(codes)), noise)
 
 
 class BlockCosts(NamedTuple):

@@ -1,12 +1,12 @@
 """What choosing without a decoder takes in operations: a model of the blocks that are looked at."""
 
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS
+from encoder.one_way import _kernels
 from encoder.one_way.sampled_blocks import BLOCK_PX, OneWayWork
 from encoder.operations import Operations
 
 _SAMPLES = BLOCK_PX * BLOCK_PX
 _PARTS = _SAMPLES // (BLOCK * BLOCK)
-_DIRECTIONS = 3
 
 
 def nearest(num_distances: float) -> Operations:
@@ -91,13 +91,15 @@ def intra_noise(num_intra: float) -> Operations:
     Operations
         The best direction is found at the second.
     """
-    around = Operations(adds=2 * BLOCK, bytes=2 * BLOCK).times(_PARTS * _DIRECTIONS)
+    around = Operations(adds=2 * BLOCK, bytes=2 * BLOCK).times(_PARTS * _kernels.DIRECTIONS)
     copied = Operations(adds=1, multiplies=2, bytes=2 + 4).times(2 * _SAMPLES)
     averaged = Operations(adds=1, multiplies=1, bytes=1 + 4).times(_SAMPLES)
-    error = Operations(adds=4, multiplies=5, compares=1, bytes=4 + 2 * 8).times(_DIRECTIONS * _SAMPLES)
-    chosen = Operations(compares=1, bytes=NUM_BANDS * 8).times(_DIRECTIONS)
+    error = Operations(adds=4, multiplies=5, compares=1, bytes=4 + 2 * 8).times(
+        _kernels.DIRECTIONS * _SAMPLES
+    )
+    chosen = Operations(compares=1, bytes=NUM_BANDS * 8).times(_kernels.DIRECTIONS)
     kept = Operations(bytes=NUM_BANDS * 2 * 8).times(2)
-    cores = core().times(_PARTS * _DIRECTIONS)
+    cores = core().times(_PARTS * _kernels.DIRECTIONS)
     return (around + copied + averaged + error + chosen + kept + cores).times(num_intra)
 
 

@@ -17,7 +17,7 @@ from encoder.one_way import _kernels
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-BLOCK_PX = 8
+BLOCK_PX = _kernels.SIDE
 SPACING_PX = 16
 """From one sampled block to the next: one in four is looked at."""
 _ROUNDING = 1.0 / 3.0
