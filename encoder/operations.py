@@ -96,8 +96,8 @@ class Work:
         Samples of frames in which corners were looked for.
     num_positions : int
         Positions of tracks that were coded after their first.
-    num_syndrome_bits, num_syndrome_places : int
-        Bits of planes that were added up to syndromes, and bits of one plane of each block of them.
+    num_syndrome_sums, num_syndrome_places : int
+        Planes times bits of the syndromes that they were added to, and bits of one plane of each block.
     """
 
     num_samples: int
@@ -111,7 +111,7 @@ class Work:
     num_pairs: int
     num_corner_samples: int
     num_positions: int
-    num_syndrome_bits: int
+    num_syndrome_sums: int
     num_syndrome_places: int
 
 
@@ -300,28 +300,25 @@ def regression(num_positions: float) -> Operations:
     return once.times(num_positions)
 
 
-def syndrome(num_bits: float, num_places: float) -> Operations:
-    """Count the syndromes of blocks of planes, half of whose bits are ones.
+def syndrome(num_sums: float, num_places: float) -> Operations:
+    """Count the syndromes of blocks of planes.
 
     Parameters
     ----------
-    num_bits : float
-        Bits of their planes.
+    num_sums : float
+        Planes of each, times the bits of its syndrome that each of their orders reaches.
     num_places : float
         Bits of one plane of each.
 
     Returns
     -------
     Operations
-        Every one takes part in as many bits of the syndrome as it may, at places that are found from those of
-        an order, which begins anywhere.
+        Words of all planes are brought into each order and added up modulo the length; of the sums each plane
+        is added. Corrections where two places of a bit meet, one bit in hundreds, are left out.
     """
-    reduced = Operations(multiplies=1, bytes=4 + 8).times(NUM_EDGES) + Operations(compares=1, bytes=4 + 8)
-    found = Operations(logic=2, bytes=8)
-    place = Operations(adds=1.5, compares=1, logic=1, bytes=4 * 8 + 2)
-    different = Operations(compares=1, bytes=8).times(NUM_EDGES * (NUM_EDGES - 1) / 2)
-    one = place.times(NUM_EDGES) + different + Operations(bytes=2 * 8)
-    return (found + one.times(0.5)).times(num_bits) + reduced.times(num_places)
+    brought = Operations(logic=1, bytes=4 + 3 * 8).times(num_places)
+    added = Operations(logic=2, bytes=3 * 8).times(num_sums)
+    return (brought + added).times(NUM_EDGES)
 
 
 def stages(work: Work) -> Mapping[str, Operations]:
@@ -348,5 +345,5 @@ def stages(work: Work) -> Mapping[str, Operations]:
         "corners": corners(work.num_corner_samples),
         "block matching": compared + leading().times(work.num_pairs),
         "coding of tracks": regression(work.num_positions),
-        "syndromes": syndrome(work.num_syndrome_bits, work.num_syndrome_places),
+        "syndromes": syndrome(work.num_syndrome_sums, work.num_syndrome_places),
     }

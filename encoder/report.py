@@ -102,8 +102,8 @@ class EncoderStatistics:
         Bit planes of the Wyner-Ziv frames, bands that have some, and rows of words of 64 planes.
     num_sampled_blocks, num_moved_blocks, num_intra_blocks, num_block_points : int
         Blocks that are looked at where no decoder asks: see `encoder.one_way.sampled_blocks.OneWayWork`.
-    num_syndrome_bits, num_syndrome_places : int
-        Bits of planes that were added up to syndromes, and bits of one plane of each block of them.
+    num_syndrome_sums, num_syndrome_places : int
+        Planes times bits of the syndromes that they were added to, and bits of one plane of each block.
     stream_bytes : int
         Size of the stream; 0 in live mode.
     """
@@ -135,7 +135,7 @@ class EncoderStatistics:
     num_moved_blocks: int = 0
     num_intra_blocks: int = 0
     num_block_points: int = 0
-    num_syndrome_bits: int = 0
+    num_syndrome_sums: int = 0
     num_syndrome_places: int = 0
     stream_bytes: int = 0
 
@@ -286,7 +286,7 @@ class EncoderStatistics:
             num_pairs=self.num_pairs,
             num_corner_samples=pixels * self.num_corner_frames,
             num_positions=self.num_positions,
-            num_syndrome_bits=self.num_syndrome_bits,
+            num_syndrome_sums=self.num_syndrome_sums,
             num_syndrome_places=self.num_syndrome_places,
         )
         estimated = OneWayWork(
@@ -306,7 +306,7 @@ class EncoderStatistics:
         """
         self.num_sampled_blocks, self.num_moved_blocks = work.num_blocks, work.num_moved
         self.num_intra_blocks, self.num_block_points = work.num_intra, work.num_distances
-        self.num_syndrome_bits = work.num_syndrome_bits
+        self.num_syndrome_sums = work.num_syndrome_sums
         self.num_syndrome_places = work.num_syndrome_places
 
     def set_tracking(self, tracker: TrackingCounts, detector: CornerDetector, tracks_cpu_s: float) -> None:

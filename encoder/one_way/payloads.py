@@ -10,7 +10,7 @@ from dvc.config import CodecConfig
 from dvc.video.frames import Plane
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.hierarchy import group_order, reference_distance
-from dvc.wynerziv.one_way import encode_payload
+from dvc.wynerziv.one_way import BLOCKS, SentPlanes, encode_payload, syndrome_length
 from encoder.groups import Group
 from encoder.one_way.needs import Choice, NeedEstimator
 from encoder.one_way.sampled_blocks import BlockErrors, BlockSampler, OneWayWork
@@ -75,9 +75,16 @@ class OneWayEncoder:
         for chosen in self.choices(group, frames):
             frame, sent = frames[chosen.number], chosen.choice.sent
             payloads[chosen.number] = encode_payload(frame, sent, seed)
-            self.work.num_syndrome_bits += frame.layout.num_bits * sum(sent.depths)
-            self.work.num_syndrome_places += frame.layout.num_bits * sum(map(bool, sent.length_codes))
+            self._count(sent, frame.layout.num_bits)
         return tuple(payloads)
+
+    def _count(self, sent: SentPlanes, num_bits: int) -> None:
+        """Count what syndromes of a frame take."""
+        for bands, code in zip(BLOCKS, sent.length_codes, strict=True):
+            if code:
+                num_planes = sum(sent.depths[bands.start : bands.stop])
+                self.work.num_syndrome_sums += num_planes * min(syndrome_length(code), num_bits)
+                self.work.num_syndrome_places += num_bits
 
     def choices(self, group: Group, frames: Sequence[EncodedFrame]) -> Iterator[ChosenFrame]:
         """Choose what is sent of the Wyner-Ziv frames of the next group.

@@ -55,15 +55,15 @@ class OneWayWork:
         Those of key frames.
     num_distances : int
         Pairs of a block and a point whose motion it may follow.
-    num_syndrome_bits, num_syndrome_places : int
-        Bits of planes that were added up to syndromes, and bits of one plane of each block of them.
+    num_syndrome_sums, num_syndrome_places : int
+        Planes times bits of the syndromes that they were added to, and bits of one plane of each block.
     """
 
     num_blocks: int = 0
     num_moved: int = 0
     num_intra: int = 0
     num_distances: int = 0
-    num_syndrome_bits: int = 0
+    num_syndrome_sums: int = 0
     num_syndrome_places: int = 0
 
 

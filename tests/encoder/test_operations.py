@@ -15,8 +15,7 @@ from dvc.turbo import _kernels as turbo_kernels
 from dvc.turbo.crc import POLYNOMIALS
 from dvc.turbo.crc import crc_words as checks_of
 from dvc.turbo.syndromes import _kernels as syndrome_kernels
-from dvc.turbo.syndromes.graph import SyndromeGraph, bit_places
-from dvc.turbo.syndromes.graph import syndrome as syndrome_of
+from dvc.turbo.syndromes.graph import SyndromeGraph, bit_orders
 from dvc.wynerziv import _kernels as wyner_ziv_kernels
 from dvc.wynerziv import transform
 from encoder import _kernels, operations
@@ -200,19 +199,24 @@ def test_positions_that_are_predicted() -> None:
 
 
 def test_syndrome() -> None:
-    """Half of the bits are ones, each of which is added to three bits of the syndrome."""
-    num_bits, planes = 2000, (0, 1)
+    """All planes are brought into three orders together; each is added to as many bits of the syndrome."""
+    num_bits, planes = 4000, (0, 3)
     graph = SyndromeGraph(num_bits, planes, 110, 1)
-    assert graph.num_thrice == num_bits
-    ones = np.tile(np.array([0, 1], np.uint64), num_bits // 2)
-    words = ((ones << np.uint64(63)) | (ones << np.uint64(62)))[None]
-    tally, sums = Tally(), np.zeros(graph.num_checks, np.uint8)
-    given = np.array(planes), Data(bit_places(num_bits, 1), tally), Data(graph.starts, tally)
-    kernel = syndrome_kernels.add_planes
-    found = counted(kernel, tally, Data(words, tally), *given, graph.num_thrice, Data(sums, tally))
-    model = operations.syndrome(2 * num_bits, num_bits)
+    orders = bit_orders(num_bits, 1)
+    row = RNG.integers(0, 2**64, num_bits, dtype=np.uint64)
+    tally, sums = Tally(), np.zeros(graph.num_checks, np.uint64)
+    shifts = 63 - np.array(planes, np.uint64)
+    folded = Data(np.empty_like(sums), tally)
+    given = shifts, graph.starts, Data(orders.bits, tally), num_bits, folded, Data(sums, tally)
+    found = counted(syndrome_kernels.add_orders, tally, Data(row, tally), *given)
+    model = operations.syndrome(len(planes) * graph.num_checks, num_bits)
     assert astuple(found) == pytest.approx(astuple(model), rel=0.05)
-    np.testing.assert_array_equal(sums, syndrome_of(words, graph))
+    places = (graph.starts[:, None] + orders.places) % graph.num_checks
+    expected = np.zeros(graph.num_checks, np.uint64)
+    for shift, own in zip(shifts, places, strict=True):
+        for j in range(own.shape[1]):
+            np.bitwise_xor.at(expected, own[:, j], row >> shift)
+    np.testing.assert_array_equal(sums, expected)
 
 
 def test_stages_add_up() -> None:

@@ -6,6 +6,8 @@ from dvc._jit import inlined_kernel, kernel
 
 _MAX_ODDS = 1e12  # of a bit, one way or the other
 _MAX_CERTAINTY = 1.0 - 1e-7  # of a sum of bits
+PAIRS = np.array([(0, 1), (0, 2), (1, 2)])
+"""Of the orders in which bits meet syndrome bits."""
 
 # ---- syndromes ----
 
@@ -48,19 +50,87 @@ def list_edges(places, starts, num_thrice, num_checks, edges):
             _find_edges(reduced[n], starts[i], num_edges[n], num_checks, edges[i, n])
 
 
+@inlined_kernel
+def _fold(row, order, num_placed, folded):
+    """Add up the words at the first places of an order, modulo 2, all around as many as `folded` has."""
+    size = np.int64(folded.size)
+    for r in range(size):
+        folded[r] = row[np.uintp(order[r])] if r < num_placed else np.uint64(0)
+    for first in range(size, num_placed, size):
+        for r in range(min(size, num_placed - first)):
+            folded[r] ^= row[np.uintp(order[np.uintp(first + r)])]
+
+
+@inlined_kernel
+def _add_plane(folded, start, shift, sums):
+    """Add words to the syndrome from `start` on and all around, the bit of one plane in the lowest place."""
+    num_before = min(folded.size, sums.size - start)
+    for r in range(num_before):
+        sums[np.uintp(start + r)] ^= folded[np.uintp(r)] >> shift
+    for r in range(num_before, folded.size):
+        sums[np.uintp(start + r - sums.size)] ^= folded[np.uintp(r)] >> shift
+
+
+@inlined_kernel
+def _separate(start, places, num_edges, reduced, edges, sums):
+    """Take back what was added of a bit where its places meet; add it to the syndrome bits that it has."""
+    num_checks = np.uint32(sums.size)
+    for j in range(num_edges):
+        reduced[j] = np.uint32(places[j]) % num_checks
+        sums[np.uint32(start[j] + reduced[j]) % num_checks] ^= np.uint64(1)
+    _find_edges(reduced, start, num_edges, sums.size, edges)
+    for j in range(num_edges):
+        sums[edges[j]] ^= np.uint64(1)
+
+
 @kernel
-def add_planes(words, planes, places, starts, num_thrice, sums):
-    """Add the planes of a block to its syndrome."""
-    edges = np.empty(places.shape[1], np.int64)
-    reduced, num_edges = np.empty(places.shape, np.int64), np.empty(places.shape[0], np.int64)
-    _reduced(places, num_thrice, sums.size, reduced, num_edges)
-    for i in range(planes.size):
-        line, shift = words[planes[i] >> 6], np.uint64(63 - (planes[i] & 63))
-        for n in range(line.size):
-            if (line[n] >> shift) & np.uint64(1):
-                _find_edges(reduced[n], starts[i], num_edges[n], sums.size, edges)
-                for j in range(num_edges[n]):
-                    sums[edges[j]] ^= np.uint8(1)
+def _separate_all(line, shift, start, orders, num_thrice, sums):
+    """Correct the sums of a plane for all its ones of which two places meet."""
+    num_bits, num_orders = orders.places.shape
+    reduced, edges = np.empty(num_orders, np.int64), np.empty(num_orders, np.int64)
+    for pair in range(PAIRS.shape[0]):
+        j, k = PAIRS[pair]
+        difference = (start[k] - start[j]) % sums.size  # and all others that this is the remainder of
+        lowest = difference - (difference + num_bits - 1) // sums.size * sums.size
+        for apart in range(lowest + num_bits - 1, 2 * num_bits - 1, sums.size):
+            for place in range(orders.first[pair, apart], orders.first[pair, apart + 1]):
+                n = np.uintp(orders.by_difference[pair, place])
+                if (line[n] >> shift) & np.uint64(1):
+                    places = orders.places[n]
+                    num_edges = num_orders if places[num_orders - 1] < num_thrice else num_orders - 1
+                    met_before = pair and (start[0] + places[0] - start[1] - places[1]) % sums.size == 0
+                    if k < num_edges and not met_before:
+                        _separate(start, places, num_edges, reduced, edges, sums)
+
+
+@kernel
+def add_orders(row, shifts, starts, bits, num_thrice, folded, sums):
+    """Add planes of a row of words to the syndrome as if no two places of a bit met.
+
+    All of them stand in the same orders: they are brought there together, and each is then added from its own
+    start on.
+    """
+    last = bits.shape[0] - 1
+    for j in range(bits.shape[0]):
+        _fold(row, bits[j], num_thrice if j == last else row.size, folded)
+        for i in range(shifts.size):
+            _add_plane(folded, starts[i, j], shifts[i], sums)
+
+
+@kernel
+def add_planes(words, planes, orders, starts, num_thrice, syndrome):
+    """Write the syndrome of the planes of a block."""
+    folded = np.empty(min(words.shape[1], syndrome.size), np.uint64)
+    sums = np.zeros(syndrome.size, np.uint64)
+    for w in range(words.shape[0]):
+        chosen = np.flatnonzero(planes >> 6 == w)
+        if chosen.size:
+            shifts, begins = (63 - (planes[chosen] & 63)).astype(np.uint64), starts[chosen]
+            add_orders(words[w], shifts, begins, orders.bits, num_thrice, folded, sums)
+            for i in range(chosen.size):
+                _separate_all(words[w], shifts[i], begins[i], orders, num_thrice, sums)
+    for c in range(syndrome.size):
+        syndrome[c] = np.uint8(sums[c] & np.uint64(1))
 
 
 # ---- belief propagation ----

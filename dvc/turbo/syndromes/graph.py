@@ -12,6 +12,7 @@ the decoder using LDPC codes", IEEE Communications Letters 6(10), 2002.
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,10 +77,8 @@ class SyndromeGraph:
     @cached_property
     def starts(self) -> NDArray[np.int64]:
         """Where each plane starts in each order; shape (len(planes), NUM_EDGES), int64."""
-        keys = random_keys((self.seed << 8) + NUM_EDGES, NUM_EDGES * (max(self.planes) + 1))
-        places = (keys % np.uint64(self.num_checks)).astype(np.int64).reshape(-1, NUM_EDGES)
-        starts: NDArray[np.int64] = places[list(self.planes)]
-        return starts
+        keys = _start_keys(self.seed, -(-(max(self.planes) + 1) // 64))[list(self.planes)]
+        return (keys % np.uint64(self.num_checks)).astype(np.int64)
 
     def edges(self) -> NDArray[np.int32]:
         """List the syndrome bits of every bit.
@@ -93,6 +92,12 @@ class SyndromeGraph:
         places = bit_places(self.num_bits, self.seed)
         _kernels.list_edges(places, self.starts, self.num_thrice, self.num_checks, edges)
         return edges
+
+
+@lru_cache(maxsize=8)
+def _start_keys(seed: int, num_rows: int) -> NDArray[np.uint64]:
+    """Return what tells where planes start, for 64 planes a row."""
+    return random_keys((seed << 8) + NUM_EDGES, 64 * num_rows * NUM_EDGES).reshape(-1, NUM_EDGES)
 
 
 @lru_cache(maxsize=8)
@@ -116,6 +121,51 @@ def bit_places(num_bits: int, seed: int) -> NDArray[np.int32]:
     return places
 
 
+class BitOrders(NamedTuple):
+    """The orders in which bits of a plane meet syndrome bits, and which bits may meet one twice.
+
+    Attributes
+    ----------
+    places : ndarray of shape (N, NUM_EDGES), int32
+        Place of each bit in each order.
+    bits : ndarray of shape (NUM_EDGES, N), int32
+        Bit at each place.
+    by_difference : ndarray of shape (NUM_EDGES, N), int32
+        Bits by the difference of their places in the first and the second order of each of `PAIRS`.
+    first : ndarray of shape (NUM_EDGES, 2 * N), int32
+        Those of difference d are at ``first[d + N - 1]`` and the following, up to ``first[d + N]``.
+    """
+
+    places: NDArray[np.int32]
+    bits: NDArray[np.int32]
+    by_difference: NDArray[np.int32]
+    first: NDArray[np.int32]
+
+
+@lru_cache(maxsize=8)
+def bit_orders(num_bits: int, seed: int) -> BitOrders:
+    """Return the orders in which bits of a plane meet syndrome bits.
+
+    Parameters
+    ----------
+    num_bits : int
+        Length N of the plane.
+    seed : int
+        Seed that encoder and decoder share.
+
+    Returns
+    -------
+    BitOrders
+        What `bit_places` tells, and what follows from it.
+    """
+    places = bit_places(num_bits, seed)
+    differences = (places[:, _kernels.PAIRS[:, 0]] - places[:, _kernels.PAIRS[:, 1]]).T
+    by_difference = differences.argsort(axis=1, kind="stable").astype(np.int32)
+    counts = [np.bincount(line + num_bits, minlength=2 * num_bits) for line in differences]
+    first = np.cumsum(counts, axis=1).astype(np.int32)
+    return BitOrders(places, places.T.argsort(axis=1).astype(np.int32), by_difference, first)
+
+
 def syndrome(words: Words, graph: SyndromeGraph) -> Bits:
     """Add up bits of a block, modulo 2.
 
@@ -131,7 +181,7 @@ def syndrome(words: Words, graph: SyndromeGraph) -> Bits:
     ndarray of shape (graph.num_checks,), uint8
         The syndrome.
     """
-    sums = np.zeros(graph.num_checks, np.uint8)
-    places = bit_places(graph.num_bits, graph.seed)
-    _kernels.add_planes(words, np.array(graph.planes), places, graph.starts, graph.num_thrice, sums)
+    sums = np.empty(graph.num_checks, np.uint8)
+    orders = bit_orders(graph.num_bits, graph.seed)
+    _kernels.add_planes(words, np.array(graph.planes), orders, graph.starts, graph.num_thrice, sums)
     return sums

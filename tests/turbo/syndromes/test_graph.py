@@ -5,7 +5,7 @@ import pytest
 
 from dvc._jit import python_twin
 from dvc.turbo.syndromes import _kernels
-from dvc.turbo.syndromes.graph import SyndromeGraph, bit_places, syndrome
+from dvc.turbo.syndromes.graph import SyndromeGraph, bit_orders, syndrome
 
 pytestmark = pytest.mark.nojit
 
@@ -40,7 +40,7 @@ def test_kernel_is_its_python() -> None:
     graph = SyndromeGraph(30, (0, 2, 5), 11, seed=1)
     sums = np.zeros(11, np.uint8)
     twin = python_twin(_kernels.add_planes)
-    twin(words, np.array(graph.planes), bit_places(30, 1), graph.starts, graph.num_thrice, sums)
+    twin(words, np.array(graph.planes), bit_orders(30, 1), graph.starts, graph.num_thrice, sums)
     np.testing.assert_array_equal(syndrome(words, graph), sums)
 
 
