@@ -282,7 +282,7 @@ def _told_and_needed(
     """Return bits that tell the need of what the encoder would send, and the length that it needs."""
     encoded = frame.encoded
     costs = block_costs(encoded.quantization, frame.errors, block, variance, encoded.layout.num_bits)
-    depths, told = choose_depths(costs, frame.slope)
+    depths, told, _ = choose_depths(costs, frame.slope)
     bits = sum(frame.bits[band][depth] for band, depth in zip(BLOCKS[block], depths, strict=True) if depth)
     return told, CODE_RATIO[0] * bits + CODE_RATIO[1] * float(np.sqrt(bits))
 

@@ -6,7 +6,7 @@ significant plane down. A frame's payload starts with its header.
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,8 @@ class Quantization:
     @cached_property
     def first_plane(self) -> dict[int, int]:
         """Frame-wide number of each sent band's most significant plane."""
-        return {band: sum(self.planes[:band]) for band in self.bands}
+        first = tuple(accumulate(self.planes, initial=0))
+        return {band: first[band] for band in self.bands}
 
     @cached_property
     def num_planes(self) -> int:

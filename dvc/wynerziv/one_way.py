@@ -4,8 +4,10 @@ After the header it tells how many planes of each band are sent and how long the
 block of bands; then come the check bits and the syndrome of each block.
 """
 
+from bisect import bisect_left
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from itertools import chain
 from typing import Self
 
 import numpy as np
@@ -46,6 +48,12 @@ def syndrome_length(code: int) -> int:
     return (_LENGTHS_PER_OCTAVE + step) << octave
 
 
+@cache
+def _lengths() -> tuple[int, ...]:
+    """Return the lengths of all codes."""
+    return tuple(map(syndrome_length, range(1 << LENGTH_CODE_BITS)))
+
+
 def length_code(num_bits: float) -> int:
     """Return the code of the least length that is not below one.
 
@@ -61,8 +69,7 @@ def length_code(num_bits: float) -> int:
     """
     if num_bits <= 0:
         return 0
-    codes = range(1, 1 << LENGTH_CODE_BITS)
-    return next((code for code in codes if syndrome_length(code) >= num_bits), codes[-1])
+    return bisect_left(_lengths(), num_bits, 1, (1 << LENGTH_CODE_BITS) - 1)
 
 
 @dataclass(frozen=True)
@@ -99,9 +106,13 @@ class SentPlanes:
         SyndromeGraph or None
             None where nothing of the block is sent.
         """
-        firsts = [(quantization.first_plane.get(band, 0), self.depths[band]) for band in BLOCKS[block]]
-        planes = tuple(plane for first, depth in firsts for plane in range(first, first + depth))
-        length = syndrome_length(self.length_codes[block])
+        length, first, depths = (
+            syndrome_length(self.length_codes[block]),
+            quantization.first_plane,
+            self.depths,
+        )
+        bands = [range(first[band], first[band] + depths[band]) for band in BLOCKS[block] if depths[band]]
+        planes = tuple(chain.from_iterable(bands))
         return SyndromeGraph(num_bits, planes, length, seed) if length and planes else None
 
 

@@ -8,85 +8,208 @@ NEAREST = 3  # points whose motion is blended
 _NEAR = 16.0  # squared distance, in pixels, up to which they count alike
 SIDE = 8  # of a sampled block
 DIRECTIONS = 3  # from the left, from above, from both
+FAR = np.int32(2**31 - 1)  # of a point that there is not
 
 
 @kernel
-def nearest_points(points, corners, distances, nearest):
-    """List the `NEAREST` points nearest to the centre of each block; -1 where there are not so many."""
-    distances[:] = np.inf
-    nearest[:] = -1
-    for k in range(corners.shape[0]):
-        y, x = corners[k, 0] + 0.5 * SIDE, corners[k, 1] + 0.5 * SIDE
-        for i in range(points.shape[0]):
-            distance = (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2
-            if distance < distances[k, NEAREST - 1]:
-                place = NEAREST - 1
-                while place > 0 and distances[k, place - 1] > distance:
-                    distances[k, place] = distances[k, place - 1]
-                    nearest[k, place] = nearest[k, place - 1]
-                    place -= 1
-                distances[k, place], nearest[k, place] = distance, i
+def sort_by_rows(positions, grid, spacing, first, order):
+    """Sort points that are known everywhere by the nearest row of blocks; return how many these are.
+
+    Those of row r are ``order[first[r] : first[r + 1]]``, in the order in which they are given.
+    """
+    rows = np.full(positions.shape[0], -1)
+    first[:] = 0
+    for i in range(positions.shape[0]):
+        known = True
+        for instant in range(positions.shape[1]):
+            known &= np.isfinite(positions[i, instant, 0]) and np.isfinite(positions[i, instant, 1])
+        if known:
+            row = np.int64(np.floor((positions[i, 0, 1] + 0.5 * (spacing - SIDE)) / spacing))
+            rows[i] = min(max(row, 0), grid[0] - 1)
+            first[rows[i] + 1] += 1
+    for r in range(grid[0]):
+        first[r + 1] += first[r]
+    place = first[:-1].copy()
+    for i in range(positions.shape[0]):
+        if rows[i] >= 0:
+            order[place[rows[i]]] = i
+            place[rows[i]] += 1
+    return first[grid[0]]
 
 
-@kernel
-def blend_motion(distances, nearest, displacements, motion):
-    """Blend the motion of the nearest points of each block: (x, y) in half pixels; none without points."""
-    for k in range(motion.shape[0]):
-        total, sum_x, sum_y = 0.0, 0.0, 0.0
+@inlined_kernel
+def compare_row(across, down, nearest):
+    """Put a point among the nearest ones of a row of blocks, by keys of which the least come first."""
+    for column in range(across.size):
+        key = np.int32(across[column] + down)
         for place in range(NEAREST):
-            i = nearest[k, place]
-            if i >= 0:
-                weight = 1.0 / (distances[k, place] + _NEAR)
-                total += weight
-                sum_x += weight * displacements[i, 0]
-                sum_y += weight * displacements[i, 1]
-        motion[k] = 0
-        if total > 0.0:
-            motion[k, 0] = np.int64(np.floor(2.0 * sum_x / total + 0.5))
-            motion[k, 1] = np.int64(np.floor(2.0 * sum_y / total + 0.5))
+            kept = nearest[place, column]
+            nearest[place, column] = min(kept, key)
+            key = max(kept, key)
 
 
 @kernel
-def add_half_samples(image, corners, motion, blocks):
-    """Add four times the blocks of `image` at their corners, moved by half pixels, borders repeated."""
+def nearest_points(positions, grid, spacing, unit, index_bits, nearest):
+    """List the `NEAREST` points nearest to the centre of each block, as keys; return how many were compared.
+
+    A key is the squared distance in units of 1 / `unit`, then the number of the point in `index_bits`; those
+    in `nearest` (rows, NEAREST, columns or more) come with the least first, and `FAR` is none. Points are
+    looked at from row to row, as far as they may be among the nearest.
+    """
+    nearest[:] = FAR
+    first, order = np.empty(grid[0] + 1, np.int64), np.empty(positions.shape[0], np.int64)
+    count, num_compared = sort_by_rows(positions, grid, spacing, first, order), 0
+    across = np.empty((positions.shape[0], nearest.shape[2]), np.int32)
+    for place in range(count):
+        i = order[place]
+        for column in range(across.shape[1]):
+            x = positions[i, 0, 0] - (spacing * min(column, grid[1] - 1) + 0.5 * SIDE)
+            across[i, column] = (np.int64(unit * (x * x)) << index_bits) | i
+    for row in range(grid[0]):
+        for ring in range(grid[0]):
+            for near in range(row - ring, row + ring + 1, max(2 * ring, 1)):
+                if 0 <= near < grid[0]:
+                    for place in range(first[near], first[near + 1]):
+                        i = order[place]
+                        y = positions[i, 0, 1] - (spacing * row + 0.5 * SIDE)
+                        down = np.int32(np.int64(unit * (y * y)) << index_bits)
+                        compare_row(across[i], down, nearest[row])
+                    num_compared += (first[near + 1] - first[near]) * grid[1]
+            reach = (ring + 0.5) * spacing
+            if (nearest[row, NEAREST - 1].max() >> index_bits) <= unit * (reach * reach):
+                break
+    return num_compared
+
+
+@kernel
+def blend_motion(positions, instant, grid, spacing, index_bits, nearest, motion):
+    """Blend the motion of the nearest points of each block: (x, y) in half pixels; none without points."""
+    for row in range(grid[0]):
+        y = spacing * row + 0.5 * SIDE
+        for column in range(grid[1]):
+            x = spacing * column + 0.5 * SIDE
+            total, sum_x, sum_y = 0.0, 0.0, 0.0
+            for place in range(NEAREST):
+                key = nearest[row, place, column]
+                if key < FAR:
+                    i = key & ((1 << index_bits) - 1)
+                    at_x, at_y = positions[i, 0, 0], positions[i, 0, 1]
+                    weight = 1.0 / ((at_x - x) * (at_x - x) + (at_y - y) * (at_y - y) + _NEAR)
+                    total += weight
+                    sum_x += weight * (positions[i, instant, 0] - at_x)
+                    sum_y += weight * (positions[i, instant, 1] - at_y)
+            k = row * grid[1] + column
+            motion[k] = 0
+            if total > 0.0:
+                motion[k, 0] = np.int64(np.floor(2.0 * sum_x / total + 0.5))
+                motion[k, 1] = np.int64(np.floor(2.0 * sum_y / total + 0.5))
+
+
+@kernel
+def cut_blocks(words, grid, spacing, factor, lines):
+    """Write `factor` times the sampled blocks of a picture, those of a row of blocks side by side.
+
+    `words` (H, W - 7) hold eight samples from each place on; `lines` (rows, SIDE, SIDE * columns), int16.
+    """
+    window = np.empty((SIDE, grid[1]), np.uint64)
+    samples = window.view(np.uint8)
+    for row in range(grid[0]):
+        for y in range(SIDE):
+            for column in range(grid[1]):
+                window[y, column] = words[spacing * row + y, spacing * column]
+        for y in range(SIDE):
+            for x in range(samples.shape[1]):
+                lines[row, y, x] = np.int16(factor * np.int16(samples[y, x]))
+
+
+@inlined_kernel
+def _cut_at_border(image, y, x, column, samples):
+    """Write a block and its three neighbours at half samples, where borders of the picture are repeated."""
     height, width = image.shape
-    for k in range(corners.shape[0]):
-        y, x = 2 * corners[k, 0] + motion[k, 1], 2 * corners[k, 1] + motion[k, 0]
-        y0, x0, fraction_y, fraction_x = y >> 1, x >> 1, y & 1, x & 1
-        if y0 >= 0 and x0 >= 0 and y0 + SIDE + fraction_y <= height and x0 + SIDE + fraction_x <= width:
-            for row in range(SIDE):
-                above, below = y0 + row, y0 + row + fraction_y
-                for column in range(SIDE):
-                    left, right = x0 + column, x0 + column + fraction_x
-                    blocks[k, row, column] += (
-                        np.int32(image[above, left])
-                        + np.int32(image[above, right])
-                        + np.int32(image[below, left])
-                        + np.int32(image[below, right])
-                    )
-        else:
-            for row in range(SIDE):
-                above = min(max(y0 + row, 0), height - 1)
-                below = min(max(y0 + row + fraction_y, 0), height - 1)
-                for column in range(SIDE):
-                    left = min(max(x0 + column, 0), width - 1)
-                    right = min(max(x0 + column + fraction_x, 0), width - 1)
-                    blocks[k, row, column] += (
-                        np.int32(image[above, left])
-                        + np.int32(image[above, right])
-                        + np.int32(image[below, left])
-                        + np.int32(image[below, right])
-                    )
+    for line in range(SIDE):
+        for corner in range(4):
+            from_y = min(max((y >> 1) + line + (y & 1) * (corner >> 1), 0), height - 1)
+            for i in range(SIDE):
+                from_x = min(max((x >> 1) + i + (x & 1) * (corner & 1), 0), width - 1)
+                samples[line, corner, SIDE * column + i] = image[from_y, from_x]
 
 
 @kernel
-def subtract_samples(image, corners, factor, blocks):
-    """Subtract `factor` times the blocks of `image` at their corners."""
-    for k in range(corners.shape[0]):
-        for row in range(SIDE):
-            for column in range(SIDE):
-                sample = np.int32(image[corners[k, 0] + row, corners[k, 1] + column])
-                blocks[k, row, column] -= factor * sample
+def subtract_moved(image, words, motion, grid, spacing, lines):
+    """Subtract four times the blocks of a picture, moved by half pixels, borders repeated; see `cut_blocks`.
+
+    Samples at half places are means of those around them.
+    """
+    lowest, rightmost = 2 * (words.shape[0] - SIDE), 2 * (words.shape[1] - 1)
+    windows = np.empty((SIDE, 4, grid[1]), np.uint64)
+    samples = windows.view(np.uint8)
+    for row in range(grid[0]):
+        for column in range(grid[1]):
+            k = row * grid[1] + column
+            y, x = 2 * spacing * row + motion[k, 1], 2 * spacing * column + motion[k, 0]
+            if 0 <= y <= lowest and 0 <= x <= rightmost:
+                left, right = np.uintp(x >> 1), np.uintp((x >> 1) + (x & 1))
+                for line in range(SIDE):
+                    above, below = np.uintp((y >> 1) + line), np.uintp((y >> 1) + line + (y & 1))
+                    windows[line, 0, column], windows[line, 1, column] = (
+                        words[above, left],
+                        words[above, right],
+                    )
+                    windows[line, 2, column], windows[line, 3, column] = (
+                        words[below, left],
+                        words[below, right],
+                    )
+            else:
+                _cut_at_border(image, y, x, column, samples)
+        for y in range(SIDE):
+            for x in range(samples.shape[2]):
+                upper = np.int16(np.int16(samples[y, 0, x]) + np.int16(samples[y, 1, x]))
+                lower = np.int16(np.int16(samples[y, 2, x]) + np.int16(samples[y, 3, x]))
+                lines[row, y, x] = np.int16(lines[row, y, x] - np.int16(upper + lower))
+
+
+@inlined_kernel
+def _transform_columns(block):
+    """Do the vertical half of the integer 4x4 transform on four lines, in place."""
+    for x in range(block.shape[1]):
+        a, b, c, d = block[0, x], block[1, x], block[2, x], block[3, x]
+        outer, inner = np.int16(a + d), np.int16(b + c)
+        high, low = np.int16(a - d), np.int16(b - c)
+        block[0, x], block[2, x] = np.int16(outer + inner), np.int16(outer - inner)
+        block[1, x], block[3, x] = np.int16(np.int16(high + high) + low), np.int16(high - np.int16(low + low))
+
+
+@inlined_kernel
+def _add_squares(line, squares):
+    """Do the horizontal half of the transform on one line; add up squares of the four coefficients."""
+    for part in range(squares.shape[1]):
+        x = np.uintp(4 * part)
+        a, b, c, d = np.int32(line[x]), np.int32(line[x + 1]), np.int32(line[x + 2]), np.int32(line[x + 3])
+        outer, inner, high, low = np.int32(a + d), np.int32(b + c), np.int32(a - d), np.int32(b - c)
+        first, third = np.float32(np.int32(outer + inner)), np.float32(np.int32(outer - inner))
+        second = np.float32(np.int32(np.int32(high + high) + low))
+        fourth = np.float32(np.int32(high - np.int32(low + low)))
+        squares[0, part] += first * first
+        squares[1, part] += second * second
+        squares[2, part] += third * third
+        squares[3, part] += fourth * fourth
+
+
+@kernel
+def energies(lines, grid, weights, order, means):
+    """Write the weighed sum of squares of the coefficients of each band in each block; `lines` are lost."""
+    squares = np.empty((4, 4, 2 * grid[1]), np.float32)
+    for row in range(grid[0]):
+        squares[:] = 0.0
+        for top in range(0, SIDE, 4):
+            _transform_columns(lines[row, top : top + 4])
+            for y in range(4):
+                _add_squares(lines[row, top + y], squares[y])
+        for y in range(4):
+            for x in range(4):
+                for column in range(grid[1]):
+                    both = np.float64(squares[y, x, 2 * column] + squares[y, x, 2 * column + 1])
+                    means[order[y, x], row * grid[1] + column] = weights[y, x] * both
 
 
 @inlined_kernel
@@ -101,27 +224,6 @@ def _transform(block, y0, x0, half, core):
         a, b, c, d = half[y, 0], half[y, 1], half[y, 2], half[y, 3]
         core[y, 0], core[y, 1] = a + b + c + d, 2 * (a - d) + b - c
         core[y, 2], core[y, 3] = a - b - c + d, a - d - 2 * (b - c)
-
-
-@kernel
-def energies(blocks, unit, scale, order, means):
-    """Write the mean squared coefficient of each band in each block of samples, `unit` to a grey level."""
-    half, core = np.empty((4, 4), np.int32), np.empty((4, 4), np.int32)
-    squares, weights = np.empty((4, 4)), np.empty((4, 4))
-    for y in range(4):
-        for x in range(4):
-            weights[y, x] = (scale[y, x] / unit) ** 2 / ((SIDE // 4) * (SIDE // 4))
-    for k in range(blocks.shape[0]):
-        squares[:] = 0.0
-        for y0 in range(0, SIDE, 4):
-            for x0 in range(0, SIDE, 4):
-                _transform(blocks[k], y0, x0, half, core)
-                for y in range(4):
-                    for x in range(4):
-                        squares[y, x] += np.float64(core[y, x]) * np.float64(core[y, x])
-        for y in range(4):
-            for x in range(4):
-                means[order[y, x], k] = squares[y, x] * weights[y, x]
 
 
 @inlined_kernel
@@ -174,14 +276,16 @@ def intra_errors(image, corners, step, rounding, scale, order, errors):
 
 
 @kernel
-def add_noise(corners, motion, grid, spacing, noise, total):
-    """Add the noise of a reference where the blocks come from: that of the sampled block nearest to it."""
-    for k in range(corners.shape[0]):
-        row = (corners[k, 0] + (motion[k, 1] >> 1) + spacing // 2) // spacing
-        column = (corners[k, 1] + (motion[k, 0] >> 1) + spacing // 2) // spacing
-        place = min(max(row, 0), grid[0] - 1) * grid[1] + min(max(column, 0), grid[1] - 1)
-        for band in range(total.shape[0]):
-            total[band, k] += noise[band, place]
+def add_noise(motion, grid, spacing, share, noise, total):
+    """Add a share of the noise of a reference where blocks come from: of the sampled block nearest to it."""
+    places = np.empty(grid[0] * grid[1], np.int64)
+    for k in range(places.size):
+        row = (spacing * (k // grid[1]) + (motion[k, 1] >> 1) + spacing // 2) // spacing
+        column = (spacing * (k % grid[1]) + (motion[k, 0] >> 1) + spacing // 2) // spacing
+        places[k] = min(max(row, 0), grid[0] - 1) * grid[1] + min(max(column, 0), grid[1] - 1)
+    for band in range(total.shape[0]):
+        for k in range(places.size):
+            total[band, k] += share * noise[band, np.uintp(places[k])]
 
 
 @kernel
@@ -201,33 +305,56 @@ def variance_places(residual, noise, weights, step, first, places, histograms):
 
 
 @kernel
-def expected_costs(histograms, planes, step, shift, tables, entropies, needs, errors):
-    """Add up, by bands and numbers of planes that are known, what tables tell of all blocks.
+def expected_costs(histograms, planes, step, shift, scale, tables, costs):
+    """Write, by bands and numbers of planes that are known, what tables tell of all blocks, times `scale`.
 
-    Entropies are those of the variances as they are and, for `needs`, `shift[1]` places lower; a plane is
-    `shift[0]` places.
+    Of `costs` the first are entropies of the variances as they are; the second, for needs, those `shift[1]`
+    places lower, where a plane is `shift[0]` places; the third squared errors.
     """
-    values, entropy, error = tables
+    costs[:] = 0.0
     for band in range(histograms.shape[0]):
         for place in range(histograms.shape[1]):
             count = histograms[band, place]
             if count:
-                variance = count * values[place] * step * step
-                errors[band, 0] += variance
+                variance = count * tables[0, place] * step * step
+                costs[2, band, 0] += variance
                 for depth in range(1, planes[band] + 1):
                     coarse = place - shift[0] * (planes[band] - depth)
-                    entropies[band, depth] += count * entropy[max(coarse, 0)]
-                    needs[band, depth] += count * entropy[max(coarse - shift[1], 0)]
-                    errors[band, depth] += variance * error[max(coarse, 0)]
+                    costs[0, band, depth] += count * tables[1, max(coarse, 0)]
+                    costs[1, band, depth] += count * tables[1, max(coarse - shift[1], 0)]
+                    costs[2, band, depth] += variance * tables[2, max(coarse, 0)]
+    costs *= scale
+
+
+@kernel
+def block_costs(residual, noise, weights, planes, step, first, shift, scale, tables, places, costs):
+    """Place the variances of all bands of a block of them, and write what its planes cost and leave."""
+    histograms = np.empty((places.shape[0], tables.shape[1]), np.int64)
+    variance_places(residual, noise, weights, step, first, places, histograms)
+    expected_costs(histograms, planes, step, shift, scale, tables, costs)
+
+
+@kernel
+def choose_depths(costs, planes, bit_cost, depths):
+    """Choose the planes of each band that cost least; return their needs, and the squared error they save."""
+    needs, saved = 0.0, 0.0
+    for band in range(planes.size):
+        least = np.inf
+        for depth in range(planes[band] + 1):
+            total = costs[2, band, depth] + bit_cost * costs[0, band, depth]
+            if total < least:
+                least, depths[band] = total, depth
+        needs += costs[1, band, depths[band]]
+        saved += costs[2, band, 0] - costs[2, band, depths[band]]
+    return needs, saved
 
 
 @kernel
 def remaining_noise(places, planes, depths, step, per_plane, tables, noise):
     """Write the squared error of each block that is left, by the planes of each band that are known."""
-    values, _, error = tables
     for band in range(places.shape[0]):
+        missing = per_plane * (planes[band] - depths[band])
         for k in range(places.shape[1]):
-            noise[band, k] = values[places[band, k]] * step * step
-            if depths[band] > 0:
-                coarse = max(places[band, k] - per_plane * (planes[band] - depths[band]), 0)
-                noise[band, k] *= error[coarse]
+            place = np.int64(places[band, k])
+            left = tables[0, place] * step * step
+            noise[band, k] = left * tables[2, max(place - missing, 0)] if depths[band] > 0 else left

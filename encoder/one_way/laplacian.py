@@ -1,7 +1,6 @@
 """Laplacians in bins: entropy of the bins, and squared error of their means, by how wide they are."""
 
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +17,6 @@ NUM_PLACES = PER_OCTAVE * 34
 _NUM_OFFSETS = 4  # of the bins against the middle of the Laplacian
 _REACH = 14.0  # in scales
 _FINE = 8.0  # scales over width from which on formulas for fine bins are exact enough
-
-
-class LaplacianTables(NamedTuple):
-    """What a Laplacian in bins costs, on the mean over all offsets of the bins."""
-
-    variance: Floats  # over the squared width of the bins, by place; shape (NUM_PLACES,)
-    entropy: Floats  # bits to tell the bin; shape (NUM_PLACES,)
-    error: Floats  # squared error of the mean of the bin over the variance; shape (NUM_PLACES,)
 
 
 def _moments(edge: Floats) -> tuple[Floats, Floats, Floats]:
@@ -56,16 +47,16 @@ def _in_bins(width: float) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=1)
-def laplacian_tables() -> LaplacianTables:
-    """Tabulate Laplacians in bins.
+def laplacian_tables() -> Floats:
+    """Tabulate Laplacians in bins, on the mean over all offsets of the bins.
 
     Returns
     -------
-    LaplacianTables
-        By places: eighths of octaves of the variance over the squared width, from `FIRST_OCTAVE` on.
+    ndarray of shape (3, NUM_PLACES), float64
+        By places, which are eighths of octaves of the variance over the squared width, from `FIRST_OCTAVE`
+        on: that variance, the bits to tell the bin, and the squared error of its mean over the variance.
     """
     octave, eighth = np.divmod(np.arange(NUM_PLACES), PER_OCTAVE)
     variances = 2.0 ** (octave + FIRST_OCTAVE) * (1.0 + (eighth + 0.5) / PER_OCTAVE)
     found = [_in_bins(float(width)) for width in np.sqrt(2.0 / variances)]
-    entropy, error = (np.array(column) for column in zip(*found, strict=True))
-    return LaplacianTables(variances, entropy, error)
+    return np.stack([variances, *np.array(found).T])

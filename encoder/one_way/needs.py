@@ -9,7 +9,7 @@ from dvc.config import MAX_GOP_LENGTH, CodecConfig
 from dvc.wynerziv.layout import Quantization
 from dvc.wynerziv.one_way import BLOCKS, MAX_BLOCK_BITS, SentPlanes, length_code
 from encoder.one_way import _kernels
-from encoder.one_way.laplacian import FIRST_OCTAVE, NUM_PLACES, PER_OCTAVE, PER_PLANE, laplacian_tables
+from encoder.one_way.laplacian import FIRST_OCTAVE, PER_OCTAVE, PER_PLANE, laplacian_tables
 from encoder.one_way.sampled_blocks import BlockErrors
 
 Floats = NDArray[np.float64]
@@ -90,10 +90,10 @@ class NeedEstimator:
         depths, codes, noise = [], [], np.empty_like(errors.noise)
         for block, needs in enumerate(NEEDS):
             costs = block_costs(quantization, errors, block, needs.variance, num_bits)
-            chosen, bits = choose_depths(costs, slope)
+            chosen, bits, saved = choose_depths(costs, slope)
             size = num_bits * int(chosen.sum())
             length = min(self._margin * length_of(bits, needs, distance, num_bits), 1.1 * size)
-            if costs.saved_by(chosen) < slope * (length + BLOCK_BITS):
+            if saved < slope * (length + BLOCK_BITS):
                 chosen, length = np.zeros_like(chosen), 0.0
             costs.write_noise(chosen, noise)
             depths += chosen.tolist()
@@ -107,26 +107,12 @@ class BlockCosts(NamedTuple):
     bands: slice  # in the frame
     planes: Integers  # of each band; shape (bands,)
     step: float  # finest
-    places: Integers  # of the variances, in the tables; shape (bands, B)
-    entropies: Floats  # by bands and planes that are known; shape (bands, most planes + 1)
-    needs: Floats  # bits that tell the need; as these
-    squares: Floats  # squared error that is left; as these
+    places: NDArray[np.int16]  # of the variances, in the tables; shape (bands, B)
+    costs: Floats
+    """By bands and planes that are known: entropy, bits that tell the need, squared error that is left.
 
-    def saved_by(self, depths: Integers) -> float:
-        """Return the squared error that planes save.
-
-        Parameters
-        ----------
-        depths : ndarray of shape (bands,), int64
-            Planes that are sent.
-
-        Returns
-        -------
-        float
-            Sum over the frame.
-        """
-        left = self.squares[np.arange(len(depths)), depths]
-        return float((self.squares[:, 0] - left).sum())
+    Shape (3, bands, most planes + 1).
+    """
 
     def write_noise(self, depths: Integers, noise: Floats) -> None:
         """Write the squared error that is left in each block.
@@ -138,10 +124,8 @@ class BlockCosts(NamedTuple):
         noise : ndarray of shape (16, B), float64
             Of all bands of the frame, of which those of the block are written.
         """
-        tables = tuple(laplacian_tables())
-        _kernels.remaining_noise(
-            self.places, self.planes, depths, self.step, PER_PLANE, tables, noise[self.bands]
-        )
+        left, tables = noise[self.bands], laplacian_tables()
+        _kernels.remaining_noise(self.places, self.planes, depths, self.step, PER_PLANE, tables, left)
 
 
 def block_costs(
@@ -172,21 +156,20 @@ def block_costs(
         Of the whole frame.
     """
     bands = slice(BLOCKS[block].start, BLOCKS[block].stop)
-    planes: Integers = np.array(quantization.planes, np.int64)[bands]
+    planes: Integers = np.array(quantization.planes[bands], np.int64)
     step = quantization.step(0)
     assert step is not None
     residual, noise = errors.residual[bands], errors.noise[bands]
-    places: Integers = np.empty(residual.shape, np.int64)
-    histograms = np.empty((len(planes), NUM_PLACES), np.int64)
-    _kernels.variance_places(residual, noise, variance, step, _FIRST, places, histograms)
-    costs = np.zeros((3, len(planes), int(planes.max(initial=0)) + 1))
-    _kernels.expected_costs(histograms, planes, step, _SHIFT, tuple(laplacian_tables()), *costs)
-    costs *= num_bits / places.shape[1]
-    entropies, needs, squares = costs
-    return BlockCosts(bands, planes, step, places, entropies, needs, squares)
+    places = np.empty(residual.shape, np.int16)
+    costs = np.empty((3, len(planes), max(quantization.planes[bands]) + 1))
+    scale, tables = num_bits / places.shape[1], laplacian_tables()
+    _kernels.block_costs(
+        residual, noise, variance, planes, step, _FIRST, _SHIFT, scale, tables, places, costs
+    )
+    return BlockCosts(bands, planes, step, places, costs)
 
 
-def choose_depths(costs: BlockCosts, slope: float) -> tuple[Integers, float]:
+def choose_depths(costs: BlockCosts, slope: float) -> tuple[Integers, float, float]:
     """Choose how many planes of each band of a block pay.
 
     Parameters
@@ -202,11 +185,12 @@ def choose_depths(costs: BlockCosts, slope: float) -> tuple[Integers, float]:
         Planes that are sent.
     bits : float
         The bits that tell what these need.
+    saved : float
+        The squared error that they save.
     """
-    total = costs.squares + BITS_PER_BIT * slope * costs.entropies
-    total[np.arange(total.shape[1]) > costs.planes[:, None]] = np.inf
-    depths = total.argmin(axis=1)
-    return depths, float(costs.needs[np.arange(len(depths)), depths].sum())
+    depths = np.empty_like(costs.planes)
+    bits, saved = _kernels.choose_depths(costs.costs, costs.planes, BITS_PER_BIT * slope, depths)
+    return depths, bits, saved
 
 
 def length_of(bits: float, needs: Needs, distance: int, num_bits: int) -> float:

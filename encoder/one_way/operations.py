@@ -10,7 +10,7 @@ _PARTS = _SAMPLES // (BLOCK * BLOCK)
 
 
 def nearest(num_distances: float) -> Operations:
-    """Count which points are nearest to blocks; to keep the order of the few that are is left out.
+    """Count which points are nearest to blocks.
 
     Parameters
     ----------
@@ -20,9 +20,10 @@ def nearest(num_distances: float) -> Operations:
     Returns
     -------
     Operations
-        The squared distance, and whether it is small.
+        The squared distance, and its place among the least; what is done once for a row is left out.
     """
-    return Operations(adds=3, multiplies=2, compares=1, bytes=3 * 8).times(num_distances)
+    place = Operations(compares=2, bytes=2 * 4).times(_kernels.NEAREST)
+    return (Operations(adds=1, bytes=4) + place).times(num_distances)
 
 
 def moved(num_moved: float) -> Operations:
@@ -38,10 +39,14 @@ def moved(num_moved: float) -> Operations:
     Operations
         By three points, inside the picture.
     """
-    motion = Operations(adds=3 * 4 + 2, multiplies=3 * 3 + 4, compares=3 + 1, bytes=3 * 4 * 8 + 4 * 8)
-    samples = Operations(adds=4, bytes=4 + 2 * 4).times(_SAMPLES)
-    noise = Operations(adds=1, bytes=3 * 8).times(NUM_BANDS)
-    return (motion + samples + noise).times(num_moved)
+    point = Operations(adds=9, multiplies=5, logic=1, compares=1, bytes=4 + 4 * 8)
+    motion = point.times(_kernels.NEAREST) + Operations(adds=2, multiplies=4, compares=1, bytes=4 * 8)
+    place = Operations(adds=3, logic=3, compares=4, bytes=2 * 8)
+    lines = Operations(adds=3, logic=3, bytes=2 * 4 * 8).times(BLOCK_PX)
+    samples = Operations(adds=4, bytes=4 + 2 * 2).times(_SAMPLES)
+    origin = Operations(adds=5, multiplies=3, logic=2, compares=4, bytes=3 * 8)
+    noise = Operations(adds=1, multiplies=1, bytes=4 * 8).times(NUM_BANDS)
+    return (motion + place + lines + samples + origin + noise).times(num_moved)
 
 
 def core() -> Operations:
@@ -69,13 +74,15 @@ def residual(num_blocks: float) -> Operations:
     Operations
         What depends on the tables alone, a fraction of an operation a pixel, is left out.
     """
-    difference = Operations(adds=1, multiplies=1, bytes=1 + 2 * 4).times(_SAMPLES)
-    squares = Operations(adds=1, multiplies=1, bytes=2 * 4 + 2 * 8).times(_SAMPLES)
-    means = Operations(multiplies=1, bytes=8 + 3 * 8).times(NUM_BANDS)
-    place = Operations(multiplies=3, adds=2 + 1 + 1, logic=1, compares=2, bytes=2 * 8 + 2 * 4 + 2 * 8 + 2 * 8)
-    left = Operations(multiplies=3, adds=1, compares=1, bytes=3 * 8 + 8 + 3 * 8)
+    cut = Operations(bytes=2 * 8).times(BLOCK_PX) + Operations(multiplies=1, bytes=1 + 2).times(_SAMPLES)
+    columns = Operations(adds=10, bytes=2 * BLOCK * 2).times(_SAMPLES / BLOCK)
+    rows = Operations(adds=10, bytes=BLOCK * 2).times(_SAMPLES / BLOCK)
+    squares = Operations(adds=1, multiplies=1, bytes=2 * 4).times(_SAMPLES)
+    means = Operations(adds=1, multiplies=1, bytes=4 * 4 + 8).times(NUM_BANDS)
+    place = Operations(multiplies=3, adds=2 + 1 + 1, logic=1, compares=2, bytes=2 * 8 + 2 * 4 + 2 + 2 * 8)
+    left = Operations(multiplies=3, adds=1, compares=1, bytes=2 + 3 * 8)
     bands = (place + left).times(NUM_BANDS)
-    return (difference + core().times(_PARTS) + squares + means + bands).times(num_blocks)
+    return (cut + columns + rows + squares + means + bands).times(num_blocks)
 
 
 def intra_noise(num_intra: float) -> Operations:

@@ -114,7 +114,7 @@ class OneWayEncoder:
                 lumas[index - 1],
                 [known[instant].luma for instant in references],
                 [known[instant].noise for instant in references],
-                [_positions(group, instant) for instant in (index, *references)],
+                _positions(group, (index, *references)),
             )
             frame = frames[index - 1]
             distance, num_bits = reference_distance(around), frame.layout.num_bits
@@ -140,6 +140,8 @@ def quantizer_step(qp: int) -> float:
     return float(0.625 * 2.0 ** (qp / 6.0))
 
 
-def _positions(group: Group, instant: int) -> NDArray[np.float64]:
-    """Return where the points of a group are in one of its frames."""
-    return np.empty((0, 2)) if group.tracks is None else group.tracks.positions[:, instant]
+def _positions(group: Group, instants: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return where the points of a group are in some of its frames; shape (N, len(instants), 2)."""
+    if group.tracks is None:
+        return np.empty((0, len(instants), 2))
+    return group.tracks.positions[:, instants]

@@ -20,6 +20,8 @@ Integers = NDArray[np.int64]
 BLOCK_PX = _kernels.SIDE
 SPACING_PX = 16
 """From one sampled block to the next: one in four is looked at."""
+_WEIGHTS = (transform.SCALE / 4.0) ** 2 / (BLOCK_PX // 4) ** 2
+"""Of squared coefficients of differences in quarters of grey levels, in means of blocks."""
 _ROUNDING = 1.0 / 3.0
 """Of H.264 encoders in intra pictures: what is less than two thirds of a step from zero becomes zero."""
 
@@ -54,7 +56,7 @@ class OneWayWork:
     num_intra : int
         Those of key frames.
     num_distances : int
-        Pairs of a block and a point whose motion it may follow.
+        Pairs of a block and a point whose motion it may follow, as far as they were compared.
     num_syndrome_sums, num_syndrome_places : int
         Planes times bits of the syndromes that they were added to, and bits of one plane of each block.
     """
@@ -82,6 +84,10 @@ class BlockSampler:
         rows, columns = (np.arange(0, side - BLOCK_PX + 1, SPACING_PX) for side in (height, width))
         self._grid = rows.size, columns.size
         self._corners = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+        self._diagonal_px2 = height**2 + width**2
+        self._nearest = np.empty((rows.size, _kernels.NEAREST, -(-columns.size // 8) * 8), np.int32)
+        self._motion = np.empty((self.num_blocks, 2), np.int64)
+        self._lines = np.empty((rows.size, BLOCK_PX, BLOCK_PX * columns.size), np.int16)
 
     @property
     def num_blocks(self) -> int:
@@ -116,7 +122,7 @@ class BlockSampler:
         luma: Plane,
         references: Sequence[Plane],
         noises: Sequence[Floats],
-        positions: Sequence[Floats],
+        positions: Floats,
     ) -> BlockErrors:
         """Measure the residual of a frame against the mean of its references, moved as points have moved.
 
@@ -128,38 +134,43 @@ class BlockSampler:
             One or more frames before coding.
         noises : sequence of ndarray of shape (16, B), float64
             Noise of each of them.
-        positions : sequence of ndarray of shape (N, 2), float64
-            Points (x, y) in the frame, then in each reference, in pixels; nan where they are not known.
+        positions : ndarray of shape (N, 1 + R, 2), float64
+            Points (x, y) in the frame, then in each of R references, in pixels; nan where they are not known.
 
         Returns
         -------
         BlockErrors
             Of the sampled blocks.
         """
-        count = len(references)
+        count, spacing = len(references), SPACING_PX
         self.work.num_blocks += self.num_blocks
         self.work.num_moved += self.num_blocks * count
-        blocks = np.zeros((self.num_blocks, BLOCK_PX, BLOCK_PX), np.int32)
-        noise = np.zeros((transform.NUM_BANDS, self.num_blocks))
-        for reference, added, motion in zip(references, noises, self._motions(positions), strict=True):
-            _kernels.add_half_samples(reference, self._corners, motion, blocks)
-            _kernels.add_noise(self._corners, motion, self._grid, SPACING_PX, added, noise)
-        _kernels.subtract_samples(luma, self._corners, 4 * count, blocks)
-        residual = np.empty_like(noise)
-        _kernels.energies(blocks, 4.0 * count, transform.SCALE, transform.ORDER, residual)
-        return BlockErrors(residual, noise / count**2)
+        residual = np.empty((transform.NUM_BANDS, self.num_blocks))
+        noise = np.zeros(residual.shape)
+        if self.num_blocks:
+            lines, motion = self._lines, self._motion
+            nearest, bits = self._nearest_points(positions)
+            _kernels.cut_blocks(_words(luma), self._grid, spacing, 4 * count, lines)
+            for instant, (reference, added) in enumerate(zip(references, noises, strict=True), start=1):
+                _kernels.blend_motion(positions, instant, self._grid, spacing, bits, nearest, motion)
+                _kernels.subtract_moved(reference, _words(reference), motion, self._grid, spacing, lines)
+                _kernels.add_noise(motion, self._grid, spacing, 1.0 / count**2, added, noise)
+            _kernels.energies(lines, self._grid, _WEIGHTS / count**2, transform.ORDER, residual)
+        return BlockErrors(residual, noise)
 
-    def _motions(self, positions: Sequence[Floats]) -> list[Integers]:
-        """Return the motion of the blocks into each reference, (x, y) in half pixels."""
-        known = np.isfinite(np.hstack(positions)).all(axis=1)
-        points, *others = (instant[known] for instant in positions)
-        self.work.num_distances += self.num_blocks * len(points)
-        distances = np.empty((self.num_blocks, _kernels.NEAREST))
-        nearest = np.empty(distances.shape, np.int64)
-        _kernels.nearest_points(points, self._corners, distances, nearest)
-        motions = []
-        for other in others:
-            motion = np.empty((self.num_blocks, 2), np.int64)
-            _kernels.blend_motion(distances, nearest, other - points, motion)
-            motions.append(motion)
-        return motions
+    def _nearest_points(self, positions: Floats) -> tuple[NDArray[np.int32], int]:
+        """Return the points nearest to the blocks as keys, and of how many bits their numbers are."""
+        bits = max(len(positions) - 1, 1).bit_length()
+        unit = float(1 << (29 - bits)) / self._diagonal_px2
+        nearest = self._nearest
+        self.work.num_distances += _kernels.nearest_points(
+            positions, self._grid, SPACING_PX, unit, bits, nearest
+        )
+        return nearest, bits
+
+
+def _words(luma: Plane) -> NDArray[np.uint64]:
+    """Return eight samples from each place on as words that overlap."""
+    height, width = luma.shape
+    samples = np.ascontiguousarray(luma)
+    return np.ndarray((height, width - BLOCK_PX + 1), np.uint64, samples, strides=(width, 1))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dvc.turbo.cascade.coupling import NeighbourCoupling
 from dvc.turbo.cascade.posterior import RangePosterior
 from dvc.turbo.cascade.reconciliation import CascadeSettings, PlaneReconciliation
-from dvc.turbo.crc import crc
+from dvc.turbo.crc import crc, crc_words
 from dvc.turbo.requests import Bits, ParityRequest, ask
 from dvc.turbo.results import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult
 
@@ -35,7 +35,8 @@ def joint_check(checks: Bits) -> Bits:
     ndarray of shape (crc_bits,), uint8
         Check bits of these, one plane after the other; the same error in two planes does not cancel out.
     """
-    return crc(checks.ravel(), checks.shape[1])
+    words = checks.astype(np.uint64).ravel()
+    return crc_words(words, checks.shape[1]).astype(np.uint8)
 
 
 class CascadeDecoder:

@@ -95,7 +95,7 @@ def test_kernels_are_their_python() -> None:
     rng = np.random.default_rng(2)
     expected = BlockErrors(rng.uniform(0.0, 900.0, (16, 30)) ** 2, rng.uniform(0.0, 9.0, (16, 30)))
     jit = [block_costs(QUANTIZATION, expected, block, NEEDS[block].variance, 99) for block in (0, 1)]
-    names = ("variance_places", "expected_costs", "remaining_noise")
+    names = ("block_costs", "remaining_noise")
     left, twins = np.zeros((2, 16, 30))
     with pytest.MonkeyPatch.context() as patch:
         for costs in jit:
@@ -106,6 +106,10 @@ def test_kernels_are_their_python() -> None:
             plain = block_costs(QUANTIZATION, expected, block, NEEDS[block].variance, 99)
             for ours, twin in zip(costs[3:], plain[3:], strict=True):
                 np.testing.assert_array_equal(ours, twin)
+            depths, plainly = np.zeros((2, len(costs.planes)), np.int64)
+            told = _kernels.choose_depths(costs.costs, costs.planes, 3.0, depths)
+            assert told == python_twin(_kernels.choose_depths)(costs.costs, costs.planes, 3.0, plainly)
+            assert depths.tolist() == plainly.tolist()
             plain.write_noise(plain.planes // 2, twins)
     np.testing.assert_array_equal(left, twins)
     assert left.all()

@@ -9,7 +9,14 @@ from dvc.wynerziv import transform
 from encoder.one_way import _kernels, operations
 from encoder.one_way.laplacian import NUM_PLACES, PER_PLANE, laplacian_tables
 from encoder.one_way.needs import _FIRST, NEEDS
-from encoder.one_way.sampled_blocks import _ROUNDING, BLOCK_PX, SPACING_PX, BlockSampler, OneWayWork
+from encoder.one_way.sampled_blocks import (
+    _ROUNDING,
+    _WEIGHTS,
+    SPACING_PX,
+    BlockSampler,
+    OneWayWork,
+    _words,
+)
 from encoder.operations import Operations
 from tests.clips import moving_texture
 from tests.counting import Data, Tally, counting
@@ -21,52 +28,48 @@ CORNERS, COUNT = SAMPLER._corners, SAMPLER.num_blocks
 
 
 def test_nearest_points() -> None:
-    """Every point is compared with every block; the nearest, which come first here, are kept in order."""
-    tally, points = Tally(), np.array([[4.0 + k, 4.0] for k in range(100)])
-    distances, nearest = np.empty((1, 3)), np.empty((1, 3), np.int64)
-    given = Data(points, tally), CORNERS[:1], Data(distances, tally), nearest
-    counting(_kernels.nearest_points, tally)(*given)
-    found, model = tally.operations(), operations.nearest(len(points))
-    assert nearest.tolist() == [[0, 1, 2]]
-    assert (found.adds, found.multiplies) == (model.adds, model.multiplies)
-    assert model.compares < found.compares < 1.1 * model.compares
-    assert model.bytes < found.bytes < 1.1 * model.bytes
+    """A point is compared with all blocks of a row."""
+    tally, columns = Tally(), 24
+    across = RNG.integers(0, 1 << 20, columns).astype(np.int32)
+    near = np.full((_kernels.NEAREST, columns), _kernels.FAR)
+    counting(_kernels.compare_row, tally)(Data(across, tally), 5, Data(near, tally))
+    assert tally.operations() == operations.nearest(columns)
+    assert (near[0] == across + 5).all()
 
 
 def test_moved_blocks() -> None:
     """Motion of three points, samples at half places, and noise that is added."""
-    tally, motion = Tally(), np.zeros((COUNT, 2), np.int64)
-    near = np.tile(np.arange(3), (COUNT, 1))
-    given = (
-        Data(RNG.uniform(0, 99, near.shape), tally),
-        Data(near, tally),
-        Data(RNG.normal(size=(3, 2)), tally),
-    )
-    counting(_kernels.blend_motion, tally)(*given, Data(motion, tally))
-    blocks = Data(np.zeros((COUNT, BLOCK_PX, BLOCK_PX), np.int32), tally)
-    counting(_kernels.add_half_samples, tally)(Data(FRAMES[0], tally), CORNERS, np.zeros_like(motion), blocks)
+    tally, motion, grid = Tally(), np.zeros((COUNT, 2), np.int64), SAMPLER._grid
+    positions = RNG.uniform(0, 64, (8, 2, 2))
+    keys, bits = SAMPLER._nearest_points(positions)
+    given = 1, grid, SPACING_PX, bits, Data(keys, tally), Data(motion, tally)
+    counting(_kernels.blend_motion, tally)(Data(positions, tally), *given)
+    still, lines = np.zeros_like(motion), Data(SAMPLER._lines, tally)
+    words = Data(_words(FRAMES[0]), tally)
+    given = Data(FRAMES[0], tally), words, Data(still, tally), grid, SPACING_PX, lines
+    counting(_kernels.subtract_moved, tally)(*given)
     noise = (Data(np.ones((transform.NUM_BANDS, COUNT)), tally) for _ in range(2))
-    counting(_kernels.add_noise, tally)(CORNERS, np.zeros_like(motion), SAMPLER._grid, SPACING_PX, *noise)
+    counting(_kernels.add_noise, tally)(Data(still, tally), grid, SPACING_PX, 1.0, *noise)
     assert astuple(tally.operations()) == pytest.approx(astuple(operations.moved(COUNT)), rel=0.02)
 
 
 def test_residuals() -> None:
     """Differences, their energies by bands, and where these stand in the tables."""
-    tally, blocks = Tally(), Data(np.zeros((COUNT, BLOCK_PX, BLOCK_PX), np.int32), Tally())
-    blocks.tally = tally
-    counting(_kernels.subtract_samples, tally)(Data(FRAMES[1], tally), CORNERS, 8, blocks)
+    tally, grid, lines = Tally(), SAMPLER._grid, SAMPLER._lines
+    words, counted = Data(_words(FRAMES[1]), tally), Data(lines, tally)
+    counting(_kernels.cut_blocks, tally)(words, grid, SPACING_PX, 4, counted)
     energies = Data(np.zeros((transform.NUM_BANDS, COUNT)), tally)
-    counting(_kernels.energies, tally)(blocks, 8.0, transform.SCALE, transform.ORDER, energies)
-    places = Data(np.empty((transform.NUM_BANDS, COUNT), np.int64), tally)
+    counting(_kernels.energies, tally)(counted, grid, _WEIGHTS, transform.ORDER, energies)
+    places = Data(np.empty((transform.NUM_BANDS, COUNT), np.int16), tally)
     histograms = Data(np.zeros((transform.NUM_BANDS, NUM_PLACES), np.int64), tally)
     given = energies, energies, NEEDS[0].variance, 4.0, _FIRST, places, histograms
     counting(_kernels.variance_places, tally)(*given)
     tally["bytes"] -= histograms.array.nbytes  # the tables are cleared once for all blocks
     planes = np.full(transform.NUM_BANDS, 3)
-    all_places = Data(np.full((transform.NUM_BANDS, COUNT), 40), tally)
-    tables = tuple(Data(table, tally) for table in laplacian_tables())
+    all_places = Data(np.full((transform.NUM_BANDS, COUNT), 40, np.int16), tally)
     noise = Data(np.empty((transform.NUM_BANDS, COUNT)), tally)
-    counting(_kernels.remaining_noise, tally)(all_places, planes, planes, 4.0, PER_PLANE, tables, noise)
+    given = planes, planes, 4.0, PER_PLANE, Data(laplacian_tables(), tally), noise
+    counting(_kernels.remaining_noise, tally)(all_places, *given)
     assert astuple(tally.operations()) == pytest.approx(astuple(operations.residual(COUNT)), rel=0.04)
 
 

@@ -6,18 +6,18 @@ import pytest
 from dvc._jit import python_twin
 from dvc.wynerziv import transform
 from encoder.one_way import _kernels
-from encoder.one_way.sampled_blocks import BLOCK_PX, SPACING_PX, BlockSampler
+from encoder.one_way.sampled_blocks import BLOCK_PX, SPACING_PX, BlockSampler, _words
 from tests.clips import moving_texture
 
 SHAPE = (48, 64)
 BLOCKS = 12
-NONE = np.empty((0, 2))
+NONE = np.empty((0, 2, 2))
 
 
-def points(displacement: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return points of a frame, and where they are in a reference."""
+def points(displacement: tuple[float, float]) -> np.ndarray:
+    """Return points of a frame, and where they are in a reference; shape (N, 2, 2)."""
     grid = np.stack(np.meshgrid(np.arange(5.0, 64, 12), np.arange(5.0, 48, 12)), axis=-1).reshape(-1, 2)
-    return grid, grid + displacement
+    return np.stack([grid, grid + displacement], axis=1)
 
 
 def silence() -> np.ndarray:
@@ -42,7 +42,7 @@ def test_what_moves_with_the_points_leaves_nothing() -> None:
     for name, places in (
         ("moved", points((4.0, 3.0))),
         ("still", points((0.0, 0.0))),
-        ("none", (NONE, NONE)),
+        ("none", NONE),
     ):
         found[name] = sampler.errors(frame, [reference], [silence()], places)
     inner = np.arange(BLOCKS).reshape(3, 4)[:, :3].ravel()
@@ -54,10 +54,10 @@ def test_what_moves_with_the_points_leaves_nothing() -> None:
 def test_points_that_are_not_known_everywhere_do_not_count() -> None:
     """Neither in the frame nor in a reference."""
     frames = [frame.luma for frame in moving_texture(2, *SHAPE)]
-    first, second = points((2.5, -1.0))
-    expected = BlockSampler(SHAPE).errors(frames[1], frames[:1], [silence()], (first[7:], second[7:]))
-    first[:3], second[3:7] = np.nan, np.nan
-    found = BlockSampler(SHAPE).errors(frames[1], frames[:1], [silence()], (first, second))
+    given = points((2.5, -1.0))
+    expected = BlockSampler(SHAPE).errors(frames[1], frames[:1], [silence()], given[7:])
+    given[:3, 0], given[3:7, 1] = np.nan, np.nan
+    found = BlockSampler(SHAPE).errors(frames[1], frames[:1], [silence()], given)
     np.testing.assert_array_equal(found.residual, expected.residual)
 
 
@@ -65,9 +65,9 @@ def test_residuals_are_those_of_the_transform() -> None:
     """Mean squares by bands in blocks of 8x8 samples, of the mean of two references at rest."""
     frames = [frame.luma for frame in moving_texture(3, *SHAPE)]
     noises = [np.full((16, BLOCKS), 3.0), np.full((16, BLOCKS), 5.0)]
-    found = BlockSampler(SHAPE).errors(frames[1], frames[::2], noises, [NONE] * 3)
+    found = BlockSampler(SHAPE).errors(frames[1], frames[::2], noises, np.empty((0, 3, 2)))
     mean = (frames[0].astype(np.float64) + frames[2]) / 2
-    np.testing.assert_allclose(found.residual, sampled(frames[1] - mean), atol=1e-9)
+    np.testing.assert_allclose(found.residual, sampled(frames[1] - mean), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.noise, 2.0)  # of the mean of two that are independent
 
 
@@ -101,7 +101,7 @@ def test_blocks_that_are_not_whole_are_left_out(shape: tuple[int, int]) -> None:
     expected = len(range(0, shape[0] - 7, 16)) * len(range(0, shape[1] - 7, 16))
     assert sampler.num_blocks == expected
     assert sampler.intra_noise(luma, 8.0).shape == (16, expected)
-    found = sampler.errors(luma, [luma], [np.zeros((16, expected))], [NONE, NONE])
+    found = sampler.errors(luma, [luma], [np.zeros((16, expected))], NONE)
     assert found.residual.shape == (16, expected)
 
 
@@ -110,23 +110,24 @@ def test_kernels_are_their_python() -> None:
     """To the last bit."""
     rng = np.random.default_rng(5)
     image = rng.integers(0, 256, (24, 40), dtype=np.uint8)
-    corners = np.array([[0, 0], [0, 16], [16, 0], [16, 32]])
-    motion = np.array([[1, -3], [40, 7], [-9, 2], [3, 200]])
-    spots = rng.uniform(0.0, 40.0, (7, 2))
-    blocks = rng.integers(-500, 500, (4, 8, 8), dtype=np.int32)
-    noise = rng.uniform(0.0, 9.0, (16, 4))
+    grid, corners = (2, 3), np.array([[0, 0], [0, 16], [0, 32], [16, 0], [16, 16], [16, 32]])
+    motion = np.array([[1, -3], [40, 7], [-9, 2], [3, 200], [-5, -5], [3, 1]])
+    spots = rng.uniform(0.0, 40.0, (7, 2, 2))
+    near = rng.integers(0, 1 << 20, (2, 3, 8)).astype(np.int32)
+    near[0, 2] = _kernels.FAR
+    noise = rng.uniform(0.0, 9.0, (16, 6))
+    lines = ((2, 8, 24), np.int16)
     calls = [
-        (_kernels.nearest_points, (spots, corners), ((4, 3), np.float64), ((4, 3), np.int64)),
-        (_kernels.blend_motion, (rng.random((4, 3)), np.array([[0, 2, -1]] * 4), spots), ((4, 2), np.int64)),
-        (_kernels.add_half_samples, (image, corners, motion), ((4, 8, 8), np.int32)),
-        (_kernels.subtract_samples, (image, corners, 8), ((4, 8, 8), np.int32)),
-        (_kernels.energies, (blocks, 8.0, transform.SCALE, transform.ORDER), ((16, 4), np.float64)),
+        (_kernels.nearest_points, (spots, grid, 16, 100.0, 3), ((2, 3, 8), np.int32)),
+        (_kernels.blend_motion, (spots % 7, 1, grid, 16, 2, near), ((6, 2), np.int64)),
+        (_kernels.cut_blocks, (_words(image), grid, 16, 8), lines),
+        (_kernels.subtract_moved, (image, _words(image), motion, grid, 16), lines),
         (
             _kernels.intra_errors,
             (image, corners, 20.0, 0.3, transform.SCALE, transform.ORDER),
-            ((16, 4), np.float64),
+            ((16, 6), np.float64),
         ),
-        (_kernels.add_noise, (corners, motion, (2, 2), 16, noise), ((16, 4), np.float64)),
+        (_kernels.add_noise, (motion, grid, 16, 0.5, noise), ((16, 6), np.float64)),
     ]
     for kernel, given, *outputs in calls:
         found = []
@@ -137,3 +138,24 @@ def test_kernels_are_their_python() -> None:
         for ours, twins in zip(*found, strict=True):
             np.testing.assert_array_equal(ours, twins, err_msg=str(kernel))
             assert ours.any(), kernel
+    blocks = rng.integers(-2000, 2000, (2, 8, 24)).astype(np.int16)
+    means, twins = np.zeros((2, 16, 6))
+    _kernels.energies(blocks.copy(), grid, transform.SCALE, transform.ORDER, means)
+    python_twin(_kernels.energies)(blocks, grid, transform.SCALE, transform.ORDER, twins)
+    np.testing.assert_array_equal(means, twins)
+    assert means.all()
+
+
+def test_nearest_points_are_the_nearest() -> None:
+    """Of any points, as by all distances; in the order of these."""
+    rng, sampler = np.random.default_rng(7), BlockSampler((96, 144))
+    centres = sampler._corners + 4.0
+    for count in (0, 2, 3, 40, 300):
+        spots = rng.uniform(0.0, 1.0, (count, 1, 2)) ** 2 * (144, 96)
+        keys, bits = sampler._nearest_points(spots)
+        keys = keys[:, :, : sampler._grid[1]].transpose(0, 2, 1).reshape(len(centres), -1)
+        places, kept = keys & ((1 << bits) - 1), min(count, 3)
+        assert (keys[:, kept:] == _kernels.FAR).all()
+        squares = ((spots[None, :, 0, ::-1] - centres[:, None]) ** 2).sum(axis=2)
+        found = np.take_along_axis(squares, places[:, :kept].astype(np.int64), axis=1)
+        np.testing.assert_allclose(found, np.sort(squares, axis=1)[:, :kept], atol=0.1)
