@@ -160,7 +160,7 @@ def block_costs(
     step = quantization.step(0)
     assert step is not None
     residual, noise = errors.residual[bands], errors.noise[bands]
-    places = np.empty(residual.shape, np.int16)
+    places: NDArray[np.int16] = np.empty(residual.shape, np.int16)
     costs = np.empty((3, len(planes), max(quantization.planes[bands]) + 1))
     scale, tables = num_bits / places.shape[1], laplacian_tables()
     _kernels.block_costs(
