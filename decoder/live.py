@@ -2,9 +2,11 @@
 
 Groups that begin with a key frame do not depend on each other: many are in flight, so that a long way to the
 encoder and back is waited for once for all of them, not once for each request. What is asked for, and so
-every bit, is what one group after the other would ask for.
+every bit, is what one group after the other would ask for. Requests go many at a time: each message costs the
+encoder, which is to be cheap, more than the bits that it asks for.
 """
 
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 
@@ -12,10 +14,23 @@ from decoder.parallel import DecodingProcess
 from decoder.tasks import Answered, DecodedGroup, GroupTask, following
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, FeedbackError
-from dvc.feedback import MAX_OPEN_GOPS, Connection, DecoderEndpoint, Event, Gop, Hello, ParityAnswer
+from dvc.feedback import (
+    Connection,
+    DecoderEndpoint,
+    Event,
+    Gop,
+    Hello,
+    ParityAnswer,
+    max_open_gops,
+)
+from dvc.turbo import ParityRequest, Place
 
-MAX_PX_IN_FLIGHT = 2**25
-"""Pixels of all frames of the groups in flight, which bounds memory; the protocol bounds their number."""
+NEAR_S = 0.01
+"""An encoder that answers sooner is not kept busy: requests wait until nothing else can be done."""
+HELD_S = 0.02
+"""How long requests wait for others while there is something to do, where the encoder is farther away."""
+NUM_TURNAROUNDS = 256
+"""Latest answers, the quickest of which tells how far away it is."""
 
 
 class LiveSource:
@@ -70,6 +85,73 @@ class LiveSource:
         self.flush()
 
 
+class HeldRequests:
+    """Requests that wait for others, so that the encoder gets, and answers, many at once.
+
+    Parameters
+    ----------
+    clock : callable, optional
+        Tells the time in seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._held: list[ParityRequest] = []
+        self._since_s = 0.0
+        self._sent_s: dict[Place, float] = {}
+        self._turnarounds_s: deque[float] = deque(maxlen=NUM_TURNAROUNDS)
+
+    def __len__(self) -> int:
+        return len(self._held)
+
+    def add(self, requests: Sequence[ParityRequest]) -> None:
+        """Hold some more requests.
+
+        Parameters
+        ----------
+        requests : sequence of ParityRequest
+            The requests, maybe none.
+        """
+        if requests and not self._held:
+            self._since_s = self._clock()
+        self._held += requests
+
+    def answered(self, place: Place) -> None:
+        """Notice how long an answer has taken.
+
+        Parameters
+        ----------
+        place : tuple of two int
+            Numbers of the frame and of the plane.
+        """
+        self._turnarounds_s.append(self._clock() - self._sent_s.pop(place))
+
+    def left_s(self) -> float | None:
+        """Return how much longer the requests may be held.
+
+        Returns
+        -------
+        float or None
+            Seconds; None: as long as there is something else to do.
+        """
+        if not self._held or min(self._turnarounds_s, default=NEAR_S) < NEAR_S:
+            return None
+        return max(0.0, self._since_s + HELD_S - self._clock())
+
+    def take(self) -> list[ParityRequest]:
+        """Return the requests, which are sent now.
+
+        Returns
+        -------
+        list of ParityRequest
+            All that were held.
+        """
+        requests, self._held = self._held, []
+        now_s = self._clock()
+        self._sent_s |= {(request.frame, request.plane): now_s for request in requests}
+        return requests
+
+
 class GroupsInFlight:
     """Groups of pictures that are decoded at the same time, and what they ask for.
 
@@ -92,7 +174,8 @@ class GroupsInFlight:
         self._source, self._endpoint = source, source.endpoint
         self._processes = processes
         self._task_of = task_of
-        self._asked: dict[tuple[int, int], tuple[int, DecodingProcess]] = {}  # by frame and plane
+        self._held = HeldRequests()
+        self._asked: dict[Place, tuple[int, DecodingProcess]] = {}  # held or sent
         self._chained: dict[int, GroupTask] = {}  # wait for the last frame of the group before
         self._ends: dict[int, DecodedGroup] = {}  # have it
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
@@ -104,14 +187,14 @@ class GroupsInFlight:
         Yields
         ------
         DecodedGroup
-            In display order; `window` of them are in flight or wait to be yielded.
+            In display order; as many as `max_open_gops` allows are in flight or wait to be yielded.
 
         Raises
         ------
         BitstreamError, FeedbackError
             If the encoder sends what cannot be decoded; all groups before have been yielded then.
         """
-        for _ in range(window(self._source.config)):
+        for _ in range(max_open_gops(self._source.config)):
             self._endpoint.send_next_gop()
         number = 0
         while not self._endpoint.finished:
@@ -129,12 +212,15 @@ class GroupsInFlight:
         """Wait until something comes, from the encoder or from a process, and pass it on."""
         connection = self._source.connection
         idle = not any(process.num_running for process in self._processes)
-        for ready in connection.wait(self._processes, patient=not (idle or self._asked)):
+        patient = len(self._asked) == len(self._held) and not idle
+        for ready in connection.wait(self._processes, patient, self._held.left_s()):
             if ready is connection:
                 for event in self._source.receive():
                     self._take(event)
             else:
                 self._pass_on(ready)
+        if self._held and (self._held.left_s() == 0.0 or any(map(_is_idle, self._processes))):
+            self._endpoint.send_requests(self._held.take())
 
     def _take(self, event: Event) -> None:
         match event:
@@ -151,6 +237,7 @@ class GroupsInFlight:
                 else:
                     self._chained[number] = task
             case ParityAnswer(frame, plane, bits):
+                self._held.answered((frame, plane))
                 number, process = self._asked.pop((frame, plane))
                 process.submit(Answered(number, (frame, plane), bits))
 
@@ -169,24 +256,10 @@ class GroupsInFlight:
         elif isinstance(outcome, Exception):
             self._outcomes[number] = outcome
         else:
-            for request in outcome:
-                self._asked[request.frame, request.plane] = number, process
-                self._endpoint.send_request(request)
+            self._held.add(outcome)
+            self._asked |= {(request.frame, request.plane): (number, process) for request in outcome}
 
 
-def window(config: CodecConfig) -> int:
-    """Return how many groups of pictures are in flight at most.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Tells how large they are.
-
-    Returns
-    -------
-    int
-        From 2 to `MAX_OPEN_GOPS`.
-    """
-    video = config.video
-    group_px = video.width * video.height * config.gop.length
-    return min(max(MAX_PX_IN_FLIGHT // group_px, 2), MAX_OPEN_GOPS)
+def _is_idle(process: DecodingProcess) -> bool:
+    """Tell whether a process can do nothing before answers come."""
+    return process.num_running > 0 and process.num_pending == 0

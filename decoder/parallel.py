@@ -27,10 +27,18 @@ _MAX_IDLE = 2  # processes kept for the next sequence: they take about a second 
 
 
 class DecodingProcess:
-    """A process that decodes groups; see `decoder.worker`."""
+    """A process that decodes groups; see `decoder.worker`.
+
+    Attributes
+    ----------
+    num_running : int
+        Groups that are under way.
+    num_pending : int
+        Groups and answers that it has not done with.
+    """
 
     def __init__(self) -> None:
-        self.num_running = 0
+        self.num_running = self.num_pending = 0
         self._connection, other = Pipe()
         command = [sys.executable, "-P", "-m", "decoder.worker", str(other.fileno())]
         # Whoever starts the process ends it; an interrupt from the terminal is not for it.
@@ -88,6 +96,7 @@ class DecodingProcess:
             If the process dies.
         """
         self.num_running += isinstance(message, GroupTask)
+        self.num_pending += 1
         try:
             self._connection.send(message)
         except OSError as err:
@@ -113,6 +122,7 @@ class DecodingProcess:
         except (EOFError, OSError) as err:
             raise self._death() from err
         self.num_running -= isinstance(outcome, DecodedGroup | Exception)
+        self.num_pending -= 1
         return number, outcome
 
     def fileno(self) -> int:

@@ -1,14 +1,13 @@
 """The encoder's end of a live run: sends groups while the decoder has room, answers its requests."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
 from fractions import Fraction
-from typing import NamedTuple
 
 from dvc.errors import FeedbackError, VideoError
-from dvc.feedback import Connection, EncoderEndpoint, GopDone
-from dvc.turbo import ParityRequest
+from dvc.feedback import Connection, EncoderEndpoint, Event, GopDone
+from dvc.turbo import RequestTable
 from dvc.video import Frame
-from dvc.wynerziv.buffered import EncodedFrame
 from encoder.pacing import DecoderPace
 from encoder.session import EncoderSession, Progress
 
@@ -51,11 +50,6 @@ def serve(
         raise
 
 
-class _OpenGroup(NamedTuple):
-    frames: dict[int, EncodedFrame]  # Wyner-Ziv frames by display position
-    num_frames: int
-
-
 class _LiveEncoder:
     """State of a live run."""
 
@@ -73,28 +67,32 @@ class _LiveEncoder:
         self._connection = connection
         self._progress = progress
         self._endpoint = EncoderEndpoint(session.config)
-        self._num_frames = 0
         self._ended = False
-        self._open: dict[int, _OpenGroup] = {}
+        self._open = session.open_frames(self._endpoint.num_slots)
+        self._num_frames: dict[int, int] = {}  # of open groups
 
     def run(self) -> None:
-        while not self._endpoint.finished:
-            wanted = self._endpoint.num_credits > 0 and not self._ended
-            if wanted:
-                self._send_group()
-            elif not self._ended:
-                self._pace.waits()
-            with self._session.statistics.timing("writing_cpu_s"):
+        with ExitStack() as answering:
+            while not self._endpoint.finished:
+                wanted = self._endpoint.num_credits > 0 and not self._ended
+                if wanted:
+                    answering.close()
+                    self._send_group()
+                    answering.enter_context(self._session.statistics.timing("parity_cpu_s"))
+                elif not self._ended:
+                    self._pace.waits()
                 self._connection.send(self._endpoint.bytes_to_send())
-            if wanted and not self._connection.has_received():
-                continue
-            for event in self._endpoint.receive(self._connection.receive()):
-                if isinstance(event, ParityRequest):
-                    self._answer(event)
-                elif isinstance(event, GopDone):
-                    num_frames = self._open.pop(event.number).num_frames
-                    self._pace.done(num_frames)
-                    self._progress(num_frames)
+                if not wanted or self._connection.has_received():
+                    self._take(self._endpoint.receive(self._connection.receive()))
+
+    def _take(self, events: Sequence[Event]) -> None:
+        for event in events:
+            if isinstance(event, RequestTable):
+                self._answer(event)
+            elif isinstance(event, GopDone):
+                num_frames = self._num_frames.pop(event.number)
+                self._pace.done(num_frames)
+                self._progress(num_frames)
 
     def give_up(self, reason: str) -> None:
         self._endpoint.send_failure(reason)
@@ -110,18 +108,14 @@ class _LiveEncoder:
         with self._session.statistics.timing("writing_cpu_s"):
             record = encoded.record(frame.header for frame in encoded.frames)
             number = self._endpoint.send_gop(record)
-        frames = dict(enumerate(encoded.frames, self._num_frames))
-        self._open[number] = _OpenGroup(frames, record.num_frames)
-        self._num_frames += record.num_frames
+        for slot, frame in enumerate(encoded.frames, self._endpoint.first_slot(number)):
+            self._open.enter(slot, frame)
+        self._num_frames[number] = record.num_frames
         self._pace.sent(record.num_frames)
 
-    def _answer(self, request: ParityRequest) -> None:
-        frame = next(
-            group.frames[request.frame] for group in self._open.values() if request.frame in group.frames
-        )
+    def _answer(self, requests: RequestTable) -> None:
         try:
-            with self._session.statistics.timing("parity_cpu_s"):
-                bits = frame.answer(request)
+            bits = self._open.answer(requests)
         except ValueError as err:  # no such plane in this frame: the ledger knows only what frames may have
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
-        self._endpoint.send_answer(request.frame, request.plane, bits)
+        self._endpoint.send_answers(bits)

@@ -9,6 +9,7 @@ from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
+from dvc.wynerziv.answers import OpenFrames
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.hierarchy import reference_distances
 from encoder.anchors import KeyFrameSpacing
@@ -192,6 +193,21 @@ class EncoderSession:
         tracks = self._encode_tracks(group)
         statistics.add_group(frames, key, tracks)
         return EncodedGroup(key, tracks, frames, one_way)
+
+    def open_frames(self, num_slots: int) -> OpenFrames:
+        """Return what answers a live decoder.
+
+        Parameters
+        ----------
+        num_slots : int
+            Frames that may be open at a time.
+
+        Returns
+        -------
+        OpenFrames
+            Without any frame.
+        """
+        return self._wyner_ziv_encoder.open_frames(num_slots)
 
     def _steps(self, num_frames: int, anchored: bool) -> list[float]:
         """Return the width of nested bins of each Wyner-Ziv frame of a group."""

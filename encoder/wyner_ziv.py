@@ -4,6 +4,7 @@ from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
 from dvc.wynerziv import quantizer
+from dvc.wynerziv.answers import OpenFrames
 from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
 from dvc.wynerziv.layout import FrameLayout
 
@@ -38,3 +39,18 @@ class WynerZivEncoder:
         """
         quantization, words = quantize_frame(self._layout, frame.luma, quantizer.index_of_step(step))
         return EncodedFrame(self._layout, quantization, words, self._encoders)
+
+    def open_frames(self, num_slots: int) -> OpenFrames:
+        """Return what answers requests for frames of this configuration.
+
+        Parameters
+        ----------
+        num_slots : int
+            Frames that may be open at a time.
+
+        Returns
+        -------
+        OpenFrames
+            Without any frame.
+        """
+        return OpenFrames(self._layout, self._encoders, num_slots)

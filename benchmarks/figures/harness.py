@@ -3,11 +3,12 @@
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from itertools import cycle, islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from dvc.errors import ConfigError, DvcError
 from dvc.rd.processes import ProcessGroup
@@ -17,6 +18,7 @@ RESULTS = Path("results") / "figures"
 STATIC_CLIPS = ("box", "desk", "river", "stone", "tree")
 SCENES = ("street", "stairway", "statue")
 FOREMAN = "foreman_qcif15"
+Item = TypeVar("Item")
 Row = dict[str, Any]
 """A row of the document."""
 Key = tuple[str, str, str | None]
@@ -204,6 +206,24 @@ def mean_over_clips(
     mean = sum(found.values()) / len(found)
     each = ", ".join(f"{clip} {value:+.1f}" for clip, value in found.items())
     return Measured(f"{text.format(mean)} over {len(found)} clips ({each})", holds(mean), dict(found))
+
+
+def there_and_back(frames: Sequence[Item], num_frames: int) -> Iterator[Item]:
+    """Play a sequence forwards, backwards, and so on: a long one without a cut.
+
+    Parameters
+    ----------
+    frames : sequence
+        The frames.
+    num_frames : int
+        How many are wanted.
+
+    Yields
+    ------
+    object
+        One of them.
+    """
+    return islice(cycle([*frames, *frames[-2:0:-1]]), num_frames)
 
 
 class MissingClip(Exception):

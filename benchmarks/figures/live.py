@@ -7,10 +7,9 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import cycle, islice
 from pathlib import Path
 
-from benchmarks.figures.harness import Figure, Measured, Setting, clip_source, run_module
+from benchmarks.figures.harness import Figure, Measured, Setting, clip_source, run_module, there_and_back
 from benchmarks.slow_link import BITS_PER_SECOND, DELAY_S, slow_link
 from dvc.errors import DvcError
 
@@ -130,7 +129,7 @@ def _forth_and_back(clip: str, path: Path, num_frames: int) -> None:
     with open_video(clip_source(clip).path) as reader:
         frames, info = list(reader), reader.info
     with create_video(path, info.size, info.frame_rate) as writer:
-        for frame in islice(cycle(frames + frames[-2:0:-1]), num_frames):
+        for frame in there_and_back(frames, num_frames):
             writer.write(frame)
 
 

@@ -142,12 +142,9 @@ def _costs(record: RecordedFrame, band: int, state: FrameState, truth: Floats) -
 
 def _planes(frame: EncodedFrame, band: int) -> NDArray[np.uint8]:
     """Return the planes of a band; shape (planes, N)."""
-    first = frame.quantization.first_plane[band]
-    requests = (
-        ParityRequest(0, first + plane, "uncoded", 0, 0, frame.layout.num_bits)
-        for plane in range(frame.quantization.planes[band])
-    )
-    return np.stack([frame.answer(request) for request in requests])
+    chosen = frame.quantization.first_plane[band] + np.arange(frame.quantization.planes[band])
+    shifts = (63 - chosen % 64).astype(np.uint64)
+    return ((frame.words[chosen // 64] >> shifts[:, None]) & np.uint64(1)).astype(np.uint8)
 
 
 def _nobody(request: ParityRequest) -> NDArray[np.uint8]:

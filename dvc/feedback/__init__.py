@@ -3,19 +3,17 @@
 Messages and the two endpoints do no I/O; `dvc.feedback.transport` is the one module that moves bytes.
 """
 
-from dvc.feedback.endpoints import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint
-from dvc.feedback.ledger import MAX_OPEN_GOPS
+from dvc.feedback.endpoints import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint, Event, ParityAnswer
+from dvc.feedback.ledger import MAX_OPEN_GOPS, max_open_gops
 from dvc.feedback.messages import (
     PROTOCOL_VERSION,
     End,
-    Event,
     Failure,
     Gop,
     GopDone,
     Hello,
     KeepAlive,
     NextGop,
-    ParityAnswer,
 )
 from dvc.feedback.transport import DEFAULT_TIMEOUT_S, Connection, Listener, connect, listen, parse_address
 
@@ -39,5 +37,6 @@ __all__ = [
     "ParityAnswer",
     "connect",
     "listen",
+    "max_open_gops",
     "parse_address",
 ]

@@ -1,6 +1,8 @@
 """The two ends of the feedback channel as state machines: bytes in, events out; no I/O, no clocks."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +12,11 @@ from dvc.config import CodecConfig, decode_config, encode_config
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback.ledger import Ledger
 from dvc.feedback.messages import (
+    MAX_ANSWER_BITS,
+    MAX_REQUEST_BYTES,
     PROTOCOL_VERSION,
     TYPES,
     End,
-    Event,
     Failure,
     Gop,
     GopDone,
@@ -21,18 +24,33 @@ from dvc.feedback.messages import (
     KeepAlive,
     Message,
     NextGop,
-    ParityAnswer,
+    ParityAnswers,
+    ParityRequests,
     decode_payload,
     encode_message,
     max_payload_bytes,
 )
 from dvc.stream import GopRecord
-from dvc.turbo import ParityRequest
+from dvc.turbo import ParityRequest, RequestTable
+from dvc.turbo.requests import COUNT, PLANE
 
 KEEP_ALIVE = encode_message(KeepAlive())
 """Tells the peer that this side is at work; may be sent between any two messages."""
 MAX_KEEP_ALIVES = 1000
 """Most of them without any other message between: a peer that says nothing else does nothing else."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParityAnswer:
+    """The bits that a request wanted."""
+
+    frame: int
+    plane: int
+    bits: NDArray[np.uint8]  # shape (count,), each element 0 or 1
+
+
+Event = Hello | NextGop | Gop | RequestTable | ParityAnswer | GopDone | End
+"""What has come of the peer."""
 
 
 class _Endpoint(ABC):
@@ -77,8 +95,7 @@ class _Endpoint(ABC):
                     self._count_keep_alive()
                     continue
                 self._num_keep_alives = 0
-                self._accept(message)
-                events.append(message)
+                events += self._accept(message)
         except (BitstreamError, ValueError) as err:
             self._fail()
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
@@ -123,8 +140,8 @@ class _Endpoint(ABC):
             raise BitstreamError(f"{message_type.__name__}: {err}") from err
 
     @abstractmethod
-    def _accept(self, message: Event) -> None:
-        """Check a message of the peer against the state and bring the state up to date."""
+    def _accept(self, message: Message) -> Sequence[Event]:
+        """Check a message of the peer against the state, bring that up to date, and say what has come."""
 
     def _send(self, message: Message) -> None:
         self._outgoing.append(encode_message(message))
@@ -161,7 +178,7 @@ class EncoderEndpoint(_Endpoint):
         The codec configuration; it is the first thing that the decoder gets.
     """
 
-    _accepted = (NextGop, ParityRequest, GopDone, Failure, KeepAlive)
+    _accepted = (NextGop, ParityRequests, GopDone, Failure, KeepAlive)
 
     def __init__(self, config: CodecConfig) -> None:
         super().__init__()
@@ -179,14 +196,18 @@ class EncoderEndpoint(_Endpoint):
         """Whether the end was sent and the decoder is done with all groups of pictures."""
         return self._ledger.finished
 
-    def _accept(self, message: Event) -> None:
+    def _accept(self, message: Message) -> Sequence[Event]:
         match message:
+            case ParityRequests(table):
+                self._ledger.request(table, in_turn=True)
+                return [table]
             case NextGop():
                 self._ledger.add_credit()
-            case ParityRequest():
-                self._ledger.request(message)
+                return [message]
             case GopDone(number):
                 self._ledger.close_gop(number)
+                return [message]
+        return []
 
     def send_gop(self, record: GopRecord) -> int:
         """Send the next group of pictures.
@@ -215,24 +236,41 @@ class EncoderEndpoint(_Endpoint):
         self._outgoing.append(message)
         return number
 
-    def send_answer(self, frame: int, plane: int, bits: NDArray[np.uint8]) -> None:
-        """Answer a request.
+    def first_slot(self, number: int) -> int:
+        """Return the place of the first frame of an open group of pictures, as requests name it.
 
         Parameters
         ----------
-        frame, plane : int
-            As in the request.
-        bits : ndarray of shape (count,), uint8
-            Each element 0 or 1.
+        number : int
+            Number of the group.
+
+        Returns
+        -------
+        int
+            The place; those of the other frames follow.
+        """
+        return self._ledger.first_slot(number)
+
+    @property
+    def num_slots(self) -> int:
+        """Places of frames that may be open."""
+        return self._ledger.num_slots
+
+    def send_answers(self, packed: bytes) -> None:
+        """Answer the first of all requests that wait.
+
+        Parameters
+        ----------
+        packed : bytes
+            Bits for each request of the table, one after the other, filled up to a byte with zeros.
 
         Raises
         ------
-        TypeError, ValueError
-            If it is not an array of bits, nothing was asked for, or not so many bits.
+        ValueError
+            If nothing was asked for, or not so many bits.
         """
-        message = encode_message(ParityAnswer(frame, plane, bits))
-        self._ledger.answer(frame, plane, bits.size)
-        self._outgoing.append(message)
+        _check_size(self._ledger.answer(), packed)
+        self._send(ParityAnswers(packed))
 
     def send_end(self) -> None:
         """Say that there are no more groups of pictures; requests may still come.
@@ -284,23 +322,27 @@ class DecoderEndpoint(_Endpoint):
             raise ValueError("Hello has not come yet")
         return self._opened
 
-    def _accept(self, message: Event) -> None:
+    def _accept(self, message: Message) -> Sequence[Event]:
         match message:
+            case ParityAnswers(packed):
+                return _divided(self._ledger.answer(), packed)
             case Hello(version, config):
                 self._accept_hello(version, config)
+                return [message]
             case Gop(number, record):
                 self._ledger.open_gop(number, record.num_frames, record.without_key)
-            case ParityAnswer(frame, plane, bits):
-                self._ledger.answer(frame, plane, bits.size)
+                return [message]
             case End(num_frames):
                 self._ledger.end(num_frames)
+                return [message]
+        return []
 
     def _accept_hello(self, version: int, config: bytes) -> None:
         if version != PROTOCOL_VERSION:
             raise ValueError(f"protocol version {version}; this program speaks version {PROTOCOL_VERSION}")
         self._config = decode_config(config)
         self._opened = Ledger(self._config)
-        self._accepted = (Gop, ParityAnswer, End, Failure, KeepAlive)
+        self._accepted = (Gop, ParityAnswers, End, Failure, KeepAlive)
 
     def send_next_gop(self) -> None:
         """Allow the encoder to send one more group of pictures; does nothing once the end has come.
@@ -315,21 +357,23 @@ class DecoderEndpoint(_Endpoint):
         self._ledger.add_credit()
         self._send(NextGop())
 
-    def send_request(self, request: ParityRequest) -> None:
-        """Ask for bits of a plane.
+    def send_requests(self, requests: Sequence[ParityRequest]) -> None:
+        """Ask for bits of planes, in as few messages as may be.
 
         Parameters
         ----------
-        request : ParityRequest
-            For a plane without a request that waits for its answer; bits are asked for in order, each once.
+        requests : sequence of ParityRequest
+            For planes without a request that waits for its answer; bits are asked for in order, each once.
 
         Raises
         ------
         ValueError
             If no such bits can be asked for now.
         """
-        self._ledger.request(request)
-        self._send(request)
+        for part in _parts(sorted(requests, key=lambda request: request.frame)):
+            table = RequestTable.of(part)
+            self._ledger.request(table)
+            self._send(ParityRequests(table))
 
     def send_gop_done(self, number: int) -> None:
         """Let the encoder forget a group of pictures.
@@ -346,3 +390,38 @@ class DecoderEndpoint(_Endpoint):
         """
         self._ledger.close_gop(number)
         self._send(GopDone(number))
+
+
+def _parts(requests: Sequence[ParityRequest]) -> Iterator[list[ParityRequest]]:
+    """Divide requests into messages."""
+    part: list[ParityRequest] = []
+    num_bits = num_bytes = 0
+    for request in requests:
+        size = MAX_VARINT_BYTES * (6 + len(request.positions))
+        if part and (num_bits + request.count > MAX_ANSWER_BITS or num_bytes + size > MAX_REQUEST_BYTES):
+            yield part
+            part, num_bits, num_bytes = [], 0, 0
+        part.append(request)
+        num_bits, num_bytes = num_bits + request.count, num_bytes + size
+    if part:
+        yield part
+
+
+def _check_size(table: RequestTable, packed: bytes) -> None:
+    if len(packed) != -(-table.num_bits // 8):
+        raise ValueError(f"{len(packed)} bytes of bits, asked for {table.num_bits} bits")
+
+
+def _divided(table: RequestTable, packed: bytes) -> list[Event]:
+    """Return the answer to each request."""
+    _check_size(table, packed)
+    bits = np.unpackbits(np.frombuffer(packed, np.uint8))
+    if bits[table.num_bits :].any():
+        raise BitstreamError("the last byte is not filled up with zeros")
+    ends = np.cumsum(table.rows[:, COUNT])
+    return [
+        ParityAnswer(frame, plane, own)
+        for (frame, plane), own in zip(
+            table.rows[:, : PLANE + 1].tolist(), np.split(bits, ends), strict=False
+        )
+    ]

@@ -4,30 +4,44 @@ All methods raise `ValueError` for a step that the protocol does not allow: a mi
 step is its own, a breach of the protocol if it is the peer's.
 """
 
-from dataclasses import dataclass, field
-from itertools import pairwise
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
 
 from dvc.config import CodecConfig
-from dvc.turbo import CASCADE, KINDS, ParityRequest, num_codes
+from dvc.feedback import _kernels
+from dvc.feedback.messages import MAX_ANSWER_BITS
+from dvc.turbo import CASCADE, KINDS, RequestTable, num_codes
+from dvc.turbo.requests import SLOT
 
 MAX_OPEN_GOPS = 16
-"""Most groups of pictures that are sent or promised and not done, so that both ends need bounded memory."""
+"""Most groups of pictures that are sent or promised and not done."""
+MAX_OPEN_PX = 2**25
+"""Most pixels of all their frames, where that leaves two groups; so both ends need bounded memory."""
 
 
-@dataclass
-class _Plane:
-    """Requests for one bit plane so far."""
+def max_open_gops(config: CodecConfig) -> int:
+    """Return how many groups of pictures may be sent or promised, and not done.
 
-    code: int | None = None  # known from the first request for check bits or parity
-    num_requested: dict[str, int] = field(default_factory=lambda: dict.fromkeys(KINDS, 0))
-    num_awaited: int = 0  # bits of the request that is not answered yet
+    Parameters
+    ----------
+    config : CodecConfig
+        Tells how large they are.
+
+    Returns
+    -------
+    int
+        From 2 to `MAX_OPEN_GOPS`.
+    """
+    group_px = config.video.width * config.video.height * config.gop.length
+    return min(max(MAX_OPEN_PX // group_px, 2), MAX_OPEN_GOPS)
 
 
-@dataclass
+@dataclass(frozen=True)
 class _OpenGop:
-    first_frame: int
-    num_wyner_ziv: int
-    planes: dict[tuple[int, int], _Plane] = field(default_factory=dict)
+    place: int  # which of those that may be open it is
+    slots: slice
 
 
 class Ledger:
@@ -45,17 +59,26 @@ class Ledger:
         self.ended = False
         self._gop_length = config.gop.length
         self._has_anchors = config.gop.anchor_distance > 0
-        self._num_planes = sum(config.wyner_ziv.max_planes)
         self._num_codes = num_codes(config.turbo.family)
-        self._by_positions = config.turbo.family == CASCADE
-        self._limits = {
-            "crc": config.turbo.crc_bits,
+        self._crc_bits = config.turbo.crc_bits
+        num_planes = sum(config.wyner_ziv.max_planes)
+        by_positions = config.turbo.family == CASCADE
+        limits = {
+            "crc": self._crc_bits,
             "parity": config.video.num_blocks,
             "uncoded": config.video.num_blocks,
-            "joint": self._num_planes * config.turbo.crc_bits if self._by_positions else 0,
+            "joint": num_planes * self._crc_bits if by_positions else 0,
         }
+        self._limits = np.array([limits[kind] for kind in KINDS])
         self._num_gops = 0
+        self.num_slots = max_open_gops(config) * config.gop.length
+        planes = self.num_slots, num_planes
+        self._requested = np.zeros((*planes, len(KINDS)), np.int32)
+        self._codes, self._awaited = np.full(planes, -1, np.int32), np.zeros(planes, np.int32)
+        self._waiting: deque[RequestTable] = deque()
         self._open: dict[int, _OpenGop] = {}
+        self._free = list(range(max_open_gops(config)))
+        self._frames = np.zeros((max_open_gops(config), 2), np.int64)  # first and number of each open group
 
     @property
     def num_gops(self) -> int:
@@ -75,8 +98,8 @@ class Ledger:
         ValueError
             If too many are open or promised.
         """
-        if len(self._open) + self.num_credits >= MAX_OPEN_GOPS:
-            raise ValueError(f"more than {MAX_OPEN_GOPS} groups of pictures open")
+        if self.num_credits >= len(self._free):
+            raise ValueError(f"more than {len(self._frames)} groups of pictures open")
         self.num_credits += 1
 
     def open_gop(self, number: int, num_frames: int, without_key: bool = False) -> None:
@@ -109,91 +132,97 @@ class Ledger:
             )
         if without_key and not (number and self._has_anchors):
             raise ValueError(f"group of pictures {number} has no key frame")
-        self._open[number] = _OpenGop(self.num_frames, num_frames - (not without_key))
+        place = self._free.pop()
+        slots = slice(place * self._gop_length, (place + 1) * self._gop_length)
+        self._requested[slots], self._codes[slots] = 0, -1
+        self._frames[place] = self.num_frames, num_frames - (not without_key)
+        self._open[number] = _OpenGop(place, slots)
         self.num_credits -= 1
         self._num_gops += 1
         self.num_frames += num_frames
 
-    def request(self, request: ParityRequest) -> None:
-        """Enter a request.
+    def first_slot(self, number: int) -> int:
+        """Return where the first frame of an open group of pictures is held, the others behind it.
 
         Parameters
         ----------
-        request : ParityRequest
-            For a plane without a request that waits for its answer.
+        number : int
+            Its number.
+
+        Returns
+        -------
+        int
+            From 0 to `num_slots`; no two open frames have the same.
+        """
+        return int(self._open[number].slots.start)
+
+    def request(self, table: RequestTable, in_turn: bool = False) -> None:
+        """Enter requests that go in one message; where frames are held is written to the table.
+
+        Parameters
+        ----------
+        table : RequestTable
+            For planes without a request that waits for its answer.
+        in_turn : bool, optional
+            Whether all begin with the first bit not asked for before, which is written to the table, too.
 
         Raises
         ------
         ValueError
-            If no such bits can be asked for now.
+            If such bits cannot be asked for now.
         """
-        gop = self._find(request.frame, request.plane)
-        plane = gop.planes.get((request.frame, request.plane), _Plane())
+        if not len(table.rows) or table.num_bits > MAX_ANSWER_BITS:
+            raise ValueError(f"{table.num_bits} bits asked for at once, not 1 to {MAX_ANSWER_BITS}")
+        place, fault = _kernels.enter_requests(
+            table.rows, table.positions, self._frames, self._gop_length, self._requested, self._codes,
+            self._awaited, self._limits, self._crc_bits, self._num_codes, in_turn,
+        )  # fmt: skip
+        if fault:
+            raise ValueError(self._complaint(table, place, fault))
+        self._waiting.append(table)
+
+    def _complaint(self, table: RequestTable, place: int, fault: int) -> str:
+        """Say in words why a request may not be."""
+        request = table.requests()[place]
+        kind, count, start, positions = request.kind, request.count, request.start, request.positions
         where = f"plane {request.plane} of frame {request.frame}"
-        if plane.num_awaited:
-            raise ValueError(f"a second request for {where} before the answer to the first")
-        if request.start != plane.num_requested[request.kind]:
-            raise ValueError(
-                f"{request.kind} bits of {where} from number {request.start} on, "
-                f"where {plane.num_requested[request.kind]} is the next"
-            )
-        if not 1 <= request.count <= self._limits[request.kind] - request.start:
-            raise ValueError(f"{request.count} {request.kind} bits of {where} from number {request.start} on")
-        self._check_code(request, plane, where)
-        self._check_positions(request, where)
-        plane.num_requested[request.kind] += request.count
-        plane.num_awaited = request.count
-        gop.planes[request.frame, request.plane] = plane
+        if fault == _kernels.NO_PLANE:
+            return f"plane {request.plane}, there are {self._codes.shape[1]}"
+        slot = int(table.rows[place, SLOT])
+        known = self._requested[slot, request.plane, KINDS.index(kind)]
+        num_orders = self._num_codes - request.code
+        last = (self._codes.shape[1] if kind == "joint" else num_orders * self._limits[_kernels.PARITY]) - 1
+        return {
+            _kernels.NO_FRAME: f"frame {request.frame} is no Wyner-Ziv frame of an open group of pictures",
+            _kernels.SECOND: f"a second request for {where} before the answer to the first",
+            _kernels.OUT_OF_TURN: f"{kind} bits of {where} from number {start} on, where {known} is the next",
+            _kernels.TOO_MANY: f"{count} {kind} bits of {where} from number {start} on",
+            _kernels.NO_CODE: f"code {request.code} for {where}",
+            _kernels.TOO_MANY_JOINT: f"{count} joint bits of {where} at once",
+            _kernels.OTHER_PLANES: f"joint bits of other planes than {where}",
+            _kernels.OTHER_COUNT: f"{count} {kind} bits of {where} at {len(positions)} positions",
+            _kernels.NEEDLESS_POSITIONS: f"positions of {kind} bits of {where}",
+            _kernels.NO_POSITIONS: f"positions of {kind} bits of {where} must increase from 0 to {last}",
+        }[fault]
 
-    def _check_code(self, request: ParityRequest, plane: _Plane, where: str) -> None:
-        if request.kind == "uncoded":
-            return
-        other = not self._by_positions and plane.code not in (None, request.code)
-        if other or not 0 <= request.code < self._num_codes:
-            raise ValueError(f"code {request.code} for {where}")
-        plane.code = request.code
+    def answer(self) -> RequestTable:
+        """Enter the answer to the first requests without one.
 
-    def _check_positions(self, request: ParityRequest, where: str) -> None:
-        """Check that positions are given where, and only where, bits have no order of release."""
-        positions, limit = request.positions, 0
-        if request.kind == "joint":
-            limit = self._num_planes
-            if request.count > self._limits["crc"]:
-                raise ValueError(f"{request.count} joint bits of {where} at once")
-            if positions[:1] != (request.plane,):
-                raise ValueError(f"joint bits of other planes than {where}")
-        elif self._by_positions and request.kind == "parity":
-            limit = self._limits["parity"] * (self._num_codes - request.code)
-            if len(positions) != request.count:
-                raise ValueError(f"{request.count} parity bits of {where} at {len(positions)} positions")
-        if positions and not limit:
-            raise ValueError(f"positions of {request.kind} bits of {where}")
-        if positions and (positions[-1] >= limit or any(a >= b for a, b in pairwise((-1, *positions)))):
-            raise ValueError(
-                f"positions of {request.kind} bits of {where} must increase from 0 to {limit - 1}"
-            )
-
-    def answer(self, frame: int, plane: int, count: int) -> None:
-        """Enter the answer to a request.
-
-        Parameters
-        ----------
-        frame, plane : int
-            As in the request.
-        count : int
-            Number of bits.
+        Returns
+        -------
+        RequestTable
+            These requests.
 
         Raises
         ------
         ValueError
-            If nothing was asked for, or not so many bits.
+            If nothing was asked for.
         """
-        state = self._find(frame, plane).planes.get((frame, plane))
-        if state is None or not state.num_awaited:
-            raise ValueError(f"bits of plane {plane} of frame {frame} that were not asked for")
-        if count != state.num_awaited:
-            raise ValueError(f"{count} bits of plane {plane} of frame {frame}, asked for {state.num_awaited}")
-        state.num_awaited = 0
+        if not self._waiting:
+            raise ValueError("bits that were not asked for")
+        table = self._waiting.popleft()
+        _kernels.enter_answers(table.rows, self._awaited)
+        return table
 
     def close_gop(self, number: int) -> None:
         """Strike out a group of pictures.
@@ -210,8 +239,11 @@ class Ledger:
         """
         if number not in self._open:
             raise ValueError(f"group of pictures {number} is not open")
-        if any(plane.num_awaited for plane in self._open[number].planes.values()):
+        gop = self._open[number]
+        if self._awaited[gop.slots].any():
             raise ValueError(f"group of pictures {number} is done before all its requests are answered")
+        self._frames[gop.place] = 0
+        self._free.append(gop.place)
         del self._open[number]
 
     def end(self, num_frames: int) -> None:
@@ -232,11 +264,3 @@ class Ledger:
         if num_frames != self.num_frames:
             raise ValueError(f"end after {num_frames} frames, but {self.num_frames} were sent")
         self.ended = True
-
-    def _find(self, frame: int, plane: int) -> _OpenGop:
-        if not 0 <= plane < self._num_planes:
-            raise ValueError(f"plane {plane}, there are {self._num_planes}")
-        for gop in self._open.values():
-            if gop.first_frame <= frame < gop.first_frame + gop.num_wyner_ziv:
-                return gop
-        raise ValueError(f"frame {frame} is no Wyner-Ziv frame of an open group of pictures")

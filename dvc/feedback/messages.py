@@ -2,24 +2,36 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dvc.bits import BitReader, BitWriter, decode_varint, encode_varint
+from dvc.bits import decode_varint, encode_varint
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
+from dvc.feedback import _kernels
 from dvc.stream import GopRecord, decode_gop, encode_gop
-from dvc.turbo import CASCADE, KINDS, ParityRequest
+from dvc.turbo import KINDS, ParityRequest, RequestTable
+from dvc.turbo.requests import NUM_COLUMNS
 
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 
+MAX_REQUEST_BYTES = 2**16
+"""Bytes of a message of requests from which on a sender begins the next one."""
+MAX_ANSWER_BITS = 2**21
+"""Most bits that one message may ask for."""
+
 _MAX_FAILURE_BYTES = 500
-_MAX_REQUEST_BYTES = 26  # without positions
+_MIN_REQUEST_BYTES = 4
 _MAX_POSITION_BYTES = 2  # on the average: the orders of a plane are a few times as long as their bits
+_FAULTS = {
+    _kernels.ENDS: "data end within a request",
+    _kernels.NEEDLESS: "integer is longer than it need be",
+    _kernels.LONG: "integer is too long",
+    _kernels.STANDING: "positions do not increase",
+}
 
 
 @dataclass(frozen=True)
@@ -44,21 +56,17 @@ class Gop:
 
 
 @dataclass(frozen=True, eq=False)
-class ParityAnswer:
-    """Encoder to decoder: the bits that were wanted of a plane."""
+class ParityRequests:
+    """Decoder to encoder: bits of planes are wanted."""
 
-    frame: int
-    plane: int
-    bits: NDArray[np.uint8]  # shape (count,), each element 0 or 1
+    table: RequestTable  # in order of frames
 
-    def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, ParityAnswer)
-            and (self.frame, self.plane) == (other.frame, other.plane)
-            and np.array_equal(self.bits, other.bits)
-        )
 
-    __hash__ = None  # type: ignore[assignment]
+@dataclass(frozen=True)
+class ParityAnswers:
+    """Encoder to decoder: all bits that the first message of requests without an answer wants."""
+
+    packed: bytes  # one request's bits after the other's, filled up to a byte with zeros
 
 
 @dataclass(frozen=True)
@@ -87,19 +95,17 @@ class KeepAlive:
     """Either way: the sender is at work, and will be for a while."""
 
 
-# A `ParityRequest` goes from decoder to encoder: bits of a plane are wanted.
-Message = Hello | NextGop | Gop | ParityRequest | ParityAnswer | GopDone | End | Failure | KeepAlive
-Event = Hello | NextGop | Gop | ParityRequest | ParityAnswer | GopDone | End
+Message = Hello | NextGop | Gop | ParityRequests | ParityAnswers | GopDone | End | Failure | KeepAlive
 
 TYPES: tuple[type[Message], ...] = (
-    Hello, NextGop, Gop, ParityRequest, ParityAnswer, GopDone, End, Failure, KeepAlive
+    Hello, NextGop, Gop, ParityRequests, ParityAnswers, GopDone, End, Failure, KeepAlive
 )  # fmt: skip
 """The type byte of a message is its place here plus one."""
 
 _MAX_PAYLOAD_BYTES: dict[type[Message], int] = {
     Hello: 4096,
     NextGop: 0,
-    ParityAnswer: 2**18,
+    ParityAnswers: MAX_ANSWER_BITS // 8,
     GopDone: 5,
     End: 5,
     Failure: _MAX_FAILURE_BYTES,
@@ -115,7 +121,7 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
     message_type : type
         One of the message classes.
     config : CodecConfig or None
-        The configuration; a `Gop` and a `ParityRequest` need it, which are bounded by the size of frames.
+        The configuration; a `Gop` and `ParityRequests` need it, which are bounded by the size of frames.
 
     Returns
     -------
@@ -131,10 +137,9 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
         return _MAX_PAYLOAD_BYTES[message_type]
     if config is None:
         raise ValueError(f"`config` bounds a {message_type.__name__}, got None")
-    if message_type is ParityRequest:
-        by_positions = config.turbo.family == CASCADE
+    if message_type is ParityRequests:
         largest = max(config.video.num_blocks, sum(config.wyner_ziv.max_planes))
-        return _MAX_REQUEST_BYTES + (_MAX_POSITION_BYTES * largest if by_positions else 0)
+        return MAX_REQUEST_BYTES + _MAX_POSITION_BYTES * largest
     area_px = (config.video.width + 15) * (config.video.height + 15)
     return 4 * area_px + 2**20 + MAX_HEADER_BYTES * config.gop.length
 
@@ -168,18 +173,32 @@ def _encode_payload(message: Message) -> bytes:
             payload = encode_varint(version) + config
         case Gop(number, record):
             payload = encode_varint(number) + encode_gop(record)
-        case ParityRequest(frame, plane, kind, code, start, count, positions):
-            steps = (after - before for before, after in pairwise((-1, *positions)))
-            payload = bytes([KINDS.index(kind)]) + _encode_varints(frame, plane, code, start, count, *steps)
-        case ParityAnswer(frame, plane, bits):
-            writer = BitWriter()
-            writer.write(bits)
-            payload = _encode_varints(frame, plane, writer.num_bits) + writer.to_bytes()
+        case ParityRequests(table):
+            payload = _encode_requests(table)
+        case ParityAnswers(packed):
+            payload = packed
         case GopDone(number) | End(number):
             payload = encode_varint(number)
         case Failure(text):
             payload = _one_line(text).encode()[:_MAX_FAILURE_BYTES]
     return payload
+
+
+def _encode_requests(table: RequestTable) -> bytes:
+    requests = table.requests()
+    frames = [0, *(request.frame for request in requests)]
+    return b"".join(map(_encode_request, requests, frames))
+
+
+def _encode_request(request: ParityRequest, frame: int) -> bytes:
+    """Write a request that follows one for `frame`."""
+    positions = request.positions
+    first = 8 * request.code + _kernels.HAS_POSITIONS * bool(positions) + KINDS.index(request.kind)
+    numbers = [first, request.frame - frame, request.plane, request.count]
+    if positions and request.kind == "joint":
+        numbers.append(len(positions))
+    numbers += (after - before for before, after in pairwise((-1, *positions)))
+    return b"".join(map(encode_varint, numbers))
 
 
 def decode_payload(message_type: type[Message], payload: bytes) -> Message:
@@ -215,29 +234,14 @@ def _decode_gop_message(payload: bytes) -> Gop:
     return Gop(number, decode_gop(payload[position:]))
 
 
-def _decode_request(payload: bytes) -> ParityRequest:
-    if not payload or payload[0] >= len(KINDS):
-        raise BitstreamError("unknown kind of bits")
-    values: list[int] = []
-    position = 1
-    while position < len(payload) or len(values) < 5:
-        value, position = decode_varint(payload, position)
-        values.append(value)
-    frame, plane, code, start, count, *steps = values
-    if 0 in steps:
-        raise BitstreamError("positions do not increase")
-    positions = tuple(end - 1 for end in accumulate(steps))
-    return ParityRequest(frame, plane, KINDS[payload[0]], code, start, count, positions)
-
-
-def _decode_answer(payload: bytes) -> ParityAnswer:
-    frame, position = decode_varint(payload, 0)
-    plane, position = decode_varint(payload, position)
-    count, position = decode_varint(payload, position)
-    reader = BitReader(payload[position:])
-    bits = reader.read(count)
-    reader.expect_end()
-    return ParityAnswer(frame, plane, bits)
+def _decode_requests(payload: bytes) -> ParityRequests:
+    data = np.frombuffer(payload, np.uint8)
+    rows = np.empty((data.size // _MIN_REQUEST_BYTES + 1, NUM_COLUMNS), np.int64)
+    positions = np.empty(data.size, np.int64)
+    num_rows, num_positions, num_bits, fault = _kernels.parse_requests(data, rows, positions)
+    if fault:
+        raise BitstreamError(_FAULTS[fault])
+    return ParityRequests(RequestTable(rows[:num_rows], positions[:num_positions], num_bits))
 
 
 # Payloads without content are empty: their limit is 0 bytes.
@@ -245,17 +249,13 @@ _DECODERS: dict[type[Message], Callable[[bytes], Message]] = {
     Hello: _decode_hello,
     NextGop: lambda _: NextGop(),
     Gop: _decode_gop_message,
-    ParityRequest: _decode_request,
-    ParityAnswer: _decode_answer,
+    ParityRequests: _decode_requests,
+    ParityAnswers: ParityAnswers,
     GopDone: lambda payload: GopDone(*_decode_varints(payload, 0, 1)),
     End: lambda payload: End(*_decode_varints(payload, 0, 1)),
     Failure: lambda payload: Failure(_one_line(payload.decode(errors="replace"))),
     KeepAlive: lambda _: KeepAlive(),
 }
-
-
-def _encode_varints(*values: int) -> bytes:
-    return b"".join(encode_varint(value) for value in values)
 
 
 def _decode_varints(payload: bytes, position: int, count: int) -> list[int]:

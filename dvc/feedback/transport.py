@@ -136,7 +136,9 @@ class Connection(Closing):
         """Return the file descriptor of the socket."""
         return self._socket.fileno()
 
-    def wait(self, others: Sequence[Readable] = (), patient: bool = False) -> list[Any]:
+    def wait(
+        self, others: Sequence[Readable] = (), patient: bool = False, at_most_s: float | None = None
+    ) -> list[Any]:
         """Wait until something can be received, of the peer or of others.
 
         Parameters
@@ -145,6 +147,8 @@ class Connection(Closing):
             What has a file descriptor that can be read then.
         patient : bool, optional
             Whether the peer may be silent, since nothing is expected of it.
+        at_most_s : float, optional
+            Longest wait, in seconds.
 
         Returns
         -------
@@ -157,13 +161,14 @@ class Connection(Closing):
             If the peer is silent for the timeout while something is expected of it.
         """
         left_s = None if patient else max(0.0, self._silent_since_s + self._timeout_s - time.monotonic())
+        bounds_s = [bound_s for bound_s in (left_s, at_most_s) if bound_s is not None]
         try:
-            ready = _readable([self, *others], left_s)
+            ready = _readable([self, *others], min(bounds_s, default=None))
         except (OSError, ValueError) as err:
             raise FeedbackError(f"the other side ({self.name}) went away: {err}") from err
         if patient:
             self._silent_since_s = time.monotonic()
-        elif not ready:
+        elif not ready and left_s == min(bounds_s):
             raise self._error("is silent", TimeoutError())
         return ready
 

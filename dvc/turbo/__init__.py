@@ -7,7 +7,7 @@ from dvc.turbo.crc import crc, crc_words
 from dvc.turbo.decoder import TurboDecoder
 from dvc.turbo.encoder import encode_planes, encode_words
 from dvc.turbo.families import ParityEncoder, PlaneDecoder, parity_encoders, plane_decoder
-from dvc.turbo.requests import KINDS, Answer, Kind, ParityRequest, Place, ask, drive, together
+from dvc.turbo.requests import KINDS, Answer, Kind, ParityRequest, Place, RequestTable, ask, drive, together
 from dvc.turbo.results import FrameCheck, PlaneCost, PlaneResult
 from dvc.turbo.slepian_wolf import SlepianWolfSettings, decode_plane
 
@@ -24,6 +24,7 @@ __all__ = [
     "PlaneCost",
     "PlaneDecoder",
     "PlaneResult",
+    "RequestTable",
     "SlepianWolfSettings",
     "TurboCode",
     "TurboDecoder",

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from itertools import accumulate, pairwise
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,72 @@ class ParityRequest:
     start: int  # number of the first wanted bit: as many as were asked for before
     count: int  # number of bits
     positions: tuple[int, ...] = ()  # increasing: positions in order number `code`, or planes
+
+
+FRAME, PLANE, KIND, CODE, START, COUNT, LAST, SLOT = range(8)
+NUM_COLUMNS = 8
+"""Columns of a `RequestTable`: numbers of frame, plane, kind and code; first bit and number of bits; where
+its positions end among all; where the frame is held, if that is known."""
+
+
+class RequestTable(NamedTuple):
+    """Many requests, in the order in which they are answered, as columns.
+
+    Attributes
+    ----------
+    rows : ndarray of shape (n, 8), int64
+        A request each; see `FRAME` to `SLOT`.
+    positions : ndarray of shape (m,), int64
+        Their positions, one request's after the other's.
+    num_bits : int
+        Bits that are wanted in all.
+    """
+
+    rows: NDArray[np.int64]
+    positions: NDArray[np.int64]
+    num_bits: int
+
+    @classmethod
+    def of(cls, requests: Sequence[ParityRequest]) -> "RequestTable":
+        """Return requests as a table.
+
+        Parameters
+        ----------
+        requests : sequence of ParityRequest
+            The requests.
+
+        Returns
+        -------
+        RequestTable
+            The same.
+        """
+        ends = accumulate(len(request.positions) for request in requests)
+        rows = [
+            (request.frame, request.plane, KINDS.index(request.kind), request.code, request.start,
+             request.count, end, 0)
+            for request, end in zip(requests, ends, strict=True)
+        ]  # fmt: skip
+        positions = [position for request in requests for position in request.positions]
+        num_bits = sum(request.count for request in requests)
+        return cls(np.array(rows, np.int64).reshape(-1, NUM_COLUMNS), np.array(positions, np.int64), num_bits)
+
+    def requests(self) -> list[ParityRequest]:
+        """Return the requests of the table.
+
+        Returns
+        -------
+        list of ParityRequest
+            One for each row.
+        """
+        rows, positions = self.rows.tolist(), self.positions.tolist()
+        ends = [0, *(row[LAST] for row in rows)]
+        return [
+            ParityRequest(
+                row[FRAME], row[PLANE], KINDS[row[KIND]], row[CODE], row[START], row[COUNT],
+                tuple(positions[first:last]),
+            )
+            for row, (first, last) in zip(rows, pairwise(ends), strict=True)
+        ]  # fmt: skip
 
 
 Answer = Callable[[ParityRequest], Bits]

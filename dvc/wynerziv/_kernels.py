@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel, kernel
+from dvc.turbo.requests import CODE, COUNT, KIND, KINDS, LAST, PLANE, SLOT, START
 
 _LOG2E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
@@ -11,6 +12,7 @@ _MIN_EXPONENT = -700.0
 _HALF_MANTISSA = 0x3FE0000000000000
 _SQRT_HALF = 0.7071067811865476
 _NARROW = 1e-3  # width of an interval, in scales, below which a Laplacian is constant on it
+_CRC, _PARITY, _JOINT = (KINDS.index(kind) for kind in ("crc", "parity", "joint"))
 _HALVINGS = 5  # 32 probabilities above the share of outliers have a product that is a normal number
 
 
@@ -501,3 +503,96 @@ def _below(x, scale):
     power, q = exponential(-abs(x) / scale)
     tail = 0.5 * (power + power * q)
     return tail if x < 0.0 else 1.0 - tail
+
+
+# ---- answers ----
+# `rows` and `positions` are those of a `dvc.turbo.RequestTable`, whose slots say where frames are held.
+
+
+@kernel
+def missing_parity(rows, positions, num_bits, num_planes, known, missing):
+    """List the parity that is needed and not known; return how much, or -1 less the request at fault.
+
+    By slot: `num_planes` (S,), less than which all planes must be, and `known` (S, W, C), which is set.
+    `missing` receives slot, row of words and code of each.
+    """
+    count, start = 0, 0
+    for n in range(rows.shape[0]):
+        slot, plane, first = rows[n, SLOT], rows[n, PLANE], rows[n, CODE]
+        chosen = positions[start : rows[n, LAST]]
+        start = rows[n, LAST]
+        if plane >= num_planes[slot] or (rows[n, KIND] == _JOINT and chosen[-1] >= num_planes[slot]):
+            return -1 - n
+        if rows[n, KIND] == _PARITY:
+            known_here = known[slot, plane // 64]
+            last = first + chosen[-1] // num_bits if chosen.size else first
+            for code in range(first, last + 1):
+                if not known_here[code]:
+                    known_here[code] = True
+                    missing[count, 0], missing[count, 1], missing[count, 2] = slot, plane // 64, code
+                    count += 1
+    return count
+
+
+@inlined_kernel
+def _append(bit, num_written, packed):
+    """Write one more bit, from the top bit of each byte on."""
+    if num_written % 8 == 0:
+        packed[num_written // 8] = 0
+    packed[num_written // 8] |= np.uint8(bit << np.uint64(7 - num_written % 8))
+    return num_written + 1
+
+
+@inlined_kernel
+def _shifted(register, bit, polynomial, width):
+    """Take one more bit into the remainder of a division by a CRC polynomial."""
+    fed = ((register >> np.uint64(width - 1)) ^ bit) & np.uint64(1)
+    register = (register << np.uint64(1)) & ((np.uint64(1) << np.uint64(width)) - np.uint64(1))
+    return register ^ polynomial if fed else register
+
+
+@kernel
+def _joint_check(checks, planes, polynomial):
+    """CRC over the check bits of planes, one plane after the other; `checks`: (W, width)."""
+    width, register = checks.shape[1], np.uint64(0)
+    for plane in planes:
+        for n in range(width):
+            bit = (checks[plane // 64, n] >> np.uint64(63 - plane % 64)) & np.uint64(1)
+            register = _shifted(register, bit, polynomial, width)
+    return register
+
+
+@kernel
+def answer_requests(rows, positions, words, checks, polynomial, packed):
+    """Write all bits that are wanted; return how many.
+
+    `words` (S, W, 1 + C, N) are the planes and their parity of each code, `checks` (S, W, crc bits) their
+    check bits.
+    """
+    one, num_bits = np.uint64(1), words.shape[3]
+    written, begin = 0, 0
+    for n in range(rows.shape[0]):
+        slot, plane, kind, code = rows[n, SLOT], rows[n, PLANE], rows[n, KIND], rows[n, CODE]
+        start, count = rows[n, START], rows[n, COUNT]
+        chosen = positions[begin : rows[n, LAST]]
+        begin = rows[n, LAST]
+        shift, row = np.uint64(63 - plane % 64), plane // 64
+        if kind == _JOINT:
+            register = _joint_check(checks[slot], chosen, polynomial)
+            for k in range(count):
+                bit = (register >> np.uint64(checks.shape[2] - 1 - k)) & one
+                written = _append(bit, written, packed)
+        elif kind == _PARITY and chosen.size:
+            place, end, section = 0, num_bits, words[slot, row, 1 + code]
+            for position in chosen:
+                while position >= end:
+                    place, end, code = end, end + num_bits, code + 1
+                    section = words[slot, row, 1 + code]
+                written = _append((section[position - place] >> shift) & one, written, packed)
+        else:
+            section = words[slot, row, 1 + code if kind == _PARITY else 0]
+            if kind == _CRC:
+                section = checks[slot, row]
+            for k in range(start, start + count):
+                written = _append((section[k] >> shift) & one, written, packed)
+    return written

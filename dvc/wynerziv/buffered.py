@@ -85,24 +85,8 @@ def _wanted(request: ParityRequest) -> slice | NDArray[np.int64]:
     return slice(request.start, request.start + request.count)
 
 
-def _refuse_others(request: ParityRequest, num_bits: int) -> None:
-    """Refuse a request for bits that do not exist, of a section of so many bits or planes."""
-    wanted = np.array(request.positions, np.int64)
-    if wanted.size and (wanted[0] < 0 or wanted[-1] >= num_bits or (np.diff(wanted) <= 0).any()):
-        raise ValueError(f"positions of {request.kind} bits must increase from 0 to {num_bits - 1}")
-    if request.kind != "joint" and wanted.size not in (0, request.count):
-        raise ValueError(f"{request.count} {request.kind} bits at {wanted.size} positions")
-    if not wanted.size and not 0 <= request.start <= request.start + request.count <= num_bits:
-        raise ValueError(f"bits {request.start}+{request.count} of {num_bits}")
-
-
-def _bits(row: Words, plane: int) -> Bits:
-    """Return the bits of a plane out of words."""
-    return ((row >> np.uint64(63 - plane % 64)) & np.uint64(1)).astype(np.uint8)
-
-
 class EncodedFrame:
-    """All bits that may be asked of one Wyner-Ziv frame; parity is computed when a code is first needed.
+    """Bit planes of one Wyner-Ziv frame with their check bits: all that may be asked for can be made of them.
 
     Parameters
     ----------
@@ -114,6 +98,13 @@ class EncodedFrame:
         Bit planes, from `quantize_frame`.
     encoders : sequence of callable
         What computes the parity of each code, from `turbo.parity_encoders`.
+
+    Attributes
+    ----------
+    header : bytes
+        What the decoder needs before it can ask.
+    checks : ndarray of shape (W, crc_bits), uint64
+        Check bits of the planes, as `words`.
     """
 
     def __init__(
@@ -127,72 +118,13 @@ class EncodedFrame:
         self.header = quantization.header
         self._num_planes = quantization.num_planes
         self._encoders = encoders
-        self._parity: dict[int, Words] = {}
-        self._crc = np.empty((len(words), layout.crc_bits), np.uint64)
-        for row, check in zip(words, self._crc, strict=True):
+        self.checks = np.empty((len(words), layout.crc_bits), np.uint64)
+        for row, check in zip(words, self.checks, strict=True):
             check[:] = turbo.crc_words(row, layout.crc_bits)
-
-    def _parity_words(self, code: int) -> Words:
-        if code not in self._parity:
-            self._parity[code] = np.empty_like(self.words)
-            self._encode(code, self._parity[code])
-        return self._parity[code]
 
     def _encode(self, code: int, parity: Words) -> None:
         for row, released in zip(self.words, parity, strict=True):
             self._encoders[code](row, released)
-
-    def answer(self, request: ParityRequest) -> Bits:
-        """Return the bits that a request asks for.
-
-        Parameters
-        ----------
-        request : ParityRequest
-            Kind, plane, code and range.
-
-        Returns
-        -------
-        ndarray of shape (count,), uint8
-            The bits.
-
-        Raises
-        ------
-        ValueError
-            If the request asks for what does not exist.
-        """
-        if not 0 <= request.plane < self._num_planes:
-            raise ValueError(f"plane {request.plane} of {self._num_planes}")
-        if request.kind not in turbo.KINDS or not 0 <= request.code < len(self._encoders):
-            raise ValueError(f"no {request.kind!r} bits of code {request.code}")
-        if request.kind == "joint":
-            return self._answer_jointly(request)
-        if request.kind == "parity" and request.positions:
-            return self._answer_orders(request)
-        if request.kind == "parity":
-            words = self._parity_words(request.code)
-        else:
-            words = self._crc if request.kind == "crc" else self.words
-        _refuse_others(request, words.shape[1])
-        return _bits(words[request.plane // 64, _wanted(request)], request.plane)
-
-    def _answer_orders(self, request: ParityRequest) -> Bits:
-        """Answer at positions in an order, beyond whose end come those of the next one."""
-        num_bits = self.words.shape[1]
-        _refuse_others(request, num_bits * (len(self._encoders) - request.code))
-        orders, positions = np.divmod(np.array(request.positions, np.int64), num_bits)
-        row = np.empty(positions.size, np.uint64)
-        for order in np.unique(orders):
-            wanted = orders == order
-            parity = self._parity_words(request.code + int(order))
-            row[wanted] = parity[request.plane // 64, positions[wanted]]
-        return _bits(row, request.plane)
-
-    def _answer_jointly(self, request: ParityRequest) -> Bits:
-        planes = np.array(request.positions, np.int64)
-        if not planes.size or not 0 <= request.count <= self._crc.shape[1]:
-            raise ValueError(f"{request.count} joint bits of {planes.size} planes")
-        _refuse_others(request, self._num_planes)
-        return self.joint_check(request.positions)[: request.count]
 
     def joint_check(self, planes: Sequence[int]) -> Bits:
         """Return check bits of several planes together.
@@ -209,7 +141,7 @@ class EncodedFrame:
         """
         chosen = np.array(planes, np.int64)
         shifts = (63 - chosen % 64).astype(np.uint64)
-        bits = (self._crc[chosen // 64] >> shifts[:, None]) & np.uint64(1)
+        bits = (self.checks[chosen // 64] >> shifts[:, None]) & np.uint64(1)
         return turbo.joint_check(bits.astype(np.uint8))
 
     def buffered_payload(self) -> bytes:
@@ -222,9 +154,9 @@ class EncodedFrame:
             each of them one big-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
         """
         num_rows, num_bits = self.words.shape
-        first = self._crc.shape[1] + num_bits
+        first = self.checks.shape[1] + num_bits
         words = np.empty((num_rows, first + len(self._encoders) * num_bits), np.uint64)
-        np.concatenate([self._crc, self.words], axis=1, out=words[:, :first])
+        np.concatenate([self.checks, self.words], axis=1, out=words[:, :first])
         for code in range(len(self._encoders)):
             self._encode(code, words[:, first + code * num_bits : first + (code + 1) * num_bits])
         size = -(-self._num_planes // 8)

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from benchmarks.slow_link import slow_link
-from decoder.live import LiveSource, window
+from decoder.live import HELD_S, NEAR_S, HeldRequests, LiveSource
 from decoder.session import decode_live, decode_stream
 from decoder.tasks import DecodedGroup
 from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, TurboConfig, VideoConfig, allocation
 from dvc.errors import BitstreamError, FeedbackError
-from dvc.feedback import MAX_OPEN_GOPS, Connection, EncoderEndpoint, connect, listen
+from dvc.feedback import MAX_OPEN_GOPS, Connection, EncoderEndpoint, connect, listen, max_open_gops
 from dvc.stream import GopRecord, StreamReader
-from dvc.turbo import ParityRequest
+from dvc.turbo import ParityRequest, RequestTable
 from dvc.video import Frame
 from encoder.live import serve
 from encoder.pacing import DecoderPace
@@ -138,12 +138,48 @@ def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame])
         assert_same(list(decoded(address, 2)), wanted)
 
 
+class Clock:
+    """A clock that goes on when it is told to."""
+
+    now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_requests_wait_for_others_while_the_encoder_is_near() -> None:
+    """They are held for a moment until it is known how far away it is, then as long as there is work."""
+    clock = Clock()
+    held = HeldRequests(clock)
+    requests = [ParityRequest(1, plane, "crc", 0, 0, 8) for plane in range(3)]
+    assert held.left_s() is None
+    held.add(requests[:1])
+    clock.now_s += HELD_S / 2
+    held.add(requests[1:])
+    assert held.left_s() == pytest.approx(HELD_S / 2)
+    clock.now_s += HELD_S
+    assert held.left_s() == 0.0
+    assert held.take() == requests
+    assert len(held) == 0
+    clock.now_s += 2 * NEAR_S
+    held.answered((1, 0))
+    held.add(requests[:1])
+    assert held.left_s() == pytest.approx(HELD_S)
+    clock.now_s += NEAR_S / 4
+    assert held.take() == requests[:1]
+    clock.now_s += NEAR_S / 2
+    held.answered((1, 0))
+    held.add(requests[:1])
+    clock.now_s += 100 * HELD_S
+    assert held.left_s() is None
+
+
 class Liar:
     """An encoder that goes on well until it has got some requests, then behaves as it is told to."""
 
     def __init__(self, frames: list[Frame], num_requests: int, behave: Callable[["Liar"], None]) -> None:
         self._frames, self._left, self._behave = frames, num_requests, behave
-        self.waiting: list[ParityRequest] = []
+        self.waiting: list[RequestTable] = []
 
     def __call__(self, connection: Connection) -> None:
         self.connection, self.endpoint = connection, EncoderEndpoint(session().config)
@@ -151,7 +187,7 @@ class Liar:
         self.endpoint = EncoderEndpoint(own.config)
         groups = own.groups(self._frames)
         number = 0
-        while len(self.waiting) < self._left:
+        while sum(len(table.rows) for table in self.waiting) < self._left:
             for _ in range(self.endpoint.num_credits):
                 group = next(groups, None)
                 if group is None:
@@ -161,7 +197,7 @@ class Liar:
                 number = self.endpoint.send_gop(record)
             connection.send(self.endpoint.bytes_to_send())
             events = self.endpoint.receive(connection.receive())
-            self.waiting += [event for event in events if isinstance(event, ParityRequest)]
+            self.waiting += [event for event in events if isinstance(event, RequestTable)]
         assert number >= 2
         try:
             self._behave(self)
@@ -177,15 +213,14 @@ def stall(liar: Liar) -> None:
 
 def die(liar: Liar) -> None:
     """Go away in the middle of a message."""
-    request = liar.waiting[0]
-    liar.endpoint.send_answer(request.frame, request.plane, np.zeros(request.count, np.uint8))
+    liar.endpoint.send_answers(bytes(-(-liar.waiting[0].num_bits // 8)))
     liar.connection.send(liar.endpoint.bytes_to_send()[:-1])
 
 
 def answer_twice(liar: Liar) -> None:
-    """Answer one request a second time."""
-    request = liar.waiting[0]
-    liar.endpoint.send_answer(request.frame, request.plane, np.zeros(request.count, np.uint8))
+    """Answer all requests, the last of them a second time."""
+    for table in liar.waiting:
+        liar.endpoint.send_answers(bytes(-(-table.num_bits // 8)))
     data = liar.endpoint.bytes_to_send()
     liar.connection.send(data + data)
     stall(liar)
@@ -230,12 +265,12 @@ def test_lies_do_not_hang(frames: list[Frame], offline: list[DecodedGroup], shar
 
     def _lie(liar: Liar) -> None:
         while True:
-            for request in liar.waiting:
-                bits = (rng.random(request.count) < share).astype(np.uint8)
-                liar.endpoint.send_answer(request.frame, request.plane, bits)
+            for table in liar.waiting:
+                bits = np.packbits(rng.random(table.num_bits) < share)
+                liar.endpoint.send_answers(bits.tobytes())
             liar.connection.send(liar.endpoint.bytes_to_send())
             events = liar.endpoint.receive(liar.connection.receive())
-            liar.waiting = [event for event in events if isinstance(event, ParityRequest)]
+            liar.waiting = [event for event in events if isinstance(event, RequestTable)]
 
     found: list[DecodedGroup] = []
     with serving(Liar(frames, 5, _lie)) as address:
@@ -249,10 +284,12 @@ def test_lies_do_not_hang(frames: list[Frame], offline: list[DecodedGroup], shar
 
 def test_the_window_is_bounded_by_frames_and_by_their_size() -> None:
     """Small frames fill what the protocol allows, large ones take two groups; never more or less."""
-    assert window(CONFIG) == MAX_OPEN_GOPS
+    assert max_open_gops(CONFIG) == MAX_OPEN_GOPS
     large = replace(CONFIG, video=replace(CONFIG.video, width=3840, height=2160))
-    assert window(large) == 2
-    assert 2 < window(replace(large, video=replace(large.video, width=1280, height=720))) < MAX_OPEN_GOPS
+    assert max_open_gops(large) == 2
+    assert (
+        2 < max_open_gops(replace(large, video=replace(large.video, width=1280, height=720))) < MAX_OPEN_GOPS
+    )
 
 
 def test_a_peer_that_does_not_introduce_itself_is_refused() -> None:

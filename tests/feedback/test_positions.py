@@ -4,20 +4,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.config import CodecConfig, TurboConfig, VideoConfig, encode_config
+from dvc.bits import decode_varint, encode_varint
+from dvc.config import CodecConfig, TurboConfig, VideoConfig
 from dvc.errors import BitstreamError, FeedbackError
-from dvc.feedback.endpoints import EncoderEndpoint
+from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint
 from dvc.feedback.ledger import Ledger
 from dvc.feedback.messages import (
-    PROTOCOL_VERSION,
-    Hello,
-    NextGop,
+    ParityRequests,
     decode_payload,
     encode_message,
     max_payload_bytes,
 )
 from dvc.stream import GopRecord
-from dvc.turbo import ParityRequest
+from dvc.turbo import KINDS, ParityRequest, RequestTable
 
 VIDEO = VideoConfig(176, 144, 15, 1)
 CONFIG = CodecConfig.preset("2d", VIDEO, turbo=TurboConfig(family="cascade"))
@@ -29,6 +28,22 @@ NUM_PLANES = sum(CONFIG.wyner_ziv.max_planes)
 def payload_of(message: bytes) -> bytes:
     """Return the payload of an encoded message, which is less than 16,384 bytes long."""
     return message[2:] if message[1] < 0x80 else message[3:]
+
+
+def written(*requests: ParityRequest) -> bytes:
+    return encode_message(ParityRequests(RequestTable.of(requests)))
+
+
+def read(payload: bytes) -> list[ParityRequest]:
+    message = decode_payload(ParityRequests, payload)
+    assert isinstance(message, ParityRequests)
+    requests = message.table.requests()
+    assert message.table.num_bits == sum(request.count for request in requests)
+    return requests
+
+
+def enter(ledger: Ledger, *requests: ParityRequest) -> None:
+    ledger.request(RequestTable.of(requests))
 
 
 def opened(config: CodecConfig) -> Ledger:
@@ -44,25 +59,74 @@ def ranges(*positions: int, start: int = 0, order: int = 0) -> ParityRequest:
     return ParityRequest(1, 0, "parity", order, start, len(positions), positions)
 
 
-@given(st.sets(st.integers(0, NUM_BITS - 1)), st.sampled_from(["parity", "joint"]))
-def test_positions_survive_the_wire(positions: set[int], kind: str) -> None:
-    """Any increasing positions come back, in a message no longer than one may be."""
-    request = ParityRequest(2**32, 70, kind, 7, 2**20, len(positions), tuple(sorted(positions)))
-    message = encode_message(request)
-    payload = payload_of(message)
-    assert decode_payload(ParityRequest, payload) == request
-    assert len(payload) <= max_payload_bytes(ParityRequest, CONFIG)
+places = st.sets(st.integers(0, NUM_BITS - 1), min_size=1)
+entries = st.tuples(
+    st.integers(0, 2**30), st.integers(0, 300), st.sampled_from(KINDS), st.integers(0, 7), places
+)
+
+
+@given(st.lists(entries, min_size=1, max_size=5))
+def test_requests_survive_the_wire(drawn: list[tuple[int, int, str, int, set[int]]]) -> None:
+    """Any requests with any increasing positions come back, in a message no longer than one may be."""
+    requests = []
+    for frame, plane, kind, code, chosen in sorted(drawn, key=lambda entry: entry[0]):
+        positions = tuple(sorted(chosen)) if kind in ("parity", "joint") else ()
+        count = 3 if kind == "joint" else len(chosen)
+        requests.append(ParityRequest(frame, plane, kind, code, 0, count, positions))
+    payload = payload_of(written(*requests))
+    assert read(payload) == requests
+    assert len(payload) <= max_payload_bytes(ParityRequests, CONFIG)
 
 
 @given(st.binary(max_size=40))
-def test_any_bytes_are_a_request_or_refused(payload: bytes) -> None:
-    """Whatever is read as a request has increasing positions, and is written in the same bytes."""
+def test_any_bytes_are_requests_or_refused(payload: bytes) -> None:
+    """Whatever is read as requests has increasing positions, and stays as it is when it is written again."""
     try:
-        request = decode_payload(ParityRequest, payload)
+        requests = read(payload)
     except BitstreamError:
         return
-    assert list(request.positions) == sorted(set(request.positions))
-    assert payload_of(encode_message(request)) == payload
+    for request in requests:
+        assert list(request.positions) == sorted(set(request.positions))
+    assert read(payload_of(written(*requests))) == requests
+
+
+@given(st.binary(max_size=60))
+def test_compiled_syntax_is_that_of_its_plain_twin(payload: bytes) -> None:
+    """Requests and faults of any bytes are those that reading them number by number finds."""
+    try:
+        expected: list[ParityRequest] | None = plain_requests(payload)
+    except BitstreamError:
+        expected = None
+    try:
+        found: list[ParityRequest] | None = read(payload)
+    except BitstreamError:
+        found = None
+    assert found == expected
+
+
+def plain_requests(payload: bytes) -> list[ParityRequest]:
+    at, frame, requests = 0, 0, []
+    while at < len(payload):
+        numbers = []
+        for _ in range(4):
+            value, at = decode_varint(payload, at)
+            numbers.append(value)
+        first, step, plane, count = numbers
+        frame, num_positions = frame + step, 0
+        if first & 4:
+            num_positions = count
+            if KINDS[first & 3] == "joint":
+                num_positions, at = decode_varint(payload, at)
+        positions = [-1]
+        for _ in range(num_positions):
+            value, at = decode_varint(payload, at)
+            if value == 0:
+                raise BitstreamError("standing")
+            positions.append(positions[-1] + value)
+        requests.append(
+            ParityRequest(frame, plane, KINDS[first & 3], first >> 3, 0, count, tuple(positions[1:]))
+        )
+    return requests
 
 
 def test_orders_may_change_and_requests_go_on() -> None:
@@ -77,8 +141,8 @@ def test_orders_may_change_and_requests_go_on() -> None:
         ParityRequest(1, 0, "joint", 0, 0, 16, (0, 3, NUM_PLANES - 1)),
         ParityRequest(1, 0, "joint", 0, 16, 6, (0, 3)),
     ):
-        ledger.request(request)
-        ledger.answer(1, 0, request.count)
+        enter(ledger, request)
+        assert ledger.answer().requests() == [request]
 
 
 @pytest.mark.parametrize(
@@ -105,48 +169,68 @@ def test_orders_may_change_and_requests_go_on() -> None:
 def test_hostile_positions_are_refused(request_: ParityRequest, text: str) -> None:
     """Positions that are none, too many, out of order or out of place break the protocol."""
     with pytest.raises(ValueError, match=text):
-        opened(CONFIG).request(request_)
+        enter(opened(CONFIG), request_)
 
 
 @pytest.mark.parametrize("kind", ["parity", "joint"])
 def test_turbo_codes_have_no_positions(kind: str) -> None:
     """Where parity has an order of release, requests by position are refused."""
     with pytest.raises(ValueError, match=r"positions of parity bits|joint bits"):
-        opened(TURBO).request(ParityRequest(1, 0, kind, 0, 0, 1, (0,)))
+        enter(opened(TURBO), ParityRequest(1, 0, kind, 0, 0, 1, (0,)))
 
 
 def test_what_a_plane_may_cost_is_bounded() -> None:
     """No more parities than the plane has bits, and no more joint bits than all its planes have."""
     ledger = opened(CONFIG)
-    ledger.request(ranges(*range(NUM_BITS)))
-    ledger.answer(1, 0, NUM_BITS)
+    enter(ledger, ranges(*range(NUM_BITS)))
+    ledger.answer()
     with pytest.raises(ValueError, match="1 parity bits"):
-        ledger.request(ranges(0, start=NUM_BITS))
+        enter(ledger, ranges(0, start=NUM_BITS))
     for number in range(NUM_PLANES):
-        ledger.request(ParityRequest(1, 0, "joint", 0, 16 * number, 16, (0,)))
-        ledger.answer(1, 0, 16)
+        enter(ledger, ParityRequest(1, 0, "joint", 0, 16 * number, 16, (0,)))
+        ledger.answer()
     with pytest.raises(ValueError, match="1 joint bits"):
-        ledger.request(ParityRequest(1, 0, "joint", 0, 16 * NUM_PLANES, 1, (0,)))
+        enter(ledger, ParityRequest(1, 0, "joint", 0, 16 * NUM_PLANES, 1, (0,)))
 
 
-def test_endpoint_refuses_a_request_that_is_too_long() -> None:
+def test_endpoint_refuses_requests_that_are_too_long() -> None:
     """The length is judged before the bytes come."""
     encoder = EncoderEndpoint(CONFIG)
-    limit = max_payload_bytes(ParityRequest, CONFIG)
-    assert limit == 26 + 2 * NUM_BITS
-    assert max_payload_bytes(ParityRequest, TURBO) == 26
-    too_long = b"\x04" + bytes([(limit + 1) & 0x7F | 0x80, (limit + 1) >> 7])
-    with pytest.raises(FeedbackError, match="at most 3194"):
+    limit = max_payload_bytes(ParityRequests, CONFIG)
+    assert limit == 2**16 + 2 * NUM_BITS
+    too_long = b"\x04" + encode_varint(limit + 1)
+    with pytest.raises(FeedbackError, match=f"at most {limit}"):
         encoder.receive(too_long)
+
+
+def opened_ends() -> tuple[EncoderEndpoint, DecoderEndpoint]:
+    """Return both ends of a sequence of which frame 1 is open."""
+    encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
+    decoder.receive(encoder.bytes_to_send())
+    for record in (GopRecord(1, b"key"), GopRecord(2, b"key", b"", (b"header",))):
+        decoder.send_next_gop()
+        encoder.receive(decoder.bytes_to_send())
+        encoder.send_gop(record)
+        decoder.receive(encoder.bytes_to_send())
+    return encoder, decoder
+
+
+def test_many_positions_take_several_messages() -> None:
+    """What is asked for at once is divided into messages that the encoder takes."""
+    encoder, decoder = opened_ends()
+    everything = tuple(range(NUM_BITS))
+    requests = [ParityRequest(1, plane, "parity", 0, 0, NUM_BITS, everything) for plane in range(NUM_PLANES)]
+    decoder.send_requests(requests)
+    tables = [event for event in encoder.receive(decoder.bytes_to_send()) if isinstance(event, RequestTable)]
+    assert len(tables) > 1
+    assert [request for table in tables for request in table.requests()] == requests
 
 
 def test_endpoint_breaks_off_at_hostile_positions() -> None:
     """A request that the ledger refuses ends the channel, as any breach does."""
-    encoder = EncoderEndpoint(CONFIG)
-    encoder.receive(encode_message(NextGop()) * 2)
-    encoder.send_gop(GopRecord(1, b"key"))
-    encoder.send_gop(GopRecord(2, b"key", b"", (b"header",)))
-    assert encode_message(Hello(PROTOCOL_VERSION, encode_config(CONFIG))) in encoder.bytes_to_send()
-    assert encoder.receive(encode_message(ranges(3, 9))) == [ranges(3, 9)]
+    encoder, _ = opened_ends()
+    (table,) = encoder.receive(written(ranges(3, 9)))
+    assert isinstance(table, RequestTable)
+    assert table.requests() == [ranges(3, 9)]
     with pytest.raises(FeedbackError, match="second request"):
-        encoder.receive(encode_message(ranges(3, 9)))
+        encoder.receive(written(ranges(3, 9)))

@@ -175,6 +175,17 @@ def test_keeping_alive_ends_with_the_connection() -> None:
             near.receive()
 
 
+def test_a_bounded_wait_is_no_silence() -> None:
+    """Who waits for a moment gets nothing and goes on; who waits for the timeout gives up."""
+    with pair(0.3) as (near, _):
+        started = time.monotonic()
+        assert near.wait(at_most_s=0.05) == []
+        assert near.wait(patient=True, at_most_s=0.05) == []
+        with pytest.raises(FeedbackError, match="is silent"):
+            near.wait(at_most_s=10.0)
+        assert 0.3 <= time.monotonic() - started < 10.0
+
+
 def test_a_peer_that_goes_away_is_noticed() -> None:
     """A closed connection is an error, in the middle of a message or not, reading or writing."""
     with pair() as (near, far):

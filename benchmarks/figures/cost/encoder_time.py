@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import cast
 
 from benchmarks.figures.cost.rate_cost import AREA, Material, Run, times_ms
-from benchmarks.figures.harness import STATIC_CLIPS, Figure, Measured, Setting, run_module
+from benchmarks.figures.harness import STATIC_CLIPS, Figure, Measured, Setting, run_module, there_and_back
 from dvc.config import DEFAULT_QP
 from dvc.errors import DvcError
-from dvc.feedback import Connection, listen
+from dvc.feedback import KEEP_ALIVE, Connection, listen
 from dvc.video import open_video
 from encoder import options
 from encoder.live import serve
@@ -24,6 +24,8 @@ LARGE_SCENES = ("statue", "street")
 LARGE_SIZE = "1280x720"
 PEERS = ("x264-superfast", "x264-ultrafast")
 NUM_FRAMES, NUM_LARGE_FRAMES, QUICK_FRAMES = 49, 17, 5
+NUM_LIVE_FRAMES, NUM_LARGE_LIVE_FRAMES = 241, 49
+"""Live runs are so long that as many groups of pictures are in flight as in long ones."""
 REPETITIONS = 9
 LIMITS = {"one-way": 1.0, "live": 1.2, "frames": None}
 """Times the processor time of x264 superfast, by form; None: the true figure is asked for."""
@@ -87,7 +89,7 @@ def _record_requests(material: Material) -> list[bytes]:
     with tempfile.TemporaryDirectory() as folder, listen() as listener:
         command = [sys.executable, "-m", "decoder", "--connect", listener.name, f"{folder}/v.y4m", "--quiet"]
         with subprocess.Popen(command) as decoder:
-            with listener.accept(silence_timeout_s=600) as connection:
+            with listener.accept(silence_timeout_s=600) as connection, connection.kept_alive(KEEP_ALIVE):
                 recorder = _Recorder(connection)
                 serve(_session(material), material.frames, cast(Connection, recorder), _no_progress)
             if decoder.wait() != 0:
@@ -113,8 +115,10 @@ def _run_of(form: str, material: Material) -> Run:
     return partial(_run_frames, material)
 
 
-def _compare(setting: Setting, material: Material, form: str) -> Measured:
+def _compare(setting: Setting, material: Material, form: str, num_live_frames: int) -> Measured:
     """Compare a form with both presets."""
+    if form == "live" and not setting.quick:
+        material = replace(material, frames=tuple(there_and_back(material.frames, num_live_frames)))
     runs: dict[str, Sequence[Run]] = {"ours": [_run_of(form, material)]}
     runs |= {peer: [material.anchor_run(peer, DEFAULT_QP)] for peer in PEERS}
     ms = times_ms(runs, len(material.frames), setting.choose(REPETITIONS, 1))
@@ -131,8 +135,8 @@ def encoder_cpu(setting: Setting, clip: str, form: str) -> Measured:
 
     Both take the same grey frames from memory, in turn, in this process; the median of nine turns counts. All
     that the program does for a frame is in it: for a file without feedback, which is written; live, with the
-    requests of a decoder that was served before; or without what either adds. x264 codes each frame from the
-    one before it, with the motion search of its preset, and no B frames.
+    requests of a decoder that was served before, the clip forth and back; or without what either adds. x264
+    codes each frame from the one before it, with the motion search of its preset, and no B frames.
 
     Gives the share of the time of two presets.
 
@@ -141,7 +145,8 @@ def encoder_cpu(setting: Setting, clip: str, form: str) -> Measured:
     form : {"one-way", "live", "frames"}
         What is encoded for.
     """
-    return _compare(setting, Material.read(clip, setting.choose(NUM_FRAMES, QUICK_FRAMES)), form)
+    material = Material.read(clip, setting.choose(NUM_FRAMES, QUICK_FRAMES))
+    return _compare(setting, material, form, NUM_LIVE_FRAMES)
 
 
 def large_encoder_cpu(setting: Setting, scene: str, form: str) -> Measured:
@@ -154,7 +159,8 @@ def large_encoder_cpu(setting: Setting, scene: str, form: str) -> Measured:
     form : {"one-way", "live", "frames"}
         What is encoded for.
     """
-    return _compare(setting, _large_scene(scene, setting.choose(NUM_LARGE_FRAMES, QUICK_FRAMES)), form)
+    material = _large_scene(scene, setting.choose(NUM_LARGE_FRAMES, QUICK_FRAMES))
+    return _compare(setting, material, form, NUM_LARGE_LIVE_FRAMES)
 
 
 _TITLE = "processor time of the encoder over that of x264 superfast with motion search, {}"

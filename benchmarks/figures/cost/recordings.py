@@ -8,11 +8,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from itertools import cycle, islice
 from pathlib import Path
 
 from benchmarks.figures.cost.rate_cost import AREA
-from benchmarks.figures.harness import Figure, Measured, Setting, clip_source, run_module
+from benchmarks.figures.harness import Figure, Measured, Setting, clip_source, run_module, there_and_back
 from dvc.errors import BitstreamError, DvcError
 from dvc.stream import StreamReader
 from dvc.video import Frame, open_video
@@ -27,11 +26,6 @@ NUM_KILLS, KILLED_FRAMES, KILLED_SIZE = 20, 100, (96, 80)
 def _frames(num_frames: int) -> list[Frame]:
     with open_video(clip_source(CLIP).path, num_frames=num_frames) as reader:
         return list(reader)
-
-
-def _there_and_back(frames: list[Frame], count: int) -> Iterator[Frame]:
-    """Repeat frames without a cut."""
-    return islice(cycle([*frames, *frames[-2:0:-1]]), count)
 
 
 def _bytes_of(frame: Frame) -> bytes:
@@ -60,7 +54,7 @@ def _peak_bytes(process: "subprocess.Popen[bytes]") -> int:
 def _peak_of(frames: list[Frame], count: int) -> int:
     """Encode so many frames; return the most memory that the process had."""
     with tempfile.TemporaryDirectory() as folder, _start(Path(folder), frames[0].luma.shape[::-1]) as process:
-        _feed(process, _there_and_back(frames, count))
+        _feed(process, there_and_back(frames, count))
         peak = _peak_bytes(process)
         _, said = process.communicate()
         if process.returncode != 0:

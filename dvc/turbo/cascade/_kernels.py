@@ -334,3 +334,12 @@ def add_neighbours(deviation, alone, shift, slope, surprise, widening, weights, 
                     spread += surprise[y, x] * deviation[y, x]
             spread = min(max(spread, -_MAX_SPREAD), _MAX_SPREAD)
             llr[r, c] = alone[r, c] + slope[r, c] * moved + widening[r, c] * (weights[2] * spread)
+
+
+@kernel
+def prefix_parities(words, order, released):
+    """Add up words in an order, modulo 2; `released` receives the sum up to, and including, each position."""
+    total = np.uint64(0)
+    for j in range(order.size):
+        total ^= words[order[j]]
+        released[j] = total

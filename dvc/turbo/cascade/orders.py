@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.turbo.cascade import _kernels
 from dvc.turbo.codes import NUM_ORDERS
 from dvc.turbo.interleaver import random_permutation
 
@@ -57,4 +58,7 @@ def prefix_parities(
         Bit p of word j is the parity of plane p up to, and including, position j; `released` if it is given.
     """
     orders, _ = bit_orders(words.size, seed)
-    return np.bitwise_xor.accumulate(words[orders[order]], out=released)
+    if released is None:
+        released = np.empty(words.size, np.uint64)
+    _kernels.prefix_parities(words, orders[order], released)
+    return released

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.figures.cost import encoder_time, rate_cost, recordings
-from benchmarks.figures.harness import Row, Setting
+from benchmarks.figures.harness import Row, Setting, there_and_back
 from benchmarks.pictures import cost
 from dvc.errors import DvcError
 from dvc.video import Frame, VideoInfo
@@ -88,7 +88,7 @@ def test_times_are_shares_of_those_of_presets(
     monkeypatch.setattr(encoder_time, "times_ms", lambda _runs, _n, _turns: times)
     monkeypatch.setattr(encoder_time, "_record_requests", lambda _material: [])
     material = rate_cost.Material(VideoInfo(48, 32, Fraction(25)), tuple(moving_texture(3, 32, 48)))
-    found = encoder_time._compare(Setting(), material, form)
+    found = encoder_time._compare(Setting(), material, form, 9)
     assert found.holds is holds
     assert found.values["ratios"]["x264-ultrafast"] == 2 * ours_ms
     assert f"{ours_ms:.2f} of superfast's" in found.got
@@ -99,7 +99,7 @@ def test_recordings_go_there_and_back() -> None:
     frames = moving_texture(4, 32, 48)
     order = [
         next(k for k, one in enumerate(frames) if one is frame)
-        for frame in recordings._there_and_back(frames, 9)
+        for frame in there_and_back(frames, 9)
     ]
     assert order == [0, 1, 2, 3, 2, 1, 0, 1, 2]
     cropped = recordings._cropped(frames[0], (24, 16))

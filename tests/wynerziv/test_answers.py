@@ -1,0 +1,100 @@
+"""Answers to many requests at once are those to each of them by itself."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dvc import turbo
+from dvc.turbo import ParityRequest, RequestTable
+from dvc.turbo.requests import SLOT
+from dvc.wynerziv.answers import OpenFrames
+from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame
+from dvc.wynerziv.layout import FrameLayout
+from tests.wynerziv.test_payloads import PRESETS, encoded_frame, layout_of, layouts
+
+FAMILIES = ("adaptive", "cascade")
+SLOTS = (2, 0)
+
+
+def drawn_request(frame: EncodedFrame, number: int, family: str, data: st.DataObject) -> ParityRequest:
+    """Return a request for bits that a frame has."""
+    layout, num_planes = frame.layout, frame.quantization.num_planes
+    plane, code = data.draw(st.integers(0, num_planes - 1)), data.draw(st.integers(0, 3))
+    kinds = ["crc", "uncoded", "parity"] + ["joint"] * (family == "cascade")
+    kind = data.draw(st.sampled_from(kinds))
+    positions: tuple[int, ...] = ()
+    size = layout.num_bits if kind in ("parity", "uncoded") else layout.crc_bits
+    start = data.draw(st.integers(0, size - 1))
+    count = data.draw(st.integers(1, size - start))
+    if kind == "joint":
+        chosen = data.draw(st.sets(st.integers(plane, num_planes - 1))) | {plane}
+        positions = tuple(sorted(chosen))
+    elif kind == "parity" and family == "cascade":
+        last = layout.num_bits * (turbo.num_codes(family) - code) - 1
+        chosen = data.draw(st.sets(st.integers(0, last), min_size=1))
+        positions, count = tuple(sorted(chosen)), len(chosen)
+    return ParityRequest(number, plane, kind, code, start, count, positions)
+
+
+def table_of(requests: list[ParityRequest]) -> RequestTable:
+    table = RequestTable.of(requests)
+    table.rows[:, SLOT] = [SLOTS[request.frame] for request in requests]
+    return table
+
+
+@settings(max_examples=40)
+@given(layouts, st.sampled_from(FAMILIES), st.integers(0, 2**32 - 1), st.data())
+def test_many_answers_are_those_of_the_buffered_form(
+    layout: FrameLayout, family: str, seed: int, data: st.DataObject
+) -> None:
+    """Any requests for two frames, together, get the bits that buffered payloads have for each."""
+    frames = [encoded_frame(layout, seed + number, family=family) for number in range(2)]
+    codes = turbo.num_codes(family)
+    buffered = [BufferedFrame(layout, frame.buffered_payload(), codes) for frame in frames]
+    opened = OpenFrames(layout, turbo.parity_encoders(family, 1), 3)
+    for slot, frame in zip(SLOTS, frames, strict=True):
+        opened.enter(slot, frame)
+    coded = [number for number, frame in enumerate(frames) if frame.quantization.num_planes]
+    for _ in range(2 if coded else 0):
+        numbers = data.draw(st.lists(st.sampled_from(coded), min_size=1, max_size=5))
+        requests = [drawn_request(frames[number], number, family, data) for number in numbers]
+        bits = np.unpackbits(np.frombuffer(opened.answer(table_of(requests)), np.uint8))
+        expected = np.concatenate([buffered[request.frame].answer(request) for request in requests])
+        np.testing.assert_array_equal(bits[: expected.size], expected)
+        assert bits.size - expected.size < 8
+        assert not bits[expected.size :].any()
+
+
+def test_a_slot_holds_one_frame_after_the_other() -> None:
+    """Nothing of the frame before is left: parity that was computed of it is not that of the next."""
+    layout = layout_of(16, 20, PRESETS[7])
+    opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 3)
+    table = table_of([ParityRequest(0, 3, "parity", 2, 0, 20, tuple(range(20)))])
+    answers = []
+    for seed in range(2):
+        frame = encoded_frame(layout, seed, family="cascade")
+        opened.enter(SLOTS[0], frame)
+        payload = BufferedFrame(layout, frame.buffered_payload(), turbo.num_codes("cascade"))
+        answers.append(opened.answer(table))
+        expected = payload.answer(table.requests()[0])
+        np.testing.assert_array_equal(np.unpackbits(np.frombuffer(answers[-1], np.uint8))[:20], expected)
+    assert answers[0] != answers[1]
+
+
+@pytest.mark.parametrize(
+    ("refused", "text"),
+    [
+        (ParityRequest(0, 41, "uncoded", 0, 0, 1), "plane 41 of frame 0"),
+        (ParityRequest(0, 0, "joint", 0, 0, 8, (0, 7, 41)), "plane 41 of frame 0"),
+    ],
+)
+def test_planes_that_a_frame_lacks_are_refused(refused: ParityRequest, text: str) -> None:
+    """What other frames of the layout may have, but this one has not, raises `ValueError`."""
+    layout = layout_of(16, 16, None)
+    opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 3)
+    frame = encoded_frame(layout, 0, step_index=40, family="cascade")
+    assert 8 < frame.quantization.num_planes <= 41
+    opened.enter(SLOTS[0], frame)
+    with pytest.raises(ValueError, match=text):
+        opened.answer(table_of([ParityRequest(0, 1, "crc", 0, 0, 8), refused]))
