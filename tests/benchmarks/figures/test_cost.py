@@ -97,10 +97,7 @@ def test_times_are_shares_of_those_of_presets(
 def test_recordings_go_there_and_back() -> None:
     """Neighbours in a recording are neighbours in the clip; a crop keeps colour in place."""
     frames = moving_texture(4, 32, 48)
-    order = [
-        next(k for k, one in enumerate(frames) if one is frame)
-        for frame in there_and_back(frames, 9)
-    ]
+    order = [next(k for k, one in enumerate(frames) if one is frame) for frame in there_and_back(frames, 9)]
     assert order == [0, 1, 2, 3, 2, 1, 0, 1, 2]
     cropped = recordings._cropped(frames[0], (24, 16))
     luma, (cb, _) = frames[0].luma[8:24, 12:36], frames[0].chroma or ()
