@@ -16,6 +16,7 @@ coding", IEEE Trans. Circuits Syst. Video Technol. 19(9), 2009.
 
 from collections.abc import Sequence
 from typing import NamedTuple
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,27 @@ def _padded(plane: NDArray[np.uint8]) -> _Image:
     return _Image(np.pad(plane, MARGIN, mode="edge")[None, None])
 
 
+class _Reference:
+    """A reference at full and at half the resolution."""
+
+    def __init__(self, luma: NDArray[np.uint8]) -> None:
+        self.luma = luma
+        self.image = _Image(phase_planes(luma))
+        self.halved = _Image(phase_planes(halve(luma)))
+
+
+_in_use: "WeakValueDictionary[int, _Reference]" = WeakValueDictionary()
+"""References by the identity of their samples, which they keep: most of the memory that a frame takes while it is
+decoded, and the same for all frames that are decoded side by side."""
+
+
+def _reference(luma: NDArray[np.uint8]) -> _Reference:
+    found = _in_use.get(id(luma))
+    if found is None:
+        found = _in_use[id(luma)] = _Reference(luma)
+    return found
+
+
 class BlockRefiner:
     """Refines block offsets into several references.
 
@@ -97,9 +119,7 @@ class BlockRefiner:
 
     def __init__(self, references: Sequence[Frame], offsets: Sequence[Offsets], method: str) -> None:
         self._references = references
-        self._planes = [phase_planes(frame.luma) for frame in references]
-        self._images = [_Image(planes) for planes in self._planes]
-        self._halved = [_Image(phase_planes(halve(frame.luma))) for frame in references]
+        self._searched = [_reference(frame.luma) for frame in references]
         self._offsets = [offset.copy() for offset in offsets]
         self._method = method
         self._weights = [np.ones(offset.shape[:2]) for offset in offsets]
@@ -121,13 +141,14 @@ class BlockRefiner:
         target, halved_target = _padded(partial), _padded(halve(partial))
         searches = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
         self._num_calls += 1
-        for number, (image, halved) in enumerate(zip(self._images, self._halved, strict=True)):
+        for number, reference in enumerate(self._searched):
             for search in searches:
-                images = (halved_target, halved) if search.halved else (target, image)
+                images = (halved_target, reference.halved) if search.halved else (target, reference.image)
                 self._offsets[number], costs = _search(*images, self._offsets[number], search)
             difference = costs / float(searches[-1].window ** 2) + 1.0
             self._weights[number] = 1.0 / (difference * np.sqrt(difference))
-        luma, compensated = compensate(self._planes, self._offsets, self._weights, BLOCK, partial.shape)
+        planes = [reference.image.planes for reference in self._searched]
+        luma, compensated = compensate(planes, self._offsets, self._weights, BLOCK, partial.shape)
         return Prediction(luma, None, tuple(compensated), self._method, refiner=self)
 
     def chroma(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:

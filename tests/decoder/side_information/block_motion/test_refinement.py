@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from decoder.side_information.block_motion import refinement
 from decoder.side_information.block_motion.compensation import compensate_chroma
 from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
 from dvc.metrics import psnr_db
@@ -48,6 +49,20 @@ def test_the_reference_that_sees_the_block_wins(frames: list[Frame]) -> None:
     refiner = BlockRefiner([Frame(spoilt), Frame(frames[1].luma)], offsets, "test")
     prediction = refiner.refine(frames[1].luma)
     assert psnr_db(to_uint8(prediction.luma), frames[1].luma) > 30
+
+
+def test_references_are_held_once(frames: list[Frame]) -> None:
+    """Frames that are decoded side by side share what is made of their references while one needs it."""
+    before = len(refinement._in_use)
+    first, second = refiner_with(0.0, frames), refiner_with(1.0, frames)
+    other = refiner_with(0.0, [Frame(frame.luma.copy()) for frame in frames])
+    assert len(refinement._in_use) == before + 4
+    alone = other.refine(frames[1].luma)
+    np.testing.assert_array_equal(first.refine(frames[1].luma).luma, alone.luma)
+    del first, other, alone
+    assert len(refinement._in_use) == before + 2
+    del second
+    assert len(refinement._in_use) == before
 
 
 def test_chroma_follows_the_offsets(frames: list[Frame]) -> None:
