@@ -1,10 +1,12 @@
 """Says which kernels a run calls from Python, and with which types, as lines for `dvc.compile_ahead`.
 
-`python -m tests.recorder decoder STREAM`, or `python -m tests.recorder encoder VIDEO OPTION...`.
+`python -m tests.recorder decoder STREAM`, or `python -m tests.recorder encoder VIDEO OPTION...`; with `live`
+in place of `encoder` it answers a decoder.
 """
 
 import inspect
 import pickle
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -12,6 +14,7 @@ from typing import Any
 
 from numba.core import dispatcher
 
+PATIENCE_S = 300.0
 USED: dict[str, None] = {}
 DISPATCHER: Any = dispatcher.Dispatcher
 _compile = DISPATCHER._compile_for_args
@@ -65,8 +68,25 @@ def encode(*arguments: str) -> None:
         assert main([arguments[0], str(Path(folder) / "stream.dvc"), *arguments[1:], "--quiet"]) == 0
 
 
+def serve(*arguments: str) -> None:
+    """Encode a video for a live decoder, which is a process of its own."""
+    from dvc.feedback import KEEP_ALIVE, listen
+    from dvc.video import open_video
+    from encoder import live, options
+
+    parsed = options.parser().parse_args([arguments[0], "stream.dvc", *arguments[1:]])
+    with tempfile.TemporaryDirectory() as folder, listen() as listener, open_video(arguments[0]) as frames:
+        output = str(Path(folder) / "video.y4m")
+        command = [sys.executable, "-m", "decoder", "--connect", listener.name, output, "--quiet"]
+        with subprocess.Popen(command) as decoder:
+            connection = listener.accept(silence_timeout_s=PATIENCE_S)
+            with connection, connection.kept_alive(KEEP_ALIVE):
+                live.serve(options.session(parsed, frames.info), frames, connection, lambda _: None)
+            assert decoder.wait() == 0
+
+
 if __name__ == "__main__":
     DISPATCHER._compile_for_args = record
-    work: dict[str, Any] = {"decoder": decode, "encoder": encode}
+    work: dict[str, Any] = {"decoder": decode, "encoder": encode, "live": serve}
     work[sys.argv[1]](*sys.argv[2:])
     sys.stdout.write("".join(f"{line}\n" for line in USED))

@@ -58,6 +58,21 @@ def test_lists_hold_what_programs_call(program: str, golden: Golden, tmp_path: P
     assert set(called) <= set(kept)
 
 
+def test_lists_hold_what_live_runs_call(tmp_path: Path) -> None:
+    """What an encoder calls that answers a decoder is listed, and what the ledger does at both ends."""
+    golden = CODECS[-1]
+    called = recorded("live", source(golden, tmp_path), *golden.coding.split())
+    ledger = [line for line in called if line.startswith("dvc.feedback._kernels enter")]
+    assert len(ledger) == 2
+    for program, lines in (("encoder", called), ("decoder", ledger)):
+        kept = LISTS[program].read_text(encoding="utf-8").splitlines()
+        missing = [line for line in lines if line not in kept]
+        if os.environ.get("DVC_REGENERATE") == "1":
+            LISTS[program].write_text("".join(f"{line}\n" for line in missing + kept), encoding="utf-8")
+            missing = []
+        assert not missing
+
+
 @pytest.mark.parametrize("program", LISTS)
 def test_listed_kernels_compile(program: str) -> None:
     """No line names what is no more, and afterwards nothing counts as missing on disk."""

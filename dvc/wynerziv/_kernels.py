@@ -510,11 +510,31 @@ def _below(x, scale):
 
 
 @kernel
-def missing_parity(rows, positions, num_bits, num_planes, known, missing):
+def _place_of(slot, places, owners, last_use, known, now, patience):
+    """Return the place of a frame's parity: its own, else the first one that is free or long out of use."""
+    place = places[slot]
+    if place < 0:
+        place = 0
+        while owners[place] >= 0 and last_use[place] >= now - patience:
+            place += 1
+        if owners[place] >= 0:
+            places[owners[place]] = -1
+        known[place] = False
+        owners[place], places[slot] = slot, place
+    last_use[place] = now
+    return place
+
+
+@kernel
+def missing_parity(
+    rows, positions, num_bits, num_planes, places, owners, last_use, known, now, patience, missing
+):
     """List the parity that is needed and not known; return how much, or -1 less the request at fault.
 
-    By slot: `num_planes` (S,), less than which all planes must be, and `known` (S, W, C), which is set.
-    `missing` receives slot, row of words and code of each.
+    By slot: `num_planes` (S,), less than which all planes must be; `places` (S,) of parity, -1: none. By
+    place, of which there are as many: `owners` (S,), slots, -1: none; `last_use` (S,); `known` (S, W, C).
+    These are brought up to date. `now` counts calls; places that were not used in `patience` of them may be
+    taken. `missing` receives slot, row of words and code of each.
     """
     count, start = 0, 0
     for n in range(rows.shape[0]):
@@ -524,11 +544,11 @@ def missing_parity(rows, positions, num_bits, num_planes, known, missing):
         if plane >= num_planes[slot] or (rows[n, KIND] == _JOINT and chosen[-1] >= num_planes[slot]):
             return -1 - n
         if rows[n, KIND] == _PARITY:
-            known_here = known[slot, plane // 64]
+            place = _place_of(slot, places, owners, last_use, known, now, patience)
             last = first + chosen[-1] // num_bits if chosen.size else first
             for code in range(first, last + 1):
-                if not known_here[code]:
-                    known_here[code] = True
+                if not known[place, plane // 64, code]:
+                    known[place, plane // 64, code] = True
                     missing[count, 0], missing[count, 1], missing[count, 2] = slot, plane // 64, code
                     count += 1
     return count
@@ -563,13 +583,13 @@ def _joint_check(checks, planes, polynomial):
 
 
 @kernel
-def answer_requests(rows, positions, words, checks, polynomial, packed):
+def answer_requests(rows, positions, words, checks, places, parity, polynomial, packed):
     """Write all bits that are wanted; return how many.
 
-    `words` (S, W, 1 + C, N) are the planes and their parity of each code, `checks` (S, W, crc bits) their
-    check bits.
+    By slot: `words` (S, W, N), the planes, `checks` (S, W, crc bits) and `places` (S,) of parity. By place:
+    `parity` (S, W, C, N).
     """
-    one, num_bits = np.uint64(1), words.shape[3]
+    one, num_bits = np.uint64(1), words.shape[2]
     written, begin = 0, 0
     for n in range(rows.shape[0]):
         slot, plane, kind, code = rows[n, SLOT], rows[n, PLANE], rows[n, KIND], rows[n, CODE]
@@ -577,22 +597,24 @@ def answer_requests(rows, positions, words, checks, polynomial, packed):
         chosen = positions[begin : rows[n, LAST]]
         begin = rows[n, LAST]
         shift, row = np.uint64(63 - plane % 64), plane // 64
+        section = words[slot, row]
+        if kind == _CRC:
+            section = checks[slot, row]
+        elif kind == _PARITY:
+            section = parity[places[slot], row, code]
         if kind == _JOINT:
             register = _joint_check(checks[slot], chosen, polynomial)
             for k in range(count):
                 bit = (register >> np.uint64(checks.shape[2] - 1 - k)) & one
                 written = _append(bit, written, packed)
-        elif kind == _PARITY and chosen.size:
-            place, end, section = 0, num_bits, words[slot, row, 1 + code]
+        elif chosen.size:
+            first = 0
             for position in chosen:
-                while position >= end:
-                    place, end, code = end, end + num_bits, code + 1
-                    section = words[slot, row, 1 + code]
-                written = _append((section[position - place] >> shift) & one, written, packed)
+                while position - first >= num_bits:
+                    first, code = first + num_bits, code + 1
+                    section = parity[places[slot], row, code]
+                written = _append((section[position - first] >> shift) & one, written, packed)
         else:
-            section = words[slot, row, 1 + code if kind == _PARITY else 0]
-            if kind == _CRC:
-                section = checks[slot, row]
             for k in range(start, start + count):
                 written = _append((section[k] >> shift) & one, written, packed)
     return written

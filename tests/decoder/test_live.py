@@ -123,6 +123,25 @@ def test_a_long_delay_is_waited_for_once_for_all_groups(
     assert taken_s < 2 * delay_s * num_requests
 
 
+def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
+    """Frames of QCIF size over a link with delay and little bandwidth are those of a file."""
+    config = replace(CONFIG, video=replace(CONFIG.video, width=176, height=144))
+    video = [Frame(frame.luma) for frame in moving_texture(6, 144, 176)]
+    file = io.BytesIO()
+    session(config).write(video, file, lambda _: None)
+    with StreamReader(io.BytesIO(file.getvalue())) as reader:
+        wanted = list(decode_stream(reader.config, reader))
+    with serving(lambda end: serve(session(config), video, end, lambda _: None)) as address:
+        host, _, port = address.rpartition(":")
+        with slow_link(host, int(port), delay_s=0.004, bits_per_second=5e5) as link:
+            started = time.monotonic()
+            assert_same(list(decoded(link.address)), wanted)
+            taken_s = time.monotonic() - started
+    needed = sum(len(group.record.key) + sum(map(len, group.record.wyner_ziv)) for group in wanted)
+    assert needed < link.forth.num_bytes < 2 * needed
+    assert taken_s > 8 * link.forth.num_bytes / 5e5
+
+
 def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame]) -> None:
     """A chain is decoded in order, beside others, to what it is decoded to from a file."""
     config = configuration(anchor_distance=2, intra_period=12)

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from dvc import turbo
 from dvc.turbo import ParityRequest, RequestTable
 from dvc.turbo.requests import SLOT
+from dvc.wynerziv import answers
 from dvc.wynerziv.answers import OpenFrames
 from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame
 from dvc.wynerziv.layout import FrameLayout
@@ -71,15 +72,33 @@ def test_a_slot_holds_one_frame_after_the_other() -> None:
     layout = layout_of(16, 20, PRESETS[7])
     opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 3)
     table = table_of([ParityRequest(0, 3, "parity", 2, 0, 20, tuple(range(20)))])
-    answers = []
+    found = []
     for seed in range(2):
         frame = encoded_frame(layout, seed, family="cascade")
         opened.enter(SLOTS[0], frame)
         payload = BufferedFrame(layout, frame.buffered_payload(), turbo.num_codes("cascade"))
-        answers.append(opened.answer(table))
+        found.append(opened.answer(table))
         expected = payload.answer(table.requests()[0])
-        np.testing.assert_array_equal(np.unpackbits(np.frombuffer(answers[-1], np.uint8))[:20], expected)
-    assert answers[0] != answers[1]
+        np.testing.assert_array_equal(np.unpackbits(np.frombuffer(found[-1], np.uint8))[:20], expected)
+    assert found[0] != found[1]
+
+
+def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes as many places as frames are asked for at a time, and comes back where it is needed again."""
+    monkeypatch.setattr(answers, "PATIENCE", 2)
+    layout = layout_of(16, 20, PRESETS[7])
+    opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 8)
+    frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
+    for slot, frame in enumerate(frames):
+        opened.enter(slot, frame)
+    for slot in [0, 1, 2, 3, 4, 5, 6, 7, 0, 7, 6, 0, 1]:
+        payload = BufferedFrame(layout, frames[slot].buffered_payload(), turbo.num_codes("cascade"))
+        request = ParityRequest(0, 3, "parity", 2, 0, 20, tuple(range(20)))
+        table = RequestTable.of([request])
+        table.rows[:, SLOT] = slot
+        bits = np.unpackbits(np.frombuffer(opened.answer(table), np.uint8))[:20]
+        np.testing.assert_array_equal(bits, payload.answer(request))
+        assert opened._places.max() <= 3
 
 
 @pytest.mark.parametrize(

@@ -93,8 +93,8 @@ class _Reference:
 
 
 _in_use: "WeakValueDictionary[int, _Reference]" = WeakValueDictionary()
-"""References by the identity of their samples, which they keep: most of the memory that a frame takes while it
-is decoded, and the same for all frames that are decoded side by side."""
+"""References by the identity of their samples, which they keep: most of the memory that decoding of a frame
+takes, and the same for all frames that are decoded side by side."""
 
 
 def _reference(luma: NDArray[np.uint8]) -> _Reference:
