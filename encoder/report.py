@@ -99,7 +99,8 @@ class EncoderStatistics:
     num_positions : int
         Positions of tracks that were coded after their first.
     num_planes, num_coded_bands, num_rows : int
-        Bit planes of the Wyner-Ziv frames, bands that have some, and rows of words of 64 planes.
+        Bit planes of the Wyner-Ziv frames; bands that have some and were coded, and rows of words of 64
+        planes of frames with such bands.
     num_sampled_blocks, num_moved_blocks, num_intra_blocks, num_block_points : int
         Blocks that are looked at where no decoder asks: see `encoder.one_way.sampled_blocks.OneWayWork`.
     num_syndrome_sums, num_syndrome_places : int
@@ -255,8 +256,8 @@ class EncoderStatistics:
         self.tracks_bits += 8 * len(tracks)
         for frame in frames:
             self.num_planes += frame.quantization.num_planes
-            self.num_coded_bands += sum(planes > 0 for planes in frame.quantization.planes)
-            self.num_rows += frame.quantization.num_words
+            self.num_coded_bands += sum(map(bool, frame.quantization.planes[: frame.num_packed_bands]))
+            self.num_rows += frame.quantization.num_words if frame.num_packed_bands else 0
 
     def operations_per_pixel(self, config: CodecConfig) -> dict[str, dict[str, float]]:
         """Count operations by the model of `encoder.operations`.

@@ -103,7 +103,7 @@ class EncoderSession:
             quick=margin_percent is not None,
         )
         self.config = replace(config, key=replace(key, parameter_sets=self._key_encoder.parameter_sets))
-        self._wyner_ziv_encoder = WynerZivEncoder(self.config)
+        self._wyner_ziv_encoder = WynerZivEncoder(self.config, lazily=margin_percent is not None)
         self._one_way = None if margin_percent is None else OneWayEncoder(self.config, margin_percent)
         self._allocation = allocation
         self._key_frames = KeyFrameSpacing(config.gop)

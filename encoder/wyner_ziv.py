@@ -3,9 +3,9 @@
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
-from dvc.wynerziv import quantizer
+from dvc.wynerziv import quantizer, transform
 from dvc.wynerziv.answers import OpenFrames
-from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
+from dvc.wynerziv.buffered import EncodedFrame, transform_frame
 from dvc.wynerziv.layout import FrameLayout
 
 
@@ -16,10 +16,13 @@ class WynerZivEncoder:
     ----------
     config : CodecConfig
         Configuration of the stream.
+    lazily : bool, optional
+        Leave bit planes until it is known which are wanted: meanwhile a frame takes more memory.
     """
 
-    def __init__(self, config: CodecConfig) -> None:
+    def __init__(self, config: CodecConfig, *, lazily: bool = False) -> None:
         self._layout = FrameLayout.of(config)
+        self._lazily = lazily
         self._encoders = turbo.parity_encoders(config.turbo.family, config.turbo.interleaver_seed)
 
     def encode(self, frame: Frame, step: float = 1.0) -> EncodedFrame:
@@ -37,8 +40,11 @@ class WynerZivEncoder:
         EncodedFrame
             All bits that a decoder may ask for.
         """
-        quantization, words = quantize_frame(self._layout, frame.luma, quantizer.index_of_step(step))
-        return EncodedFrame(self._layout, quantization, words, self._encoders)
+        quantization, packing = transform_frame(self._layout, frame.luma, quantizer.index_of_step(step))
+        encoded = EncodedFrame(self._layout, quantization, packing, self._encoders)
+        if not self._lazily:
+            encoded.pack(transform.NUM_BANDS)
+        return encoded
 
     def open_frames(self, num_slots: int) -> OpenFrames:
         """Return what answers requests for frames of this configuration.

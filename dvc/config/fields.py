@@ -3,8 +3,10 @@
 import base64
 import binascii
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from types import MappingProxyType
 from typing import Any, Self, get_type_hints
 
 from dvc.errors import ConfigError
@@ -69,7 +71,7 @@ def check_choice(name: str, value: str, choices: Collection[str]) -> None:
         raise ConfigError(f"`{name}` must be one of {', '.join(choices)}, got {shown(value)}")
 
 
-def type_hints_of(section: Any) -> dict[str, Any]:
+def type_hints_of(section: Any) -> Mapping[str, Any]:
     """Return the types of a section's fields.
 
     Parameters
@@ -79,10 +81,15 @@ def type_hints_of(section: Any) -> dict[str, Any]:
 
     Returns
     -------
-    dict
+    mapping
         Type by name, in the order of the fields.
     """
-    return get_type_hints(section)
+    return _type_hints(section)
+
+
+@cache
+def _type_hints(section: Any) -> Mapping[str, Any]:
+    return MappingProxyType(get_type_hints(section))
 
 
 def _check_type(name: str, value: object, hint: Any) -> None:

@@ -3,7 +3,7 @@
 After the header, that payload holds the check bits, uncoded bits and parity of all planes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,10 @@ from dvc.wynerziv.layout import FrameLayout, Quantization
 
 Bits = NDArray[np.uint8]
 Words = NDArray[np.uint64]
+
+
+Packing = Callable[[int], Words]
+"""Gives words of at least so many of the first bands; their other planes, if there are, hold zeros."""
 
 
 def quantize_frame(
@@ -40,23 +44,49 @@ def quantize_frame(
     words : ndarray of shape (ceil(num_planes / 64), num_bits), uint64
         Plane p stands in bit 63 - p % 64 of row p // 64; planes in decoding order.
     """
+    quantization, packing = transform_frame(layout, luma, step_index)
+    return quantization, packing(transform.NUM_BANDS)
+
+
+def transform_frame(
+    layout: FrameLayout, luma: NDArray[np.uint8], step_index: int = 0
+) -> tuple[Quantization, Packing]:
+    """Transform a frame as `quantize_frame` does, but leave its planes for later.
+
+    Parameters
+    ----------
+    layout, luma, step_index
+        See `quantize_frame`.
+
+    Returns
+    -------
+    quantization : Quantization
+        The frame's quantisers.
+    packing : callable
+        Gives its bit planes; of some bands alone where bins are nested.
+    """
     core, extremes = transform.integer_core(luma)
     scaled = extremes * transform.BAND_SCALE[:, None]
     if layout.nested:
         return _quantize_nested(layout, core, scaled, step_index)
-    return _quantize_over_range(layout, core, scaled)
+    quantization, words = _quantize_over_range(layout, core, scaled)
+    return quantization, lambda _: words
 
 
 def _quantize_nested(
     layout: FrameLayout, core: NDArray[np.int16], extremes: NDArray[np.float64], step_index: int
-) -> tuple[Quantization, Words]:
+) -> tuple[Quantization, Packing]:
     step = quantizer.step_from_index(step_index)
     planes = quantizer.nested_planes(extremes, step)
     quantization = layout.of_step(step_index, tuple(planes.tolist()))
-    words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
-    origins = quantizer.nested_origins(planes)
-    _kernels.pack_uniform(core, transform.BAND_SCALE, step, origins, planes, words)
-    return quantization, words
+
+    def _pack(num_bands: int) -> Words:
+        words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
+        origins = quantizer.nested_origins(planes)
+        _kernels.pack_uniform(core[:num_bands], transform.BAND_SCALE, step, origins, planes, words)
+        return words
+
+    return quantization, _pack
 
 
 def _quantize_over_range(
@@ -94,8 +124,8 @@ class EncodedFrame:
         Layout of the frame.
     quantization : Quantization
         Quantisers of the frame, from `quantize_frame`.
-    words : ndarray of shape (W, N), uint64
-        Bit planes, from `quantize_frame`.
+    words : ndarray of shape (W, N), uint64, or callable
+        Bit planes from `quantize_frame`, or what gives them, from `transform_frame`.
     encoders : sequence of callable
         What computes the parity of each code, from `turbo.parity_encoders`.
 
@@ -103,24 +133,57 @@ class EncodedFrame:
     ----------
     header : bytes
         What the decoder needs before it can ask.
-    checks : ndarray of shape (W, crc_bits), uint64
-        Check bits of the planes, as `words`.
+    num_packed_bands : int
+        How many of the first bands have their planes and check bits already: all that are asked for.
     """
 
     def __init__(
         self,
         layout: FrameLayout,
         quantization: Quantization,
-        words: Words,
+        words: Words | Packing,
         encoders: Sequence[turbo.ParityEncoder],
     ) -> None:
-        self.layout, self.quantization, self.words = layout, quantization, words
+        self.layout, self.quantization = layout, quantization
         self.header = quantization.header
+        self.num_packed_bands = 0
+        self._packing: Packing | None = words if callable(words) else lambda _: words
         self._num_planes = quantization.num_planes
         self._encoders = encoders
-        self.checks = np.empty((len(words), layout.crc_bits), np.uint64)
-        for row, check in zip(words, self.checks, strict=True):
-            check[:] = turbo.crc_words(row, layout.crc_bits)
+
+    @property
+    def words(self) -> Words:
+        """Bit planes of all bands."""
+        self.pack(transform.NUM_BANDS)
+        return self._words
+
+    @property
+    def checks(self) -> Words:
+        """Check bits of all planes."""
+        self.pack(transform.NUM_BANDS)
+        return self._checks
+
+    def pack(self, num_bands: int) -> Words:
+        """Make sure that bit planes of the first bands are there.
+
+        Parameters
+        ----------
+        num_bands : int
+            Bands that are wanted; check bits of their planes can then be asked for, too.
+
+        Returns
+        -------
+        ndarray of shape (W, N), uint64
+            Bit planes; those of other bands may be missing.
+        """
+        if self._packing is not None and num_bands > self.num_packed_bands:
+            self._words, self.num_packed_bands = self._packing(num_bands), num_bands
+            if num_bands == transform.NUM_BANDS:
+                self._packing = None  # what it holds is needed no more
+            self._checks = np.empty((len(self._words), self.layout.crc_bits), np.uint64)
+            for row, check in zip(self._words, self._checks, strict=True):
+                check[:] = turbo.crc_words(row, self.layout.crc_bits)
+        return self._words
 
     def _encode(self, code: int, parity: Words) -> None:
         for row, released in zip(self.words, parity, strict=True):
@@ -132,7 +195,7 @@ class EncodedFrame:
         Parameters
         ----------
         planes : sequence of int
-            Numbers of the planes.
+            Numbers of the planes, of bands that are packed or else all are.
 
         Returns
         -------
@@ -141,8 +204,8 @@ class EncodedFrame:
         """
         chosen = np.array(planes, np.int64)
         shifts = (63 - chosen % 64).astype(np.uint64)
-        bits = (self.checks[chosen // 64] >> shifts[:, None]) & np.uint64(1)
-        return turbo.joint_check(bits.astype(np.uint8))
+        checks = self._checks if self.num_packed_bands else self.checks
+        return turbo.joint_check((checks[chosen // 64] >> shifts[:, None]) & np.uint64(1))
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`.

@@ -135,12 +135,16 @@ def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
     """
     digits = plane_digits(sent.depths) + "".join(f"{code:0{LENGTH_CODE_BITS}b}" for code in sent.length_codes)
     writer = BitWriter()
-    writer.write(np.array(list(map(int, digits)), np.uint8))
-    for block in range(len(BLOCKS)):
-        graph = sent.graph(block, frame.quantization, frame.layout.num_bits, seed)
-        if graph is not None:
+    writer.write(np.frombuffer(digits.encode(), np.uint8) & np.uint8(1))
+    blocks = (
+        sent.graph(block, frame.quantization, frame.layout.num_bits, seed) for block in range(len(BLOCKS))
+    )
+    graphs = [graph for graph in blocks if graph is not None]
+    if graphs:
+        words = frame.pack(max(band + 1 for band, depth in enumerate(sent.depths) if depth))
+        for graph in graphs:
             writer.write(frame.joint_check(graph.planes))
-            writer.write(syndrome(frame.words, graph))
+            writer.write(syndrome(words, graph))
     return frame.header + writer.to_bytes()
 
 

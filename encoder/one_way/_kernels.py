@@ -123,19 +123,21 @@ def cut_blocks(words, grid, spacing, factor, lines):
 
 
 @inlined_kernel
-def _cut_at_border(image, y, x, column, samples):
+def _cut_at_border(words, y, x, column, samples):
     """Write a block and its three neighbours at half samples, where borders of the picture are repeated."""
-    height, width = image.shape
+    height, last = words.shape[0], words.shape[1] - 1
     for line in range(SIDE):
         for corner in range(4):
             from_y = min(max((y >> 1) + line + (y & 1) * (corner >> 1), 0), height - 1)
             for i in range(SIDE):
-                from_x = min(max((x >> 1) + i + (x & 1) * (corner & 1), 0), width - 1)
-                samples[line, corner, SIDE * column + i] = image[from_y, from_x]
+                from_x = min(max((x >> 1) + i + (x & 1) * (corner & 1), 0), last + SIDE - 1)
+                word = words[from_y, min(from_x, last)]  # the first sample in its lowest bits
+                sample = (word >> np.uint64(8 * max(from_x - last, 0))) & np.uint64(255)
+                samples[line, corner, SIDE * column + i] = np.uint8(sample)
 
 
 @kernel
-def subtract_moved(image, words, motion, grid, spacing, lines):
+def subtract_moved(words, motion, grid, spacing, lines):
     """Subtract four times the blocks of a picture, moved by half pixels, borders repeated; see `cut_blocks`.
 
     Samples at half places are means of those around them.
@@ -160,7 +162,7 @@ def subtract_moved(image, words, motion, grid, spacing, lines):
                         words[below, right],
                     )
             else:
-                _cut_at_border(image, y, x, column, samples)
+                _cut_at_border(words, y, x, column, samples)
         for y in range(SIDE):
             for x in range(samples.shape[2]):
                 upper = np.int16(np.int16(samples[y, 0, x]) + np.int16(samples[y, 1, x]))
@@ -196,8 +198,8 @@ def _add_squares(line, squares):
 
 
 @kernel
-def energies(lines, grid, weights, order, means):
-    """Write the weighed sum of squares of the coefficients of each band in each block; `lines` are lost."""
+def energies(lines, grid, weights, order, share, means):
+    """Write weighed sums of squares of the coefficients of each band in each block; `lines` are lost."""
     squares = np.empty((4, 4, 2 * grid[1]), np.float32)
     for row in range(grid[0]):
         squares[:] = 0.0
@@ -209,7 +211,31 @@ def energies(lines, grid, weights, order, means):
             for x in range(4):
                 for column in range(grid[1]):
                     both = np.float64(squares[y, x, 2 * column] + squares[y, x, 2 * column + 1])
-                    means[order[y, x], row * grid[1] + column] = weights[y, x] * both
+                    means[order[y, x], row * grid[1] + column] = share * weights[y, x] * both
+
+
+@kernel
+def block_errors(
+    words, references, noises, positions, grid, spacing, unit, index_bits, weights, order, residual, noise
+):
+    """Write energies of blocks less the mean of where they are in references, and the noise that these add.
+
+    Words of the picture and of each reference: see `cut_blocks`; `positions` (N, 1 + R, 2). Return how many
+    pairs of a block and a point were compared.
+    """
+    count = len(references)
+    nearest = np.empty((grid[0], NEAREST, -(-grid[1] // 8) * 8), np.int32)
+    motion = np.empty((grid[0] * grid[1], 2), np.int64)
+    lines = np.empty((grid[0], SIDE, SIDE * grid[1]), np.int16)
+    num_compared = nearest_points(positions, grid, spacing, unit, index_bits, nearest)
+    cut_blocks(words, grid, spacing, 4 * count, lines)
+    noise[:] = 0.0
+    for r in range(count):
+        blend_motion(positions, r + 1, grid, spacing, index_bits, nearest, motion)
+        subtract_moved(references[r], motion, grid, spacing, lines)
+        add_noise(motion, grid, spacing, 1.0 / (count * count), noises[r], noise)
+    energies(lines, grid, weights, order, 1.0 / (count * count), residual)
+    return num_compared
 
 
 @inlined_kernel

@@ -47,7 +47,7 @@ class Choice(NamedTuple):
     """What is sent of a frame, and how much of the error is left."""
 
     sent: SentPlanes
-    noise: Floats  # of the frame as a reference; shape (16, B)
+    noise: NDArray[np.float32]  # of the frame as a reference; shape (16, B)
 
 
 class NeedEstimator:
@@ -85,7 +85,7 @@ class NeedEstimator:
             What to send, and what it leaves.
         """
         if not errors.residual.size:  # too small a picture to tell
-            errors = BlockErrors(np.full((16, 1), _UNKNOWN), np.zeros((16, 1)))
+            errors = BlockErrors(np.full((16, 1), _UNKNOWN, np.float32), np.zeros((16, 1), np.float32))
         slope = self._config.wyner_ziv.slope_between(distance)
         depths, codes, noise = [], [], np.empty_like(errors.noise)
         for block, needs in enumerate(NEEDS):
@@ -114,14 +114,14 @@ class BlockCosts(NamedTuple):
     Shape (3, bands, most planes + 1).
     """
 
-    def write_noise(self, depths: Integers, noise: Floats) -> None:
+    def write_noise(self, depths: Integers, noise: NDArray[np.float32]) -> None:
         """Write the squared error that is left in each block.
 
         Parameters
         ----------
         depths : ndarray of shape (bands,), int64
             Planes that are known.
-        noise : ndarray of shape (16, B), float64
+        noise : ndarray of shape (16, B), float32
             Of all bands of the frame, of which those of the block are written.
         """
         left, tables = noise[self.bands], laplacian_tables()

@@ -45,7 +45,7 @@ def moved(num_moved: float) -> Operations:
     lines = Operations(adds=3, logic=3, bytes=2 * 4 * 8).times(BLOCK_PX)
     samples = Operations(adds=4, bytes=4 + 2 * 2).times(_SAMPLES)
     origin = Operations(adds=5, multiplies=3, logic=2, compares=4, bytes=3 * 8)
-    noise = Operations(adds=1, multiplies=1, bytes=4 * 8).times(NUM_BANDS)
+    noise = Operations(adds=1, multiplies=1, bytes=8 + 3 * 4).times(NUM_BANDS)
     return (motion + place + lines + samples + origin + noise).times(num_moved)
 
 
@@ -78,9 +78,9 @@ def residual(num_blocks: float) -> Operations:
     columns = Operations(adds=10, bytes=2 * BLOCK * 2).times(_SAMPLES / BLOCK)
     rows = Operations(adds=10, bytes=BLOCK * 2).times(_SAMPLES / BLOCK)
     squares = Operations(adds=1, multiplies=1, bytes=2 * 4).times(_SAMPLES)
-    means = Operations(adds=1, multiplies=1, bytes=4 * 4 + 8).times(NUM_BANDS)
-    place = Operations(multiplies=3, adds=2 + 1 + 1, logic=1, compares=2, bytes=2 * 8 + 2 * 4 + 2 + 2 * 8)
-    left = Operations(multiplies=3, adds=1, compares=1, bytes=2 + 3 * 8)
+    means = Operations(adds=1, multiplies=1, bytes=5 * 4).times(NUM_BANDS)
+    place = Operations(multiplies=3, adds=2 + 1 + 1, logic=1, compares=2, bytes=2 * 4 + 2 * 4 + 2 + 2 * 8)
+    left = Operations(multiplies=3, adds=1, compares=1, bytes=2 + 2 * 8 + 4)
     bands = (place + left).times(NUM_BANDS)
     return (cut + columns + rows + squares + means + bands).times(num_blocks)
 

@@ -20,7 +20,7 @@ class _Reference(NamedTuple):
     """A frame that others are predicted from."""
 
     luma: Plane  # before coding
-    noise: NDArray[np.float64]  # that coding adds
+    noise: NDArray[np.float32]  # that coding adds
 
 
 class ChosenFrame(NamedTuple):

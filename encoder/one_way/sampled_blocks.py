@@ -6,6 +6,7 @@ that are coded: of near references the noise of their quantisers is most of the 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,13 @@ from dvc.video.frames import Plane
 from dvc.wynerziv import transform
 from encoder.one_way import _kernels
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+Floats = NDArray[np.float32]
 
 BLOCK_PX = _kernels.SIDE
 SPACING_PX = 16
-"""From one sampled block to the next: one in four is looked at."""
+"""Least distance from one sampled block to the next: one in four is looked at."""
+_MANY_BLOCKS = 900
+"""About as many are enough: of large pictures fewer blocks in a given area are looked at."""
 _WEIGHTS = (transform.SCALE / 4.0) ** 2 / (BLOCK_PX // 4) ** 2
 """Of squared coefficients of differences in quarters of grey levels, in means of blocks."""
 _ROUNDING = 1.0 / 3.0
@@ -32,10 +34,10 @@ class BlockErrors:
 
     Attributes
     ----------
-    residual : ndarray of shape (16, B), float64
+    residual : ndarray of shape (16, B), float32
         Mean squared coefficients of the residual against references as they were before coding, by bands
         and blocks, in units of the orthonormal transform.
-    noise : ndarray of shape (16, B), float64
+    noise : ndarray of shape (16, B), float32
         What the noise of the references adds.
     """
 
@@ -81,13 +83,11 @@ class BlockSampler:
     def __init__(self, shape: tuple[int, int]) -> None:
         self.work = OneWayWork()
         height, width = shape
-        rows, columns = (np.arange(0, side - BLOCK_PX + 1, SPACING_PX) for side in (height, width))
+        self._spacing_px = max(SPACING_PX, isqrt(height * width // _MANY_BLOCKS) // BLOCK_PX * BLOCK_PX)
+        rows, columns = (np.arange(0, side - BLOCK_PX + 1, self._spacing_px) for side in (height, width))
         self._grid = rows.size, columns.size
         self._corners = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
         self._diagonal_px2 = height**2 + width**2
-        self._nearest = np.empty((rows.size, _kernels.NEAREST, -(-columns.size // 8) * 8), np.int32)
-        self._motion = np.empty((self.num_blocks, 2), np.int64)
-        self._lines = np.empty((rows.size, BLOCK_PX, BLOCK_PX * columns.size), np.int16)
 
     @property
     def num_blocks(self) -> int:
@@ -106,10 +106,10 @@ class BlockSampler:
 
         Returns
         -------
-        ndarray of shape (16, B), float64
+        ndarray of shape (16, B), float32
             Mean squared error by bands and blocks.
         """
-        errors = np.zeros((transform.NUM_BANDS, self.num_blocks))
+        errors = np.zeros((transform.NUM_BANDS, self.num_blocks), np.float32)
         if step > 0:
             self.work.num_intra += self.num_blocks
             _kernels.intra_errors(
@@ -122,7 +122,7 @@ class BlockSampler:
         luma: Plane,
         references: Sequence[Plane],
         noises: Sequence[Floats],
-        positions: Floats,
+        positions: NDArray[np.float64],
     ) -> BlockErrors:
         """Measure the residual of a frame against the mean of its references, moved as points have moved.
 
@@ -132,7 +132,7 @@ class BlockSampler:
             The frame.
         references : sequence of ndarray of shape (H, W), uint8
             One or more frames before coding.
-        noises : sequence of ndarray of shape (16, B), float64
+        noises : sequence of ndarray of shape (16, B), float32
             Noise of each of them.
         positions : ndarray of shape (N, 1 + R, 2), float64
             Points (x, y) in the frame, then in each of R references, in pixels; nan where they are not known.
@@ -142,35 +142,34 @@ class BlockSampler:
         BlockErrors
             Of the sampled blocks.
         """
-        count, spacing = len(references), SPACING_PX
         self.work.num_blocks += self.num_blocks
-        self.work.num_moved += self.num_blocks * count
-        residual = np.empty((transform.NUM_BANDS, self.num_blocks))
-        noise = np.zeros(residual.shape)
+        self.work.num_moved += self.num_blocks * len(references)
+        residual, noise = np.empty((2, transform.NUM_BANDS, self.num_blocks), np.float32)
         if self.num_blocks:
-            lines, motion = self._lines, self._motion
-            nearest, bits = self._nearest_points(positions)
-            _kernels.cut_blocks(_words(luma), self._grid, spacing, 4 * count, lines)
-            for instant, (reference, added) in enumerate(zip(references, noises, strict=True), start=1):
-                _kernels.blend_motion(positions, instant, self._grid, spacing, bits, nearest, motion)
-                _kernels.subtract_moved(reference, _words(reference), motion, self._grid, spacing, lines)
-                _kernels.add_noise(motion, self._grid, spacing, 1.0 / count**2, added, noise)
-            _kernels.energies(lines, self._grid, _WEIGHTS / count**2, transform.ORDER, residual)
+            bits = max(len(positions) - 1, 1).bit_length()
+            self.work.num_distances += _kernels.block_errors(
+                _words(luma),
+                tuple(map(_words, references)),
+                tuple(noises),
+                positions,
+                self._grid,
+                self._spacing_px,
+                float(1 << (29 - bits)) / self._diagonal_px2,
+                bits,
+                _WEIGHTS,
+                transform.ORDER,
+                residual,
+                noise,
+            )
         return BlockErrors(residual, noise)
-
-    def _nearest_points(self, positions: Floats) -> tuple[NDArray[np.int32], int]:
-        """Return the points nearest to the blocks as keys, and of how many bits their numbers are."""
-        bits = max(len(positions) - 1, 1).bit_length()
-        unit = float(1 << (29 - bits)) / self._diagonal_px2
-        nearest = self._nearest
-        self.work.num_distances += _kernels.nearest_points(
-            positions, self._grid, SPACING_PX, unit, bits, nearest
-        )
-        return nearest, bits
 
 
 def _words(luma: Plane) -> NDArray[np.uint64]:
     """Return eight samples from each place on as words that overlap."""
     height, width = luma.shape
     samples = np.ascontiguousarray(luma)
-    return np.ndarray((height, width - BLOCK_PX + 1), np.uint64, samples, strides=(width, 1))
+    words: NDArray[np.uint64] = np.ndarray(
+        (height, width - BLOCK_PX + 1), np.uint64, samples, strides=(width, 1)
+    )
+    words.flags.writeable = False
+    return words

@@ -22,12 +22,12 @@ SEARCH_BITS = 6
 """Check bits of half of the planes that are asked for, to find one that is wrong."""
 
 
-def joint_check(checks: Bits) -> Bits:
+def joint_check(checks: Bits | NDArray[np.uint64]) -> Bits:
     """Return check bits of several planes together.
 
     Parameters
     ----------
-    checks : ndarray of shape (planes, crc_bits), uint8
+    checks : ndarray of shape (planes, crc_bits), uint8 or uint64
         Check bits of each plane.
 
     Returns
@@ -35,7 +35,7 @@ def joint_check(checks: Bits) -> Bits:
     ndarray of shape (crc_bits,), uint8
         Check bits of these, one plane after the other; the same error in two planes does not cancel out.
     """
-    words = checks.astype(np.uint64).ravel()
+    words = checks.astype(np.uint64, copy=False).ravel()
     return crc_words(words, checks.shape[1]).astype(np.uint8)
 
 

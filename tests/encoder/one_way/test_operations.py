@@ -12,6 +12,7 @@ from encoder.one_way.needs import _FIRST, NEEDS
 from encoder.one_way.sampled_blocks import (
     _ROUNDING,
     _WEIGHTS,
+    BLOCK_PX,
     SPACING_PX,
     BlockSampler,
     OneWayWork,
@@ -27,6 +28,11 @@ SAMPLER = BlockSampler((64, 96))
 CORNERS, COUNT = SAMPLER._corners, SAMPLER.num_blocks
 
 
+def no_lines() -> np.ndarray:
+    """Return room for the blocks."""
+    return np.zeros((SAMPLER._grid[0], BLOCK_PX, BLOCK_PX * SAMPLER._grid[1]), np.int16)
+
+
 def test_nearest_points() -> None:
     """A point is compared with all blocks of a row."""
     tally, columns = Tally(), 24
@@ -40,26 +46,26 @@ def test_nearest_points() -> None:
 def test_moved_blocks() -> None:
     """Motion of three points, samples at half places, and noise that is added."""
     tally, motion, grid = Tally(), np.zeros((COUNT, 2), np.int64), SAMPLER._grid
-    positions = RNG.uniform(0, 64, (8, 2, 2))
-    keys, bits = SAMPLER._nearest_points(positions)
+    positions, bits = RNG.uniform(0, 64, (8, 2, 2)), 3
+    keys = np.empty((grid[0], _kernels.NEAREST, 8), np.int32)
+    _kernels.nearest_points(positions, grid, SPACING_PX, 1e4, bits, keys)
     given = 1, grid, SPACING_PX, bits, Data(keys, tally), Data(motion, tally)
     counting(_kernels.blend_motion, tally)(Data(positions, tally), *given)
-    still, lines = np.zeros_like(motion), Data(SAMPLER._lines, tally)
-    words = Data(_words(FRAMES[0]), tally)
-    given = Data(FRAMES[0], tally), words, Data(still, tally), grid, SPACING_PX, lines
+    still, words = np.zeros_like(motion), Data(_words(FRAMES[0]), tally)
+    given = words, Data(still, tally), grid, SPACING_PX, Data(no_lines(), tally)
     counting(_kernels.subtract_moved, tally)(*given)
-    noise = (Data(np.ones((transform.NUM_BANDS, COUNT)), tally) for _ in range(2))
+    noise = (Data(np.ones((transform.NUM_BANDS, COUNT), np.float32), tally) for _ in range(2))
     counting(_kernels.add_noise, tally)(Data(still, tally), grid, SPACING_PX, 1.0, *noise)
     assert astuple(tally.operations()) == pytest.approx(astuple(operations.moved(COUNT)), rel=0.02)
 
 
 def test_residuals() -> None:
     """Differences, their energies by bands, and where these stand in the tables."""
-    tally, grid, lines = Tally(), SAMPLER._grid, SAMPLER._lines
-    words, counted = Data(_words(FRAMES[1]), tally), Data(lines, tally)
+    tally, grid = Tally(), SAMPLER._grid
+    words, counted = Data(_words(FRAMES[1]), tally), Data(no_lines(), tally)
     counting(_kernels.cut_blocks, tally)(words, grid, SPACING_PX, 4, counted)
-    energies = Data(np.zeros((transform.NUM_BANDS, COUNT)), tally)
-    counting(_kernels.energies, tally)(counted, grid, _WEIGHTS, transform.ORDER, energies)
+    energies = Data(np.zeros((transform.NUM_BANDS, COUNT), np.float32), tally)
+    counting(_kernels.energies, tally)(counted, grid, _WEIGHTS, transform.ORDER, 0.25, energies)
     places = Data(np.empty((transform.NUM_BANDS, COUNT), np.int16), tally)
     histograms = Data(np.zeros((transform.NUM_BANDS, NUM_PLACES), np.int64), tally)
     given = energies, energies, NEEDS[0].variance, 4.0, _FIRST, places, histograms
@@ -67,7 +73,7 @@ def test_residuals() -> None:
     tally["bytes"] -= histograms.array.nbytes  # the tables are cleared once for all blocks
     planes = np.full(transform.NUM_BANDS, 3)
     all_places = Data(np.full((transform.NUM_BANDS, COUNT), 40, np.int16), tally)
-    noise = Data(np.empty((transform.NUM_BANDS, COUNT)), tally)
+    noise = Data(np.empty((transform.NUM_BANDS, COUNT), np.float32), tally)
     given = planes, planes, 4.0, PER_PLANE, Data(laplacian_tables(), tally), noise
     counting(_kernels.remaining_noise, tally)(all_places, *given)
     assert astuple(tally.operations()) == pytest.approx(astuple(operations.residual(COUNT)), rel=0.04)

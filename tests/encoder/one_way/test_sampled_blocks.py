@@ -22,7 +22,7 @@ def points(displacement: tuple[float, float]) -> np.ndarray:
 
 def silence() -> np.ndarray:
     """Return the noise of a reference that has none."""
-    return np.zeros((16, BLOCKS))
+    return np.zeros((16, BLOCKS), np.float32)
 
 
 def sampled(picture: np.ndarray) -> np.ndarray:
@@ -64,7 +64,7 @@ def test_points_that_are_not_known_everywhere_do_not_count() -> None:
 def test_residuals_are_those_of_the_transform() -> None:
     """Mean squares by bands in blocks of 8x8 samples, of the mean of two references at rest."""
     frames = [frame.luma for frame in moving_texture(3, *SHAPE)]
-    noises = [np.full((16, BLOCKS), 3.0), np.full((16, BLOCKS), 5.0)]
+    noises = [np.full((16, BLOCKS), of, np.float32) for of in (3.0, 5.0)]
     found = BlockSampler(SHAPE).errors(frames[1], frames[::2], noises, np.empty((0, 3, 2)))
     mean = (frames[0].astype(np.float64) + frames[2]) / 2
     np.testing.assert_allclose(found.residual, sampled(frames[1] - mean), rtol=1e-6, atol=1e-9)
@@ -74,7 +74,7 @@ def test_residuals_are_those_of_the_transform() -> None:
 def test_noise_comes_from_where_the_blocks_come_from() -> None:
     """From the sampled block that is nearest there, at the borders as well."""
     luma = np.zeros(SHAPE, np.uint8)
-    noise = np.tile(np.arange(float(BLOCKS)), (16, 1))
+    noise = np.tile(np.arange(BLOCKS, dtype=np.float32), (16, 1))
     found = BlockSampler(SHAPE).errors(luma, [luma], [noise], points((16.0, -15.0)))
     rows, columns = np.divmod(np.arange(BLOCKS), 4)
     expected = 4 * np.maximum(rows - 1, 0) + np.minimum(columns + 1, 3)
@@ -101,7 +101,7 @@ def test_blocks_that_are_not_whole_are_left_out(shape: tuple[int, int]) -> None:
     expected = len(range(0, shape[0] - 7, 16)) * len(range(0, shape[1] - 7, 16))
     assert sampler.num_blocks == expected
     assert sampler.intra_noise(luma, 8.0).shape == (16, expected)
-    found = sampler.errors(luma, [luma], [np.zeros((16, expected))], NONE)
+    found = sampler.errors(luma, [luma], [np.zeros((16, expected), np.float32)], NONE)
     assert found.residual.shape == (16, expected)
 
 
@@ -121,7 +121,7 @@ def test_kernels_are_their_python() -> None:
         (_kernels.nearest_points, (spots, grid, 16, 100.0, 3), ((2, 3, 8), np.int32)),
         (_kernels.blend_motion, (spots % 7, 1, grid, 16, 2, near), ((6, 2), np.int64)),
         (_kernels.cut_blocks, (_words(image), grid, 16, 8), lines),
-        (_kernels.subtract_moved, (image, _words(image), motion, grid, 16), lines),
+        (_kernels.subtract_moved, (_words(image), motion, grid, 16), lines),
         (
             _kernels.intra_errors,
             (image, corners, 20.0, 0.3, transform.SCALE, transform.ORDER),
@@ -140,22 +140,32 @@ def test_kernels_are_their_python() -> None:
             assert ours.any(), kernel
     blocks = rng.integers(-2000, 2000, (2, 8, 24)).astype(np.int16)
     means, twins = np.zeros((2, 16, 6))
-    _kernels.energies(blocks.copy(), grid, transform.SCALE, transform.ORDER, means)
-    python_twin(_kernels.energies)(blocks, grid, transform.SCALE, transform.ORDER, twins)
+    _kernels.energies(blocks.copy(), grid, transform.SCALE, transform.ORDER, 0.5, means)
+    python_twin(_kernels.energies)(blocks, grid, transform.SCALE, transform.ORDER, 0.5, twins)
     np.testing.assert_array_equal(means, twins)
     assert means.all()
 
 
 def test_nearest_points_are_the_nearest() -> None:
     """Of any points, as by all distances; in the order of these."""
-    rng, sampler = np.random.default_rng(7), BlockSampler((96, 144))
-    centres = sampler._corners + 4.0
+    rng, grid, bits = np.random.default_rng(7), (6, 9), 9
+    centres = 16.0 * np.stack(np.meshgrid(*map(np.arange, grid), indexing="ij"), axis=-1).reshape(-1, 2) + 4.0
     for count in (0, 2, 3, 40, 300):
         spots = rng.uniform(0.0, 1.0, (count, 1, 2)) ** 2 * (144, 96)
-        keys, bits = sampler._nearest_points(spots)
-        keys = keys[:, :, : sampler._grid[1]].transpose(0, 2, 1).reshape(len(centres), -1)
+        keys = np.empty((6, 3, 16), np.int32)
+        compared = _kernels.nearest_points(spots, grid, 16, 2**20 / (96**2 + 144**2), bits, keys)
+        assert compared <= count * len(centres) if count < 300 else compared < 0.7 * count * len(centres)
+        keys = keys[:, :, : grid[1]].transpose(0, 2, 1).reshape(len(centres), -1)
         places, kept = keys & ((1 << bits) - 1), min(count, 3)
         assert (keys[:, kept:] == _kernels.FAR).all()
         squares = ((spots[None, :, 0, ::-1] - centres[:, None]) ** 2).sum(axis=2)
         found = np.take_along_axis(squares, places[:, :kept].astype(np.int64), axis=1)
         np.testing.assert_allclose(found, np.sort(squares, axis=1)[:, :kept], atol=0.1)
+
+
+def test_large_pictures_have_about_as_many_blocks() -> None:
+    """One block in four of small ones; of others, blocks that are farther apart."""
+    small, large, huge = (BlockSampler(shape).num_blocks for shape in ((288, 352), (720, 1280), (2160, 3840)))
+    assert small == 18 * 22
+    assert 700 < large < 1100
+    assert 700 < huge < 1100
