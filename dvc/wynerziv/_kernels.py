@@ -511,12 +511,14 @@ def _below(x, scale):
 
 @kernel
 def _place_of(slot, places, owners, last_use, known, now, patience):
-    """Return the place of a frame's parity: its own, else the first one that is free or long out of use."""
+    """Return the place of a frame's parity: its own, else the first free or long out of use, or -1."""
     place = places[slot]
     if place < 0:
         place = 0
-        while owners[place] >= 0 and last_use[place] >= now - patience:
+        while place < owners.size and owners[place] >= 0 and last_use[place] >= now - patience:
             place += 1
+        if place == owners.size:
+            return -1
         if owners[place] >= 0:
             places[owners[place]] = -1
         known[place] = False
@@ -529,12 +531,12 @@ def _place_of(slot, places, owners, last_use, known, now, patience):
 def missing_parity(
     rows, positions, num_bits, num_planes, places, owners, last_use, known, now, patience, missing
 ):
-    """List the parity that is needed and not known; return how much, or -1 less the request at fault.
+    """List the parity that is needed and not known; return how much, and how many requests were looked at.
 
-    By slot: `num_planes` (S,), less than which all planes must be; `places` (S,) of parity, -1: none. By
-    place, of which there are as many: `owners` (S,), slots, -1: none; `last_use` (S,); `known` (S, W, C).
-    These are brought up to date. `now` counts calls; places that were not used in `patience` of them may be
-    taken. `missing` receives slot, row of words and code of each.
+    These are all, unless a plane is none of its frame's, or no place is left. By slot: `num_planes` (S,) and
+    `places` (S,) of parity, -1: none. By place: `owners` (P,), slots, -1: none; `last_use` (P,); `known`
+    (P, W, C). These are brought up to date. `now` counts calls; places that were not used in `patience` of
+    them may be taken. `missing` receives slot, row of words and code of each.
     """
     count, start = 0, 0
     for n in range(rows.shape[0]):
@@ -542,16 +544,18 @@ def missing_parity(
         chosen = positions[start : rows[n, LAST]]
         start = rows[n, LAST]
         if plane >= num_planes[slot] or (rows[n, KIND] == _JOINT and chosen[-1] >= num_planes[slot]):
-            return -1 - n
+            return count, n
         if rows[n, KIND] == _PARITY:
             place = _place_of(slot, places, owners, last_use, known, now, patience)
+            if place < 0:
+                return count, n
             last = first + chosen[-1] // num_bits if chosen.size else first
             for code in range(first, last + 1):
                 if not known[place, plane // 64, code]:
                     known[place, plane // 64, code] = True
                     missing[count, 0], missing[count, 1], missing[count, 2] = slot, plane // 64, code
                     count += 1
-    return count
+    return count, rows.shape[0]
 
 
 @inlined_kernel
@@ -587,7 +591,7 @@ def answer_requests(rows, positions, words, checks, places, parity, polynomial, 
     """Write all bits that are wanted; return how many.
 
     By slot: `words` (S, W, N), the planes, `checks` (S, W, crc bits) and `places` (S,) of parity. By place:
-    `parity` (S, W, C, N).
+    `parity` (P, W, C, N).
     """
     one, num_bits = np.uint64(1), words.shape[2]
     written, begin = 0, 0

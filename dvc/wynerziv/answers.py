@@ -6,12 +6,16 @@ import numpy as np
 
 from dvc import turbo
 from dvc.turbo.crc import POLYNOMIALS
+from dvc.turbo.requests import SLOT
 from dvc.wynerziv import _kernels
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.layout import FrameLayout
 
 PATIENCE = 64
 """Messages answered since a frame was last asked for, from which on its parity gives way to others."""
+
+FIRST_WORDS = 2**27
+"""Words of parity for which there is room at first, for one frame at least; more where that is needed."""
 
 
 class OpenFrames:
@@ -37,11 +41,12 @@ class OpenFrames:
         self._num_planes = np.zeros(num_slots, np.int64)
         self._words = np.empty((num_slots, num_rows, layout.num_bits), np.uint64)
         self._checks = np.zeros((num_slots, num_rows, layout.crc_bits), np.uint64)
-        self._places, self._owners = np.full((2, num_slots), -1)
-        self._last_use = np.zeros(num_slots, np.int64)
-        self._known = np.zeros((num_slots, num_rows, num_codes), np.bool_)
-        self._parity = np.empty((num_slots, num_rows, num_codes, layout.num_bits), np.uint64)
+        self._places = np.full(num_slots, -1)
+        self._owners, self._last_use = np.empty(0, np.int64), np.empty(0, np.int64)
+        self._known = np.empty((0, num_rows, num_codes), np.bool_)
+        self._parity = np.empty((0, num_rows, num_codes, layout.num_bits), np.uint64)
         self._num_calls = 0
+        self._add_places(min(num_slots, max(1, FIRST_WORDS // (num_rows * num_codes * layout.num_bits))))
 
     def enter(self, slot: int, frame: EncodedFrame) -> None:
         """Hold a frame, in place of any other that was held there.
@@ -91,12 +96,29 @@ class OpenFrames:
         """Compute the parity that requests need and that is not known."""
         missing = np.empty((len(table.rows) * len(self._encoders), 3), np.int64)
         self._num_calls += 1
-        count = _kernels.missing_parity(
-            table.rows, table.positions, self._num_bits, self._num_planes, self._places, self._owners,
-            self._last_use, self._known, self._num_calls, PATIENCE, missing,
-        )  # fmt: skip
-        if count < 0:
-            request = table.requests()[-1 - count]
-            raise ValueError(f"plane {max(request.plane, *request.positions, 0)} of frame {request.frame}")
-        for slot, row, code in missing[:count].tolist():
-            self._encoders[code](self._words[slot, row], self._parity[self._places[slot], row, code])
+        done = 0
+        while done < len(table.rows):
+            count, done = _kernels.missing_parity(
+                table.rows, table.positions, self._num_bits, self._num_planes, self._places, self._owners,
+                self._last_use, self._known, self._num_calls, PATIENCE, missing,
+            )  # fmt: skip
+            for slot, row, code in missing[:count].tolist():
+                self._encoders[code](self._words[slot, row], self._parity[self._places[slot], row, code])
+            if done < len(table.rows):
+                self._refuse_other_planes(table, done)
+                self._add_places(len(self._owners))
+
+    def _refuse_other_planes(self, table: turbo.RequestTable, number: int) -> None:
+        request = table.requests()[number]
+        plane = max(request.plane, request.positions[-1] if request.kind == "joint" else 0)
+        if plane >= self._num_planes[table.rows[number, SLOT]]:
+            raise ValueError(f"plane {plane} of frame {request.frame}")
+
+    def _add_places(self, count: int) -> None:
+        """Make room for the parity of more frames, which takes memory once it is used."""
+        self._owners = np.concatenate([self._owners, np.full(count, -1)])
+        self._last_use = np.concatenate([self._last_use, np.zeros(count, np.int64)])
+        self._known = np.concatenate([self._known, np.zeros((count, *self._known.shape[1:]), np.bool_)])
+        parity = np.empty((len(self._owners), *self._parity.shape[1:]), np.uint64)
+        parity[: len(self._parity)] = self._parity
+        self._parity = parity

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dvc import turbo
@@ -44,12 +44,19 @@ def table_of(requests: list[ParityRequest]) -> RequestTable:
     return table
 
 
-@settings(max_examples=40)
+@pytest.mark.parametrize("first_words", [1, answers.FIRST_WORDS])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(layouts, st.sampled_from(FAMILIES), st.integers(0, 2**32 - 1), st.data())
 def test_many_answers_are_those_of_the_buffered_form(
-    layout: FrameLayout, family: str, seed: int, data: st.DataObject
+    monkeypatch: pytest.MonkeyPatch,
+    first_words: int,
+    layout: FrameLayout,
+    family: str,
+    seed: int,
+    data: st.DataObject,
 ) -> None:
     """Any requests for two frames, together, get the bits that buffered payloads have for each."""
+    monkeypatch.setattr(answers, "FIRST_WORDS", first_words)
     frames = [encoded_frame(layout, seed + number, family=family) for number in range(2)]
     codes = turbo.num_codes(family)
     buffered = [BufferedFrame(layout, frame.buffered_payload(), codes) for frame in frames]
