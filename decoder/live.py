@@ -25,12 +25,12 @@ from dvc.feedback import (
 )
 from dvc.turbo import ParityRequest, Place
 
-NEAR_S = 0.01
-"""An encoder that answers sooner is not kept busy: requests wait until nothing else can be done."""
-HELD_S = 0.02
-"""How long requests wait for others while there is something to do, where the encoder is farther away."""
+HELD_SHARE = 1 / 16
+"""Of the time that answers take, for which requests wait for others as long as there is anything else to do."""
 NUM_TURNAROUNDS = 256
-"""Latest answers, the quickest of which tells how far away it is."""
+"""Latest answers, the quickest of which tells how far away the encoder is."""
+STEP_MEMORY = 1 / 16
+"""Weight of the latest step of decoding in the mean time that one takes."""
 
 
 class LiveSource:
@@ -100,6 +100,7 @@ class HeldRequests:
         self._since_s = 0.0
         self._sent_s: dict[Place, float] = {}
         self._turnarounds_s: deque[float] = deque(maxlen=NUM_TURNAROUNDS)
+        self._step_s = 0.0
 
     def __len__(self) -> int:
         return len(self._held)
@@ -126,17 +127,35 @@ class HeldRequests:
         """
         self._turnarounds_s.append(self._clock() - self._sent_s.pop(place))
 
-    def left_s(self) -> float | None:
+    def stepped(self, step_s: float) -> None:
+        """Notice how long a step of decoding has taken, from one request to the next.
+
+        Parameters
+        ----------
+        step_s : float
+            The time in seconds.
+        """
+        self._step_s += STEP_MEMORY * (step_s - self._step_s)
+
+    def left_s(self, num_steps: int) -> float:
         """Return how much longer the requests may be held.
+
+        Sent later, they would be answered after all else is done; sent earlier, there are more messages.
+
+        Parameters
+        ----------
+        num_steps : int
+            Steps of decoding that need no further answers.
 
         Returns
         -------
-        float or None
-            Seconds; None: as long as there is something else to do.
+        float
+            Seconds; 0 where there is nothing else to do.
         """
-        if not self._held or min(self._turnarounds_s, default=NEAR_S) < NEAR_S:
-            return None
-        return max(0.0, self._since_s + HELD_S - self._clock())
+        turnaround_s = min(self._turnarounds_s, default=0.0)
+        work_s = num_steps * self._step_s - turnaround_s
+        pause_s = self._since_s + HELD_SHARE * turnaround_s - self._clock()
+        return max(0.0, work_s, pause_s) if num_steps else 0.0
 
     def take(self) -> list[ParityRequest]:
         """Return the requests, which are sent now.
@@ -213,14 +232,19 @@ class GroupsInFlight:
         connection = self._source.connection
         idle = not any(process.num_running for process in self._processes)
         patient = len(self._asked) == len(self._held) and not idle
-        for ready in connection.wait(self._processes, patient, self._held.left_s()):
+        for ready in connection.wait(self._processes, patient, self._held_s()):
             if ready is connection:
                 for event in self._source.receive():
                     self._take(event)
             else:
                 self._pass_on(ready)
-        if self._held and (self._held.left_s() == 0.0 or any(map(_is_idle, self._processes))):
+        if self._held_s() == 0.0:
             self._endpoint.send_requests(self._held.take())
+
+    def _held_s(self) -> float | None:
+        """Return how much longer requests are held, if any are."""
+        running = [process.num_pending for process in self._processes if process.num_running]
+        return self._held.left_s(min(running, default=0)) if self._held else None
 
     def _take(self, event: Event) -> None:
         match event:
@@ -246,6 +270,7 @@ class GroupsInFlight:
 
     def _pass_on(self, process: DecodingProcess) -> None:
         number, outcome = process.receive()
+        self._held.stepped(process.step_s)
         if isinstance(outcome, DecodedGroup):
             self._outcomes[number] = outcome
             self._endpoint.send_gop_done(number)
@@ -258,8 +283,3 @@ class GroupsInFlight:
         else:
             self._held.add(outcome)
             self._asked |= {(request.frame, request.plane): (number, process) for request in outcome}
-
-
-def _is_idle(process: DecodingProcess) -> bool:
-    """Tell whether a process can do nothing before answers come."""
-    return process.num_running > 0 and process.num_pending == 0

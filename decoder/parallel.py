@@ -10,6 +10,7 @@ import atexit
 import signal
 import subprocess
 import sys
+import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -35,10 +36,13 @@ class DecodingProcess:
         Groups that are under way.
     num_pending : int
         Groups and answers that it has not done with.
+    step_s : float
+        Time that it took for the last one that it has done with, in seconds.
     """
 
     def __init__(self) -> None:
         self.num_running = self.num_pending = 0
+        self.step_s = self._began_s = 0.0
         self._connection, other = Pipe()
         command = [sys.executable, "-P", "-m", "decoder.worker", str(other.fileno())]
         # Whoever starts the process ends it; an interrupt from the terminal is not for it.
@@ -96,6 +100,8 @@ class DecodingProcess:
             If the process dies.
         """
         self.num_running += isinstance(message, GroupTask)
+        if not self.num_pending:
+            self._began_s = time.monotonic()
         self.num_pending += 1
         try:
             self._connection.send(message)
@@ -123,6 +129,8 @@ class DecodingProcess:
             raise self._death() from err
         self.num_running -= isinstance(outcome, DecodedGroup | Exception)
         self.num_pending -= 1
+        now_s = time.monotonic()
+        self.step_s, self._began_s = now_s - self._began_s, now_s
         return number, outcome
 
     def fileno(self) -> int:
