@@ -26,7 +26,7 @@ from dvc.feedback import (
 from dvc.turbo import ParityRequest, Place
 
 HELD_SHARE = 1 / 16
-"""Of the time that answers take, for which requests wait for others as long as there is anything else to do."""
+"""Of the time that answers take, for which requests wait for others as long as there is anything to do."""
 NUM_TURNAROUNDS = 256
 """Latest answers, the quickest of which tells how far away the encoder is."""
 STEP_MEMORY = 1 / 16
