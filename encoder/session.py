@@ -184,7 +184,7 @@ class EncoderSession:
         with statistics.timing("key_cpu_s"):
             key = b"" if anchored else self._key_encoder.encode(group.key)
         with statistics.timing("transform_cpu_s"):
-            frames = tuple(map(wyner_ziv.encode, originals, steps))
+            frames = wyner_ziv.encode_group(originals, steps)
         one_way: tuple[bytes, ...] = ()
         if self._one_way is not None:
             with statistics.timing("one_way_cpu_s"):

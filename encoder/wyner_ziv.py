@@ -1,5 +1,10 @@
 """Wyner-Ziv side of the encoder: transform, quantiser, bit planes and their parity."""
 
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
@@ -17,12 +22,13 @@ class WynerZivEncoder:
     config : CodecConfig
         Configuration of the stream.
     lazily : bool, optional
-        Leave bit planes until it is known which are wanted: meanwhile a frame takes more memory.
+        Leave bit planes until it is known which are wanted.
     """
 
     def __init__(self, config: CodecConfig, *, lazily: bool = False) -> None:
         self._layout = FrameLayout.of(config)
         self._lazily = lazily
+        self._rooms: list[NDArray[np.int16]] = []
         self._encoders = turbo.parity_encoders(config.turbo.family, config.turbo.interleaver_seed)
 
     def encode(self, frame: Frame, step: float = 1.0) -> EncodedFrame:
@@ -38,13 +44,40 @@ class WynerZivEncoder:
         Returns
         -------
         EncodedFrame
-            All bits that a decoder may ask for.
+            All bits that a decoder may ask for; see `encode_group`.
         """
-        quantization, packing = transform_frame(self._layout, frame.luma, quantizer.index_of_step(step))
-        encoded = EncodedFrame(self._layout, quantization, packing, self._encoders)
-        if not self._lazily:
-            encoded.pack(transform.NUM_BANDS)
-        return encoded
+        return self.encode_group([frame], [step])[0]
+
+    def encode_group(self, frames: Sequence[Frame], steps: Sequence[float]) -> tuple[EncodedFrame, ...]:
+        """Encode the frames of a group of pictures.
+
+        Parameters
+        ----------
+        frames : sequence of Frame
+            Original samples, of which luma is coded.
+        steps : sequence of float
+            Width of nested bins of each frame, which is rounded up to one that can be told.
+
+        Returns
+        -------
+        tuple of EncodedFrame
+            All bits that a decoder may ask for; of planes that are left for later, until the next call.
+        """
+        encoded = []
+        for index, (frame, step) in enumerate(zip(frames, steps, strict=True)):
+            room = self._room(index) if self._lazily else None
+            step_index = quantizer.index_of_step(step)
+            quantization, packing = transform_frame(self._layout, frame.luma, step_index, room)
+            encoded.append(EncodedFrame(self._layout, quantization, packing, self._encoders))
+            if not self._lazily:
+                encoded[-1].pack(transform.NUM_BANDS)
+        return tuple(encoded)
+
+    def _room(self, index: int) -> NDArray[np.int16]:
+        """Return memory for coefficients, the same for frames of one place in their group."""
+        if index == len(self._rooms):
+            self._rooms.append(np.empty((transform.NUM_BANDS, self._layout.num_bits), np.int16))
+        return self._rooms[index]
 
     def open_frames(self, num_slots: int) -> OpenFrames:
         """Return what answers requests for frames of this configuration.

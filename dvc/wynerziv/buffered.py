@@ -49,7 +49,7 @@ def quantize_frame(
 
 
 def transform_frame(
-    layout: FrameLayout, luma: NDArray[np.uint8], step_index: int = 0
+    layout: FrameLayout, luma: NDArray[np.uint8], step_index: int = 0, room: NDArray[np.int16] | None = None
 ) -> tuple[Quantization, Packing]:
     """Transform a frame as `quantize_frame` does, but leave its planes for later.
 
@@ -57,6 +57,8 @@ def transform_frame(
     ----------
     layout, luma, step_index
         See `quantize_frame`.
+    room : ndarray of shape (16, layout.num_bits), int16, optional
+        Memory for the coefficients, until the planes are there.
 
     Returns
     -------
@@ -65,7 +67,7 @@ def transform_frame(
     packing : callable
         Gives its bit planes; of some bands alone where bins are nested.
     """
-    core, extremes = transform.integer_core(luma)
+    core, extremes = transform.integer_core(luma, room)
     scaled = extremes * transform.BAND_SCALE[:, None]
     if layout.nested:
         return _quantize_nested(layout, core, scaled, step_index)

@@ -67,13 +67,17 @@ def pad_to_blocks(luma: Samples) -> Samples:
     return np.pad(luma, ((0, missing[0]), (0, missing[1])), mode="edge")
 
 
-def integer_core(luma: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+def integer_core(
+    luma: NDArray[np.uint8], room: NDArray[np.int16] | None = None
+) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
     """Transform a frame into bands of integers, which are not scaled yet.
 
     Parameters
     ----------
     luma : ndarray of shape (H, W), uint8
         Samples; sides that are not multiples of 4 are padded by replication.
+    room : ndarray of shape (16, rows * columns), int16, optional
+        Where the bands go; new memory by default.
 
     Returns
     -------
@@ -92,7 +96,7 @@ def integer_core(luma: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np
     padded = pad_to_blocks(luma)
     rows, columns = band_shape(*padded.shape)
     quads = np.require(np.ascontiguousarray(padded).view("<u4"), requirements=["A", "W"])
-    core = np.empty((NUM_BANDS, rows * columns), np.int16)
+    core = np.empty((NUM_BANDS, rows * columns), np.int16) if room is None else room
     extremes = np.empty((NUM_BANDS, 2), np.int16)
     _kernels.transform_samples(quads, ORDER, core, extremes)
     return core, extremes
