@@ -314,11 +314,13 @@ def syndrome(num_sums: float, num_places: float) -> Operations:
     -------
     Operations
         Words of all planes are brought into each order and added up modulo the length; of the sums each plane
-        is added. Corrections where two places of a bit meet, one bit in hundreds, are left out.
+        is added, eight of them from one byte. Corrections where two places of a bit meet, one bit in
+        hundreds, are left out.
     """
     brought = Operations(logic=1, bytes=4 + 3 * 8).times(num_places)
-    added = Operations(logic=2, bytes=3 * 8).times(num_sums)
-    return (brought + added).times(NUM_EDGES)
+    added = Operations(logic=2, compares=1, bytes=3).times(num_sums)
+    narrowed = Operations(logic=1, bytes=8 + 1).times(num_sums / 8)
+    return (brought + added + narrowed).times(NUM_EDGES)
 
 
 def stages(work: Work) -> Mapping[str, Operations]:

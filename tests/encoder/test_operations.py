@@ -200,22 +200,22 @@ def test_positions_that_are_predicted() -> None:
 
 def test_syndrome() -> None:
     """All planes are brought into three orders together; each is added to as many bits of the syndrome."""
-    num_bits, planes = 4000, (0, 3)
+    num_bits, planes = 4000, tuple(range(8))
     graph = SyndromeGraph(num_bits, planes, 110, 1)
     orders = bit_orders(num_bits, 1)
     row = RNG.integers(0, 2**64, num_bits, dtype=np.uint64)
-    tally, sums = Tally(), np.zeros(graph.num_checks, np.uint64)
-    shifts = 63 - np.array(planes, np.uint64)
-    folded = Data(np.empty_like(sums), tally)
+    tally, sums = Tally(), np.zeros(graph.num_checks, np.uint8)
+    shifts = 63 - np.array(planes)
+    folded = Data(np.empty(sums.shape, np.uint64), tally)
     given = shifts, graph.starts, Data(orders.bits, tally), num_bits, folded, Data(sums, tally)
     found = counted(syndrome_kernels.add_orders, tally, Data(row, tally), *given)
     model = operations.syndrome(len(planes) * graph.num_checks, num_bits)
     assert astuple(found) == pytest.approx(astuple(model), rel=0.05)
     places = (graph.starts[:, None] + orders.places) % graph.num_checks
-    expected = np.zeros(graph.num_checks, np.uint64)
+    expected = np.zeros_like(sums)
     for shift, own in zip(shifts, places, strict=True):
         for j in range(own.shape[1]):
-            np.bitwise_xor.at(expected, own[:, j], row >> shift)
+            np.bitwise_xor.at(expected, own[:, j], (row >> np.uint64(shift) & np.uint64(1)).astype(np.uint8))
     np.testing.assert_array_equal(sums, expected)
 
 

@@ -62,13 +62,13 @@ def _fold(row, order, num_placed, folded):
 
 
 @inlined_kernel
-def _add_plane(folded, start, shift, sums):
-    """Add words to the syndrome from `start` on and all around, the bit of one plane in the lowest place."""
+def _add_plane(folded, start, mask, sums):
+    """Add the bits of a plane to the syndrome from `start` on and all around."""
     num_before = min(folded.size, sums.size - start)
     for r in range(num_before):
-        sums[np.uintp(start + r)] ^= folded[np.uintp(r)] >> shift
+        sums[np.uintp(start + r)] ^= np.uint8((folded[np.uintp(r)] & mask) != 0)
     for r in range(num_before, folded.size):
-        sums[np.uintp(start + r - sums.size)] ^= folded[np.uintp(r)] >> shift
+        sums[np.uintp(start + r - sums.size)] ^= np.uint8((folded[np.uintp(r)] & mask) != 0)
 
 
 @inlined_kernel
@@ -77,10 +77,10 @@ def _separate(start, places, num_edges, reduced, edges, sums):
     num_checks = np.uint32(sums.size)
     for j in range(num_edges):
         reduced[j] = np.uint32(places[j]) % num_checks
-        sums[np.uint32(start[j] + reduced[j]) % num_checks] ^= np.uint64(1)
+        sums[np.uint32(start[j] + reduced[j]) % num_checks] ^= np.uint8(1)
     _find_edges(reduced, start, num_edges, sums.size, edges)
     for j in range(num_edges):
-        sums[edges[j]] ^= np.uint64(1)
+        sums[edges[j]] ^= np.uint8(1)
 
 
 @kernel
@@ -110,27 +110,30 @@ def add_orders(row, shifts, starts, bits, num_thrice, folded, sums):
     All of them stand in the same orders: they are brought there together, and each is then added from its own
     start on.
     """
-    last = bits.shape[0] - 1
+    last, eight = bits.shape[0] - 1, np.empty(folded.size, np.uint8)
     for j in range(bits.shape[0]):
         _fold(row, bits[j], num_thrice if j == last else row.size, folded)
+        narrowed = -1
         for i in range(shifts.size):
-            _add_plane(folded, starts[i, j], shifts[i], sums)
+            if shifts[i] >> 3 != narrowed:
+                narrowed = shifts[i] >> 3
+                for r in range(folded.size):
+                    eight[r] = np.uint8(folded[r] >> np.uint64(8 * narrowed))
+            _add_plane(eight, starts[i, j], np.uint8(1 << (shifts[i] & 7)), sums)
 
 
 @kernel
 def add_planes(words, planes, orders, starts, num_thrice, syndrome):
     """Write the syndrome of the planes of a block."""
     folded = np.empty(min(words.shape[1], syndrome.size), np.uint64)
-    sums = np.zeros(syndrome.size, np.uint64)
+    syndrome[:] = 0
     for w in range(words.shape[0]):
         chosen = np.flatnonzero(planes >> 6 == w)
         if chosen.size:
-            shifts, begins = (63 - (planes[chosen] & 63)).astype(np.uint64), starts[chosen]
-            add_orders(words[w], shifts, begins, orders.bits, num_thrice, folded, sums)
+            shifts, begins = 63 - (planes[chosen] & 63), starts[chosen]
+            add_orders(words[w], shifts, begins, orders.bits, num_thrice, folded, syndrome)
             for i in range(chosen.size):
-                _separate_all(words[w], shifts[i], begins[i], orders, num_thrice, sums)
-    for c in range(syndrome.size):
-        syndrome[c] = np.uint8(sums[c] & np.uint64(1))
+                _separate_all(words[w], np.uint64(shifts[i]), begins[i], orders, num_thrice, syndrome)
 
 
 # ---- belief propagation ----
