@@ -260,15 +260,16 @@ def _intra_residual(image, y0, x0, direction, block):
             above, left = max(y0 + y - 1, 0), max(x0 + x - 1, 0)
             around = 0
             for i in range(4):
-                around += np.int32(image[y0 + y + i, left]) + np.int32(image[above, x0 + x + i])
+                below, beside = np.uintp(y0 + y + i), np.uintp(x0 + x + i)
+                around += np.int32(image[below, np.uintp(left)]) + np.int32(image[np.uintp(above), beside])
             for row in range(4):
                 for column in range(4):
                     predicted = around
                     if direction == 0:
-                        predicted = 8 * np.int32(image[y0 + y + row, left])
+                        predicted = 8 * np.int32(image[np.uintp(y0 + y + row), np.uintp(left)])
                     elif direction == 1:
-                        predicted = 8 * np.int32(image[above, x0 + x + column])
-                    sample = np.int32(image[y0 + y + row, x0 + x + column])
+                        predicted = 8 * np.int32(image[np.uintp(above), np.uintp(x0 + x + column)])
+                    sample = np.int32(image[np.uintp(y0 + y + row), np.uintp(x0 + x + column)])
                     block[y + row, x + column] = 8 * sample - predicted
 
 
@@ -279,26 +280,29 @@ def intra_errors(image, corners, step, rounding, scale, order, errors):
     Each block is predicted in the direction that leaves the smallest coefficients.
     """
     half, core = np.empty((4, 4), np.int32), np.empty((4, 4), np.int32)
-    block, squares = np.empty((SIDE, SIDE), np.int32), np.empty(16)
+    block, sizes = np.empty((SIDE, SIDE), np.int32), np.empty((DIRECTIONS, 4, 4, 4))
     for k in range(corners.shape[0]):
-        least = np.inf
+        best, least = 0, np.inf
         for direction in range(DIRECTIONS):
             _intra_residual(image, corners[k, 0], corners[k, 1], direction, block)
-            squares[:] = 0.0
             total = 0.0
-            for y0 in range(0, SIDE, 4):
-                for x0 in range(0, SIDE, 4):
-                    _transform(block, y0, x0, half, core)
-                    for y in range(4):
-                        for x in range(4):
-                            size = abs(core[y, x]) * (0.125 * scale[y, x])
-                            error = size - np.floor(size / step + rounding) * step
-                            squares[order[y, x]] += 0.25 * error * error
-                            total += size
+            for part in range(4):
+                _transform(block, 4 * (part // 2), 4 * (part % 2), half, core)
+                for y in range(4):
+                    for x in range(4):
+                        size = abs(core[y, x]) * (0.125 * scale[y, x])
+                        sizes[direction, part, y, x] = size
+                        total += size
             if total < least:
-                least = total
-                for band in range(16):
-                    errors[band, k] = squares[band]
+                best, least = direction, total
+        for y in range(4):
+            for x in range(4):
+                square = 0.0
+                for part in range(4):
+                    size = sizes[best, part, y, x]
+                    error = size - np.floor(size / step + rounding) * step
+                    square += error * error
+                errors[order[y, x], k] = 0.25 * square
 
 
 @kernel

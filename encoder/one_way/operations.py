@@ -96,18 +96,18 @@ def intra_noise(num_intra: float) -> Operations:
     Returns
     -------
     Operations
-        The best direction is found at the second.
+        Errors are those of the best direction alone.
     """
     around = Operations(adds=2 * BLOCK, bytes=2 * BLOCK).times(_PARTS * _kernels.DIRECTIONS)
     copied = Operations(adds=1, multiplies=2, bytes=2 + 4).times(2 * _SAMPLES)
     averaged = Operations(adds=1, multiplies=1, bytes=1 + 4).times(_SAMPLES)
-    error = Operations(adds=4, multiplies=5, compares=1, bytes=4 + 2 * 8).times(
-        _kernels.DIRECTIONS * _SAMPLES
+    size = Operations(adds=1, multiplies=1, compares=1, bytes=4 + 8).times(_kernels.DIRECTIONS * _SAMPLES)
+    error = Operations(adds=3, multiplies=3, bytes=8).times(_SAMPLES) + Operations(
+        compares=_kernels.DIRECTIONS
     )
-    chosen = Operations(compares=1, bytes=NUM_BANDS * 8).times(_kernels.DIRECTIONS)
-    kept = Operations(bytes=NUM_BANDS * 2 * 8).times(2)
+    mean = Operations(multiplies=1, bytes=8).times(NUM_BANDS)
     cores = core().times(_PARTS * _kernels.DIRECTIONS)
-    return (around + copied + averaged + error + chosen + kept + cores).times(num_intra)
+    return (around + copied + averaged + size + error + mean + cores).times(num_intra)
 
 
 def estimates(work: OneWayWork) -> Operations:
