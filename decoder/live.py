@@ -194,6 +194,7 @@ class GroupsInFlight:
         self._processes = processes
         self._task_of = task_of
         self._held = HeldRequests()
+        self._holding: set[DecodingProcess] = set()  # whose requests these are
         self._asked: dict[Place, tuple[int, DecodingProcess]] = {}  # held or sent
         self._chained: dict[int, GroupTask] = {}  # wait for the last frame of the group before
         self._ends: dict[int, DecodedGroup] = {}  # have it
@@ -240,11 +241,13 @@ class GroupsInFlight:
                 self._pass_on(ready)
         if self._held_s() == 0.0:
             self._endpoint.send_requests(self._held.take())
+            self._holding.clear()
 
     def _held_s(self) -> float | None:
         """Return how much longer requests are held, if any are."""
-        running = [process.num_pending for process in self._processes if process.num_running]
-        return self._held.left_s(min(running, default=0)) if self._held else None
+        if not self._held:
+            return None
+        return self._held.left_s(min(process.num_pending for process in self._holding))
 
     def _take(self, event: Event) -> None:
         match event:
@@ -282,4 +285,5 @@ class GroupsInFlight:
             self._outcomes[number] = outcome
         else:
             self._held.add(outcome)
+            self._holding |= {process} if outcome else set()
             self._asked |= {(request.frame, request.plane): (number, process) for request in outcome}
