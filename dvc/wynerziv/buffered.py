@@ -204,10 +204,10 @@ class EncodedFrame:
         ndarray of shape (crc_bits,), uint8
             See `turbo.joint_check`.
         """
-        chosen = np.array(planes, np.int64)
-        shifts = (63 - chosen % 64).astype(np.uint64)
         checks = self._checks if self.num_packed_bands else self.checks
-        return turbo.joint_check((checks[chosen // 64] >> shifts[:, None]) & np.uint64(1))
+        bits = np.empty((len(planes), checks.shape[1]), np.uint64)
+        _kernels.take_planes(checks, np.array(planes, np.int64), bits)
+        return turbo.joint_check(bits)
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`.

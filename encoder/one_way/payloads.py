@@ -144,4 +144,4 @@ def _positions(group: Group, instants: tuple[int, ...]) -> NDArray[np.float64]:
     """Return where the points of a group are in some of its frames; shape (N, len(instants), 2)."""
     if group.tracks is None:
         return np.empty((0, len(instants), 2))
-    return group.tracks.positions[:, instants]
+    return group.tracks.positions.take(instants, axis=1)

@@ -250,3 +250,14 @@ def test_quantising_kernels_equal_their_twins(levels: int, twin: bool) -> None:
         digits += reference.binary_digits(number, planes)
         got = [int(words[p // 64, n] >> np.uint64(63 - p % 64)) & 1 for p in range(60, 60 + 2 * planes)]
         assert got == digits
+
+
+def test_planes_are_taken_from_words() -> None:
+    """Wherever they stand, by the kernel and by its Python."""
+    words = np.random.default_rng(4).integers(0, 2**64, (2, 9), dtype=np.uint64)
+    planes = np.array([0, 3, 63, 64, 100])
+    expected = [(words[p // 64] >> np.uint64(63 - p % 64)) & np.uint64(1) for p in planes.tolist()]
+    for kernel in (_kernels.take_planes, python_twin(_kernels.take_planes)):
+        bits = np.zeros((5, 9), np.uint64)
+        kernel(words, planes, bits)
+        np.testing.assert_array_equal(bits, expected)

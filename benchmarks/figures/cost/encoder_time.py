@@ -5,7 +5,7 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import cast
 
@@ -65,6 +65,7 @@ class _Replay:
         pass
 
 
+@cache
 def _large_scene(scene: str, num_frames: int) -> Material:
     """Render grey frames of a scene."""
     with tempfile.TemporaryDirectory() as folder:
