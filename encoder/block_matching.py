@@ -255,8 +255,10 @@ class _Search(NamedTuple):
 
 
 def _quarter(luma: Plane) -> Plane:
+    """Halve the sides of a picture twice, which is a lot faster than to quarter them."""
     import cv2
 
-    height, width = luma.shape
-    size = (-(-width // 4), -(-height // 4))
-    return np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA), np.uint8)
+    for _ in range(2):
+        size = (-(-luma.shape[1] // 2), -(-luma.shape[0] // 2))
+        luma = np.asarray(cv2.resize(luma, size, interpolation=cv2.INTER_AREA), np.uint8)
+    return luma

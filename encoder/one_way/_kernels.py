@@ -253,53 +253,66 @@ def _transform(block, y0, x0, half, core):
 
 
 @inlined_kernel
-def _intra_residual(image, y0, x0, direction, block):
-    """Write eight times a block less what its neighbours predict, by 4x4 parts."""
-    for y in range(0, SIDE, 4):
-        for x in range(0, SIDE, 4):
-            above, left = max(y0 + y - 1, 0), max(x0 + x - 1, 0)
-            around = 0
-            for i in range(4):
-                below, beside = np.uintp(y0 + y + i), np.uintp(x0 + x + i)
-                around += np.int32(image[below, np.uintp(left)]) + np.int32(image[np.uintp(above), beside])
-            for row in range(4):
-                for column in range(4):
-                    predicted = around
-                    if direction == 0:
-                        predicted = 8 * np.int32(image[np.uintp(y0 + y + row), np.uintp(left)])
-                    elif direction == 1:
-                        predicted = 8 * np.int32(image[np.uintp(above), np.uintp(x0 + x + column)])
-                    sample = np.int32(image[np.uintp(y0 + y + row), np.uintp(x0 + x + column)])
-                    block[y + row, x + column] = 8 * sample - predicted
+def _intra_part(image, y0, x0, block, half, core, line, column):
+    """Write the transform of a part of a block, and of the lines of samples to its left and above it.
+
+    Return the sum of these.
+    """
+    above, left = np.uintp(max(y0 - 1, 0)), np.uintp(max(x0 - 1, 0))
+    for y in range(4):
+        for x in range(4):
+            block[y, x] = np.int32(image[np.uintp(y0 + y), np.uintp(x0 + x)])
+    _transform(block, 0, 0, half, core)
+    a, b = np.int32(image[np.uintp(y0), left]), np.int32(image[np.uintp(y0 + 1), left])
+    c, d = np.int32(image[np.uintp(y0 + 2), left]), np.int32(image[np.uintp(y0 + 3), left])
+    line[0], line[1], line[2], line[3] = (
+        a + b + c + d,
+        2 * (a - d) + b - c,
+        a - b - c + d,
+        a - d - 2 * (b - c),
+    )
+    a, b = np.int32(image[above, np.uintp(x0)]), np.int32(image[above, np.uintp(x0 + 1)])
+    c, d = np.int32(image[above, np.uintp(x0 + 2)]), np.int32(image[above, np.uintp(x0 + 3)])
+    column[0], column[1] = a + b + c + d, 2 * (a - d) + b - c
+    column[2], column[3] = a - b - c + d, a - d - 2 * (b - c)
+    return line[0] + column[0]
 
 
 @kernel
 def intra_errors(image, corners, step, rounding, scale, order, errors):
     """Write the mean squared error of quantised intra residuals, by blocks and bands.
 
-    Each block is predicted in the direction that leaves the smallest coefficients.
+    Each block is predicted in the direction that leaves the smallest coefficients: from the left, from above,
+    or from both by one mean. A prediction has coefficients in one column, in one row, or in one place.
     """
-    half, core = np.empty((4, 4), np.int32), np.empty((4, 4), np.int32)
-    block, sizes = np.empty((SIDE, SIDE), np.int32), np.empty((DIRECTIONS, 4, 4, 4))
+    half, core, block = np.empty((4, 4), np.int32), np.empty((4, 4), np.int32), np.empty((4, 4), np.int32)
+    whole, predicted = np.empty((4, 4, 4)), np.zeros((DIRECTIONS, 4, 4, 4))
+    line, column, totals = np.empty(4, np.int32), np.empty(4, np.int32), np.empty(DIRECTIONS)
     for k in range(corners.shape[0]):
-        best, least = 0, np.inf
-        for direction in range(DIRECTIONS):
-            _intra_residual(image, corners[k, 0], corners[k, 1], direction, block)
-            total = 0.0
-            for part in range(4):
-                _transform(block, 4 * (part // 2), 4 * (part % 2), half, core)
-                for y in range(4):
-                    for x in range(4):
-                        size = abs(core[y, x]) * (0.125 * scale[y, x])
-                        sizes[direction, part, y, x] = size
-                        total += size
-            if total < least:
-                best, least = direction, total
+        totals[:] = 0.0
+        for part in range(4):
+            y0, x0 = corners[k, 0] + 4 * (part // 2), corners[k, 1] + 4 * (part % 2)
+            around = _intra_part(image, y0, x0, block, half, core, line, column)
+            for y in range(4):
+                for x in range(4):
+                    whole[part, y, x] = scale[y, x] * core[y, x]
+            for i in range(4):
+                predicted[0, part, i, 0] = scale[i, 0] * (4 * line[i])
+                predicted[1, part, 0, i] = scale[0, i] * (4 * column[i])
+            predicted[2, part, 0, 0] = scale[0, 0] * (2 * around)
+            for direction in range(DIRECTIONS):
+                for i in range(4):
+                    totals[direction] += abs(whole[part, i, 0] - predicted[direction, part, i, 0])
+                for i in range(1, 4):
+                    totals[direction] += abs(whole[part, 0, i] - predicted[direction, part, 0, i])
+        best = 0
+        for direction in range(1, DIRECTIONS):
+            best = direction if totals[direction] < totals[best] else best
         for y in range(4):
             for x in range(4):
                 square = 0.0
                 for part in range(4):
-                    size = sizes[best, part, y, x]
+                    size = abs(whole[part, y, x] - predicted[best, part, y, x])
                     error = size - np.floor(size / step + rounding) * step
                     square += error * error
                 errors[order[y, x], k] = 0.25 * square

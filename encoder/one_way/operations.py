@@ -96,18 +96,23 @@ def intra_noise(num_intra: float) -> Operations:
     Returns
     -------
     Operations
-        Errors are those of the best direction alone.
+        Predictions are told apart by the few coefficients that they have.
     """
-    around = Operations(adds=2 * BLOCK, bytes=2 * BLOCK).times(_PARTS * _kernels.DIRECTIONS)
-    copied = Operations(adds=1, multiplies=2, bytes=2 + 4).times(2 * _SAMPLES)
-    averaged = Operations(adds=1, multiplies=1, bytes=1 + 4).times(_SAMPLES)
-    size = Operations(adds=1, multiplies=1, compares=1, bytes=4 + 8).times(_kernels.DIRECTIONS * _SAMPLES)
-    error = Operations(adds=3, multiplies=3, bytes=8).times(_SAMPLES) + Operations(
-        compares=_kernels.DIRECTIONS
-    )
+    directions, edge = _kernels.DIRECTIONS, 2 * BLOCK - 1
+    copied = Operations(bytes=1 + 4).times(_SAMPLES)
+    lines = (
+        Operations(adds=4 * 3, multiplies=2, bytes=4 + 4 * 4).times(2) + Operations(adds=1, bytes=2 * 4)
+    ).times(_PARTS)
+    whole = Operations(multiplies=1, bytes=4 + 8).times(_SAMPLES)
+    predicted = Operations(multiplies=2, bytes=4 + 8).times(2 * _SAMPLES / BLOCK) + Operations(
+        multiplies=2, bytes=8
+    ).times(_PARTS)
+    size = Operations(adds=2, compares=1, bytes=4 * 8).times(directions * _PARTS * edge)
+    chosen = Operations(compares=1, bytes=2 * 8).times(directions - 1)
+    error = Operations(adds=4, multiplies=3, compares=1, bytes=2 * 8).times(_SAMPLES)
     mean = Operations(multiplies=1, bytes=8).times(NUM_BANDS)
-    cores = core().times(_PARTS * _kernels.DIRECTIONS)
-    return (around + copied + averaged + size + error + mean + cores).times(num_intra)
+    parts = copied + core().times(_PARTS) + lines + whole + predicted
+    return (parts + size + chosen + error + mean).times(num_intra)
 
 
 def estimates(work: OneWayWork) -> Operations:
