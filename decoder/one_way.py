@@ -1,8 +1,8 @@
 """Decoding of one Wyner-Ziv frame of which an encoder without feedback has sent syndromes.
 
 The planes of a block of bands are decoded together: DC first, which refines the prediction of the others. A
-block whose syndrome is too short is concealed: its bands stay as predicted, and whatever is decoded later
-rests on that.
+block whose syndrome is too short is concealed: what it makes likely serves in place of what it should tell
+(older streams: its bands stay as predicted), and whatever is decoded later rests on that.
 """
 
 from collections.abc import Sequence
@@ -19,6 +19,7 @@ from dvc.errors import BitstreamError
 from dvc.turbo.syndromes.belief_propagation import NumberPriors, decode_block
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, transform
+from dvc.wynerziv.candidates import credible_intervals
 from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.one_way import BLOCKS, OneWayFrame, SentBlock
@@ -65,7 +66,7 @@ class OneWayDecoder:
         if not self._layout.nested:
             raise BitstreamError("a one-way stream has nested bins")
         settings = self._config.wyner_ziv
-        received = OneWayFrame.read(self._layout, payload, self._config.turbo.interleaver_seed)
+        received = OneWayFrame.read(self._layout, payload, self._config.turbo)
         state = FrameState(self._layout, prediction, settings.noise_model, settings.initial_gain)
         num_failed, costs = 0, []
         for number, block in enumerate(received.blocks):
@@ -100,17 +101,7 @@ class OneWayDecoder:
         quantization, depths = received.quantization, received.sent.depths
         bands = [band for band in BLOCKS[number] if depths[band]]
         scales = {band: state.scale(band) for band in bands}
-        learned = [
-            LearnedBand(
-                quantization.edges(band),
-                quantization.planes[band],
-                depths[band],
-                state.predicted[band],
-                scales[band],
-                scales[band] * state.gain,
-            )
-            for band in bands
-        ]
+        learned = [_promised(band, scales[band], received, state) for band in bands]
         priors = [band.priors() for band in learned]
 
         def _learn(beliefs: Sequence[NDArray[np.float32]]) -> list[NumberPriors]:
@@ -119,29 +110,44 @@ class OneWayDecoder:
             return priors
 
         decoded = decode_block(block.graph, block.syndrome, priors, _learn)
-        if not (decoded.success and _checks(decoded.bits, block)):
+        known = decoded.success and _checks(decoded.bits, block)
+        if not known and self._config.turbo.syndromes == "mixed":
             return []
         ideal_bits, first = [], 0
-        for band, prior in zip(bands, priors, strict=True):
-            planes = decoded.bits[first : first + depths[band]]
-            first += depths[band]
-            self._set_known(band, planes, scales[band].ravel(), received, state)
-            ideal_bits.append(prior.ideal_bits(bitplanes.from_planes(planes)))
+        for place, (band, prior) in enumerate(zip(bands, priors, strict=True)):
+            edges, planes = quantization.edges(band), quantization.planes[band]
+            if known:
+                prefix = bitplanes.from_planes(decoded.bits[first : first + depths[band]])
+                first += depths[band]
+                ideal_bits.append(prior.ideal_bits(prefix))
+                borders = bitplanes.prefix_borders(prefix, planes - depths[band], edges)
+            elif decoded.beliefs:
+                borders = credible_intervals(edges, planes, prior, decoded.beliefs[place])
+            else:
+                break
+            self._set_known(band, borders, scales[band].ravel(), state)
         share = (block.graph.num_checks + block.check.size) / max(sum(ideal_bits), 1.0)
-        return [
-            BandCost(band, ideal, round(share * ideal)) for band, ideal in zip(bands, ideal_bits, strict=True)
-        ]
+        costs = zip(bands, ideal_bits, strict=known)
+        return [BandCost(band, ideal, round(share * ideal)) for band, ideal in costs]
 
-    def _set_known(
-        self, band: int, planes: Bits, scale: Array, received: OneWayFrame, state: FrameState
-    ) -> None:
-        quantization = received.quantization
-        missing = quantization.planes[band] - len(planes)
-        prefix = bitplanes.from_planes(planes)
-        lower, upper = bitplanes.prefix_borders(prefix, missing, quantization.edges(band))
+    def _set_known(self, band: int, borders: tuple[Array, Array], scale: Array, state: FrameState) -> None:
+        lower, upper = borders
         gain = noise.fit_gain(lower, upper, state.predicted[band].ravel(), scale, state.gain)
         state.gain = float(np.sqrt(state.gain * gain))
         state.set_known(band, KnownBand.of(lower, upper, scale * gain, self._layout.band_shape))
+
+
+def _promised(band: int, scale: Array, received: OneWayFrame, state: FrameState) -> LearnedBand:
+    """Return what is known of a band before any of it is decoded."""
+    quantization = received.quantization
+    return LearnedBand(
+        quantization.edges(band),
+        quantization.planes[band],
+        received.sent.depths[band],
+        state.predicted[band],
+        scale,
+        scale * state.gain,
+    )
 
 
 def _checks(bits: Bits, block: SentBlock) -> bool:

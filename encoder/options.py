@@ -58,7 +58,7 @@ EXAMPLES = """\
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
 
-DEFAULT_MARGIN_PERCENT = 30
+DEFAULT_MARGIN_PERCENT = 25
 """Estimates of what a frame needs err; chosen by hand."""
 LONG_DELAY_PERCENT = 80
 """Of what is not known of a plane; chosen by hand: more spares little waiting for many bits."""
@@ -455,7 +455,7 @@ def _side_information(variant: CodecVariant, shared: Allocation | None) -> SideI
     """Return how a variant predicts; with one quality, points serve pixel by pixel where there are any."""
     if shared is None or variant.tracks.kind == "none":
         return variant.side_information
-    return replace(variant.side_information, fallback="tracks")
+    return replace(variant.side_information, fallback="tracks", track_corrections=True)
 
 
 def _gop(arguments: argparse.Namespace, shared: Allocation | None) -> GopConfig:
@@ -473,7 +473,8 @@ def _turbo(arguments: argparse.Namespace, shared: Allocation | None) -> TurboCon
     if arguments.long_delay and family != ALLOCATED_FAMILY:
         raise ConfigError(f"--long-delay is for --turbo {ALLOCATED_FAMILY}, not for {family}")
     batch_percent = LONG_DELAY_PERCENT if arguments.long_delay else 0
-    return TurboConfig(family, arguments.seed, batch_percent=batch_percent)
+    syndromes = "sparse" if arguments.no_feedback else TurboConfig.syndromes
+    return TurboConfig(family, arguments.seed, batch_percent=batch_percent, syndromes=syndromes)
 
 
 def _key(arguments: argparse.Namespace, shared: Allocation | None) -> KeyFrameConfig:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
+from scipy.optimize import minimize, nnls
 
 from benchmarks.figures.harness import clip_source
 from decoder.frame_state import FrameState, KnownBand
@@ -22,7 +22,7 @@ from decoder.one_way import OneWayDecoder
 from decoder.session import stream_tasks
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame, following
-from dvc.config import CodecConfig
+from dvc.config import MAX_GOP_LENGTH, CodecConfig
 from dvc.stream import StreamReader, StreamWriter
 from dvc.turbo import ParityRequest
 from dvc.video import Frame, open_video
@@ -31,17 +31,18 @@ from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.one_way import BLOCKS
 from encoder import options
-from encoder.one_way.needs import NEEDS, Needs, block_costs, choose_depths
+from encoder.one_way.needs import NEEDS, OCTAVES, Needs
 from encoder.one_way.payloads import OneWayEncoder
 from encoder.one_way.sampled_blocks import BlockErrors
 
 Floats = NDArray[np.float64]
 
-CODE_RATIO = 1.15, 6.0
-"""Length of the shortest syndrome that serves over the ideal code length: for long blocks, and what is added
-over the root of the bits of short ones."""
 LEARNING_STEPS = 3
-_ROBUST = 0.2  # what is farther off counts less
+SLOPES = 0.5, 1.0, 2.0
+"""What a bit must save, over what is usual, for planes to be among those that needs are fitted to."""
+_ROBUST = 0.2  # logarithm of bits; what is farther off counts less
+_LEAST_BITS = 100.0
+_SMOOTH = 0.02  # weight of second differences of bits
 
 
 @dataclass(eq=False)
@@ -226,31 +227,75 @@ def fit(frames: Sequence[RecordedFrame], block: int) -> tuple[Needs, dict[str, F
     needs : Needs
         What fits them.
     deviations : dict of str to ndarray
-        Logarithm of expected over shortest length, of the frames of each clip in which planes pay.
+        Logarithm of expected over ideal code length, of planes of the frames of each clip.
     """
     counts = {clip: sum(frame.clip == clip for frame in frames) for clip in {frame.clip for frame in frames}}
-    weights = np.array([1.0 / counts[frame.clip] for frame in frames])
-    variance = _fit_variance(frames, weights, block)
-    told, lengths = np.empty(len(frames)), np.empty(len(frames))
-    for number, frame in enumerate(frames):
-        told[number], lengths[number] = _told_and_needed(frame, variance, block)
-    own = (told > 0) | (lengths > 100)
-    anchors = np.array([frame.distance > 128 for frame in frames])
-    design = np.stack([np.log(told + 100.0), np.ones(len(frames)), anchors], axis=1)[own]
-    target = np.log(lengths[own] + 100.0)
-    basis = (weights * np.sqrt(lengths + 100.0))[own]
-    shrink = np.diag([0.0, 0.0, 0.02 * basis.sum()])
-    robust = basis
-    for _ in range(10):
-        solution = np.linalg.solve(
-            design.T @ (robust[:, None] * design) + shrink, design.T @ (robust * target)
-        )
-        robust = basis / np.maximum(1.0, np.abs(design @ solution - target) / _ROBUST)
-    deviations = design @ solution - target
-    names = np.array([frame.clip for frame in frames])[own]
-    exponent, factor, anchor = solution
-    needs = Needs(variance, float(np.exp(factor)), float(exponent), float(np.exp(anchor)))
+    variance = _fit_variance(frames, np.array([1.0 / counts[frame.clip] for frame in frames]), block)
+    samples = [sample for frame in frames for sample in _samples(frame, block)]
+    names = np.array([frame.clip for frame, _ in samples])
+    bits = np.array(
+        [sum(frame.bits[band][depth] for band, depth in depths.items()) for frame, depths in samples]
+    )
+    design = np.stack([_design(frame, depths, variance) for frame, depths in samples])
+    curve, deviations = _fit_bits(design, bits, np.array([1.0 / (names == name).sum() for name in names]))
+    anchors = np.array([frame.distance > MAX_GOP_LENGTH // 2 for frame, _ in samples])
+    anchor_factor = float(np.exp(-np.median(deviations[anchors]))) if anchors.any() else 1.0
+    needs = Needs(variance, tuple(round(value, 3) for value in curve.tolist()), anchor_factor)
     return needs, {clip: deviations[names == clip] for clip in sorted(counts)}
+
+
+def _samples(frame: RecordedFrame, block: int) -> list[tuple[RecordedFrame, dict[int, int]]]:
+    """Return planes of a block, numbers of them by bands: the finest of DC, others that pay at several slopes."""
+    if len(BLOCKS[block]) == 1:
+        (band,) = BLOCKS[block]
+        planes = frame.encoded.quantization.planes[band]
+        return [(frame, {band: depth}) for depth in range(max(planes - 2, 1), planes + 1)]
+    found: list[dict[int, int]] = []
+    for factor in SLOPES:
+        depths = {}
+        for band in BLOCKS[block]:
+            if band in frame.bits:
+                depth = int((frame.squares[band] + factor * frame.slope * frame.bits[band]).argmin())
+                if depth:
+                    depths[band] = depth
+        if depths and depths not in found:
+            found.append(depths)
+    return [(frame, depths) for depths in found]
+
+
+def _design(frame: RecordedFrame, depths: dict[int, int], variance: tuple[float, float, float]) -> Floats:
+    """Return how many coefficients there are at each of `OCTAVES`, shared out between the nearest two."""
+    quantization, total = frame.encoded.quantization, np.zeros(len(OCTAVES))
+    size, step = frame.encoded.layout.num_bits, quantization.step(0)
+    assert step is not None
+    apart = OCTAVES[1] - OCTAVES[0]
+    for band, depth in depths.items():
+        squares = (
+            variance[0] * frame.errors.residual[band] + variance[1] * frame.errors.noise[band] + variance[2]
+        )
+        width = step * 2.0 ** (quantization.planes[band] - depth)
+        place = np.clip((np.log2(squares / width**2) - OCTAVES[0]) / apart, 0.0, len(OCTAVES) - 1.001)
+        lower = place.astype(np.int64)
+        share = place - lower
+        counts = np.bincount(lower, 1.0 - share, len(OCTAVES)) + np.bincount(lower + 1, share, len(OCTAVES))
+        total += size / squares.size * counts
+    return total
+
+
+def _fit_bits(design: Floats, bits: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Fit a curve that does not fall; return it, and logarithms of what it is off, none on the mean."""
+    count = design.shape[1]
+    rising = np.tril(np.ones((count, count)))
+    bend = np.diff(np.eye(count), 2, axis=0) @ rising
+    errors, shares = np.zeros(bits.size), weights / weights.sum()
+    for _ in range(8):
+        robust = np.sqrt(shares / np.hypot(1.0, errors / _ROBUST)) / (bits + _LEAST_BITS)
+        rows = np.vstack([robust[:, None] * (design @ rising), _SMOOTH * bend])
+        steps, _ = nnls(rows, np.concatenate([robust * bits, np.zeros(count - 2)]))
+        errors = np.log((design @ rising @ steps + _LEAST_BITS) / (bits + _LEAST_BITS))
+    off = float(shares @ errors)
+    curve: Floats = rising @ steps * np.exp(-off)
+    return curve, errors - off
 
 
 def _fit_variance(frames: Sequence[RecordedFrame], weights: Floats, block: int) -> tuple[float, float, float]:
@@ -271,17 +316,6 @@ def _fit_variance(frames: Sequence[RecordedFrame], weights: Floats, block: int) 
 
     shares = np.exp(minimize(_loss, [-0.7, 0.0], method="Nelder-Mead").x)
     return float(shares[0]), float(shares[1]), added
-
-
-def _told_and_needed(
-    frame: RecordedFrame, variance: tuple[float, float, float], block: int
-) -> tuple[float, float]:
-    """Return bits that tell the need of what the encoder would send, and the length that it needs."""
-    encoded = frame.encoded
-    costs = block_costs(encoded.quantization, frame.errors, block, variance, encoded.layout.num_bits)
-    depths, told, _ = choose_depths(costs, frame.slope)
-    bits = sum(frame.bits[band][depth] for band, depth in zip(BLOCKS[block], depths, strict=True) if depth)
-    return told, CODE_RATIO[0] * bits + CODE_RATIO[1] * float(np.sqrt(bits))
 
 
 def main() -> None:

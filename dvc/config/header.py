@@ -45,6 +45,7 @@ FIELD_NUMBERS = {
     "turbo.crc_bits": 42,
     "turbo.first_crc_bits": 43,
     "turbo.batch_percent": 44,
+    "turbo.syndromes": 45,
     "side_information.method": 56,
     "side_information.block_size": 57,
     "side_information.search_radius": 58,

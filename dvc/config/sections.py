@@ -14,6 +14,7 @@ DEPTH_COSTS = ("gradient", "both")
 FALLBACKS = ("block-motion", "tracks")
 SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical", "cascade")
+SYNDROMES = ("mixed", "sparse")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
 QUANTIZERS = ("range", "nested")
 PRIORS = ("laplacian", "learned", "by-level")
@@ -218,6 +219,9 @@ class TurboConfig(Section):
     # With parities of ranges, what the answers to a request are to tell, in percent of what is not known of
     # the plane; 0: as little as costs the fewest bits, in the most requests.
     batch_percent: int = 0
+    # Without feedback, how many bits of a block take part in two syndrome bits only, the rest in three: up to
+    # half of them; or up to four in five, where planes of one band make the block.
+    syndromes: str = "mixed"
 
     def _check_values(self) -> None:
         check_choice("family", self.family, TURBO_FAMILIES)
@@ -226,6 +230,7 @@ class TurboConfig(Section):
             raise ConfigError(f"`crc_bits` must be one of {CRC_BITS}, got {shown(self.crc_bits)}")
         check_range("first_crc_bits", self.first_crc_bits, 1, self.crc_bits)
         check_range("batch_percent", self.batch_percent, 0, 100)
+        check_choice("syndromes", self.syndromes, SYNDROMES)
         if self.batch_percent and self.family != "cascade":
             raise ConfigError("`batch_percent` is for parities of ranges, family `cascade`")
 

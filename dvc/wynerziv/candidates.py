@@ -14,6 +14,8 @@ _REACH = 11.5
 """Reach of the candidates about a prediction, in scales: beyond is 1e-5 of a Laplacian."""
 _MAX_REACH = 31
 """The same in bins: what is farther away is an outlier."""
+CREDIBLE = 0.9
+"""Probability of an interval that serves where numbers are not known."""
 
 
 def number_priors(
@@ -58,3 +60,33 @@ def number_priors(
         probabilities,
     )
     return NumberPriors(depth, lowest, counts, probabilities, OUTLIER_PROBABILITY)
+
+
+def credible_intervals(
+    edges: Array, planes: int, priors: NumberPriors, believed: NDArray[np.float32]
+) -> tuple[Array, Array]:
+    """Return between which borders coefficients are likely to be, where no number is certain.
+
+    Parameters
+    ----------
+    edges, planes
+        See `number_priors`.
+    priors : NumberPriors
+        From `number_priors`.
+    believed : ndarray of shape (N, K), float32
+        Probabilities of their candidates.
+
+    Returns
+    -------
+    lower, upper : ndarray of shape (N,), float64
+        Borders of the bins without those on either side that together are as unlikely as half of what
+        `CREDIBLE` leaves.
+    """
+    borders = edges[:: 1 << (planes - priors.depth)]
+    sums = np.cumsum(believed, axis=1, dtype=np.float64)
+    tail = 0.5 * (1.0 - CREDIBLE)
+    first = (sums <= tail).sum(axis=1)
+    last = (sums < 1.0 - tail).sum(axis=1)
+    most = priors.counts - 1
+    first, last = np.minimum(first, most), np.minimum(last, most)
+    return borders[priors.lowest + first], borders[priors.lowest + last + 1]

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.bits import BitReader, BitWriter
+from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
-from dvc.turbo.syndromes.graph import SyndromeGraph, syndrome
+from dvc.turbo.syndromes.graph import MIXED, Sparsity, SyndromeGraph, syndrome
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.layout import FrameLayout, Quantization, plane_digits, read_planes
 
@@ -23,6 +24,8 @@ Bits = NDArray[np.uint8]
 
 BLOCKS = (range(1), range(1, 16))
 """Bands whose planes have one syndrome: DC first, so that it can refine the prediction of the others."""
+SPARSITY = {"mixed": (MIXED, MIXED), "sparse": (Sparsity(0.8, (0.02, 0.06)), Sparsity(0.5, (0.02, 0.06)))}
+"""Of the code of each block, by the name that the configuration uses."""
 LENGTH_CODE_BITS = 8
 MAX_BLOCK_BITS = 1 << 25
 """Bits of the planes of a block: belief propagation takes some hundred bytes of memory for each."""
@@ -87,7 +90,9 @@ class SentPlanes:
     depths: tuple[int, ...]
     length_codes: tuple[int, ...]
 
-    def graph(self, block: int, quantization: Quantization, num_bits: int, seed: int) -> SyndromeGraph | None:
+    def graph(
+        self, block: int, quantization: Quantization, num_bits: int, settings: TurboConfig
+    ) -> SyndromeGraph | None:
         """Return the code of a block.
 
         Parameters
@@ -98,25 +103,25 @@ class SentPlanes:
             Quantisers of the frame.
         num_bits : int
             Length of a plane.
-        seed : int
-            Seed that encoder and decoder share.
+        settings : TurboConfig
+            Settings of the codes.
 
         Returns
         -------
         SyndromeGraph or None
             None where nothing of the block is sent.
         """
-        length, first, depths = (
-            syndrome_length(self.length_codes[block]),
-            quantization.first_plane,
-            self.depths,
-        )
+        first, depths = quantization.first_plane, self.depths
         bands = [range(first[band], first[band] + depths[band]) for band in BLOCKS[block] if depths[band]]
         planes = tuple(chain.from_iterable(bands))
-        return SyndromeGraph(num_bits, planes, length, seed) if length and planes else None
+        length = syndrome_length(self.length_codes[block])
+        if not (length and planes):
+            return None
+        sparsity = SPARSITY[settings.syndromes][block]
+        return SyndromeGraph(num_bits, planes, length, settings.interleaver_seed, sparsity)
 
 
-def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
+def encode_payload(frame: EncodedFrame, sent: SentPlanes, settings: TurboConfig) -> bytes:
     """Pack what is sent of a frame; inverse of `OneWayFrame.read`.
 
     Parameters
@@ -125,8 +130,8 @@ def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
         The frame.
     sent : SentPlanes
         What is sent.
-    seed : int
-        Seed that encoder and decoder share.
+    settings : TurboConfig
+        Settings of the codes.
 
     Returns
     -------
@@ -137,7 +142,7 @@ def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
     writer = BitWriter()
     writer.write(np.frombuffer(digits.encode(), np.uint8) & np.uint8(1))
     blocks = (
-        sent.graph(block, frame.quantization, frame.layout.num_bits, seed) for block in range(len(BLOCKS))
+        sent.graph(block, frame.quantization, frame.layout.num_bits, settings) for block in range(len(BLOCKS))
     )
     graphs = [graph for graph in blocks if graph is not None]
     if graphs:
@@ -176,7 +181,7 @@ class OneWayFrame:
     blocks: tuple[SentBlock | None, ...]
 
     @classmethod
-    def read(cls, layout: FrameLayout, payload: bytes, seed: int) -> Self:
+    def read(cls, layout: FrameLayout, payload: bytes, settings: TurboConfig) -> Self:
         """Unpack a payload; inverse of `encode_payload`.
 
         Parameters
@@ -185,8 +190,8 @@ class OneWayFrame:
             Layout of the frame.
         payload : bytes
             The payload.
-        seed : int
-            Seed that encoder and decoder share.
+        settings : TurboConfig
+            Settings of the codes.
 
         Returns
         -------
@@ -207,7 +212,7 @@ class OneWayFrame:
         sent = SentPlanes(depths, codes)
         blocks: list[SentBlock | None] = []
         for number in range(len(BLOCKS)):
-            graph = sent.graph(number, quantization, layout.num_bits, seed)
+            graph = sent.graph(number, quantization, layout.num_bits, settings)
             if graph is not None and graph.size > MAX_BLOCK_BITS:
                 raise BitstreamError(f"a block of {graph.size} bits, at most {MAX_BLOCK_BITS} are allowed")
             if graph is None:

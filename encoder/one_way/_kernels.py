@@ -348,11 +348,10 @@ def variance_places(residual, noise, weights, step, first, places, histograms):
 
 
 @kernel
-def expected_costs(histograms, planes, step, shift, scale, tables, costs):
+def expected_costs(histograms, planes, step, per_plane, scale, tables, costs):
     """Write, by bands and numbers of planes that are known, what tables tell of all blocks, times `scale`.
 
-    Of `costs` the first are entropies of the variances as they are; the second, for needs, those `shift[1]`
-    places lower, where a plane is `shift[0]` places; the third squared errors.
+    Of `costs` the first are bits, the second squared errors; a plane is `per_plane` places.
     """
     costs[:] = 0.0
     for band in range(histograms.shape[0]):
@@ -360,36 +359,35 @@ def expected_costs(histograms, planes, step, shift, scale, tables, costs):
             count = histograms[band, place]
             if count:
                 variance = count * tables[0, place] * step * step
-                costs[2, band, 0] += variance
+                costs[1, band, 0] += variance
                 for depth in range(1, planes[band] + 1):
-                    coarse = place - shift[0] * (planes[band] - depth)
-                    costs[0, band, depth] += count * tables[1, max(coarse, 0)]
-                    costs[1, band, depth] += count * tables[1, max(coarse - shift[1], 0)]
-                    costs[2, band, depth] += variance * tables[2, max(coarse, 0)]
+                    coarse = max(place - per_plane * (planes[band] - depth), 0)
+                    costs[0, band, depth] += count * tables[1, coarse]
+                    costs[1, band, depth] += variance * tables[2, coarse]
     costs *= scale
 
 
 @kernel
-def block_costs(residual, noise, weights, planes, step, first, shift, scale, tables, places, costs):
+def block_costs(residual, noise, weights, planes, step, first, per_plane, scale, tables, places, costs):
     """Place the variances of all bands of a block of them, and write what its planes cost and leave."""
     histograms = np.empty((places.shape[0], tables.shape[1]), np.int64)
     variance_places(residual, noise, weights, step, first, places, histograms)
-    expected_costs(histograms, planes, step, shift, scale, tables, costs)
+    expected_costs(histograms, planes, step, per_plane, scale, tables, costs)
 
 
 @kernel
 def choose_depths(costs, planes, bit_cost, depths):
-    """Choose the planes of each band that cost least; return their needs, and the squared error they save."""
-    needs, saved = 0.0, 0.0
+    """Choose the planes of each band that cost least; return their bits, and the squared error they save."""
+    bits, saved = 0.0, 0.0
     for band in range(planes.size):
         least = np.inf
         for depth in range(planes[band] + 1):
-            total = costs[2, band, depth] + bit_cost * costs[0, band, depth]
+            total = costs[1, band, depth] + bit_cost * costs[0, band, depth]
             if total < least:
                 least, depths[band] = total, depth
-        needs += costs[1, band, depths[band]]
-        saved += costs[2, band, 0] - costs[2, band, depths[band]]
-    return needs, saved
+        bits += costs[0, band, depths[band]]
+        saved += costs[1, band, 0] - costs[1, band, depths[band]]
+    return bits, saved
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Laplacians in bins: entropy of the bins, and squared error of their means, by how wide they are."""
+"""Laplacians in bins: squared error of the means of the bins, by how wide these are."""
 
 from functools import lru_cache
 
@@ -30,20 +30,19 @@ def _moments(edge: Floats) -> tuple[Floats, Floats, Floats]:
     )
 
 
-def _in_bins(width: float) -> tuple[float, float]:
-    """Return entropy, and squared error over the variance, for bins of a width in scales."""
+def _in_bins(width: float) -> float:
+    """Return the squared error over the variance, for bins of a width in scales."""
     if width < 1.0 / _FINE:
-        return float(np.log2(2.0 * np.e / width)), width * width / 24.0
-    entropy = error = 0.0
+        return width * width / 24.0
+    error = 0.0
     for offset in (np.arange(_NUM_OFFSETS) + 0.5) / _NUM_OFFSETS:
         inner = np.arange(-np.ceil(_REACH / width), np.ceil(_REACH / width) + 1) + offset
         edges = np.concatenate([[-1e3], inner * width, [1e3]])
         mass, first, second = (np.diff(moment) for moment in _moments(edges))
         some = mass > 0
         mass, first, second = mass[some], first[some], second[some]
-        entropy -= float((mass * np.log2(mass)).sum()) / _NUM_OFFSETS
         error += float((second - first * first / mass).sum()) / _NUM_OFFSETS
-    return entropy, error / 2.0
+    return error / 2.0
 
 
 @lru_cache(maxsize=1)
@@ -52,11 +51,10 @@ def laplacian_tables() -> Floats:
 
     Returns
     -------
-    ndarray of shape (3, NUM_PLACES), float64
+    ndarray of shape (2, NUM_PLACES), float64
         By places, which are eighths of octaves of the variance over the squared width, from `FIRST_OCTAVE`
-        on: that variance, the bits to tell the bin, and the squared error of its mean over the variance.
+        on: that variance, and the squared error of the mean of the bin over the variance.
     """
     octave, eighth = np.divmod(np.arange(NUM_PLACES), PER_OCTAVE)
     variances = 2.0 ** (octave + FIRST_OCTAVE) * (1.0 + (eighth + 0.5) / PER_OCTAVE)
-    found = [_in_bins(float(width)) for width in np.sqrt(2.0 / variances)]
-    return np.stack([variances, *np.array(found).T])
+    return np.stack([variances, [_in_bins(float(width)) for width in np.sqrt(2.0 / variances)]])

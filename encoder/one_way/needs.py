@@ -1,5 +1,7 @@
 """How many planes of a frame pay, and how long their syndromes must be, by residual and noise."""
 
+import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -16,31 +18,48 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _FIRST = (127 + FIRST_OCTAVE) * PER_OCTAVE  # of single precision: exponent and three bits after it
-_SHIFT = PER_PLANE, 2 * PER_OCTAVE
-"""Places of a plane; and by how many variances are lower where needs are told."""
-_FITTED_BITS = 6336
 _UNKNOWN = 255.0**2
-_LEAST_BITS = 100.0
 BLOCK_BITS = 40
 """What a block costs beside its syndrome: check bits, and numbers of planes."""
-BITS_PER_BIT = 1.3
-"""What a bit of expected entropy costs, where planes are chosen."""
+CODE_RATIO = 1.12, 4.0
+"""Length of the shortest syndrome that serves over the ideal code length: for long blocks, and what is added
+over the root of the bits of short ones."""
+BITS_PER_BIT = 1.6
+"""What a bit of ideal code length costs, where planes are chosen: syndrome and margin."""
+PAYS = 1.0, 1.5
+"""How much more each of `BLOCKS` must be expected to save than it costs: what seems to save much was often
+misjudged."""
+MARGIN_BITS = 500.0
+"""What the margin is of besides the length: what is expected of small blocks is the least certain."""
+REFINED_SHARE = 0.15
+"""Of the squared residual of the other bands: what planes of DC save there, at most, since they tell how the
+prediction must move."""
+OCTAVES = tuple(range(FIRST_OCTAVE, 7, 2))
+"""Of the variance over the squared width of bins, where bits are told; from the last on, half a bit each."""
 
 
 class Needs(NamedTuple):
     """What one of `BLOCKS` needs: fitted to decoded frames by `benchmarks.searches.one_way_needs`."""
 
     variance: tuple[float, float, float]  # of the error: share of residual and of noise, and what is added
-    factor: float  # of the expected bits
-    exponent: float  # of the expected bits
-    anchor_factor: float  # the same where only earlier frames are known
+    bits: tuple[float, ...]  # ideal code length of a coefficient, at `OCTAVES`
+    anchor_factor: float  # of that where only earlier frames are known
 
 
 NEEDS = (
-    Needs((0.48, 1.28, 0.3), 19.4, 0.753, 1.14),
-    Needs((0.42, 1.04, 0.3), 4.19, 0.935, 1.04),
+    Needs((0.41, 1.4, 0.3), (0.078, 0.078, 0.078, 0.171, 0.341, 0.646, 1.46, 2.36, 3.33, 4.37, 5.46), 1.31),
+    Needs((0.3, 1.2, 0.3), (0.002, 0.002, 0.005, 0.005, 0.346, 0.793, 1.0, 1.01, 1.01, 1.01, 1.01), 1.03),
 )
-"""Of each of `BLOCKS`; lengths of syndromes that just serve."""
+"""Of each of `BLOCKS`."""
+
+
+@lru_cache(maxsize=len(NEEDS))
+def _tables(needs: Needs) -> Floats:
+    """Return variance, bits and squared error over the variance by places; see `laplacian_tables`."""
+    variances, errors = laplacian_tables()
+    octaves = np.log2(variances)
+    beyond = 0.5 * np.maximum(octaves - OCTAVES[-1], 0.0)
+    return np.stack([variances, np.interp(octaves, OCTAVES, needs.bits) + beyond, errors])
 
 
 class Choice(NamedTuple):
@@ -63,7 +82,7 @@ class NeedEstimator:
 
     def __init__(self, config: CodecConfig, margin_percent: int) -> None:
         self._config = config
-        self._margin = 1.0 + margin_percent / 100.0
+        self._margin = margin_percent / 100.0
 
     def choose(self, quantization: Quantization, errors: BlockErrors, distance: int, num_bits: int) -> Choice:
         """Choose planes and lengths of syndromes of one frame.
@@ -89,11 +108,14 @@ class NeedEstimator:
         slope = self._config.wyner_ziv.slope_between(distance)
         depths, codes, noise = [], [], np.empty_like(errors.noise)
         for block, needs in enumerate(NEEDS):
-            costs = block_costs(quantization, errors, block, needs.variance, num_bits)
+            costs = block_costs(quantization, errors, block, needs, num_bits)
+            if block == 0:
+                _refine(costs.costs[1, 0], REFINED_SHARE * num_bits * errors.residual[1:].mean(axis=1).sum())
             chosen, bits, saved = choose_depths(costs, slope)
             size = num_bits * int(chosen.sum())
-            length = min(self._margin * length_of(bits, needs, distance, num_bits), 1.1 * size)
-            if saved < slope * (length + BLOCK_BITS):
+            length = length_of(bits, needs, distance)
+            length = min(length + self._margin * (length + MARGIN_BITS), 1.1 * size)
+            if saved < PAYS[block] * slope * (length + BLOCK_BITS):
                 chosen, length = np.zeros_like(chosen), 0.0
             costs.write_noise(chosen, noise)
             depths += chosen.tolist()
@@ -108,10 +130,11 @@ class BlockCosts(NamedTuple):
     planes: Integers  # of each band; shape (bands,)
     step: float  # finest
     places: NDArray[np.int16]  # of the variances, in the tables; shape (bands, B)
+    tables: Floats  # of the block; shape (3, NUM_PLACES)
     costs: Floats
-    """By bands and planes that are known: entropy, bits that tell the need, squared error that is left.
+    """By bands and planes that are known: ideal code length, and squared error that is left.
 
-    Shape (3, bands, most planes + 1).
+    Shape (2, bands, most planes + 1).
     """
 
     def write_noise(self, depths: Integers, noise: NDArray[np.float32]) -> None:
@@ -124,15 +147,22 @@ class BlockCosts(NamedTuple):
         noise : ndarray of shape (16, B), float32
             Of all bands of the frame, of which those of the block are written.
         """
-        left, tables = noise[self.bands], laplacian_tables()
-        _kernels.remaining_noise(self.places, self.planes, depths, self.step, PER_PLANE, tables, left)
+        _kernels.remaining_noise(
+            self.places, self.planes, depths, self.step, PER_PLANE, self.tables, noise[self.bands]
+        )
+
+
+def _refine(squares: Floats, most: float) -> None:
+    """Take off the squared errors that planes of DC leave what they save of the other bands."""
+    known = 1.0 - squares / max(squares[0], 1e-9)
+    squares -= most * np.sqrt(np.maximum(known, 0.0))
 
 
 def block_costs(
     quantization: Quantization,
     errors: BlockErrors,
     block: int,
-    variance: tuple[float, float, float],
+    needs: Needs,
     num_bits: int,
 ) -> BlockCosts:
     """Expect what the planes of a block cost and leave.
@@ -145,8 +175,8 @@ def block_costs(
         What is expected of its prediction.
     block : int
         Number in `BLOCKS`.
-    variance : tuple of float
-        See `Needs`.
+    needs : Needs
+        Those of the block.
     num_bits : int
         Length of a plane.
 
@@ -161,12 +191,12 @@ def block_costs(
     assert step is not None
     residual, noise = errors.residual[bands], errors.noise[bands]
     places: NDArray[np.int16] = np.empty(residual.shape, np.int16)
-    costs = np.empty((3, len(planes), max(quantization.planes[bands]) + 1))
-    scale, tables = num_bits / places.shape[1], laplacian_tables()
+    costs = np.empty((2, len(planes), max(quantization.planes[bands]) + 1))
+    scale, tables = num_bits / places.shape[1], _tables(needs)
     _kernels.block_costs(
-        residual, noise, variance, planes, step, _FIRST, _SHIFT, scale, tables, places, costs
+        residual, noise, needs.variance, planes, step, _FIRST, PER_PLANE, scale, tables, places, costs
     )
-    return BlockCosts(bands, planes, step, places, costs)
+    return BlockCosts(bands, planes, step, places, tables, costs)
 
 
 def choose_depths(costs: BlockCosts, slope: float) -> tuple[Integers, float, float]:
@@ -184,7 +214,7 @@ def choose_depths(costs: BlockCosts, slope: float) -> tuple[Integers, float, flo
     depths : ndarray of shape (bands,), int64
         Planes that are sent.
     bits : float
-        The bits that tell what these need.
+        Their ideal code length.
     saved : float
         The squared error that they save.
     """
@@ -193,27 +223,23 @@ def choose_depths(costs: BlockCosts, slope: float) -> tuple[Integers, float, flo
     return depths, bits, saved
 
 
-def length_of(bits: float, needs: Needs, distance: int, num_bits: int) -> float:
+def length_of(bits: float, needs: Needs, distance: int) -> float:
     """Return the length of the shortest syndrome that is expected to serve.
 
     Parameters
     ----------
     bits : float
-        What tells the need of a block, from `choose_depths`.
+        Ideal code length of the planes of a block, from `choose_depths`.
     needs : Needs
         Those of the block.
     distance : int
         How far the references are apart, in frames.
-    num_bits : int
-        Length of a plane.
 
     Returns
     -------
     float
         In bits; 0 where nothing is sent.
     """
-    if bits <= 0:
-        return 0.0
-    size = num_bits / _FITTED_BITS
-    length = needs.factor * (bits / size + _LEAST_BITS) ** needs.exponent
-    return float(size * length * (needs.anchor_factor if distance > MAX_GOP_LENGTH // 2 else 1.0))
+    if distance > MAX_GOP_LENGTH // 2:
+        bits *= needs.anchor_factor
+    return CODE_RATIO[0] * bits + CODE_RATIO[1] * math.sqrt(bits)

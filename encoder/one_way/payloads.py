@@ -71,10 +71,9 @@ class OneWayEncoder:
             Payload of each frame, in order of display.
         """
         payloads = [b""] * len(frames)
-        seed = self._config.turbo.interleaver_seed
         for chosen in self.choices(group, frames):
             frame, sent = frames[chosen.number], chosen.choice.sent
-            payloads[chosen.number] = encode_payload(frame, sent, seed)
+            payloads[chosen.number] = encode_payload(frame, sent, self._config.turbo)
             self._count(sent, frame.layout.num_bits)
         return tuple(payloads)
 

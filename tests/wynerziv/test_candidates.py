@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
+from dvc.turbo.syndromes.belief_propagation import NumberPriors
 from dvc.wynerziv import _kernels, quantizer
-from dvc.wynerziv.candidates import number_priors
+from dvc.wynerziv.candidates import credible_intervals, number_priors
 from dvc.wynerziv.noise import OUTLIER_PROBABILITY, interval_probability
 
 STEP, PLANES = 12.0, 6
@@ -65,3 +66,19 @@ def test_kernel_is_its_python() -> None:
         found.append((lowest, counts, probabilities))
     for ours, twins in zip(*found, strict=True):
         np.testing.assert_array_equal(ours, twins)
+
+
+def test_credible_intervals_hold_what_is_likely() -> None:
+    """One bin where a number is certain, several where it is not; without what is unlikely on either side."""
+    edges = quantizer.nested_edges(3, PLANES, STEP)
+    borders = edges[::2]
+    lowest, counts = np.array([4, 10, 20, 0]), np.array([3, 4, 4, 2])
+    probabilities = np.zeros((4, 4), np.float32)
+    priors = NumberPriors(PLANES - 1, lowest, counts, probabilities, OUTLIER_PROBABILITY)
+    believed = np.array(
+        [[0.0, 1.0, 0.0, 0.0], [0.04, 0.5, 0.42, 0.04], [0.25, 0.25, 0.25, 0.25], [1.0, 0.0, 0.0, 0.0]],
+        np.float32,
+    )
+    lower, upper = credible_intervals(edges, PLANES, priors, believed)
+    assert lower.tolist() == borders[[5, 11, 20, 0]].tolist()
+    assert upper.tolist() == borders[[6, 13, 24, 1]].tolist()

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc import turbo
+from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
 from dvc.turbo.syndromes.graph import syndrome
 from dvc.wynerziv import quantizer
@@ -21,7 +22,7 @@ from dvc.wynerziv.one_way import (
     syndrome_length,
 )
 
-SEED = 3
+SETTINGS = TurboConfig(syndromes="sparse")
 LAYOUT = FrameLayout(24, 32, True, (0,) * 16, 16)
 LUMA = np.random.default_rng(1).integers(0, 256, (24, 32), dtype=np.uint8)
 QUANTIZATION, WORDS = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(20.0))
@@ -45,12 +46,12 @@ def depths(dc: int, *others: int) -> tuple[int, ...]:
 )
 def test_round_trip(sent: SentPlanes) -> None:
     """Planes, check bits and syndromes come back; a block without syndrome is none."""
-    payload = encode_payload(FRAME, sent, SEED)
-    frame = OneWayFrame.read(LAYOUT, payload, SEED)
+    payload = encode_payload(FRAME, sent, SETTINGS)
+    frame = OneWayFrame.read(LAYOUT, payload, SETTINGS)
     assert frame.quantization == QUANTIZATION
     assert frame.sent == sent
     for number, block in enumerate(frame.blocks):
-        graph = sent.graph(number, QUANTIZATION, LAYOUT.num_bits, SEED)
+        graph = sent.graph(number, QUANTIZATION, LAYOUT.num_bits, SETTINGS)
         if graph is None:
             assert block is None
             continue
@@ -79,10 +80,10 @@ def test_lengths_are_told_on_a_fine_scale() -> None:
 def test_a_cut_payload_is_refused(cut: int) -> None:
     """Wherever it ends too early."""
     sent = SentPlanes(depths(4, 3), (length_code(60), length_code(60)))
-    payload = encode_payload(FRAME, sent, SEED)
+    payload = encode_payload(FRAME, sent, SETTINGS)
     assert cut < len(payload)
     with pytest.raises(BitstreamError):
-        OneWayFrame.read(LAYOUT, payload[:cut], SEED)
+        OneWayFrame.read(LAYOUT, payload[:cut], SETTINGS)
 
 
 def test_planes_that_a_band_does_not_have_are_refused() -> None:
@@ -90,11 +91,11 @@ def test_planes_that_a_band_does_not_have_are_refused() -> None:
     too_many = SentPlanes(depths(QUANTIZATION.planes[0] + 1), (0, 0))
     payload = QUANTIZATION.header
     with pytest.raises(BitstreamError, match="more bit planes of a band are sent than it has"):
-        OneWayFrame.read(LAYOUT, encode_payload(FRAME, too_many, SEED), SEED)
-    none = encode_payload(FRAME, SentPlanes(depths(0), (0, 0)), SEED)
+        OneWayFrame.read(LAYOUT, encode_payload(FRAME, too_many, SETTINGS), SETTINGS)
+    none = encode_payload(FRAME, SentPlanes(depths(0), (0, 0)), SETTINGS)
     assert none.startswith(payload)
     with pytest.raises(BitstreamError, match="left over"):
-        OneWayFrame.read(LAYOUT, none + b"\0", SEED)
+        OneWayFrame.read(LAYOUT, none + b"\0", SETTINGS)
 
 
 @given(st.binary(max_size=80), st.booleans())
@@ -102,7 +103,7 @@ def test_any_bytes_are_read_or_refused(data: bytes, after_header: bool) -> None:
     """Nothing but a frame or a `BitstreamError` comes of them."""
     payload = QUANTIZATION.header + data if after_header else data
     try:
-        frame = OneWayFrame.read(LAYOUT, payload, SEED)
+        frame = OneWayFrame.read(LAYOUT, payload, SETTINGS)
     except BitstreamError:
         return
     assert frame.syndrome_bits + frame.check_bits <= 8 * len(payload)
@@ -120,4 +121,4 @@ def test_blocks_that_would_take_all_memory_are_refused() -> None:
         ).tobytes()
     )
     with pytest.raises(BitstreamError, match="a block of"):
-        OneWayFrame.read(layout, payload + bytes(20), SEED)
+        OneWayFrame.read(layout, payload + bytes(20), SETTINGS)

@@ -85,11 +85,14 @@ class DecodedBlock:
         Whether they have the syndrome that was sent.
     num_iterations : int
         Iterations of belief propagation.
+    beliefs : tuple of ndarray of shape (N, K), float32
+        Without success, the probabilities of the candidates of each band by its last priors and the syndrome.
     """
 
     bits: Bits
     success: bool
     num_iterations: int
+    beliefs: tuple[NDArray[np.float32], ...] = ()
 
 
 Learn = Callable[[Sequence[NDArray[np.float32]]], Sequence[NumberPriors]]
@@ -146,7 +149,8 @@ def decode_block(
         if num_wrong < _PROGRESS * least_wrong:
             least_wrong, patience = num_wrong, PATIENCE
     bits = (odds > 1.0).astype(np.uint8).reshape(len(graph.planes), graph.num_bits)
-    return DecodedBlock(bits, num_wrong == 0, iteration)
+    beliefs = _beliefs(bands, graph.num_bits, messages) if num_wrong else []
+    return DecodedBlock(bits, num_wrong == 0, iteration, tuple(beliefs))
 
 
 def _beliefs(bands: Sequence[NumberPriors], num_bits: int, messages: Array) -> list[NDArray[np.float32]]:

@@ -25,12 +25,29 @@ Words = NDArray[np.uint64]
 
 NUM_EDGES = 3
 """Most bits of the syndrome that a bit takes part in."""
-_SPARSE_RATES = (0.03, 0.10)
-"""Bits of the syndrome for each bit of the block, from which on bits take part in two of them, and from which
-on as many as may."""
-_MAX_SPARSE_SHARE = 0.5
-"""Share of bits that do. They are what makes codes of high rate good, and two with the same syndrome bits
-cannot be told apart, of which there are many at low rates."""
+
+
+class Sparsity(NamedTuple):
+    """How many bits of a block take part in two bits of the syndrome only, by the rate of its code.
+
+    They are what makes codes of high rate good, most where planes of one band tell of each other besides; two
+    with the same syndrome bits cannot be told apart, of which there are many at low rates.
+
+    Attributes
+    ----------
+    max_share : float
+        Greatest share of bits, in [0, 1].
+    rates : tuple of two float
+        Bits of the syndrome for each bit of the block, from which on some do, and from which on as many as
+        may.
+    """
+
+    max_share: float
+    rates: tuple[float, float]
+
+
+MIXED = Sparsity(0.5, (0.03, 0.10))
+"""For any block."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +64,15 @@ class SyndromeGraph:
         Length M of the syndrome.
     seed : int
         Seed that encoder and decoder share.
+    sparsity : Sparsity
+        How many of its bits take part in two syndrome bits only.
     """
 
     num_bits: int
     planes: tuple[int, ...]
     num_checks: int
     seed: int
+    sparsity: Sparsity = MIXED
 
     def __post_init__(self) -> None:
         """Refuse blocks without bits, and syndromes of which no bit could take part in several."""
@@ -70,9 +90,9 @@ class SyndromeGraph:
     @cached_property
     def num_thrice(self) -> int:
         """How many bits of a plane, the first of the last order, take part in three syndrome bits."""
-        low, high = _SPARSE_RATES
+        low, high = self.sparsity.rates
         share = (self.num_checks / self.size - low) / (high - low)
-        return self.num_bits - int(_MAX_SPARSE_SHARE * min(max(share, 0.0), 1.0) * self.num_bits)
+        return self.num_bits - int(self.sparsity.max_share * min(max(share, 0.0), 1.0) * self.num_bits)
 
     @cached_property
     def starts(self) -> NDArray[np.int64]:
