@@ -29,8 +29,9 @@ BITS_PER_BIT = 1.6
 PAYS = 1.0, 1.5
 """How much more each of `BLOCKS` must be expected to save than it costs: what seems to save much was often
 misjudged."""
-MARGIN_BITS = 500.0
-"""What the margin is of besides the length: what is expected of small blocks is the least certain."""
+MARGIN_BITS = 0.08
+"""What the margin is of besides the length, for each bit of a plane: what is expected of few bits is the least
+certain."""
 REFINED_SHARE = 0.15
 """Of the squared residual of the other bands: what planes of DC save there, at most, since they tell how the
 prediction must move."""
@@ -114,7 +115,7 @@ class NeedEstimator:
             chosen, bits, saved = choose_depths(costs, slope)
             size = num_bits * int(chosen.sum())
             length = length_of(bits, needs, distance)
-            length = min(length + self._margin * (length + MARGIN_BITS), 1.1 * size)
+            length = min(length + self._margin * (length + MARGIN_BITS * num_bits), 1.1 * size)
             if saved < PAYS[block] * slope * (length + BLOCK_BITS):
                 chosen, length = np.zeros_like(chosen), 0.0
             costs.write_noise(chosen, noise)
