@@ -30,8 +30,8 @@ PAYS = 1.0, 1.5
 """How much more each of `BLOCKS` must be expected to save than it costs: what seems to save much was often
 misjudged."""
 MARGIN_BITS = 0.08
-"""What the margin is of besides the length, for each bit of a plane: what is expected of few bits is the least
-certain."""
+"""What the margin is of besides the length, for each bit of a plane: small needs are expected the least
+reliably."""
 REFINED_SHARE = 0.15
 """Of the squared residual of the other bands: what planes of DC save there, at most, since they tell how the
 prediction must move."""
