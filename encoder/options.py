@@ -24,6 +24,7 @@ from dvc.config import (
     NOISE_MODELS,
     REFERENCES,
     TURBO_FAMILIES,
+    USUAL_MARGIN_PERCENT,
     VARIANTS,
     Allocation,
     CodecConfig,
@@ -58,7 +59,6 @@ EXAMPLES = """\
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
 
-DEFAULT_MARGIN_PERCENT = 25
 """Estimates of what a frame needs err; chosen by hand."""
 LONG_DELAY_PERCENT = 80
 """Of what is not known of a plane; chosen by hand: more spares little waiting for many bits."""
@@ -307,7 +307,7 @@ def _add_one_way(group: argparse._ArgumentGroup) -> None:
         "--margin",
         (0, MAX_MARGIN_PERCENT),
         "with --no-feedback, percent that are sent beyond the estimate: more and fewer frames remain as"
-        f" predicted; default: {DEFAULT_MARGIN_PERCENT}",
+        f" predicted; default: {USUAL_MARGIN_PERCENT}",
         metavar="PERCENT",
     )
 
@@ -416,7 +416,7 @@ def _margin(arguments: argparse.Namespace, config: CodecConfig) -> int | None:
         raise ConfigError("--no-feedback is for --qp and codecs whose encoder tracks points: 3d-te")
     if arguments.serve is not None:
         raise ConfigError("--no-feedback and --serve exclude each other: a decoder that is served asks")
-    return DEFAULT_MARGIN_PERCENT if arguments.margin is None else int(arguments.margin)
+    return USUAL_MARGIN_PERCENT if arguments.margin is None else int(arguments.margin)
 
 
 def _qp(arguments: argparse.Namespace) -> int:

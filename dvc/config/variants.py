@@ -13,8 +13,10 @@ MAX_TRACKS_BPP = 0.01
 """Most bits that tracks cost, per pixel of the Wyner-Ziv frames."""
 MAX_BIRTHS = 48
 """Most points of the key frame that closes a group which are followed back."""
+USUAL_MARGIN_PERCENT = 25
+"""What is sent beyond what frames are estimated to need, where no decoder asks."""
 MAX_MARGIN_PERCENT = 1000
-"""Most that is sent beyond what frames are estimated to need, where no decoder asks."""
+"""Most of that."""
 
 
 @dataclass(frozen=True)

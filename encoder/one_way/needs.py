@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import MAX_GOP_LENGTH, CodecConfig
+from dvc.config import MAX_GOP_LENGTH, USUAL_MARGIN_PERCENT, CodecConfig
 from dvc.wynerziv.layout import Quantization
 from dvc.wynerziv.one_way import BLOCKS, MAX_BLOCK_BITS, SentPlanes, length_code
 from encoder.one_way import _kernels
@@ -114,9 +114,12 @@ class NeedEstimator:
                 _refine(costs.costs[1, 0], REFINED_SHARE * num_bits * errors.residual[1:].mean(axis=1).sum())
             chosen, bits, saved = choose_depths(costs, slope)
             size = num_bits * int(chosen.sum())
-            length = length_of(bits, needs, distance)
-            length = min(length + self._margin * (length + MARGIN_BITS * num_bits), 1.1 * size)
-            if saved < PAYS[block] * slope * (length + BLOCK_BITS):
+            need = length_of(bits, needs, distance)
+            usual, length = (
+                min(need + margin * (need + MARGIN_BITS * num_bits), 1.1 * size)
+                for margin in (USUAL_MARGIN_PERCENT / 100.0, self._margin)
+            )
+            if saved < PAYS[block] * slope * (usual + BLOCK_BITS):
                 chosen, length = np.zeros_like(chosen), 0.0
             costs.write_noise(chosen, noise)
             depths += chosen.tolist()
