@@ -59,7 +59,6 @@ EXAMPLES = """\
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
 
-"""Estimates of what a frame needs err; chosen by hand."""
 LONG_DELAY_PERCENT = 80
 """Of what is not known of a plane; chosen by hand: more spares little waiting for many bits."""
 

@@ -14,7 +14,7 @@ MAX_TRACKS_BPP = 0.01
 MAX_BIRTHS = 48
 """Most points of the key frame that closes a group which are followed back."""
 USUAL_MARGIN_PERCENT = 25
-"""What is sent beyond what frames are estimated to need, where no decoder asks."""
+"""What is sent beyond what frames are estimated to need, where no decoder asks: estimates err."""
 MAX_MARGIN_PERCENT = 1000
 """Most of that."""
 
