@@ -6,6 +6,7 @@ block whose syndrome is too short is concealed: what it makes likely serves in p
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from decoder.tasks import BandCost, DecodedFrame
 from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
-from dvc.turbo.syndromes.belief_propagation import NumberPriors, decode_block
+from dvc.turbo.syndromes.belief_propagation import DecodedBlock, NumberPriors, decode_block
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, transform
 from dvc.wynerziv.candidates import credible_intervals
@@ -24,6 +25,8 @@ from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.one_way import BLOCKS, OneWayFrame, SentBlock
 
+START_GAINS = 1.0, 0.6, 1.6
+"""Of the scales that a prediction promises, tried one after the other until a block is found."""
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
 
@@ -101,17 +104,10 @@ class OneWayDecoder:
         quantization, depths = received.quantization, received.sent.depths
         bands = [band for band in BLOCKS[number] if depths[band]]
         scales = {band: state.scale(band) for band in bands}
-        learned = [_promised(band, scales[band], received, state) for band in bands]
-        priors = [band.priors() for band in learned]
-
-        def _learn(beliefs: Sequence[NDArray[np.float32]]) -> list[NumberPriors]:
-            learned[:] = map(LearnedBand.learn, learned, priors, beliefs)
-            priors[:] = [band.priors() for band in learned]
-            return priors
-
-        decoded = decode_block(block.graph, block.syndrome, priors, _learn)
-        known = decoded.success and _checks(decoded.bits, block)
-        if not known and self._config.turbo.syndromes == "mixed":
+        promised = [_promised(band, scales[band], received, state) for band in bands]
+        old = self._config.turbo.syndromes == "mixed"
+        decoded, priors, known = _decode(block, promised, START_GAINS[: 1 if old else None])
+        if old and not known:
             return []
         ideal_bits, first = [], 0
         for place, (band, prior) in enumerate(zip(bands, priors, strict=True)):
@@ -148,6 +144,37 @@ def _promised(band: int, scale: Array, received: OneWayFrame, state: FrameState)
         scale,
         scale * state.gain,
     )
+
+
+def _decode(
+    block: SentBlock, promised: list[LearnedBand], gains: Sequence[float]
+) -> tuple[DecodedBlock, list[NumberPriors], bool]:
+    """Decode the planes of a block, from one gain of the scales after the other until they have its check.
+
+    Returns what was found from that gain, or from the first of all, the last priors of the bands, and whether
+    it has the check.
+    """
+    first = None
+    for gain in gains:
+        bands = [replace(band, scale=gain * band.scale) for band in promised]
+        decoded, priors = _learning(block, bands)
+        if decoded.success and _checks(decoded.bits, block):
+            return decoded, priors, True
+        first = first or (decoded, priors)
+    assert first is not None
+    return *first, False
+
+
+def _learning(block: SentBlock, bands: list[LearnedBand]) -> tuple[DecodedBlock, list[NumberPriors]]:
+    """Decode the planes of a block while scales are learned; return also the last priors of its bands."""
+    priors = [band.priors() for band in bands]
+
+    def _learn(beliefs: Sequence[NDArray[np.float32]]) -> list[NumberPriors]:
+        bands[:] = map(LearnedBand.learn, bands, priors, beliefs)
+        priors[:] = [band.priors() for band in bands]
+        return priors
+
+    return decode_block(block.graph, block.syndrome, priors, _learn), priors
 
 
 def _checks(bits: Bits, block: SentBlock) -> bool:

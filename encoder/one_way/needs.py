@@ -32,6 +32,9 @@ misjudged."""
 MARGIN_BITS = 0.08
 """What the margin is of besides the length, for each bit of a plane: small needs are expected the least
 reliably."""
+REFERENCE_MARGIN = 0.3
+"""By which power of what their bits are worth margins of frames that predict others are larger: where one of
+these is short, so are those that rest on it."""
 REFINED_SHARE = 0.15
 """Of the squared residual of the other bands: what planes of DC save there, at most, since they tell how the
 prediction must move."""
@@ -107,6 +110,7 @@ class NeedEstimator:
         if not errors.residual.size:  # too small a picture to tell
             errors = BlockErrors(np.full((16, 1), _UNKNOWN, np.float32), np.zeros((16, 1), np.float32))
         slope = self._config.wyner_ziv.slope_between(distance)
+        share = (self._config.wyner_ziv.slope / slope) ** REFERENCE_MARGIN if slope else 1.0
         depths, codes, noise = [], [], np.empty_like(errors.noise)
         for block, needs in enumerate(NEEDS):
             costs = block_costs(quantization, errors, block, needs, num_bits)
@@ -116,7 +120,7 @@ class NeedEstimator:
             size = num_bits * int(chosen.sum())
             need = length_of(bits, needs, distance)
             usual, length = (
-                min(need + margin * (need + MARGIN_BITS * num_bits), 1.1 * size)
+                min(need + share * margin * (need + MARGIN_BITS * num_bits), 1.1 * size)
                 for margin in (USUAL_MARGIN_PERCENT / 100.0, self._margin)
             )
             if saved < PAYS[block] * slope * (usual + BLOCK_BITS):
