@@ -2,7 +2,8 @@
 
 The planes of a block of bands are decoded together: DC first, which refines the prediction of the others. A
 block whose syndrome is too short is concealed: what it makes likely serves in place of what it should tell
-(older streams: its bands stay as predicted), and whatever is decoded later rests on that.
+(in older streams, and where what is found has another check, its bands stay as predicted), and whatever is
+decoded later rests on that.
 """
 
 from collections.abc import Sequence

@@ -305,8 +305,8 @@ def _add_one_way(group: argparse._ArgumentGroup) -> None:
         group,
         "--margin",
         (0, MAX_MARGIN_PERCENT),
-        "with --no-feedback, percent that are sent beyond the estimate: more and fewer frames remain as"
-        f" predicted; default: {USUAL_MARGIN_PERCENT}",
+        "with --no-feedback, percent that are sent beyond the estimate: more and fewer frames are short"
+        f" of what they need; default: {USUAL_MARGIN_PERCENT}",
         metavar="PERCENT",
     )
 

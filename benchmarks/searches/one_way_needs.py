@@ -22,7 +22,7 @@ from decoder.one_way import OneWayDecoder
 from decoder.session import stream_tasks
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame, following
-from dvc.config import MAX_GOP_LENGTH, CodecConfig
+from dvc.config import MAX_GOP_LENGTH, NUM_BANDS, CodecConfig
 from dvc.stream import StreamReader, StreamWriter
 from dvc.turbo import ParityRequest
 from dvc.video import Frame, open_video
@@ -196,9 +196,10 @@ def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
                 for group in session.groups(islice(video, num_frames)):
                     encoded = session.encode(group)
                     for index, distance, errors, _ in encoder.choices(group, encoded.frames):
-                        luma = (*group.wyner_ziv, group.key)[index].luma
+                        luma, frame = (*group.wyner_ziv, group.key)[index].luma, encoded.frames[index]
+                        frame.pack(NUM_BANDS)  # its coefficients are those of another one in the next group
                         known[first + index] = RecordedFrame(
-                            clip, config, encoded.frames[index], luma, distance, errors, {}, {}
+                            clip, config, frame, luma, distance, errors, {}, {}
                         )
                     gop = encoded.record(encoded.one_way)
                     writer.write_gop(gop)

@@ -220,7 +220,7 @@ class TurboConfig(Section):
     # the plane; 0: as little as costs the fewest bits, in the most requests.
     batch_percent: int = 0
     # Without feedback, how many bits of a block take part in two syndrome bits only, the rest in three: up to
-    # half of them; or up to four in five, where planes of one band make the block.
+    # half of them; or more, from lower rates on, and then a block that is short serves as far as it goes.
     syndromes: str = "mixed"
 
     def _check_values(self) -> None:

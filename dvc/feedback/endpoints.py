@@ -350,7 +350,7 @@ class DecoderEndpoint(_Endpoint):
         Raises
         ------
         ValueError
-            If `Hello` has not come yet, or `MAX_OPEN_GOPS` are open or asked for.
+            If `Hello` has not come yet, or as many are open or asked for as may be: `max_open_gops`.
         """
         if self._ledger.ended:
             return

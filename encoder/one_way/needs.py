@@ -123,11 +123,11 @@ class NeedEstimator:
                 min(need + share * margin * (need + MARGIN_BITS * num_bits), 1.1 * size)
                 for margin in (USUAL_MARGIN_PERCENT / 100.0, self._margin)
             )
-            if saved < PAYS[block] * slope * (usual + BLOCK_BITS):
+            if size > MAX_BLOCK_BITS or saved < PAYS[block] * slope * (usual + BLOCK_BITS):
                 chosen, length = np.zeros_like(chosen), 0.0
             costs.write_noise(chosen, noise)
             depths += chosen.tolist()
-            codes.append(length_code(length) if size <= MAX_BLOCK_BITS else 0)
+            codes.append(length_code(length))
         return Choice(SentPlanes(tuple(depths), tuple(codes)), noise)
 
 
