@@ -246,7 +246,7 @@ def fit(frames: Sequence[RecordedFrame], block: int) -> tuple[Needs, dict[str, F
 
 
 def _samples(frame: RecordedFrame, block: int) -> list[tuple[RecordedFrame, dict[int, int]]]:
-    """Return planes of a block, numbers of them by bands: the finest of DC, others that pay at several slopes."""
+    """Return planes of a block by bands: the finest of DC, others that pay at several slopes."""
     if len(BLOCKS[block]) == 1:
         (band,) = BLOCKS[block]
         planes = frame.encoded.quantization.planes[band]
