@@ -25,7 +25,8 @@ from dvc.feedback import Connection, connect, listen
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
 
-PATIENCE_S = 2.0
+PATIENCE_S, COMPILING_S = 2.0, 120.0
+"""How long a silent peer is waited for: in attempts, and in the first run, which may compile kernels."""
 """How long one end of a live run waits for the other."""
 Luma = NDArray[np.uint8]
 Change = Callable[[bytes], bytes]
@@ -149,7 +150,10 @@ def decoded_groups(reader: StreamReader) -> Iterator[tuple[list[Luma], GopRecord
 
 
 def live_run(
-    frames: list[Frame], config: CodecConfig, change: tuple[Change, Change] = (_same, _same)
+    frames: list[Frame],
+    config: CodecConfig,
+    change: tuple[Change, Change] = (_same, _same),
+    patience_s: float = PATIENCE_S,
 ) -> list[Exception | None]:
     """Run encoder and decoder on a connection between two threads.
 
@@ -161,6 +165,8 @@ def live_run(
         Configuration of the encoder.
     change : tuple of two callables
         Turn what is received at a time into what the decoder, and the encoder, get in place of it.
+    patience_s : float, optional
+        How long either waits for the other, in seconds.
 
     Returns
     -------
@@ -179,8 +185,8 @@ def live_run(
                 ended[number] = err
 
     with listen() as listener:
-        near = connect(listener.host, listener.port, PATIENCE_S)
-        far = listener.accept(PATIENCE_S, PATIENCE_S)
+        near = connect(listener.host, listener.port, patience_s)
+        far = listener.accept(patience_s, patience_s)
     serving = threading.Thread(target=_run, args=(1, far, partial(serve, frames, config)))
     serving.start()
     _run(0, near, decode_live)
@@ -195,7 +201,7 @@ def _record_live(frames: list[Frame], config: CodecConfig) -> list[bytes]:
         received.append(data)
         return data
 
-    failure, _ = live_run(frames, config, (_same, _keep))
+    failure, _ = live_run(frames, config, (_same, _keep), COMPILING_S)
     assert failure is None
     return received
 
