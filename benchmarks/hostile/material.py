@@ -27,7 +27,6 @@ from dvc.video import Frame
 
 PATIENCE_S, COMPILING_S = 2.0, 120.0
 """How long a silent peer is waited for: in attempts, and in the first run, which may compile kernels."""
-"""How long one end of a live run waits for the other."""
 Luma = NDArray[np.uint8]
 Change = Callable[[bytes], bytes]
 
