@@ -106,7 +106,7 @@ class OpenFrames:
                 self._encoders[code](self._words[slot, row], self._parity[self._places[slot], row, code])
             if done < len(table.rows):
                 self._refuse_other_planes(table, done)
-                self._add_places(len(self._owners))
+                self._add_places(min(len(self._owners), len(self._places) - len(self._owners)))
 
     def _refuse_other_planes(self, table: turbo.RequestTable, number: int) -> None:
         request = table.requests()[number]
@@ -120,5 +120,6 @@ class OpenFrames:
         self._last_use = np.concatenate([self._last_use, np.zeros(count, np.int64)])
         self._known = np.concatenate([self._known, np.zeros((count, *self._known.shape[1:]), np.bool_)])
         parity = np.empty((len(self._owners), *self._parity.shape[1:]), np.uint64)
-        parity[: len(self._parity)] = self._parity
+        for place in np.flatnonzero(self._owners >= 0):  # the others hold nothing, and take no memory yet
+            parity[place] = self._parity[place]
         self._parity = parity
