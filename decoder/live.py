@@ -241,6 +241,7 @@ class GroupsInFlight:
                 self._pass_on(ready)
         if self._held_s() == 0.0:
             self._endpoint.send_requests(self._held.take())
+            self._source.flush()  # not only when whoever takes the frames comes back
             self._holding.clear()
 
     def _held_s(self) -> float | None:
