@@ -22,6 +22,7 @@ from dvc.config import (
     MAX_QP,
     MAX_TRACKS_BPP,
     NOISE_MODELS,
+    ONE_WAY_INTRA_PERIOD,
     REFERENCES,
     TURBO_FAMILIES,
     USUAL_MARGIN_PERCENT,
@@ -83,10 +84,13 @@ def _of_groups(value: Callable[[GroupPreset], object]) -> Value:
     """Tell a setting that depends on the references."""
 
     def _told(variant: CodecVariant) -> str:
-        usual, keys = (
-            str(value(groups)).removesuffix(".0") for groups in (variant.groups(), variant.groups("keys"))
+        usual, keys, one_way = (
+            str(value(groups)).removesuffix(".0")
+            for groups in (variant.groups(), variant.groups("keys"), variant.groups(feedback=False))
         )
-        return usual if usual == keys else f"{usual} ({keys} if only key frames are references)"
+        others = [f"{keys} if only key frames are references"] * (keys != usual)
+        others += [f"{one_way} with --no-feedback"] * (one_way != usual)
+        return f"{usual} ({', '.join(others)})" if others else usual
 
     return _told
 
@@ -250,7 +254,8 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         "--intra-period",
         (1, MAX_INTRA_PERIOD),
         "most frames from one key frame to the next where GOPs end without one, because tracks tell that less"
-        f" bits will do; with {', '.join(_with_points(tracked=True))} and --qp; default: {INTRA_PERIOD}",
+        f" bits will do; with {', '.join(_with_points(tracked=True))} and --qp; default: {INTRA_PERIOD},"
+        f" {ONE_WAY_INTRA_PERIOD} with --no-feedback",
         metavar="N",
     )
     _add_quality(group)
@@ -462,7 +467,8 @@ def _gop(arguments: argparse.Namespace, shared: Allocation | None) -> GopConfig:
     gop = variant.gop(arguments.gop, arguments.references)
     if shared is None or variant.tracks.kind != "encoder":
         return gop
-    period = INTRA_PERIOD if arguments.intra_period is None else arguments.intra_period
+    usual = ONE_WAY_INTRA_PERIOD if arguments.no_feedback else INTRA_PERIOD
+    period = usual if arguments.intra_period is None else arguments.intra_period
     return replace(gop, anchor_distance=ANCHOR_DISTANCE, intra_period=period)
 
 
@@ -492,7 +498,8 @@ def _rule(arguments: argparse.Namespace) -> KeyFrameRule:
     )
     if arguments.key_frames == "rate" and not {"longest_track_px", "lost_share"}.isdisjoint(given):
         raise ConfigError("--longest-track and --lost-tracks are bounds of --key-frames tracks")
-    return replace(VARIANTS[arguments.codec].groups(arguments.references).key_frames, **given)
+    groups = VARIANTS[arguments.codec].groups(arguments.references, feedback=not arguments.no_feedback)
+    return replace(groups.key_frames, **given)
 
 
 def _value(arguments: argparse.Namespace, option: _TrackOption) -> object:

@@ -15,6 +15,8 @@ ANCHOR_DISTANCE = 8
 """Most frames from one anchor to the next."""
 INTRA_PERIOD = 96
 """Most frames between key frames: what is lost is back, and a player may start, after three seconds or so."""
+ONE_WAY_INTRA_PERIOD = 16
+"""The same where no decoder asks: anchors that rest on anchors need more than can be estimated."""
 SLOPE_PER_KEY_SLOPE = 4.0
 """Squared error that a bit must save in frames that predict no other, where it is 1 in key frames."""
 SLOPE_PERCENT = (100, 60, 40, 30, 30, 15)

@@ -72,6 +72,9 @@ class CodecVariant:
         Its groups of pictures.
     groups_of_keys : GroupPreset or None
         Those where key frames alone are references; None: the same.
+    groups_without_feedback : GroupPreset or None
+        Those where no decoder asks; None: the same. Frames far from key frames need the most bits, and these
+        can only be estimated: key frames pay earlier.
     geometry : GeometryConfig
         How the decoder reconstructs the scene.
     """
@@ -82,23 +85,28 @@ class CodecVariant:
     references: str
     usual_groups: GroupPreset
     groups_of_keys: GroupPreset | None = None
+    groups_without_feedback: GroupPreset | None = None
     geometry: GeometryConfig = GeometryConfig()
 
-    def groups(self, references: str | None = None) -> GroupPreset:
+    def groups(self, references: str | None = None, feedback: bool = True) -> GroupPreset:
         """Return the groups of pictures that suit what frames are predicted from.
 
         Parameters
         ----------
         references : str, optional
             One of `dvc.config.REFERENCES`; the variant's own by default.
+        feedback : bool
+            Whether a decoder asks for what it needs.
 
         Returns
         -------
         GroupPreset
-            Shorter ones where key frames alone are references and points are tracked.
+            Shorter ones where key frames alone are references and points are tracked, or no decoder asks.
         """
         if (references or self.references) == "keys" and self.groups_of_keys is not None:
             return self.groups_of_keys
+        if not feedback and self.groups_without_feedback is not None:
+            return self.groups_without_feedback
         return self.usual_groups
 
     def gop(self, length: int | None = None, references: str | None = None) -> GopConfig:
@@ -160,6 +168,9 @@ VARIANTS = {
         references="hierarchical",
         usual_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.6, hierarchical=True)),
         groups_of_keys=GroupPreset(8),
+        groups_without_feedback=GroupPreset(
+            16, KeyFrameRule(longest_track_px=40.0, lost_share=0.4, hierarchical=True)
+        ),
         geometry=_GEOMETRY,
     ),
 }
