@@ -519,51 +519,58 @@ def _below(x, scale):
 
 
 @kernel
-def _place_of(slot, places, owners, last_use, known, now, patience):
-    """Return the place of a frame's parity: its own, else the first free or long out of use, or -1."""
-    place = places[slot]
-    if place < 0:
-        place = 0
-        while place < owners.size and owners[place] >= 0 and last_use[place] >= now - patience:
-            place += 1
-        if place == owners.size:
-            return -1
-        if owners[place] >= 0:
-            places[owners[place]] = -1
-        known[place] = False
-        owners[place], places[slot] = slot, place
-    last_use[place] = now
-    return place
+def _place_to_take(first, owners, last_use, now, patience):
+    """Return a place for parity: from `first` on, below which all are in use, one free or long out of use.
+
+    Else it is one of the frame that was asked for longest ago, or -1 if all frames are asked for now.
+    """
+    for place in range(first, owners.shape[0]):
+        slot = owners[place, 0]
+        if slot < 0 or last_use[slot] < now - patience:
+            return place
+    oldest = 0
+    for place in range(owners.shape[0]):
+        if last_use[owners[place, 0]] < last_use[owners[oldest, 0]]:
+            oldest = place
+    return oldest if last_use[owners[oldest, 0]] < now else -1
 
 
 @kernel
 def missing_parity(
-    rows, positions, num_bits, num_planes, places, owners, last_use, known, now, patience, missing
+    rows, positions, first_row, num_bits, num_planes, places, owners, last_use, now, patience, missing
 ):
-    """List the parity that is needed and not known; return how much, and how many requests were looked at.
+    """List the parity that requests from `first_row` on need and that is not known; return how much.
 
-    These are all, unless a plane is none of its frame's, or no place is left. By slot: `num_planes` (S,) and
-    `places` (S,) of parity, -1: none. By place: `owners` (P,), slots, -1: none; `last_use` (P,); `known`
-    (P, W, C). These are brought up to date. `now` counts calls; places that were not used in `patience` of
-    them may be taken. `missing` receives slot, row of words and code of each.
+    Return also the first request whose parity is not there then: none, unless a plane is none of its
+    frame's, or no place is left. By slot: `num_planes` (S,); `places` (S, W, C) of parity by row of words
+    and code, -1: not known; `last_use` (S,) of parity. By place: `owners` (P, 3), slot, row and code, -1:
+    none. All but the first are brought up to date. `now` counts calls; places of frames that were not used
+    in `patience` of them may be taken. `missing` receives slot, row, code and place of each.
     """
-    count, start = 0, 0
-    for n in range(rows.shape[0]):
+    count, place = 0, -1
+    start = rows[first_row - 1, LAST] if first_row > 0 else 0
+    for n in range(first_row, rows.shape[0]):
         slot, plane, first = rows[n, SLOT], rows[n, PLANE], rows[n, CODE]
         chosen = positions[start : rows[n, LAST]]
         start = rows[n, LAST]
         if plane >= num_planes[slot] or (rows[n, KIND] == _JOINT and chosen[-1] >= num_planes[slot]):
             return count, n
         if rows[n, KIND] == _PARITY:
-            place = _place_of(slot, places, owners, last_use, known, now, patience)
-            if place < 0:
-                return count, n
+            last_use[slot] = now
+            row = plane // 64
             last = first + chosen[-1] // num_bits if chosen.size else first
             for code in range(first, last + 1):
-                if not known[place, plane // 64, code]:
-                    known[place, plane // 64, code] = True
-                    missing[count, 0], missing[count, 1], missing[count, 2] = slot, plane // 64, code
-                    count += 1
+                if places[slot, row, code] >= 0:
+                    continue
+                place = _place_to_take(place + 1, owners, last_use, now, patience)
+                if place < 0:
+                    return count, n
+                if owners[place, 0] >= 0:
+                    places[owners[place, 0], owners[place, 1], owners[place, 2]] = -1
+                places[slot, row, code] = place
+                owners[place, 0], owners[place, 1], owners[place, 2] = slot, row, code
+                missing[count, :3], missing[count, 3] = owners[place], place
+                count += 1
     return count, rows.shape[0]
 
 
@@ -596,15 +603,17 @@ def _joint_check(checks, planes, polynomial):
 
 
 @kernel
-def answer_requests(rows, positions, words, checks, places, parity, polynomial, packed):
-    """Write all bits that are wanted; return how many.
+def answer_requests(
+    rows, positions, first_row, last_row, words, checks, places, parity, polynomial, written, packed
+):
+    """Write the bits that requests before `last_row` want behind those `written`; return how many there are.
 
-    By slot: `words` (S, W, N), the planes, `checks` (S, W, crc bits) and `places` (S,) of parity. By place:
-    `parity` (P, W, C, N).
+    By slot: `words` (S, W, N), the planes, `checks` (S, W, crc bits) and `places` (S, W, C) of parity. By
+    place: `parity` (P, N).
     """
     one, num_bits = np.uint64(1), words.shape[2]
-    written, begin = 0, 0
-    for n in range(rows.shape[0]):
+    begin = rows[first_row - 1, LAST] if first_row > 0 else 0
+    for n in range(first_row, last_row):
         slot, plane, kind, code = rows[n, SLOT], rows[n, PLANE], rows[n, KIND], rows[n, CODE]
         start, count = rows[n, START], rows[n, COUNT]
         chosen = positions[begin : rows[n, LAST]]
@@ -614,7 +623,7 @@ def answer_requests(rows, positions, words, checks, places, parity, polynomial, 
         if kind == _CRC:
             section = checks[slot, row]
         elif kind == _PARITY:
-            section = parity[places[slot], row, code]
+            section = parity[places[slot, row, code]]
         if kind == _JOINT:
             register = _joint_check(checks[slot], chosen, polynomial)
             for k in range(count):
@@ -625,7 +634,7 @@ def answer_requests(rows, positions, words, checks, places, parity, polynomial, 
             for position in chosen:
                 while position - first >= num_bits:
                     first, code = first + num_bits, code + 1
-                    section = parity[places[slot], row, code]
+                    section = parity[places[slot, row, code]]
                 written = _append((section[position - first] >> shift) & one, written, packed)
         else:
             for k in range(start, start + count):

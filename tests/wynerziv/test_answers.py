@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from dvc import turbo
 from dvc.turbo import ParityRequest, RequestTable
@@ -44,19 +45,22 @@ def table_of(requests: list[ParityRequest]) -> RequestTable:
     return table
 
 
-@pytest.mark.parametrize("first_words", [1, answers.FIRST_WORDS])
+@pytest.mark.parametrize("max_parity_bytes", [1, answers.MAX_PARITY_BYTES])
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(layouts, st.sampled_from(FAMILIES), st.integers(0, 2**32 - 1), st.data())
 def test_many_answers_are_those_of_the_buffered_form(
     monkeypatch: pytest.MonkeyPatch,
-    first_words: int,
+    max_parity_bytes: int,
     layout: FrameLayout,
     family: str,
     seed: int,
     data: st.DataObject,
 ) -> None:
-    """Any requests for two frames, together, get the bits that buffered payloads have for each."""
-    monkeypatch.setattr(answers, "FIRST_WORDS", first_words)
+    """Any requests for two frames, together, get the bits that buffered payloads have for each.
+
+    It is the same where there is room for the parity of one frame alone.
+    """
+    monkeypatch.setattr(answers, "MAX_PARITY_BYTES", max_parity_bytes)
     frames = [encoded_frame(layout, seed + number, family=family) for number in range(2)]
     codes = turbo.num_codes(family)
     buffered = [BufferedFrame(layout, frame.buffered_payload(), codes) for frame in frames]
@@ -105,7 +109,53 @@ def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.Monk
         table.rows[:, SLOT] = slot
         bits = np.unpackbits(np.frombuffer(opened.answer(table), np.uint8))[:20]
         np.testing.assert_array_equal(bits, payload.answer(request))
-        assert opened._places.max() <= 3
+        assert np.sum(opened._places >= 0) <= 4
+
+
+def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Requests for all frames, in one message, are answered where there is room for three of them."""
+    layout, codes = layout_of(16, 20, PRESETS[7]), turbo.num_codes("cascade")
+    room = 3 * codes * 8 * layout.num_bits
+    monkeypatch.setattr(answers, "MAX_PARITY_BYTES", room)
+    opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 8)
+    frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
+    for slot, frame in enumerate(frames):
+        opened.enter(slot, frame)
+    buffered = [BufferedFrame(layout, frame.buffered_payload(), codes) for frame in frames]
+    everything = tuple(range(codes * layout.num_bits))
+    for order in (range(8), range(7, -1, -1), [0, 1, 0, 2, 0, 3, 0, 4, 0, 5]):
+        requests = [ParityRequest(n, 3, "parity", 0, 0, len(everything), everything) for n in order]
+        table = RequestTable.of(requests)
+        table.rows[:, SLOT] = list(order)
+        bits = np.unpackbits(np.frombuffer(opened.answer(table), np.uint8))
+        expected = [buffered[request.frame].answer(request) for request in requests]
+        np.testing.assert_array_equal(bits[: table.num_bits], np.concatenate(expected))
+        assert opened._parity.nbytes == room
+
+
+def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where there is no room, it is computed again for these alone; it is not for others."""
+    layout, codes = layout_of(16, 20, PRESETS[7]), turbo.num_codes("cascade")
+    monkeypatch.setattr(answers, "MAX_PARITY_BYTES", 2 * codes * 8 * layout.num_bits)
+    computed: list[int] = []
+
+    def counting(encoder: turbo.ParityEncoder) -> turbo.ParityEncoder:
+        def compute(words: NDArray[np.uint64], parity: NDArray[np.uint64]) -> None:
+            computed[-1] += 1
+            encoder(words, parity)
+
+        return compute
+
+    opened = OpenFrames(layout, [counting(encoder) for encoder in turbo.parity_encoders("cascade", 1)], 3)
+    for slot in range(3):
+        opened.enter(slot, encoded_frame(layout, slot, family="cascade"))
+    for slot in [0, 1, 0, 2, 0, 1, 1]:
+        last = codes * layout.num_bits - 1
+        table = RequestTable.of([ParityRequest(0, 3, "parity", 0, 0, 2, (0, last))])
+        table.rows[:, SLOT] = slot
+        computed.append(0)
+        opened.answer(table)
+    assert computed == [codes, codes, 0, codes, 0, codes, 0]
 
 
 @pytest.mark.parametrize(
