@@ -26,6 +26,9 @@ _LOSS_WEIGHT = 2.0
 MAX_SHARE = 1.1
 """Of the bits of a key frame, that the anchors of a group may be estimated to cost: they also serve as the
 middle frame of the group, which would be a Wyner-Ziv frame anyway."""
+MAX_ESTIMATED_SHARE = 0.6
+"""Of the bits of a key frame, that any one anchor may be estimated to cost where no decoder asks: what is
+harder to predict is too often sent less than it needs, and all until the next key frame rests on it."""
 
 
 class FieldOfMotion(NamedTuple):
@@ -95,10 +98,13 @@ class KeyFrameSpacing:
     ----------
     gop : GopConfig
         Whether others are allowed, and how far apart key frames may be.
+    feedback : bool
+        Whether a decoder asks for what anchors need.
     """
 
-    def __init__(self, gop: GopConfig) -> None:
+    def __init__(self, gop: GopConfig, feedback: bool = True) -> None:
         self._gop = gop
+        self._max_anchor_share = MAX_SHARE if feedback else MAX_ESTIMATED_SHARE
         self._num_frames = 0  # since the last key frame
         self._begun = False
 
@@ -119,14 +125,15 @@ class KeyFrameSpacing:
         spared = self._begun and self._num_frames + length <= self._gop.intra_period
         if spared:
             height, width = group.key.luma.shape
-            spared = group.tracks is not None and self._share(group.tracks, max(height, width)) <= MAX_SHARE
+            spared = group.tracks is not None and self._spares(group.tracks, max(height, width))
         self._begun = True
         self._num_frames = self._num_frames + length if spared else 0
         return not spared
 
-    def _share(self, tracks: PointTracks, side_px: int) -> float:
-        """Estimate what the anchors of a group cost together."""
+    def _spares(self, tracks: PointTracks, side_px: int) -> bool:
+        """Decide whether the anchors of a group are cheap, together and each."""
         instants = [0, *anchor_instants(0, tracks.num_instants - 1, self._gop.anchor_distance)]
         positions = tracks.positions
         fields = [field_of_motion(positions[:, k], positions[:, n]) for k, n in pairwise(instants)]
-        return sum(anchor_share(field, side_px) for field in fields)
+        shares = [anchor_share(field, side_px) for field in fields]
+        return sum(shares) <= MAX_SHARE and max(shares) <= self._max_anchor_share

@@ -106,7 +106,7 @@ class EncoderSession:
         self._wyner_ziv_encoder = WynerZivEncoder(self.config, lazily=margin_percent is not None)
         self._one_way = None if margin_percent is None else OneWayEncoder(self.config, margin_percent)
         self._allocation = allocation
-        self._key_frames = KeyFrameSpacing(config.gop)
+        self._key_frames = KeyFrameSpacing(config.gop, feedback=margin_percent is None)
         self._rule = rule or VARIANTS[config.codec].groups(config.gop.references).key_frames
         self._max_tracks_bpp = max_tracks_bpp
         self._tracker = PointTracker(config.tracks.num_points, config.tracks.subpixel_bits, tracking)

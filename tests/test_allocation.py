@@ -5,7 +5,10 @@ from fractions import Fraction
 import pytest
 
 from dvc.config import (
+    INTRA_PERIOD,
     MAX_QP,
+    ONE_WAY_INTRA_PERIOD,
+    VARIANTS,
     CodecConfig,
     VideoConfig,
     WynerZivConfig,
@@ -51,6 +54,19 @@ def test_references_are_warped_by_tracks_with_one_quality(options: tuple[str, ..
     config = session(arguments, VideoInfo(16, 16, Fraction(25), None)).config
     assert config.side_information.fallback == expected
     assert decode_config(encode_config(config)) == config
+
+
+def test_key_frames_are_nearer_where_no_decoder_asks() -> None:
+    """After shorter tracks, fewer losses, and a shorter period; unless told otherwise."""
+    video, words = VideoInfo(16, 16, Fraction(25), None), ["in.mkv", "out.dvc", "--no-feedback"]
+    with_feedback, without = (VARIANTS["3d-te"].groups(feedback=of).key_frames for of in (True, False))
+    assert without.longest_track_px < with_feedback.longest_track_px
+    assert without.lost_share < with_feedback.lost_share
+    usual, given = (
+        session(parser().parse_args([*words, *more]), video) for more in ([], ["--intra-period", "90"])
+    )
+    assert usual.config.gop.intra_period == ONE_WAY_INTRA_PERIOD < INTRA_PERIOD
+    assert given.config.gop.intra_period == 90
 
 
 def test_frames_that_predict_others_are_finer() -> None:

@@ -376,6 +376,23 @@ def block_costs(residual, noise, weights, planes, step, first, per_plane, scale,
 
 
 @kernel
+def refine(squares, residual, share):
+    """Take off the squared errors that planes of DC leave what they save of other bands; residual of these.
+
+    That is at most a share of the mean residual of a block, where nothing of DC is left to be told.
+    """
+    most = 0.0
+    for band in range(residual.shape[0]):
+        total = 0.0
+        for k in range(residual.shape[1]):
+            total += np.float64(residual[band, k])
+        most += share * total / residual.shape[1]
+    unknown = max(squares[0], 1e-9)
+    for depth in range(squares.size):
+        squares[depth] -= most * np.sqrt(max(1.0 - squares[depth] / unknown, 0.0))
+
+
+@kernel
 def choose_depths(costs, planes, bit_cost, depths):
     """Choose the planes of each band that cost least; return their bits, and the squared error they save."""
     bits, saved = 0.0, 0.0

@@ -32,7 +32,7 @@ misjudged."""
 MARGIN_BITS = 0.08
 """What the margin is of besides the length, for each bit of a plane: small needs are expected the least
 reliably."""
-REFERENCE_MARGIN = 0.3
+REFERENCE_MARGIN = 0.15
 """By which power of what their bits are worth margins of frames that predict others are larger: where one of
 these is short, so are those that rest on it."""
 REFINED_SHARE = 0.15
@@ -115,7 +115,7 @@ class NeedEstimator:
         for block, needs in enumerate(NEEDS):
             costs = block_costs(quantization, errors, block, needs, num_bits)
             if block == 0:
-                _refine(costs.costs[1, 0], REFINED_SHARE * num_bits * errors.residual[1:].mean(axis=1).sum())
+                _kernels.refine(costs.costs[1, 0], errors.residual[1:], REFINED_SHARE * num_bits)
             chosen, bits, saved = choose_depths(costs, slope)
             size = num_bits * int(chosen.sum())
             need = length_of(bits, needs, distance)
@@ -158,12 +158,6 @@ class BlockCosts(NamedTuple):
         _kernels.remaining_noise(
             self.places, self.planes, depths, self.step, PER_PLANE, self.tables, noise[self.bands]
         )
-
-
-def _refine(squares: Floats, most: float) -> None:
-    """Take off the squared errors that planes of DC leave what they save of the other bands."""
-    known = 1.0 - squares / max(squares[0], 1e-9)
-    squares -= most * np.sqrt(np.maximum(known, 0.0))
 
 
 def block_costs(

@@ -66,6 +66,17 @@ def test_what_changes_much_gets_a_key_frame(group: Group) -> None:
     assert not spacing.needs_key(group_of(4, 0.0))
 
 
+def test_anchors_that_are_hard_to_predict_need_somebody_who_asks() -> None:
+    """Where no decoder asks, an anchor must be easier; one that is hard gets a key frame in any case."""
+    gop = GopConfig(4, "hierarchical", anchor_distance=4, intra_period=99)
+    for speed_px, spared in ((0.5, (True, True)), (1.5, (True, False)), (3.0, (False, False))):
+        spacings = [KeyFrameSpacing(gop, feedback) for feedback in (True, False)]
+        for spacing in spacings:
+            spacing.needs_key(Group((), FRAME))
+        needed = [spacing.needs_key(group_of(4, speed_px)) for spacing in spacings]
+        assert tuple(not one for one in needed) == spared
+
+
 def test_streams_without_anchors_have_key_frames() -> None:
     """Where the configuration allows no others, all groups end with one."""
     spacing = KeyFrameSpacing(GopConfig(4, "hierarchical"))

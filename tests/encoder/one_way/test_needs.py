@@ -90,6 +90,19 @@ def test_large_blocks_need_less_for_each_bit() -> None:
 
 
 @pytest.mark.nojit
+def test_what_dc_tells_refines_the_other_bands() -> None:
+    """By a share of their mean residual once all is told, by none before anything is; as in plain code."""
+    residual = np.random.default_rng(3).uniform(0.0, 900.0, (15, 30)).astype(np.float32)
+    squares = np.array([1000.0, 640.0, 90.0, 0.0])
+    ours, twin = squares.copy(), squares.copy()
+    _kernels.refine(ours, residual, 0.5)
+    python_twin(_kernels.refine)(twin, residual, 0.5)
+    most = 0.5 * residual.mean(axis=1, dtype=np.float64).sum()
+    np.testing.assert_allclose(ours, squares - most * np.sqrt(1.0 - squares / 1000.0))
+    np.testing.assert_allclose(ours, twin, rtol=1e-12)
+
+
+@pytest.mark.nojit
 def test_kernels_are_their_python() -> None:
     """To the last bit."""
     rng = np.random.default_rng(2)
