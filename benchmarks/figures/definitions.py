@@ -18,7 +18,7 @@ from benchmarks.figures import (
 from benchmarks.figures.allocation import chroma, foreman, frames, planes, undetected
 from benchmarks.figures.allocation import rates as allocation_rates
 from benchmarks.figures.allocation import times as allocation_times
-from benchmarks.figures.cost import counts, encoder_time, rate_cost, recordings
+from benchmarks.figures.cost import counts, encoder_time, rate_cost, recordings, without_feedback
 from benchmarks.figures.dibr import curves, exhaustive, large, peers, reference
 from benchmarks.figures.geometry import reconstruction, side_information
 from benchmarks.figures.harness import FOREMAN, Figure, Key, Row, Setting
@@ -53,6 +53,7 @@ MODULES: tuple[ModuleType, ...] = (
     undetected,
     counts,
     rate_cost,
+    without_feedback,
     encoder_time,
     recordings,
     priors,

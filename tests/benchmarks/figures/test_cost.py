@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.figures.cost import encoder_time, rate_cost, recordings
+from benchmarks.figures.cost import encoder_time, rate_cost, recordings, without_feedback
 from benchmarks.figures.harness import Row, Setting, there_and_back
 from benchmarks.pictures import cost
 from dvc.errors import DvcError
 from dvc.video import Frame, VideoInfo
-from tests.benchmarks.figures.test_allocation import made_up
+from tests.benchmarks.figures.test_allocation import made_up, with_curves
 from tests.clips import moving_texture, same_frame
 
 
@@ -157,3 +157,33 @@ def test_parts_of_the_page_are_replaced() -> None:
     assert cost.with_part(page, "operations", "new operations\n") == page
     with pytest.raises(DvcError, match="no marks"):
         cost.with_part(page, "other", "")
+
+
+def test_no_feedback_is_compared_with_what_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By whole curves: of each clip, and of all."""
+    asked, estimated = made_up([30, 34, 38, 42]), made_up([30, 34, 38, 42], 1.1)
+    with_curves(monkeypatch, without_feedback, tracked=asked, other=estimated)
+    found = without_feedback.over_feedback(Setting(), "made up")
+    assert found.values["bd_rate_percent"] == pytest.approx(10.0, abs=0.1)
+    assert found.holds
+    mean = without_feedback.mean_over_feedback(Setting(), "")
+    assert mean.holds
+    assert mean.got.startswith("+10.0 % over 5 clips")
+
+
+def test_concealed_frames_are_counted_and_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of all qualities; at one of them with a stream that has enough for every decoder."""
+    estimated = made_up([28, 32, 36])
+    for point, failed in zip(estimated.points, (3, 1, 0), strict=True):
+        point.frame_rows[1]["num_failed_planes"] = failed
+    ample = made_up([32.4]).points
+    with_curves(monkeypatch, without_feedback, tracked=estimated, other=estimated)
+    monkeypatch.setattr(without_feedback, "measured", lambda _setting, _clip, _points: list(ample))
+    without_feedback._concealment.cache_clear()
+    found = without_feedback.concealed(Setting(), "box")
+    assert found.got == "2 of 6 frames, 33.3 %; 0.40 dB on 1"
+    assert not found.holds
+    mean = without_feedback.mean_concealed(Setting(), "")
+    assert mean.values["concealed_percent"] == pytest.approx(100 / 3)
+    assert mean.values["loss_db"] == pytest.approx(0.4)
+    without_feedback._concealment.cache_clear()
