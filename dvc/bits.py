@@ -1,5 +1,7 @@
 """Bits, and integers of variable length, written to and read from bytes."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -121,50 +123,20 @@ def pack_digits(digits: str) -> bytes:
     return int(digits.ljust(8 * size, "0") or "0", 2).to_bytes(size, "big")
 
 
-class BitWriter:
-    """Collects bits, first bit in the top bit of the first byte; the counterpart of `BitReader`."""
+def pack_bits(parts: Sequence[NDArray[np.uint8]]) -> bytes:
+    """Write bits, one part after the other, as `BitReader` reads them.
 
-    def __init__(self) -> None:
-        self._parts: list[NDArray[np.uint8]] = []
-        self._num_bits = 0
+    Parameters
+    ----------
+    parts : sequence of ndarray of shape (n,), uint8
+        At least one; each element 0 or 1.
 
-    @property
-    def num_bits(self) -> int:
-        """Number of bits written so far."""
-        return self._num_bits
-
-    def write(self, bits: NDArray[np.uint8]) -> None:
-        """Append bits.
-
-        Parameters
-        ----------
-        bits : ndarray of shape (n,), uint8
-            Each element 0 or 1; copied.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If it is not an array of bits.
-        """
-        if not isinstance(bits, np.ndarray) or bits.dtype != np.uint8:
-            raise TypeError(f"`bits` must be an array of uint8, got {getattr(bits, 'dtype', type(bits))}")
-        if bits.ndim != 1 or (bits.size and bits.max() > 1):
-            raise ValueError("`bits` must have one dimension and hold 0 and 1 only")
-        self._parts.append(bits.copy())
-        self._num_bits += bits.size
-
-    def to_bytes(self) -> bytes:
-        """Return all bits, the last byte filled up with zeros.
-
-        Returns
-        -------
-        bytes
-            ``ceil(num_bits / 8)`` bytes.
-        """
-        if not self._parts:
-            return b""
-        self._parts = [np.concatenate(self._parts)]
-        return np.packbits(self._parts[0]).tobytes()
+    Returns
+    -------
+    bytes
+        The first bit in the top bit of the first byte; the last byte filled up with zeros.
+    """
+    return np.packbits(np.concatenate(parts)).tobytes()
 
 
 class BitReader:

@@ -46,10 +46,9 @@ class Quantization:
         return tuple(band for band, planes in enumerate(self.planes) if planes)
 
     @cached_property
-    def first_plane(self) -> dict[int, int]:
-        """Frame-wide number of each sent band's most significant plane."""
-        first = tuple(accumulate(self.planes, initial=0))
-        return {band: first[band] for band in self.bands}
+    def first_plane(self) -> tuple[int, ...]:
+        """Frame-wide number of each band's most significant plane, or of the next one where it has none."""
+        return (0, *accumulate(self.planes[:-1]))
 
     @cached_property
     def num_planes(self) -> int:

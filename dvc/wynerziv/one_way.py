@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.bits import BitReader, BitWriter
+from dvc.bits import BitReader, pack_bits
 from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
 from dvc.turbo.syndromes.graph import MIXED, Sparsity, SyndromeGraph, syndrome
@@ -139,8 +139,7 @@ def encode_payload(frame: EncodedFrame, sent: SentPlanes, settings: TurboConfig)
         Payload of the one-way form.
     """
     digits = plane_digits(sent.depths) + "".join(f"{code:0{LENGTH_CODE_BITS}b}" for code in sent.length_codes)
-    writer = BitWriter()
-    writer.write(np.frombuffer(digits.encode(), np.uint8) & np.uint8(1))
+    parts = [np.frombuffer(digits.encode(), np.uint8) & np.uint8(1)]
     blocks = (
         sent.graph(block, frame.quantization, frame.layout.num_bits, settings) for block in range(len(BLOCKS))
     )
@@ -148,9 +147,8 @@ def encode_payload(frame: EncodedFrame, sent: SentPlanes, settings: TurboConfig)
     if graphs:
         words = frame.pack(max(band + 1 for band, depth in enumerate(sent.depths) if depth))
         for graph in graphs:
-            writer.write(frame.joint_check(graph.planes))
-            writer.write(syndrome(words, graph))
-    return frame.header + writer.to_bytes()
+            parts += [frame.joint_check(graph.planes), syndrome(words, graph)]
+    return frame.header + pack_bits(parts)
 
 
 @dataclass(frozen=True, eq=False)
