@@ -335,10 +335,11 @@ def add_noise(motion, grid, spacing, share, noise, total):
 def variance_places(residual, noise, weights, step, first, places, histograms):
     """Weigh residual and noise of all bands to variances in squared steps; tell and count their places."""
     variances = np.empty(residual.shape[1], np.float32)
+    of_residual, of_noise, added = weights[0], weights[1], weights[2]
     histograms[:] = 0
     for band in range(residual.shape[0]):
         for k in range(residual.shape[1]):
-            variance = weights[0] * residual[band, k] + weights[1] * noise[band, k] + weights[2]
+            variance = of_residual * residual[band, k] + of_noise * noise[band, k] + added
             variances[k] = variance / (step * step)
         bits = variances.view(np.int32)
         for k in range(residual.shape[1]):
@@ -348,10 +349,10 @@ def variance_places(residual, noise, weights, step, first, places, histograms):
 
 
 @kernel
-def expected_costs(histograms, planes, step, per_plane, scale, tables, costs):
+def expected_costs(histograms, planes, step, per_plane, scale, tables, bits, costs):
     """Write, by bands and numbers of planes that are known, what tables tell of all blocks, times `scale`.
 
-    Of `costs` the first are bits, the second squared errors; a plane is `per_plane` places.
+    `costs` (bands, 2, planes) are bits first, then squared errors; a plane is `per_plane` places.
     """
     costs[:] = 0.0
     for band in range(histograms.shape[0]):
@@ -359,20 +360,31 @@ def expected_costs(histograms, planes, step, per_plane, scale, tables, costs):
             count = histograms[band, place]
             if count:
                 variance = count * tables[0, place] * step * step
-                costs[1, band, 0] += variance
+                costs[band, 1, 0] += variance
                 for depth in range(1, planes[band] + 1):
                     coarse = max(place - per_plane * (planes[band] - depth), 0)
-                    costs[0, band, depth] += count * tables[1, coarse]
-                    costs[1, band, depth] += variance * tables[2, coarse]
+                    costs[band, 0, depth] += count * bits[coarse]
+                    costs[band, 1, depth] += variance * tables[1, coarse]
     costs *= scale
 
 
 @kernel
-def block_costs(residual, noise, weights, planes, step, first, per_plane, scale, tables, places, costs):
-    """Place the variances of all bands of a block of them, and write what its planes cost and leave."""
+def frame_costs(
+    residual, noise, borders, weights, planes, step, first, per_plane, scale, share, tables, places, costs
+):
+    """Place the variances of all bands of a frame, and write what its planes cost and leave; see `refine`.
+
+    Between `borders` of the bands are blocks of them, each with its `weights` and its bits in `tables`, after
+    variance and squared error.
+    """
     histograms = np.empty((places.shape[0], tables.shape[1]), np.int64)
-    variance_places(residual, noise, weights, step, first, places, histograms)
-    expected_costs(histograms, planes, step, per_plane, scale, tables, costs)
+    for block in range(weights.shape[0]):
+        b, e = borders[block], borders[block + 1]
+        of_block = weights[block]
+        variance_places(residual[b:e], noise[b:e], of_block, step, first, places[b:e], histograms[b:e])
+        bits = tables[2 + block]
+        expected_costs(histograms[b:e], planes[b:e], step, per_plane, scale, tables, bits, costs[b:e])
+    refine(costs[0, 1, : planes[0] + 1], residual[1:], share)
 
 
 @kernel
@@ -394,17 +406,21 @@ def refine(squares, residual, share):
 
 @kernel
 def choose_depths(costs, planes, bit_cost, depths):
-    """Choose the planes of each band that cost least; return their bits, and the squared error they save."""
-    bits, saved = 0.0, 0.0
+    """Choose the planes of each band that cost least; return how many, their bits, and what error they save.
+
+    Of `costs`: see `expected_costs`.
+    """
+    num_planes, bits, saved = 0, 0.0, 0.0
     for band in range(planes.size):
         least = np.inf
         for depth in range(planes[band] + 1):
-            total = costs[1, band, depth] + bit_cost * costs[0, band, depth]
+            total = costs[band, 1, depth] + bit_cost * costs[band, 0, depth]
             if total < least:
                 least, depths[band] = total, depth
-        bits += costs[0, band, depths[band]]
-        saved += costs[1, band, 0] - costs[1, band, depths[band]]
-    return bits, saved
+        num_planes += depths[band]
+        bits += costs[band, 0, depths[band]]
+        saved += costs[band, 1, 0] - costs[band, 1, depths[band]]
+    return num_planes, bits, saved
 
 
 @kernel
@@ -415,4 +431,4 @@ def remaining_noise(places, planes, depths, step, per_plane, tables, noise):
         for k in range(places.shape[1]):
             place = np.int64(places[band, k])
             left = tables[0, place] * step * step
-            noise[band, k] = left * tables[2, max(place - missing, 0)] if depths[band] > 0 else left
+            noise[band, k] = left * tables[1, max(place - missing, 0)] if depths[band] > 0 else left

@@ -55,15 +55,22 @@ NEEDS = (
     Needs((0.3, 1.2, 0.3), (0.002, 0.002, 0.005, 0.005, 0.346, 0.793, 1.0, 1.01, 1.01, 1.01, 1.01), 1.03),
 )
 """Of each of `BLOCKS`."""
+_BANDS = tuple(slice(bands.start, bands.stop) for bands in BLOCKS)
+_BORDERS = np.array([0, *(bands.stop for bands in BLOCKS)])
+_VARIANCES = np.array([needs.variance for needs in NEEDS])
 
 
-@lru_cache(maxsize=len(NEEDS))
-def _tables(needs: Needs) -> Floats:
-    """Return variance, bits and squared error over the variance by places; see `laplacian_tables`."""
+@lru_cache(maxsize=1)
+def _tables() -> Floats:
+    """Return variance, bits of each of `BLOCKS`, and squared error over the variance by places.
+
+    Shape (2 + len(BLOCKS), NUM_PLACES); see `laplacian_tables`.
+    """
     variances, errors = laplacian_tables()
     octaves = np.log2(variances)
     beyond = 0.5 * np.maximum(octaves - OCTAVES[-1], 0.0)
-    return np.stack([variances, np.interp(octaves, OCTAVES, needs.bits) + beyond, errors])
+    bits = [np.interp(octaves, OCTAVES, needs.bits) + beyond for needs in NEEDS]
+    return np.stack([variances, errors, *bits])
 
 
 class Choice(NamedTuple):
@@ -111,63 +118,79 @@ class NeedEstimator:
             errors = BlockErrors(np.full((16, 1), _UNKNOWN, np.float32), np.zeros((16, 1), np.float32))
         slope = self._config.wyner_ziv.slope_between(distance)
         share = (self._config.wyner_ziv.slope / slope) ** REFERENCE_MARGIN if slope else 1.0
-        depths, codes, noise = [], [], np.empty_like(errors.noise)
-        for block, needs in enumerate(NEEDS):
-            costs = block_costs(quantization, errors, block, needs, num_bits)
-            if block == 0:
-                _kernels.refine(costs.costs[1, 0], errors.residual[1:], REFINED_SHARE * num_bits)
-            chosen, bits, saved = choose_depths(costs, slope)
-            size = num_bits * int(chosen.sum())
+        costs = frame_costs(quantization, errors, num_bits)
+        depths, codes = np.empty_like(costs.planes), []
+        for bands, pays, needs in zip(_BANDS, PAYS, NEEDS, strict=True):
+            num_planes, bits, saved = costs.choose_depths(bands, slope, depths)
+            size = num_bits * num_planes
             need = length_of(bits, needs, distance)
             usual, length = (
                 min(need + share * margin * (need + MARGIN_BITS * num_bits), 1.1 * size)
                 for margin in (USUAL_MARGIN_PERCENT / 100.0, self._margin)
             )
-            if size > MAX_BLOCK_BITS or saved < PAYS[block] * slope * (usual + BLOCK_BITS):
-                chosen, length = np.zeros_like(chosen), 0.0
-            costs.write_noise(chosen, noise)
-            depths += chosen.tolist()
+            if size > MAX_BLOCK_BITS or saved < pays * slope * (usual + BLOCK_BITS):
+                depths[bands], length = 0, 0.0
             codes.append(length_code(length))
-        return Choice(SentPlanes(tuple(depths), tuple(codes)), noise)
+        return Choice(SentPlanes(tuple(depths.tolist()), tuple(codes)), costs.noise(depths))
 
 
-class BlockCosts(NamedTuple):
-    """What planes of one of `BLOCKS` are expected to cost and to leave."""
+class FrameCosts(NamedTuple):
+    """What planes of a frame are expected to cost and to leave."""
 
-    bands: slice  # in the frame
-    planes: Integers  # of each band; shape (bands,)
+    planes: Integers  # of each band; shape (16,)
     step: float  # finest
-    places: NDArray[np.int16]  # of the variances, in the tables; shape (bands, B)
-    tables: Floats  # of the block; shape (3, NUM_PLACES)
+    places: NDArray[np.int16]  # of the variances, in the tables; shape (16, B)
     costs: Floats
     """By bands and planes that are known: ideal code length, and squared error that is left.
 
-    Shape (2, bands, most planes + 1).
+    Shape (16, 2, most planes + 1).
     """
 
-    def write_noise(self, depths: Integers, noise: NDArray[np.float32]) -> None:
-        """Write the squared error that is left in each block.
+    def choose_depths(self, bands: slice, slope: float, depths: Integers) -> tuple[int, float, float]:
+        """Choose how many planes of some bands pay.
 
         Parameters
         ----------
-        depths : ndarray of shape (bands,), int64
-            Planes that are known.
-        noise : ndarray of shape (16, B), float32
-            Of all bands of the frame, of which those of the block are written.
+        bands : slice
+            The bands.
+        slope : float
+            Squared error that a bit must save.
+        depths : ndarray of shape (16,), int64
+            Planes that are sent of all bands, of which those of these bands are written.
+
+        Returns
+        -------
+        num_planes : int
+            How many these are.
+        bits : float
+            Their ideal code length.
+        saved : float
+            The squared error that they save.
         """
-        _kernels.remaining_noise(
-            self.places, self.planes, depths, self.step, PER_PLANE, self.tables, noise[self.bands]
-        )
+        given = self.costs[bands], self.planes[bands], BITS_PER_BIT * slope
+        num_planes, bits, saved = _kernels.choose_depths(*given, depths[bands])
+        return num_planes, bits, saved
+
+    def noise(self, depths: Integers) -> NDArray[np.float32]:
+        """Return the squared error that is left in each block.
+
+        Parameters
+        ----------
+        depths : ndarray of shape (16,), int64
+            Planes that are known.
+
+        Returns
+        -------
+        ndarray of shape (16, B), float32
+            By bands and blocks.
+        """
+        noise = np.empty(self.places.shape, np.float32)
+        _kernels.remaining_noise(self.places, self.planes, depths, self.step, PER_PLANE, _tables(), noise)
+        return noise
 
 
-def block_costs(
-    quantization: Quantization,
-    errors: BlockErrors,
-    block: int,
-    needs: Needs,
-    num_bits: int,
-) -> BlockCosts:
-    """Expect what the planes of a block cost and leave.
+def frame_costs(quantization: Quantization, errors: BlockErrors, num_bits: int) -> FrameCosts:
+    """Expect what the planes of a frame cost and leave.
 
     Parameters
     ----------
@@ -175,54 +198,35 @@ def block_costs(
         Quantisers of the frame, with nested bins.
     errors : BlockErrors
         What is expected of its prediction.
-    block : int
-        Number in `BLOCKS`.
-    needs : Needs
-        Those of the block.
     num_bits : int
         Length of a plane.
 
     Returns
     -------
-    BlockCosts
-        Of the whole frame.
+    FrameCosts
+        Of all bands; what planes of DC tell of the others is taken off what they leave.
     """
-    bands = slice(BLOCKS[block].start, BLOCKS[block].stop)
-    planes: Integers = np.array(quantization.planes[bands], np.int64)
+    planes: Integers = np.array(quantization.planes, np.int64)
     step = quantization.step(0)
     assert step is not None
-    residual, noise = errors.residual[bands], errors.noise[bands]
-    places: NDArray[np.int16] = np.empty(residual.shape, np.int16)
-    costs = np.empty((2, len(planes), max(quantization.planes[bands]) + 1))
-    scale, tables = num_bits / places.shape[1], _tables(needs)
-    _kernels.block_costs(
-        residual, noise, needs.variance, planes, step, _FIRST, PER_PLANE, scale, tables, places, costs
+    places: NDArray[np.int16] = np.empty(errors.residual.shape, np.int16)
+    costs = np.empty((len(planes), 2, max(quantization.planes) + 1))
+    _kernels.frame_costs(
+        errors.residual,
+        errors.noise,
+        _BORDERS,
+        _VARIANCES,
+        planes,
+        step,
+        _FIRST,
+        PER_PLANE,
+        num_bits / places.shape[1],
+        REFINED_SHARE * num_bits,
+        _tables(),
+        places,
+        costs,
     )
-    return BlockCosts(bands, planes, step, places, tables, costs)
-
-
-def choose_depths(costs: BlockCosts, slope: float) -> tuple[Integers, float, float]:
-    """Choose how many planes of each band of a block pay.
-
-    Parameters
-    ----------
-    costs : BlockCosts
-        What they cost and leave.
-    slope : float
-        Squared error that a bit must save.
-
-    Returns
-    -------
-    depths : ndarray of shape (bands,), int64
-        Planes that are sent.
-    bits : float
-        Their ideal code length.
-    saved : float
-        The squared error that they save.
-    """
-    depths = np.empty_like(costs.planes)
-    bits, saved = _kernels.choose_depths(costs.costs, costs.planes, BITS_PER_BIT * slope, depths)
-    return depths, bits, saved
+    return FrameCosts(planes, step, places, costs)
 
 
 def length_of(bits: float, needs: Needs, distance: int) -> float:
@@ -231,7 +235,7 @@ def length_of(bits: float, needs: Needs, distance: int) -> float:
     Parameters
     ----------
     bits : float
-        Ideal code length of the planes of a block, from `choose_depths`.
+        Ideal code length of the planes of a block, from `FrameCosts.choose_depths`.
     needs : Needs
         Those of the block.
     distance : int

@@ -9,7 +9,7 @@ from benchmarks.searches.one_way_needs import _fit_bits, fit
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.buffered import quantize_frame
 from dvc.wynerziv.layout import FrameLayout
-from encoder.one_way.needs import NEEDS, OCTAVES, block_costs
+from encoder.one_way.needs import NEEDS, OCTAVES, frame_costs
 from encoder.one_way.sampled_blocks import BlockErrors
 
 RNG = np.random.default_rng(4)
@@ -37,7 +37,7 @@ def recorded(clip: str) -> Any:
         scale * RNG.lognormal(0.0, 1.0, shape) * RNG.uniform(0.2, 5.0) for scale in (300.0, 9.0)
     )
     errors = BlockErrors(residual.astype(np.float32), noise.astype(np.float32))
-    costs = block_costs(quantization, errors, 0, needs, layout.num_bits)
+    costs = frame_costs(quantization, errors, layout.num_bits)
     squares = needs.variance[0] * residual[0].mean() + needs.variance[1] * noise[0].mean()
     left = np.full(quantization.planes[0], 1.0)
     return SimpleNamespace(
@@ -45,7 +45,7 @@ def recorded(clip: str) -> Any:
         distance=4,
         errors=errors,
         encoded=SimpleNamespace(quantization=quantization, layout=layout),
-        bits={0: costs.costs[0, 0]},
+        bits={0: costs.costs[0, 0, : costs.planes[0] + 1]},
         squares={0: layout.num_bits * np.concatenate([[squares], left])},
         slope=50.0,
     )

@@ -10,7 +10,7 @@ from dvc.wynerziv.buffered import quantize_frame
 from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.one_way import syndrome_length
 from encoder.one_way import _kernels
-from encoder.one_way.needs import NEEDS, Choice, NeedEstimator, block_costs, length_of
+from encoder.one_way.needs import NEEDS, Choice, NeedEstimator, frame_costs, length_of
 from encoder.one_way.sampled_blocks import BlockErrors
 
 SHARED = allocation(28)
@@ -107,22 +107,18 @@ def test_kernels_are_their_python() -> None:
     """To the last bit."""
     rng = np.random.default_rng(2)
     expected = BlockErrors(rng.uniform(0.0, 900.0, (16, 30)) ** 2, rng.uniform(0.0, 9.0, (16, 30)))
-    jit = [block_costs(QUANTIZATION, expected, block, NEEDS[block], 99) for block in (0, 1)]
-    names = ("block_costs", "remaining_noise")
-    left, twins = np.zeros((2, 16, 30))
+    jit = frame_costs(QUANTIZATION, expected, 99)
+    left = jit.noise(jit.planes // 2)
     with pytest.MonkeyPatch.context() as patch:
-        for costs in jit:
-            costs.write_noise(costs.planes // 2, left)
-        for name in names:
+        for name in ("variance_places", "expected_costs", "frame_costs", "remaining_noise"):
             patch.setattr(_kernels, name, python_twin(getattr(_kernels, name)))
-        for block, costs in enumerate(jit):
-            plain = block_costs(QUANTIZATION, expected, block, NEEDS[block], 99)
-            for ours, twin in zip(costs[3:], plain[3:], strict=True):
-                np.testing.assert_array_equal(ours, twin)
-            depths, plainly = np.zeros((2, len(costs.planes)), np.int64)
-            told = _kernels.choose_depths(costs.costs, costs.planes, 3.0, depths)
-            assert told == python_twin(_kernels.choose_depths)(costs.costs, costs.planes, 3.0, plainly)
-            assert depths.tolist() == plainly.tolist()
-            plain.write_noise(plain.planes // 2, twins)
-    np.testing.assert_array_equal(left, twins)
+        plain = frame_costs(QUANTIZATION, expected, 99)
+        np.testing.assert_array_equal(left, plain.noise(plain.planes // 2))
+    np.testing.assert_array_equal(jit.places, plain.places)
+    np.testing.assert_array_equal(jit.costs, plain.costs)
+    depths, plainly = np.zeros((2, 16), np.int64)
+    told = _kernels.choose_depths(jit.costs, jit.planes, 3.0, depths)
+    assert told == python_twin(_kernels.choose_depths)(jit.costs, jit.planes, 3.0, plainly)
+    assert depths.tolist() == plainly.tolist()
+    assert told[0] == depths.sum() > 0
     assert left.all()

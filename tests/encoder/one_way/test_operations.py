@@ -74,7 +74,7 @@ def test_residuals() -> None:
     planes = np.full(transform.NUM_BANDS, 3)
     all_places = Data(np.full((transform.NUM_BANDS, COUNT), 40, np.int16), tally)
     noise = Data(np.empty((transform.NUM_BANDS, COUNT), np.float32), tally)
-    given = planes, planes, 4.0, PER_PLANE, Data(_tables(NEEDS[0]), tally), noise
+    given = planes, planes, 4.0, PER_PLANE, Data(_tables(), tally), noise
     counting(_kernels.remaining_noise, tally)(all_places, *given)
     assert astuple(tally.operations()) == pytest.approx(astuple(operations.residual(COUNT)), rel=0.04)
 
