@@ -9,6 +9,7 @@ _NEAR = 16.0  # squared distance, in pixels, up to which they count alike
 SIDE = 8  # of a sampled block
 DIRECTIONS = 3  # from the left, from above, from both
 FAR = np.int32(2**31 - 1)  # of a point that there is not
+_ALIKE = np.uint64(0x0101010101010101)  # times a byte: eight of it
 
 
 @kernel
@@ -123,17 +124,20 @@ def cut_blocks(words, grid, spacing, factor, lines):
 
 
 @inlined_kernel
-def _cut_at_border(words, y, x, column, samples):
-    """Write a block and its three neighbours at half samples, where borders of the picture are repeated."""
-    height, last = words.shape[0], words.shape[1] - 1
-    for line in range(SIDE):
-        for corner in range(4):
-            from_y = min(max((y >> 1) + line + (y & 1) * (corner >> 1), 0), height - 1)
-            for i in range(SIDE):
-                from_x = min(max((x >> 1) + i + (x & 1) * (corner & 1), 0), last + SIDE - 1)
-                word = words[from_y, min(from_x, last)]  # the first sample in its lowest bits
-                sample = (word >> np.uint64(8 * max(from_x - last, 0))) & np.uint64(255)
-                samples[line, corner, SIDE * column + i] = np.uint8(sample)
+def word_at(words, y, x):
+    """Return eight samples from a place on, the first in the lowest bits; borders are repeated.
+
+    `words`: see `cut_blocks`.
+    """
+    last = words.shape[1] - 1
+    word = words[np.uintp(min(max(y, 0), words.shape[0] - 1)), np.uintp(min(max(x, 0), last))]
+    if 0 <= x <= last:
+        return word
+    missing = min(-x if x < 0 else x - last, SIDE)
+    kept, filled = np.uint64(8 * (missing - 1)), np.uint64(8 * (SIDE - missing))
+    if x < 0:
+        return (word << kept) << np.uint64(8) | ((word & np.uint64(255)) * _ALIKE) >> filled
+    return (word >> kept) >> np.uint64(8) | ((word >> np.uint64(56)) * _ALIKE) << filled
 
 
 @kernel
@@ -162,7 +166,11 @@ def subtract_moved(words, motion, grid, spacing, lines):
                         words[below, right],
                     )
             else:
-                _cut_at_border(words, y, x, column, samples)
+                for line in range(SIDE):
+                    for corner in range(4):
+                        at_y = (y >> 1) + line + (y & 1) * (corner >> 1)
+                        at_x = (x >> 1) + (x & 1) * (corner & 1)
+                        windows[line, corner, column] = word_at(words, at_y, at_x)
         for y in range(SIDE):
             for x in range(samples.shape[2]):
                 upper = np.int16(np.int16(samples[y, 0, x]) + np.int16(samples[y, 1, x]))

@@ -106,6 +106,17 @@ def test_blocks_that_are_not_whole_are_left_out(shape: tuple[int, int]) -> None:
 
 
 @pytest.mark.nojit
+def test_words_at_borders_repeat_them() -> None:
+    """From any place on, as of a picture with a border around it."""
+    image = np.random.default_rng(6).integers(0, 256, (9, 11), dtype=np.uint8)
+    padded, words = np.pad(image, 20, mode="edge"), _words(image)
+    for y in range(-3, 13):
+        for x in range(-12, 23):
+            word = np.uint64(python_twin(_kernels.word_at)(words, y, x))
+            assert word.tobytes() == padded[20 + y, 20 + x : 28 + x].tobytes()
+
+
+@pytest.mark.nojit
 def test_kernels_are_their_python() -> None:
     """To the last bit."""
     rng = np.random.default_rng(5)
