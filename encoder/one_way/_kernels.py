@@ -330,10 +330,12 @@ def intra_errors(image, corners, step, rounding, scale, order, errors):
 def add_noise(motion, grid, spacing, share, noise, total):
     """Add a share of the noise of a reference where blocks come from: of the sampled block nearest to it."""
     places = np.empty(grid[0] * grid[1], np.int64)
-    for k in range(places.size):
-        row = (spacing * (k // grid[1]) + (motion[k, 1] >> 1) + spacing // 2) // spacing
-        column = (spacing * (k % grid[1]) + (motion[k, 0] >> 1) + spacing // 2) // spacing
-        places[k] = min(max(row, 0), grid[0] - 1) * grid[1] + min(max(column, 0), grid[1] - 1)
+    for row in range(grid[0]):
+        for column in range(grid[1]):
+            k = row * grid[1] + column
+            y = (spacing * row + (motion[k, 1] >> 1) + spacing // 2) // spacing
+            x = (spacing * column + (motion[k, 0] >> 1) + spacing // 2) // spacing
+            places[k] = min(max(y, 0), grid[0] - 1) * grid[1] + min(max(x, 0), grid[1] - 1)
     for band in range(total.shape[0]):
         for k in range(places.size):
             total[band, k] += share * noise[band, np.uintp(places[k])]
