@@ -19,8 +19,8 @@ Floats = NDArray[np.float32]
 
 BLOCK_PX = _kernels.SIDE
 SPACING_PX = 16
-"""Least distance from one sampled block to the next: of small pictures one in four is looked at."""
-_MANY_BLOCKS = 170
+"""Least distance from one sampled block to the next: one in four is looked at."""
+_MANY_BLOCKS = 900
 """About as many are enough: of large pictures fewer blocks in a given area are looked at."""
 _WEIGHTS = (transform.SCALE / 4.0) ** 2 / (BLOCK_PX // 4) ** 2
 """Of squared coefficients of differences in quarters of grey levels, in means of blocks."""
