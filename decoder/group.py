@@ -112,6 +112,22 @@ class GroupDecoder:
             group: DecodedGroup = stop.value
             return group
 
+    def levels_left(self, task: GroupTask) -> dict[int, int]:
+        """Tell how far each frame of a group is from its last level, which is decoded after all others.
+
+        Parameters
+        ----------
+        task : GroupTask
+            The group.
+
+        Returns
+        -------
+        dict of int to int
+            Levels from that of a frame on, its own included, by its display position.
+        """
+        order = _order(task, self._config)
+        return {index: len(order) - number for number, level in enumerate(order) for index, _ in level}
+
     def steps(self, task: GroupTask) -> GroupCoroutine:
         """Decode a group as a coroutine; requests come out where the task is of no stream.
 

@@ -2,20 +2,20 @@
 
 Tasks come through the connection whose file descriptor is the only argument and, if the encoder is live,
 answers to requests. What goes back has the number of its group: requests, and at last the decoded group or
-the exception that it ended with. Any number of groups are under way: while some wait for answers, the first
-of those that can go on does.
+the exception that it ended with. Any number of groups are under way: while some wait for answers, another
+that can go on does, first of all the one with the most to be decoded after what it is at.
 """
 
 import heapq
 import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import count
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from decoder.tasks import Answered, GroupTask, naming_group
 from dvc.config import decode_config
@@ -24,6 +24,8 @@ from dvc.errors import DvcError
 if TYPE_CHECKING:
     from decoder.group import GroupCoroutine, GroupDecoder
     from decoder.wyner_ziv import WynerZivDecoder
+
+Message = TypeVar("Message", bound=GroupTask | Answered)
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
@@ -38,7 +40,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
     Thread(target=_receive, args=(connection, received), daemon=True).start()
     _import_opencv_quietly()
     groups = _Groups()
-    for message in _first_group_first(received):
+    for message in longest_way_first(received, groups.levels_left):
         try:
             with naming_group(message.number):
                 outcome = groups.go_on(message)
@@ -50,14 +52,31 @@ def serve(connection: "Connection[Any, Any]") -> None:
         connection.send((message.number, outcome))
 
 
-def _first_group_first(received: "SimpleQueue[Any]") -> Iterator[GroupTask | Answered]:
-    """Take what was received, always that of the first group of all that is there."""
-    waiting: list[tuple[int, int, GroupTask | Answered]] = []
+def longest_way_first(
+    received: "SimpleQueue[Message]", levels_left: Callable[[Message], int]
+) -> Iterator[Message]:
+    """Take what was received: what others wait for does not wait for them.
+
+    In the end, only frames that can go side by side are left.
+
+    Parameters
+    ----------
+    received : SimpleQueue
+        Tasks and answers, to which others are added at any time.
+    levels_left : callable
+        Tells how many levels of frames are decoded from that of a message on.
+
+    Yields
+    ------
+    GroupTask or Answered
+        Of all that is there, what has the most levels left; of the same, what is of the first group.
+    """
+    waiting: list[tuple[int, int, int, Message]] = []
     arrivals = count()
     while True:
         while not waiting or not received.empty():
             message = received.get()
-            heapq.heappush(waiting, (message.number, next(arrivals), message))
+            heapq.heappush(waiting, (-levels_left(message), message.number, next(arrivals), message))
         yield heapq.heappop(waiting)[-1]
 
 
@@ -69,12 +88,20 @@ class _Groups:
         self._frames: WynerZivDecoder | None = None
         self._idle: list[GroupDecoder] = []
         self._running: dict[int, tuple[GroupDecoder, GroupCoroutine]] = {}
+        self._levels_left: dict[int, dict[int, int]] = {}  # of each frame of the groups under way
+
+    def levels_left(self, message: GroupTask | Answered) -> int:
+        """Return how many levels of its group are decoded from that of a message on."""
+        if isinstance(message, GroupTask):
+            return sys.maxsize  # a group begins at once
+        return self._levels_left[message.number][message.place[0]]
 
     def go_on(self, message: GroupTask | Answered) -> object:
         """Begin a group, or go on with it; return further requests, or the decoded group."""
         if isinstance(message, GroupTask):
             decoder = self._decoder(message.config)
             self._running[message.number] = decoder, decoder.steps(message)
+            self._levels_left[message.number] = decoder.levels_left(message)
         decoder, steps = self._running.pop(message.number)
         try:
             if isinstance(message, GroupTask):
@@ -83,6 +110,7 @@ class _Groups:
                 requests = steps.send((message.place, message.bits))
         except StopIteration as stop:
             self._idle.append(decoder)
+            del self._levels_left[message.number]
             return stop.value
         self._running[message.number] = decoder, steps
         return requests

@@ -1,0 +1,65 @@
+"""The order in which a decoding process does what it can: what others wait for comes first."""
+
+from itertools import islice
+from queue import SimpleQueue
+
+import numpy as np
+import pytest
+
+from decoder.group import GroupDecoder
+from decoder.tasks import Answered, GroupTask
+from decoder.worker import longest_way_first
+from dvc.config import CodecConfig, GopConfig, VideoConfig, WynerZivConfig
+from dvc.stream import GopRecord
+
+NO_BITS = np.zeros(0, np.uint8)
+
+
+def answer(number: int, frame: int) -> Answered:
+    return Answered(number, (frame, 0), NO_BITS)
+
+
+def test_what_most_levels_depend_on_comes_first() -> None:
+    """Of the same level the first group's answer comes first, of the same group the one that came first."""
+    left = {0: 3, 1: 1, 2: 2, 3: 1}
+    received: SimpleQueue[Answered] = SimpleQueue()
+    messages = [answer(1, 1), answer(0, 3), answer(0, 1), answer(1, 2), answer(0, 2), answer(2, 0)]
+    for message in messages:
+        received.put(message)
+    taken = list(islice(longest_way_first(received, lambda message: left[message.place[0]]), len(messages)))
+    assert [(message.number, message.place[0]) for message in taken] == [
+        (2, 0), (0, 2), (1, 2), (0, 3), (0, 1), (1, 1)
+    ]  # fmt: skip
+
+
+def test_what_comes_later_may_come_first() -> None:
+    """A message that comes while others wait takes its place among them."""
+    received: SimpleQueue[Answered] = SimpleQueue()
+    taken = longest_way_first(received, lambda message: message.place[0])
+    for frame in (1, 2):
+        received.put(answer(0, frame))
+    assert next(taken).place[0] == 2
+    received.put(answer(5, 3))
+    assert [message.place[0] for message in islice(taken, 2)] == [3, 1]
+
+
+@pytest.mark.parametrize(
+    ("priors", "wanted"), [("by-level", {1: 1, 2: 2, 3: 1, 4: 3, 5: 1, 6: 2, 7: 1}), ("laplacian", None)]
+)
+def test_levels_left_of_a_group(priors: str, wanted: dict[int, int] | None) -> None:
+    """The middle frame has all levels before it; without levels each frame has its own."""
+    config = CodecConfig(
+        "2d",
+        VideoConfig(32, 24, 25, 1),
+        GopConfig(8, "hierarchical"),
+        wyner_ziv=WynerZivConfig(priors=priors),
+    )
+    record = GopRecord(8, b"", b"", (b"",) * 7)
+    task = GroupTask(b"", 1, 1, None, None, record, None)
+    found = GroupDecoder(config).levels_left(task)
+    assert sorted(found) == list(range(1, 8))
+    if wanted:
+        assert found == wanted
+    else:
+        assert sorted(found.values()) == list(range(1, 8))
+        assert found[4] == 7
