@@ -2,8 +2,8 @@
 
 The planes of a block of bands are decoded together: DC first, which refines the prediction of the others. A
 block whose syndrome is too short is concealed: what it makes likely serves in place of what it should tell
-(in older streams, and where what is found has another check, its bands stay as predicted), and whatever is
-decoded later rests on that.
+(in older streams its bands stay as predicted), and whatever is decoded later rests on that. So does one that
+has its syndrome but not its check, of which a few bits are wrong.
 """
 
 from collections.abc import Sequence
@@ -26,8 +26,9 @@ from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.one_way import BLOCKS, OneWayFrame, SentBlock
 
-START_GAINS = 1.0, 0.6, 1.6
-"""Of the scales that a prediction promises, tried one after the other until a block is found."""
+START_GAINS = 1.0, 1.6, 2.5, 4.0
+"""Of the scales that a prediction promises, tried one after the other until a block is found: where they are
+too small belief propagation does not come to learn that, where they are too large it does."""
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
 
@@ -113,18 +114,18 @@ class OneWayDecoder:
         ideal_bits, first = [], 0
         for place, (band, prior) in enumerate(zip(bands, priors, strict=True)):
             edges, planes = quantization.edges(band), quantization.planes[band]
-            if known:
+            if decoded.success:
                 prefix = bitplanes.from_planes(decoded.bits[first : first + depths[band]])
                 first += depths[band]
                 ideal_bits.append(prior.ideal_bits(prefix))
                 borders = bitplanes.prefix_borders(prefix, planes - depths[band], edges)
-            elif decoded.beliefs:
-                borders = credible_intervals(edges, planes, prior, decoded.beliefs[place])
             else:
-                break
+                borders = credible_intervals(edges, planes, prior, decoded.beliefs[place])
             self._set_known(band, borders, scales[band].ravel(), state)
+        if not known:
+            return []
         share = (block.graph.num_checks + block.check.size) / max(sum(ideal_bits), 1.0)
-        costs = zip(bands, ideal_bits, strict=known)
+        costs = zip(bands, ideal_bits, strict=True)
         return [BandCost(band, ideal, round(share * ideal)) for band, ideal in costs]
 
     def _set_known(self, band: int, borders: tuple[Array, Array], scale: Array, state: FrameState) -> None:
@@ -152,18 +153,19 @@ def _decode(
 ) -> tuple[DecodedBlock, list[NumberPriors], bool]:
     """Decode the planes of a block, from one gain of the scales after the other until they have its check.
 
-    Returns what was found from that gain, or from the first of all, the last priors of the bands, and whether
-    it has the check.
+    Returns what was found, the last priors of the bands, and whether it has the check. If nothing has it, that
+    is what came nearest: planes with the right syndrome, or else those from the first gain.
     """
-    first = None
+    nearest = None
     for gain in gains:
         bands = [replace(band, scale=gain * band.scale) for band in promised]
         decoded, priors = _learning(block, bands)
         if decoded.success and _checks(decoded.bits, block):
             return decoded, priors, True
-        first = first or (decoded, priors)
-    assert first is not None
-    return *first, False
+        if nearest is None or decoded.success > nearest[0].success:
+            nearest = decoded, priors
+    assert nearest is not None
+    return *nearest, False
 
 
 def _learning(block: SentBlock, bands: list[LearnedBand]) -> tuple[DecodedBlock, list[NumberPriors]]:
