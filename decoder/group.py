@@ -28,8 +28,9 @@ from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder, disagreemen
 Bits = NDArray[np.uint8]
 Points = PointTracks | FeaturePoints | None
 Known = dict[int, ReferenceFrame]
-GroupCoroutine = Generator[Sequence[ParityRequest], tuple[Place, Bits], DecodedGroup]
-"""Yields further requests, maybe none; is sent the answer to any one that waits."""
+GroupCoroutine = Generator[Sequence[ParityRequest] | None, tuple[Place, Bits] | None, DecodedGroup]
+"""Yields further requests, maybe no more, and is sent the answer to any one that waits; or None before a level of
+frames, which is begun when None is sent."""
 
 
 def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> list[int]:
@@ -102,18 +103,22 @@ class GroupDecoder:
         BitstreamError
             If tracks, headers or payloads are damaged, or a punctured stream was made for other predictions.
         """
-        steps = self.steps(task)
+        steps, waiting = self.steps(task), deque[ParityRequest]()
         try:
-            waiting = deque(next(steps))
+            requests = next(steps)
             while True:
-                request = waiting.popleft()
-                waiting.extend(steps.send(((request.frame, request.plane), ask(request))))
+                waiting.extend(requests or ())
+                answer = None
+                if waiting:
+                    request = waiting.popleft()
+                    answer = (request.frame, request.plane), ask(request)
+                requests = steps.send(answer)
         except StopIteration as stop:
             group: DecodedGroup = stop.value
             return group
 
-    def levels_left(self, task: GroupTask) -> dict[int, int]:
-        """Tell how far each frame of a group is from its last level, which is decoded after all others.
+    def level_sizes(self, task: GroupTask) -> list[int]:
+        """Tell how many frames of a group are decoded side by side, level after level.
 
         Parameters
         ----------
@@ -122,14 +127,13 @@ class GroupDecoder:
 
         Returns
         -------
-        dict of int to int
-            Levels from that of a frame on, its own included, by its display position.
+        list of int
+            Number of frames of each level.
         """
-        order = _order(task, self._config)
-        return {index: len(order) - number for number, level in enumerate(order) for index, _ in level}
+        return [len(level) for level in _order(task, self._config)]
 
     def steps(self, task: GroupTask) -> GroupCoroutine:
-        """Decode a group as a coroutine; requests come out where the task is of no stream.
+        """Decode a group as a coroutine; something is yielded where the task is of no stream.
 
         Parameters
         ----------
@@ -138,8 +142,9 @@ class GroupDecoder:
 
         Yields
         ------
-        sequence of ParityRequest
-            Further requests, maybe none; send the answer to any one that waits, with its frame and plane.
+        sequence of ParityRequest or None
+            Further requests, maybe no more: send the answer to any one that waits, with its frame and plane.
+            None before each level, which takes memory for all its frames: send None to begin it.
 
         Returns
         -------
@@ -162,6 +167,8 @@ class GroupDecoder:
         frames: list[DecodedFrame] = []
         priors = self._decoder.new_priors()
         for level in _order(task, self._config):
+            if task.form is None:
+                yield None
             learned = [LearnedPriors.mean([priors]) for _ in level[1:]] + [priors]
             steps = [
                 self._frame(task, known, points, place, own)

@@ -153,8 +153,8 @@ def _decode(
 ) -> tuple[DecodedBlock, list[NumberPriors], bool]:
     """Decode the planes of a block, from one gain of the scales after the other until they have its check.
 
-    Returns what was found, the last priors of the bands, and whether it has the check. If nothing has it, that
-    is what came nearest: planes with the right syndrome, or else those from the first gain.
+    Returns what was found, the last priors of the bands, and whether it has the check. If nothing has it,
+    that is what came nearest: planes with the right syndrome, or else those from the first gain.
     """
     nearest = None
     for gain in gains:

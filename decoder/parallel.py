@@ -124,11 +124,11 @@ class DecodingProcess:
             If the process dies.
         """
         try:
-            number, outcome = self._connection.recv()
+            number, outcome, answers = self._connection.recv()
         except (EOFError, OSError) as err:
             raise self._death() from err
         self.num_running -= isinstance(outcome, DecodedGroup | Exception)
-        self.num_pending -= 1
+        self.num_pending -= answers  # not a level that was begun by itself
         now_s = time.monotonic()
         self.step_s, self._began_s = now_s - self._began_s, now_s
         return number, outcome

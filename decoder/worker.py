@@ -3,7 +3,8 @@
 Tasks come through the connection whose file descriptor is the only argument and, if the encoder is live,
 answers to requests. What goes back has the number of its group: requests, and at last the decoded group or
 the exception that it ended with. Any number of groups are under way: while some wait for answers, another
-that can go on does, first of all the one with the most to be decoded after what it is at.
+that can go on does, first of all the one with the most to be decoded after what it is at. Of frames that are
+decoded at the same time there are no more than memory is for, however many groups are open.
 """
 
 import heapq
@@ -11,11 +12,12 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import count
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from decoder.tasks import Answered, GroupTask, naming_group
 from dvc.config import decode_config
@@ -25,7 +27,18 @@ if TYPE_CHECKING:
     from decoder.group import GroupCoroutine, GroupDecoder
     from decoder.wyner_ziv import WynerZivDecoder
 
-Message = TypeVar("Message", bound=GroupTask | Answered)
+MAX_ACTIVE_PX = 3 << 22
+"""Pixels of all frames that are decoded at a time, where that leaves one level of one group: each takes
+some 230 bytes."""
+
+
+class NextLevel(NamedTuple):
+    """The turn of a group to begin its next level of frames."""
+
+    number: int
+
+
+Message = TypeVar("Message", bound=GroupTask | Answered | NextLevel)
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
@@ -39,7 +52,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
     received: SimpleQueue[Any] = SimpleQueue()
     Thread(target=_receive, args=(connection, received), daemon=True).start()
     _import_opencv_quietly()
-    groups = _Groups()
+    groups = _Groups(LevelTurns(received.put))
     for message in longest_way_first(received, groups.levels_left):
         try:
             with naming_group(message.number):
@@ -49,7 +62,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
         except Exception as err:  # whose class the other side may be unable to read
             outcome = RuntimeError(repr(err))
             outcome.add_note(f"in the decoding process:\n{traceback.format_exc()}")
-        connection.send((message.number, outcome))
+        connection.send((message.number, outcome, not isinstance(message, NextLevel)))
 
 
 def longest_way_first(
@@ -62,13 +75,13 @@ def longest_way_first(
     Parameters
     ----------
     received : SimpleQueue
-        Tasks and answers, to which others are added at any time.
+        Tasks, answers and turns, to which others are added at any time.
     levels_left : callable
         Tells how many levels of frames are decoded from that of a message on.
 
     Yields
     ------
-    GroupTask or Answered
+    GroupTask, Answered or NextLevel
         Of all that is there, what has the most levels left; of the same, what is of the first group.
     """
     waiting: list[tuple[int, int, int, Message]] = []
@@ -80,40 +93,105 @@ def longest_way_first(
         yield heapq.heappop(waiting)[-1]
 
 
+class LevelTurns:
+    """Whose turn it is to begin a level: of as many groups at a time as memory is for.
+
+    Parameters
+    ----------
+    begin : callable
+        Takes the turn of a group.
+    """
+
+    def __init__(self, begin: Callable[[NextLevel], object]) -> None:
+        self._begin = begin
+        self._waiting: list[tuple[int, int, int]] = []
+        self._active: dict[int, int] = {}  # pixels of the levels under way, by group
+
+    def wait(self, number: int, levels_left: int, num_pixels: int) -> None:
+        """Let a group wait for its turn, which has ended the level before.
+
+        Parameters
+        ----------
+        number : int
+            Number of the group.
+        levels_left : int
+            Levels that it has to decode: those with the most of them come first.
+        num_pixels : int
+            Pixels of all frames of the next one.
+        """
+        heapq.heappush(self._waiting, (-levels_left, number, num_pixels))
+        self.end(number)
+
+    def end(self, number: int) -> None:
+        """Notice that a group takes no memory now.
+
+        Parameters
+        ----------
+        number : int
+            Number of the group.
+        """
+        self._active.pop(number, None)
+        while self._waiting:
+            _, number, num_pixels = self._waiting[0]
+            if self._active and sum(self._active.values()) + num_pixels > MAX_ACTIVE_PX:
+                return
+            heapq.heappop(self._waiting)
+            self._active[number] = num_pixels
+            self._begin(NextLevel(number))
+
+
+@dataclass
+class _Group:
+    """A group under way."""
+
+    decoder: "GroupDecoder"
+    steps: "GroupCoroutine"
+    frame_px: int
+    level_sizes: list[int]
+    levels_left: int  # that are not decoded
+
+
 class _Groups:
     """Groups that are under way; their decoders are kept for others of the same configuration."""
 
-    def __init__(self) -> None:
+    def __init__(self, turns: LevelTurns) -> None:
+        self._turns = turns
         self._config = b""
         self._frames: WynerZivDecoder | None = None
         self._idle: list[GroupDecoder] = []
-        self._running: dict[int, tuple[GroupDecoder, GroupCoroutine]] = {}
-        self._levels_left: dict[int, dict[int, int]] = {}  # of each frame of the groups under way
+        self._running: dict[int, _Group] = {}
 
-    def levels_left(self, message: GroupTask | Answered) -> int:
+    def levels_left(self, message: GroupTask | Answered | NextLevel) -> int:
         """Return how many levels of its group are decoded from that of a message on."""
         if isinstance(message, GroupTask):
             return sys.maxsize  # a group begins at once
-        return self._levels_left[message.number][message.place[0]]
+        group = self._running.get(message.number)
+        return group.levels_left if group else 0
 
-    def go_on(self, message: GroupTask | Answered) -> object:
+    def go_on(self, message: GroupTask | Answered | NextLevel) -> object:
         """Begin a group, or go on with it; return further requests, or the decoded group."""
-        if isinstance(message, GroupTask):
-            decoder = self._decoder(message.config)
-            self._running[message.number] = decoder, decoder.steps(message)
-            self._levels_left[message.number] = decoder.levels_left(message)
-        decoder, steps = self._running.pop(message.number)
+        number = message.number
+        group = self._begun(message) if isinstance(message, GroupTask) else self._running.pop(number)
         try:
-            if isinstance(message, GroupTask):
-                requests = next(steps)
-            else:
-                requests = steps.send((message.place, message.bits))
-        except StopIteration as stop:
-            self._idle.append(decoder)
-            del self._levels_left[message.number]
-            return stop.value
-        self._running[message.number] = decoder, steps
-        return requests
+            answer = (message.place, message.bits) if isinstance(message, Answered) else None
+            requests = group.steps.send(answer)
+        except BaseException as err:
+            self._turns.end(number)
+            if not isinstance(err, StopIteration):
+                raise
+            self._idle.append(group.decoder)
+            return err.value
+        self._running[number] = group
+        if requests is None:
+            group.levels_left -= 1
+            num_frames = group.level_sizes[-group.levels_left]
+            self._turns.wait(number, group.levels_left, num_frames * group.frame_px)
+        return requests or ()
+
+    def _begun(self, task: GroupTask) -> _Group:
+        decoder = self._decoder(task.config)
+        video, sizes = decode_config(task.config).video, decoder.level_sizes(task)
+        return _Group(decoder, decoder.steps(task), video.width * video.height, sizes, len(sizes) + 1)
 
     def _decoder(self, config: bytes) -> "GroupDecoder":
         from decoder.group import GroupDecoder

@@ -15,9 +15,9 @@ from dvc.feedback.messages import MAX_ANSWER_BITS
 from dvc.turbo import CASCADE, KINDS, RequestTable, num_codes
 from dvc.turbo.requests import SLOT
 
-MAX_OPEN_GOPS = 16
+MAX_OPEN_GOPS = 32
 """Most groups of pictures that are sent or promised and not done."""
-MAX_OPEN_PX = 2**25
+MAX_OPEN_PX = 2**26
 """Most pixels of all their frames, where that leaves two groups; so both ends need bounded memory."""
 
 

@@ -14,7 +14,7 @@ from dvc.stream import GopRecord, decode_gop, encode_gop
 from dvc.turbo import KINDS, ParityRequest, RequestTable
 from dvc.turbo.requests import NUM_COLUMNS
 
-PROTOCOL_VERSION = 4
+PROTOCOL_VERSION = 5
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 

@@ -8,7 +8,7 @@ import pytest
 
 from decoder.group import GroupDecoder
 from decoder.tasks import Answered, GroupTask
-from decoder.worker import longest_way_first
+from decoder.worker import MAX_ACTIVE_PX, LevelTurns, longest_way_first
 from dvc.config import CodecConfig, GopConfig, VideoConfig, WynerZivConfig
 from dvc.stream import GopRecord
 
@@ -43,11 +43,9 @@ def test_what_comes_later_may_come_first() -> None:
     assert [message.place[0] for message in islice(taken, 2)] == [3, 1]
 
 
-@pytest.mark.parametrize(
-    ("priors", "wanted"), [("by-level", {1: 1, 2: 2, 3: 1, 4: 3, 5: 1, 6: 2, 7: 1}), ("laplacian", None)]
-)
-def test_levels_left_of_a_group(priors: str, wanted: dict[int, int] | None) -> None:
-    """The middle frame has all levels before it; without levels each frame has its own."""
+@pytest.mark.parametrize(("priors", "wanted"), [("by-level", [1, 2, 4]), ("laplacian", [1] * 7)])
+def test_level_sizes_of_a_group(priors: str, wanted: list[int]) -> None:
+    """The middle frame comes before all others; without levels each frame comes alone."""
     config = CodecConfig(
         "2d",
         VideoConfig(32, 24, 25, 1),
@@ -56,10 +54,29 @@ def test_levels_left_of_a_group(priors: str, wanted: dict[int, int] | None) -> N
     )
     record = GopRecord(8, b"", b"", (b"",) * 7)
     task = GroupTask(b"", 1, 1, None, None, record, None)
-    found = GroupDecoder(config).levels_left(task)
-    assert sorted(found) == list(range(1, 8))
-    if wanted:
-        assert found == wanted
-    else:
-        assert sorted(found.values()) == list(range(1, 8))
-        assert found[4] == 7
+    assert GroupDecoder(config).level_sizes(task) == wanted
+
+
+def test_levels_begin_while_there_is_memory() -> None:
+    """Those with most levels left come first; a level that is larger than all memory has it alone."""
+    begun: list[int] = []
+    turns = LevelTurns(lambda turn: begun.append(turn.number))
+    half = MAX_ACTIVE_PX // 2
+    turns.wait(0, 1, half)
+    turns.wait(1, 2, half + 1)
+    assert begun == [0]
+    turns.wait(2, 3, half)
+    assert begun == [0, 2]
+    turns.end(0)
+    assert begun == [0, 2]
+    turns.end(2)
+    assert begun == [0, 2, 1]
+    turns.wait(3, 1, 3 * MAX_ACTIVE_PX)
+    turns.wait(1, 1, 1)
+    assert begun == [0, 2, 1, 1]
+    turns.end(1)
+    assert begun == [0, 2, 1, 1, 3]
+    turns.wait(4, 5, 1)
+    assert begun == [0, 2, 1, 1, 3]
+    turns.end(3)
+    assert begun == [0, 2, 1, 1, 3, 4]
