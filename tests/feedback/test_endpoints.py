@@ -426,7 +426,7 @@ def test_size_of_a_gop_is_bounded_by_its_frames() -> None:
             lambda encoder, decoder: decoder.send_requests([ParityRequest(1, 0, "crc", 0, 0, -1)]),
             "-1 crc bits",
         ),
-        (lambda encoder, decoder: [decoder.send_next_gop() for _ in range(16)], "more than 32"),
+        (lambda encoder, decoder: [decoder.send_next_gop() for _ in range(32)], "more than 32"),
         (lambda encoder, decoder: DecoderEndpoint().send_next_gop(), "Hello has not come"),
         (lambda encoder, decoder: DecoderEndpoint().config, "Hello has not come"),
     ],
