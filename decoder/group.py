@@ -29,8 +29,8 @@ Bits = NDArray[np.uint8]
 Points = PointTracks | FeaturePoints | None
 Known = dict[int, ReferenceFrame]
 GroupCoroutine = Generator[Sequence[ParityRequest] | None, tuple[Place, Bits] | None, DecodedGroup]
-"""Yields further requests, maybe no more, and is sent the answer to any one that waits; or None before a level
-of frames, which begins when None is sent."""
+"""Yields further requests, maybe no more, and is sent the answer to any one that waits; or None before a
+level of frames, which begins when None is sent."""
 
 
 def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> list[int]:
