@@ -28,7 +28,7 @@ from dvc.turbo import ParityRequest, Place
 HELD_SHARE = 1 / 16
 """Of the time that answers take, for which requests wait for others as long as there is anything to do."""
 LEAST_PAUSE_S = 0.02
-"""For which they wait all the same where an encoder is near, which would get many in messages of their own."""
+"""For which they wait all the same where an encoder is near, which would get many of them alone."""
 NUM_TURNAROUNDS = 256
 """Latest answers, the quickest of which tells how far away the encoder is."""
 STEP_MEMORY = 1 / 16
