@@ -27,8 +27,6 @@ from dvc.turbo import ParityRequest, Place
 
 HELD_SHARE = 1 / 16
 """Of the time that answers take, for which requests wait for others as long as there is anything to do."""
-LEAST_PAUSE_S = 0.02
-"""For which they wait all the same where an encoder is near, which would get many of them alone."""
 NUM_TURNAROUNDS = 256
 """Latest answers, the quickest of which tells how far away the encoder is."""
 STEP_MEMORY = 1 / 16
@@ -156,7 +154,7 @@ class HeldRequests:
         """
         turnaround_s = min(self._turnarounds_s, default=0.0)
         work_s = num_steps * self._step_s - turnaround_s
-        pause_s = self._since_s + max(HELD_SHARE * turnaround_s, LEAST_PAUSE_S) - self._clock()
+        pause_s = self._since_s + HELD_SHARE * turnaround_s - self._clock()
         return max(0.0, work_s, pause_s) if num_steps else 0.0
 
     def take(self) -> list[ParityRequest]:

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from decoder.wyner_ziv import WynerZivDecoder
 
 MAX_ACTIVE_PX = 3 << 22
-"""Pixels of all frames that are decoded at a time, where that leaves one level of one group: each takes
-some 230 bytes."""
+"""Pixels of all frames that are decoded at a time, where that leaves one level of one group."""
 
 
 class NextLevel(NamedTuple):

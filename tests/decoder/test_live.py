@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.slow_link import slow_link
-from decoder.live import HELD_SHARE, LEAST_PAUSE_S, HeldRequests, LiveSource
+from decoder.live import HELD_SHARE, HeldRequests, LiveSource
 from decoder.session import decode_live, decode_stream
 from decoder.tasks import DecodedGroup
 from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, TurboConfig, VideoConfig, allocation
@@ -172,7 +172,7 @@ def test_requests_wait_for_others_while_there_is_something_to_do() -> None:
     held = HeldRequests(clock)
     requests = [ParityRequest(1, plane, "crc", 0, 0, 8) for plane in range(3)]
     held.add(requests[:1])
-    assert held.left_s(9) == pytest.approx(LEAST_PAUSE_S)
+    assert held.left_s(9) == 0.0
     for _ in range(200):
         held.stepped(0.01)
     assert held.left_s(9) == pytest.approx(0.09, rel=0.01)
@@ -184,23 +184,10 @@ def test_requests_wait_for_others_while_there_is_something_to_do() -> None:
     held.answered((1, 0))
     held.add(requests[:1])
     assert held.left_s(10) == pytest.approx(0.02, rel=0.1)
-    assert held.left_s(8) == pytest.approx(LEAST_PAUSE_S)
-    clock.now_s += LEAST_PAUSE_S
+    assert held.left_s(8) == pytest.approx(0.08 * HELD_SHARE)
+    clock.now_s += 0.08 * HELD_SHARE
     assert held.left_s(8) == pytest.approx(0.0, abs=1e-3)
     assert held.left_s(10) == pytest.approx(0.02, rel=0.1)
-
-
-def test_requests_are_held_longer_where_answers_take_long() -> None:
-    """The pause is a share of that time."""
-    clock = Clock()
-    held = HeldRequests(clock)
-    held.add([ParityRequest(1, 0, "crc", 0, 0, 8)])
-    held.take()
-    clock.now_s += 0.8
-    held.answered((1, 0))
-    held.add([ParityRequest(1, 1, "crc", 0, 0, 8)])
-    assert held.left_s(1) == pytest.approx(0.8 * HELD_SHARE)
-    assert held.left_s(0) == 0.0
 
 
 class Liar:
