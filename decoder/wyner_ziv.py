@@ -82,6 +82,7 @@ class WynerZivDecoder:
             first_crc_bits=config.turbo.first_crc_bits,
             max_prior_llr=config.wyner_ziv.max_llr,
             batch=config.turbo.batch_percent / 100,
+            batch_bits=config.turbo.batch_bits,
         )
         self._idle: list[turbo.PlaneDecoder] = []
 

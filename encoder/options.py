@@ -60,8 +60,8 @@ EXAMPLES = """\
   dvc-encode street.mkv --serve 127.0.0.1:5000        wait for `dvc-decode --connect 127.0.0.1:5000 OUT`
 """
 
-LONG_DELAY_PERCENT = 80
-"""Of what is not known of a plane; chosen by hand: more spares little waiting for many bits."""
+LONG_DELAY_PERCENT, LONG_DELAY_BITS = 50, 4
+"""Of what is not known of a plane, and bits beyond; chosen by hand: more spares little waiting for many bits."""
 
 
 Value = Callable[[CodecVariant], object]
@@ -477,9 +477,11 @@ def _turbo(arguments: argparse.Namespace, shared: Allocation | None) -> TurboCon
     family = usual if arguments.turbo is None else str(arguments.turbo)
     if arguments.long_delay and family != ALLOCATED_FAMILY:
         raise ConfigError(f"--long-delay is for --turbo {ALLOCATED_FAMILY}, not for {family}")
-    batch_percent = LONG_DELAY_PERCENT if arguments.long_delay else 0
     syndromes = "sparse" if arguments.no_feedback else TurboConfig.syndromes
-    return TurboConfig(family, arguments.seed, batch_percent=batch_percent, syndromes=syndromes)
+    config = TurboConfig(family, arguments.seed, syndromes=syndromes)
+    if not arguments.long_delay:
+        return config
+    return replace(config, batch_percent=LONG_DELAY_PERCENT, batch_bits=LONG_DELAY_BITS)
 
 
 def _key(arguments: argparse.Namespace, shared: Allocation | None) -> KeyFrameConfig:

@@ -58,6 +58,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
     references, family = draw(st.sampled_from(REFERENCES)), draw(st.sampled_from(TURBO_FAMILIES))
     priors = st.sampled_from(PRIORS).filter(lambda name: name != "by-level" or references != "all")
+    batch_percent = draw(st.integers(0, 100)) if family == "cascade" else 0
     return CodecConfig(
         draw(st.sampled_from(list(VARIANTS))),
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
@@ -79,7 +80,8 @@ def configs(draw: st.DrawFn) -> CodecConfig:
         TurboConfig(
             family,
             draw(st.integers(0, 2**31 - 1)),
-            batch_percent=draw(st.integers(0, 100)) if family == "cascade" else 0,
+            batch_percent=batch_percent,
+            batch_bits=draw(st.integers(0, 1000)) if batch_percent else 0,
             syndromes=draw(st.sampled_from(SYNDROMES)),
         ),
         SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),

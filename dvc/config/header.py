@@ -46,6 +46,7 @@ FIELD_NUMBERS = {
     "turbo.first_crc_bits": 43,
     "turbo.batch_percent": 44,
     "turbo.syndromes": 45,
+    "turbo.batch_bits": 46,
     "side_information.method": 56,
     "side_information.block_size": 57,
     "side_information.search_radius": 58,

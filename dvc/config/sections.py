@@ -219,6 +219,8 @@ class TurboConfig(Section):
     # With parities of ranges, what the answers to a request are to tell, in percent of what is not known of
     # the plane; 0: as little as costs the fewest bits, in the most requests.
     batch_percent: int = 0
+    # Bits that they are to tell beyond that share; above 0, orders that are not in use yet help with it.
+    batch_bits: int = 0
     # Without feedback, how many bits of a block take part in two syndrome bits only, the rest in three: up to
     # half of them; or more, from lower rates on, and then a block that is short serves as far as it goes.
     syndromes: str = "mixed"
@@ -230,6 +232,7 @@ class TurboConfig(Section):
             raise ConfigError(f"`crc_bits` must be one of {CRC_BITS}, got {shown(self.crc_bits)}")
         check_range("first_crc_bits", self.first_crc_bits, 1, self.crc_bits)
         check_range("batch_percent", self.batch_percent, 0, 100)
+        check_range("batch_bits", self.batch_bits, 0, 1000 if self.batch_percent else 0)
         check_choice("syndromes", self.syndromes, SYNDROMES)
         if self.batch_percent and self.family != "cascade":
             raise ConfigError("`batch_percent` is for parities of ranges, family `cascade`")

@@ -150,7 +150,12 @@ def plane_decoder(settings: SlepianWolfSettings, num_bits: int, seed: int) -> Pl
     """
     if settings.family != CASCADE:
         return TurboPlaneDecoder(settings, num_bits, seed)
-    own = CascadeSettings(settings.crc_bits, max_prior_llr=settings.max_prior_llr, batch=settings.batch)
+    own = CascadeSettings(
+        settings.crc_bits,
+        max_prior_llr=settings.max_prior_llr,
+        batch=settings.batch,
+        batch_bits=settings.batch_bits,
+    )
     return CascadeDecoder(own, num_bits, seed)
 
 

@@ -39,6 +39,7 @@ class SlepianWolfSettings:
     error_exponent: float = 15.0  # accept a plane when the odds against it are below 2 ** -error_exponent
     max_prior_llr: float = 9.0  # side information is never taken for surer than this
     batch: float = 0.0  # with parities of ranges, what answers are to tell; see `CascadeSettings`
+    batch_bits: float = 0.0
     uncoded_entropy: float = 0.93  # bits per bit of prior from which parity cannot pay
     initial_rate: float = 0.75  # first parity request, as a share of the prior's entropy
     step: float = 0.01  # further requests, as a share of the prior's entropy or of what was received

@@ -37,7 +37,7 @@ def configuration(**gop: int) -> CodecConfig:
         GopConfig(4, "hierarchical", **gop),
         KeyFrameConfig(36),
         replace(SHARED.wyner_ziv, priors="by-level"),
-        TurboConfig("cascade", batch_percent=80),
+        TurboConfig("cascade", batch_percent=50, batch_bits=4),
     )
 
 

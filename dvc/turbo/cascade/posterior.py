@@ -249,28 +249,35 @@ class RangePosterior:
                 best, chosen = told, (order, self._positions[:count].copy())
         return chosen
 
-    def batch(self, share: float, max_bias: float, new_bias: float) -> list[tuple[int, Positions]]:
+    def batch(
+        self, share: float, surplus_bits: float, max_bias: float, new_bias: float
+    ) -> list[tuple[int, Positions]]:
         """Choose what to ask next at once, of several orders.
 
         Parameters
         ----------
         share : float
             What the answers are to tell, as a share of what is not known.
+        surplus_bits : float
+            Bits that they are to tell beyond that; above 0, where orders in use do not tell enough, the next
+            one is laid out too, if that is not more than enough.
         max_bias : float
             Greatest 2 |p - 1/2| of an answer that is worth its bit.
         new_bias : float
-            As `new_order` takes it, which is used where no range of an order in use is worth dividing.
+            As `new_order` takes it, for an order that is laid out; without surplus bits none is as long as
+            a range of an order in use is worth dividing.
 
         Returns
         -------
         list of (int, ndarray of shape (n,), int64)
             Orders, in order, and positions, as from `divisions`; empty if nothing is worth it.
         """
-        wanted = max(share * float(_kernels.remaining_entropy(self._all_odds())), MIN_BATCH)
-        found = self._divisions_that_tell(wanted, max_bias)
-        if found:
+        unknown = float(_kernels.remaining_entropy(self._all_odds()))
+        wanted = max(share * unknown + surplus_bits, MIN_BATCH)
+        found, told = self._divisions_that_tell(wanted, max_bias)
+        if found and (not surplus_bits or told >= wanted):
             return found
-        told, first = 0.0, self.num_orders
+        first = self.num_orders
         for order in range(first, min(len(self._orders), first + (1 if first else FIRST_ORDERS))):
             question = self._lay_out(order, new_bias)
             if question is None or (found and told + question[1].size > wanted):
@@ -281,8 +288,10 @@ class RangePosterior:
                 break
         return found
 
-    def _divisions_that_tell(self, wanted: float, max_bias: float) -> list[tuple[int, Positions]]:
-        """Choose the divisions whose answers tell most, of all orders, until they tell enough."""
+    def _divisions_that_tell(
+        self, wanted: float, max_bias: float
+    ) -> tuple[list[tuple[int, Positions]], float]:
+        """Choose the divisions whose answers tell most, of all orders, until they tell enough; and say what."""
         self._find_divisions()
         places, biases = [np.zeros((2, 0), np.int64)], [np.zeros(0)]
         for order in range(self.num_orders):
@@ -295,8 +304,10 @@ class RangePosterior:
         place, bias = np.concatenate(places, axis=1), np.concatenate(biases)
         best = np.argsort(bias, kind="stable")
         told = np.cumsum(1.0 - bias[best] ** 2)
-        orders, positions = place[:, best[: np.searchsorted(told, wanted) + 1]]
-        return [(int(order), np.sort(positions[orders == order])) for order in np.unique(orders)]
+        count = min(int(np.searchsorted(told, wanted)) + 1, best.size)
+        orders, positions = place[:, best[:count]]
+        found = [(int(order), np.sort(positions[orders == order])) for order in np.unique(orders)]
+        return found, float(told[count - 1]) if count else 0.0
 
     def best_divisions(self) -> tuple[int, Positions] | None:
         """Choose what to ask where nothing tells much: all that tells at least half as much as the best.

@@ -44,6 +44,8 @@ class CascadeSettings:
     # What the answers to a request are to tell, as a share of what is not known: few requests, which are
     # about several orders at once; 0: many, each about one order, and only what tells much.
     batch: float = 0.0
+    # Bits that they are to tell beyond that share; above 0, also by orders that are not in use yet.
+    batch_bits: float = 0.0
 
     def __post_init__(self) -> None:
         if self.crc_bits not in POLYNOMIALS:
@@ -52,6 +54,8 @@ class CascadeSettings:
             raise ValueError(f"`max_prior_llr` must be within 0..40, got {self.max_prior_llr}")
         if not 0 <= self.batch <= 1:
             raise ValueError(f"`batch` must be within 0..1, got {self.batch}")
+        if not 0 <= self.batch_bits < math.inf:
+            raise ValueError(f"`batch_bits` must be a number from 0 on, got {self.batch_bits}")
 
 
 Question = list[tuple[int, Positions]]
@@ -172,7 +176,9 @@ class PlaneReconciliation:
 
     def _worth_asking(self, posterior: RangePosterior) -> Question:
         if self._settings.batch:
-            return posterior.batch(self._settings.batch, WORTH_ASKING, RANGE_BIAS)
+            return posterior.batch(
+                self._settings.batch, self._settings.batch_bits, WORTH_ASKING, RANGE_BIAS
+            )
         return _only(posterior.divisions(WORTH_ASKING))
 
     def _last_question(self, posterior: RangePosterior) -> Question:

@@ -27,9 +27,10 @@ def exchange(bits: Bits, llr_ch: np.ndarray, settings: CascadeSettings = SETTING
 
 
 BATCHED = CascadeSettings(batch=0.8)
+AMPLE = CascadeSettings(batch=0.5, batch_bits=4)
 
 
-@given(st.integers(1, 120), st.integers(0, 10**6), st.floats(0.0, 12.0), st.sampled_from([SETTINGS, BATCHED]))
+@given(st.integers(1, 120), st.integers(0, 10**6), st.floats(0.0, 12.0), st.sampled_from([SETTINGS, BATCHED, AMPLE]))
 @settings(max_examples=60, deadline=None)
 def test_garbage_priors_end_exactly(num_bits: int, seed: int, spread: float, how: CascadeSettings) -> None:
     """LLRs that have nothing to do with the bits cost at most two bits per bit."""
@@ -195,24 +196,30 @@ def test_settings_are_checked(field: dict[str, float]) -> None:
         CascadeSettings(**field)
 
 
+@pytest.mark.parametrize(
+    ("batched", "fewer"), [(BATCHED, 0.67), (AMPLE, 0.5)], ids=["by-share", "with-new-orders"]
+)
 @pytest.mark.parametrize(("probability", "most"), [(0.005, 1.5), (0.03, 1.5), (0.12, 1.3)])
-def test_batches_take_fewer_requests_for_some_more_bits(probability: float, most: float) -> None:
-    """Planes are as exact; requests are less than two thirds, bits some more."""
+def test_batches_take_fewer_requests_for_some_more_bits(
+    probability: float, most: float, batched: CascadeSettings, fewer: float
+) -> None:
+    """Planes are as exact; requests are less than two thirds, or a half with new orders; bits some more."""
     rng = np.random.default_rng(4)
     requests, ideal, paid = [0, 0], 0.0, 0
     for _ in range(6):
         bits, llr_ch = noisy(rng, 3000, probability)
-        for number, how in enumerate((SETTINGS, BATCHED)):
+        for number, how in enumerate((SETTINGS, batched)):
             result = exchange(bits, llr_ch, how)
             np.testing.assert_array_equal(result.bits, bits)
             requests[number] += result.num_requests
         paid += result.parity_bits + result.crc_bits
         ideal += result.ideal_bits
-    assert requests[1] < 0.67 * requests[0]
+    assert requests[1] < fewer * requests[0]
     assert paid < most * ideal
 
 
-def test_a_share_of_a_batch_is_one() -> None:
-    """Shares beyond one are refused."""
+@pytest.mark.parametrize("field", [{"batch": 1.1}, {"batch_bits": -1}, {"batch_bits": float("nan")}])
+def test_a_batch_is_a_share_and_a_number_of_bits(field: dict[str, float]) -> None:
+    """Shares beyond one, and bits below zero, are refused."""
     with pytest.raises(ValueError, match="batch"):
-        CascadeSettings(batch=1.1)
+        CascadeSettings(**field)
