@@ -61,7 +61,7 @@ EXAMPLES = """\
 """
 
 LONG_DELAY_PERCENT, LONG_DELAY_BITS = 50, 4
-"""Of what is not known of a plane, and bits beyond; chosen by hand: more spares little waiting for many bits."""
+"""Of what is not known of a plane, and bits beyond; chosen by hand: more spares little for many bits."""
 
 
 Value = Callable[[CodecVariant], object]

@@ -64,6 +64,7 @@ class _Endpoint(ABC):
         self._outgoing: list[bytes] = []
         self._failed = False
         self._num_keep_alives = 0
+        self._limits: dict[type[Message], int] = {}
 
     def receive(self, data: bytes) -> list[Event]:
         """Take in bytes from the peer.
@@ -127,7 +128,7 @@ class _Endpoint(ABC):
         if len(length) < MAX_VARINT_BYTES and all(byte >= 0x80 for byte in length):
             return None
         size, start = decode_varint(received, 1)
-        limit = max_payload_bytes(message_type, self._config)
+        limit = self._max_payload_bytes(message_type)
         if size > limit:
             raise BitstreamError(f"{message_type.__name__} of {size} bytes, at most {limit} are allowed")
         if len(received) < start + size:
@@ -138,6 +139,11 @@ class _Endpoint(ABC):
             return decode_payload(message_type, payload)
         except BitstreamError as err:
             raise BitstreamError(f"{message_type.__name__}: {err}") from err
+
+    def _max_payload_bytes(self, message_type: type[Message]) -> int:
+        if message_type not in self._limits:
+            self._limits[message_type] = max_payload_bytes(message_type, self._config)
+        return self._limits[message_type]
 
     @abstractmethod
     def _accept(self, message: Message) -> Sequence[Event]:

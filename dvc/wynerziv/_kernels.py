@@ -536,7 +536,7 @@ def _place_to_take(first, owners, last_use, now, patience):
 
 
 @kernel
-def missing_parity(
+def _missing_parity(
     rows, positions, first_row, num_bits, num_planes, places, owners, last_use, now, patience, missing
 ):
     """List the parity that requests from `first_row` on need and that is not known; return how much.
@@ -640,3 +640,24 @@ def answer_requests(
             for k in range(start, start + count):
                 written = _append((section[k] >> shift) & one, written, packed)
     return written
+
+
+@kernel
+def answer_known(
+    rows, positions, first_row, num_planes, places, owners, last_use, now, patience, missing, words, checks,
+    parity, polynomial, written, packed,
+):  # fmt: skip
+    """Answer requests from `first_row` on; where parity is missing, list it instead, and write nothing.
+
+    Returns how much is missing, the first request that was left, and the number of bits written; all else as
+    in `_missing_parity` and `answer_requests`.
+    """
+    count, last_row = _missing_parity(
+        rows, positions, first_row, words.shape[2], num_planes, places, owners, last_use, now, patience,
+        missing,
+    )  # fmt: skip
+    if count == 0:
+        written = answer_requests(
+            rows, positions, first_row, last_row, words, checks, places, parity, polynomial, written, packed
+        )
+    return count, last_row, written

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc import turbo
 from dvc.turbo.crc import POLYNOMIALS
@@ -37,7 +38,6 @@ class OpenFrames:
 
     def __init__(self, layout: FrameLayout, encoders: Sequence[turbo.ParityEncoder], num_slots: int) -> None:
         self._encoders = encoders
-        self._num_bits = layout.num_bits
         self._polynomial = np.uint64(POLYNOMIALS[layout.crc_bits])
         num_rows, num_codes = -(-sum(layout.max_planes) // 64), len(encoders)
         self._num_planes = np.zeros(num_slots, np.int64)
@@ -49,6 +49,7 @@ class OpenFrames:
         num_places = min(num_slots * per_frame, max(per_frame, MAX_PARITY_BYTES // (8 * layout.num_bits)))
         self._owners = np.full((num_places, 3), -1)
         self._parity = np.empty((num_places, layout.num_bits), np.uint64)  # takes memory once it is used
+        self._missing = np.empty((0, 4), np.int64)
         self._num_passes = 0
 
     def enter(self, slot: int, frame: EncodedFrame) -> None:
@@ -91,26 +92,33 @@ class OpenFrames:
         packed = np.empty(-(-num_bits // 8), np.uint8)
         done = written = 0
         while done < len(rows):  # again where parity of so many frames has no room at a time
-            first, done = done, self._compute_missing(table, done)
-            written = _kernels.answer_requests(
-                rows, positions, first, done, self._words, self._checks, self._places, self._parity,
+            first, missing = done, self._room_for_missing(len(rows))
+            self._num_passes += 1
+            count, done, written = _kernels.answer_known(
+                rows, positions, first, self._num_planes, self._places, self._owners, self._last_use,
+                self._num_passes, PATIENCE, missing, self._words, self._checks, self._parity,
                 self._polynomial, written, packed,
             )  # fmt: skip
+            if count:
+                self._compute(missing[:count])
+                written = _kernels.answer_requests(
+                    rows, positions, first, done, self._words, self._checks, self._places, self._parity,
+                    self._polynomial, written, packed,
+                )  # fmt: skip
+            if done < len(rows):
+                self._refuse_other_planes(table, done)
         return packed.tobytes()
 
-    def _compute_missing(self, table: turbo.RequestTable, first: int) -> int:
-        """Compute the parity that requests need and that is not known; return the first that has to wait."""
-        missing = np.empty(((len(table.rows) - first) * len(self._encoders), 4), np.int64)
-        self._num_passes += 1
-        count, done = _kernels.missing_parity(
-            table.rows, table.positions, first, self._num_bits, self._num_planes, self._places, self._owners,
-            self._last_use, self._num_passes, PATIENCE, missing,
-        )  # fmt: skip
-        for slot, row, code, place in missing[:count].tolist():
+    def _room_for_missing(self, num_requests: int) -> NDArray[np.int64]:
+        """Return room for a list of the parity that so many requests may need."""
+        if len(self._missing) < num_requests * len(self._encoders):
+            self._missing = np.empty((num_requests * len(self._encoders), 4), np.int64)
+        return self._missing
+
+    def _compute(self, missing: NDArray[np.int64]) -> None:
+        """Compute parity; `missing` (n, 4) has slot, row, code and place of each."""
+        for slot, row, code, place in missing.tolist():
             self._encoders[code](self._words[slot, row], self._parity[place])
-        if done < len(table.rows):
-            self._refuse_other_planes(table, done)
-        return int(done)
 
     def _refuse_other_planes(self, table: turbo.RequestTable, number: int) -> None:
         request = table.requests()[number]

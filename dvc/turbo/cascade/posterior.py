@@ -291,7 +291,7 @@ class RangePosterior:
     def _divisions_that_tell(
         self, wanted: float, max_bias: float
     ) -> tuple[list[tuple[int, Positions]], float]:
-        """Choose the divisions whose answers tell most, of all orders, until they tell enough; and say what."""
+        """Choose the divisions, of all orders, whose answers tell most, until it is enough; and how much."""
         self._find_divisions()
         places, biases = [np.zeros((2, 0), np.int64)], [np.zeros(0)]
         for order in range(self.num_orders):

@@ -176,9 +176,7 @@ class PlaneReconciliation:
 
     def _worth_asking(self, posterior: RangePosterior) -> Question:
         if self._settings.batch:
-            return posterior.batch(
-                self._settings.batch, self._settings.batch_bits, WORTH_ASKING, RANGE_BIAS
-            )
+            return posterior.batch(self._settings.batch, self._settings.batch_bits, WORTH_ASKING, RANGE_BIAS)
         return _only(posterior.divisions(WORTH_ASKING))
 
     def _last_question(self, posterior: RangePosterior) -> Question:

@@ -30,7 +30,12 @@ BATCHED = CascadeSettings(batch=0.8)
 AMPLE = CascadeSettings(batch=0.5, batch_bits=4)
 
 
-@given(st.integers(1, 120), st.integers(0, 10**6), st.floats(0.0, 12.0), st.sampled_from([SETTINGS, BATCHED, AMPLE]))
+@given(
+    st.integers(1, 120),
+    st.integers(0, 10**6),
+    st.floats(0.0, 12.0),
+    st.sampled_from([SETTINGS, BATCHED, AMPLE]),
+)
 @settings(max_examples=60, deadline=None)
 def test_garbage_priors_end_exactly(num_bits: int, seed: int, spread: float, how: CascadeSettings) -> None:
     """LLRs that have nothing to do with the bits cost at most two bits per bit."""
