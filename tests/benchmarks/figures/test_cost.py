@@ -78,7 +78,8 @@ def test_rates_are_beside_times(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("form", "ours_ms", "holds"), [("one-way", 1.01, False), ("live", 1.19, True), ("frames", 9.0, None)]
+    ("form", "ours_ms", "holds"),
+    [("one-way", 1.01, False), ("live", 1.19, True), ("live-long-delay", 1.5, None), ("frames", 9.0, None)],
 )
 def test_times_are_shares_of_those_of_presets(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, form: str, ours_ms: float, holds: bool | None
@@ -86,7 +87,7 @@ def test_times_are_shares_of_those_of_presets(
     """What a form must reach is a share of the cheap preset with a search; the cheapest is beside it."""
     times = {"ours": ours_ms, "x264-superfast": 1.0, "x264-ultrafast": 0.5}
     monkeypatch.setattr(encoder_time, "times_ms", lambda _runs, _n, _turns: times)
-    monkeypatch.setattr(encoder_time, "_record_requests", lambda _material: [])
+    monkeypatch.setattr(encoder_time, "_record_requests", lambda _material, _form: [])
     material = rate_cost.Material(VideoInfo(48, 32, Fraction(25)), tuple(moving_texture(3, 32, 48)))
     found = encoder_time._compare(Setting(folder=tmp_path), material, form, 9)
     assert found.holds is holds
@@ -95,19 +96,20 @@ def test_times_are_shares_of_those_of_presets(
 
 
 def test_requests_of_a_decoder_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """They are recorded once, for each video."""
-    recorded: list[int] = []
+    """They are recorded once, for each video and form."""
+    recorded: list[tuple[int, str]] = []
 
-    def _record(material: rate_cost.Material) -> list[bytes]:
-        recorded.append(len(material.frames))
+    def _record(material: rate_cost.Material, form: str) -> list[bytes]:
+        recorded.append((len(material.frames), form))
         return [b"\x01\x00", b"\xff"]
 
     monkeypatch.setattr(encoder_time, "_record_requests", _record)
     frames = tuple(moving_texture(3, 32, 48))
-    for number in (3, 2, 3, 2):
+    cases = [(3, "live"), (2, "live"), (3, "live-long-delay")]
+    for number, form in cases * 2:
         material = rate_cost.Material(VideoInfo(48, 32, Fraction(25)), frames[:number])
-        assert encoder_time._requests(Setting(folder=tmp_path), material) == [b"\x01\x00", b"\xff"]
-    assert recorded == [3, 2]
+        assert encoder_time._requests(Setting(folder=tmp_path), material, form) == [b"\x01\x00", b"\xff"]
+    assert recorded == cases
 
 
 def test_recordings_go_there_and_back() -> None:
