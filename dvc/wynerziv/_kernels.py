@@ -3,6 +3,7 @@
 import numpy as np
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.turbo._kernels import crc_words
 from dvc.turbo.requests import CODE, COUNT, KIND, KINDS, LAST, PLANE, SLOT, START
 
 _LOG2E = 1.4426950408889634
@@ -583,22 +584,16 @@ def _append(bit, num_written, packed):
     return num_written + 1
 
 
-@inlined_kernel
-def _shifted(register, bit, polynomial, width):
-    """Take one more bit into the remainder of a division by a CRC polynomial."""
-    fed = ((register >> np.uint64(width - 1)) ^ bit) & np.uint64(1)
-    register = (register << np.uint64(1)) & ((np.uint64(1) << np.uint64(width)) - np.uint64(1))
-    return register ^ polynomial if fed else register
-
-
 @kernel
 def _joint_check(checks, planes, polynomial):
-    """CRC over the check bits of planes, one plane after the other; `checks`: (W, width)."""
-    width, register = checks.shape[1], np.uint64(0)
-    for plane in planes:
+    """CRC over the check bits of planes, one plane after the other, a word a bit; `checks`: (W, width)."""
+    width = checks.shape[1]
+    words, register = np.empty(planes.size * width, np.uint64), np.empty(width, np.uint64)
+    for k in range(planes.size):
+        row, shift = planes[k] // 64, np.uint64(63 - planes[k] % 64)
         for n in range(width):
-            bit = (checks[plane // 64, n] >> np.uint64(63 - plane % 64)) & np.uint64(1)
-            register = _shifted(register, bit, polynomial, width)
+            words[k * width + n] = (checks[row, n] >> shift) & np.uint64(1)
+    crc_words(words, polynomial, width, register)
     return register
 
 
@@ -627,8 +622,7 @@ def answer_requests(
         if kind == _JOINT:
             register = _joint_check(checks[slot], chosen, polynomial)
             for k in range(count):
-                bit = (register >> np.uint64(checks.shape[2] - 1 - k)) & one
-                written = _append(bit, written, packed)
+                written = _append(register[k], written, packed)
         elif chosen.size:
             first = 0
             for position in chosen:

@@ -38,7 +38,7 @@ class OpenFrames:
 
     def __init__(self, layout: FrameLayout, encoders: Sequence[turbo.ParityEncoder], num_slots: int) -> None:
         self._encoders = encoders
-        self._polynomial = np.uint64(POLYNOMIALS[layout.crc_bits])
+        self._polynomial = POLYNOMIALS[layout.crc_bits]
         num_rows, num_codes = -(-sum(layout.max_planes) // 64), len(encoders)
         self._num_planes = np.zeros(num_slots, np.int64)
         self._words = np.empty((num_slots, num_rows, layout.num_bits), np.uint64)

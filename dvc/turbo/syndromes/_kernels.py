@@ -155,6 +155,16 @@ def sort_edges(edges, num_checks, first, edge_of):
             place[edges[e]] += 1
 
 
+@inlined_kernel
+def _receive(messages, first_bit, n, received):
+    """Write the odds that syndrome bits tell of each bit of number `n`."""
+    for q in range(first_bit.size):
+        product = 1.0
+        for j in range(messages.shape[1]):
+            product *= messages[first_bit[q] + n, j]
+        received[q] = min(max(product, 1.0 / _MAX_ODDS), _MAX_ODDS)
+
+
 @kernel
 def from_numbers(lowest, probabilities, count, depth, outliers, received, odds):
     """Turn odds of the bits of one number into odds by these and by the prior of the number.
@@ -189,11 +199,7 @@ def update_numbers(lowest, counts, probabilities, first_bit, outliers, messages,
     depth, num_edges = first_bit.size, messages.shape[1]
     received, found = np.empty(depth), np.empty(depth)
     for n in range(lowest.size):
-        for q in range(depth):
-            product = 1.0
-            for j in range(num_edges):
-                product *= messages[first_bit[q] + n, j]
-            received[q] = min(max(product, 1.0 / _MAX_ODDS), _MAX_ODDS)
+        _receive(messages, first_bit, n, received)
         from_numbers(lowest[n], probabilities[n], counts[n], depth, outliers, received, found)
         for q in range(depth):
             bit = first_bit[q] + n
@@ -206,14 +212,10 @@ def update_numbers(lowest, counts, probabilities, first_bit, outliers, messages,
 @kernel
 def believe(lowest, counts, probabilities, first_bit, messages, believed):
     """Write the probabilities of all candidates by their priors and by what syndrome bits tell."""
-    depth, num_edges = first_bit.size, messages.shape[1]
+    depth = first_bit.size
     received = np.empty(depth)
     for n in range(lowest.size):
-        for q in range(depth):
-            product = 1.0
-            for j in range(num_edges):
-                product *= messages[first_bit[q] + n, j]
-            received[q] = min(max(product, 1.0 / _MAX_ODDS), _MAX_ODDS)
+        _receive(messages, first_bit, n, received)
         total = 0.0
         weights = np.empty(counts[n])
         for k in range(counts[n]):
