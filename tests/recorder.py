@@ -1,7 +1,8 @@
 """Says which kernels a run calls from Python, and with which types, as lines for `dvc.compile_ahead`.
 
 `python -m tests.recorder decoder STREAM`, or `python -m tests.recorder encoder VIDEO OPTION...`; with `live`
-in place of `encoder` it answers a decoder.
+in place of `encoder` it answers a decoder. After `--` come a stream or video and options of a further run,
+of which only those calls are told that were not made before.
 """
 
 import inspect
@@ -9,6 +10,8 @@ import pickle
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -85,8 +88,16 @@ def serve(*arguments: str) -> None:
             assert decoder.wait() == 0
 
 
+def runs(arguments: Sequence[str]) -> Iterator[list[str]]:
+    """Part the arguments at each `--`."""
+    for separates, run in groupby(arguments, "--".__eq__):
+        if not separates:
+            yield list(run)
+
+
 if __name__ == "__main__":
     DISPATCHER._compile_for_args = record
     work: dict[str, Any] = {"decoder": decode, "encoder": encode, "live": serve}
-    work[sys.argv[1]](*sys.argv[2:])
+    for run in runs(sys.argv[2:]):
+        work[sys.argv[1]](*run)
     sys.stdout.write("".join(f"{line}\n" for line in USED))

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import decoder.__main__
+import encoder.__main__
 from dvc.config import DEFAULT_CODEC
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello
 from dvc.metrics import psnr_db
@@ -49,6 +51,12 @@ def run(module: str, *arguments: object, **options: Any) -> str:
     status, stderr = finish(start(module, *arguments, **options))
     assert status == 0, stderr
     return stderr
+
+
+def run_here(module: str, *arguments: object) -> None:
+    """Do as `run` without another process; groups are decoded in processes of their own all the same."""
+    main = {"encoder": encoder.__main__.main, "decoder": decoder.__main__.main}[module]
+    assert main([*map(str, arguments), "--quiet"]) == 0
 
 
 def assert_refused(outcome: tuple[int, str], *words: str) -> None:
@@ -94,11 +102,11 @@ def stream(folder: Path, clip: Path) -> Path:
     return folder / "clip.dvc"
 
 
-def decode(folder: Path, name: str, clip: Path, *source: object) -> Run:
+def decode(folder: Path, name: str, clip: Path, *source: object, runs: Callable[..., object] = run) -> Run:
     video, punctured, report = (folder / f"{name}.{ending}" for ending in ("y4m", "dvc", "json"))
     predicted = folder / f"{name}_predicted.mkv"
     outputs = [video, "--punctured", punctured, "--json", report, "--side-information-video", predicted]
-    run("decoder", *source, *outputs, "--reference", clip)
+    runs("decoder", *source, *outputs, "--reference", clip)
     return Run(video, punctured, predicted, json.loads(report.read_text()))
 
 
@@ -140,7 +148,7 @@ def test_part_of_a_stream_is_that_part_of_the_whole(
     source = stream if form == "buffered" else buffered.punctured
     video, report, predicted = folder / "part.y4m", folder / "part.json", folder / "part_predicted.mkv"
     outputs = [video, "--json", report, "--side-information-video", predicted, "--reference", clip]
-    run("decoder", source, *outputs, "--frames", frames, "--jobs", 1 + (first == 1))
+    run_here("decoder", source, *outputs, "--frames", frames, "--jobs", 1 + (first == 1))
     for part, whole in ((video, buffered.video), (predicted, buffered.side_information)):
         with open_video(part) as got, open_video(whole) as wanted:
             pictures = zip(list(got), list(wanted)[first:end], strict=True)
@@ -181,15 +189,15 @@ def test_scene_prediction_is_the_same_in_every_form(
         coding += ["--qp", 20]  # some planes pay, others do not
     else:
         coding += ["--codec", codec, "--wz-q", 2, "--key-qp", 20]
-    run("encoder", scene_clip, folder / "scene.dvc", *coding)
-    first = decode(folder, "scene_1", scene_clip, folder / "scene.dvc")
+    run_here("encoder", scene_clip, folder / "scene.dvc", *coding)
+    first = decode(folder, "scene_1", scene_clip, folder / "scene.dvc", runs=run_here)
     wyner_ziv = [frame for frame in first.report["per_frame"] if frame["type"] == "wz"]
     anchors = {"anchor"} if codec == DEFAULT_CODEC else set()  # with one quality, no second key frame
     assert {frame["side_information"] for frame in wyner_ziv} == {"depth"} | anchors
     assert (first.report["bits"]["tracks"] > 0) == (codec != "3d")
     assert (first.report["num_left_planes"] > 0) == (codec == DEFAULT_CODEC)
     others = [
-        decode(folder, "scene_2", scene_clip, folder / "scene.dvc", "--jobs", 2),
+        decode(folder, "scene_2", scene_clip, folder / "scene.dvc", "--jobs", 2, runs=run_here),
         decode(folder, "scene_3", scene_clip, first.punctured),
     ]
     with start("encoder", scene_clip, *coding, "--serve", "127.0.0.1:0") as encoder:
@@ -206,9 +214,9 @@ def test_scene_prediction_is_the_same_in_every_form(
 def test_a_scene_may_be_decoded_with_another_method(folder: Path, scene_clip: Path) -> None:
     """The decoder may choose method and estimators for a buffered stream, not for a punctured one."""
     coding = ["--codec", "3d", "--gop", 3, "--wz-q", 1, "--key-qp", 20]
-    run("encoder", scene_clip, folder / "choice.dvc", *coding)
+    run_here("encoder", scene_clip, folder / "choice.dvc", *coding)
     chosen = ["--side-information", "blocks", "--sfm", "colmap"]
-    decoded = decode(folder, "chosen", scene_clip, folder / "choice.dvc", *chosen)
+    decoded = decode(folder, "chosen", scene_clip, folder / "choice.dvc", *chosen, runs=run_here)
     used = {frame.get("side_information", "blocks") for frame in decoded.report["per_frame"]}
     assert used == {"blocks"}
     assert decoded.report["config"]["geometry"]["backend"] == "colmap"
@@ -228,7 +236,7 @@ def test_live_run_gives_the_same_frames_and_bits(buffered: Run, live: Run) -> No
 
 def test_any_number_of_jobs_gives_the_same_bytes(folder: Path, stream: Path, buffered: Run) -> None:
     """Decoding in two processes changes neither the video nor the punctured stream."""
-    run("decoder", stream, folder / "jobs.y4m", "--punctured", folder / "jobs.dvc", "--jobs", 2)
+    run_here("decoder", stream, folder / "jobs.y4m", "--punctured", folder / "jobs.dvc", "--jobs", 2)
     assert (folder / "jobs.y4m").read_bytes() == buffered.video.read_bytes()
     assert (folder / "jobs.dvc").read_bytes() == buffered.punctured.read_bytes()
 
