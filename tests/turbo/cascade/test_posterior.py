@@ -108,6 +108,21 @@ def test_first_ranges_are_as_fair_as_asked() -> None:
     np.testing.assert_array_equal(np.diff(positions[:-1]), expected)
 
 
+def test_bits_beyond_a_share_bring_in_a_new_order() -> None:
+    """Where orders in use tell less than is wanted beyond a share, the next one is asked too, if it fits."""
+    beliefs, bits, _ = started(400, 3)
+    for order, positions in beliefs.batch(0.5, 4.0, 0.36, 0.2):
+        tell(beliefs, bits, order, *positions)
+    beliefs.propagate(10, 0.01)
+    first_new = beliefs.num_orders
+    by_share = [order for order, _ in beliefs.batch(1.0, 0.0, 0.36, 0.2)]
+    beyond = beliefs.batch(1.0, 100.0, 0.36, 0.2)
+    assert by_share
+    assert max(by_share) < first_new
+    assert [order for order, _ in beyond] == sorted({*by_share, first_new})
+    assert all((np.diff(positions) > 0).all() for _, positions in beyond)
+
+
 def test_doubt_counts_pairs_that_no_parity_shows() -> None:
     """Pairs of bits in the same ranges of all orders are the doubt that is left; others are none."""
     beliefs = RangePosterior(64, SEED)
