@@ -9,7 +9,7 @@ from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
-from dvc.wynerziv.answers import OpenFrames
+from dvc.wynerziv.answers.open_frames import OpenFrames
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.hierarchy import reference_distances
 from encoder.anchors import KeyFrameSpacing

@@ -9,7 +9,7 @@ from dvc import turbo
 from dvc.config import CodecConfig
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
-from dvc.wynerziv.answers import OpenFrames
+from dvc.wynerziv.answers.open_frames import OpenFrames
 from dvc.wynerziv.buffered import EncodedFrame, transform_frame
 from dvc.wynerziv.layout import FrameLayout
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from dvc import turbo
 from dvc.turbo import ParityRequest, RequestTable
 from dvc.turbo.requests import SLOT
-from dvc.wynerziv import answers
-from dvc.wynerziv.answers import OpenFrames
+from dvc.wynerziv.answers import open_frames
+from dvc.wynerziv.answers.open_frames import OpenFrames
 from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame
 from dvc.wynerziv.layout import FrameLayout
 from tests.wynerziv.test_payloads import PRESETS, encoded_frame, layout_of, layouts
@@ -45,7 +45,7 @@ def table_of(requests: list[ParityRequest]) -> RequestTable:
     return table
 
 
-@pytest.mark.parametrize("max_parity_bytes", [1, answers.MAX_PARITY_BYTES])
+@pytest.mark.parametrize("max_parity_bytes", [1, open_frames.MAX_PARITY_BYTES])
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(layouts, st.sampled_from(FAMILIES), st.integers(0, 2**32 - 1), st.data())
 def test_many_answers_are_those_of_the_buffered_form(
@@ -60,7 +60,7 @@ def test_many_answers_are_those_of_the_buffered_form(
 
     It is the same where there is room for the parity of one frame alone.
     """
-    monkeypatch.setattr(answers, "MAX_PARITY_BYTES", max_parity_bytes)
+    monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", max_parity_bytes)
     frames = [encoded_frame(layout, seed + number, family=family) for number in range(2)]
     codes = turbo.num_codes(family)
     buffered = [BufferedFrame(layout, frame.buffered_payload(), codes) for frame in frames]
@@ -96,7 +96,7 @@ def test_a_slot_holds_one_frame_after_the_other() -> None:
 
 def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes as many places as frames are asked for at a time, and comes back where it is needed again."""
-    monkeypatch.setattr(answers, "PATIENCE", 2)
+    monkeypatch.setattr(open_frames, "PATIENCE", 2)
     layout = layout_of(16, 20, PRESETS[7])
     opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 8)
     frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
@@ -116,7 +116,7 @@ def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPa
     """Requests for all frames, in one message, are answered where there is room for three of them."""
     layout, codes = layout_of(16, 20, PRESETS[7]), turbo.num_codes("cascade")
     room = 3 * codes * 8 * layout.num_bits
-    monkeypatch.setattr(answers, "MAX_PARITY_BYTES", room)
+    monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", room)
     opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 8)
     frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
     for slot, frame in enumerate(frames):
@@ -136,7 +136,7 @@ def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPa
 def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is no room, it is computed again for these alone; it is not for others."""
     layout, codes = layout_of(16, 20, PRESETS[7]), turbo.num_codes("cascade")
-    monkeypatch.setattr(answers, "MAX_PARITY_BYTES", 2 * codes * 8 * layout.num_bits)
+    monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", 2 * codes * 8 * layout.num_bits)
     computed: list[int] = []
 
     def counting(encoder: turbo.ParityEncoder) -> turbo.ParityEncoder:

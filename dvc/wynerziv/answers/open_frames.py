@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from dvc import turbo
 from dvc.turbo.crc import POLYNOMIALS
 from dvc.turbo.requests import SLOT
-from dvc.wynerziv import _kernels
+from dvc.wynerziv.answers import _kernels
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.layout import FrameLayout
 

@@ -1,0 +1,1 @@
+"""Answers to what a live decoder asks of the frames that it works at."""

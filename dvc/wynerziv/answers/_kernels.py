@@ -1,0 +1,151 @@
+"""Compiled loops over many requests: which parity they need, and the bits that they want.
+
+`rows` (n, 8) and `positions` (m,) are those of a `dvc.turbo.RequestTable`, whose slots say where frames are
+held; callers have validated them.
+"""
+
+import numpy as np
+
+from dvc._jit import inlined_kernel, kernel
+from dvc.turbo.crc import divide_words
+from dvc.turbo.requests import CODE, COUNT, KIND, KINDS, LAST, PLANE, SLOT, START
+
+_CRC, _PARITY, _JOINT = (KINDS.index(kind) for kind in ("crc", "parity", "joint"))
+
+
+@kernel
+def _place_to_take(first, owners, last_use, now, patience):
+    """Return a place for parity: from `first` on, below which all are in use, one free or long out of use.
+
+    Else it is one of the frame that was asked for longest ago, or -1 if all frames are asked for now.
+    """
+    for place in range(first, owners.shape[0]):
+        slot = owners[place, 0]
+        if slot < 0 or last_use[slot] < now - patience:
+            return place
+    oldest = 0
+    for place in range(owners.shape[0]):
+        if last_use[owners[place, 0]] < last_use[owners[oldest, 0]]:
+            oldest = place
+    return oldest if last_use[owners[oldest, 0]] < now else -1
+
+
+@kernel
+def _missing_parity(
+    rows, positions, first_row, num_bits, num_planes, places, owners, last_use, now, patience, missing
+):
+    """List the parity that requests from `first_row` on need and that is not known; return how much.
+
+    Return also the first request whose parity is not there then: none, unless a plane is none of its
+    frame's, or no place is left. By slot: `num_planes` (S,); `places` (S, W, C) of parity by row of words
+    and code, -1: not known; `last_use` (S,) of parity. By place: `owners` (P, 3), slot, row and code, -1:
+    none. All but the first are brought up to date. `now` counts calls; places of frames that were not used
+    in `patience` of them may be taken. `missing` receives slot, row, code and place of each.
+    """
+    count, place = 0, -1
+    start = rows[first_row - 1, LAST] if first_row > 0 else 0
+    for n in range(first_row, rows.shape[0]):
+        slot, plane, first = rows[n, SLOT], rows[n, PLANE], rows[n, CODE]
+        chosen = positions[start : rows[n, LAST]]
+        start = rows[n, LAST]
+        if plane >= num_planes[slot] or (rows[n, KIND] == _JOINT and chosen[-1] >= num_planes[slot]):
+            return count, n
+        if rows[n, KIND] == _PARITY:
+            last_use[slot] = now
+            row = plane // 64
+            last = first + chosen[-1] // num_bits if chosen.size else first
+            for code in range(first, last + 1):
+                if places[slot, row, code] >= 0:
+                    continue
+                place = _place_to_take(place + 1, owners, last_use, now, patience)
+                if place < 0:
+                    return count, n
+                if owners[place, 0] >= 0:
+                    places[owners[place, 0], owners[place, 1], owners[place, 2]] = -1
+                places[slot, row, code] = place
+                owners[place, 0], owners[place, 1], owners[place, 2] = slot, row, code
+                missing[count, :3], missing[count, 3] = owners[place], place
+                count += 1
+    return count, rows.shape[0]
+
+
+@inlined_kernel
+def _append(bit, num_written, packed):
+    """Write one more bit, from the top bit of each byte on."""
+    if num_written % 8 == 0:
+        packed[num_written // 8] = 0
+    packed[num_written // 8] |= np.uint8(bit << np.uint64(7 - num_written % 8))
+    return num_written + 1
+
+
+@kernel
+def _joint_check(checks, planes, polynomial):
+    """CRC over the check bits of planes, one plane after the other, a word a bit; `checks`: (W, width)."""
+    width = checks.shape[1]
+    words, register = np.empty(planes.size * width, np.uint64), np.empty(width, np.uint64)
+    for k in range(planes.size):
+        row, shift = planes[k] // 64, np.uint64(63 - planes[k] % 64)
+        for n in range(width):
+            words[k * width + n] = (checks[row, n] >> shift) & np.uint64(1)
+    divide_words(words, polynomial, width, register)
+    return register
+
+
+@kernel
+def answer_requests(
+    rows, positions, first_row, last_row, words, checks, places, parity, polynomial, written, packed
+):
+    """Write the bits that requests before `last_row` want behind those `written`; return how many there are.
+
+    By slot: `words` (S, W, N), the planes, `checks` (S, W, crc bits) and `places` (S, W, C) of parity. By
+    place: `parity` (P, N).
+    """
+    one, num_bits = np.uint64(1), words.shape[2]
+    begin = rows[first_row - 1, LAST] if first_row > 0 else 0
+    for n in range(first_row, last_row):
+        slot, plane, kind, code = rows[n, SLOT], rows[n, PLANE], rows[n, KIND], rows[n, CODE]
+        start, count = rows[n, START], rows[n, COUNT]
+        chosen = positions[begin : rows[n, LAST]]
+        begin = rows[n, LAST]
+        shift, row = np.uint64(63 - plane % 64), plane // 64
+        section = words[slot, row]
+        if kind == _CRC:
+            section = checks[slot, row]
+        elif kind == _PARITY:
+            section = parity[places[slot, row, code]]
+        if kind == _JOINT:
+            register = _joint_check(checks[slot], chosen, polynomial)
+            for k in range(count):
+                written = _append(register[k], written, packed)
+        elif chosen.size:
+            first = 0
+            for position in chosen:
+                while position - first >= num_bits:
+                    first, code = first + num_bits, code + 1
+                    section = parity[places[slot, row, code]]
+                written = _append((section[position - first] >> shift) & one, written, packed)
+        else:
+            for k in range(start, start + count):
+                written = _append((section[k] >> shift) & one, written, packed)
+    return written
+
+
+@kernel
+def answer_known(
+    rows, positions, first_row, num_planes, places, owners, last_use, now, patience, missing, words, checks,
+    parity, polynomial, written, packed,
+):  # fmt: skip
+    """Answer requests from `first_row` on; where parity is missing, list it instead, and write nothing.
+
+    Returns how much is missing, the first request that was left, and the number of bits written; all else as
+    in `_missing_parity` and `answer_requests`.
+    """
+    count, last_row = _missing_parity(
+        rows, positions, first_row, words.shape[2], num_planes, places, owners, last_use, now, patience,
+        missing,
+    )  # fmt: skip
+    if count == 0:
+        written = answer_requests(
+            rows, positions, first_row, last_row, words, checks, places, parity, polynomial, written, packed
+        )
+    return count, last_row, written
