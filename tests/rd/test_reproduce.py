@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -79,6 +79,21 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "thesis"
 
 
+class Document(NamedTuple):
+    """A document that was made once, and the folder of its pictures."""
+
+    text: str
+    folder: Path
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory: pytest.TempPathFactory) -> Document:
+    """Make the document of made-up results of all points of a tiny preset."""
+    folder = tmp_path_factory.mktemp("thesis")
+    _measure_nothing(plan(TINY, ["street"]), folder)
+    return Document(document_text(read_results(folder), folder, "command"), folder)
+
+
 def test_plan_has_every_curve_once() -> None:
     """The plan has the curves of figure 5.15 and the methods of table 5.1, and no point twice."""
     points = plan(TINY, ["street", "box"])
@@ -103,9 +118,9 @@ def test_presets_take_the_clips_that_are_there(tmp_path: Path, monkeypatch: pyte
     assert preset_sequences(PRESETS["quick"], processes) == ("street",)
 
 
-def test_document_has_table_5_1_beside_the_thesis(folder: Path) -> None:
+def test_document_has_table_5_1_beside_the_thesis(document: Document) -> None:
     """Each method has its side information, beside the number of the thesis."""
-    text = document_text(read_results(folder), folder, "command")
+    text = document.text
     assert "| 2D-DVC (block motion) | 22.0 (22.3) |" in text
     assert "| 3D-DVC-TE (mesh) | 29.0 (29.3) |" in text
     assert "| 3D-DVC-TE (depth) | 29.0 |" in text
@@ -114,9 +129,9 @@ def test_document_has_table_5_1_beside_the_thesis(folder: Path) -> None:
     assert "better at all common rates" in text
 
 
-def test_document_names_files_and_headings_that_are_there(folder: Path) -> None:
+def test_document_names_files_and_headings_that_are_there(document: Document) -> None:
     """Every link of the document leads to a picture beside it, to a heading, or to the report."""
-    text = document_text(read_results(folder), folder, "command")
+    text, folder = document
     headings = {
         re.sub(r"[^a-z0-9 -]", "", line.lstrip("# ").lower()).replace(" ", "-")
         for line in text.splitlines()
@@ -168,12 +183,11 @@ def test_every_chapter_names_its_figures() -> None:
         assert all(figure.number and figure.place for figure in chapter.figures)
 
 
-def test_documents_are_the_same_when_made_again(folder: Path) -> None:
+def test_documents_are_the_same_when_made_again(document: Document) -> None:
     """A document that is made again has the same pictures."""
-    results = read_results(folder)
-    first = document_text(results, folder, "command")
+    first, folder = document
     pictures = {path.name: path.read_bytes() for path in folder.glob("*.png")}
-    assert document_text(results, folder, "command") == first
+    assert document_text(read_results(folder), folder, "command") == first
     assert {path.name: path.read_bytes() for path in folder.glob("*.png")} == pictures
 
 
