@@ -80,7 +80,7 @@ def test_layers_are_cuts() -> None:
 
 def test_every_cut_decodes() -> None:
     """A stream that ends anywhere is a picture with its significance maps."""
-    code = codec.encode(picture(9, 12, colour=True))
+    code = codec.encode(picture(17, 22, colour=True))
     header, data = code.cut(10**9)
     significant = 0
     for length in range(len(data) + 1):
@@ -88,7 +88,7 @@ def test_every_cut_decodes() -> None:
         now = sum(int(each.sum()) for each in decoded.significance)
         assert now >= significant
         significant = now
-    assert decoded.significance[0].shape == (5, 6)
+    assert decoded.significance[0].shape == (9, 11)
     assert decoded.significance[-1].shape == (1, 1)
 
 

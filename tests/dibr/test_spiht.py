@@ -178,7 +178,7 @@ def test_any_bytes_are_read_or_refused(
 
 def test_flipped_bits_never_crash() -> None:
     """A thousand damaged streams are read or refused."""
-    forest = zerotrees([(20, 17)], [4])
+    forest = zerotrees([(40, 33)], [5])
     code = coder.encode(forest, laplacian(forest, 2, 50.0))
     rng = np.random.default_rng(0)
     for _ in range(1000):
