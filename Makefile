@@ -5,7 +5,6 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 PACKAGES := dvc encoder decoder sequences sfm
-SOURCES = $(shell find $(PACKAGES) -name '*.py')
 
 # Tests start hundreds of processes, each of which would compile every module that it imports.
 unexport PYTHONDONTWRITEBYTECODE
@@ -44,8 +43,6 @@ check: $(INSTALLED)  ## check format, lint, types, layers, docstrings and spelli
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	@echo numpydoc lint $(PACKAGES)
-	@$(BIN)/numpydoc lint $(SOURCES)
 	$(BIN)/codespell
 
 bench: $(INSTALLED)  ## measure the kernels and the speed of the codec, quickly

@@ -87,24 +87,7 @@ def _ideal_bits(llr: NDArray[np.floating], bits: Bits) -> float:
 
 
 def measure_priors(stream: Path) -> dict[str, tuple[float, float]]:
-    """Decode a buffered stream with learned priors, and compare these with the noise model alone.
-
-    Parameters
-    ----------
-    stream : Path
-        The stream.
-
-    Returns
-    -------
-    dict of str to tuple of two float
-        For each class of planes the ideal code length in bits by the noise model alone, and by learned priors
-        with the neighbours before each bit: predictions, and what is decoded, are the same.
-
-    Raises
-    ------
-    ValueError
-        If the stream is punctured, or is not decoded with learned priors.
-    """
+    """Decode a buffered stream with learned priors, and compare these with the noise model alone."""
     lengths: dict[str, tuple[float, float]] = {}
     learn = priors.LearnedPriors.learn
 
@@ -138,26 +121,7 @@ def _no_encoder(request: turbo.ParityRequest) -> Bits:
 
 
 def record(stream: Path, output: Path) -> int:
-    """Decode a buffered stream and keep its bit planes.
-
-    Parameters
-    ----------
-    stream : Path
-        The stream.
-    output : Path
-        File to write (.npz): `places` (P, 2), the frame and the plane in it; `bands` (P,); `llr` (P, N) and
-        `bits` (P, N).
-
-    Returns
-    -------
-    int
-        Number of planes P.
-
-    Raises
-    ------
-    ValueError
-        If the stream is punctured.
-    """
+    """Decode a buffered stream and keep its bit planes."""
     bands: dict[tuple[int, int], int] = {}
     with StreamReader(stream) as reader, _recording() as recorders:
         if reader.form is not Form.BUFFERED:
@@ -182,15 +146,7 @@ def record(stream: Path, output: Path) -> int:
 
 
 class FrameSource:
-    """Answers requests for the planes of one frame, as an encoder does.
-
-    Parameters
-    ----------
-    planes : dict of int to ndarray of shape (N,), uint8
-        Planes by their numbers.
-    family : str
-        Family of codes.
-    """
+    """Answers requests for the planes of one frame, as an encoder does."""
 
     def __init__(self, planes: dict[int, Bits], family: str) -> None:
         self._planes = planes
@@ -198,18 +154,7 @@ class FrameSource:
         self._parity: dict[tuple[int, int], Bits] = {}
 
     def answer(self, request: turbo.ParityRequest) -> Bits:
-        """Return the bits that a request asks for.
-
-        Parameters
-        ----------
-        request : ParityRequest
-            Bits wanted.
-
-        Returns
-        -------
-        ndarray of shape (count,), uint8
-            The bits.
-        """
+        """Return the bits that a request asks for."""
         crc_bits = REQUESTS.crc_bits
         if request.kind == "joint":
             checks = [turbo.crc(self._planes[plane], crc_bits) for plane in request.positions]
@@ -244,38 +189,13 @@ class Judgement:
     cpu_s: float = 0.0
 
     def ratio(self, *classes: str) -> float | None:
-        """Return all bits over ideal code length.
-
-        Parameters
-        ----------
-        *classes : str
-            Classes of planes.
-
-        Returns
-        -------
-        float or None
-            The ratio; None where there are no such planes.
-        """
+        """Return all bits over ideal code length."""
         ideal = sum(self.ideal_bits[name] for name in classes)
         return sum(self.bits[name] for name in classes) / ideal if ideal else None
 
 
 def judge(recordings: list[Path], family: str) -> Judgement:
-    """Code recorded planes, frame by frame.
-
-    Parameters
-    ----------
-    recordings : list of Path
-        What `record` wrote.
-    family : str
-        Family of codes.
-
-    Returns
-    -------
-    Judgement
-        What it cost; bits of a check of a whole frame are shared among its planes, processor time is that of
-        the decoder and of the encoder's answers.
-    """
+    """Code recorded planes, frame by frame."""
     judgement = Judgement()
     for path in recordings:
         with np.load(path) as arrays:

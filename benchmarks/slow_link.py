@@ -25,33 +25,17 @@ _WAIT_S = 0.5
 
 @dataclass
 class Direction:
-    """One way of the link; what is sent comes out at the bandwidth, each byte after the delay, in order.
+    """One way of the link; what is sent comes out at the bandwidth, each byte after the delay, in order."""
 
-    Attributes
-    ----------
-    delay_s : float
-        From the last bit in to the last bit out, in seconds.
-    bits_per_second : float
-        Bandwidth.
-    num_bytes : int
-        Bytes so far, without headers of transport and network.
-    """
-
-    delay_s: float
-    bits_per_second: float
-    num_bytes: int = 0
+    delay_s: float  # from the last bit in to the last bit out, in seconds
+    bits_per_second: float  # bandwidth
+    num_bytes: int = 0  # bytes so far, without headers of transport and network
     _free_s: float = 0.0
     _chunks: deque[tuple[float, bytes]] = field(default_factory=deque)
     _changed: threading.Condition = field(default_factory=threading.Condition)
 
     def enter(self, data: bytes) -> None:
-        """Let bytes in; returns when the line is free again.
-
-        Parameters
-        ----------
-        data : bytes
-            Some bytes; none: there are no more.
-        """
+        """Let bytes in; returns when the line is free again."""
         now = time.monotonic()
         self._free_s = max(self._free_s, now) + 8 * len(data) / self.bits_per_second
         self.num_bytes += len(data)
@@ -61,13 +45,7 @@ class Direction:
         time.sleep(self._free_s - now)
 
     def leave(self) -> bytes:
-        """Wait for what comes out next.
-
-        Returns
-        -------
-        bytes
-            Some bytes; none: there are no more.
-        """
+        """Wait for what comes out next."""
         with self._changed:
             while not self._chunks:
                 self._changed.wait(_WAIT_S)
@@ -77,17 +55,7 @@ class Direction:
 
 
 class SlowLink:
-    """Connects whoever comes to a port with another one, both ways slowly.
-
-    Parameters
-    ----------
-    host, port : str, int
-        Where connections are passed on to.
-    delay_s : float, optional
-        Of each way, in seconds.
-    bits_per_second : float, optional
-        Bandwidth of each way.
-    """
+    """Connects whoever comes to a port with another one, both ways slowly."""
 
     def __init__(
         self, host: str, port: int, delay_s: float = DELAY_S, bits_per_second: float = BITS_PER_SECOND
@@ -137,22 +105,7 @@ def _give_out(direction: Direction, end: socket.socket) -> None:
 def slow_link(
     host: str, port: int, delay_s: float = DELAY_S, bits_per_second: float = BITS_PER_SECOND
 ) -> Iterator[SlowLink]:
-    """Run a link beside a block.
-
-    Parameters
-    ----------
-    host, port : str, int
-        Where connections are passed on to.
-    delay_s : float, optional
-        Of each way, in seconds.
-    bits_per_second : float, optional
-        Bandwidth of each way.
-
-    Yields
-    ------
-    SlowLink
-        Its `address` is where to connect; its directions count bytes.
-    """
+    """Run a link beside a block."""
     link = SlowLink(host, port, delay_s, bits_per_second)
     threading.Thread(target=link.serve, daemon=True).start()
     yield link

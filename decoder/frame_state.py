@@ -19,85 +19,30 @@ ERROR_FLOOR = 0.15
 
 @dataclass
 class KnownBand:
-    """What is known of a decoded band.
+    """What is known of a decoded band."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray of shape (rows, columns), float64
-        Borders of the interval in which each coefficient lies.
-    scale : ndarray of shape (rows, columns), float64
-        Scale of the Laplacian about its prediction.
-    """
-
-    lower: Array
+    lower: Array  # borders of the interval in which each coefficient lies
     upper: Array
-    scale: Array
+    scale: Array  # scale of the Laplacian about its prediction
 
     @classmethod
     def of(cls, lower: Array, upper: Array, scale: Array, shape: tuple[int, int]) -> "KnownBand":
-        """Return what is known of a band whose coefficients stand in raster order.
-
-        Parameters
-        ----------
-        lower, upper, scale : ndarray of shape (rows * columns,), float64
-            See the attributes.
-        shape : tuple of int
-            Rows and columns.
-
-        Returns
-        -------
-        KnownBand
-            The same in the shape of the band.
-        """
+        """Return what is known of a band whose coefficients stand in raster order."""
         return cls(lower.reshape(shape), upper.reshape(shape), scale.reshape(shape))
 
     def reconstruct(self, side_information: Array) -> Array:
-        """Return the conditional mean of each coefficient.
-
-        Parameters
-        ----------
-        side_information : ndarray of shape (rows, columns), float64
-            Predicted coefficients.
-
-        Returns
-        -------
-        ndarray of shape (rows, columns), float64
-            Within the intervals.
-        """
+        """Return the conditional mean of each coefficient."""
         return reconstruction.conditional_mean(self.lower, self.upper, side_information, self.scale)
 
     def error(self, side_information: Array) -> Array:
-        """Return the expected magnitude of truth minus prediction.
-
-        Parameters
-        ----------
-        side_information : ndarray of shape (rows, columns), float64
-            Predicted coefficients.
-
-        Returns
-        -------
-        ndarray of shape (rows, columns), float64
-            Relative to its mean over the frame.
-        """
+        """Return the expected magnitude of truth minus prediction."""
         floor = ERROR_FLOOR * np.minimum(self.upper - self.lower, 4.0 * self.scale)
         error: Array = np.abs(self.reconstruct(side_information) - side_information) + floor
         return error / float(error.mean())
 
 
 class FrameState:
-    """The frame as far as it is decoded: prediction, noise model, known bands.
-
-    Parameters
-    ----------
-    layout : FrameLayout
-        Layout of the frame.
-    prediction : Prediction
-        Side information.
-    model : str
-        Name of the correlation noise model.
-    initial_gain : float
-        Factor of the scales before anything is decoded.
-    """
+    """The frame as far as it is decoded: prediction, noise model, known bands."""
 
     def __init__(self, layout: FrameLayout, prediction: Prediction, model: str, initial_gain: float) -> None:
         self._layout = layout
@@ -114,13 +59,7 @@ class FrameState:
         self.base_scale = noise.MODELS[model](transform.forward(_disagreement(prediction)))
 
     def use(self, prediction: Prediction) -> None:
-        """Fuse new side information with the first, and reconstruct the known bands again with it.
-
-        Parameters
-        ----------
-        prediction : Prediction
-            The new side information.
-        """
+        """Fuse new side information with the first, and reconstruct the known bands again with it."""
         lumas = (*prediction.compensated, prediction.luma)
         hypotheses = np.stack(self._first + [transform.forward(luma) for luma in lumas])
         self.predicted, spread = fuse(hypotheses, {band: self.bands[band] for band in self.known})
@@ -132,18 +71,7 @@ class FrameState:
             self.bands[band] = known.reconstruct(self.predicted[band])
 
     def scale(self, band: int) -> Array:
-        """Return the scale of each coefficient of a band before any of it is decoded.
-
-        Parameters
-        ----------
-        band : int
-            The band.
-
-        Returns
-        -------
-        ndarray of shape (rows, columns), float64
-            Scales of Laplacians, without the gain.
-        """
+        """Return the scale of each coefficient of a band before any of it is decoded."""
         base: Array = self.base_scale[band]
         texture = noise.texture(self.predicted, band)
         if not self.known:
@@ -155,39 +83,17 @@ class FrameState:
         return noise.shaped(local, texture, None)
 
     def set_known(self, band: int, known: KnownBand) -> None:
-        """Enter a band that has been decoded.
-
-        Parameters
-        ----------
-        band : int
-            The band.
-        known : KnownBand
-            What is known of it.
-        """
+        """Enter a band that has been decoded."""
         self.known[band] = known
         self.bands[band] = known.reconstruct(self.predicted[band])
 
     def dc_error(self) -> Array | None:
-        """Return by how much the DC band is off its prediction, once it is known.
-
-        Returns
-        -------
-        ndarray of shape (rows, columns), float64, or None
-            None as long as it is not.
-        """
+        """Return by how much the DC band is off its prediction, once it is known."""
         error: Array = self.bands[0] - self.predicted[0]
         return error if 0 in self.known else None
 
     def correct(self, band: int, lower: Array, upper: Array) -> None:
-        """Change the intervals of a band that is known.
-
-        Parameters
-        ----------
-        band : int
-            The band.
-        lower, upper : ndarray of shape (rows * columns,), float64
-            Borders.
-        """
+        """Change the intervals of a band that is known."""
         self.set_known(band, KnownBand.of(lower, upper, self.known[band].scale, self._layout.band_shape))
 
     def refine(self) -> None:
@@ -196,27 +102,13 @@ class FrameState:
             self.use(self.prediction.refiner.refine(self.luma()))
 
     def refine_by_part(self, band: int, part: KnownBand) -> None:
-        """Refine the side information with a band of which some planes are missing still.
-
-        Parameters
-        ----------
-        band : int
-            The band.
-        part : KnownBand
-            What is known of it.
-        """
+        """Refine the side information with a band of which some planes are missing still."""
         self.set_known(band, part)
         self.refine()
         del self.known[band]
 
     def luma(self) -> NDArray[np.uint8]:
-        """Return the frame as far as it is known.
-
-        Returns
-        -------
-        ndarray of shape (H, W), uint8
-            Luma samples.
-        """
+        """Return the frame as far as it is known."""
         return transform.to_uint8(transform.inverse(self.bands, self._layout.height, self._layout.width))
 
 

@@ -49,22 +49,7 @@ def _order(task: GroupTask, config: CodecConfig) -> list[list[tuple[int, Around]
 
 
 class GroupDecoder:
-    """Decodes groups of pictures of one configuration.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Configuration of the stream.
-    frames : WynerZivDecoder, optional
-        Decodes frames of several groups of this configuration; an own one by default.
-    one_way : OneWayDecoder, optional
-        Decodes frames of the one-way form in another way than usual.
-
-    Raises
-    ------
-    BitstreamError
-        If the stream asks for a side-information method that this decoder does not have.
-    """
+    """Decodes groups of pictures of one configuration."""
 
     def __init__(
         self,
@@ -84,25 +69,7 @@ class GroupDecoder:
         self._one_way = one_way or OneWayDecoder(config)
 
     def decode(self, task: GroupTask, ask: Answer) -> DecodedGroup:
-        """Decode a group.
-
-        Parameters
-        ----------
-        task : GroupTask
-            The group: key frames around it, tracks, and a payload, or only its header, for each frame.
-        ask : callable
-            Asks a live encoder for parity, where the task is of no stream.
-
-        Returns
-        -------
-        DecodedGroup
-            Its frames, and the record of what was needed.
-
-        Raises
-        ------
-        BitstreamError
-            If tracks, headers or payloads are damaged, or a punctured stream was made for other predictions.
-        """
+        """Decode a group."""
         steps, waiting = self.steps(task), deque[ParityRequest]()
         try:
             requests = next(steps)
@@ -118,44 +85,11 @@ class GroupDecoder:
             return group
 
     def level_sizes(self, task: GroupTask) -> list[int]:
-        """Tell how many frames of a group are decoded side by side, level after level.
-
-        Parameters
-        ----------
-        task : GroupTask
-            The group.
-
-        Returns
-        -------
-        list of int
-            Number of frames of each level.
-        """
+        """Tell how many frames of a group are decoded side by side, level after level."""
         return [len(level) for level in _order(task, self._config)]
 
     def steps(self, task: GroupTask) -> GroupCoroutine:
-        """Decode a group as a coroutine; something is yielded where the task is of no stream.
-
-        Parameters
-        ----------
-        task : GroupTask
-            The group.
-
-        Yields
-        ------
-        sequence of ParityRequest or None
-            Further requests, maybe no more: send the answer to any one that waits, with its frame and plane.
-            None before each level, which takes memory for all its frames: send None to begin it.
-
-        Returns
-        -------
-        DecodedGroup
-            Its frames, and the record of what was needed.
-
-        Raises
-        ------
-        BitstreamError
-            As `decode` does.
-        """
+        """Decode a group as a coroutine; something is yielded where the task is of no stream."""
         if not task.record.wyner_ziv:
             return DecodedGroup.of(task, [])
         if task.before is None:

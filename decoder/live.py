@@ -34,18 +34,7 @@ STEP_MEMORY = 1 / 16
 
 
 class LiveSource:
-    """The endpoint of the feedback channel with its connection.
-
-    Parameters
-    ----------
-    connection : Connection
-        The encoder.
-
-    Raises
-    ------
-    FeedbackError
-        If the encoder breaks the protocol, falls silent or goes away; here and in all methods.
-    """
+    """The endpoint of the feedback channel with its connection."""
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection
@@ -74,25 +63,13 @@ class LiveSource:
         self.connection.send(self.endpoint.bytes_to_send())
 
     def give_up(self, reason: str) -> None:
-        """Tell the encoder that the decoder cannot go on.
-
-        Parameters
-        ----------
-        reason : str
-            Why, in one line.
-        """
+        """Tell the encoder that the decoder cannot go on."""
         self.endpoint.send_failure(reason)
         self.flush()
 
 
 class HeldRequests:
-    """Requests that wait for others, so that the encoder gets, and answers, many at once.
-
-    Parameters
-    ----------
-    clock : callable, optional
-        Tells the time in seconds.
-    """
+    """Requests that wait for others, so that the encoder gets, and answers, many at once."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
@@ -106,65 +83,28 @@ class HeldRequests:
         return len(self._held)
 
     def add(self, requests: Sequence[ParityRequest]) -> None:
-        """Hold some more requests.
-
-        Parameters
-        ----------
-        requests : sequence of ParityRequest
-            The requests, maybe none.
-        """
+        """Hold some more requests."""
         if requests and not self._held:
             self._since_s = self._clock()
         self._held += requests
 
     def answered(self, place: Place) -> None:
-        """Notice how long an answer has taken.
-
-        Parameters
-        ----------
-        place : tuple of two int
-            Numbers of the frame and of the plane.
-        """
+        """Notice how long an answer has taken."""
         self._turnarounds_s.append(self._clock() - self._sent_s.pop(place))
 
     def stepped(self, step_s: float) -> None:
-        """Notice how long a step of decoding has taken, from one request to the next.
-
-        Parameters
-        ----------
-        step_s : float
-            The time in seconds.
-        """
+        """Notice how long a step of decoding has taken, from one request to the next."""
         self._step_s += STEP_MEMORY * (step_s - self._step_s)
 
     def left_s(self, num_steps: int) -> float:
-        """Return how much longer the requests may be held.
-
-        Sent later, they would be answered after all else is done; sent earlier, there are more messages.
-
-        Parameters
-        ----------
-        num_steps : int
-            Steps of decoding that need no further answers.
-
-        Returns
-        -------
-        float
-            Seconds; 0 where there is nothing else to do.
-        """
+        """Return how much longer the requests may be held."""
         turnaround_s = min(self._turnarounds_s, default=0.0)
         work_s = num_steps * self._step_s - turnaround_s
         pause_s = self._since_s + HELD_SHARE * turnaround_s - self._clock()
         return max(0.0, work_s, pause_s) if num_steps else 0.0
 
     def take(self) -> list[ParityRequest]:
-        """Return the requests, which are sent now.
-
-        Returns
-        -------
-        list of ParityRequest
-            All that were held.
-        """
+        """Return the requests, which are sent now."""
         requests, self._held = self._held, []
         now_s = self._clock()
         self._sent_s |= {(request.frame, request.plane): now_s for request in requests}
@@ -172,17 +112,7 @@ class HeldRequests:
 
 
 class GroupsInFlight:
-    """Groups of pictures that are decoded at the same time, and what they ask for.
-
-    Parameters
-    ----------
-    source : LiveSource
-        The encoder.
-    processes : sequence of DecodingProcess
-        Who decodes.
-    task_of : callable
-        Decodes the key frame of a group: see `decoder.session`.
-    """
+    """Groups of pictures that are decoded at the same time, and what they ask for."""
 
     def __init__(
         self,
@@ -202,18 +132,7 @@ class GroupsInFlight:
         self._damaged = False
 
     def decode(self) -> Iterator[DecodedGroup]:
-        """Decode what the encoder sends.
-
-        Yields
-        ------
-        DecodedGroup
-            In display order; as many as `max_open_gops` allows are in flight or wait to be yielded.
-
-        Raises
-        ------
-        BitstreamError, FeedbackError
-            If the encoder sends what cannot be decoded; all groups before have been yielded then.
-        """
+        """Decode what the encoder sends."""
         for _ in range(max_open_gops(self._source.config)):
             self._endpoint.send_next_gop()
         number = 0

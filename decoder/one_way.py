@@ -34,40 +34,14 @@ Bits = NDArray[np.uint8]
 
 
 class OneWayDecoder:
-    """Decodes Wyner-Ziv frames of the one-way form, of one configuration.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Configuration of the stream.
-    """
+    """Decodes Wyner-Ziv frames of the one-way form, of one configuration."""
 
     def __init__(self, config: CodecConfig) -> None:
         self._layout = FrameLayout.of(config)
         self._config = config
 
     def decode(self, index: int, payload: bytes, prediction: Prediction) -> DecodedFrame:
-        """Decode one frame.
-
-        Parameters
-        ----------
-        index : int
-            Display position.
-        payload : bytes
-            What was sent of it.
-        prediction : Prediction
-            Side information.
-
-        Returns
-        -------
-        DecodedFrame
-            The frame and what it cost.
-
-        Raises
-        ------
-        BitstreamError
-            If the payload is damaged, or bins are not nested.
-        """
+        """Decode one frame."""
         if not self._layout.nested:
             raise BitstreamError("a one-way stream has nested bins")
         settings = self._config.wyner_ziv
@@ -151,11 +125,7 @@ def _promised(band: int, scale: Array, received: OneWayFrame, state: FrameState)
 def _decode(
     block: SentBlock, promised: list[LearnedBand], gains: Sequence[float]
 ) -> tuple[DecodedBlock, list[NumberPriors], bool]:
-    """Decode the planes of a block, from one gain of the scales after the other until they have its check.
-
-    Returns what was found, the last priors of the bands, and whether it has the check. If nothing has it,
-    that is what came nearest: planes with the right syndrome, or else those from the first gain.
-    """
+    """Decode the planes of a block, from one gain of the scales after the other until they have its check."""
     nearest = None
     for gain in gains:
         bands = [replace(band, scale=gain * band.scale) for band in promised]

@@ -16,29 +16,7 @@ from dvc.video import Frame, VideoReader, VideoWriter, create_video
 
 
 class DecodedOutput:
-    """Writes decoded groups of pictures.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Configuration that the run decodes with.
-    stack : ExitStack
-        What leaving it completes, or removes after an exception.
-    video : str
-        File of the decoded frames.
-    side_information : str, optional
-        File of what they were predicted as.
-    punctured : str, optional
-        File of the stream that was really needed.
-    report : str, optional
-        File of the report; ``-`` for standard output.
-    reference : VideoReader, optional
-        The original, for the report, from the first frame wanted on.
-    wanted : range, optional
-        Display positions of the frames that are written and reported, all by default.
-    form : Form, optional
-        Form of the stream that was really needed: one-way where it is what was read.
-    """
+    """Writes decoded groups of pictures."""
 
     def __init__(
         self,
@@ -64,22 +42,7 @@ class DecodedOutput:
             self._side_information = _video_writer(config, side_information, True, stack)
 
     def consume(self, groups: Iterable[DecodedGroup], quiet: bool, salvage: bool) -> DvcError | None:
-        """Write all groups.
-
-        Parameters
-        ----------
-        groups : iterable of DecodedGroup
-            In display order.
-        quiet : bool
-            Whether to show no progress.
-        salvage : bool
-            Whether frames before damage are kept.
-
-        Returns
-        -------
-        DvcError or None
-            The damage after which frames were kept.
-        """
+        """Write all groups."""
         failure: DvcError | None = None
         with cli.progress_bar("decoding", None, quiet) as progress:
             try:

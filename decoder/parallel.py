@@ -28,17 +28,7 @@ _MAX_IDLE = 2  # processes kept for the next sequence: they take about a second 
 
 
 class DecodingProcess:
-    """A process that decodes groups; see `decoder.worker`.
-
-    Attributes
-    ----------
-    num_running : int
-        Groups that are under way.
-    num_pending : int
-        Groups and answers that it has not done with.
-    step_s : float
-        Time that it took for the last one that it has done with, in seconds.
-    """
+    """A process that decodes groups; see `decoder.worker`."""
 
     def __init__(self) -> None:
         self.num_running = self.num_pending = 0
@@ -60,25 +50,7 @@ class DecodingProcess:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
     def decode(self, task: GroupTask) -> DecodedGroup:
-        """Decode a group of a stream.
-
-        Parameters
-        ----------
-        task : GroupTask
-            The group.
-
-        Returns
-        -------
-        DecodedGroup
-            Its frames.
-
-        Raises
-        ------
-        BitstreamError
-            If it is damaged.
-        DvcError
-            If the process dies.
-        """
+        """Decode a group of a stream."""
         self.submit(task)
         _, outcome = self.receive()
         if isinstance(outcome, Exception):
@@ -87,18 +59,7 @@ class DecodingProcess:
         return outcome
 
     def submit(self, message: GroupTask | Answered) -> None:
-        """Begin a group, besides those that are under way, or go on with one.
-
-        Parameters
-        ----------
-        message : GroupTask or Answered
-            The group, or bits that it asked for.
-
-        Raises
-        ------
-        DvcError
-            If the process dies.
-        """
+        """Begin a group, besides those that are under way, or go on with one."""
         self.num_running += isinstance(message, GroupTask)
         if not self.num_pending:
             self._began_s = time.monotonic()
@@ -109,20 +70,7 @@ class DecodingProcess:
             raise self._death() from err
 
     def receive(self) -> tuple[int, Outcome]:
-        """Wait for what a group asks for, or comes to.
-
-        Returns
-        -------
-        number : int
-            Number of the group.
-        outcome : sequence of ParityRequest, DecodedGroup or Exception
-            Its further requests, maybe none; or its frames, or what it ended with.
-
-        Raises
-        ------
-        DvcError
-            If the process dies.
-        """
+        """Wait for what a group asks for, or comes to."""
         try:
             number, outcome, answers = self._connection.recv()
         except (EOFError, OSError) as err:
@@ -177,13 +125,7 @@ def stop_idle_processes() -> None:
 
 @contextmanager
 def decoding_process() -> Iterator[DecodingProcess]:
-    """Lend a process; one that comes back at work is stopped, others are kept for the next.
-
-    Yields
-    ------
-    DecodingProcess
-        Ready to decode.
-    """
+    """Lend a process; one that comes back at work is stopped, others are kept for the next."""
     with _lock:
         process = _idle.pop() if _idle else None
     if process is not None and not process.alive:
@@ -207,26 +149,7 @@ _Outcomes = deque[Future[DecodedGroup]]
 
 
 def decode_groups(chains: Iterable[Chain], jobs: int) -> Iterator[DecodedGroup]:
-    """Decode groups of pictures; the same bytes for any number of jobs.
-
-    Parameters
-    ----------
-    chains : iterable of sequence of GroupTask
-        Groups that are decoded one after the other, since each is predicted from the one before; in display
-        order.
-    jobs : int
-        Processes that decode chains at the same time.
-
-    Yields
-    ------
-    DecodedGroup
-        In the order of the tasks; at most ``jobs + 2`` chains are held.
-
-    Raises
-    ------
-    BitstreamError
-        If the stream is damaged; all groups before the damage are yielded first.
-    """
+    """Decode groups of pictures; the same bytes for any number of jobs."""
     pending: deque[_Outcomes] = deque()
     decoding = _Decoding()
     with ThreadPoolExecutor(jobs) as executor:

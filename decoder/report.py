@@ -25,17 +25,7 @@ PLANE_CLASSES = {"dc": range(1), "ac_1_2": range(1, 3), "ac_3_5": range(3, 6), "
 
 
 class DecodeReport:
-    """Collects what the ``--json`` option writes.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Configuration that the run decodes with.
-    reference : VideoReader or None
-        The original, for PSNR only; its first frame is that of the first frame wanted.
-    wanted : range, optional
-        Display positions of the frames that are reported, all by default.
-    """
+    """Collects what the ``--json`` option writes."""
 
     def __init__(
         self, config: CodecConfig, reference: VideoReader | None, wanted: range | None = None
@@ -55,18 +45,7 @@ class DecodeReport:
         self._frames: list[dict[str, Any]] = []
 
     def add(self, group: DecodedGroup) -> None:
-        """Enter a decoded group of pictures.
-
-        Parameters
-        ----------
-        group : DecodedGroup
-            The next one, in display order.
-
-        Raises
-        ------
-        VideoError
-            If the reference ends before the stream does.
-        """
+        """Enter a decoded group of pictures."""
         costs = gop_bits(group.record)
         for frame, record_bits in zip(group.wyner_ziv, costs.wyner_ziv_header, strict=True):
             if not self._is_wanted(frame.index):
@@ -115,18 +94,7 @@ class DecodeReport:
         return original
 
     def to_dict(self, stream_bytes: int) -> dict[str, Any]:
-        """Return the report as JSON-safe values.
-
-        Parameters
-        ----------
-        stream_bytes : int
-            Size of the punctured stream; where frames are left out, what is reported is that of the others.
-
-        Returns
-        -------
-        dict
-            Totals, configuration and one entry per frame, whose bits add up to the size of the stream.
-        """
+        """Return the report as JSON-safe values."""
         frames = self._frames
         counted = sum(sum(frame["bits"].values()) for frame in frames)
         if self._wanted is None:

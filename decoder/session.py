@@ -50,28 +50,7 @@ def decode_stream(
 def stream_tasks(
     config: CodecConfig, reader: StreamReader, frames: range | None = None
 ) -> Iterator[list[GroupTask]]:
-    """Read a stream, and decode its key frames.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        The stream's configuration, or that with the decoder's own choice of side information.
-    reader : StreamReader
-        The stream.
-    frames : range, optional
-        Display positions of the frames that are wanted, all by default; others are skipped as far as none
-        that is wanted is predicted from them.
-
-    Yields
-    ------
-    list of GroupTask
-        Consecutive groups up to one that ends with a key frame: what may be decoded anywhere.
-
-    Raises
-    ------
-    BitstreamError
-        If the stream is damaged, after all groups before have been yielded.
-    """
+    """Read a stream, and decode its key frames."""
     first_group = first_index = 0
     if frames is not None:
         first_group, first_index = _start(config, reader, frames.start)

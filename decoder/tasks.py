@@ -18,33 +18,15 @@ from dvc.video import Frame
 
 @dataclass(frozen=True)
 class GroupTask:
-    """A group of pictures whose Wyner-Ziv frames may be decoded anywhere.
+    """A group of pictures whose Wyner-Ziv frames may be decoded anywhere."""
 
-    Attributes
-    ----------
-    config : bytes
-        Configuration of the stream, as `dvc.config.encode_config` packs it.
-    number : int
-        Number of the group, from 0.
-    first_index : int
-        Display position of its first frame.
-    before : ReferenceFrame or None
-        The decoded frame before it; None for the first group of a sequence.
-    key : Frame or None
-        The key frame that ends it; None where its last frame is a Wyner-Ziv frame.
-    record : GopRecord
-        What the stream, or the encoder, sent of it.
-    form : Form, optional
-        Form of the stream; none where a live encoder answers.
-    """
-
-    config: bytes
-    number: int
-    first_index: int
-    before: ReferenceFrame | None
-    key: Frame | None
-    record: GopRecord
-    form: Form | None
+    config: bytes  # configuration of the stream, as `dvc.config.encode_config` packs it
+    number: int  # number of the group, from 0
+    first_index: int  # display position of its first frame
+    before: ReferenceFrame | None  # the decoded frame before it; None for the first group of a sequence
+    key: Frame | None  # the key frame that ends it; None where its last frame is a Wyner-Ziv frame
+    record: GopRecord  # what the stream, or the encoder, sent of it
+    form: Form | None  # form of the stream; none where a live encoder answers
 
     @property
     def last_index(self) -> int:
@@ -53,88 +35,40 @@ class GroupTask:
 
 
 class Answered(NamedTuple):
-    """Bits that were asked for while a group is decoded.
+    """Bits that were asked for while a group is decoded."""
 
-    Attributes
-    ----------
-    number : int
-        Number of the group.
-    place : tuple of two int
-        Numbers of the frame and of the plane.
-    bits : ndarray of shape (count,), uint8
-        The bits.
-    """
-
-    number: int
-    place: Place
-    bits: NDArray[np.uint8]
+    number: int  # number of the group
+    place: Place  # numbers of the frame and of the plane
+    bits: NDArray[np.uint8]  # the bits
 
 
 @dataclass(frozen=True)
 class BandCost:
-    """What the decoded planes of a band of one frame cost.
+    """What the decoded planes of a band of one frame cost."""
 
-    Attributes
-    ----------
-    band : int
-        Number of the band in zigzag order.
-    ideal_bits : float
-        Ideal code length of their bits under the decoder's own prior probabilities.
-    bits : int
-        All bits received for them; not those of a check of the whole frame.
-    """
-
-    band: int
-    ideal_bits: float
-    bits: int
+    band: int  # number of the band in zigzag order
+    ideal_bits: float  # ideal code length of their bits under the decoder's own prior probabilities
+    bits: int  # all bits received for them; not those of a check of the whole frame
 
 
 @dataclass(frozen=True)
 class DecodedFrame:
-    """One decoded Wyner-Ziv frame, what it cost, and the payload that was really needed.
+    """One decoded Wyner-Ziv frame, what it cost, and the payload that was really needed."""
 
-    Attributes
-    ----------
-    index : int
-        Display position.
-    frame : Frame
-        Decoded samples.
-    side_information : ndarray of shape (H, W), uint8
-        The prediction before anything was decoded.
-    refined_side_information : ndarray of shape (H, W), uint8
-        The last prediction.
-    method, reason : str
-        Side-information method that served it; why another one could not, if so.
-    num_requests : int
-        Requests on the feedback channel.
-    crc_bits, parity_bits : int
-        Bits received.
-    num_failed_planes : int
-        Planes that could not be verified.
-    num_left_planes : int
-        Planes that were not asked for, since they would not have paid.
-    band_costs : tuple of BandCost
-        Cost of each band of which planes were asked for.
-    punctured : bytes
-        Payload of the punctured form.
-    decode_s : float
-        Wall-clock time, in seconds.
-    """
-
-    index: int
-    frame: Frame
-    side_information: NDArray[np.uint8]
-    refined_side_information: NDArray[np.uint8]
-    method: str
+    index: int  # display position
+    frame: Frame  # decoded samples
+    side_information: NDArray[np.uint8]  # the prediction before anything was decoded
+    refined_side_information: NDArray[np.uint8]  # the last prediction
+    method: str  # side-information method that served it; why another one could not, if so
     reason: str
-    num_requests: int
-    crc_bits: int
+    num_requests: int  # requests on the feedback channel
+    crc_bits: int  # bits received
     parity_bits: int
-    num_failed_planes: int
-    num_left_planes: int
-    band_costs: tuple[BandCost, ...] = ()
-    punctured: bytes = b""
-    decode_s: float = 0.0
+    num_failed_planes: int  # planes that could not be verified
+    num_left_planes: int  # planes that were not asked for, since they would not have paid
+    band_costs: tuple[BandCost, ...] = ()  # cost of each band of which planes were asked for
+    punctured: bytes = b""  # payload of the punctured form
+    decode_s: float = 0.0  # wall-clock time, in seconds
 
     @property
     def header_bits(self) -> int:
@@ -144,24 +78,12 @@ class DecodedFrame:
 
 @dataclass(frozen=True)
 class DecodedGroup:
-    """One decoded group of pictures.
+    """One decoded group of pictures."""
 
-    Attributes
-    ----------
-    first_index : int
-        Display position of its first frame.
-    wyner_ziv : tuple of DecodedFrame
-        Its Wyner-Ziv frames, in display order.
-    key : Frame or None
-        The key frame that ends it, if one does.
-    record : GopRecord
-        The record of the punctured form: what was really needed.
-    """
-
-    first_index: int
-    wyner_ziv: tuple[DecodedFrame, ...]
-    key: Frame | None
-    record: GopRecord
+    first_index: int  # display position of its first frame
+    wyner_ziv: tuple[DecodedFrame, ...]  # its Wyner-Ziv frames, in display order
+    key: Frame | None  # the key frame that ends it, if one does
+    record: GopRecord  # the record of the punctured form: what was really needed
 
     @property
     def frames(self) -> list[Frame]:
@@ -175,20 +97,7 @@ class DecodedGroup:
 
     @classmethod
     def of(cls, task: GroupTask, frames: Sequence[DecodedFrame]) -> "DecodedGroup":
-        """Return a group with the record of what was needed.
-
-        Parameters
-        ----------
-        task : GroupTask
-            What was asked for.
-        frames : sequence of DecodedFrame
-            Its Wyner-Ziv frames.
-
-        Returns
-        -------
-        DecodedGroup
-            The group.
-        """
+        """Return a group with the record of what was needed."""
         if task.form is Form.ONE_WAY:
             return cls(task.first_index, tuple(frames), task.key, task.record)
         payloads = tuple(frame.punctured for frame in frames)
@@ -198,36 +107,12 @@ class DecodedGroup:
 
 
 def following(task: GroupTask, group: DecodedGroup | None) -> GroupTask:
-    """Return a task with what the group before it leaves to it.
-
-    Parameters
-    ----------
-    task : GroupTask
-        The task, as far as it is known without that group.
-    group : DecodedGroup or None
-        The group directly before it, if there is one.
-
-    Returns
-    -------
-    GroupTask
-        With the last frame of that group before it, where that is no key frame, which it has already.
-    """
+    """Return a task with what the group before it leaves to it."""
     return task if group is None or group.key is not None else replace(task, before=group.last)
 
 
 def frames_digest(frames: Sequence[DecodedFrame]) -> int:
-    """Return what a punctured stream keeps of the decoded frames of a group.
-
-    Parameters
-    ----------
-    frames : sequence of DecodedFrame
-        Wyner-Ziv frames, in display order.
-
-    Returns
-    -------
-    int
-        CRC-32 of their planes, luma first.
-    """
+    """Return what a punctured stream keeps of the decoded frames of a group."""
     crc = 0
     for decoded in frames:
         for plane in (decoded.frame.luma, *(decoded.frame.chroma or ())):
@@ -237,15 +122,7 @@ def frames_digest(frames: Sequence[DecodedFrame]) -> int:
 
 @contextmanager
 def naming_group(number: int, part: str = "") -> Iterator[None]:
-    """Say of damage in which group of pictures it is.
-
-    Parameters
-    ----------
-    number : int
-        Number of the group, from 0.
-    part : str, optional
-        What comes before the reason.
-    """
+    """Say of damage in which group of pictures it is."""
     try:
         yield
     except BitstreamError as err:

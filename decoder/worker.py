@@ -41,13 +41,7 @@ Message = TypeVar("Message", bound=GroupTask | Answered | NextLevel)
 
 
 def serve(connection: "Connection[Any, Any]") -> None:
-    """Decode groups until nobody wants any.
-
-    Parameters
-    ----------
-    connection : Connection
-        The other end of that of a `DecodingProcess`.
-    """
+    """Decode groups until nobody wants any."""
     received: SimpleQueue[Any] = SimpleQueue()
     Thread(target=_receive, args=(connection, received), daemon=True).start()
     _import_opencv_quietly()
@@ -67,22 +61,7 @@ def serve(connection: "Connection[Any, Any]") -> None:
 def longest_way_first(
     received: "SimpleQueue[Message]", levels_left: Callable[[Message], int]
 ) -> Iterator[Message]:
-    """Take what was received: what others wait for does not wait for them.
-
-    In the end, only frames that can go side by side are left.
-
-    Parameters
-    ----------
-    received : SimpleQueue
-        Tasks, answers and turns, to which others are added at any time.
-    levels_left : callable
-        Tells how many levels of frames are decoded from that of a message on.
-
-    Yields
-    ------
-    GroupTask, Answered or NextLevel
-        Of all that is there, what has the most levels left; of the same, what is of the first group.
-    """
+    """Take what was received: what others wait for does not wait for them."""
     waiting: list[tuple[int, int, int, Message]] = []
     arrivals = count()
     while True:
@@ -93,13 +72,7 @@ def longest_way_first(
 
 
 class LevelTurns:
-    """Whose turn it is to begin a level: of as many groups at a time as memory is for.
-
-    Parameters
-    ----------
-    begin : callable
-        Takes the turn of a group.
-    """
+    """Whose turn it is to begin a level: of as many groups at a time as memory is for."""
 
     def __init__(self, begin: Callable[[NextLevel], object]) -> None:
         self._begin = begin
@@ -107,28 +80,12 @@ class LevelTurns:
         self._active: dict[int, int] = {}  # pixels of the levels under way, by group
 
     def wait(self, number: int, levels_left: int, num_pixels: int) -> None:
-        """Let a group wait for its turn, which has ended the level before.
-
-        Parameters
-        ----------
-        number : int
-            Number of the group.
-        levels_left : int
-            Levels that it has to decode: those with the most of them come first.
-        num_pixels : int
-            Pixels of all frames of the next one.
-        """
+        """Let a group wait for its turn, which has ended the level before."""
         heapq.heappush(self._waiting, (-levels_left, number, num_pixels))
         self.end(number)
 
     def end(self, number: int) -> None:
-        """Notice that a group takes no memory now.
-
-        Parameters
-        ----------
-        number : int
-            Number of the group.
-        """
+        """Notice that a group takes no memory now."""
         self._active.pop(number, None)
         while self._waiting:
             _, number, num_pixels = self._waiting[0]

@@ -64,13 +64,7 @@ def _pays(worth: Refinement, cost: turbo.PlaneCost, slope: float) -> bool:
 
 
 class WynerZivDecoder:
-    """Decodes Wyner-Ziv frames of one configuration, also several side by side; keeps decoders of planes.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Configuration of the stream.
-    """
+    """Decodes Wyner-Ziv frames of one configuration, also several side by side; keeps decoders of planes."""
 
     def __init__(self, config: CodecConfig) -> None:
         self.layout = FrameLayout.of(config)
@@ -98,31 +92,7 @@ class WynerZivDecoder:
         priors: LearnedPriors,
         slope: float = 0.0,
     ) -> FrameCoroutine:
-        """Decode one frame.
-
-        Parameters
-        ----------
-        index : int
-            Display position, which requests carry.
-        quantization : Quantization
-            From the frame's header.
-        prediction : Prediction
-            Side information.
-        priors : LearnedPriors
-            What was learned from other frames; this one adds to it, where priors learn.
-        slope : float, optional
-            Squared error that a bit must save, or its plane is not asked for; 0: all planes are.
-
-        Yields
-        ------
-        ParityRequest
-            Bits wanted; send them as ndarray of shape (count,), uint8.
-
-        Returns
-        -------
-        DecodedFrame
-            The frame and what it cost.
-        """
+        """Decode one frame."""
         planes = self._idle.pop() if self._idle else self._new_plane_decoder()
         frame = _Frame(self._config, self.layout, planes, priors, index)
         decoded = yield from frame.decode(quantization, prediction, slope)

@@ -36,40 +36,12 @@ _skip_blas()
 
 
 def kernel(function: Function) -> Function:
-    """Compile a kernel on first call, keep the machine code on disk, and release the GIL while it runs.
-
-    Strict IEEE arithmetic (no ``fastmath``): results must not depend on the processor.
-
-    Parameters
-    ----------
-    function : callable
-        A function of arrays and scalars in the subset of Python that numba compiles.
-
-    Returns
-    -------
-    callable
-        The compiled function; with ``NUMBA_DISABLE_JIT=1`` the function itself.
-    """
+    """Compile a kernel on first call, keep the machine code on disk, and release the GIL while it runs."""
     return _compiled(function)
 
 
 def inlined_kernel(function: Function) -> Function:
-    """Compile a kernel as `kernel` does, and make it part of the kernels that call it.
-
-    For what is called so often that the call, and counting the references to its arrays, takes as long as
-    what it does. Each call makes the code of the caller longer.
-
-    Parameters
-    ----------
-    function : callable
-        A function of arrays and scalars in the subset of Python that numba compiles; it makes no arrays but
-        views.
-
-    Returns
-    -------
-    callable
-        The compiled function; with ``NUMBA_DISABLE_JIT=1`` the function itself.
-    """
+    """Compile a kernel as `kernel` does, and make it part of the kernels that call it."""
     return _compiled(function, forceinline=True, _nrt=False)  # without numba's run-time memory
 
 
@@ -95,24 +67,12 @@ _CLOCK = _LoadingClock()
 
 
 def loading_time_s() -> float:
-    """Tell how long this thread has been loading and compiling kernels.
-
-    Returns
-    -------
-    float
-        Processor time in seconds.
-    """
+    """Tell how long this thread has been loading and compiling kernels."""
     return _CLOCK.seconds
 
 
 def loaded_bytes() -> int:
-    """Tell by how much the memory of the process grew while this thread was loading and compiling kernels.
-
-    Returns
-    -------
-    int
-        Bytes; 0 where the system does not tell.
-    """
+    """Tell by how much the memory of the process grew while this thread was loading and compiling kernels."""
     return _CLOCK.num_bytes
 
 
@@ -175,32 +135,12 @@ def _file_lock(path: Path) -> Iterator[None]:
 
 
 def python_twin(function: Function) -> Function:
-    """Return the Python function behind a kernel, whether the JIT is on or off.
-
-    Parameters
-    ----------
-    function : callable
-        What `kernel` returned.
-
-    Returns
-    -------
-    callable
-        The undecorated function.
-    """
+    """Return the Python function behind a kernel, whether the JIT is on or off."""
     return cast(Function, getattr(function, "py_func", function))
 
 
 def compile_for(function: Callable[..., Any], signature: str) -> None:
-    """Compile a kernel without calling it, unless its code is on disk.
-
-    Parameters
-    ----------
-    function : callable
-        What `kernel` returned.
-    signature : str
-        Types of the arguments as numba writes them; of named tuples the class with its module, and the types
-        in it.
-    """
+    """Compile a kernel without calling it, unless its code is on disk."""
     cast(Any, function).compile(_evaluated(ast.parse(signature, mode="eval").body))
 
 

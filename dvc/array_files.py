@@ -26,23 +26,7 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
 
 def parse_disparities(text: str) -> "DisparityLabels":
-    """Read a range of disparities.
-
-    Parameters
-    ----------
-    text : str
-        MIN:MAX or MIN:MAX:STEP, in pixels per unit of m; the step is 1 by default.
-
-    Returns
-    -------
-    DisparityLabels
-        From MIN to MAX, or the last step before it.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else, empty, of more than `MAX_LABELS` disparities, or beyond `MAX_NUMBER`.
-    """
+    """Read a range of disparities."""
     from dvc.multiview.camera_array import DisparityLabels
 
     match = re.fullmatch(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?", text)
@@ -61,23 +45,7 @@ def parse_disparities(text: str) -> "DisparityLabels":
 
 
 def parse_position(text: str) -> "LatticePosition":
-    """Read the position of a camera.
-
-    Parameters
-    ----------
-    text : str
-        M,N.
-
-    Returns
-    -------
-    LatticePosition
-        The position.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else.
-    """
+    """Read the position of a camera."""
     from dvc.multiview.camera_array import LatticePosition
 
     match = re.fullmatch(rf"({_NUMBER}),({_NUMBER})", text)
@@ -91,23 +59,7 @@ def _is_moderate(number: float) -> bool:
 
 
 def read_positions(path: str | Path) -> dict[str, "LatticePosition"]:
-    """Read positions of cameras from a table with the columns file, m and n.
-
-    Parameters
-    ----------
-    path : str or Path
-        Comma-separated values, the first line naming the columns; others are ignored.
-
-    Returns
-    -------
-    dict of str to LatticePosition
-        By name of the file, without its folder.
-
-    Raises
-    ------
-    ConfigError
-        If a column is missing, a value is no number, or a file is named twice.
-    """
+    """Read positions of cameras from a table with the columns file, m and n."""
     from dvc.multiview.camera_array import LatticePosition
 
     positions: dict[str, LatticePosition] = {}
@@ -130,23 +82,7 @@ def read_positions(path: str | Path) -> dict[str, "LatticePosition"]:
 
 
 def read_pictures(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
-    """Read the pictures of at least two cameras.
-
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        Files, no two of one stem.
-
-    Returns
-    -------
-    list of ndarray of shape (H, W, 3), uint8
-        As `dvc.picture_files.read_picture` gives them, of any size.
-
-    Raises
-    ------
-    DvcError
-        If they are too few, a name is there twice, or a picture cannot be read.
-    """
+    """Read the pictures of at least two cameras."""
     from dvc.picture_files import read_picture
 
     if len(paths) < 2:
@@ -156,23 +92,7 @@ def read_pictures(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
 
 
 def read_pictures_of_one_size(paths: Sequence[str | Path]) -> list["NDArray[np.uint8]"]:
-    """Read the pictures of at least two cameras whose sizes must not differ.
-
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        Files, no two of one stem.
-
-    Returns
-    -------
-    list of ndarray of shape (H, W, 3), uint8
-        As `dvc.picture_files.read_picture` gives them.
-
-    Raises
-    ------
-    DvcError
-        If sizes differ, or as `read_pictures` does.
-    """
+    """Read the pictures of at least two cameras whose sizes must not differ."""
     pictures = read_pictures(paths)
     for path, picture in zip(paths, pictures, strict=True):
         if picture.shape != pictures[0].shape:
@@ -188,25 +108,7 @@ def _check_distinct(kind: str, values: Sequence[str]) -> None:
 
 
 def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition"] | None) -> "CameraArray":
-    """Read the rectified views of an array.
-
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        Pictures of one size.
-    positions : sequence of LatticePosition or None
-        One for each; None: two views, the left one at (0, 0) and the right one at (1, 0).
-
-    Returns
-    -------
-    CameraArray
-        The views in this order.
-
-    Raises
-    ------
-    DvcError
-        If a picture cannot be read, sizes differ, a name or place is there twice, or positions are missing.
-    """
+    """Read the rectified views of an array."""
     from dvc.multiview.camera_array import ArrayView, CameraArray, LatticePosition
 
     if len(paths) < 2:
@@ -228,15 +130,7 @@ def load_array(paths: Sequence[str | Path], positions: Sequence["LatticePosition
 
 
 def add_lattice_options(parser: argparse.ArgumentParser, default: str) -> None:
-    """Add the options that say where cameras stand.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of a command that takes views.
-    default : str
-        What happens without them, for the help.
-    """
+    """Add the options that say where cameras stand."""
     group = parser.add_mutually_exclusive_group()
     lattice = f"position of each view, in the order of the views; default: {default}"
     group.add_argument("--lattice", nargs="+", type=parse_position, metavar="M,N", help=lattice)
@@ -246,30 +140,14 @@ def add_lattice_options(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def add_array_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say where the cameras of rectified views stand, and what disparities there are.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of a command that takes views.
-    """
+    """Add the options that say where the cameras of rectified views stand, and what disparities there are."""
     add_lattice_options(parser, "two views, left and right")
     disparities = "range in pixels per unit of m; negative values are farther than the plane of focus"
     parser.add_argument("--disparities", type=parse_disparities, metavar="MIN:MAX[:STEP]", help=disparities)
 
 
 def add_camera_option(parser: argparse.ArgumentParser, required: bool = False, refined: bool = True) -> None:
-    """Add the options that say where the cameras of unrectified views are found.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of a command that takes views.
-    required : bool, optional
-        Whether there is no other way.
-    refined : bool, optional
-        Whether the calibration of a pair is brought together with its matches, unless told otherwise.
-    """
+    """Add the options that say where the cameras of unrectified views are found."""
     text = (
         "calibration of views that are not rectified: JSON, Middlebury's calib.txt, the folder of a COLMAP "
         "model, or auto to estimate it"
@@ -282,25 +160,7 @@ def add_camera_option(parser: argparse.ArgumentParser, required: bool = False, r
 
 
 def positions_of(arguments: argparse.Namespace, paths: Sequence[str]) -> list["LatticePosition"] | None:
-    """Return the positions that the options of `add_array_options` give to views.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With `lattice` and `views`.
-    paths : sequence of str
-        The views.
-
-    Returns
-    -------
-    list of LatticePosition or None
-        None where neither is given.
-
-    Raises
-    ------
-    ConfigError
-        If the table does not name a view.
-    """
+    """Return the positions that the options of `add_array_options` give to views."""
     if arguments.views is None:
         return None if arguments.lattice is None else list(arguments.lattice)
     table = read_positions(arguments.views)

@@ -12,23 +12,7 @@ MAX_VARINT = 2 ** (7 * MAX_VARINT_BYTES) - 1
 
 
 def encode_varint(value: int) -> bytes:
-    """Write an integer seven bits a byte, lowest first, top bit set in all bytes but the last (LEB128).
-
-    Parameters
-    ----------
-    value : int
-        From 0 to `MAX_VARINT`.
-
-    Returns
-    -------
-    bytes
-        One to five bytes, as few as possible.
-
-    Raises
-    ------
-    ValueError
-        If the value is out of range.
-    """
+    """Write an integer seven bits a byte, lowest first, top bit set in all bytes but the last (LEB128)."""
     if not 0 <= value <= MAX_VARINT:
         raise ValueError(f"`value` must be in [0, 2**35), got {value.bit_length()} bits, sign {value < 0:d}")
     encoded = bytearray()
@@ -40,27 +24,7 @@ def encode_varint(value: int) -> bytes:
 
 
 def decode_varint(data: bytes | bytearray | memoryview, position: int) -> tuple[int, int]:
-    """Read an integer that `encode_varint` wrote.
-
-    Parameters
-    ----------
-    data : bytes-like
-        Where to read.
-    position : int
-        Of the first byte, not negative.
-
-    Returns
-    -------
-    value : int
-        From 0 to `MAX_VARINT`.
-    position : int
-        Of the byte after it.
-
-    Raises
-    ------
-    BitstreamError
-        If the data end too early, or the integer is longer than it need be or than five bytes.
-    """
+    """Read an integer that `encode_varint` wrote."""
     value = 0
     for count in range(MAX_VARINT_BYTES):
         if position + count >= len(data):
@@ -75,29 +39,7 @@ def decode_varint(data: bytes | bytearray | memoryview, position: int) -> tuple[
 
 
 def decode_bytes(data: bytes, position: int, max_bytes: int) -> tuple[bytes, int]:
-    """Read bytes that follow their number as a varint.
-
-    Parameters
-    ----------
-    data : bytes
-        Where to read.
-    position : int
-        Of the first byte of the number.
-    max_bytes : int
-        Largest number that is accepted.
-
-    Returns
-    -------
-    content : bytes
-        The bytes.
-    position : int
-        Of the byte after them.
-
-    Raises
-    ------
-    BitstreamError
-        If the number is too large or the data end too early.
-    """
+    """Read bytes that follow their number as a varint."""
     size, position = decode_varint(data, position)
     if size > max_bytes:
         raise BitstreamError(f"{size} bytes where at most {max_bytes} are allowed")
@@ -107,46 +49,18 @@ def decode_bytes(data: bytes, position: int, max_bytes: int) -> tuple[bytes, int
 
 
 def pack_digits(digits: str) -> bytes:
-    """Write bits that are spelled as digits.
-
-    Parameters
-    ----------
-    digits : str
-        Of 0 and 1; the first becomes the top bit of the first byte.
-
-    Returns
-    -------
-    bytes
-        ``ceil(len(digits) / 8)`` bytes, the last filled up with zeros.
-    """
+    """Write bits that are spelled as digits."""
     size = -(-len(digits) // 8)
     return int(digits.ljust(8 * size, "0") or "0", 2).to_bytes(size, "big")
 
 
 def pack_bits(parts: Sequence[NDArray[np.uint8]]) -> bytes:
-    """Write bits, one part after the other, as `BitReader` reads them.
-
-    Parameters
-    ----------
-    parts : sequence of ndarray of shape (n,), uint8
-        At least one; each element 0 or 1.
-
-    Returns
-    -------
-    bytes
-        The first bit in the top bit of the first byte; the last byte filled up with zeros.
-    """
+    """Write bits, one part after the other, as `BitReader` reads them."""
     return np.packbits(np.concatenate(parts)).tobytes()
 
 
 class BitReader:
-    """Reads bits from bytes, from the top bit of the first byte on.
-
-    Parameters
-    ----------
-    data : bytes
-        What to read.
-    """
+    """Reads bits from bytes, from the top bit of the first byte on."""
 
     def __init__(self, data: bytes) -> None:
         self._octets = np.frombuffer(data, np.uint8)
@@ -158,25 +72,7 @@ class BitReader:
         return 8 * self._octets.size - self._position
 
     def read(self, count: int) -> NDArray[np.uint8]:
-        """Read the next bits.
-
-        Parameters
-        ----------
-        count : int
-            Number of bits.
-
-        Returns
-        -------
-        ndarray of shape (count,), uint8
-            Each element 0 or 1.
-
-        Raises
-        ------
-        ValueError
-            If `count` is negative.
-        BitstreamError
-            If fewer bits are left.
-        """
+        """Read the next bits."""
         if count < 0:
             raise ValueError(f"`count` must not be negative, got {count}")
         if count > self.num_left:
@@ -187,36 +83,14 @@ class BitReader:
         return np.unpackbits(octets)[skip : skip + count]
 
     def read_number(self, count: int) -> int:
-        """Read an integer, its top bit first.
-
-        Parameters
-        ----------
-        count : int
-            Number of bits.
-
-        Returns
-        -------
-        int
-            From 0 to ``2**count - 1``.
-
-        Raises
-        ------
-        BitstreamError
-            If fewer bits are left.
-        """
+        """Read an integer, its top bit first."""
         value = 0
         for bit in self.read(count).tolist():
             value = 2 * value + bit
         return value
 
     def expect_end(self) -> None:
-        """Check that nothing is left but the zeros that fill up the last byte.
-
-        Raises
-        ------
-        BitstreamError
-            If anything else is left.
-        """
+        """Check that nothing is left but the zeros that fill up the last byte."""
         left = self.num_left
         if left >= 8:
             raise BitstreamError(f"{left} bits are left over")

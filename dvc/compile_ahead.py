@@ -24,21 +24,11 @@ MAX_PROCESSES = 3
 
 
 class Kernel(NamedTuple):
-    """A line of a list: what is called from Python, and the types of its arguments.
+    """A line of a list: what is called from Python, and the types of its arguments."""
 
-    Attributes
-    ----------
-    module : str
-        Where it is.
-    name : str
-        A kernel, or a function that makes one with its arguments, whole numbers: `make(1,2)`.
-    signature : str
-        See `dvc._jit.compile_for`.
-    """
-
-    module: str
-    name: str
-    signature: str
+    module: str  # where it is
+    name: str  # a kernel, or a function that makes one with its arguments, whole numbers: `make(1,2)`
+    signature: str  # see `dvc._jit.compile_for`
 
     def compile(self) -> None:
         """Compile it, unless it is on disk."""
@@ -50,33 +40,14 @@ class Kernel(NamedTuple):
 
 
 def listed(path: Path) -> list[Kernel]:
-    """Read a list; lines that are no kernels are left out.
-
-    Parameters
-    ----------
-    path : Path
-        A module, a kernel in it and a signature a line, with spaces between them.
-
-    Returns
-    -------
-    list of Kernel
-        In order of first use.
-    """
+    """Read a list; lines that are no kernels are left out."""
     lines = (line.split(" ", 2) for line in path.read_text(encoding="utf-8").splitlines())
     return [Kernel(*parts) for parts in lines if len(parts) == 3]
 
 
 @contextmanager
 def compiling_ahead(path: Path, num_busy: int = 1) -> Iterator[None]:
-    """Let spare cores compile the kernels of a list while the body runs, if any is missing on disk.
-
-    Parameters
-    ----------
-    path : Path
-        The list; it lies in a package beside those whose modules it names.
-    num_busy : int, optional
-        Cores that the program uses itself.
-    """
+    """Let spare cores compile the kernels of a list while the body runs, if any is missing on disk."""
     with ExitStack() as stack:
         count = min(len(os.sched_getaffinity(0)) - num_busy, MAX_PROCESSES)
         if count > 0 and _enabled() and _missing(path):
@@ -129,17 +100,7 @@ def _start(arguments: list[object], environment: dict[str, str]) -> subprocess.P
 
 
 def compile_part(path: Path, part: int, count: int, parent: int) -> None:
-    """Compile one part of a list, the last kernel first, for as long as who wants them lives.
-
-    Parameters
-    ----------
-    path : Path
-        The list.
-    part, count : int
-        Which of how many parts.
-    parent : int
-        Process that started this one.
-    """
+    """Compile one part of a list, the last kernel first, for as long as who wants them lives."""
     for kernel in listed(path)[::-1][part::count]:
         if os.getppid() != parent:
             return

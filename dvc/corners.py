@@ -28,24 +28,7 @@ SOBEL_GAIN = 8.0
 
 
 def corner_response(luma: Luma, window: ArrayLike, sensitivity: float = SENSITIVITY) -> Floats:
-    """Compute the response under a separable window of whole numbers.
-
-    All sums are of whole numbers and thus exact, whatever the order in which a machine adds them.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        The frame.
-    window : array_like of shape (n,)
-        Weights along each direction, whole numbers.
-    sensitivity : float
-        Factor of the squared trace.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        The response: gradients are `SOBEL_GAIN` times luma levels per pixel, and weights are as given.
-    """
+    """Compute the response under a separable window of whole numbers."""
     import cv2
 
     taps = np.asarray(window, np.float64)
@@ -60,40 +43,14 @@ def corner_response(luma: Luma, window: ArrayLike, sensitivity: float = SENSITIV
 
 
 def quick_corner_response(luma: Luma, window_px: int) -> NDArray[np.float32]:
-    """Compute the response under a square window in single precision, in half the time.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        The frame.
-    window_px : int
-        Side of the window.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float32
-        The response of `corner_response` over ``(4 * 255 * window_px) ** 4``, to seven digits.
-    """
+    """Compute the response under a square window in single precision, in half the time."""
     import cv2
 
     return np.asarray(cv2.cornerHarris(luma, window_px, 3, SENSITIVITY))
 
 
 def is_local_max(response: NDArray[np.floating], radius_px: int) -> NDArray[np.bool_]:
-    """Tell where nothing is larger within a distance, by rows and by columns.
-
-    Parameters
-    ----------
-    response : ndarray of shape (H, W)
-        What is compared.
-    radius_px : int
-        The distance.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        Whether each place is a maximum.
-    """
+    """Tell where nothing is larger within a distance, by rows and by columns."""
     import cv2
 
     side = 2 * radius_px + 1
@@ -101,22 +58,7 @@ def is_local_max(response: NDArray[np.floating], radius_px: int) -> NDArray[np.b
 
 
 def spaced(points: NDArray[np.int64] | Floats, max_points: int, min_distance_px: float) -> Indices:
-    """Take points in order, except those that are too near to one taken before.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2)
-        Points (x, y), the best first.
-    max_points : int
-        Most that are taken.
-    min_distance_px : float
-        Least distance of two of them.
-
-    Returns
-    -------
-    ndarray of shape (K,), int64
-        Which they are, in the same order.
-    """
+    """Take points in order, except those that are too near to one taken before."""
     taken = np.empty(max_points, np.int64)
     return taken[: _take_spaced(points.astype(np.float64), min_distance_px**2, taken)]
 

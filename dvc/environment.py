@@ -23,18 +23,7 @@ _ARM_BASELINE = {"OPENBLAS_CORETYPE": "ARMV8"}
 
 
 def baseline_environment() -> dict[str, str]:
-    """Return an environment in which libraries compute the same on every processor of a family.
-
-    Linear algebra (OpenBLAS), numpy, OpenCV and the C library choose code by the processor that they find,
-    and sums, products and functions then differ in their last bits. Held to one baseline (x86-64-v2, or
-    ARMv8), before they load, they do not. Kernels of `dvc._jit` need none of this: their arithmetic is
-    strict, so that only the functions that they call in the C library could differ.
-
-    Returns
-    -------
-    dict
-        The environment of this process with what has to be different.
-    """
+    """Return an environment in which libraries compute the same on every processor of a family."""
     import numpy as np
 
     environment = {**os.environ, **SINGLE_THREADED, "OPENCV_LOG_LEVEL": "ERROR"}

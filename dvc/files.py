@@ -39,32 +39,13 @@ class Closing(ABC):
 
 
 class SyncedFile(io.BufferedWriter):
-    """A file to write from its beginning; what a write was given is on the disk when it returns.
-
-    Parameters
-    ----------
-    path : Path
-        Its name.
-    mode : str, optional
-        As in `open`: ``"x"`` for a file that must be new.
-    """
+    """A file to write from its beginning; what a write was given is on the disk when it returns."""
 
     def __init__(self, path: Path, mode: str = "w") -> None:
         super().__init__(io.FileIO(os.fspath(path), mode))
 
     def write(self, data: "ReadableBuffer") -> int:
-        """Write bytes, and wait until the disk has them.
-
-        Parameters
-        ----------
-        data : bytes-like
-            What to append.
-
-        Returns
-        -------
-        int
-            Number of bytes.
-        """
+        """Write bytes, and wait until the disk has them."""
         count = super().write(data)
         self.flush()
         try:
@@ -82,26 +63,7 @@ class SyncedFile(io.BufferedWriter):
 
 @contextmanager
 def growing_output(path: Path) -> Iterator[SyncedFile]:
-    """Give a new file to write to, ``path`` with ``.part`` after it; rename it to `path` on success.
-
-    On any exception, and when the process is killed or the power is cut, what was written stays under the
-    partial name.
-
-    Parameters
-    ----------
-    path : Path
-        The name of the finished file; nothing may have it, nor the partial name.
-
-    Yields
-    ------
-    SyncedFile
-        The file.
-
-    Raises
-    ------
-    DvcError
-        If the file cannot be made there, the disk is full, or there is such a file already.
-    """
+    """Give a new file to write to, ``path`` with ``.part`` after it; rename it to `path` on success."""
     partial = path.with_name(path.name + PARTIAL_SUFFIX)
     try:
         with SyncedFile(partial, "x") as file:
@@ -136,25 +98,7 @@ def _sync_folder(folder: Path) -> None:
 
 def temporary_sibling(path: Path, error: type[DvcError] = DvcError, *, visible: bool = False) -> Path:
     """Create an empty file of a fresh name in the folder of `path`, from which it can be renamed into place.
-
-    Parameters
-    ----------
-    path : Path
-        The name that the finished file will have.
-    error : type of DvcError, optional
-        What to raise.
-    visible : bool, optional
-        Whether its name shows and ends in ``.part``: what a killed process leaves of it is of use.
-
-    Returns
-    -------
-    Path
-        The new file, with the permissions that any new file gets.
-
-    Raises
-    ------
-    DvcError
-        If the folder does not exist or cannot be written to, or if `path` is a folder.
+    Create an empty file of a fresh name in the folder of `path`, from which it can be renamed into place.
     """
     if path.is_dir():
         raise error(f"cannot write {path}: it is a folder")
@@ -171,36 +115,7 @@ def temporary_sibling(path: Path, error: type[DvcError] = DvcError, *, visible: 
 
 @contextmanager
 def atomic_output(path: str | Path, *, visible: bool = False) -> Iterator[Path]:
-    """Give a temporary name to write to; rename it to `path` on success, remove it on any exception.
-
-    A symbolic link is followed. A device or pipe (``/dev/stdout``) is written to directly.
-
-    Parameters
-    ----------
-    path : str or Path
-        The name of the finished file; a file that has it already stays as it is until then.
-    visible : bool, optional
-        Whether the temporary name shows and ends in ``.part``.
-
-    Yields
-    ------
-    Path
-        An empty file in the same folder.
-
-    Raises
-    ------
-    DvcError
-        If the file cannot be made there, or the disk is full.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> target = Path(tempfile.mkdtemp()) / "results.json"
-    >>> with atomic_output(target) as temporary:
-    ...     _ = temporary.write_text("{}")
-    >>> target.read_text()
-    '{}'
-    """
+    """Give a temporary name to write to; rename it to `path` on success, remove it on any exception."""
     path = Path(path)
     if path.exists() and not path.is_file() and not path.is_dir():
         yield path
@@ -220,18 +135,7 @@ def atomic_output(path: str | Path, *, visible: bool = False) -> Iterator[Path]:
 
 
 def check_folder(path: str | Path) -> None:
-    """Refuse a folder that `atomic_folder` would refuse, before any work is done.
-
-    Parameters
-    ----------
-    path : str or Path
-        Name of a folder to be made.
-
-    Raises
-    ------
-    DvcError
-        If it exists and is not an empty folder, or that in which it would stand does not exist.
-    """
+    """Refuse a folder that `atomic_folder` would refuse, before any work is done."""
     target = Path(path)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise DvcError(f"cannot write {target}: it exists and is not an empty folder")
@@ -241,23 +145,7 @@ def check_folder(path: str | Path) -> None:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Give a temporary folder that is renamed to `path` on success and removed on any exception.
-
-    Parameters
-    ----------
-    path : str or Path
-        Name of the finished folder, which must not exist or be empty.
-
-    Yields
-    ------
-    Path
-        An empty folder beside it.
-
-    Raises
-    ------
-    DvcError
-        If the folder cannot be made there.
-    """
+    """Give a temporary folder that is renamed to `path` on success and removed on any exception."""
     target = Path(path)
     check_folder(target)
     temporary = target.with_name(f".{target.name[:100]}.{secrets.token_hex(4)}.tmp")
@@ -275,18 +163,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 
 def same_file(a: str | Path, b: str | Path) -> bool:
-    """Tell whether two names lead to one file, through links as well.
-
-    Parameters
-    ----------
-    a, b : str or Path
-        Names of files that need not exist.
-
-    Returns
-    -------
-    bool
-        True if writing the one would overwrite the other.
-    """
+    """Tell whether two names lead to one file, through links as well."""
     try:
         return os.path.samefile(a, b)
     except OSError:

@@ -17,17 +17,7 @@ MAX_SIDE = 1 << 15
 
 
 class Entry:
-    """An object of an index file; whatever is missing in it or of another kind is one line of complaint.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages and as the place of the files that it names.
-    values : object
-        What was found there.
-    where : str, optional
-        Which object it is.
-    """
+    """An object of an index file; whatever is missing in it or of another kind is one line of complaint."""
 
     def __init__(self, path: Path, values: object, where: str = "") -> None:
         self.path, self.where = path, where
@@ -36,90 +26,31 @@ class Entry:
         self._values = values
 
     def refuse(self, reason: str) -> NoReturn:
-        """Raise an error.
-
-        Parameters
-        ----------
-        reason : str
-            What is wrong.
-
-        Raises
-        ------
-        DvcError
-            Always.
-        """
+        """Raise an error."""
         raise DvcError(f"{self.path}: {self.where + ': ' if self.where else ''}{reason}")
 
     def others(self, *keys: str) -> dict[str, Any]:
-        """Return all values but some.
-
-        Parameters
-        ----------
-        *keys : str
-            Names of those that are left out.
-
-        Returns
-        -------
-        dict
-            The others by name.
-        """
+        """Return all values but some."""
         return {key: value for key, value in self._values.items() if key not in keys}
 
     def __contains__(self, key: str) -> bool:
         return key in self._values
 
     def value(self, key: str) -> Any:
-        """Return a value of any kind.
-
-        Parameters
-        ----------
-        key : str
-            Its name.
-
-        Returns
-        -------
-        object
-            The value.
-        """
+        """Return a value of any kind."""
         if key not in self._values:
             self.refuse(f"no {key!r}")
         return self._values[key]
 
     def integer(self, key: str, low: int, high: int) -> int:
-        """Return a whole number.
-
-        Parameters
-        ----------
-        key : str
-            Its name.
-        low, high : int
-            Bounds that are accepted.
-
-        Returns
-        -------
-        int
-            The number.
-        """
+        """Return a whole number."""
         value = self.value(key)
         if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
             self.refuse(f"{key!r} is no whole number from {low} to {high}")
         return value
 
     def number(self, key: str, above: float = -math.inf) -> float:
-        """Return a finite number.
-
-        Parameters
-        ----------
-        key : str
-            Its name.
-        above : float, optional
-            It must be larger.
-
-        Returns
-        -------
-        float
-            The number.
-        """
+        """Return a finite number."""
         return self._number(self.value(key), key, above)
 
     def _number(self, value: object, key: str, above: float = -math.inf) -> float:
@@ -130,73 +61,25 @@ class Entry:
         return float(value)
 
     def text(self, key: str) -> str:
-        """Return a text.
-
-        Parameters
-        ----------
-        key : str
-            Its name.
-
-        Returns
-        -------
-        str
-            The text.
-        """
+        """Return a text."""
         value = self.value(key)
         if not isinstance(value, str):
             self.refuse(f"{key!r} is no text")
         return value
 
     def entry(self, key: str) -> "Entry":
-        """Return an object.
-
-        Parameters
-        ----------
-        key : str
-            Its name.
-
-        Returns
-        -------
-        Entry
-            The object.
-        """
+        """Return an object."""
         return Entry(self.path, self.value(key), key)
 
     def entries(self, key: str, most: int) -> list["Entry"]:
-        """Return a list of objects.
-
-        Parameters
-        ----------
-        key : str
-            Its name.
-        most : int
-            A longer list is refused.
-
-        Returns
-        -------
-        list of Entry
-            At least one object.
-        """
+        """Return a list of objects."""
         values = self.value(key)
         if not isinstance(values, list) or not 1 <= len(values) <= most:
             self.refuse(f"{key!r} is no list of 1 to {most}")
         return [Entry(self.path, value, f"{key} {index}") for index, value in enumerate(values)]
 
     def matrix(self, key: str, size: int) -> NDArray[np.float64]:
-        """Return a square matrix that can be inverted.
-
-        Parameters
-        ----------
-        key : str
-            Its name.
-        size : int
-            Number of rows and columns.
-
-        Returns
-        -------
-        ndarray of shape (size, size), float64
-            The matrix.
-        """
+        """Return a square matrix that can be inverted."""
         rows = self.value(key)
         if not isinstance(rows, list) or any(not isinstance(row, list) or len(row) != size for row in rows):
             self.refuse(f"{key!r} is no {size}x{size} matrix")
@@ -206,18 +89,7 @@ class Entry:
         return matrix
 
     def file(self, key: str) -> Path:
-        """Return a file of the folder.
-
-        Parameters
-        ----------
-        key : str
-            Under which its name stands.
-
-        Returns
-        -------
-        Path
-            Where it is.
-        """
+        """Return a file of the folder."""
         name = self.text(key)
         if Path(name).name != name or not name.isprintable() or not name:
             self.refuse(f"{name!r} is no name of a file in the folder")
@@ -225,47 +97,13 @@ class Entry:
 
 
 def write_index(path: Path, format_name: str, version: int, values: dict[str, Any]) -> None:
-    """Write an index file; inverse of `read_index`.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    format_name : str
-        What its `format` says.
-    version : int
-        Of the format.
-    values : dict
-        The rest of its object, JSON-safe.
-    """
+    """Write an index file; inverse of `read_index`."""
     index = {"format": format_name, "version": version, **values}
     path.write_text(json.dumps(index, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_index(path: Path, format_name: str, version: int, writer: str) -> Entry:
-    """Read an index file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    format_name : str
-        What its `format` must say.
-    version : int
-        What its `version` must be.
-    writer : str
-        The command that writes such files, for messages.
-
-    Returns
-    -------
-    Entry
-        Its object.
-
-    Raises
-    ------
-    DvcError
-        If it is something else, or of another version.
-    """
+    """Read an index file."""
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as err:
@@ -278,23 +116,7 @@ def read_index(path: Path, format_name: str, version: int, writer: str) -> Entry
 
 
 def read_labels(entry: Entry) -> DisparityLabels:
-    """Read the disparities of an index file, under the names of their fields.
-
-    Parameters
-    ----------
-    entry : Entry
-        Their object.
-
-    Returns
-    -------
-    DisparityLabels
-        Disparities to choose from.
-
-    Raises
-    ------
-    DvcError
-        If something is missing or makes no sense.
-    """
+    """Read the disparities of an index file, under the names of their fields."""
     step, num_labels = entry.number("step", 0.0), entry.integer("num_labels", 1, MAX_LABELS)
     if step < MIN_STEP:
         entry.refuse("'step' is out of range")

@@ -50,34 +50,7 @@ Qp = int | Literal["lossless"]
 
 
 class KeyFrameEncoder:
-    """Code pictures as H.264 intra at constant quality, one in and one out.
-
-    High profile, preset medium, CABAC, 8x8 transform, deblocking, no psychovisual optimization. Pictures are
-    extended to whole macroblocks by repeating the last column and row; `KeyFrameDecoder` crops them again.
-
-    Parameters
-    ----------
-    width, height : int
-        Sides of the pictures in pixels; any from 1 on.
-    qp : int or "lossless"
-        Quantization parameter of every macroblock, 1 to 51; "lossless" (High 4:4:4 Predictive profile)
-        decodes to the source itself.
-    luma_only : bool, optional
-        Code luma alone (4:0:0).
-    quick : bool, optional
-        Leave out the searches by rate and distortion: less time, for more bits at the same quality.
-
-    Raises
-    ------
-    ValueError
-        If `qp` is out of range.
-    VideoError
-        If the pictures are too large.
-
-    References
-    ----------
-    [H264] clauses 7.3.2.1 (parameter sets) and 7.3.3 (slice header).
-    """
+    """Code pictures as H.264 intra at constant quality, one in and one out."""
 
     def __init__(
         self, width: int, height: int, qp: Qp, *, luma_only: bool = False, quick: bool = False
@@ -100,23 +73,7 @@ class KeyFrameEncoder:
         return self._parameter_sets
 
     def encode(self, frame: Frame) -> bytes:
-        """Code one picture.
-
-        Parameters
-        ----------
-        frame : Frame
-            Of the encoder's size; without chroma it counts as neutral in colour.
-
-        Returns
-        -------
-        bytes
-            Payload of one IDR slice that covers the picture.
-
-        Raises
-        ------
-        ValueError
-            If the picture has another size.
-        """
+        """Code one picture."""
         if (frame.width, frame.height) != self._size:
             raise ValueError(f"`frame` must be {self._size} pixels, got {(frame.width, frame.height)}")
         pixel_format = "gray" if self._luma_only else "yuv420p"
@@ -130,42 +87,14 @@ class KeyFrameEncoder:
         return units[0][1:]
 
     def reconstruct(self, data: bytes) -> Frame:
-        """Decode what `encode` gave, as the receiver will.
-
-        Parameters
-        ----------
-        data : bytes
-            One coded picture.
-
-        Returns
-        -------
-        Frame
-            The picture that every decoder gets.
-        """
+        """Decode what `encode` gave, as the receiver will."""
         if self._decoder is None:
             self._decoder = KeyFrameDecoder(*self._size, self._parameter_sets, luma_only=self._luma_only)
         return self._decoder.decode(data)
 
 
 class KeyFrameDecoder:
-    """Decode pictures of `KeyFrameEncoder`, in any order; H.264 makes the result the same everywhere.
-
-    Parameters
-    ----------
-    width, height : int
-        Sides of the pictures in pixels.
-    parameter_sets : bytes
-        What the encoder's property of that name gave.
-    luma_only : bool, optional
-        Give pictures without chroma.
-
-    Raises
-    ------
-    BitstreamError
-        If the parameter sets cannot be parsed.
-    VideoError
-        If the pictures are too large.
-    """
+    """Decode pictures of `KeyFrameEncoder`, in any order; H.264 makes the result the same everywhere."""
 
     def __init__(self, width: int, height: int, parameter_sets: bytes, *, luma_only: bool = False) -> None:
         import av
@@ -186,26 +115,7 @@ class KeyFrameDecoder:
             raise BitstreamError("key frames: the parameter sets are damaged") from err
 
     def decode(self, data: bytes) -> Frame:
-        """Decode one picture.
-
-        A changed byte that leaves the syntax valid cannot be told from another picture: that is what the
-        container's checksums are for.
-
-        Parameters
-        ----------
-        data : bytes
-            What `KeyFrameEncoder.encode` gave.
-
-        Returns
-        -------
-        Frame
-            The picture, cropped to its size.
-
-        Raises
-        ------
-        BitstreamError
-            If the data are not one complete picture of this size; the decoder can go on with another.
-        """
+        """Decode one picture."""
         picture = self._decode_picture(data)
         if picture.is_corrupt:
             raise BitstreamError("key frame: damaged picture")
@@ -302,12 +212,7 @@ def _decoder_configuration(parameter_sets: bytes) -> bytes:
 
 
 def _without_vui(sps: bytes) -> bytes:
-    """Leave out the usability information (timing, aspect), which ends a sequence parameter set.
-
-    References
-    ----------
-    [H264] clause 7.3.2.1.1.
-    """
+    """Leave out the usability information (timing, aspect), which ends a sequence parameter set."""
     payload = sps.replace(b"\x00\x00\x03", b"\x00\x00")
     bits = "".join(f"{byte:08b}" for byte in payload)
     end = _vui_flag_position(bits)

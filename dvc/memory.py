@@ -6,24 +6,12 @@ _STATUS = Path("/proc/self/status")
 
 
 def resident_bytes() -> int:
-    """Tell how much memory this process holds now.
-
-    Returns
-    -------
-    int
-        Resident size; 0 where the system does not tell.
-    """
+    """Tell how much memory this process holds now."""
     return _field("VmRSS:")
 
 
 def peak_resident_bytes() -> int:
-    """Tell how much memory this process has held at most, since its program was loaded.
-
-    Returns
-    -------
-    int
-        Largest resident size; 0 where the system does not tell.
-    """
+    """Tell how much memory this process has held at most, since its program was loaded."""
     return _field("VmHWM:")
 
 

@@ -12,38 +12,14 @@ MAX_HEADER_BYTES = 256
 
 
 def write_pfm(path: str | Path, plane: NDArray[np.float32]) -> None:
-    """Write a plane as little-endian PFM; inverse of `read_pfm`.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to make.
-    plane : ndarray of shape (H, W), float32
-        Values; inf is kept.
-    """
+    """Write a plane as little-endian PFM; inverse of `read_pfm`."""
     height, width = plane.shape
     header = f"Pf\n{width} {height}\n-1.0\n".encode()
     Path(path).write_bytes(header + plane[::-1].astype("<f4").tobytes())
 
 
 def read_pfm(path: str | Path) -> NDArray[np.float32]:
-    """Read a grey PFM file of either byte order.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to read.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float32
-        Values, first row on top.
-
-    Raises
-    ------
-    VideoError
-        If the file is not a complete grey PFM.
-    """
+    """Read a grey PFM file of either byte order."""
     content = Path(path).read_bytes()
     head = content[:MAX_HEADER_BYTES].split(b"\n", 3)
     try:

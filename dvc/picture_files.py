@@ -14,23 +14,7 @@ MAP_FILE = "a picture of 8 or 16 bits, or a PFM file"
 
 
 def read_picture(path: str | Path) -> NDArray[np.uint8]:
-    """Read a picture as eight-bit red, green and blue.
-
-    Parameters
-    ----------
-    path : str or Path
-        Grey or colour, 8 or 16 bits; transparency is ignored.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        The picture; 16 bits are rounded to 8, grey ones have three equal channels.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be read.
-    """
+    """Read a picture as eight-bit red, green and blue."""
     stored = _stored(path)
     if stored is None:
         raise DvcError(f"{path}: not a picture of 8 or 16 bits that can be read")
@@ -44,25 +28,7 @@ def read_picture(path: str | Path) -> NDArray[np.uint8]:
 
 
 def read_levels(path: str | Path, expected: str = MAP_FILE) -> NDArray[np.float64]:
-    """Read the levels of a grey picture as they are stored.
-
-    Parameters
-    ----------
-    path : str or Path
-        8 or 16 bits; several channels must be equal, transparency is ignored.
-    expected : str, optional
-        What the file must be, for errors; by default that of a map.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Whole numbers.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be read, or is coloured.
-    """
+    """Read the levels of a grey picture as they are stored."""
     stored = _stored(path)
     if stored is None:
         raise DvcError(f"{path}: expected {expected}")
@@ -75,23 +41,7 @@ def read_levels(path: str | Path, expected: str = MAP_FILE) -> NDArray[np.float6
 
 
 def largest_level(path: str | Path) -> int:
-    """Return the largest level that a picture could have.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    int
-        255 or 65535.
-
-    Raises
-    ------
-    DvcError
-        If it is no picture of 8 or 16 bits.
-    """
+    """Return the largest level that a picture could have."""
     stored = _stored(path)
     if stored is None:
         raise DvcError(f"{path}: expected a picture of 8 or 16 bits")
@@ -99,27 +49,7 @@ def largest_level(path: str | Path) -> int:
 
 
 def read_plane(path: Path, channels: int, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Read a PNG file of eight bits as it was written.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    channels : int
-        1: grey; 4: red, green, blue and opacity.
-    shape : tuple of int
-        Height and width that it must have.
-
-    Returns
-    -------
-    ndarray of shape (H, W) or (H, W, 4), uint8
-        Levels.
-
-    Raises
-    ------
-    DvcError
-        If it is something else.
-    """
+    """Read a PNG file of eight bits as it was written."""
     stored = _stored(path)
     expected = shape if channels == 1 else (*shape, channels)
     if stored is None or stored.dtype != np.uint8 or stored.shape != expected:
@@ -129,20 +59,7 @@ def read_plane(path: Path, channels: int, shape: tuple[int, int]) -> NDArray[np.
 
 
 def write_png(path: Path, picture: NDArray[np.uint8]) -> None:
-    """Write a picture.
-
-    Parameters
-    ----------
-    path : Path
-        File to make.
-    picture : ndarray of shape (H, W) or (H, W, 3 or 4), uint8
-        Grey levels, or blue, green, red (and opacity).
-
-    Raises
-    ------
-    DvcError
-        If it is too large for a PNG file.
-    """
+    """Write a picture."""
     try:
         done, content = cv2.imencode(".png", picture)
     except cv2.error:

@@ -9,58 +9,22 @@ from dvc import cli
 
 
 class Subcommand(NamedTuple):
-    """What `--help` says of a subcommand, what it takes, and what it does.
+    """What `--help` says of a subcommand, what it takes, and what it does."""
 
-    Attributes
-    ----------
-    summary : str
-        Its line in the help of the command.
-    description : str
-        Begins its own help.
-    add_options : callable
-        Adds what it takes to its parser.
-    run : callable
-        Does it, and returns the exit status.
-    examples : str, optional
-        End its own help.
-    """
-
-    summary: str
-    description: str
-    add_options: Callable[[argparse.ArgumentParser], None]
-    run: Callable[[argparse.Namespace], int]
-    examples: str = ""
+    summary: str  # its line in the help of the command
+    description: str  # begins its own help
+    add_options: Callable[[argparse.ArgumentParser], None]  # adds what it takes to its parser
+    run: Callable[[argparse.Namespace], int]  # does it, and returns the exit status
+    examples: str = ""  # end its own help
 
     @classmethod
     def of(cls, module: ModuleType) -> Self:
-        """Return the subcommand that a module is.
-
-        Parameters
-        ----------
-        module : module
-            With `SUMMARY`, `DESCRIPTION`, `EXAMPLES`, `add_options` and `run`.
-
-        Returns
-        -------
-        Subcommand
-            Made of these.
-        """
+        """Return the subcommand that a module is."""
         return cls(module.SUMMARY, module.DESCRIPTION, module.add_options, module.run, module.EXAMPLES)
 
 
 def by_name(modules: Sequence[ModuleType]) -> dict[str, Subcommand]:
-    """Return the subcommands that modules are.
-
-    Parameters
-    ----------
-    modules : sequence of module
-        As `Subcommand.of` takes them.
-
-    Returns
-    -------
-    dict of str to Subcommand
-        By the names of the modules without their packages, with dashes.
-    """
+    """Return the subcommands that modules are."""
     names = [module.__name__.rpartition(".")[2].replace("_", "-") for module in modules]
     return {name: Subcommand.of(module) for name, module in zip(names, modules, strict=True)}
 
@@ -68,22 +32,7 @@ def by_name(modules: Sequence[ModuleType]) -> dict[str, Subcommand]:
 def command(
     prog: str, description: str, examples: str, subcommands: Mapping[str, Subcommand]
 ) -> Callable[..., int]:
-    """Make the `main` of a command that has subcommands.
-
-    Parameters
-    ----------
-    prog : str
-        Name shown before messages.
-    description, examples : str
-        Begin and end its help.
-    subcommands : mapping of str to Subcommand
-        By name, in the order of the help.
-
-    Returns
-    -------
-    callable
-        As `dvc.cli.command` returns it.
-    """
+    """Make the `main` of a command that has subcommands."""
 
     def _parser() -> argparse.ArgumentParser:
         parser = cli.ArgumentParser(prog, description, examples)

@@ -34,10 +34,7 @@ def cut_blocks(image, points, blocks):
 
 @kernel
 def min_shift_sads(image, points, blocks, shift, min_sads, counts):
-    """Smallest SAD of each block against itself, moved to the left, right, up and down; inside the image.
-
-    `counts` adds up blocks compared and samples compared.
-    """
+    """Smallest SAD of each block against itself, moved to the left, right, up and down; inside the image."""
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
         min_sads[i] = UNKNOWN
@@ -49,11 +46,7 @@ def min_shift_sads(image, points, blocks, shift, min_sads, counts):
 
 @inlined_kernel
 def block_sad(image, x, y, half, blocks, i, counts):
-    """Sum of absolute differences (SAD) of block `i` at a place; `UNKNOWN` off the image.
-
-    Of a row the first eight samples are compared, and those of the last eight that are not among them; so
-    `half` is from 4 to 7. `counts` adds up blocks compared and samples compared.
-    """
+    """Sum of absolute differences (SAD) of block `i` at a place; `UNKNOWN` off the image."""
     if not is_within(image, x, y, half):
         return UNKNOWN
     side = 2 * half + 1
@@ -80,10 +73,7 @@ def is_within(image, x, y, margin):
 
 @inlined_kernel
 def descend(image, x, y, blocks, i, sad, max_steps, around, counts):
-    """Follow the least SAD among the eight neighbours to a local minimum; return it and its SAD.
-
-    `around` (8,) receives the SADs of its neighbours in raster order.
-    """
+    """Follow the least SAD among the eight neighbours to a local minimum; return it and its SAD."""
     for step in range(max_steps + 1):
         best, step_x, step_y = sad, 0, 0
         for k in range(8):
@@ -125,10 +115,8 @@ def median_motion(velocity, alive, median):
 
 @kernel
 def move_as_nearest(points, ends, squares, velocity):
-    """Squared distance of points from the last place of the nearest track, and its last motion, back in time.
-
-    `ends` (K, 2, 2) are the last two places of each track; nan: it is lost. Where there is none the distance
-    is infinite, and there is no motion.
+    """Squared distance of points from the last place of the nearest track, and its last motion, back in
+    time.
     """
     count = points.shape[0]
     x, y = points[:, 0].astype(np.float64), points[:, 1].astype(np.float64)
@@ -149,10 +137,7 @@ def move_as_nearest(points, ends, squares, velocity):
 
 @inlined_kernel
 def lead(first_x, first_y, j, begin, leaders):
-    """Let point `j`, which was found, lead the points from `begin` on to which no other started nearer.
-
-    `leaders` holds the squared distance and the number of the nearest one, the first of equals.
-    """
+    """Let point `j`, which was found, lead the points from `begin` on to which no other started nearer."""
     for k in range(begin, leaders.size):
         i = np.uintp(k)
         dx, dy = np.int32(first_x[i] - first_x[j]), np.int32(first_y[i] - first_y[j])
@@ -219,14 +204,7 @@ def track_frame(
     found,
     counts,
 ):
-    """Find each live point in a frame, and return how many are found.
-
-    `position`, `sads`, `beside` (N, 4) and `found` receive what came of it; `beside` are the SADs to the
-    left, to the right, above and below. `small` bounds the SAD of a point that is found. `last` and
-    `velocity` are positions in the frame before and the motion into it. Points that are `found` already show
-    the others where to look. Coarse-to-fine searches are for points whose neighbours do not tell the motion.
-    A minimum at the border of the image is none: it may go on outside.
-    """
+    """Find each live point in a frame, and return how many are found."""
     candidates = np.empty((3, 2), np.int64)
     around = np.empty(8, np.int64)
     first_x, first_y = first[:, 0].astype(np.int32), first[:, 1].astype(np.int32)
@@ -276,9 +254,7 @@ def offset_between(before, here, after):
 @kernel
 def finish_frame(first, small, last, position, sads, beside, found, scale, velocity, path):
     """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; what is not found is nan there.
-
-    Return the largest squared distance of a point that is found from where it started, and the sum of SADs,
-    of which those not found have the largest that they could have been found with.
+    Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; what is not found is nan there.
     """
     longest, sum_of_sads = 0, 0
     for i in range(found.size):

@@ -40,18 +40,7 @@ class FieldOfMotion(NamedTuple):
 
 
 def field_of_motion(first: Floats, second: Floats) -> FieldOfMotion:
-    """Summarise how points have moved.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (N, 2), float64
-        Where they are in two frames, (x, y) in pixels; nan where they are not known.
-
-    Returns
-    -------
-    FieldOfMotion
-        Of the points that are known in both; all are lost if there are none.
-    """
+    """Summarise how points have moved."""
     displacements = second - first
     known = displacements[np.isfinite(displacements).all(axis=1)]
     num_before = int(np.isfinite(first).all(axis=1).sum())
@@ -73,34 +62,13 @@ def _median(values: Floats) -> Floats:
 
 
 def anchor_share(field: FieldOfMotion, side_px: int) -> float:
-    """Estimate what an anchor costs.
-
-    Parameters
-    ----------
-    field : FieldOfMotion
-        Motion since the frame that it is predicted from.
-    side_px : int
-        Longer side of the picture.
-
-    Returns
-    -------
-    float
-        As a share of the bits of a key frame.
-    """
+    """Estimate what an anchor costs."""
     uncovered = _MOTION_WEIGHT * field.motion_px / side_px
     return _MIN_SHARE + uncovered + _PARALLAX_WEIGHT * field.parallax_px + _LOSS_WEIGHT * field.lost_share
 
 
 class KeyFrameSpacing:
-    """Decides which groups of a sequence end with a key frame.
-
-    Parameters
-    ----------
-    gop : GopConfig
-        Whether others are allowed, and how far apart key frames may be.
-    feedback : bool
-        Whether a decoder asks for what anchors need.
-    """
+    """Decides which groups of a sequence end with a key frame."""
 
     def __init__(self, gop: GopConfig, feedback: bool = True) -> None:
         self._gop = gop
@@ -109,18 +77,7 @@ class KeyFrameSpacing:
         self._begun = False
 
     def needs_key(self, group: Group) -> bool:
-        """Decide for the next group.
-
-        Parameters
-        ----------
-        group : Group
-            The group; all are asked for, one after the other.
-
-        Returns
-        -------
-        bool
-            Whether it ends with a key frame.
-        """
+        """Decide for the next group."""
         length = len(group.wyner_ziv) + 1
         spared = self._begun and self._num_frames + length <= self._gop.intra_period
         if spared:

@@ -49,18 +49,7 @@ class PointTrackerSettings:
 
 @cache
 def spiral(reach_px: int) -> Integers:
-    """Return all displacements up to a reach, from the smallest to the largest.
-
-    Parameters
-    ----------
-    reach_px : int
-        Largest component.
-
-    Returns
-    -------
-    ndarray of shape (P, 2), int64
-        Displacements (x, y), the null motion first; to be left as they are.
-    """
+    """Return all displacements up to a reach, from the smallest to the largest."""
     side = np.arange(-reach_px, reach_px + 1)
     x, y = (component.ravel() for component in np.meshgrid(side, side))
     order = np.lexsort((np.arctan2(y, x), x**2 + y**2))
@@ -69,45 +58,16 @@ def spiral(reach_px: int) -> Integers:
 
 @dataclass(frozen=True, eq=False)
 class KeyPoints:
-    """Points of a key frame, and what they look like there.
+    """Points of a key frame, and what they look like there."""
 
-    Attributes
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        The key frame.
-    positions : ndarray of shape (N, 2), int64
-        Points (x, y), strongest corners first.
-    blocks : ndarray of shape (N, B, B), uint8
-        The block around each.
-    small : ndarray of shape (N,), int64
-        The largest SAD of a point that is found.
-    """
-
-    luma: Plane
-    positions: Integers
-    blocks: NDArray[np.uint8]
-    small: Integers
+    luma: Plane  # the key frame
+    positions: Integers  # points (x, y), strongest corners first
+    blocks: NDArray[np.uint8]  # the block around each
+    small: Integers  # the largest SAD of a point that is found
 
     @classmethod
     def find(cls, luma: Plane, num_points: int, settings: PointTrackerSettings, operations: Integers) -> Self:
-        """Find the corners of a key frame.
-
-        Parameters
-        ----------
-        luma : ndarray of shape (H, W), uint8
-            The key frame.
-        num_points : int
-            Most corners wanted.
-        settings : PointTrackerSettings
-            How they are chosen and compared.
-        operations : ndarray of shape (2,), int64
-            Blocks whose SAD was begun, and samples compared in them: added to.
-
-        Returns
-        -------
-        KeyPoints
-            None of them at the border.
-        """
+        """Find the corners of a key frame."""
         positions = find_corners(luma, num_points, _kernels.HALF_BLOCK_PX + 1, settings.corners)
         blocks = np.empty((len(positions), _SIDE_PX, _SIDE_PX), np.uint8)
         _kernels.cut_blocks(luma, positions, blocks)
@@ -127,19 +87,7 @@ class KeyPoints:
 
 
 class BlockMatchingTracker:
-    """Follows the points of one key frame from frame to frame, forward or back in time.
-
-    Parameters
-    ----------
-    points : KeyPoints
-        What to follow.
-    velocity : ndarray of shape (N, 2), int64
-        Motion into the next frame that is to be tried.
-    subpixel_bits : int
-        Binary digits of the positions after the point.
-    settings : PointTrackerSettings
-        How they are followed.
-    """
+    """Follows the points of one key frame from frame to frame, forward or back in time."""
 
     def __init__(
         self, points: KeyPoints, velocity: Integers, subpixel_bits: int, settings: PointTrackerSettings
@@ -157,20 +105,7 @@ class BlockMatchingTracker:
         self._settings = settings
 
     def step(self, luma: Plane, max_coarse_searches: int) -> Integers:
-        """Follow the points into the next frame.
-
-        Parameters
-        ----------
-        luma : ndarray of shape (H, W), uint8
-            The frame.
-        max_coarse_searches : int
-            Most searches for points whose motion nothing tells.
-
-        Returns
-        -------
-        ndarray of shape (2,), int64
-            Blocks whose SAD was computed, and samples compared in them.
-        """
+        """Follow the points into the next frame."""
         count = len(self.last)
         search = _Search(
             np.zeros((count, 2), np.int64),
@@ -193,11 +128,7 @@ class BlockMatchingTracker:
 
     @property
     def change(self) -> float:
-        """Mean difference of the blocks from those of the key frame, in grey levels a sample.
-
-        A point that is lost counts as the largest difference that it could have been found with; 0 without
-        points.
-        """
+        """Mean difference of the blocks from those of the key frame, in grey levels a sample."""
         return self._sum_of_sads / len(self.last) / _SIDE_PX**2 if len(self.last) else 0.0
 
     def _search(self, luma: Plane, max_coarse_searches: int, search: "_Search") -> int:

@@ -6,13 +6,5 @@ from dvc._jit import loading_time_s
 
 
 def coding_time_s() -> float:
-    """Tell the processor time of this thread, but for loading of compiled code.
-
-    An encoder works in one thread: others read the input ahead.
-
-    Returns
-    -------
-    float
-        Seconds since some moment.
-    """
+    """Tell the processor time of this thread, but for loading of compiled code."""
     return time.thread_time() - loading_time_s()

@@ -45,24 +45,7 @@ TRACKED_CORNERS = CornerSettings(grid_px=4, window_px=3)
 def find_corners(
     luma: Plane, max_corners: int, margin_px: int, settings: CornerSettings | None = None
 ) -> Points:
-    """Find corners: where the gradients of a window point in more than one direction.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        The frame.
-    max_corners : int
-        Most corners wanted.
-    margin_px : int
-        Least distance from the frame's border.
-    settings : CornerSettings, optional
-        How they are chosen.
-
-    Returns
-    -------
-    ndarray of shape (N, 2), int64
-        Points (x, y), strongest first; none in a frame that is flat or too small.
-    """
+    """Find corners: where the gradients of a window point in more than one direction."""
     settings = settings or CornerSettings()
     grid = settings.grid_px
     first = -(-margin_px // grid) * grid
@@ -94,15 +77,7 @@ def _strongest(response: NDArray[np.float32], worthy: NDArray[np.bool_], most: i
 
 
 class CornerDetector:
-    """Finds the corners of Wyner-Ziv frames, each frame by itself.
-
-    Parameters
-    ----------
-    num_points : int
-        Most corners of a frame.
-    settings : CornerSettings, optional
-        How they are chosen.
-    """
+    """Finds the corners of Wyner-Ziv frames, each frame by itself."""
 
     def __init__(self, num_points: int, settings: CornerSettings | None = None) -> None:
         self._num_points = num_points
@@ -111,18 +86,7 @@ class CornerDetector:
         self.cpu_s = 0.0
 
     def detect(self, frames: Sequence[Plane]) -> FeaturePoints:
-        """Find the corners of frames.
-
-        Parameters
-        ----------
-        frames : sequence of ndarray of shape (H, W), uint8
-            Luma of each frame.
-
-        Returns
-        -------
-        FeaturePoints
-            Column by column.
-        """
+        """Find the corners of frames."""
         started = coding_time_s()
         found = []
         for luma in frames:

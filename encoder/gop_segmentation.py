@@ -21,41 +21,12 @@ fit was made once; no command repeats it."""
 
 
 def wyner_ziv_share(change: float, lost_share: float) -> float:
-    """Estimate what a Wyner-Ziv frame costs, as a share of the bits of a key frame.
-
-    Parameters
-    ----------
-    change : float
-        Mean difference of the tracked blocks, over its distance from the references, in grey levels a sample.
-    lost_share : float
-        Share of the points that are lost at the end of its group.
-
-    Returns
-    -------
-    float
-        The share.
-    """
+    """Estimate what a Wyner-Ziv frame costs, as a share of the bits of a key frame."""
     return _MIN_SHARE + _CHANGE_WEIGHT * change**2 + _LOSS_WEIGHT * lost_share**2
 
 
 def group_costs(changes: Sequence[float], lost_shares: Sequence[float], hierarchical: bool) -> Floats:
-    """Estimate the rate of groups that start at a key frame.
-
-    Parameters
-    ----------
-    changes : sequence of float, length L
-        Mean difference of the tracked blocks of frames 1 to L after the key frame from its own, in grey
-        levels a sample.
-    lost_shares : sequence of float, length L
-        Share of the points that are lost in each.
-    hierarchical : bool
-        Whether the frame in the middle is a reference of the others, and so on, or key frames alone are.
-
-    Returns
-    -------
-    ndarray of shape (L + 1,), float64
-        Cost of the group of n frames, the closing key frame included and counted as 1; 0 frames cost 0.
-    """
+    """Estimate the rate of groups that start at a key frame."""
     over = [0.0, *changes]
     costs = np.zeros(len(over))
     for length, lost_share in enumerate(lost_shares, 1):
@@ -77,20 +48,7 @@ def _distances(length: int, hierarchical: bool) -> list[tuple[int, int]]:
 
 
 def first_length(costs: Floats, min_length: int) -> int:
-    """Return the length of the first group of the cheapest segmentation of all frames.
-
-    Parameters
-    ----------
-    costs : ndarray of shape (L + 1,), float64
-        From `group_costs`, L at least 1; groups that start later are taken to cost as much.
-    min_length : int
-        Least length of a group; only a group of all frames may be shorter.
-
-    Returns
-    -------
-    int
-        From 1 to L; the longest of equally cheap ones.
-    """
+    """Return the length of the first group of the cheapest segmentation of all frames."""
     total = len(costs) - 1
     min_costs = np.full(total + 1, np.inf)
     min_costs[0] = 0.0

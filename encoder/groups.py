@@ -13,41 +13,17 @@ from encoder.tracking import PointTracker
 
 @dataclass(frozen=True)
 class Group:
-    """One group of pictures.
+    """One group of pictures."""
 
-    Attributes
-    ----------
-    wyner_ziv : tuple of Frame
-        Frames since the previous key frame, in display order.
-    key : Frame
-        The key frame that ends the group.
-    tracks : PointTracks, optional
-        Points of the previous key frame, followed to this one, and points of this one, followed back.
-    points : FeaturePoints, optional
-        Corners of the Wyner-Ziv frames.
-    """
-
-    wyner_ziv: tuple[Frame, ...]
-    key: Frame
+    wyner_ziv: tuple[Frame, ...]  # frames since the previous key frame, in display order
+    key: Frame  # the key frame that ends the group
+    # points of the previous key frame, followed to this one, and points of this one, followed back
     tracks: PointTracks | None = None
-    points: FeaturePoints | None = None
+    points: FeaturePoints | None = None  # corners of the Wyner-Ziv frames
 
 
 def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:
-    """Cut a sequence into groups at a fixed distance of key frames; the last frame is always a key frame.
-
-    Parameters
-    ----------
-    frames : iterable of Frame
-        The sequence; at most `length` of its frames are held at a time.
-    length : int
-        Frames from one key frame to the next, at least 1.
-
-    Yields
-    ------
-    Group
-        The first holds the first frame alone.
-    """
+    """Cut a sequence into groups at a fixed distance of key frames; the last frame is always a key frame."""
     waiting: list[Frame] = []
     for index, frame in enumerate(frames):
         if index % length == 0:
@@ -60,22 +36,7 @@ def groups(frames: Iterable[Frame], length: int) -> Iterator[Group]:
 
 
 def cornered_groups(frames: Iterable[Frame], length: int, detector: CornerDetector) -> Iterator[Group]:
-    """Cut a sequence as `groups` does, and find the corners of its Wyner-Ziv frames.
-
-    Parameters
-    ----------
-    frames : iterable of Frame
-        The sequence; at most `length` of its frames are held at a time.
-    length : int
-        Frames from one key frame to the next, at least 1.
-    detector : CornerDetector
-        Finds the corners.
-
-    Yields
-    ------
-    Group
-        The first holds the first frame alone.
-    """
+    """Cut a sequence as `groups` does, and find the corners of its Wyner-Ziv frames."""
     for group in groups(frames, length):
         yield replace(group, points=detector.detect([frame.luma for frame in group.wyner_ziv]))
 
@@ -83,24 +44,7 @@ def cornered_groups(frames: Iterable[Frame], length: int, detector: CornerDetect
 def tracked_groups(
     frames: Iterable[Frame], length: int, tracker: PointTracker, rule: KeyFrameRule
 ) -> Iterator[Group]:
-    """Cut a sequence where its tracks have become long, or are lost; the last frame is always a key frame.
-
-    Parameters
-    ----------
-    frames : iterable of Frame
-        The sequence; at most `length` of its frames are held at a time.
-    length : int
-        Most frames from one key frame to the next, at least 1.
-    tracker : PointTracker
-        Follows the points of the key frames.
-    rule : KeyFrameRule
-        When a key frame is due.
-
-    Yields
-    ------
-    Group
-        The first holds the first frame alone.
-    """
+    """Cut a sequence where its tracks have become long, or are lost; the last frame is always a key frame."""
     window = _Window(tracker, length, rule)
     for frame in frames:
         yield from window.take(frame)

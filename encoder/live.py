@@ -19,26 +19,7 @@ def serve(
     progress: Progress,
     pace: DecoderPace | None = None,
 ) -> None:
-    """Encode a sequence for a decoder at the other end of a connection, answering its requests.
-
-    Parameters
-    ----------
-    session : EncoderSession
-        Encoder of the sequence.
-    frames : iterable of Frame
-        The sequence; encoded as the decoder gets to it.
-    connection : Connection
-        The peer.
-    progress : callable
-        Called with the number of frames just finished.
-    pace : DecoderPace, optional
-        Told what the decoder has, and when it takes no more: it says how many groups may be open.
-
-    Raises
-    ------
-    FeedbackError
-        If the peer breaks the protocol, falls silent or goes away.
-    """
+    """Encode a sequence for a decoder at the other end of a connection, answering its requests."""
     video = session.config.video
     quiet = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), lambda _: None)
     live = _LiveEncoder(session, frames, connection, progress, pace or quiet)

@@ -23,45 +23,20 @@ _VECTOR_PX = 8
 
 @dataclass(frozen=True)
 class Operations:
-    """Operations of a stage.
+    """Operations of a stage."""
 
-    Attributes
-    ----------
-    adds : float
-        Sums and differences.
-    multiplies : float
-        Products, quotients and remainders.
-    logic : float
-        AND, OR, XOR and shifts of words.
-    compares : float
-        Comparisons, minima, maxima and magnitudes.
-    bytes : float
-        Read from arrays and written to them.
-    """
-
-    adds: float = 0
-    multiplies: float = 0
-    logic: float = 0
-    compares: float = 0
-    bytes: float = 0
+    adds: float = 0  # sums and differences
+    multiplies: float = 0  # products, quotients and remainders
+    logic: float = 0  # AND, OR, XOR and shifts of words
+    compares: float = 0  # comparisons, minima, maxima and magnitudes
+    bytes: float = 0  # read from arrays and written to them
 
     def __add__(self, other: "Operations") -> "Operations":
         """Return what both take."""
         return Operations(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     def times(self, factor: float) -> "Operations":
-        """Return what doing it several times takes.
-
-        Parameters
-        ----------
-        factor : float
-            How many times.
-
-        Returns
-        -------
-        Operations
-            All numbers that much larger.
-        """
+        """Return what doing it several times takes."""
         return Operations(*(factor * number for number in astuple(self)))
 
     @property
@@ -72,75 +47,31 @@ class Operations:
 
 @dataclass(frozen=True)
 class Work:
-    """How much there was to do in a run.
+    """How much there was to do in a run."""
 
-    Attributes
-    ----------
-    num_samples : int
-        Samples of Wyner-Ziv frames, in whole 4x4 blocks.
-    num_frames : int
-        Wyner-Ziv frames.
-    num_coded_bands : int
-        Bands of them that have planes.
-    num_words : int
-        Words of 64 planes that their coefficient positions have.
-    num_rows : int
-        Rows of these: one for each 64 planes of a frame.
-    crc_bits : int
-        Check bits of a plane.
-    num_blocks, num_quarter_blocks : int
-        Blocks that were compared with others, in images of full size and of a quarter of it.
-    num_pairs : int
-        Pairs of points of which one may show the other where to look.
-    num_corner_samples : int
-        Samples of frames in which corners were looked for.
-    num_positions : int
-        Positions of tracks that were coded after their first.
-    num_syndrome_sums, num_syndrome_places : int
-        Planes times bits of the syndromes that they were added to, and bits of one plane of each block.
-    """
-
-    num_samples: int
-    num_frames: int
-    num_coded_bands: int
-    num_words: int
-    num_rows: int
-    crc_bits: int
-    num_blocks: int
+    num_samples: int  # samples of Wyner-Ziv frames, in whole 4x4 blocks
+    num_frames: int  # wyner-Ziv frames
+    num_coded_bands: int  # bands of them that have planes
+    num_words: int  # words of 64 planes that their coefficient positions have
+    num_rows: int  # rows of these: one for each 64 planes of a frame
+    crc_bits: int  # check bits of a plane
+    num_blocks: int  # blocks that were compared with others, in images of full size and of a quarter of it
     num_quarter_blocks: int
-    num_pairs: int
-    num_corner_samples: int
-    num_positions: int
+    num_pairs: int  # pairs of points of which one may show the other where to look
+    num_corner_samples: int  # samples of frames in which corners were looked for
+    num_positions: int  # positions of tracks that were coded after their first
+    # planes times bits of the syndromes that they were added to, and bits of one plane of each block
     num_syndrome_sums: int
     num_syndrome_places: int
 
 
 def butterfly() -> Operations:
-    """Count one dimension of the 4x4 transform, for four samples ([Malvar2003]: doubling is a sum, too).
-
-    Returns
-    -------
-    Operations
-        Of four 16-bit numbers, in place.
-    """
+    """Count one dimension of the 4x4 transform, for four samples ([Malvar2003]: doubling is a sum, too)."""
     return Operations(adds=8 + 2, bytes=2 * BLOCK * 2)
 
 
 def transform(num_samples: float, num_frames: float) -> Operations:
-    """Count the transform of frames, and finding the least and the greatest of each band.
-
-    Parameters
-    ----------
-    num_samples : float
-        Samples in whole blocks.
-    num_frames : float
-        In how many frames.
-
-    Returns
-    -------
-    Operations
-        Samples come four to a word, and leave as 16-bit coefficients.
-    """
+    """Count the transform of frames, and finding the least and the greatest of each band."""
     unpacking = Operations(logic=6, bytes=BLOCK * (1 + 2)).times(num_samples / BLOCK)
     both = butterfly().times(2 * num_samples / BLOCK)
     extremes = Operations(compares=2, bytes=2 * 2).times(num_samples)
@@ -148,88 +79,33 @@ def transform(num_samples: float, num_frames: float) -> Operations:
 
 
 def quantisation(num_coefficients: float) -> Operations:
-    """Count nested bins of coefficients, and entering their numbers into words of planes.
-
-    Parameters
-    ----------
-    num_coefficients : float
-        Of bands that have planes.
-
-    Returns
-    -------
-    Operations
-        A band whose planes lie across two words takes a little more.
-    """
+    """Count nested bins of coefficients, and entering their numbers into words of planes."""
     bins = Operations(multiplies=1, adds=1, compares=2, bytes=2 + 4)
     words = Operations(logic=2, bytes=4 + 8 + 8)
     return (bins + words).times(num_coefficients)
 
 
 def check_bits(num_words: float, num_rows: float, crc_bits: int) -> Operations:
-    """Count the check bits of planes, 64 at once.
-
-    Parameters
-    ----------
-    num_words : float
-        Words of 64 planes: one for each coefficient position, and each 64 planes of a frame.
-    num_rows : float
-        Rows that they stand in: one for each 64 planes of a frame.
-    crc_bits : int
-        Check bits of a plane.
-
-    Returns
-    -------
-    Operations
-        A sum modulo 2 for each term of the generator but the first, for each word.
-    """
+    """Count the check bits of planes, 64 at once."""
     terms = bin(POLYNOMIALS[crc_bits]).count("1")
     division = Operations(logic=terms, bytes=2 * 8 + terms * 3 * 8)
     return division.times(num_words) + Operations(bytes=3 * 8 * crc_bits).times(num_rows)
 
 
 def block_comparison(half_side_px: int = HALF_BLOCK_PX) -> Operations:
-    """Count the sum of absolute differences of a block, in vectors that overlap in the middle of each row.
-
-    Parameters
-    ----------
-    half_side_px : int, optional
-        Half the side of the block.
-
-    Returns
-    -------
-    Operations
-        All of its samples; some are masked and add nothing.
-    """
+    """Count the sum of absolute differences of a block, in vectors that overlap in the middle of each row."""
     rows = 2 * half_side_px + 1
     pair = Operations(adds=2 * 2, compares=2, logic=2, bytes=4)
     return pair.times(_VECTOR_PX * rows)
 
 
 def leading() -> Operations:
-    """Count whether a point that was found shows another one where to look.
-
-    Returns
-    -------
-    Operations
-        The squared distance, and the least one so far.
-    """
+    """Count whether a point that was found shows another one where to look."""
     return Operations(adds=2 + 1 + 1, multiplies=2, logic=1, compares=1, bytes=4 * 4 + 2 * 8)
 
 
 def corners(num_samples: float) -> Operations:
-    """Count the response to corners of frames, at half the resolution.
-
-    Parameters
-    ----------
-    num_samples : float
-        Samples of the frames.
-
-    Returns
-    -------
-    Operations
-        By definition, every filter as one of rows and one of columns: the code is OpenCV's. Which are the
-        strongest, and those apart, is left out.
-    """
+    """Count the response to corners of frames, at half the resolution."""
     shrinking = Operations(adds=4, logic=1, bytes=4 + 1)
     smooth = Operations(adds=2, logic=1, bytes=3 + 2)
     slope = Operations(adds=1, bytes=2 * 2 + 4)
@@ -241,31 +117,13 @@ def corners(num_samples: float) -> Operations:
 
 
 def fit() -> Operations:
-    """Count where the motion that was found takes a track.
-
-    Returns
-    -------
-    Operations
-        Products and sums of its features and of the coefficients in x and y.
-    """
+    """Count where the motion that was found takes a track."""
     both = Operations(multiplies=2, adds=2, bytes=3 * 8)
     return both.times(NUM_FEATURES) + Operations(bytes=2 * 8)
 
 
 def predicted_positions(tracks: PointTracks) -> int:
-    """Count the positions that are predicted when tracks are coded.
-
-    Parameters
-    ----------
-    tracks : PointTracks
-        Tracks from key frame to key frame.
-
-    Returns
-    -------
-    int
-        All but where tracks begin; for the sake of those that were followed back, the others once more as far
-        as they are known at both ends.
-    """
+    """Count the positions that are predicted when tracks are coded."""
     forward, backward = (np.isfinite(one[:, :, 0]) for one in (tracks.forward, tracks.backward))
     count = int(forward[:, 1:].sum())
     if len(backward):
@@ -274,19 +132,7 @@ def predicted_positions(tracks: PointTracks) -> int:
 
 
 def regression(num_positions: float) -> Operations:
-    """Count prediction of positions by recursive least squares, and what is learnt from each.
-
-    Parameters
-    ----------
-    num_positions : float
-        Positions of tracks after their first.
-
-    Returns
-    -------
-    Operations
-        All neighbours are known, and no error is larger than can be; entropy coding, some tens of operations
-        for each bit, is left out.
-    """
+    """Count prediction of positions by recursive least squares, and what is learnt from each."""
     products = Operations(multiplies=1, adds=1, bytes=2 * 8)
     gain = products.times((ROW_FEATURES + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * ROW_FEATURES)
     limited = Operations(multiplies=1, adds=1, compares=2, bytes=2 * 8).times(2)
@@ -301,22 +147,7 @@ def regression(num_positions: float) -> Operations:
 
 
 def syndrome(num_sums: float, num_places: float) -> Operations:
-    """Count the syndromes of blocks of planes.
-
-    Parameters
-    ----------
-    num_sums : float
-        Planes of each, times the bits of its syndrome that each of their orders reaches.
-    num_places : float
-        Bits of one plane of each.
-
-    Returns
-    -------
-    Operations
-        Words of all planes are brought into each order and added up modulo the length; of the sums each plane
-        is added, eight of them from one byte. Corrections where two places of a bit meet, one bit in
-        hundreds, are left out.
-    """
+    """Count the syndromes of blocks of planes."""
     brought = Operations(logic=1, bytes=4 + 3 * 8).times(num_places)
     added = Operations(logic=2, compares=1, bytes=3).times(num_sums)
     narrowed = Operations(logic=1, bytes=8 + 1).times(num_sums / 8)
@@ -324,18 +155,7 @@ def syndrome(num_sums: float, num_places: float) -> Operations:
 
 
 def stages(work: Work) -> Mapping[str, Operations]:
-    """Count the stages of an encoder that are its own.
-
-    Parameters
-    ----------
-    work : Work
-        What a run had to do.
-
-    Returns
-    -------
-    mapping of str to Operations
-        Of the whole run, by stage.
-    """
+    """Count the stages of an encoder that are its own."""
     per_band = work.num_samples / NUM_BANDS / max(work.num_frames, 1)
     compared = block_comparison().times(work.num_blocks) + block_comparison(QUARTER_HALF_BLOCK_PX).times(
         work.num_quarter_blocks

@@ -165,13 +165,7 @@ _TRACK_OPTIONS = (
 
 
 def parser() -> argparse.ArgumentParser:
-    """Build the parser.
-
-    Returns
-    -------
-    argparse.ArgumentParser
-        For the arguments of the command.
-    """
+    """Build the parser."""
     top = cli.ArgumentParser(PROG, "Encode a video for distributed decoding.", EXAMPLES)
     top.add_argument(
         "input",
@@ -345,18 +339,7 @@ def _add_source(group: argparse._ArgumentGroup) -> None:
 
 
 def check(arguments: argparse.Namespace) -> None:
-    """Refuse outputs that make no sense, before anything is opened.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Raises
-    ------
-    ConfigError
-        If there is no output or there are two, or the names of segments cannot be told.
-    """
+    """Refuse outputs that make no sense, before anything is opened."""
     if (arguments.output is None) == (arguments.serve is None):
         raise ConfigError("give either OUTPUT or --serve HOST:PORT")
     if arguments.segment is not None:
@@ -368,25 +351,7 @@ def check(arguments: argparse.Namespace) -> None:
 
 
 def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession":
-    """Set up an encoder as the arguments say.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-    info : VideoInfo
-        Format of the video.
-
-    Returns
-    -------
-    EncoderSession
-        What is not given is as the codec's variant has it.
-
-    Raises
-    ------
-    ConfigError
-        If an option makes no sense, or is for another codec.
-    """
+    """Set up an encoder as the arguments say."""
     from encoder.block_matching import PointTrackerSettings
     from encoder.session import EncoderSession
 

@@ -8,53 +8,12 @@ from dvc.video import Frame
 
 
 def lateness_s(late_s: float, busy_s: float, waited_s: float, interval_s: float) -> float:
-    """Return how long after it came a frame is asked for, from the same of the frame before it.
-
-    Parameters
-    ----------
-    late_s : float
-        That of the frame before, in seconds.
-    busy_s : float
-        What was then spent on anything but waiting.
-    waited_s : float
-        What was spent waiting for the frame: the source came no sooner.
-    interval_s : float
-        From frame to frame of the source.
-
-    Returns
-    -------
-    float
-        Seconds, 0 where the encoder keeps up.
-
-    References
-    ----------
-    D. V. Lindley, "The theory of queues with a single server", 1952.
-
-    Examples
-    --------
-    >>> lateness_s(0.0, 0.5, 0.0, 0.25), lateness_s(0.0, 0.125, 0.125, 0.25)
-    (0.25, 0.0)
-    """
+    """Return how long after it came a frame is asked for, from the same of the frame before it."""
     return max(0.0, late_s + busy_s - waited_s - interval_s)
 
 
 class PacedFrames:
-    """Frames of a source, and how far what is done with them falls behind it.
-
-    Parameters
-    ----------
-    source : iterable of Frame
-        The source.
-    frame_rate : Fraction
-        Frames per second that the source has.
-    clock, cpu_clock : callable, optional
-        Tell the time, and the processor time of this thread: reading is work as far as it takes that.
-
-    Attributes
-    ----------
-    behind_s : float
-        The most that a frame had to wait before it was asked for, in seconds.
-    """
+    """Frames of a source, and how far what is done with them falls behind it."""
 
     def __init__(
         self,
@@ -85,24 +44,7 @@ class PacedFrames:
 
 
 class DecoderPace:
-    """How far a live decoder falls behind the video while its window of groups of pictures is full.
-
-    Parameters
-    ----------
-    frame_rate : Fraction
-        Frames per second of the video.
-    say : callable
-        Told a line when the decoder is late, and again each time that it is `GROWTH` times as late.
-    clock : callable, optional
-        Tells the time in seconds.
-
-    Attributes
-    ----------
-    behind_s : float
-        The most that the next frame had to wait for the decoder, in seconds.
-    most_frames_open : int
-        The most frames that were sent, and not done, at a time.
-    """
+    """How far a live decoder falls behind the video while its window of groups of pictures is full."""
 
     GROWTH = 4.0
 
@@ -118,26 +60,14 @@ class DecoderPace:
         self._told_s = 1.0 / self.GROWTH
 
     def sent(self, num_frames: int) -> None:
-        """Count frames that go to the decoder.
-
-        Parameters
-        ----------
-        num_frames : int
-            Number of frames.
-        """
+        """Count frames that go to the decoder."""
         if self._start_s is None:
             self._start_s = self._clock()
         self._num_sent += num_frames
         self.most_frames_open = max(self.most_frames_open, self._num_sent - self._num_done)
 
     def done(self, num_frames: int) -> None:
-        """Count frames that the decoder is done with.
-
-        Parameters
-        ----------
-        num_frames : int
-            Number of frames.
-        """
+        """Count frames that the decoder is done with."""
         self._num_done += num_frames
 
     def waits(self) -> None:

@@ -33,28 +33,11 @@ class SegmentNames:
     after: str
 
     def path(self, number: int) -> Path:
-        """Return the name of a segment.
-
-        Parameters
-        ----------
-        number : int
-            Its number, from 0.
-
-        Returns
-        -------
-        Path
-            The name.
-        """
+        """Return the name of a segment."""
         return self.folder / f"{self.before}{number:0{self.num_digits}d}{self.after}"
 
     def existing(self) -> dict[int, Path]:
-        """Find the segments that there are, finished ones and the remains of others.
-
-        Returns
-        -------
-        dict of int to Path
-            Files by number; of a number that has both, the remains.
-        """
+        """Find the segments that there are, finished ones and the remains of others."""
         before, after = re.escape(self.before), re.escape(self.after)
         pattern = re.compile(f"{before}([0-9]{{{self.num_digits},9}}){after}({re.escape(PARTIAL_SUFFIX)})?")
         found = ((pattern.fullmatch(path.name), path) for path in sorted(self.folder.iterdir()))
@@ -62,28 +45,7 @@ class SegmentNames:
 
 
 def segment_names(output: str) -> SegmentNames:
-    """Read the pattern of the names of segments.
-
-    Parameters
-    ----------
-    output : str
-        A name with one ``%d`` or ``%04d`` in its last part; without one, ``-%04d`` goes before the suffix.
-
-    Returns
-    -------
-    SegmentNames
-        The names.
-
-    Raises
-    ------
-    ConfigError
-        If it has more of them, or another ``%``.
-
-    Examples
-    --------
-    >>> segment_names("day.dvc").path(7).name, segment_names("%02d.dvc").path(7).name
-    ('day-0007.dvc', '07.dvc')
-    """
+    """Read the pattern of the names of segments."""
     path = Path(output)
     parts = _CONVERSION.split(path.name)
     if len(parts) == 3 and not any("%" in part for part in parts[::2]):
@@ -94,13 +56,7 @@ def segment_names(output: str) -> SegmentNames:
 
 
 class InputFrames:
-    """Frames of a recording up to its end, to where the source fails, or to where it is stopped.
-
-    Parameters
-    ----------
-    source : iterable of Frame
-        The source.
-    """
+    """Frames of a recording up to its end, to where the source fails, or to where it is stopped."""
 
     def __init__(self, source: Iterable[Frame]) -> None:
         self.failure: VideoError | None = None  # what ended the source, after all frames before
@@ -129,13 +85,7 @@ class InputFrames:
 
     @contextmanager
     def stopping_at_signals(self) -> Iterator[None]:
-        """Let an interrupt or SIGTERM end the frames, as the end of the source does; a second breaks off.
-
-        Yields
-        ------
-        None
-            Nothing; signals do as before after the block.
-        """
+        """Let an interrupt or SIGTERM end the frames, as the end of the source does; a second breaks off."""
 
         def _stop(number: int, _: FrameType | None) -> None:
             signal.signal(number, signal.default_int_handler)
@@ -154,26 +104,12 @@ class InputFrames:
                 signal.signal(number, handler)
 
     def raise_failure(self) -> None:
-        """Raise what the source failed with, if it did.
-
-        Raises
-        ------
-        VideoError
-            The failure.
-        """
+        """Raise what the source failed with, if it did."""
         if self.failure is not None:
             raise self.failure
 
     def raise_end(self) -> None:
-        """Raise what ended the frames before the end of the source.
-
-        Raises
-        ------
-        VideoError
-            If the source failed.
-        KeyboardInterrupt
-            If it was stopped.
-        """
+        """Raise what ended the frames before the end of the source."""
         self.raise_failure()
         if self.stopped:
             raise KeyboardInterrupt
@@ -194,33 +130,7 @@ def write_segments(
     new_session: Callable[[], "EncoderSession"],
     progress: "Progress",
 ) -> Iterator[Segment]:
-    """Encode a recording segment by segment; each starts with a key frame.
-
-    Numbers go on after those of the files that there are, so that no earlier recording is overwritten.
-
-    Parameters
-    ----------
-    frames : iterable of Frame
-        The recording; read once, a group of pictures at a time.
-    names : SegmentNames
-        Names of the files. The one that is being written has ``.part`` after its name.
-    num_frames : int
-        Frames of a segment; the last one may have fewer.
-    new_session : callable
-        Sets up the encoder of a segment.
-    progress : callable
-        Called with the number of frames just finished.
-
-    Yields
-    ------
-    Segment
-        Each that has just been finished.
-
-    Raises
-    ------
-    DvcError
-        If a file cannot be written; the groups of pictures that were finished stay in it.
-    """
+    """Encode a recording segment by segment; each starts with a key frame."""
     source = iter(frames)
     for number in count(max(names.existing(), default=-1) + 1):
         first = next(source, None)

@@ -30,38 +30,15 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True)
 class EncodedGroup:
-    """One encoded group of pictures.
+    """One encoded group of pictures."""
 
-    Attributes
-    ----------
-    key : bytes
-        The H.264 picture that ends the group; empty where its last frame is a Wyner-Ziv frame, too.
-    tracks : bytes
-        Payload of the tracks or points; empty if there are none.
-    frames : tuple of EncodedFrame
-        The Wyner-Ziv frames.
-    one_way : tuple of bytes
-        Their payloads where no decoder asks for bits.
-    """
-
-    key: bytes
-    tracks: bytes
-    frames: tuple[EncodedFrame, ...]
-    one_way: tuple[bytes, ...] = ()
+    key: bytes  # the H.264 picture that ends the group; empty where its last frame is a Wyner-Ziv frame, too
+    tracks: bytes  # payload of the tracks or points; empty if there are none
+    frames: tuple[EncodedFrame, ...]  # the Wyner-Ziv frames
+    one_way: tuple[bytes, ...] = ()  # their payloads where no decoder asks for bits
 
     def record(self, wyner_ziv: Iterable[bytes]) -> GopRecord:
-        """Return the record of the group.
-
-        Parameters
-        ----------
-        wyner_ziv : iterable of bytes
-            What is sent of each Wyner-Ziv frame.
-
-        Returns
-        -------
-        GopRecord
-            Key frame, tracks and these payloads.
-        """
+        """Return the record of the group."""
         num_frames = len(self.frames) + bool(self.key)
         return GopRecord(num_frames, self.key, self.tracks, tuple(wyner_ziv))
 

@@ -13,22 +13,7 @@ MIN_TRACKS = 32
 
 
 def encode_within_budget(tracks: PointTracks, config: CodecConfig, max_bpp: float) -> bytes:
-    """Encode the tracks of a group, or as many of them as the budget allows.
-
-    Parameters
-    ----------
-    tracks : PointTracks
-        Tracks from key frame to key frame.
-    config : CodecConfig
-        Configuration of the stream.
-    max_bpp : float
-        Bits that a Wyner-Ziv frame may cost, per pixel.
-
-    Returns
-    -------
-    bytes
-        Payload, of `MIN_TRACKS` tracks at least where there are so many.
-    """
+    """Encode the tracks of a group, or as many of them as the budget allows."""
     max_bits = max_bpp * config.video.width * config.video.height * (tracks.num_instants - 2)
     payload = encode_tracks(tracks, config)
     while 8 * len(payload) > max_bits and len(tracks) > MIN_TRACKS:
@@ -39,21 +24,7 @@ def encode_within_budget(tracks: PointTracks, config: CodecConfig, max_bpp: floa
 
 
 def thinned(tracks: PointTracks, count: int) -> PointTracks:
-    """Keep the tracks that tell the most: those that last longest, and of these the first.
-
-    Parameters
-    ----------
-    tracks : PointTracks
-        Points of strong corners first, as `PointTracker.close` returns them.
-    count : int
-        Number of tracks to keep.
-
-    Returns
-    -------
-    PointTracks
-        At most `count`, in the order they had; the same share of both directions of time, because those
-        that were followed back do not last as long.
-    """
+    """Keep the tracks that tell the most: those that last longest, and of these the first."""
     count = min(count, len(tracks))
     num_backward = count * tracks.num_backward // max(len(tracks), 1)
     forward = _longest(tracks.forward, count - num_backward)

@@ -18,45 +18,19 @@ Integers = NDArray[np.int64]
 
 @dataclass
 class TrackingCounts:
-    """Operations of the tracker.
+    """Operations of the tracker."""
 
-    Attributes
-    ----------
-    num_corners : int
-        Points found on key frames.
-    num_blocks, num_samples : int
-        Blocks whose SAD was begun, and samples compared in them.
-    num_frames : int
-        Frames that were searched.
-    num_starts : int
-        Frames in which points were found.
-    num_pairs : int
-        Pairs of points of which one may show the other where to look.
-    cpu_s : float
-        Processor time of all that, in seconds.
-    """
-
-    num_corners: int = 0
-    num_blocks: int = 0
+    num_corners: int = 0  # points found on key frames
+    num_blocks: int = 0  # blocks whose SAD was begun, and samples compared in them
     num_samples: int = 0
-    num_frames: int = 0
-    num_starts: int = 0
-    num_pairs: int = 0
-    cpu_s: float = 0.0
+    num_frames: int = 0  # frames that were searched
+    num_starts: int = 0  # frames in which points were found
+    num_pairs: int = 0  # pairs of points of which one may show the other where to look
+    cpu_s: float = 0.0  # processor time of all that, in seconds
 
 
 class PointTracker:
-    """Tracks of one group of pictures after the other.
-
-    Parameters
-    ----------
-    num_points : int
-        Most points to follow from the first key frame of a group on.
-    subpixel_bits : int
-        Binary digits of the positions after the point.
-    settings : PointTrackerSettings, optional
-        How they are followed.
-    """
+    """Tracks of one group of pictures after the other."""
 
     def __init__(
         self, num_points: int, subpixel_bits: int = 0, settings: PointTrackerSettings | None = None
@@ -69,13 +43,7 @@ class PointTracker:
         self.counts = TrackingCounts()
 
     def start(self, luma: Plane) -> None:
-        """Find the points of a key frame; tracks before it are forgotten, their last motion is not.
-
-        Parameters
-        ----------
-        luma : ndarray of shape (H, W), uint8
-            The key frame.
-        """
+        """Find the points of a key frame; tracks before it are forgotten, their last motion is not."""
         started = coding_time_s()
         operations = np.zeros(2, np.int64)
         points = KeyPoints.find(luma, self._num_points, self._settings, operations)
@@ -89,13 +57,7 @@ class PointTracker:
         self.counts.cpu_s += coding_time_s() - started
 
     def step(self, luma: Plane) -> None:
-        """Follow the points into the next frame.
-
-        Parameters
-        ----------
-        luma : ndarray of shape (H, W), uint8
-            The frame.
-        """
+        """Follow the points into the next frame."""
         started = coding_time_s()
         matching = self._matching
         self._num_before = matching.num_alive
@@ -106,19 +68,7 @@ class PointTracker:
         self.counts.cpu_s += coding_time_s() - started
 
     def close(self, frames: Sequence[Plane]) -> PointTracks:
-        """End a group, and start the next at the key frame that closes it.
-
-        Parameters
-        ----------
-        frames : sequence of ndarray of shape (H, W), uint8
-            Those after the first key frame, up to the last.
-
-        Returns
-        -------
-        PointTracks
-            Points of the first key frame that were found after it; then those of the last that no track is
-            near, followed back in time, that were found in enough frames.
-        """
+        """End a group, and start the next at the key frame that closes it."""
         before = self._matching
         forward = self.tracks(len(frames) + 1)
         self.start(frames[-1])
@@ -149,18 +99,7 @@ class PointTracker:
         return self._matching.change
 
     def tracks(self, num_instants: int) -> PointTracks:
-        """Return the tracks up to an instant.
-
-        Parameters
-        ----------
-        num_instants : int
-            Frames from the key frame on, at least 2.
-
-        Returns
-        -------
-        PointTracks
-            Those that were found at least once after the key frame.
-        """
+        """Return the tracks up to an instant."""
         positions = np.stack(self._matching.path[:num_instants], axis=1)
         return PointTracks(positions[np.isfinite(positions[:, 1, 0])])
 

@@ -15,15 +15,7 @@ from dvc.wynerziv.layout import FrameLayout
 
 
 class WynerZivEncoder:
-    """Encodes Wyner-Ziv frames of one configuration.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Configuration of the stream.
-    lazily : bool, optional
-        Leave bit planes until it is known which are wanted.
-    """
+    """Encodes Wyner-Ziv frames of one configuration."""
 
     def __init__(self, config: CodecConfig, *, lazily: bool = False) -> None:
         self._layout = FrameLayout.of(config)
@@ -32,37 +24,11 @@ class WynerZivEncoder:
         self._encoders = turbo.parity_encoders(config.turbo.family, config.turbo.interleaver_seed)
 
     def encode(self, frame: Frame, step: float = 1.0) -> EncodedFrame:
-        """Encode one frame; parity is computed when it is asked for.
-
-        Parameters
-        ----------
-        frame : Frame
-            Original samples, of which luma is coded.
-        step : float, optional
-            Width of nested bins, which is rounded up to one that can be told.
-
-        Returns
-        -------
-        EncodedFrame
-            All bits that a decoder may ask for; see `encode_group`.
-        """
+        """Encode one frame; parity is computed when it is asked for."""
         return self.encode_group([frame], [step])[0]
 
     def encode_group(self, frames: Sequence[Frame], steps: Sequence[float]) -> tuple[EncodedFrame, ...]:
-        """Encode the frames of a group of pictures.
-
-        Parameters
-        ----------
-        frames : sequence of Frame
-            Original samples, of which luma is coded.
-        steps : sequence of float
-            Width of nested bins of each frame, which is rounded up to one that can be told.
-
-        Returns
-        -------
-        tuple of EncodedFrame
-            All bits that a decoder may ask for; of planes that are left for later, until the next call.
-        """
+        """Encode the frames of a group of pictures."""
         encoded = []
         for index, (frame, step) in enumerate(zip(frames, steps, strict=True)):
             room = self._room(index) if self._lazily else None
@@ -80,16 +46,5 @@ class WynerZivEncoder:
         return self._rooms[index]
 
     def open_frames(self, num_slots: int) -> OpenFrames:
-        """Return what answers requests for frames of this configuration.
-
-        Parameters
-        ----------
-        num_slots : int
-            Frames that may be open at a time.
-
-        Returns
-        -------
-        OpenFrames
-            Without any frame.
-        """
+        """Return what answers requests for frames of this configuration."""
         return OpenFrames(self._layout, self._encoders, num_slots)

@@ -65,11 +65,7 @@ def transform(matrix: Floats, points: Floats, out: Floats) -> None:
 
 @kernel
 def edge_functions(p: Floats, q: Floats, r: Floats, e: Floats) -> float:
-    """Fill `e` (3, 3) with the edge functions of a homogeneous triangle and return its determinant.
-
-    Row i of `e` times ``(column, row, 1)`` is barycentric coordinate i over depth, times the determinant.
-    Shared edges of neighbours give exactly opposite numbers, so that no sample falls between them.
-    """
+    """Fill `e` (3, 3) with the edge functions of a homogeneous triangle and return its determinant."""
     e[0, 0] = q[1] * r[2] - q[2] * r[1]
     e[0, 1] = q[2] * r[0] - q[0] * r[2]
     e[0, 2] = q[0] * r[1] - q[1] * r[0]
@@ -124,10 +120,7 @@ def narrow(slope: float, offset: float, low: int, high: int) -> tuple[int, int]:
 
 @kernel
 def rasterize(projected: Floats, triangles: Ids, inverse_depth: Singles, ids: Ids) -> None:
-    """Keep at every sample the nearest triangle; `projected` is (N, 3) homogeneous in sample units.
-
-    `inverse_depth` (H, W) starts at 0 and `ids` (H, W) at -1; the triangle that comes first wins a tie.
-    """
+    """Keep at every sample the nearest triangle; `projected` is (N, 3) homogeneous in sample units."""
     height, width = ids.shape
     e = np.empty((3, 3))
     for t in range(triangles.shape[0]):
@@ -169,11 +162,7 @@ def cast_points(
     depth: Floats,
     ids: Ids,
 ) -> None:
-    """Find the nearest triangle behind every image point (P, 2), wherever it lies between samples.
-
-    Row r, column c of a grid of pixels holds ``cell_points[cell_start[r, c]:cell_start[r, c + 1]]``;
-    `depth` (P,) starts at inf and `ids` (P,) at -1.
-    """
+    """Find the nearest triangle behind every image point (P, 2), wherever it lies between samples."""
     height, width = cell_start.shape[0], cell_start.shape[1] - 1
     e = np.empty((3, 3))
     shift = np.array([0.5, 0.5])
@@ -255,10 +244,7 @@ def bilinear(textures: Textures, texture: int, level: int, u: float, v: float, o
 def filtered(
     textures: Textures, texture: int, u: float, v: float, footprint: Floats, out: Floats, work: Floats
 ) -> None:
-    """Fill `out` with the texture averaged over a sample's footprint: up to 6 trilinear taps along it.
-
-    `footprint` holds du/dx, dv/dx, du/dy, dv/dy in tiles per sample.
-    """
+    """Fill `out` with the texture averaged over a sample's footprint: up to 6 trilinear taps along it."""
     ux, vx, uy, vy = footprint[0], footprint[1], footprint[2], footprint[3]
     long2, short2 = ux * ux + vx * vx, uy * uy + vy * vy
     if long2 < short2:
@@ -336,8 +322,7 @@ def sample_texture(
     work: Floats,
 ) -> None:
     """Fill `rgb` with the filtered texture of triangle `t` at barycentric coordinates `b`, stains included.
-
-    `total` is the sum of the edge functions `e` at the sample, before `b` was divided by it.
+    Fill `rgb` with the filtered texture of triangle `t` at barycentric coordinates `b`, stains included.
     """
     footprint = np.empty(4)
     i0, i1, i2 = surface.triangles[t, 0], surface.triangles[t, 1], surface.triangles[t, 2]

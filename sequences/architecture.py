@@ -12,24 +12,7 @@ from sequences.textures import NUMBER
 
 
 def shop(rng: np.random.Generator, width: float, height: float, style: Style) -> tuple[Mesh, list[Opening]]:
-    """Make a shop front: large panes over a panelled base, a sign board, an awning.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    width, height : float
-        Of the ground floor, metres.
-    style : Style
-        Look of the facade.
-
-    Returns
-    -------
-    mesh : Mesh
-        All but the wall.
-    openings : list of Opening
-        Holes for the wall.
-    """
+    """Make a shop front: large panes over a panelled base, a sign board, an awning."""
     count = max(2, int(width / 2.3))
     pitch = (width - 0.6) / count
     tint = np.array([rng.uniform(0.08, 0.6), rng.uniform(0.1, 0.4), rng.uniform(0.08, 0.4)])
@@ -69,26 +52,7 @@ def shop(rng: np.random.Generator, width: float, height: float, style: Style) ->
 
 
 def facade(rng: np.random.Generator, width: float, floors: int, style: Style, depth: float = 7.0) -> Mesh:
-    """Build a house front with its sides and roof.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness: window contents, doors, roofs.
-    width : float
-        Along the wall, metres.
-    floors : int
-        Storeys, the ground floor included.
-    style : Style
-        Look.
-    depth : float
-        Of the building, metres.
-
-    Returns
-    -------
-    Mesh
-        In the frame of the facade, standing on z = 0.
-    """
+    """Build a house front with its sides and roof."""
     ground, storey = 3.4, 3.0
     top = ground + storey * (floors - 1)
     bays = max(2, round(width / 2.3))
@@ -155,18 +119,5 @@ def _roof(rng: np.random.Generator, width: float, top: float, depth: float, styl
 
 
 def weathered(mesh: Mesh, splash_m: float = 0.5) -> Mesh:
-    """Darken a building towards the ground, where rain throws dirt up.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Building that stands on z = 0.
-    splash_m : float
-        Height over which the dirt fades, metres.
-
-    Returns
-    -------
-    Mesh
-        The same shape, darker below.
-    """
+    """Darken a building towards the ground, where rain throws dirt up."""
     return mesh.tinted((1.0 - 0.38 * np.exp(-np.maximum(mesh.points[:, 2], 0.0) / splash_m))[:, None])

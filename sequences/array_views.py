@@ -19,24 +19,12 @@ from sequences.toy import POSITIONS
 
 @dataclass(frozen=True, eq=False)
 class RenderedView:
-    """A picture of an array and the truth about it.
+    """A picture of an array and the truth about it."""
 
-    Attributes
-    ----------
-    position : tuple of int
-        Place (m, n) of its camera.
-    image : ndarray of shape (H, W, 3), uint8
-        Red, green, blue.
-    depth : ndarray of shape (H, W), float32
-        Along the optical axis, metres.
-    camera : Camera
-        Intrinsics and pose.
-    """
-
-    position: tuple[int, int]
-    image: NDArray[np.uint8]
-    depth: NDArray[np.float32]
-    camera: Camera
+    position: tuple[int, int]  # place (m, n) of its camera
+    image: NDArray[np.uint8]  # red, green, blue
+    depth: NDArray[np.float32]  # along the optical axis, metres
+    camera: Camera  # intrinsics and pose
 
     @property
     def stem(self) -> str:
@@ -45,24 +33,7 @@ class RenderedView:
 
 
 def render_view(name: str, index: int, width: int = 320, height: int = 240, *, seed: int = 0) -> RenderedView:
-    """Render one view of an array.
-
-    Parameters
-    ----------
-    name : str
-        The array, ``"toy"``.
-    index : int
-        Number of the view, from 0.
-    width, height : int
-        Size in pixels.
-    seed : int
-        Draws textures.
-
-    Returns
-    -------
-    RenderedView
-        Picture, depth and camera.
-    """
+    """Render one view of an array."""
     image, depth, camera = render_picture(scene(name, seed), index, width, height)
     return RenderedView(POSITIONS[index], image, depth, camera)
 
@@ -76,27 +47,7 @@ def write_array(
     seed: int = 0,
     progress: Callable[[int], None] = lambda _: None,
 ) -> None:
-    """Write all views of an array: pictures, depth, `cameras.json` and `views.csv`.
-
-    Parameters
-    ----------
-    name : str
-        The array.
-    folder : str or Path
-        New or empty; gets `toy-M-N.png`, `depth-toy-M-N.pfm` (metres), the cameras as `dvc-stereo` reads
-        them (K, R, t, world to camera) and the table of places.
-    width, height : int
-        Size in pixels.
-    seed : int
-        Draws textures.
-    progress : callable, optional
-        Called with the number of views just done.
-
-    Raises
-    ------
-    DvcError
-        If something cannot be written.
-    """
+    """Write all views of an array: pictures, depth, `cameras.json` and `views.csv`."""
     cameras, rows = [], ["file,m,n"]
     with atomic_folder(folder) as made:
         for index in range(len(POSITIONS)):

@@ -76,20 +76,7 @@ def project(camera: Camera, points_in_world: Floats) -> tuple[Floats, Floats]:
 
 
 def ray_directions(camera: Camera, xy: Floats) -> Floats:
-    """Return the world directions (N, 3) of image points (N, 2), each one metre of depth long.
-
-    Parameters
-    ----------
-    camera : Camera
-        The view.
-    xy : ndarray of shape (N, 2), float64
-        Image points in pixels.
-
-    Returns
-    -------
-    ndarray of shape (N, 3), float64
-        Directions in the world.
-    """
+    """Return the world directions (N, 3) of image points (N, 2), each one metre of depth long."""
     rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.K).T
     directions: Floats = rays @ camera.cam_from_world[:, :3]
     return directions
@@ -116,18 +103,7 @@ def back_project(camera: Camera, xy: Floats, depth_m: Floats) -> Floats:
 
 
 def fundamental_matrix(a: Camera, b: Camera) -> Floats:
-    """Return `F` (3, 3) with ``x_b.T @ F @ x_a = 0`` for images of one point, scaled to unit norm.
-
-    Parameters
-    ----------
-    a, b : Camera
-        Two views with different centres.
-
-    Returns
-    -------
-    ndarray of shape (3, 3), float64
-        Fundamental matrix.
-    """
+    """Return `F` (3, 3) with ``x_b.T @ F @ x_a = 0`` for images of one point, scaled to unit norm."""
     b_from_a = b.cam_from_world[:, :3] @ a.cam_from_world[:, :3].T
     t = b.cam_from_world[:, 3] - b_from_a @ a.cam_from_world[:, 3]
     cross = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
@@ -136,22 +112,7 @@ def fundamental_matrix(a: Camera, b: Camera) -> Floats:
 
 
 def intrinsics(width_px: int, height_px: int, field_of_view_deg: float) -> Floats:
-    """Return `K` (3, 3) of square pixels and a centred principal point for a horizontal field of view.
-
-    Parameters
-    ----------
-    width_px : int
-        Columns.
-    height_px : int
-        Rows.
-    field_of_view_deg : float
-        Horizontal field of view, degrees.
-
-    Returns
-    -------
-    ndarray of shape (3, 3), float64
-        Intrinsic matrix in pixels.
-    """
+    """Return `K` (3, 3) of square pixels and a centred principal point for a horizontal field of view."""
     focal = 0.5 * width_px / math.tan(math.radians(field_of_view_deg) / 2)
     return np.array(
         [[focal, 0.0, (width_px - 1) / 2], [0.0, focal, (height_px - 1) / 2], [0.0, 0.0, 1.0]],
@@ -160,20 +121,7 @@ def intrinsics(width_px: int, height_px: int, field_of_view_deg: float) -> Float
 
 
 def look_at(centre: ArrayLike, target: ArrayLike, turn_deg: ArrayLike = (0.0, 0.0, 0.0)) -> Floats:
-    """Return ``cam_from_world`` (3, 4) of a camera that stands level and looks at a point.
-
-    Parameters
-    ----------
-    centre, target : array_like of shape (3,)
-        Where it stands and what it looks at, metres.
-    turn_deg : array_like of shape (3,)
-        Small turns applied afterwards about the camera's x, y and z axes (tilt, pan, roll), degrees.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        World to camera.
-    """
+    """Return ``cam_from_world`` (3, 4) of a camera that stands level and looks at a point."""
     eye = np.asarray(centre, dtype=np.float64)
     forward = np.asarray(target, dtype=np.float64) - eye
     forward /= np.linalg.norm(forward)
@@ -190,24 +138,7 @@ def look_at(centre: ArrayLike, target: ArrayLike, turn_deg: ArrayLike = (0.0, 0.
 
 
 def tremor(time_s: float, seed: int, min_hz: float, max_hz: float, count: int = 6) -> float:
-    """Return a smooth pseudo-random function of time with unit variance: a sum of sinusoids.
-
-    Parameters
-    ----------
-    time_s : float
-        Any instant.
-    seed : int
-        Chooses frequencies and phases.
-    min_hz, max_hz : float
-        Band of the movement.
-    count : int
-        Number of sinusoids.
-
-    Returns
-    -------
-    float
-        Value at that instant.
-    """
+    """Return a smooth pseudo-random function of time with unit variance: a sum of sinusoids."""
     rng = np.random.default_rng([seed, 77])
     frequency = rng.uniform(min_hz, max_hz, count)
     phase = rng.uniform(0.0, 2 * math.pi, count)
@@ -215,22 +146,7 @@ def tremor(time_s: float, seed: int, min_hz: float, max_hz: float, count: int = 
 
 
 def there_and_back(time: float, period: float, ease: float) -> float:
-    """Fold time into ``[0, period]``, so that a path of finite length serves a sequence of any length.
-
-    Parameters
-    ----------
-    time : float
-        Frame number, not negative; at 0 the camera is already moving.
-    period : float
-        Frames from one end of the path to the other.
-    ease : float
-        Frames before and after a turn in which the speed changes evenly.
-
-    Returns
-    -------
-    float
-        Position on the path, in frames of full speed.
-    """
+    """Fold time into ``[0, period]``, so that a path of finite length serves a sequence of any length."""
     phase = (time + ease) % (2 * period)
     to_turn = abs(phase - period)
     rounded = min(to_turn, period - to_turn)

@@ -18,22 +18,13 @@ DATA_VARIABLE = "DVC_DATA"
 
 @dataclass(frozen=True)
 class Knowledge:
-    """What is known of a video file beyond what it declares.
+    """What is known of a video file beyond what it declares."""
 
-    Attributes
-    ----------
-    static : str
-        Whether only the camera moves: ``"yes"``, ``"no"``, ``"uncertain"`` or ``"unknown"``.
-    shows, motion, purpose : str
-        One sentence each.
-    motion_px : tuple of float, optional
-        Mean, smallest and largest frame mean of tracked motion in pixels per frame.
-    """
-
-    static: str
-    shows: str
+    static: str  # whether only the camera moves: ``"yes"``, ``"no"``, ``"uncertain"`` or ``"unknown"``
+    shows: str  # one sentence each
     motion: str
     purpose: str
+    # mean, smallest and largest frame mean of tracked motion in pixels per frame
     motion_px: tuple[float, float, float] | None = None
 
 
@@ -92,34 +83,16 @@ USER_MATERIAL = Knowledge("unknown", "user material", "not described", "user mat
 
 @dataclass(frozen=True)
 class Entry:
-    """One line of the catalogue.
+    """One line of the catalogue."""
 
-    Attributes
-    ----------
-    name : str
-        By which it is asked for.
-    kind : str
-        ``"rendered"`` or ``"file"``.
-    width, height : int
-        Size in pixels; the default one of a rendered scene, 0 for a file that cannot be read.
-    frame_rate : Fraction
-        Frames per second.
-    num_frames : int or None
-        Length, as far as it is declared.
-    path : str or None
-        The file.
-    about : Knowledge
-        What it shows and what it is for.
-    """
-
-    name: str
-    kind: str
-    width: int
+    name: str  # by which it is asked for
+    kind: str  # ``"rendered"`` or ``"file"``
+    width: int  # size in pixels; the default one of a rendered scene, 0 for a file that cannot be read
     height: int
-    frame_rate: Fraction
-    num_frames: int | None
-    path: str | None
-    about: Knowledge
+    frame_rate: Fraction  # frames per second
+    num_frames: int | None  # length, as far as it is declared
+    path: str | None  # the file
+    about: Knowledge  # what it shows and what it is for
 
     def to_dict(self) -> dict[str, Any]:
         """Return the entry as plain values for JSON."""
@@ -129,18 +102,7 @@ class Entry:
 
 
 def data_folder() -> Path | None:
-    """Return the folder of video files: ``$DVC_DATA``, else ``../shared/sequences`` beside the project.
-
-    Returns
-    -------
-    Path or None
-        None if there is no such folder.
-
-    Raises
-    ------
-    ConfigError
-        If ``$DVC_DATA`` is set to something that is not a folder.
-    """
+    """Return the folder of video files: ``$DVC_DATA``, else ``../shared/sequences`` beside the project."""
     named = os.environ.get(DATA_VARIABLE)
     if named:
         if not Path(named).is_dir():
@@ -151,13 +113,7 @@ def data_folder() -> Path | None:
 
 
 def files() -> dict[str, Path]:
-    """Return the video files of the data folder by name (the file name without its suffix), sorted.
-
-    Returns
-    -------
-    dict of str to Path
-        Of two files with one stem, both are listed with their suffix.
-    """
+    """Return the video files of the data folder by name (the file name without its suffix), sorted."""
     folder = data_folder()
     if folder is None:
         return {}
@@ -167,13 +123,7 @@ def files() -> dict[str, Path]:
 
 
 def entries() -> list[Entry]:
-    """List the rendered scenes, then the files of the data folder.
-
-    Returns
-    -------
-    list of Entry
-        A file whose name is that of a scene is listed with its suffix.
-    """
+    """List the rendered scenes, then the files of the data folder."""
     found = [_rendered_entry(description) for description in descriptions().values()]
     taken = {entry.name for entry in found}
     return found + [_file_entry(path.name if name in taken else name, path) for name, path in files().items()]
@@ -215,23 +165,7 @@ def _count_packets(path: Path) -> int | None:
 
 
 def resolve(name_or_path: str | Path) -> Path | Description:
-    """Find what a name or path stands for: a rendered scene, a file of the data folder, or any file.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Name in the catalogue, or a file or folder of images.
-
-    Returns
-    -------
-    Path or Description
-        A file or folder, or the description of a rendered scene.
-
-    Raises
-    ------
-    ConfigError
-        If it is none of these; the message lists the names.
-    """
+    """Find what a name or path stands for: a rendered scene, a file of the data folder, or any file."""
     name = str(name_or_path)
     if not isinstance(name_or_path, Path) and name in descriptions():
         return descriptions()[name]
@@ -247,23 +181,7 @@ def resolve(name_or_path: str | Path) -> Path | Description:
 
 
 def entry(name_or_path: str | Path) -> Entry:
-    """Return the entry of a name or path.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-        As for `resolve`.
-
-    Returns
-    -------
-    Entry
-        Size, rate, length, purpose.
-
-    Raises
-    ------
-    DvcError
-        If there is no such sequence, or the file cannot be read.
-    """
+    """Return the entry of a name or path."""
     found = resolve(name_or_path)
     if isinstance(found, Description):
         return _rendered_entry(found)

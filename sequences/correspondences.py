@@ -35,45 +35,13 @@ class Correspondences:
 
 
 def pixel_grid(width: int, height: int, step: int = 1) -> Floats:
-    """Return the pixel centres (P, 2) of every `step`-th column and row as (x, y), row by row.
-
-    Parameters
-    ----------
-    width : int
-        Columns.
-    height : int
-        Rows.
-    step : int
-        Distance of the points in pixels.
-
-    Returns
-    -------
-    ndarray of shape (P, 2), float64
-        Image points.
-    """
+    """Return the pixel centres (P, 2) of every `step`-th column and row as (x, y), row by row."""
     x, y = np.meshgrid(np.arange(0, width, step), np.arange(0, height, step))
     return np.stack([x.ravel(), y.ravel()], axis=-1).astype(np.float64)
 
 
 def depth_at(scene: Scene, camera: Camera, points: Floats) -> tuple[Floats, NDArray[np.int32]]:
-    """Cast rays through image points, wherever they lie between pixel centres.
-
-    Parameters
-    ----------
-    scene : Scene
-        Geometry.
-    camera : Camera
-        The view.
-    points : ndarray of shape (P, 2), float64
-        Image points (x, y) in pixels.
-
-    Returns
-    -------
-    depth : ndarray of shape (P,), float64
-        Depth of the nearest surface, metres; inf where there is none, nan outside the image.
-    triangle : ndarray of shape (P,), int32
-        Its triangle, -1 if there is none.
-    """
+    """Cast rays through image points, wherever they lie between pixel centres."""
     height, width = camera.height_px, camera.width_px
     depth, triangle = np.full(len(points), np.nan), np.full(len(points), -1, dtype=np.int32)
     inside = np.flatnonzero(in_image(camera, points))
@@ -94,20 +62,7 @@ def depth_at(scene: Scene, camera: Camera, points: Floats) -> tuple[Floats, NDAr
 
 
 def in_image(camera: Camera, points: Floats) -> NDArray[np.bool_]:
-    """Tell which image points (P, 2) lie on a pixel of the camera; nan does not.
-
-    Parameters
-    ----------
-    camera : Camera
-        The view.
-    points : ndarray of shape (P, 2), float64
-        Image points in pixels.
-
-    Returns
-    -------
-    ndarray of shape (P,), bool
-        True inside.
-    """
+    """Tell which image points (P, 2) lie on a pixel of the camera; nan does not."""
     size = np.array([camera.width_px, camera.height_px])
     return np.asarray(((points >= -0.5) & (points <= size - 0.5)).all(axis=1))
 

@@ -15,44 +15,21 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Description:
-    """A scene as data: what is known of it, and the functions that build it.
+    """A scene as data: what is known of it, and the functions that build it."""
 
-    Attributes
-    ----------
-    name : str
-        Name by which it is asked for.
-    frame_rate : Fraction
-        Frames per second.
-    num_frames : int
-        Usual length of a sequence; any other works too.
-    field_of_view_deg : float
-        Horizontal.
-    exposure : float
-        Factor from radiance to the input of the tone curve.
-    shows, motion, purpose : str
-        One sentence each, for the catalogue.
-    motion_px : tuple of float
-        Mean, smallest and largest frame mean of tracked motion at 352x288, in pixels per frame.
-    pose : callable
-        Function of frame number (a float) and seed to ``cam_from_world`` (3, 4), metres.
-    geometry : callable
-        Function of a random generator and the share of the leaves, in (0, 1], to everything in the scene.
-    weather : Weather
-        Sun, sky and air.
-    light : LightMaps
-        Where and how finely light is computed.
-    """
-
-    name: str
-    frame_rate: Fraction
-    num_frames: int
-    field_of_view_deg: float
-    exposure: float
-    shows: str
+    name: str  # name by which it is asked for
+    frame_rate: Fraction  # frames per second
+    num_frames: int  # usual length of a sequence; any other works too
+    field_of_view_deg: float  # horizontal
+    exposure: float  # factor from radiance to the input of the tone curve
+    shows: str  # one sentence each, for the catalogue
     motion: str
     purpose: str
+    # mean, smallest and largest frame mean of tracked motion at 352x288, in pixels per frame
     motion_px: tuple[float, float, float]
+    # function of frame number (a float) and seed to ``cam_from_world`` (3, 4), metres
     pose: Callable[[float, int], Floats]
+    # function of a random generator and the share of the leaves, in (0, 1], to everything in the scene
     geometry: Callable[[np.random.Generator, float], Mesh]
-    weather: Weather
-    light: LightMaps
+    weather: Weather  # sun, sky and air
+    light: LightMaps  # where and how finely light is computed

@@ -18,24 +18,7 @@ UP = np.array([0.0, 0.0, 1.0])
 def leaves(
     rng: np.random.Generator, centres: Floats, outwards: Floats, length_m: float, colour: ArrayLike = GREEN
 ) -> Mesh:
-    """Put a folded, pointed leaf of random attitude and shade at each centre.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    centres : ndarray of shape (K, 3), float64
-        Middles of the leaves, metres.
-    outwards : ndarray of shape (K, 3), float64
-        Direction away from the plant, which the leaves roughly face.
-    length_m, colour : float, array_like of shape (3,)
-        Mean length, linear colour.
-
-    Returns
-    -------
-    Mesh
-        Two triangles per leaf.
-    """
+    """Put a folded, pointed leaf of random attitude and shade at each centre."""
     count = len(centres)
     normal = unit_vectors(outwards + 0.75 * rng.standard_normal((count, 3)) + [0.0, 0.0, 0.35])
     axis = unit_vectors(np.cross(normal, rng.standard_normal((count, 3))))
@@ -66,22 +49,7 @@ def clump(
     length_m: float,
     colour: ArrayLike = GREEN,
 ) -> Mesh:
-    """Fill an ellipsoid with leaves, more of them near its surface, darker within.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    centre, radii : array_like of shape (3,)
-        The ellipsoid, metres.
-    count, length_m, colour : int, float, array_like of shape (3,)
-        Number of leaves, their mean length, linear colour.
-
-    Returns
-    -------
-    Mesh
-        The leaves.
-    """
+    """Fill an ellipsoid with leaves, more of them near its surface, darker within."""
     direction = unit_vectors(rng.standard_normal((count, 3)))
     depth = rng.random((count, 1)) ** 0.4
     offset = direction * depth * np.asarray(radii) * (1 + 0.12 * rng.standard_normal((count, 1)))
@@ -98,24 +66,7 @@ def tree(
     length_m: float = 0.14,
     colour: ArrayLike = GREEN,
 ) -> Mesh:
-    """Grow a broad-leaved tree.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    foot : array_like of shape (3,)
-        Where it stands, metres.
-    height_m, crown_m : float
-        Height, and radius of the crown.
-    count, length_m, colour : int, float, array_like of shape (3,)
-        Number of leaves, their mean length, linear colour.
-
-    Returns
-    -------
-    Mesh
-        Trunk, branches and leaves.
-    """
+    """Grow a broad-leaved tree."""
     base = np.asarray(foot, dtype=np.float64)
     fork = 0.36 * height_m
     girth = 0.028 * height_m
@@ -146,24 +97,7 @@ def ivy(
     count: int,
     length_m: float = 0.09,
 ) -> Mesh:
-    """Cover part of a wall with ivy that hangs in tongues.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    origin, across, up : array_like of shape (3,)
-        Corner and sides of the wall; it faces ``across x up``.
-    count : int
-        Number of leaves before those outside the tongues are dropped.
-    length_m : float
-        Mean length of a leaf.
-
-    Returns
-    -------
-    Mesh
-        The leaves.
-    """
+    """Cover part of a wall with ivy that hangs in tongues."""
     o, a, b = (np.asarray(x, dtype=np.float64) for x in (origin, across, up))
     normal = unit_vectors(np.cross(a, b)[None])[0]
     s, t = rng.random(count), rng.random(count)
@@ -181,24 +115,7 @@ def ivy(
 
 
 def tufts(rng: np.random.Generator, feet: Floats, height_m: float, blades: int = 14) -> Mesh:
-    """Grow a tuft of grass blades, bent outwards, at each foot (K, 3).
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    feet : ndarray of shape (K, 3), float64
-        Where the tufts grow, metres.
-    height_m : float
-        Height, metres.
-    blades : int
-        Blades per tuft.
-
-    Returns
-    -------
-    Mesh
-        Two triangles per blade.
-    """
+    """Grow a tuft of grass blades, bent outwards, at each foot (K, 3)."""
     count = len(feet) * blades
     foot = np.repeat(feet, blades, axis=0) + rng.normal(0, 0.02, (count, 3)) * [1, 1, 0]
     angle = rng.uniform(0, 2 * math.pi, count)

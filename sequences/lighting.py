@@ -19,29 +19,20 @@ DISTANCE_M = 2000.0
 
 @dataclass(frozen=True)
 class Weather:
-    """Sun, sky and air of a scene; colours are linear RGB, relative to each other.
+    """Sun, sky and air of a scene; colours are linear RGB, relative to each other."""
 
-    Attributes
-    ----------
-    azimuth_deg, elevation_deg : float
-        Where the sun stands: azimuth clockwise from forward (y), elevation above the horizon.
-    sun, sky, ground : tuple of float
-        Irradiance of the sun, of the open sky, and light thrown back by the ground.
-    haze, zenith, cloud : tuple of float
-        Radiance of the horizon, of the sky overhead and of clouds.
-    haze_per_m : float
-        Extinction of the air.
-    """
-
+    # where the sun stands: azimuth clockwise from forward (y), elevation above the horizon
     azimuth_deg: float
     elevation_deg: float
+    # irradiance of the sun, of the open sky, and light thrown back by the ground
     sun: tuple[float, float, float] = (2.9, 2.62, 2.2)
     sky: tuple[float, float, float] = (0.72, 0.86, 1.06)
     ground: tuple[float, float, float] = (0.34, 0.31, 0.27)
+    # radiance of the horizon, of the sky overhead and of clouds
     haze: tuple[float, float, float] = (0.66, 0.76, 0.90)
     zenith: tuple[float, float, float] = (0.15, 0.29, 0.62)
     cloud: tuple[float, float, float] = (1.55, 1.52, 1.50)
-    haze_per_m: float = 0.0014
+    haze_per_m: float = 0.0014  # extinction of the air
 
     @property
     def to_sun(self) -> Floats:
@@ -53,59 +44,23 @@ class Weather:
 
 @dataclass(frozen=True)
 class LightMaps:
-    """Where and how finely light is computed.
+    """Where and how finely light is computed."""
 
-    Attributes
-    ----------
-    centre : tuple of float
-        Middle of the region that the camera sees from near, metres.
-    radius_m : float
-        Its radius; outside, everything is in full light.
-    shadow_size : int
-        Side of the sun's shadow map in texels.
-    sky_size : int
-        Side of the depth map of each sky direction in texels.
-    directions : int
-        Number of sky directions.
-    """
-
-    centre: tuple[float, float, float]
-    radius_m: float
-    shadow_size: int = 1536
-    sky_size: int = 512
-    directions: int = 40
+    centre: tuple[float, float, float]  # middle of the region that the camera sees from near, metres
+    radius_m: float  # its radius; outside, everything is in full light
+    shadow_size: int = 1536  # side of the sun's shadow map in texels
+    sky_size: int = 512  # side of the depth map of each sky direction in texels
+    directions: int = 40  # number of sky directions
 
     def at(self, detail: float) -> "LightMaps":
-        """Return what a scene of less detail gets: fewer directions, and below 0.3 coarser maps.
-
-        Parameters
-        ----------
-        detail : float
-            Share of leaves and of light directions, in (0, 1].
-
-        Returns
-        -------
-        LightMaps
-            Of the same region.
-        """
+        """Return what a scene of less detail gets: fewer directions, and below 0.3 coarser maps."""
         if detail > 0.3:
             return replace(self, directions=max(8, round(self.directions * detail)))
         return replace(self, shadow_size=self.shadow_size // 2, sky_size=self.sky_size // 2, directions=8)
 
 
 def sky_directions(count: int) -> Floats:
-    """Return `count` unit vectors (count, 3) spread evenly over the upper hemisphere (a golden spiral).
-
-    Parameters
-    ----------
-    count : int
-        Number of directions.
-
-    Returns
-    -------
-    ndarray of shape (count, 3), float64
-        Unit vectors.
-    """
+    """Return `count` unit vectors (count, 3) spread evenly over the upper hemisphere (a golden spiral)."""
     k = np.arange(count) + 0.5
     up = k / count
     azimuth = k * math.pi * (3.0 - math.sqrt(5.0))
@@ -114,24 +69,7 @@ def sky_directions(count: int) -> Floats:
 
 
 def distant_view(direction: ArrayLike, centre: ArrayLike, radius_m: float, size: int) -> Floats:
-    """Return the projection (3, 4) of a far camera that looks at a ball from a direction.
-
-    Parameters
-    ----------
-    direction : array_like of shape (3,)
-        Unit vector from the ball to the camera.
-    centre : array_like of shape (3,)
-        Middle of the ball, metres.
-    radius_m : float
-        Its radius; it just fills the map.
-    size : int
-        Side of the map in texels.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        World to homogeneous texel coordinates; the third row gives the distance in metres.
-    """
+    """Return the projection (3, 4) of a far camera that looks at a ball from a direction."""
     middle = np.asarray(centre, dtype=np.float64)
     focal = 0.5 * size * DISTANCE_M / radius_m
     half = (size - 1) / 2
@@ -141,22 +79,7 @@ def distant_view(direction: ArrayLike, centre: ArrayLike, radius_m: float, size:
 
 
 def depth_map(mesh: Mesh, projection: Floats, size: int) -> Singles:
-    """Return the inverse depth (size, size) of a mesh in a distant view, 0 where there is nothing.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The scene.
-    projection : ndarray of shape (3, 4), float64
-        From `distant_view`.
-    size : int
-        Side of the map in texels.
-
-    Returns
-    -------
-    ndarray of shape (size, size), float32
-        Inverse depth, 1/m.
-    """
+    """Return the inverse depth (size, size) of a mesh in a distant view, 0 where there is nothing."""
     projected = np.empty_like(mesh.points)
     _kernels.transform(projection, mesh.points, projected)
     inverse = np.zeros((size, size), dtype=np.float32)
@@ -165,22 +88,7 @@ def depth_map(mesh: Mesh, projection: Floats, size: int) -> Singles:
 
 
 def sky_visibility(mesh: Mesh, thin: NDArray[np.bool_], maps: LightMaps) -> Floats:
-    """Return the cosine-weighted share of the sky that each vertex sees, shape (N,), in [0, 1].
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The whole scene.
-    thin : ndarray of shape (N,), bool
-        Vertices of things lit from both sides.
-    maps : LightMaps
-        Region and resolution.
-
-    Returns
-    -------
-    ndarray of shape (N,), float64
-        1 in the open, 0 where no sky is seen.
-    """
+    """Return the cosine-weighted share of the sky that each vertex sees, shape (N,), in [0, 1]."""
     texel_m = 2 * maps.radius_m / maps.sky_size
     lifted = mesh.points + np.where(thin, 0.0, 0.04)[:, None] * mesh.normals
     seen, total = np.zeros(len(lifted)), np.full(len(lifted), 1e-9)
@@ -196,26 +104,7 @@ def sky_visibility(mesh: Mesh, thin: NDArray[np.bool_], maps: LightMaps) -> Floa
 
 
 def illuminate(mesh: Mesh, textures: Textures, weather: Weather, maps: LightMaps) -> tuple[Surface, Light]:
-    """Compute the light of a scene that stands still.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The whole scene.
-    textures : Textures
-        Material table, which tells thin things from solid ones.
-    weather : Weather
-        Sun and sky.
-    maps : LightMaps
-        Region and resolution.
-
-    Returns
-    -------
-    surface : Surface
-        The mesh with the light of the sky at its vertices.
-    light : Light
-        Sun, shadow map, sky and haze for the shading kernel.
-    """
+    """Compute the light of a scene that stands still."""
     thin = np.zeros(len(mesh.points), dtype=np.bool_)
     thin[mesh.triangles[textures.kind[mesh.materials] == LEAF].ravel()] = True
     ambient = sky_visibility(mesh, thin, maps)

@@ -17,109 +17,36 @@ WHITE: Colour = (1.0, 1.0, 1.0)
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles with attributes at their vertices.
+    """Triangles with attributes at their vertices."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (N, 3), float64
-        Vertices in the world, metres.
-    normals : ndarray of shape (N, 3), float64
-        Unit normals, outwards.
-    uv : ndarray of shape (N, 2), float64
-        Texture coordinates, metres along the surface.
-    tint : ndarray of shape (N, 3), float64
-        Linear colour that multiplies the texture.
-    triangles : ndarray of shape (M, 3), int32
-        Vertex numbers.
-    materials : ndarray of shape (M,), int32
-        Texture number of each triangle.
-    """
-
-    points: Floats
-    normals: Floats
-    uv: Floats
-    tint: Floats
-    triangles: Ids
-    materials: Ids
+    points: Floats  # vertices in the world, metres
+    normals: Floats  # unit normals, outwards
+    uv: Floats  # texture coordinates, metres along the surface
+    tint: Floats  # linear colour that multiplies the texture
+    triangles: Ids  # vertex numbers
+    materials: Ids  # texture number of each triangle
 
     def moved(self, offset: ArrayLike) -> "Mesh":
-        """Return the mesh shifted by `offset` (3,), metres.
-
-        Parameters
-        ----------
-        offset : array_like of shape (3,)
-            Shift, metres.
-
-        Returns
-        -------
-        Mesh
-            The same triangles elsewhere.
-        """
+        """Return the mesh shifted by `offset` (3,), metres."""
         return replace(self, points=self.points + np.asarray(offset, dtype=np.float64))
 
     def turned(self, angle_deg: float) -> "Mesh":
-        """Return the mesh turned about the vertical axis through the origin, counter-clockwise from above.
-
-        Parameters
-        ----------
-        angle_deg : float
-            Angle, degrees.
-
-        Returns
-        -------
-        Mesh
-            The same triangles, turned.
-        """
+        """Return the mesh turned about the vertical axis through the origin, counter-clockwise from above."""
         c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
         rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         return replace(self, points=self.points @ rotation.T, normals=self.normals @ rotation.T)
 
     def texture_moved(self, u_m: float, v_m: float) -> "Mesh":
-        """Return the mesh with its texture shifted, so that repeated parts do not look alike.
-
-        Parameters
-        ----------
-        u_m : float
-            Shift along u, metres.
-        v_m : float
-            Shift along v, metres.
-
-        Returns
-        -------
-        Mesh
-            The same triangles with other texture coordinates.
-        """
+        """Return the mesh with its texture shifted, so that repeated parts do not look alike."""
         return replace(self, uv=self.uv + np.array([u_m, v_m]))
 
     def tinted(self, factor: ArrayLike) -> "Mesh":
-        """Return the mesh with its tint multiplied by `factor`, of shape (3,) or (N, 1) or (N, 3).
-
-        Parameters
-        ----------
-        factor : array_like of shape (3,), (N, 1) or (N, 3)
-            What the colour is multiplied with.
-
-        Returns
-        -------
-        Mesh
-            The same triangles in another colour.
-        """
+        """Return the mesh with its tint multiplied by `factor`, of shape (3,) or (N, 1) or (N, 3)."""
         return replace(self, tint=self.tint * np.asarray(factor, dtype=np.float64))
 
 
 def merge(meshes: Iterable[Mesh]) -> Mesh:
-    """Join meshes into one, in order.
-
-    Parameters
-    ----------
-    meshes : iterable of Mesh
-        At least one.
-
-    Returns
-    -------
-    Mesh
-        All of them.
-    """
+    """Join meshes into one, in order."""
     parts = list(meshes)
     starts = np.cumsum([0] + [len(part.points) for part in parts[:-1]])
     return Mesh(
@@ -137,26 +64,7 @@ def merge(meshes: Iterable[Mesh]) -> Mesh:
 def from_grid(
     points: Floats, uv: Floats, material: int, tint: ArrayLike = WHITE, smooth: bool = True
 ) -> Mesh:
-    """Make a surface of a grid of points (rows, columns, 3); normals are ``d/dcolumn x d/drow``.
-
-    Parameters
-    ----------
-    points : ndarray of shape (R, C, 3), float64
-        Surface points.
-    uv : ndarray of shape (R, C, 2), float64
-        Texture coordinates.
-    material : int
-        Texture number.
-    tint : array_like of shape (3,) or (R, C, 3)
-        Linear colour.
-    smooth : bool
-        Share vertices (smooth normals) or give every quad its own.
-
-    Returns
-    -------
-    Mesh
-        Two triangles per cell.
-    """
+    """Make a surface of a grid of points (rows, columns, 3); normals are ``d/dcolumn x d/drow``."""
     colour = np.broadcast_to(np.asarray(tint, dtype=np.float64), points.shape)
     if smooth:
         across, down = np.gradient(points, axis=1), np.gradient(points, axis=0)
@@ -173,18 +81,7 @@ def from_grid(
 
 
 def quads(count: int) -> Ids:
-    """Return the triangles of quads that share no vertex.
-
-    Parameters
-    ----------
-    count : int
-        Number of quads, each of four vertices that follow each other round it.
-
-    Returns
-    -------
-    ndarray of shape (2 count, 3), int32
-        Vertex numbers, quad by quad.
-    """
+    """Return the triangles of quads that share no vertex."""
     return (4 * np.arange(count)[:, None] + [0, 1, 2, 0, 2, 3]).reshape(-1, 3).astype(np.int32)
 
 
@@ -197,26 +94,7 @@ def patch(
     cell_m: float = 0.35,
     uv_at: ArrayLike = (0.0, 0.0),
 ) -> Mesh:
-    """Make a flat parallelogram with the normal ``across x up``, cut into cells on which light is baked.
-
-    Parameters
-    ----------
-    origin, across, up : array_like of shape (3,)
-        Corner and the two sides, metres.
-    material : int
-        Texture number.
-    tint : array_like of shape (3,)
-        Linear colour.
-    cell_m : float
-        Largest side of a cell.
-    uv_at : array_like of shape (2,)
-        Texture coordinates of the corner, metres.
-
-    Returns
-    -------
-    Mesh
-        The surface.
-    """
+    """Make a flat parallelogram with the normal ``across x up``, cut into cells on which light is baked."""
     o, a, b = (np.asarray(x, dtype=np.float64) for x in (origin, across, up))
     wide, tall = math.sqrt(float(a @ a)), math.sqrt(float(b @ b))
     columns, rows = max(1, math.ceil(wide / cell_m)), max(1, math.ceil(tall / cell_m))
@@ -262,17 +140,6 @@ def _mesh(
 
 
 def unit_vectors(vectors: Floats) -> Floats:
-    """Scale vectors to length 1; zero stays zero.
-
-    Parameters
-    ----------
-    vectors : ndarray of shape (..., 3), float64
-        Any vectors.
-
-    Returns
-    -------
-    ndarray of the same shape, float64
-        Unit vectors.
-    """
+    """Scale vectors to length 1; zero stays zero."""
     lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return np.asarray(vectors / np.maximum(lengths, 1e-12), dtype=np.float64)

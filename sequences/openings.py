@@ -30,51 +30,18 @@ class Opening:
 
 @dataclass(frozen=True)
 class Style:
-    """Look of a facade.
+    """Look of a facade."""
 
-    Attributes
-    ----------
-    material : str
-        Texture of the wall.
-    tint : tuple of float
-        Its colour.
-    trim : tuple of float
-        Colour of cornices, sills and surrounds.
-    paint : tuple of float
-        Colour of window frames and doors.
-    ground : str
-        ``"shop"``, ``"door"`` or ``"plain"``.
-    shutters : bool
-        Whether windows have them.
-    """
-
-    material: str
-    tint: Colour
-    trim: Colour = (0.95, 0.92, 0.85)
-    paint: Colour = PAINTS[0]
-    ground: str = "door"
-    shutters: bool = False
+    material: str  # texture of the wall
+    tint: Colour  # its colour
+    trim: Colour = (0.95, 0.92, 0.85)  # colour of cornices, sills and surrounds
+    paint: Colour = PAINTS[0]  # colour of window frames and doors
+    ground: str = "door"  # ``"shop"``, ``"door"`` or ``"plain"``
+    shutters: bool = False  # whether windows have them
 
 
 def on_sheet(mesh: Mesh, column: int, row: int, across: int) -> Mesh:
-    """Map the texture coordinates of a patch onto one picture of a sheet of ``across**2`` pictures.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        A flat patch.
-    column : int
-        Column of the picture, from 0.
-    row : int
-        Row of the picture, from 0.
-    across : int
-        Pictures along one side of the sheet.
-
-    Returns
-    -------
-    Mesh
-        The patch with new texture coordinates.
-    """
+    """Map the texture coordinates of a patch onto one picture of a sheet of ``across**2`` pictures."""
     low, high = mesh.uv.min(axis=0), mesh.uv.max(axis=0)
     unit = (mesh.uv - low) / np.maximum(high - low, 1e-9)
     unit[:, 1] = 1.0 - unit[:, 1]
@@ -84,28 +51,7 @@ def on_sheet(mesh: Mesh, column: int, row: int, across: int) -> Mesh:
 def wall(
     width: float, bottom: float, top: float, openings: list[Opening], material: str, tint: ArrayLike
 ) -> Mesh:
-    """Make a flat wall with rectangular holes; texture coordinates run on through the whole wall.
-
-    Parameters
-    ----------
-    width : float
-        Along the wall, metres.
-    bottom : float
-        Lower edge, metres.
-    top : float
-        Upper edge, metres.
-    openings : list of Opening
-        Holes, which must not overlap.
-    material : str
-        Name of the texture.
-    tint : array_like of shape (3,)
-        Linear colour.
-
-    Returns
-    -------
-    Mesh
-        The wall, facing -y.
-    """
+    """Make a flat wall with rectangular holes; texture coordinates run on through the whole wall."""
     levels = sorted({bottom, top, *(o.z for o in openings), *(o.z + o.height for o in openings)})
     parts = []
     for low, high in pairwise(levels):
@@ -121,24 +67,7 @@ def wall(
 
 
 def reveal(o: Opening, material: str, tint: ArrayLike, depth: float = RECESS_M) -> Mesh:
-    """Make the four inner sides of a hole in a wall.
-
-    Parameters
-    ----------
-    o : Opening
-        The hole.
-    material : str
-        Name of the texture.
-    tint : array_like of shape (3,)
-        Linear colour.
-    depth : float
-        Thickness of the wall, metres.
-
-    Returns
-    -------
-    Mesh
-        Four flat sides.
-    """
+    """Make the four inner sides of a hole in a wall."""
     number, x1, z1 = NUMBER[material], o.x + o.width, o.z + o.height
     sides = [
         ((o.x, 0, o.z), (0, depth, 0), (0, 0, o.height)),
@@ -150,24 +79,7 @@ def reveal(o: Opening, material: str, tint: ArrayLike, depth: float = RECESS_M) 
 
 
 def frame(o: Opening, bars: tuple[int, int], paint: ArrayLike, thick: float = 0.06) -> Mesh:
-    """Make the wooden frame of a window, divided into ``bars`` panes across and up.
-
-    Parameters
-    ----------
-    o : Opening
-        The hole.
-    bars : tuple of int
-        Panes across and up.
-    paint : array_like of shape (3,)
-        Linear colour.
-    thick : float
-        Width of a bar, metres.
-
-    Returns
-    -------
-    Mesh
-        The bars.
-    """
+    """Make the wooden frame of a window, divided into ``bars`` panes across and up."""
     front, back = RECESS_M - 0.07, RECESS_M
     parts = []
     for x in np.linspace(o.x, o.x + o.width - thick, bars[0] + 1):
@@ -179,22 +91,7 @@ def frame(o: Opening, bars: tuple[int, int], paint: ArrayLike, thick: float = 0.
 
 
 def fill(rng: np.random.Generator, o: Opening, style: Style) -> Mesh:
-    """Fill a hole with a window or a door.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    o : Opening
-        The hole.
-    style : Style
-        Look of the facade.
-
-    Returns
-    -------
-    Mesh
-        All but the wall.
-    """
+    """Fill a hole with a window or a door."""
     return (_door if o.kind == "door" else _window)(rng, o, style)
 
 

@@ -16,24 +16,7 @@ def spectral_noise(
     max_frequency: float = SIZE / 2,
     stretch: float = 1.0,
 ) -> Floats:
-    """Draw periodic Gaussian noise whose amplitude falls as ``1 / frequency**slope``, mean 0, deviation 1.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    slope : float
-        Spectral slope; 0 is white, 1 looks like stone, 2 like clouds.
-    min_frequency, max_frequency : float
-        Band, cycles per tile.
-    stretch : float
-        Above 1 draws the pattern out along rows (the second axis), below 1 along columns.
-
-    Returns
-    -------
-    ndarray of shape (SIZE, SIZE), float64
-        The noise.
-    """
+    """Draw periodic Gaussian noise whose amplitude falls as ``1 / frequency**slope``, mean 0, deviation 1."""
     rows, columns = np.fft.fftfreq(SIZE, 1 / SIZE)[:, None], np.fft.rfftfreq(SIZE, 1 / SIZE)[None, :]
     radius = np.hypot(rows / np.sqrt(stretch), columns * np.sqrt(stretch))
     gain = np.where(
@@ -44,43 +27,13 @@ def spectral_noise(
 
 
 def relief(height: Floats, depth: float) -> Floats:
-    """Return the shading (about 1) of a height map that is lit from the upper left.
-
-    Parameters
-    ----------
-    height : ndarray of shape (SIZE, SIZE), float64
-        Height map.
-    depth : float
-        Strength.
-
-    Returns
-    -------
-    ndarray of shape (SIZE, SIZE), float64
-        Factor for the reflectance.
-    """
+    """Return the shading (about 1) of a height map that is lit from the upper left."""
     slope = np.roll(height, 1, 0) - np.roll(height, -1, 0) + np.roll(height, 1, 1) - np.roll(height, -1, 1)
     return np.asarray(np.clip(1.0 - depth * slope, 0.35, 1.6), dtype=np.float64)
 
 
 def cells(rng: np.random.Generator, across: int, disorder: float) -> tuple[Floats, NDArray[np.int64]]:
-    """Cut a tile into ``across**2`` rounded stones.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    across : int
-        Stones along one side.
-    disorder : float
-        Displacement of the stones from a brick-like grid, in stones.
-
-    Returns
-    -------
-    height : ndarray of shape (SIZE, SIZE), float64
-        Distance to the nearest joint, in stones, at most about 0.5.
-    owner : ndarray of shape (SIZE, SIZE), int64
-        Number of the stone at each texel.
-    """
+    """Cut a tile into ``across**2`` rounded stones."""
     from scipy.spatial import cKDTree
 
     i, j = np.meshgrid(np.arange(across), np.arange(across), indexing="ij")
@@ -98,26 +51,7 @@ def cells(rng: np.random.Generator, across: int, disorder: float) -> tuple[Float
 def courses(
     rng: np.random.Generator, rows: int, columns: int, joint: float, ragged: float = 0.0
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Lay a tile in courses with half a stone of offset: bricks, slabs, ashlar, roof tiles.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    rows, columns : int
-        Courses in a tile and stones in a course.
-    joint : float
-        Width of the joint in texels.
-    ragged : float
-        Unevenness of the edges in texels.
-
-    Returns
-    -------
-    body : ndarray of shape (SIZE, SIZE), float64
-        0 in the joint, 1 in the stone, with a soft edge.
-    owner : ndarray of shape (SIZE, SIZE), int64
-        Number of the stone.
-    """
+    """Lay a tile in courses with half a stone of offset: bricks, slabs, ashlar, roof tiles."""
     wobble = ragged * spectral_noise(rng, 0.8, 4, 120), ragged * spectral_noise(rng, 0.8, 4, 120)
     y, x = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5, indexing="ij")
     v = np.mod(y + wobble[0], SIZE) / SIZE * rows
@@ -132,18 +66,7 @@ def courses(
 
 
 def photograph(name: str) -> Floats:
-    """Return a grey photograph of scikit-image, 512x512, made seamless, as linear values with mean 0.25.
-
-    Parameters
-    ----------
-    name : str
-        Name in `skimage.data`.
-
-    Returns
-    -------
-    ndarray of shape (SIZE, SIZE), float64
-        Linear values.
-    """
+    """Return a grey photograph of scikit-image, 512x512, made seamless, as linear values with mean 0.25."""
     from skimage import data
 
     image = (getattr(data, name)().astype(np.float64) / 255.0) ** 2.2
@@ -156,18 +79,5 @@ def photograph(name: str) -> Floats:
 
 
 def coloured(grey: Floats, colour: ArrayLike) -> Floats:
-    """Multiply a grey map (SIZE, SIZE) with a linear colour (3,) or a map of colours.
-
-    Parameters
-    ----------
-    grey : ndarray of shape (SIZE, SIZE), float64
-        Reflectance.
-    colour : array_like of shape (3,) or (SIZE, SIZE, 3)
-        Linear colour.
-
-    Returns
-    -------
-    ndarray of shape (SIZE, SIZE, 3), float64
-        Reflectance, clipped to [0, 1].
-    """
+    """Multiply a grey map (SIZE, SIZE) with a linear colour (3,) or a map of colours."""
     return np.asarray(np.clip(grey[..., None] * np.asarray(colour, dtype=np.float64), 0.0, 1.0))

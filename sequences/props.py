@@ -23,18 +23,7 @@ _BELT_M = 0.93
 
 
 def car(colour: Colour) -> Mesh:
-    """Make a parked hatchback, 4.2 m long, nose towards -y, standing at the origin.
-
-    Parameters
-    ----------
-    colour : tuple of float
-        Linear colour of the paint.
-
-    Returns
-    -------
-    Mesh
-        Body, glass, wheels, lamps.
-    """
+    """Make a parked hatchback, 4.2 m long, nose towards -y, standing at the origin."""
     parts = []
     paint, glass = np.array(colour) * 1.7, np.array((0.05, 0.06, 0.065)) * 1.7
     half = np.array([_half_width(z) for z in _ROOF_LINE[:, 1]])
@@ -113,22 +102,7 @@ def _wheel(x: float, y: float, radius: float) -> Mesh:
 
 
 def lamp(foot: ArrayLike, towards: float, height_m: float = 5.2) -> Mesh:
-    """Make a street lamp whose arm reaches `towards` metres along x.
-
-    Parameters
-    ----------
-    foot : array_like of shape (3,)
-        Where it stands, metres.
-    towards : float
-        Reach of the arm along x, metres.
-    height_m : float
-        Height, metres.
-
-    Returns
-    -------
-    Mesh
-        Post, arm and head.
-    """
+    """Make a street lamp whose arm reaches `towards` metres along x."""
     base = np.asarray(foot, dtype=np.float64)
     iron = (0.14, 0.17, 0.15)
     profile = [(0.14, 0), (0.14, 0.5), (0.09, 0.62), (0.07, 1.0), (0.055, height_m)]
@@ -149,18 +123,7 @@ def lamp(foot: ArrayLike, towards: float, height_m: float = 5.2) -> Mesh:
 
 
 def bollard(foot: ArrayLike) -> Mesh:
-    """Make a cast-iron bollard.
-
-    Parameters
-    ----------
-    foot : array_like of shape (3,)
-        Where it stands, metres.
-
-    Returns
-    -------
-    Mesh
-        The bollard.
-    """
+    """Make a cast-iron bollard."""
     profile = [
         (0.1, 0),
         (0.1, 0.08),
@@ -175,22 +138,7 @@ def bollard(foot: ArrayLike) -> Mesh:
 
 
 def sign(foot: ArrayLike, colour: Colour, height_m: float = 2.3) -> Mesh:
-    """Make a round traffic sign on a pole, facing -y.
-
-    Parameters
-    ----------
-    foot : array_like of shape (3,)
-        Where it stands, metres.
-    colour : tuple of float
-        Linear colour of the ring.
-    height_m : float
-        Height of the middle of the disc, metres.
-
-    Returns
-    -------
-    Mesh
-        Pole and disc.
-    """
+    """Make a round traffic sign on a pole, facing -y."""
     base = np.asarray(foot, dtype=np.float64)
     parts = [lathe([(0.03, 0), (0.03, height_m + 0.3)], base, NUMBER["paint"], (0.55, 0.56, 0.57), 8)]
     radii = ((0.3, (1.5, 1.5, 1.5), 0.05), (0.27, colour, 0.056), (0.17, (1.5, 1.5, 1.45), 0.062))
@@ -207,24 +155,7 @@ def sign(foot: ArrayLike, colour: Colour, height_m: float = 2.3) -> Mesh:
 
 
 def column(foot: ArrayLike, height_m: float, radius_m: float, tint: ArrayLike = (1, 1, 1)) -> Mesh:
-    """Make a round stone column with base and capital.
-
-    Parameters
-    ----------
-    foot : array_like of shape (3,)
-        Where it stands, metres.
-    height_m : float
-        Height, metres.
-    radius_m : float
-        Radius of the shaft at its foot, metres.
-    tint : array_like of shape (3,)
-        Linear colour.
-
-    Returns
-    -------
-    Mesh
-        The column.
-    """
+    """Make a round stone column with base and capital."""
     r, h = radius_m, height_m
     shaft = [(0.95 * r, 0.45 * r + t * (h - 1.3 * r)) for t in np.linspace(0, 1, 9)]
     shaft = [(x * (1.0 - 0.13 * i / 8), z) for i, (x, z) in enumerate(shaft)]
@@ -234,20 +165,7 @@ def column(foot: ArrayLike, height_m: float, radius_m: float, tint: ArrayLike = 
 
 
 def baluster(foot: ArrayLike, height_m: float, tint: ArrayLike = (1, 1, 1)) -> Mesh:
-    """Make a turned stone baluster.
-
-    Parameters
-    ----------
-    foot : array_like of shape (3,)
-        Where it stands, metres.
-    height_m, tint : float, array_like of shape (3,)
-        Height in metres, linear colour.
-
-    Returns
-    -------
-    Mesh
-        The baluster.
-    """
+    """Make a turned stone baluster."""
     outline = [
         (0.065, 0),
         (0.065, 0.08),
@@ -262,18 +180,7 @@ def baluster(foot: ArrayLike, height_m: float, tint: ArrayLike = (1, 1, 1)) -> M
 
 
 def bench(foot: ArrayLike) -> Mesh:
-    """Make a wooden bench, 1.8 m along x, facing -y.
-
-    Parameters
-    ----------
-    foot : array_like of shape (3,)
-        Where it stands, metres.
-
-    Returns
-    -------
-    Mesh
-        Seat, back and legs.
-    """
+    """Make a wooden bench, 1.8 m along x, facing -y."""
     wood, iron = NUMBER["wood"], NUMBER["paint"]
     parts = [
         box((-0.9, 0.12 * k, 0.43), (0.9, 0.12 * k + 0.1, 0.47), wood, (0.9, 0.9, 0.9)) for k in range(4)
@@ -289,18 +196,7 @@ def bench(foot: ArrayLike) -> Mesh:
 
 
 def planter(low: ArrayLike, high: ArrayLike) -> Mesh:
-    """Make a stone box filled with earth.
-
-    Parameters
-    ----------
-    low, high : array_like of shape (3,)
-        Lowest and highest corner, metres.
-
-    Returns
-    -------
-    Mesh
-        The box and the earth.
-    """
+    """Make a stone box filled with earth."""
     a, b = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     rim = 0.06
     parts = [box(a, b, NUMBER["stone"], (0.9, 0.88, 0.84), 0.2)]

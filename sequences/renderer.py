@@ -18,21 +18,11 @@ VIGNETTING = 0.10
 
 @dataclass(frozen=True, eq=False)
 class RenderedFrame:
-    """A picture and the truth about it.
+    """A picture and the truth about it."""
 
-    Attributes
-    ----------
-    frame : Frame
-        Luma and chroma, BT.601 limited range, 4:2:0.
-    depth : ndarray of shape (H, W), float32
-        Depth along the optical axis at the pixel centres, metres; inf for the sky.
-    camera : Camera
-        Intrinsics and pose.
-    """
-
-    frame: Frame
-    depth: Singles
-    camera: Camera
+    frame: Frame  # luma and chroma, BT.601 limited range, 4:2:0
+    depth: Singles  # depth along the optical axis at the pixel centres, metres; inf for the sky
+    camera: Camera  # intrinsics and pose
 
 
 def render_frame(
@@ -44,34 +34,7 @@ def render_frame(
     samples: int = 3,
     noise_sigma: float = 0.0,
 ) -> RenderedFrame:
-    """Render one frame; the same arguments always give the same bytes.
-
-    Parameters
-    ----------
-    scene : Scene
-        What `sequences.scenes.scene` returned.
-    index : int
-        Frame number, from 0.
-    width, height : int
-        Size in pixels.
-    samples : int
-        Samples per pixel along each axis, odd; they reach over a tent of two pixels.
-    noise_sigma : float
-        Standard deviation of sensor noise in luma levels (half of it in chroma), drawn from the scene's seed
-        and `index`; 0 for none.
-
-    Returns
-    -------
-    RenderedFrame
-        Picture, depth and camera.
-
-    Raises
-    ------
-    ValueError
-        If an argument is out of range.
-    VideoError
-        If the size is not one that frames may have.
-    """
+    """Render one frame; the same arguments always give the same bytes."""
     if index < 0:
         raise ValueError(f"`index` must not be negative, got {index}")
     if samples < 1 or samples % 2 == 0:
@@ -89,28 +52,7 @@ def render_frame(
 def render_picture(
     scene: Scene, index: int, width: int, height: int, *, samples: int = 3
 ) -> tuple[NDArray[np.uint8], Singles, Camera]:
-    """Render a picture of a view of a camera array, as if by a perfect lens and sensor.
-
-    Parameters
-    ----------
-    scene : Scene
-        What `sequences.scenes.scene` returned.
-    index : int
-        Number of the view.
-    width, height : int
-        Size in pixels.
-    samples : int
-        As in `render_frame`.
-
-    Returns
-    -------
-    image : ndarray of shape (H, W, 3), uint8
-        Red, green, blue.
-    depth : ndarray of shape (H, W), float32
-        Along the optical axis at the pixel centres, metres; inf for the sky.
-    camera : Camera
-        Intrinsics and pose.
-    """
+    """Render a picture of a view of a camera array, as if by a perfect lens and sensor."""
     check_size(width, height, scene.description.name)
     camera = scene.camera(index, width, height)
     linear, depth = _radiance(scene, camera, samples)
@@ -147,20 +89,7 @@ def _radiance(scene: Scene, camera: Camera, samples: int) -> tuple[Singles, Sing
 
 
 def vignette(width: int, height: int) -> Singles:
-    """Return the fall-off of a lens towards the corners, shape (H, W, 1), at most 1.
-
-    Parameters
-    ----------
-    width : int
-        Columns.
-    height : int
-        Rows.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 1), float32
-        Factor for each pixel.
-    """
+    """Return the fall-off of a lens towards the corners, shape (H, W, 1), at most 1."""
     x = np.linspace(-1, 1, width) if width > 1 else np.zeros(1)
     y = np.linspace(-1, 1, height) if height > 1 else np.zeros(1)
     radius2 = (x[None, :] ** 2 + y[:, None] ** 2) / 2
@@ -168,18 +97,7 @@ def vignette(width: int, height: int) -> Singles:
 
 
 def tone(linear: Singles) -> Singles:
-    """Map linear light to display values in [0, 1]: a filmic shoulder and toe, then the sRGB curve.
-
-    Parameters
-    ----------
-    linear : ndarray of shape (..., 3), float32
-        Exposed light, not negative.
-
-    Returns
-    -------
-    ndarray of the same shape, float32
-        Gamma-coded RGB.
-    """
+    """Map linear light to display values in [0, 1]: a filmic shoulder and toe, then the sRGB curve."""
     x = np.maximum(linear, 0.0)
     film = np.clip(x * (2.51 * x + 0.13) / (x * (2.43 * x + 0.59) + 0.14), 0.0, 1.0)
     mixed = 0.75 * film + 0.25 * (1.0 - np.exp(-1.6 * x))
@@ -188,20 +106,7 @@ def tone(linear: Singles) -> Singles:
 
 
 def ycbcr(rgb: Singles) -> tuple[Floats, Floats, Floats]:
-    """Convert gamma-coded RGB in [0, 1] to BT.601 limited range, chroma averaged over 2x2 pixels.
-
-    Parameters
-    ----------
-    rgb : ndarray of shape (H, W, 3), float32
-        Picture.
-
-    Returns
-    -------
-    luma : ndarray of shape (H, W), float64
-        16 to 235.
-    cb, cr : ndarray of shape ((H + 1) // 2, (W + 1) // 2), float64
-        16 to 240; an odd last row or column is repeated.
-    """
+    """Convert gamma-coded RGB in [0, 1] to BT.601 limited range, chroma averaged over 2x2 pixels."""
     r, g, b = (rgb[..., i].astype(np.float64) for i in range(3))
     luma = 16.0 + 65.481 * r + 128.553 * g + 24.966 * b
     blue = 128.0 - 37.797 * r - 74.203 * g + 112.0 * b
@@ -218,22 +123,7 @@ def _halve(plane: Floats) -> Floats:
 def to_frame(
     planes: tuple[Floats, Floats, Floats], noise_sigma: float, rng: np.random.Generator | None
 ) -> Frame:
-    """Add sensor noise and round to 8 bits.
-
-    Parameters
-    ----------
-    planes : tuple of ndarray
-        Luma, Cb and Cr, not rounded.
-    noise_sigma : float
-        Standard deviation in luma levels.
-    rng : numpy.random.Generator or None
-        Source of the noise; None for none.
-
-    Returns
-    -------
-    Frame
-        The picture.
-    """
+    """Add sensor noise and round to 8 bits."""
     luma, cb, cr = planes
     if rng is not None:
         luma = luma + noise_sigma * rng.standard_normal(luma.shape)

@@ -58,26 +58,14 @@ class Scene:
 
 
 def descriptions() -> dict[str, Description]:
-    """Return the scenes that exist by name, without building them.
-
-    Returns
-    -------
-    dict of str to Description
-        In the order of the catalogue.
-    """
+    """Return the scenes that exist by name, without building them."""
     from sequences import stairway, statue, street
 
     return {module.DESCRIPTION.name: module.DESCRIPTION for module in (street, stairway, statue)}
 
 
 def arrays() -> dict[str, Description]:
-    """Return the scenes that a camera array sees, by name, without building them.
-
-    Returns
-    -------
-    dict of str to Description
-        A frame is a view; `sequences.array_views` renders them.
-    """
+    """Return the scenes that a camera array sees, by name, without building them."""
     from sequences import toy
 
     return {toy.DESCRIPTION.name: toy.DESCRIPTION}
@@ -126,18 +114,7 @@ def scene(name: str, seed: int = 0, detail: float = 1.0) -> Scene:
 
 
 def used_materials(numbers: NDArray[np.int32]) -> list[str]:
-    """Return the names of the textures whose numbers occur.
-
-    Parameters
-    ----------
-    numbers : ndarray of int32
-        Texture numbers.
-
-    Returns
-    -------
-    list of str
-        Keys of `sequences.textures.MATERIALS`.
-    """
+    """Return the names of the textures whose numbers occur."""
     from sequences.textures import MATERIALS
 
     names = list(MATERIALS)

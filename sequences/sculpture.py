@@ -100,18 +100,7 @@ def _distance_field(points: Floats) -> Floats:
 
 
 def figure(step_m: float) -> Mesh:
-    """Cut the figure into triangles.
-
-    Parameters
-    ----------
-    step_m : float
-        Grid step of the marching cubes, metres.
-
-    Returns
-    -------
-    Mesh
-        About 2.3 m tall on z = 0, facing -y, with smooth normals.
-    """
+    """Cut the figure into triangles."""
     from skimage.measure import marching_cubes
 
     axes = [np.arange(low, high, step_m) for low, high in zip(LOW, HIGH, strict=True)]

@@ -21,22 +21,7 @@ def box(
     cell_m: float = 0.6,
     uv_at: float = 0.0,
 ) -> Mesh:
-    """Make a box with sides along the axes from its lowest to its highest corner, without its bottom.
-
-    Parameters
-    ----------
-    low, high : array_like of shape (3,)
-        Lowest and highest corner, metres.
-    material, tint, cell_m : int, array_like of shape (3,), float
-        Texture number, linear colour, largest side of a cell in metres.
-    uv_at : float
-        Texture coordinate of the first corner, metres.
-
-    Returns
-    -------
-    Mesh
-        Five faces.
-    """
+    """Make a box with sides along the axes from its lowest to its highest corner, without its bottom."""
     a, b = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     size = b - a
     if float(size.max()) <= cell_m:
@@ -75,22 +60,7 @@ def slab(
     tint: ArrayLike = WHITE,
     cell_m: float = 0.5,
 ) -> Mesh:
-    """Make a closed parallelepiped from a corner and three right-handed sides (3,): copings, ramps, beams.
-
-    Parameters
-    ----------
-    origin : array_like of shape (3,)
-        Corner, metres.
-    x, y, z : array_like of shape (3,)
-        Sides, metres.
-    material, tint, cell_m : int, array_like of shape (3,), float
-        Texture number, linear colour, largest side of a cell in metres.
-
-    Returns
-    -------
-    Mesh
-        Six faces.
-    """
+    """Make a closed parallelepiped from a corner and three right-handed sides (3,): copings, ramps, beams."""
     o, a, b, c = (np.asarray(side, dtype=np.float64) for side in (origin, x, y, z))
     sides = [(o, a, c), (o + a, b, c), (o + a + b, -a, c), (o + b, -b, c), (o + c, a, b), (o, b, a)]
     return merge(patch(p, s, t, material, tint, cell_m, (1.3 * i, 0.0)) for i, (p, s, t) in enumerate(sides))
@@ -104,23 +74,7 @@ def extrude(
     tint: ArrayLike = WHITE,
     cell_m: float = 0.35,
 ) -> Mesh:
-    """Sweep a profile along a straight horizontal line: kerbs, steps, cornices, rails.
-
-    Parameters
-    ----------
-    profile : array_like of shape (K, 2)
-        Points (outwards, up) from the line, in order from the top of the outer face downwards or the reverse;
-        outwards is to the right of the direction of travel.
-    start, end : array_like of shape (3,)
-        The line, metres.
-    material, tint, cell_m : int, array_like of shape (3,), float
-        Texture number, linear colour, largest length of a cell along the line in metres.
-
-    Returns
-    -------
-    Mesh
-        Flat facets, one strip per side of the profile; normals to the left of a profile that runs downwards.
-    """
+    """Sweep a profile along a straight horizontal line: kerbs, steps, cornices, rails."""
     shape, a, b = (np.asarray(x, dtype=np.float64) for x in (profile, start, end))
     length = float(np.linalg.norm(b - a))
     along = (b - a) / length
@@ -136,24 +90,7 @@ def extrude(
 def lathe(
     profile: ArrayLike, centre: ArrayLike, material: int, tint: ArrayLike = WHITE, segments: int = 12
 ) -> Mesh:
-    """Turn a profile (radius, height), listed from the bottom up, about a vertical axis: posts, vases.
-
-    Parameters
-    ----------
-    profile : array_like of shape (K, 2)
-        Radius and height, metres.
-    centre : array_like of shape (3,)
-        Foot of the axis, metres.
-    material, tint : int, array_like of shape (3,)
-        Texture number, linear colour.
-    segments : int
-        Facets round the axis.
-
-    Returns
-    -------
-    Mesh
-        Smooth surface, open at both ends.
-    """
+    """Turn a profile (radius, height), listed from the bottom up, about a vertical axis: posts, vases."""
     shape = np.asarray(profile, dtype=np.float64)
     angle = np.linspace(0, 2 * math.pi, segments + 1)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -171,22 +108,7 @@ def lathe(
 
 
 def square_moulding(profile: ArrayLike, half_m: float, material: int, tint: ArrayLike = WHITE) -> Mesh:
-    """Run a profile (outwards, up), listed from the top, round a square of side ``2 half_m``.
-
-    Parameters
-    ----------
-    profile : array_like of shape (K, 2)
-        Outwards and up, metres.
-    half_m : float
-        Half the side of the square, metres.
-    material, tint : int, array_like of shape (3,)
-        Texture number, linear colour.
-
-    Returns
-    -------
-    Mesh
-        Flat facets.
-    """
+    """Run a profile (outwards, up), listed from the top, round a square of side ``2 half_m``."""
     shape = np.asarray(profile, dtype=np.float64)
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], dtype=np.float64)
     points = np.empty((len(shape), 5, 3))
@@ -198,22 +120,7 @@ def square_moulding(profile: ArrayLike, half_m: float, material: int, tint: Arra
 
 
 def tube(path: Sequence[ArrayLike], radii: Sequence[float], material: int, tint: ArrayLike = WHITE) -> Mesh:
-    """Make a round bar along a path of points: branches, handrails, pipes; eight sides.
-
-    Parameters
-    ----------
-    path : sequence of array_like of shape (3,)
-        Points of the axis, metres.
-    radii : sequence of float
-        Radius at each point, metres.
-    material, tint : int, array_like of shape (3,)
-        Texture number, linear colour.
-
-    Returns
-    -------
-    Mesh
-        Smooth surface, open at both ends.
-    """
+    """Make a round bar along a path of points: branches, handrails, pipes; eight sides."""
     line = np.asarray(path, dtype=np.float64)
     tangent = unit_vectors(np.gradient(line, axis=0))
     helper = np.where(np.abs(tangent[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])

@@ -18,24 +18,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Material:
-    """How a texture is made and laid on a surface.
+    """How a texture is made and laid on a surface."""
 
-    Attributes
-    ----------
-    make : callable
-        Function of a random generator to an array of shape (SIZE, SIZE, 3), linear reflectance in [0, 1].
-    tile_m : float
-        Side of one tile, metres.
-    macro : float
-        Strength of the large stains that hide the repetition.
-    kind : int
-        0 for plain Lambertian, `LEAF` for thin things lit from both sides.
-    """
-
+    # function of a random generator to an array of shape (SIZE, SIZE, 3), linear reflectance in [0, 1]
     make: Callable[[np.random.Generator], Floats]
-    tile_m: float
-    macro: float = 0.0
-    kind: int = 0
+    tile_m: float  # side of one tile, metres
+    macro: float = 0.0  # strength of the large stains that hide the repetition
+    kind: int = 0  # 0 for plain Lambertian, `LEAF` for thin things lit from both sides
 
 
 def _per_stone(rng: np.random.Generator, owner: NDArray[np.int64], spread: float) -> Floats:
@@ -232,20 +221,7 @@ NUMBER = {name: i for i, name in enumerate(MATERIALS)}
 
 
 def build(names: Iterable[str], seed: int) -> Textures:
-    """Make the named textures with all their mip levels; others stay black.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Keys of `MATERIALS`; ``"macro"`` and ``"clouds"`` are always made.
-    seed : int
-        Seed of all of them; a texture does not depend on which others are made.
-
-    Returns
-    -------
-    Textures
-        What the shading kernel reads.
-    """
+    """Make the named textures with all their mip levels; others stay black."""
     wanted = set(names) | {"macro", "clouds"}
     levels = SIZE.bit_length()
     offsets = np.zeros((len(MATERIALS), levels), dtype=np.int64)

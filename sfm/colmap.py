@@ -31,22 +31,7 @@ _PIXEL_CENTRE = 0.5
 
 
 def weak_calibration(matches: Correspondences, settings: SfmSettings, seed: int) -> WeakCalibration:
-    """Find the fundamental matrix by COLMAP's LO-RANSAC.
-
-    Parameters
-    ----------
-    matches : Correspondences
-        Outliers included.
-    settings : SfmSettings
-        Largest error and least number of inliers.
-    seed : int
-        Of the random samples.
-
-    Returns
-    -------
-    WeakCalibration
-        The matrix, or the reason why there is none.
-    """
+    """Find the fundamental matrix by COLMAP's LO-RANSAC."""
     found = _fundamental(matches, settings.colmap_max_error_px, seed)
     if found is None or np.count_nonzero(found[1]) < settings.weak_calibration.min_num_inliers:
         reason = f"COLMAP finds no epipolar geometry in {len(matches)} correspondences"
@@ -73,24 +58,7 @@ def _fundamental(matches: Correspondences, max_error_px: float, seed: int) -> tu
 
 
 def camera_pair(matches: Correspondences, frame: PixelFrame, settings: SfmSettings, seed: int) -> CameraPair:
-    """Find the relative pose, and of several focal lengths the one under which the points agree best.
-
-    Parameters
-    ----------
-    matches : Correspondences
-        Without outliers, or with few.
-    frame : PixelFrame
-        Size of the images.
-    settings : SfmSettings
-        Largest errors of an inlier.
-    seed : int
-        For each focal length that is tried.
-
-    Returns
-    -------
-    CameraPair
-        ``K [R | t] diag(K, 1)^-1`` with the principal point at the centre, or why there is none.
-    """
+    """Find the relative pose, and of several focal lengths the one under which the points agree best."""
     max_error_px = settings.colmap_max_error_px
     best, fundamental, best_cost = None, np.zeros((3, 3)), np.inf
     for ratio in FOCAL_LENGTHS:

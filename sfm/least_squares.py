@@ -72,46 +72,17 @@ class LeastSquares(Protocol[State]):
 
 @dataclass(frozen=True)
 class Damping:
-    """How the damping of Levenberg-Marquardt steps begins and changes.
+    """How the damping of Levenberg-Marquardt steps begins and changes."""
 
-    Attributes
-    ----------
-    start : float
-        Of the first step.
-    min_factor : float
-        It falls tenfold after a step that was taken, to this at most.
-    num_tries : int
-        It rises tenfold while a step makes the sum larger, this often at most.
-    """
-
-    start: float
-    min_factor: float
-    num_tries: int
+    start: float  # of the first step
+    min_factor: float  # it falls tenfold after a step that was taken, to this at most
+    num_tries: int  # it rises tenfold while a step makes the sum larger, this often at most
 
 
 def levenberg_marquardt(
     problem: LeastSquares[State], start: State, damping: Damping, max_iterations: int
 ) -> tuple[State, int]:
-    """Minimise a sum of squares by damped steps.
-
-    Parameters
-    ----------
-    problem : LeastSquares
-        What is minimised.
-    start : State
-        Where to start.
-    damping : Damping
-        How the damping begins and changes.
-    max_iterations : int
-        Bound on the number of steps.
-
-    Returns
-    -------
-    state : State
-        Where the sum does not become less any more; never worse than the start.
-    num_iterations : int
-        Steps that were taken.
-    """
+    """Minimise a sum of squares by damped steps."""
     state, factor = start, damping.start
     for iteration in range(max_iterations):
         cost, stepped = problem.linearize(state, iteration)
@@ -131,41 +102,13 @@ def levenberg_marquardt(
 
 
 def normal_matrix(*equations: Floats) -> Floats:
-    """Sum up the normal equations of linear ones.
-
-    Parameters
-    ----------
-    *equations : ndarray of shape (N, D), float64
-        Coefficients, a row for each equation.
-
-    Returns
-    -------
-    ndarray of shape (D, D), float64
-        Symmetric, positive semidefinite.
-    """
+    """Sum up the normal equations of linear ones."""
     products = [np.einsum("ni,nj->ij", rows, rows) for rows in equations]
     return np.asarray(sum(products[1:], products[0]))
 
 
 def solve_damped(matrix: Floats, right: Floats, damping: float) -> Floats:
-    """Solve a damped positive semidefinite system by Cholesky's method.
-
-    Written out, because at this size the threads of the library cost more than they save.
-
-    Parameters
-    ----------
-    matrix : ndarray of shape (D, D), float64
-        Symmetric, positive semidefinite.
-    right : ndarray of shape (D,), float64
-        Right hand side.
-    damping : float
-        What is added to the diagonal, relative to it (Levenberg-Marquardt).
-
-    Returns
-    -------
-    ndarray of shape (D,), float64
-        The solution; 0 for variables that the system does not determine.
-    """
+    """Solve a damped positive semidefinite system by Cholesky's method."""
     diagonal = np.diag(matrix)
     scale = np.where(diagonal > 0, 1.0 / np.sqrt(np.maximum(diagonal, TINY)), 0.0)
     left = scale[:, None] * matrix * scale

@@ -120,26 +120,7 @@ def _reconstruct(
 def weak_calibration(
     matches: Correspondences, rng: np.random.Generator, settings: SfmSettings
 ) -> WeakCalibration:
-    """Find the fundamental matrix in spite of wrong correspondences.
-
-    Parameters
-    ----------
-    matches : Correspondences
-        Points that are not finite are outliers.
-    rng : Generator
-        Of the random samples.
-    settings : SfmSettings
-        Of the whole reconstruction.
-
-    Returns
-    -------
-    WeakCalibration
-        F and the inliers, or why there are none.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.3, Robust weak calibration.
-    """
+    """Find the fundamental matrix in spite of wrong correspondences."""
     how, known = settings.weak_calibration, matches[matches.finite]
     estimator = FundamentalEstimator(known.first, known.second)
     found = mapsac(estimator, how.search, rng)
@@ -216,20 +197,7 @@ def _doubt(model: Model, calibration: WeakCalibration, trust: TrustSettings) -> 
 
 
 def coverage(points: Floats, frame: PixelFrame) -> float:
-    """Measure how much of a frame points cover.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2), float64
-        Image points (x, y) in pixels.
-    frame : PixelFrame
-        Size of the image.
-
-    Returns
-    -------
-    float
-        Share of the cells of an 8x8 grid that hold a point.
-    """
+    """Measure how much of a frame points cover."""
     size = np.array([frame.width_px, frame.height_px])
     cells = np.clip((points + 0.5) * COVERAGE_CELLS // size, 0, COVERAGE_CELLS - 1).astype(np.int64)
     return len(np.unique(cells[:, 0] * COVERAGE_CELLS + cells[:, 1])) / COVERAGE_CELLS**2

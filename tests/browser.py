@@ -105,10 +105,7 @@ def main() -> int:
 
 
 def deny_real_time() -> None:
-    """Keep programs that are started from now on from real-time priority, which root's browser would take.
-
-    One that spins at such a priority leaves nothing of the machine to anybody else. Nor do they inherit it.
-    """
+    """Keep programs that are started from now on from real-time priority, which root's browser would take."""
     if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         ctypes.CDLL(None).prctl(_PR_CAPBSET_DROP, _CAP_SYS_NICE, 0, 0, 0)
@@ -144,10 +141,7 @@ def _as_root() -> list[str] | None:
 def _output(
     command: Sequence[str], limit_s: float = INSTALL_LIMIT_S, variables: Mapping[str, str] | None = None
 ) -> bytes | None:
-    """Return what a command writes; None if it fails, cannot be started, or takes too long.
-
-    The output goes through a file, for a pipe stays open as long as any child of a killed command lives.
-    """
+    """Return what a command writes; None if it fails, cannot be started, or takes too long."""
     with tempfile.TemporaryFile() as output:
         try:
             process = subprocess.Popen(

@@ -14,24 +14,7 @@ from dvc.video.frames import Plane
 def moving_texture(
     num_frames: int, height: int, width: int, motion_px: tuple[float, float] = (1.0, 2.0), seed: int = 0
 ) -> list[Frame]:
-    """Return frames of one smooth random texture under a constant translation.
-
-    Parameters
-    ----------
-    num_frames : int
-        Length of the video.
-    height, width : int
-        Sides in pixels.
-    motion_px : tuple of float, optional
-        How far the content moves from frame to frame: (down, right) in pixels, at most 4 each.
-    seed : int, optional
-        Seed of the texture.
-
-    Returns
-    -------
-    list of Frame
-        In colour.
-    """
+    """Return frames of one smooth random texture under a constant translation."""
     rng = np.random.default_rng(seed)
     margin = 4 * num_frames + 8
     fine = gaussian_filter(rng.normal(size=(height + 2 * margin, width + 2 * margin)), 1.2)
@@ -50,20 +33,7 @@ def moving_texture(
 
 
 def write_clip(path: Path, frames: Sequence[Frame]) -> Path:
-    """Write frames as a video of 25 frames per second.
-
-    Parameters
-    ----------
-    path : Path
-        Name of the file.
-    frames : sequence of Frame
-        At least one frame.
-
-    Returns
-    -------
-    Path
-        The same name.
-    """
+    """Write frames as a video of 25 frames per second."""
     with create_video(path, (frames[0].width, frames[0].height), Fraction(25)) as writer:
         for frame in frames:
             writer.write(frame)
@@ -86,18 +56,7 @@ def odd_frames() -> dict[str, Plane]:
 
 
 def same_frame(a: Frame, b: Frame) -> bool:
-    """Tell whether two pictures are equal sample for sample; grey never equals colour.
-
-    Parameters
-    ----------
-    a, b : Frame
-        Pictures of any size.
-
-    Returns
-    -------
-    bool
-        True if all planes agree.
-    """
+    """Tell whether two pictures are equal sample for sample; grey never equals colour."""
     if (a.chroma is None) != (b.chroma is None):
         return False
     pairs = zip((a.luma, *(a.chroma or ())), (b.luma, *(b.chroma or ())), strict=True)

@@ -161,24 +161,7 @@ class _Numpy:
 
 
 def counting(kernel: Callable[..., Any], tally: Tally, *, scratch: bool = True) -> Callable[..., Any]:
-    """Make a kernel, and all that it calls, count what is done to `Data`.
-
-    Numbers that are not read from `Data`, such as those of loops and places, do not count.
-
-    Parameters
-    ----------
-    kernel : callable
-        What `dvc._jit.kernel` returned.
-    tally : Tally
-        Added to.
-    scratch : bool, optional
-        Whether arrays that the kernel makes for itself hold data.
-
-    Returns
-    -------
-    callable
-        Takes `Data` in place of arrays whose numbers count.
-    """
+    """Make a kernel, and all that it calls, count what is done to `Data`."""
     twin = python_twin(kernel)
 
     def _extreme(of: Callable[..., Any]) -> Callable[..., Any]:

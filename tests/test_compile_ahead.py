@@ -52,10 +52,7 @@ def calls(program: str, codecs: Sequence[Golden], folder: Path) -> list[str]:
 @pytest.mark.parametrize("program", LISTS)
 @pytest.mark.parametrize("codecs", [CODECS[:-1], CODECS[-1:]], ids=["others", "default"])
 def test_lists_hold_what_programs_call(program: str, codecs: Sequence[Golden], tmp_path: Path) -> None:
-    """Every kernel that Python calls is listed with its types; `DVC_REGENERATE=1` adds what is missing.
-
-    The kernels of the default codec come last, in order of first use.
-    """
+    """Every kernel that Python calls is listed with its types; `DVC_REGENERATE=1` adds what is missing."""
     called = calls(program, codecs, tmp_path)
     kept = LISTS[program].read_text(encoding="utf-8").splitlines()
     if os.environ.get("DVC_REGENERATE") == "1":

@@ -150,11 +150,7 @@ def decode(golden: Golden, path: Path, folder: Path) -> tuple[dict[str, Any], li
 
 
 class Emulated:
-    """A process that decodes as if on another processor.
-
-    What says so reaches kernels alone: the decoder holds all other libraries to its baseline, whatever the
-    environment says, which is what is tested. Real emulation is the figure `golden-qemu`.
-    """
+    """A process that decodes as if on another processor."""
 
     def __init__(self, processor: dict[str, str]) -> None:
         command = [sys.executable, "-m", "tests.decoding_process"]

@@ -183,10 +183,7 @@ def scene_clip(folder: Path) -> Path:
 def test_scene_prediction_is_the_same_in_every_form(
     folder: Path, scene_clip: Path, codec: str, references: str, gop: int, turbo: str
 ) -> None:
-    """3D side information: any number of jobs, a punctured decoding and a live run agree to the bit.
-
-    The punctured stream of the default codec is decoded by a fresh process, as that of 2D above.
-    """
+    """3D side information: any number of jobs, a punctured decoding and a live run agree to the bit."""
     coding = ["--gop", gop, "--references", references, "--turbo", turbo]
     if codec == DEFAULT_CODEC:
         coding += ["--qp", 20]  # some planes pay, others do not

@@ -28,23 +28,7 @@ EXAMPLES = """\
 
 
 def measure(unit: Unit, setting: Setting) -> tuple[Row, bool]:
-    """Measure one row.
-
-    Parameters
-    ----------
-    unit : Unit
-        The row.
-    setting : Setting
-        How thoroughly.
-
-    Returns
-    -------
-    row : dict
-        As it stands in the document, with the code as it was before the measurement; that is not known
-        where points of any version count.
-    finished : bool
-        False if the measurement failed.
-    """
+    """Measure one row."""
     made_by = {"code": None if setting.any_version else unit.digest, "machine": machine()}
     try:
         row = unit.figure.row(unit.clip, unit.figure.measure(setting, unit.clip or ""))
@@ -61,15 +45,7 @@ def measure(unit: Unit, setting: Setting) -> tuple[Row, bool]:
 
 
 class Campaign:
-    """Rows that were measured since the last complete run, in a file, so that an interrupted run goes on.
-
-    Parameters
-    ----------
-    path : Path
-        The file; it need not exist.
-    frames : int
-        Of CIF curves; rows of other numbers do not count.
-    """
+    """Rows that were measured since the last complete run, in a file, so that an interrupted run goes on."""
 
     def __init__(self, path: Path, frames: int) -> None:
         self._path = path
@@ -85,24 +61,12 @@ class Campaign:
         return row is not None and row["code"] in {None, unit.digest}
 
     def add(self, row: Row) -> None:
-        """Enter a row that is done.
-
-        Parameters
-        ----------
-        row : dict
-            The row.
-        """
+        """Enter a row that is done."""
         self._rows[row_key(row)] = row | {"frames": self._frames}
         write_rows(self._path, list(self._rows.values()))
 
     def close(self, keys: Sequence[Key]) -> None:
-        """Forget rows, because all that were to be measured are.
-
-        Parameters
-        ----------
-        keys : sequence of tuple
-            Of the rows.
-        """
+        """Forget rows, because all that were to be measured are."""
         self._rows = {key: row for key, row in self._rows.items() if key not in keys}
         write_rows(self._path, list(self._rows.values()))
 
@@ -143,18 +107,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status: 0, or 2 for bad input and for measurements that failed.
-    """
+    """Run the command."""
     arguments = _parser().parse_args(argv)
     return cli.run(PROG, lambda: _run(arguments))
 

@@ -24,27 +24,7 @@ _THESIS = {"x264-ippp-zero": "better up to 0.9 to 1.4 Mbit/s", "x264-ippp": "wor
 
 @cache
 def anchor_curve(setting: Setting, clip: str, anchor: str) -> Curve:
-    """Measure the curve of an anchor on the frames that the codecs are measured on; what is there is kept.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-    anchor : str
-        A key of `ANCHORS`.
-
-    Returns
-    -------
-    Curve
-        Its points.
-
-    Raises
-    ------
-    DvcError
-        If a point fails.
-    """
+    """Measure the curve of an anchor on the frames that the codecs are measured on; what is there is kept."""
     frames = rd_figures.QUICK_FRAMES if setting.quick else setting.frames
     sweep = Sweep((clip,), wz_q=tuple(range(1, 9)), frames=frames, anchors=(anchor,))
     points = [point for point in expand([sweep]) if point.codec == ANCHORS[anchor]]
@@ -62,32 +42,14 @@ def _difference(setting: Setting, clip: str, anchor: str) -> tuple[BdResult, str
 
 
 def against_anchor(setting: Setting, clip: str, anchor: str) -> Measured:
-    """Compare tracked coding with an anchor on one clip.
-
-    Gives BD-rate, and where the curves cross.
-
-    Parameters
-    ----------
-    anchor : str
-        A key of `ANCHORS`.
-    """
+    """Compare tracked coding with an anchor on one clip."""
     found, crossing = _difference(setting, clip, anchor)
     values = {"bd_rate_percent": found.value, "overlap_db": list(found.overlap), "crossing": crossing}
     return Measured(f"{bd_text(found)}; {crossing}", found.value < 0.0, values)
 
 
 def mean_against_anchor(setting: Setting, clip: str, anchor: str, clips: tuple[str, ...]) -> Measured:
-    """Average the BD-rates against an anchor over clips.
-
-    Gives the mean over clips.
-
-    Parameters
-    ----------
-    anchor : str
-        A key of `ANCHORS`.
-    clips : tuple of str
-        Sequences.
-    """
+    """Average the BD-rates against an anchor over clips."""
     del clip
 
     def difference(name: str) -> float:

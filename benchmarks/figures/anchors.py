@@ -73,10 +73,7 @@ def zero_motion(setting: Setting, clip: str) -> Measured:
 
 
 def moving_vectors(setting: Setting, clip: str) -> Measured:
-    """Count the motion vectors that are not zero in the files of x264 without motion.
-
-    Gives their number; a file with any is refused, which is a failure here.
-    """
+    """Count the motion vectors that are not zero in the files of x264 without motion."""
     points = _measure(clip, "x264-ippp-zero", _reference(clip, "x264-ippp-zero", setting))
     moving, count = (
         sum(int(point[name]) for point in points) for name in ("num_nonzero_vectors", "num_vectors")

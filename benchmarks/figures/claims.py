@@ -8,21 +8,11 @@ Name = tuple[str, str]
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim of the documentation.
+    """A claim of the documentation."""
 
-    Attributes
-    ----------
-    says : str
-        The claim, in a sentence.
-    where : tuple of str
-        Documents that make it.
-    rows : tuple of (str, str)
-        Area and name of the figures behind it, all of their clips.
-    """
-
-    says: str
-    where: tuple[str, ...]
-    rows: tuple[Name, ...]
+    says: str  # the claim, in a sentence
+    where: tuple[str, ...]  # documents that make it
+    rows: tuple[Name, ...]  # area and name of the figures behind it, all of their clips
 
 
 def _claim(says: str, where: str, *rows: str) -> Claim:

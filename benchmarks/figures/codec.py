@@ -19,22 +19,7 @@ LOOP_FRAMES = 25
 
 
 def encode(clip: str, stream: Path, *options: object) -> dict[str, Any]:
-    """Encode luma in a fresh process.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-    stream : Path
-        Stream to write.
-    *options : object
-        Further options.
-
-    Returns
-    -------
-    dict
-        The encoder's report.
-    """
+    """Encode luma in a fresh process."""
     report = stream.with_suffix(".encoder.json")
     source = clip_source(clip).path.absolute()
     run_module("encoder", [source, stream, "--luma-only", "--quiet", "--json", report, *options])
@@ -43,18 +28,7 @@ def encode(clip: str, stream: Path, *options: object) -> dict[str, Any]:
 
 
 def decode_time(setting: Setting, clip: str, limit_s: float) -> Measured:
-    """Time the decoding of Wyner-Ziv frames at the finest quantiser on one core.
-
-    A short run before makes sure that the compiled kernels are on disk; the first frame is left out, because
-    it loads them.
-
-    Gives seconds per frame.
-
-    Parameters
-    ----------
-    limit_s : float
-        What is asked, in seconds per frame.
-    """
+    """Time the decoding of Wyner-Ziv frames at the finest quantiser on one core."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         for frames in (3, setting.choose(21, 5)):
@@ -78,10 +52,7 @@ def decode_time(setting: Setting, clip: str, limit_s: float) -> Measured:
 
 
 def decode_jobs(setting: Setting, clip: str) -> Measured:
-    """Compare one and two decoding processes: time, and every byte of what they write.
-
-    Gives the speed-up.
-    """
+    """Compare one and two decoding processes: time, and every byte of what they write."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         quantiser, frames = setting.choose(FINEST, 1), setting.choose(61, 9)
@@ -104,12 +75,7 @@ def decode_jobs(setting: Setting, clip: str) -> Measured:
 
 
 def encode_cpu(setting: Setting, clip: str) -> Measured:
-    """Compare the processor time of a Wyner-Ziv frame with that of H.264 intra on the same frames.
-
-    Both run in this process on frames in memory, after a first one that warms up; medians over the frames.
-
-    Gives milliseconds of both.
-    """
+    """Compare the processor time of a Wyner-Ziv frame with that of H.264 intra on the same frames."""
     from dvc.config import CodecConfig, KeyFrameConfig, VideoConfig, WynerZivConfig
     from dvc.keyframes import KeyFrameEncoder
     from dvc.video import open_video
@@ -157,17 +123,7 @@ def short_encode_time(setting: Setting, clip: str) -> Measured:
 
 
 def looped_clip(clip: str, path: Path, num_frames: int) -> None:
-    """Write a long video that plays the beginning of a sequence again and again.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-    path : Path
-        Video to write.
-    num_frames : int
-        Its length.
-    """
+    """Write a long video that plays the beginning of a sequence again and again."""
     from dvc.video import create_video, open_video
 
     with open_video(clip_source(clip).path, num_frames=LOOP_FRAMES) as reader:
@@ -190,12 +146,7 @@ def _peaks_mib(clip: str, folder: Path, num_frames: int, quantiser: int) -> dict
 
 
 def memory(setting: Setting, clip: str) -> Measured:
-    """Compare the peak memory of encoder and decoder on a short and on a ten times longer video.
-
-    The long one is coded once before, so that no kernel is compiled in the runs that count.
-
-    Gives mebibytes, and the growth of either.
-    """
+    """Compare the peak memory of encoder and decoder on a short and on a ten times longer video."""
     lengths, quantiser = (setting.choose(50, 6), setting.choose(500, 60)), setting.choose(4, 1)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

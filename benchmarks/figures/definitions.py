@@ -114,24 +114,12 @@ class Unit:
 
 
 def all_units() -> list[Unit]:
-    """List the rows that there are.
-
-    Returns
-    -------
-    list of Unit
-        In the order of the document.
-    """
+    """List the rows that there are."""
     return [Unit(figure, clip) for module in MODULES for figure in module.FIGURES for clip in figure.clips]
 
 
 def digests() -> dict[Key, str]:
-    """Digest the code that measures each row.
-
-    Returns
-    -------
-    dict of tuple to str
-        Digests by area, name and clip.
-    """
+    """Digest the code that measures each row."""
     sources = Sources()
     figures = [figure for module in MODULES for figure in module.FIGURES]
     found = [(figure, figure_digest(figure, sources)) for figure in figures]
@@ -139,25 +127,7 @@ def digests() -> dict[Key, str]:
 
 
 def selected_units(area: str | None, name: str | None, clip: str | None, quick: bool) -> list[Unit]:
-    """Choose rows.
-
-    Parameters
-    ----------
-    area, name, clip : str or None
-        All that have these; None accepts any, but for figures that want to be named.
-    quick : bool
-        Only the first clip of every figure, unless one is named, and only what can be tried out quickly.
-
-    Returns
-    -------
-    list of Unit
-        At least one.
-
-    Raises
-    ------
-    ConfigError
-        If there is none.
-    """
+    """Choose rows."""
     units = [
         unit
         for unit in all_units()
@@ -174,20 +144,7 @@ def selected_units(area: str | None, name: str | None, clip: str | None, quick: 
 
 
 def with_frames(row: Row, frames: int) -> Row:
-    """Say in the command of a row how many frames of CIF clips it covers, where that is not the default.
-
-    Parameters
-    ----------
-    row : dict
-        Row of a figure.
-    frames : int
-        Frames of CIF curves.
-
-    Returns
-    -------
-    dict
-        The row.
-    """
+    """Say in the command of a row how many frames of CIF clips it covers, where that is not the default."""
     varies = row["area"] in AREAS_BY_FRAMES or row["name"] in ROWS_BY_FRAMES
     if not varies or row["clip"] == FOREMAN or frames == Setting.frames:
         return row

@@ -18,55 +18,17 @@ ORIGIN = ("code", "machine", "before")
 
 
 def row_key(row: Row) -> Key:
-    """Return what tells a row from all others.
-
-    Parameters
-    ----------
-    row : dict
-        A row of the document.
-
-    Returns
-    -------
-    tuple
-        Area, name and clip.
-    """
+    """Return what tells a row from all others."""
     return row["area"], row["name"], row["clip"]
 
 
 def is_failure(row: Row) -> bool:
-    """Tell whether the last attempt to measure a row failed.
-
-    Parameters
-    ----------
-    row : dict
-        A row of the document.
-
-    Returns
-    -------
-    bool
-        As opposed to a row that was never measured, and to one that was.
-    """
+    """Tell whether the last attempt to measure a row failed."""
     return row["got"] is None and row["holds"] is False
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Read rows; the inverse of `write_rows`.
-
-    Parameters
-    ----------
-    path : Path
-        JSON file.
-
-    Returns
-    -------
-    list of dict
-        The rows; none if there is no such file.
-
-    Raises
-    ------
-    DvcError
-        If the file is damaged.
-    """
+    """Read rows; the inverse of `write_rows`."""
     if not path.exists():
         return []
     try:
@@ -77,37 +39,13 @@ def read_rows(path: Path) -> list[Row]:
 
 
 def write_rows(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows.
-
-    Parameters
-    ----------
-    path : Path
-        JSON file; its folder is made if needed.
-    rows : sequence of dict
-        The rows.
-    """
+    """Write rows."""
     path.parent.mkdir(parents=True, exist_ok=True)
     cli.write_json(path, list(rows))
 
 
 def merged_rows(old: Sequence[Row], new: Sequence[Row]) -> list[Row]:
-    """Put new rows in the place of old ones.
-
-    A measurement that failed takes the place of what was measured before, which is kept as text. A row that
-    could not be measured here, for want of its clip, replaces nothing. Rows of figures that are not defined
-    any more go; figures that were never measured have a row that says so. All rows have today's words; one
-    that was measured when something else was asked is of unknown code.
-
-    Parameters
-    ----------
-    old, new : sequence of dict
-        Rows.
-
-    Returns
-    -------
-    list of dict
-        One row per figure and clip, in the order of the document.
-    """
+    """Put new rows in the place of old ones."""
     rows = {row_key(row): row for row in old}
     for row in new:
         known = rows.get(row_key(row))
@@ -136,32 +74,13 @@ def _before(row: Row | None) -> str | None:
 
 
 def document_text(rows: Sequence[Row], now: Mapping[Key, str] | None = None) -> str:
-    """Return the document that people read.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        All rows.
-    now : mapping of tuple to str, optional
-        Digests of the code that measures them; as it is now by default.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Return the document that people read."""
     found = digests() if now is None else now
     return page.text([page.Entry(row, found.get(row_key(row))) for row in rows])
 
 
 def write_document(new: Sequence[Row]) -> None:
-    """Enter new rows into both files of the document, and into the README.
-
-    Parameters
-    ----------
-    new : sequence of dict
-        The rows.
-    """
+    """Enter new rows into both files of the document, and into the README."""
     rows = merged_rows(read_rows(DOCUMENT), new)
     write_rows(DOCUMENT, rows)
     texts = {DOCUMENT.with_suffix(".md"): document_text(rows)}

@@ -27,126 +27,53 @@ Key = tuple[str, str, str | None]
 
 @dataclass(frozen=True)
 class Setting:
-    """How thoroughly to measure.
+    """How thoroughly to measure."""
 
-    Attributes
-    ----------
-    quick : bool
-        Only prove that the measurement works: few frames, few repetitions; such figures are not kept.
-    frames : int
-        Frames of the rate-distortion curves of CIF clips.
-    jobs : int
-        Points of a rate-distortion curve that are measured at the same time.
-    folder : Path
-        For intermediate results.
-    any_version : bool
-        Keep points that other versions of the code have measured, after changes that leave streams alone.
-    points : tuple of Path
-        Experiments of `dvc-rd` whose points are read; others are measured.
-    """
-
+    # only prove that the measurement works: few frames, few repetitions; such figures are not kept
     quick: bool = False
-    frames: int = 51
-    jobs: int = 1
-    folder: Path = RESULTS
+    frames: int = 51  # frames of the rate-distortion curves of CIF clips
+    jobs: int = 1  # points of a rate-distortion curve that are measured at the same time
+    folder: Path = RESULTS  # for intermediate results
+    # keep points that other versions of the code have measured, after changes that leave streams alone
     any_version: bool = False
-    points: tuple[Path, ...] = ()
+    points: tuple[Path, ...] = ()  # experiments of `dvc-rd` whose points are read; others are measured
 
     def choose(self, full: int, quick: int) -> int:
-        """Return one of two numbers.
-
-        Parameters
-        ----------
-        full, quick : int
-            For the figures that are kept, and for a quick run.
-
-        Returns
-        -------
-        int
-            The one that applies.
-        """
+        """Return one of two numbers."""
         return quick if self.quick else full
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What a measurement found.
+    """What a measurement found."""
 
-    Attributes
-    ----------
-    got : str
-        The figure as text.
-    holds : bool or None
-        Whether what is asked holds; None where nothing is asked but the true figure.
-    values : dict
-        The numbers behind the text, with units in their names.
-    note : str
-        What a reader must know beside it.
-    """
-
-    got: str
-    holds: bool | None
+    got: str  # the figure as text
+    holds: bool | None  # whether what is asked holds; None where nothing is asked but the true figure
+    # the numbers behind the text, with units in their names
     values: dict[str, Any] = field(default_factory=dict)
-    note: str = ""
+    note: str = ""  # what a reader must know beside it
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure that is asked of the project.
+    """A figure that is asked of the project."""
 
-    Attributes
-    ----------
-    area : str
-        Part of the project.
-    name : str
-        Unique in its area.
-    title : str
-        What is measured.
-    asked : str
-        What it must reach.
-    measure : callable
-        Takes the setting, and the name of a clip, which is empty for figures without one; returns `Measured`.
-        All measurements begin like this, so their docstrings say what is measured and what it gives.
-    clips : tuple of (str or None)
-        Sequences to measure it on.
-    thesis : str
-        What the thesis reports, if anything.
-    on_request : bool
-        Measured only where its name is given, because it takes long.
-    slow : bool
-        Cannot be tried out in a minute: a quick run leaves it out, unless its name is given.
-    programs : tuple of str
-        Packages that the measurement depends on, beside all that its code reaches and names.
-    """
-
-    area: str
-    name: str
-    title: str
-    asked: str
+    area: str  # part of the project
+    name: str  # unique in its area
+    title: str  # what is measured
+    asked: str  # what it must reach
+    # takes the setting, and the name of a clip, which is empty for figures without one; returns `Measured`.
+    # All measurements begin like this, so their docstrings say what is measured and what it gives
     measure: Callable[[Setting, str], Measured]
-    clips: tuple[str | None, ...] = (None,)
-    thesis: str = ""
-    on_request: bool = False
-    slow: bool = False
+    clips: tuple[str | None, ...] = (None,)  # sequences to measure it on
+    thesis: str = ""  # what the thesis reports, if anything
+    on_request: bool = False  # measured only where its name is given, because it takes long
+    slow: bool = False  # cannot be tried out in a minute: a quick run leaves it out, unless its name is given
+    # packages that the measurement depends on, beside all that its code reaches and names
     programs: tuple[str, ...] = ()
 
     def row(self, clip: str | None, measured: Measured | None, note: str = "") -> Row:
-        """Return the row of `docs/figures.json`.
-
-        Parameters
-        ----------
-        clip : str or None
-            What it was measured on.
-        measured : Measured or None
-            What was found; None if it was not measured.
-        note : str, optional
-            Why not.
-
-        Returns
-        -------
-        dict
-            JSON-safe values.
-        """
+        """Return the row of `docs/figures.json`."""
         command = f"python -m benchmarks.figures --area {self.area} --name {self.name}"
         found = (
             {"got": None, "holds": None, "values": {}, "note": note} if measured is None else asdict(measured)
@@ -182,26 +109,7 @@ def mean_over_clips(
     text: str,
     holds: Callable[[float], bool],
 ) -> Measured:
-    """Average a number over sequences; in a quick run it is that of the first.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clips : sequence of str
-        Sequences.
-    measure : callable
-        Takes a sequence, returns its number.
-    text : str
-        Format of the mean, with its unit.
-    holds : callable
-        Takes the mean, returns whether it is what is asked.
-
-    Returns
-    -------
-    Measured
-        The mean; the numbers by sequence are its values.
-    """
+    """Average a number over sequences; in a quick run it is that of the first."""
     found = {clip: measure(clip) for clip in clips[: setting.choose(len(clips), 1)]}
     mean = sum(found.values()) / len(found)
     each = ", ".join(f"{clip} {value:+.1f}" for clip, value in found.items())
@@ -209,20 +117,7 @@ def mean_over_clips(
 
 
 def there_and_back(frames: Sequence[Item], num_frames: int) -> Iterator[Item]:
-    """Play a sequence forwards, backwards, and so on: a long one without a cut.
-
-    Parameters
-    ----------
-    frames : sequence
-        The frames.
-    num_frames : int
-        How many are wanted.
-
-    Yields
-    ------
-    object
-        One of them.
-    """
+    """Play a sequence forwards, backwards, and so on: a long one without a cut."""
     return islice(cycle([*frames, *frames[-2:0:-1]]), num_frames)
 
 
@@ -231,23 +126,7 @@ class MissingClip(Exception):
 
 
 def clip_source(clip: str) -> Source:
-    """Find a sequence.
-
-    Parameters
-    ----------
-    clip : str
-        Name of the catalogue.
-
-    Returns
-    -------
-    Source
-        The sequence; a scene is rendered on first use.
-
-    Raises
-    ------
-    MissingClip
-        If it is not there.
-    """
+    """Find a sequence."""
     try:
         return find_source(clip, default_cache(), ProcessGroup())
     except ConfigError as err:
@@ -256,19 +135,11 @@ def clip_source(clip: str) -> Source:
 
 @dataclass(frozen=True)
 class Usage:
-    """Resources of a finished process.
+    """Resources of a finished process."""
 
-    Attributes
-    ----------
-    wall_s, cpu_s : float
-        Seconds; the latter of all its processes together.
-    peak_bytes : int
-        Largest resident size that one of its processes had.
-    """
-
-    wall_s: float
+    wall_s: float  # seconds; the latter of all its processes together
     cpu_s: float
-    peak_bytes: int
+    peak_bytes: int  # largest resident size that one of its processes had
 
 
 # A process inherits the peak of the one that started it until it has loaded its program, so a small one does.
@@ -288,29 +159,7 @@ def run_module(
     folder: Path | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> Usage:
-    """Run a module of the project in a fresh process.
-
-    Parameters
-    ----------
-    module : str
-        Name, as after ``python -m``.
-    arguments : sequence
-        Arguments; paths and numbers as they are.
-    folder : Path, optional
-        To work in; that of this process by default.
-    environment : mapping, optional
-        Variables of the process; those of this one by default.
-
-    Returns
-    -------
-    Usage
-        What it took, start-up included.
-
-    Raises
-    ------
-    DvcError
-        If it fails.
-    """
+    """Run a module of the project in a fresh process."""
     command = [
         sys.executable,
         "-I",

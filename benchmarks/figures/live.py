@@ -70,17 +70,7 @@ def _growth(samples: list[int]) -> float:
 
 
 class _LiveRun:
-    """A live run of both programs over a link.
-
-    Attributes
-    ----------
-    wall_s : float
-        From the start of the decoder to its end.
-    link : SlowLink
-        What went over the link.
-    encoder_bytes, decoder_bytes : list of int
-        Memory of both, each second.
-    """
+    """A live run of both programs over a link."""
 
     def __init__(self, video: Path, output: Path) -> None:
         started = [sys.executable, "-m", "encoder", str(video), OPTION, "--serve", "127.0.0.1:0"]
@@ -134,11 +124,7 @@ def _forth_and_back(clip: str, path: Path, num_frames: int) -> None:
 
 
 def slow_live_run(setting: Setting, clip: str) -> Measured:
-    """Decode live over a link with delay, and the same from a file.
-
-    Gives the ratio of its time to what the bits take at the bandwidth and the decoding of the file.
-    The clip goes forth and back until it has enough frames.
-    """
+    """Decode live over a link with delay, and the same from a file."""
     folder = setting.folder / "live"
     folder.mkdir(parents=True, exist_ok=True)
     num_frames = setting.choose(NUM_FRAMES, QUICK_FRAMES)

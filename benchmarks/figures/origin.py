@@ -16,13 +16,7 @@ _CPU_INFO = Path("/proc/cpuinfo")
 
 @cache
 def machine() -> str:
-    """Name the kind of this machine: what times depend on, and nothing that tells which one it is.
-
-    Returns
-    -------
-    str
-        Model of the processor, and the number of cores that this process may use.
-    """
+    """Name the kind of this machine: what times depend on, and nothing that tells which one it is."""
     lines = _CPU_INFO.read_text(encoding="utf-8").splitlines() if _CPU_INFO.exists() else []
     models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -30,20 +24,7 @@ def machine() -> str:
 
 
 def figure_digest(figure: Figure, sources: Sources) -> str:
-    """Digest the code that a measurement runs, and what it is told.
-
-    Parameters
-    ----------
-    figure : Figure
-        The figure.
-    sources : Sources
-        The code.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits; the same for all of its clips.
-    """
+    """Digest the code that a measurement runs, and what it is told."""
     places, told = list(_places(figure.measure)), list(_told(figure.measure))
     return values_digest([sources.digest([*places, *((name, "") for name in figure.programs)]), told])
 

@@ -27,18 +27,10 @@ _INTRODUCTION = (
 
 @dataclass(frozen=True)
 class Entry:
-    """A row, and the code that would measure it now.
+    """A row, and the code that would measure it now."""
 
-    Attributes
-    ----------
-    row : dict
-        Row of the document.
-    digest : str or None
-        Of the code as it is; None if the figure is not defined.
-    """
-
-    row: Row
-    digest: str | None
+    row: Row  # row of the document
+    digest: str | None  # of the code as it is; None if the figure is not defined
 
     @property
     def is_measured(self) -> bool:
@@ -69,36 +61,14 @@ class Entry:
 
 
 def short(got: str) -> str:
-    """Return what was measured without its details.
-
-    Parameters
-    ----------
-    got : str
-        As it stands in a row.
-
-    Returns
-    -------
-    str
-        Its beginning.
-    """
+    """Return what was measured without its details."""
     for end in (" (", "; ", ", ", " over "):
         got = got.split(end, maxsplit=1)[0]
     return got
 
 
 def claim_verdict(entries: Sequence[Entry]) -> str:
-    """Judge a claim by the rows behind it.
-
-    Parameters
-    ----------
-    entries : sequence of Entry
-        The rows.
-
-    Returns
-    -------
-    str
-        One of `FAILS`, `UNKNOWN` and `STANDS`.
-    """
+    """Judge a claim by the rows behind it."""
     if any(entry.row["holds"] is False for entry in entries):
         return FAILS
     fresh = all(entry.is_measured and not entry.is_stale for entry in entries)
@@ -106,18 +76,7 @@ def claim_verdict(entries: Sequence[Entry]) -> str:
 
 
 def text(entries: Sequence[Entry]) -> str:
-    """Write the document.
-
-    Parameters
-    ----------
-    entries : sequence of Entry
-        All rows.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Write the document."""
     rows: dict[Name, list[Entry]] = {}
     for entry in entries:
         rows.setdefault((entry.row["area"], entry.row["name"]), []).append(entry)

@@ -30,10 +30,7 @@ def _change(setting: Setting, clip: str) -> float:
 
 
 def learned_priors(setting: Setting, clip: str) -> Measured:
-    """Compare ideal code lengths by learned priors with those by the noise model alone.
-
-    Gives the change, of all planes and by class.
-    """
+    """Compare ideal code lengths by learned priors with those by the noise model alone."""
     change = _change(setting, clip)
     classes = {
         name: 100.0 * (after / before - 1.0) for name, (before, after) in _lengths(setting, clip).items()
@@ -43,10 +40,7 @@ def learned_priors(setting: Setting, clip: str) -> Measured:
 
 
 def mean_of_learned_priors(setting: Setting, clip: str) -> Measured:
-    """Average the change of ideal code lengths by learned priors over clips.
-
-    Gives the mean over clips.
-    """
+    """Average the change of ideal code lengths by learned priors over clips."""
     del clip
     return mean_over_clips(
         setting,

@@ -24,27 +24,7 @@ BALANCE_DB = 1.5
 
 
 def measured(setting: Setting, clip: str, points: Sequence[Point]) -> list[PointResult]:
-    """Read the points of one sequence; those that no folder has are measured.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-    points : sequence of Point
-        Points of it, all with the same number of frames.
-
-    Returns
-    -------
-    list of PointResult
-        Those of the points, and no other of the same folder.
-
-    Raises
-    ------
-    DvcError
-        If a point fails.
-    """
+    """Read the points of one sequence; those that no folder has are measured."""
     source = clip_source(clip)
     own = setting.folder / "rd" / f"{clip}-{points[0].frames or 'all'}"
     tasks = [Task(point, source, code_version()) for point in points]
@@ -69,25 +49,7 @@ def _place(setting: Setting, task: Task) -> Path | None:
 
 @cache
 def experiment(setting: Setting, clip: str) -> Experiment:
-    """Measure the curve of a sequence, and H.264 intra on the same frames; what is there already is kept.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly. All frames of the QCIF sequence, `setting.frames` of the others.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Experiment
-        Both curves.
-
-    Raises
-    ------
-    DvcError
-        If a point fails.
-    """
+    """Measure the curve of a sequence, and H.264 intra on the same frames; what is there already is kept."""
     frames = QUICK_FRAMES if setting.quick else None if clip == FOREMAN else setting.frames
     sweep = Sweep((clip,), "2d", tuple(range(1, 9)), frames=frames, anchors=("intra",))
     if setting.quick:
@@ -147,10 +109,7 @@ def against_intra(setting: Setting, clip: str) -> Measured:
 
 
 def balance(setting: Setting, clip: str) -> Measured:
-    """Compare the quality of key and Wyner-Ziv frames.
-
-    Gives the largest difference of all points.
-    """
+    """Compare the quality of key and Wyner-Ziv frames."""
     gaps_db = {}
     for point in _codec_curve(experiment(setting, clip)).points:
         key_db, wz_db = point.total("key_psnr_y_db"), point.total("wz_psnr_y_db")

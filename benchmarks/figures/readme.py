@@ -13,41 +13,12 @@ _LINE = re.compile(r"^\| (?P<what>[^|]+) \| (?P<value>[^|]*) \| (?P<row>[\w -]+/
 
 
 def section(text: str) -> str:
-    """Return the section of results.
-
-    Parameters
-    ----------
-    text : str
-        README.
-
-    Returns
-    -------
-    str
-        What stands between its heading and the next one; empty without it.
-    """
+    """Return the section of results."""
     return text.partition(HEADING)[2].partition("\n## ")[0]
 
 
 def with_measured(text: str, rows: Sequence[Row]) -> str:
-    """Put what rows say into the table of results.
-
-    Parameters
-    ----------
-    text : str
-        README.
-    rows : sequence of dict
-        Rows of the document; the table names those without a clip.
-
-    Returns
-    -------
-    str
-        README with today's numbers.
-
-    Raises
-    ------
-    DvcError
-        If the table names a row that is not there.
-    """
+    """Put what rows say into the table of results."""
     got = {f"{row['area']}/{row['name']}": row["got"] for row in rows if row["clip"] is None}
 
     def line(found: re.Match[str]) -> str:

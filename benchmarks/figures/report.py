@@ -29,28 +29,7 @@ Values = NDArray[np.float64]
 
 @cache
 def report(folder: Path) -> tuple[float, int, Path]:
-    """Make the page, the tables and the plots of 100 points.
-
-    Parameters
-    ----------
-    folder : Path
-        For intermediate results; the points are those of the curves measured there, with further curves
-        made from them where they are fewer, and with made-up pictures.
-
-    Returns
-    -------
-    cpu_s : float
-        CPU time.
-    size_bytes : int
-        Of the page.
-    page : Path
-        The page.
-
-    Raises
-    ------
-    DvcError
-        If no curve was measured yet.
-    """
+    """Make the page, the tables and the plots of 100 points."""
     from dvc.rd.report import write_reports
 
     target = folder / "report"
@@ -74,10 +53,7 @@ def size(setting: Setting, _clip: str) -> Measured:
 
 
 def first_paint(setting: Setting, _clip: str) -> Measured:
-    """Measure when Chromium paints the first contents of the page.
-
-    Gives the median of fresh browsers.
-    """
+    """Measure when Chromium paints the first contents of the page."""
     from playwright.sync_api import sync_playwright
 
     path = browser.find()
@@ -99,10 +75,7 @@ def first_paint(setting: Setting, _clip: str) -> Measured:
 
 
 def bd_peer(setting: Setting, _clip: str) -> Measured:
-    """Compare BD figures with those of the package `bjontegaard` on random curves.
-
-    Gives the largest difference, of both methods, in per cent or dB.
-    """
+    """Compare BD figures with those of the package `bjontegaard` on random curves."""
     import bjontegaard
 
     rng = np.random.default_rng(SEED)

@@ -16,10 +16,7 @@ AREA = "report"
 
 
 def quick_reproduction(setting: Setting, clip: str) -> Measured:
-    """Measure how long the quick reproduction takes, from nothing, with two processes at a time.
-
-    Gives wall-clock time, which other work on the machine makes longer.
-    """
+    """Measure how long the quick reproduction takes, from nothing, with two processes at a time."""
     del clip
     command = [sys.executable, "-m", "dvc.rd", "reproduce", "thesis", "--jobs", str(JOBS), "--quiet"]
     if setting.quick:

@@ -11,17 +11,7 @@ NUM_GEOMETRY_MUTATIONS = 1_000
 
 
 def mutations(setting: Setting, kinds: Sequence[str], total: int = NUM_MUTATIONS) -> Measured:
-    """Mutate what decoder or encoder receive.
-
-    Gives how many mutations did harm.
-
-    Parameters
-    ----------
-    kinds : sequence of str
-        Of `batches.KINDS`.
-    total : int, optional
-        Mutations of all kinds together.
-    """
+    """Mutate what decoder or encoder receive."""
     count = setting.choose(total, 100) // len(kinds)
     counts: Counter[str] = Counter()
     failures: dict[str, str] = {}

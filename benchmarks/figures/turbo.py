@@ -24,42 +24,14 @@ MOST_UNDETECTED = 1e-4
 
 
 def entropy(probability: float) -> float:
-    """Return the binary entropy.
-
-    Parameters
-    ----------
-    probability : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    float
-        In bits.
-    """
+    """Return the binary entropy."""
     return -sum(value * math.log2(value) for value in (probability, 1 - probability))
 
 
 def decode_plane(
     bits: NDArray[np.uint8], llr_ch: NDArray[np.float64], settings: "SlepianWolfSettings", seed: int
 ) -> "PlaneResult":
-    """Code a bit plane and decode it, as encoder and decoder of a video do.
-
-    Parameters
-    ----------
-    bits : ndarray of shape (N,), uint8
-        The plane.
-    llr_ch : ndarray of shape (N,), float64
-        Side information as LLR of every bit.
-    settings : SlepianWolfSettings
-        Of the decoder.
-    seed : int
-        Of the interleavers.
-
-    Returns
-    -------
-    PlaneResult
-        What the decoder found, and at which price.
-    """
+    """Code a bit plane and decode it, as encoder and decoder of a video do."""
     from dvc import turbo
 
     codes = turbo.family(settings.family)
@@ -81,24 +53,7 @@ def decode_plane(
 def noisy_plane(
     num_bits: int, probabilities: float | NDArray[np.float64], rng: np.random.Generator
 ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """Draw a plane and side information that differs from it with known probabilities.
-
-    Parameters
-    ----------
-    num_bits : int
-        Length of the plane.
-    probabilities : float or ndarray of shape (num_bits,)
-        Of a difference, per bit.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    bits : ndarray of shape (num_bits,), uint8
-        The plane.
-    llr_ch : ndarray of shape (num_bits,), float64
-        The true LLRs of the side information.
-    """
+    """Draw a plane and side information that differs from it with known probabilities."""
     bits = rng.integers(0, 2, num_bits, dtype=np.uint8)
     flipped = (rng.random(num_bits) < probabilities).astype(np.uint8)
     signs = 1.0 - 2.0 * (bits ^ flipped)
@@ -107,17 +62,7 @@ def noisy_plane(
 
 
 def efficiency(setting: Setting, _clip: str, probability: float) -> Measured:
-    """Measure the parity rate over the entropy on a binary symmetric channel, stop by check bits.
-
-    Gives the mean over planes, and its standard error.
-
-    Parameters
-    ----------
-    _clip : None
-        None.
-    probability : float
-        Of a crossover.
-    """
+    """Measure the parity rate over the entropy on a binary symmetric channel, stop by check bits."""
     from dvc.turbo import SlepianWolfSettings
 
     rng = np.random.default_rng([SEED, round(1000 * probability)])
@@ -139,13 +84,7 @@ def efficiency(setting: Setting, _clip: str, probability: float) -> Measured:
 
 
 def undetected_errors(setting: Setting, _clip: str) -> Measured:
-    """Count planes that the decoder takes for right and that are not.
-
-    Short planes, of the size of a small picture's bands, whose side information is a mixture of sure and
-    unsure bits: many of them pass the check without any parity, where an error is likeliest to slip through.
-
-    Gives the share, and the upper end of its 95 % confidence interval.
-    """
+    """Count planes that the decoder takes for right and that are not."""
     from scipy.stats import beta
 
     from dvc.turbo import SlepianWolfSettings
@@ -169,26 +108,7 @@ def undetected_errors(setting: Setting, _clip: str) -> Measured:
 def plain_siso(
     llr_a: NDArray[np.float64], parity: NDArray[np.int8], feedback: int, feedforward: int
 ) -> NDArray[np.float64]:
-    """Compute the extrinsic LLRs of a trellis in plain numpy, step by step in the log domain.
-
-    Parameters
-    ----------
-    llr_a : ndarray of shape (T,), float64
-        A priori LLRs of the input bits.
-    parity : ndarray of shape (T,), int8
-        Parity bit of every step, -1 where it is unknown.
-    feedback, feedforward : int
-        Polynomials in D; bit i is the coefficient of D to the i-th.
-
-    Returns
-    -------
-    ndarray of shape (T,), float64
-        Extrinsic LLRs.
-
-    References
-    ----------
-    [BCJR] Bahl, Cocke, Jelinek, Raviv, IEEE Trans. Information Theory 20 (1974).
-    """
+    """Compute the extrinsic LLRs of a trellis in plain numpy, step by step in the log domain."""
     from dvc.turbo.trellis import trellis
 
     table = trellis(feedback, feedforward)
@@ -213,10 +133,7 @@ def plain_siso(
 
 
 def siso_speed(setting: Setting, _clip: str) -> Measured:
-    """Compare the compiled pass over a trellis with the plain one in the same run, result and time.
-
-    Gives the ratio of times, and the speed of full iterations of the classical code.
-    """
+    """Compare the compiled pass over a trellis with the plain one in the same run, result and time."""
     from dvc import turbo
     from dvc.turbo.siso import LaneDecoder, lane_layout, siso
 

@@ -21,18 +21,7 @@ EXAMPLES = """\
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status: 0, or 2 if a mutation did harm.
-    """
+    """Run the command."""
     parser = cli.ArgumentParser(PROG, "Mutate streams and live messages.", EXAMPLES)
     parser.add_argument("--kind", choices=KINDS, action="append", help="default: all")
     parser.add_argument("--first", type=cli.integer(0, 10**9), default=0, metavar="N", help="default: 0")

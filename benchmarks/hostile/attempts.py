@@ -17,22 +17,7 @@ from dvc.stream.records import RecordType
 
 
 def try_tracked(codec: str, number: int, allocated: bool = False) -> str:
-    """Decode a mutation of a stream with tracks or points; most damage these.
-
-    Parameters
-    ----------
-    codec : str
-        As `tracked_material` takes it.
-    number : int
-        Of the mutation.
-    allocated : bool, optional
-        As `tracked_material` takes it.
-
-    Returns
-    -------
-    str
-        The outcome.
-    """
+    """Decode a mutation of a stream with tracks or points; most damage these."""
     stream, groups = tracked_material(codec, allocated)
     rng = np.random.default_rng(number)
     damaged = mutate_record(stream, rng) if number % 4 == 0 else mutate_tracks(stream, rng)
@@ -40,22 +25,7 @@ def try_tracked(codec: str, number: int, allocated: bool = False) -> str:
 
 
 def try_stream(stream: bytes, groups: list[list[Luma]], number: int) -> str:
-    """Decode a mutation of a stream.
-
-    Parameters
-    ----------
-    stream : bytes
-        A good stream of `material`.
-    groups : list of list of ndarray
-        Luma of its decoded frames.
-    number : int
-        Of the mutation.
-
-    Returns
-    -------
-    str
-        The outcome.
-    """
+    """Decode a mutation of a stream."""
     rng = np.random.default_rng(number)
     damaged = mutate(stream, rng) if number % 2 else mutate_record(stream, rng)
     return _judged(stream, damaged, groups)
@@ -99,18 +69,7 @@ class _Replay:
 
 
 def try_encoder(number: int) -> str:
-    """Let the encoder of a live run receive a mutation of what it once received.
-
-    Parameters
-    ----------
-    number : int
-        Of the mutation.
-
-    Returns
-    -------
-    str
-        The outcome.
-    """
+    """Let the encoder of a live run receive a mutation of what it once received."""
     made, rng = material(), np.random.default_rng(number)
     damaged = list(made.to_encoder)
     place = int(rng.integers(len(damaged)))
@@ -129,18 +88,7 @@ def try_encoder(number: int) -> str:
 
 
 def try_decoder(number: int) -> str:
-    """Let the decoder of a live run, with many requests in flight, receive a mutation of what was sent.
-
-    Parameters
-    ----------
-    number : int
-        Of the mutation.
-
-    Returns
-    -------
-    str
-        The outcome.
-    """
+    """Let the decoder of a live run, with many requests in flight, receive a mutation of what was sent."""
     made, rng = material(), np.random.default_rng(number)
     place, passed = int(rng.integers(1, len(made.to_encoder))), [b""]
 
@@ -163,13 +111,7 @@ def try_decoder(number: int) -> str:
 
 
 def kinds() -> dict[str, Callable[[int], str]]:
-    """Return what can be mutated.
-
-    Returns
-    -------
-    dict of str to callable
-        Takes the number of a mutation, returns its outcome.
-    """
+    """Return what can be mutated."""
     return {
         "buffered": lambda number: try_stream(material().buffered, material().groups, number),
         "punctured": lambda number: try_stream(material().punctured, material().groups, number),

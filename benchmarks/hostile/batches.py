@@ -48,20 +48,7 @@ def guarded() -> Iterator[None]:
 
 
 def run_batch(kind: str, numbers: Sequence[int]) -> list[str]:
-    """Try mutations in this process, whose memory is limited from now on.
-
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    numbers : sequence of int
-        Of the mutations.
-
-    Returns
-    -------
-    list of str
-        Outcome of each.
-    """
+    """Try mutations in this process, whose memory is limited from now on."""
     attempt = kinds()[kind]
     with suppress(Exception):
         attempt(numbers[0])  # compiles kernels, and makes what is mutated: not to be timed
@@ -90,22 +77,7 @@ def _outcome(attempt: Callable[[int], str], number: int) -> str:
 def run_kind(
     kind: str, first: int, count: int, progress: Callable[[int], None] = lambda _: None
 ) -> dict[int, str]:
-    """Try mutations in child processes.
-
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    first, count : int
-        Numbers of the mutations.
-    progress : callable, optional
-        Called with the number of mutations just tried.
-
-    Returns
-    -------
-    dict of int to str
-        Outcome of each mutation.
-    """
+    """Try mutations in child processes."""
     outcomes: dict[int, str] = {}
     batches = [(first + done, min(BATCH, count - done)) for done in range(0, count, BATCH)]
     while batches:
@@ -138,18 +110,5 @@ def _child(kind: str, first: int, count: int) -> list[str] | str:
 
 
 def summary(outcomes: dict[int, str]) -> tuple[Counter[str], dict[int, str]]:
-    """Count outcomes.
-
-    Parameters
-    ----------
-    outcomes : dict of int to str
-        As `run_kind` returns them.
-
-    Returns
-    -------
-    counts : Counter
-        Of each outcome.
-    failures : dict of int to str
-        The mutations that did harm.
-    """
+    """Count outcomes."""
     return Counter(outcomes.values()), {n: text for n, text in sorted(outcomes.items()) if text not in GOOD}

@@ -27,13 +27,7 @@ _MAX_BYTES = 600
 
 @cache
 def good_streams() -> tuple[bytes, ...]:
-    """Encode a small map, and pictures with it, in all ways.
-
-    Returns
-    -------
-    tuple of bytes
-        Both wavelets, all orders, both codes of edges and no edges; no picture, a gray and a coloured one.
-    """
+    """Encode a small map, and pictures with it, in all ways."""
     rng = np.random.default_rng(5)
     depth = _depth(rng)
     edges = edges_of_jumps(depth, 4.0)
@@ -62,20 +56,7 @@ def _depth(rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def parts_of(data: bytes) -> tuple[int, DepthImageStream]:
-    """Take a good stream apart.
-
-    Parameters
-    ----------
-    data : bytes
-        A stream.
-
-    Returns
-    -------
-    start : int
-        Bytes of the header.
-    stream : DepthImageStream
-        Its parts.
-    """
+    """Take a good stream apart."""
     stream = decode_stream(data)
     picture = stream.picture.data if stream.picture else b""
     code = len(stream.edges) + len(stream.depth.data) + len(picture)
@@ -83,20 +64,7 @@ def parts_of(data: bytes) -> tuple[int, DepthImageStream]:
 
 
 def mutate_depth_image(data: bytes, rng: np.random.Generator) -> bytes:
-    """Damage the header or one of the parts, and mend lengths and checksum, so that the damage is parsed.
-
-    Parameters
-    ----------
-    data : bytes
-        A good stream.
-    rng : numpy.random.Generator
-        Chooses.
-
-    Returns
-    -------
-    bytes
-        The stream with the damage.
-    """
+    """Damage the header or one of the parts, and mend lengths and checksum, so that the damage is parsed."""
     start, stream = parts_of(data)
     match int(rng.integers(4)):
         case 0:
@@ -115,18 +83,7 @@ def mutate_depth_image(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def try_depth_images(number: int) -> str:
-    """Decode a mutation of a stream, and render a view of what comes out.
-
-    Parameters
-    ----------
-    number : int
-        Of the mutation.
-
-    Returns
-    -------
-    str
-        The outcome.
-    """
+    """Decode a mutation of a stream, and render a view of what comes out."""
     streams = good_streams()
     data = streams[number % len(streams)]
     rng = np.random.default_rng(number)

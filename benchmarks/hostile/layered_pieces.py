@@ -30,13 +30,7 @@ _MOST_RENDERED_PX = 1 << 18
 
 @cache
 def good_streams() -> tuple[bytes, ...]:
-    """Encode small layers and sprites.
-
-    Returns
-    -------
-    tuple of bytes
-        Layers, in colour and gray, the last one empty; sprites, also of scattered pixels and of a single one.
-    """
+    """Encode small layers and sprites."""
     rng = np.random.default_rng(11)
     y, x = np.indices(_SHAPE)
     disc = np.hypot(y - 18, x - 25) < 12
@@ -65,20 +59,7 @@ def _piece(mask: NDArray[np.bool_], colour: NDArray[np.uint8], disparity: NDArra
 
 
 def mutate_pieces(data: bytes, rng: np.random.Generator) -> bytes:
-    """Damage the header or a part of a piece, and mend lengths and checksum, so that the damage is parsed.
-
-    Parameters
-    ----------
-    data : bytes
-        A good stream.
-    rng : numpy.random.Generator
-        Chooses.
-
-    Returns
-    -------
-    bytes
-        The stream with the damage.
-    """
+    """Damage the header or a part of a piece, and mend lengths and checksum, so that the damage is parsed."""
     stream = decode_stream(data)
     if rng.integers(4) == 0:
         start = stream.num_header_bytes
@@ -102,18 +83,7 @@ def mutate_pieces(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def try_pieces(number: int) -> str:
-    """Decode a mutation of a stream, and render a view of what comes out.
-
-    Parameters
-    ----------
-    number : int
-        Of the mutation.
-
-    Returns
-    -------
-    str
-        The outcome.
-    """
+    """Decode a mutation of a stream, and render a view of what comes out."""
     streams = good_streams()
     data = streams[number % len(streams)]
     rng = np.random.default_rng(number)

@@ -37,44 +37,19 @@ def _same(data: bytes) -> bytes:
 
 @dataclass(frozen=True)
 class Material:
-    """A short sequence and everything that is made of it.
+    """A short sequence and everything that is made of it."""
 
-    Attributes
-    ----------
-    frames : list of Frame
-        The sequence.
-    config : CodecConfig
-        Configuration of the encoder.
-    buffered, punctured : bytes
-        Both forms of the stream.
-    groups : list of list of ndarray
-        Luma of the decoded frames of each group of pictures.
-    to_encoder : list of bytes
-        Bytes that the encoder of a live run received, one entry for each time.
-    """
-
-    frames: list[Frame]
-    config: CodecConfig
-    buffered: bytes
+    frames: list[Frame]  # the sequence
+    config: CodecConfig  # configuration of the encoder
+    buffered: bytes  # both forms of the stream
     punctured: bytes
-    groups: list[list[Luma]]
-    to_encoder: list[bytes]
+    groups: list[list[Luma]]  # luma of the decoded frames of each group of pictures
+    to_encoder: list[bytes]  # bytes that the encoder of a live run received, one entry for each time
 
 
 @cache
 def material(allocated: bool = False) -> Material:
-    """Make the material; this also loads all compiled kernels.
-
-    Parameters
-    ----------
-    allocated : bool, optional
-        Whether one quality sets everything, so that bins are nested and planes left out; else a preset.
-
-    Returns
-    -------
-    Material
-        The same in every process.
-    """
+    """Make the material; this also loads all compiled kernels."""
     from encoder.session import EncoderSession
 
     noise = np.random.default_rng(1).integers(40, 216, (9, 40, 56))
@@ -100,22 +75,7 @@ def material(allocated: bool = False) -> Material:
 
 @cache
 def tracked_material(codec: str, allocated: bool = False) -> tuple[bytes, list[list[Luma]]]:
-    """Make a stream whose groups of pictures carry tracks or points.
-
-    Parameters
-    ----------
-    codec : str
-        ``3d-te`` or ``3d-td``.
-    allocated : bool, optional
-        Whether one quality sets everything: tracks are coded by regression, most groups have no key frame.
-
-    Returns
-    -------
-    stream : bytes
-        Its buffered form.
-    groups : list of list of ndarray
-        Luma of the decoded frames of each group.
-    """
+    """Make a stream whose groups of pictures carry tracks or points."""
     from encoder.session import EncoderSession
 
     noise = np.random.default_rng(1).integers(0, 256, (9, 80, 96))
@@ -154,24 +114,7 @@ def live_run(
     change: tuple[Change, Change] = (_same, _same),
     patience_s: float = PATIENCE_S,
 ) -> list[Exception | None]:
-    """Run encoder and decoder on a connection between two threads.
-
-    Parameters
-    ----------
-    frames : list of Frame
-        The sequence.
-    config : CodecConfig
-        Configuration of the encoder.
-    change : tuple of two callables
-        Turn what is received at a time into what the decoder, and the encoder, get in place of it.
-    patience_s : float, optional
-        How long either waits for the other, in seconds.
-
-    Returns
-    -------
-    list of Exception or None
-        What the decoder, and what the encoder, ended with.
-    """
+    """Run encoder and decoder on a connection between two threads."""
     ended: list[Exception | None] = [None, None]
 
     def _run(number: int, end: Connection, work: Callable[[Connection], None]) -> None:

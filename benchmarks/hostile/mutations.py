@@ -11,18 +11,7 @@ from dvc.stream.records import CRC_BYTES, MAGIC, record_crc
 
 
 def record_spans(stream: bytes) -> list[tuple[int, int, int]]:
-    """Find the records of a good stream.
-
-    Parameters
-    ----------
-    stream : bytes
-        The stream.
-
-    Returns
-    -------
-    list of (int, int, int)
-        Type, offset of the first byte, and offset behind the last one, of every record.
-    """
+    """Find the records of a good stream."""
     spans, position = [], len(MAGIC) + 1
     while position < len(stream):
         size, start = decode_varint(stream, position + 1)
@@ -33,20 +22,7 @@ def record_spans(stream: bytes) -> list[tuple[int, int, int]]:
 
 
 def mutate(data: bytes, rng: np.random.Generator) -> bytes:
-    """Damage bytes in one of the ways that happen, or that somebody thinks of.
-
-    Parameters
-    ----------
-    data : bytes
-        Any number.
-    rng : numpy.random.Generator
-        Chooses.
-
-    Returns
-    -------
-    bytes
-        Mostly other bytes.
-    """
+    """Damage bytes in one of the ways that happen, or that somebody thinks of."""
     if not data:
         return rng.bytes(int(rng.integers(1, 9)))
     position = int(rng.integers(len(data)))
@@ -67,20 +43,7 @@ def mutate(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def mutate_record(stream: bytes, rng: np.random.Generator) -> bytes:
-    """Damage the payload of one record and mend its length and checksum, so that the damage is parsed.
-
-    Parameters
-    ----------
-    stream : bytes
-        A good stream.
-    rng : numpy.random.Generator
-        Chooses.
-
-    Returns
-    -------
-    bytes
-        The stream with another record.
-    """
+    """Damage the payload of one record and mend its length and checksum, so that the damage is parsed."""
     kind, begin, end = record_spans(stream)[int(rng.integers(len(record_spans(stream))))]
     size, start = decode_varint(stream, begin + 1)
     payload = mutate(stream[start : start + size], rng)
@@ -89,20 +52,7 @@ def mutate_record(stream: bytes, rng: np.random.Generator) -> bytes:
 
 
 def mutate_tracks(stream: bytes, rng: np.random.Generator) -> bytes:
-    """Damage the tracks or points of one group of pictures, and nothing else.
-
-    Parameters
-    ----------
-    stream : bytes
-        A good stream of `tracked_material`.
-    rng : numpy.random.Generator
-        Chooses.
-
-    Returns
-    -------
-    bytes
-        The stream with other tracks.
-    """
+    """Damage the tracks or points of one group of pictures, and nothing else."""
     with StreamReader(io.BytesIO(stream)) as reader:
         config, form, records = reader.config, reader.form, list(reader)
     with_tracks = [number for number, record in enumerate(records) if record.tracks]

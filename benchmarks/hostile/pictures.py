@@ -23,13 +23,7 @@ _CRC_BYTES = 4
 
 @cache
 def good_streams() -> tuple[bytes, ...]:
-    """Encode small views in all ways.
-
-    Returns
-    -------
-    tuple of bytes
-        Every method, gray and coloured, one and two references, of a lattice and of calibrated cameras.
-    """
+    """Encode small views in all ways."""
     streams = []
     for number, method in enumerate(DisparityMethod):
         for calibrated in (False, True):
@@ -61,20 +55,7 @@ def _viewpoint(m: int, calibrated: bool) -> Viewpoint:
 
 
 def mutate_pictures(stream: bytes, rng: np.random.Generator) -> bytes:
-    """Damage the header, or one part of one layer, and mend its checksum, so that the damage is parsed.
-
-    Parameters
-    ----------
-    stream : bytes
-        A good stream.
-    rng : numpy.random.Generator
-        Chooses.
-
-    Returns
-    -------
-    bytes
-        The stream with the damage.
-    """
+    """Damage the header, or one part of one layer, and mend its checksum, so that the damage is parsed."""
     found = decode_stream(stream)
     _, start = decode_header(stream)
     if rng.integers(4) == 0:
@@ -89,18 +70,7 @@ def mutate_pictures(stream: bytes, rng: np.random.Generator) -> bytes:
 
 
 def try_pictures(number: int) -> str:
-    """Decode a mutation of a stream, and render a view of what comes out.
-
-    Parameters
-    ----------
-    number : int
-        Of the mutation.
-
-    Returns
-    -------
-    str
-        The outcome.
-    """
+    """Decode a mutation of a stream, and render a view of what comes out."""
     streams = good_streams()
     stream = streams[number % len(streams)]
     rng = np.random.default_rng(number)

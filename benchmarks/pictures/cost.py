@@ -32,44 +32,13 @@ Found = Mapping[str, Mapping[str, float]]
 
 
 def measured(rows: Sequence[Row], name: str) -> dict[str, Row]:
-    """Return the rows of a figure that were measured.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        All rows.
-    name : str
-        Of the figure, area *cost*.
-
-    Returns
-    -------
-    dict of str to dict
-        By clip.
-    """
+    """Return the rows of a figure that were measured."""
     found = {row["clip"]: row for row in rows if (row["area"], row["name"]) == (AREA, name) and row["values"]}
     return {clip: found[clip] for clip in STATIC_CLIPS if clip in found}
 
 
 def rate_costs(rows: Sequence[Row]) -> tuple[list[RateCost], list[str]]:
-    """Average rate and cost of all codecs over the clips on which most of them were measured.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        All rows.
-
-    Returns
-    -------
-    points : list of RateCost
-        The cheapest first.
-    clips : list of str
-        Those clips.
-
-    Raises
-    ------
-    DvcError
-        If nothing was measured.
-    """
+    """Average rate and cost of all codecs over the clips on which most of them were measured."""
     name = next((name for name in GROUPS if measured(rows, name)), None)
     if name is None:
         raise DvcError(f"{DOCUMENT}: no row of rate against cost was measured")
@@ -92,8 +61,7 @@ def rate_costs(rows: Sequence[Row]) -> tuple[list[RateCost], list[str]]:
 
 def _with_feedback(rows: Sequence[Row], clip: str, codecs: Found) -> Found:
     """Return rate and cost of tracked coding live, from the rows that tell them, where there are such rows.
-
-    Its time is that of x264 superfast in the same run, times what it takes of that where both were timed.
+    Return rate and cost of tracked coding live, from the rows that tell them, where there are such rows.
     """
     values = {
         (row["area"], row["name"]): row["values"] for row in rows if row["clip"] == clip and row["values"]
@@ -106,18 +74,7 @@ def _with_feedback(rows: Sequence[Row], clip: str, codecs: Found) -> Found:
 
 
 def styles(points: Sequence[RateCost]) -> dict[str, Style]:
-    """Give every codec its style: those of the project filled.
-
-    Parameters
-    ----------
-    points : sequence of RateCost
-        All codecs.
-
-    Returns
-    -------
-    dict of str to Style
-        By label.
-    """
+    """Give every codec its style: those of the project filled."""
     anchors = {codec.label for codec in ANCHOR_CODECS.values()}
     labels = [point.label for point in points]
     own = [label for label in labels if label not in anchors]
@@ -125,18 +82,7 @@ def styles(points: Sequence[RateCost]) -> dict[str, Style]:
 
 
 def operations_table(rows: Sequence[Row]) -> str:
-    """Return the table of operations, means over the clips on which they were counted.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        All rows.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Return the table of operations, means over the clips on which they were counted."""
     found = [row["values"]["operations_per_pixel"] for row in measured(rows, "operations").values()]
     if not found:
         return "not counted\n"
@@ -150,27 +96,7 @@ def operations_table(rows: Sequence[Row]) -> str:
 
 
 def with_part(page: str, name: str, text: str) -> str:
-    """Put text into a page, between the marks of that name.
-
-    Parameters
-    ----------
-    page : str
-        Markdown.
-    name : str
-        Of the part.
-    text : str
-        What it is to hold.
-
-    Returns
-    -------
-    str
-        The page.
-
-    Raises
-    ------
-    DvcError
-        If there are no such marks.
-    """
+    """Put text into a page, between the marks of that name."""
     begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
     before, found, rest = page.partition(begin)
     if not found or end not in rest:

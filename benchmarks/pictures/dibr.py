@@ -60,18 +60,7 @@ def draw_toy() -> list[Path]:
 
 
 def draw_set(name: str) -> list[Path]:
-    """Draw curves of a real set, and the disparity maps of one.
-
-    Parameters
-    ----------
-    name : str
-        The set.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-    """
+    """Draw curves of a real set, and the disparity maps of one."""
     folder = _chapter(name, ["--data", data_folder(name)])
     written = []
     for number in PLOTS:
@@ -85,13 +74,7 @@ def draw_set(name: str) -> list[Path]:
 
 
 def draw_chapter4() -> list[Path]:
-    """Draw the curves, coefficients and decoded maps of chapter 4.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-    """
+    """Draw the curves, coefficients and decoded maps of chapter 4."""
     folder = RESULTS / "chapter4"
     shutil.rmtree(folder, ignore_errors=True)
     folder.parent.mkdir(parents=True, exist_ok=True)

@@ -29,47 +29,20 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Line:
-    """One curve of a plot by frame.
+    """One curve of a plot by frame."""
 
-    Attributes
-    ----------
-    label : str
-        For the legend.
-    points : mapping of int to float
-        PSNR in dB by frame.
-    colour : int
-        Its number in `dvc.page.plotting.COLOURS`.
-    style : str
-        Of the line, as matplotlib knows it.
-    peaks : mapping of int to float
-        PSNR of the key frames, which the line goes through too; not drawn if empty.
-    gop : int or None
-        Distance of the key frames, at which the line is cut; None: where frames are missing.
-    """
-
-    label: str
-    points: Mapping[int, float]
-    colour: int
-    style: str = "-"
+    label: str  # for the legend
+    points: Mapping[int, float]  # PSNR in dB by frame
+    colour: int  # its number in `dvc.page.plotting.COLOURS`
+    style: str = "-"  # of the line, as matplotlib knows it
+    # PSNR of the key frames, which the line goes through too; not drawn if empty
     peaks: Mapping[int, float] | None = None
+    # distance of the key frames, at which the line is cut; None: where frames are missing
     gop: int | None = None
 
 
 def draw_tracks(luma: NDArray[np.uint8], tracks: PointTracks) -> Picture:
-    """Draw the tracks of points over the key frame that they start from.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        The key frame.
-    tracks : PointTracks
-        Starts in red, paths in magenta, and the last position of tracks that were lost in orange.
-
-    Returns
-    -------
-    ndarray of shape (3 * H, 3 * W, 3), uint8
-        Blue, green and red.
-    """
+    """Draw the tracks of points over the key frame that they start from."""
     canvas = _enlarged(luma)
     for track in tracks.positions:
         known = track[np.isfinite(track).all(axis=1)]
@@ -81,20 +54,7 @@ def draw_tracks(luma: NDArray[np.uint8], tracks: PointTracks) -> Picture:
 
 
 def draw_snakes(luma: NDArray[np.uint8], tracks: PointTracks) -> Picture:
-    """Draw tracks over a key frame: where points were found, and the even motion that they do not follow.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        First key frame.
-    tracks : PointTracks
-        Even motion in green, the path in magenta, known positions in red.
-
-    Returns
-    -------
-    ndarray of shape (3 * H, 3 * W, 3), uint8
-        Blue, green and red.
-    """
+    """Draw tracks over a key frame: where points were found, and the even motion that they do not follow."""
     canvas = _enlarged(luma)
     for track in tracks.positions:
         known = track[np.isfinite(track).all(axis=1)]
@@ -128,20 +88,7 @@ def _draw_dots(canvas: Picture, points: Floats, colour: tuple[int, int, int], ra
 
 
 def panel(plane: NDArray[np.uint8], title: str) -> Picture:
-    """Scale a picture to the width of a panel and put a title above it.
-
-    Parameters
-    ----------
-    plane : ndarray of shape (H, W) or (H, W, 3), uint8
-        Grey, or blue, green and red.
-    title : str
-        One line, ASCII.
-
-    Returns
-    -------
-    ndarray of shape (h, PANEL_WIDTH, 3), uint8
-        The panel.
-    """
+    """Scale a picture to the width of a panel and put a title above it."""
     colour = plane if plane.ndim == 3 else np.repeat(plane[:, :, None], 3, axis=2)
     height = round(PANEL_WIDTH * colour.shape[0] / colour.shape[1])
     scaled = cv2.resize(colour, (PANEL_WIDTH, height), interpolation=cv2.INTER_CUBIC)
@@ -152,18 +99,7 @@ def panel(plane: NDArray[np.uint8], title: str) -> Picture:
 
 
 def in_pairs(panels: Sequence[Picture]) -> Picture:
-    """Put panels of one size into rows of two.
-
-    Parameters
-    ----------
-    panels : sequence of ndarray
-        An even number.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        The picture.
-    """
+    """Put panels of one size into rows of two."""
     gap = np.full((panels[0].shape[0], 8, 3), 255, dtype=np.uint8)
     rows = [np.hstack([panels[k], gap, panels[k + 1]]) for k in range(0, len(panels), 2)]
     picture: Picture = np.vstack(rows)
@@ -171,47 +107,18 @@ def in_pairs(panels: Sequence[Picture]) -> Picture:
 
 
 def correlation_noise(predicted: Floats, original: NDArray[np.uint8]) -> Picture:
-    """Show the difference of side information and frame, grey where there is none.
-
-    Parameters
-    ----------
-    predicted : ndarray of shape (H, W), float64
-        Side information.
-    original : ndarray of shape (H, W), uint8
-        The frame.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        Twice the difference around 128.
-    """
+    """Show the difference of side information and frame, grey where there is none."""
     return np.clip(128.0 + 2.0 * (predicted - original), 0, 255).astype(np.uint8)
 
 
 def write_picture(path: Path, picture: Picture) -> None:
-    """Write a picture as JPEG; its folder is made if needed.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    picture : ndarray of shape (H, W, 3), uint8
-        Blue, green and red.
-    """
+    """Write a picture as JPEG; its folder is made if needed."""
     path.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
 
 
 def draw_clips(clips: Iterable[str], draw: Callable[[str], Sequence[Path]]) -> None:
-    """Draw the pictures of sequences, and say which files; those that are not there are told on stderr.
-
-    Parameters
-    ----------
-    clips : iterable of str
-        Names of the catalogue.
-    draw : callable
-        Takes a sequence, returns the files.
-    """
+    """Draw the pictures of sequences, and say which files; those that are not there are told on stderr."""
     for clip in clips:
         try:
             paths = draw(clip)
@@ -222,17 +129,7 @@ def draw_clips(clips: Iterable[str], draw: Callable[[str], Sequence[Path]]) -> N
 
 
 def plot_by_frame(path: Path, title: str, lines: Sequence[Line]) -> None:
-    """Plot PSNR by frame.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file; its folder is made if needed.
-    title : str
-        Above the plot.
-    lines : sequence of Line
-        The curves.
-    """
+    """Plot PSNR by frame."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
@@ -282,22 +179,7 @@ def _parts(line: Line) -> list[dict[int, float]]:
 def pictures_command(
     prog: str, description: str, examples: str, pictures: Mapping[str, Callable[[], list[Path]]]
 ) -> Callable[..., int]:
-    """Make the `main` of a command that draws pictures by name.
-
-    Parameters
-    ----------
-    prog : str
-        Name shown before messages.
-    description, examples : str
-        Begin and end its help.
-    pictures : mapping of str to callable
-        Draws each, and returns the files.
-
-    Returns
-    -------
-    callable
-        As `dvc.cli.command` returns it. Pictures whose clips are absent are left out, saying so.
-    """
+    """Make the `main` of a command that draws pictures by name."""
 
     def _parser() -> argparse.ArgumentParser:
         parser = cli.ArgumentParser(prog, description, examples)

@@ -129,25 +129,7 @@ def _motion_norms(found: Reconstruction, first: Luma, second: Luma) -> Picture:
 
 
 def draw(clip: str, folder: Path) -> list[Path]:
-    """Draw the pictures of one sequence.
-
-    Parameters
-    ----------
-    clip : str
-        Name of the catalogue.
-    folder : Path
-        Where to write them.
-
-    Returns
-    -------
-    list of Path
-        JPEG files; none where there is no model.
-
-    Raises
-    ------
-    MissingClip
-        If the sequence is not there.
-    """
+    """Draw the pictures of one sequence."""
     with open_video(clip_source(clip).path, start=GOP, num_frames=GOP + 1) as reader:
         frames = [frame.luma for frame in islice(reader, GOP + 1)]
     found = reconstruct(frames[0], frames[GOP])
@@ -165,18 +147,7 @@ def draw(clip: str, folder: Path) -> list[Path]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Run the command."""
     parser: argparse.ArgumentParser = cli.ArgumentParser(
         PROG, "Draw every stage from a key pair to a predicted frame.", EXAMPLES
     )

@@ -72,18 +72,7 @@ PLOTTED = (
 
 
 def key_frames_by_index(run: Run) -> dict[int, float]:
-    """Return the PSNR of the key frames around predicted frames.
-
-    Parameters
-    ----------
-    run : Run
-        Sequence and coding.
-
-    Returns
-    -------
-    dict of int to float
-        In dB by display position; infinite where they are lossless.
-    """
+    """Return the PSNR of the key frames around predicted frames."""
     keys = {key.index: key.frame.luma for group in received_groups(run) for key in group.keys}
     with open_video(clip_source(run.clip).path, num_frames=run.num_frames) as reader:
         return {
@@ -173,20 +162,7 @@ def _table_row(clip: str, frames: int, results: Path) -> str:
 
 
 def with_rows(page: str, rows: Sequence[str]) -> str:
-    """Put rows into the table of a page, in the place of older ones of the same sequences.
-
-    Parameters
-    ----------
-    page : str
-        Markdown with `BEGIN` and `END`.
-    rows : sequence of str
-        From `_table_row`.
-
-    Returns
-    -------
-    str
-        The page.
-    """
+    """Put rows into the table of a page, in the place of older ones of the same sequences."""
     before, rest = page.split(BEGIN)
     table, after = rest.split(END)
     known = {_sequence(row): row for row in table.strip().splitlines()[2:]}
@@ -202,27 +178,7 @@ def _sequence(row: str) -> str:
 
 
 def draw(clip: str, folder: Path, frames: int) -> list[Path]:
-    """Draw all pictures of a sequence.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-    folder : Path
-        Where to write them.
-    frames : int
-        Frames of the plots.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-
-    Raises
-    ------
-    MissingClip
-        If the sequence is not there.
-    """
+    """Draw all pictures of a sequence."""
     pictures = {
         **_track_pictures(clip),
         "noise": _noise_pictures(clip),
@@ -245,18 +201,7 @@ def draw(clip: str, folder: Path, frames: int) -> list[Path]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Run the command."""
     parser: argparse.ArgumentParser = cli.ArgumentParser(
         PROG, "Draw figures 5.11 to 5.14, tracks and snakes, and fill in table 5.1.", EXAMPLES
     )

@@ -18,42 +18,14 @@ MEANS = np.concatenate([[0.0], np.geomspace(1e-4, 120, 400)])
 
 
 def information(means: Floats, llr_ch: Sequence[tuple[float, float]] = ((0.0, 1.0),)) -> Floats:
-    """Return the mutual information of a bit and the sum of a channel LLR and a consistent Gaussian.
-
-    Parameters
-    ----------
-    means : ndarray of shape (n,)
-        Means of the Gaussian LLR; its variance is twice its mean.
-    llr_ch : sequence of (float, float)
-        Channel LLRs in favour of the true bit, and their probabilities.
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        In bits.
-    """
+    """Return the mutual information of a bit and the sum of a channel LLR and a consistent Gaussian."""
     spread = means[:, np.newaxis] + np.sqrt(2 * means[:, np.newaxis]) * NODES
     losses = [p * (WEIGHTS * np.logaddexp(0, -(llr + spread))).sum(axis=1) for llr, p in llr_ch]
     return np.asarray(1 - sum(losses) / (WEIGHTS.sum() * math.log(2)))
 
 
 def exit_curve(polynomials: tuple[int, int], gap: float, a_priori: Floats) -> Floats:
-    """Measure the extrinsic information of a trellis of which every `gap`-th parity bit is known.
-
-    Parameters
-    ----------
-    polynomials : tuple of int
-        Feedback and feedforward.
-    gap : float
-        Trellis steps per parity bit.
-    a_priori : ndarray of shape (n,)
-        Mutual information of the a priori LLRs, in bits.
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        In bits.
-    """
+    """Measure the extrinsic information of a trellis of which every `gap`-th parity bit is known."""
     rng = np.random.default_rng(0)
     lanes = lane_layout((0, EXIT_STEPS))
     known = np.unique(np.floor(np.arange(EXIT_STEPS / gap - 1) * gap).astype(np.int32))
@@ -73,24 +45,7 @@ def exit_curve(polynomials: tuple[int, int], gap: float, a_priori: Floats) -> Fl
 def best_profile(
     curve: Floats, a_priori: Floats, crossover: float, most_copies: int, margin: float
 ) -> dict[int, float] | None:
-    """Find the shares of bits by number of copies with the shortest trellis on which decoding converges.
-
-    Parameters
-    ----------
-    curve, a_priori : ndarray of shape (n,)
-        EXIT curve of the trellis.
-    crossover : float
-        Of the binary symmetric channel.
-    most_copies : int
-        Largest number of copies.
-    margin : float
-        Relative opening of the decoding tunnel.
-
-    Returns
-    -------
-    dict or None
-        Shares; None where no profile converges.
-    """
+    """Find the shares of bits by number of copies with the shortest trellis on which decoding converges."""
     llr = math.log((1 - crossover) / crossover)
     copies = np.array([count for count in COPY_COUNTS if count <= most_copies])
     means = np.interp(curve, information(MEANS), MEANS)

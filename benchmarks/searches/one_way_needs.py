@@ -47,32 +47,15 @@ _SMOOTH = 0.02  # weight of second differences of bits
 
 @dataclass(eq=False)
 class RecordedFrame:
-    """What was expected of a frame, and what was found.
+    """What was expected of a frame, and what was found."""
 
-    Attributes
-    ----------
-    clip : str
-        Its sequence.
-    config : CodecConfig
-        Configuration of the stream.
-    encoded : EncodedFrame
-        Its planes.
-    luma : ndarray of shape (H, W), uint8
-        Luma before coding.
-    distance : int
-        How far its references are apart.
-    errors : BlockErrors
-        What the encoder expects.
-    bits, squares : dict of int to ndarray of shape (planes + 1,)
-        Ideal code length of each band by planes that are coded, and squared error that is left.
-    """
-
-    clip: str
-    config: CodecConfig
-    encoded: EncodedFrame
-    luma: NDArray[np.uint8]
-    distance: int
-    errors: BlockErrors
+    clip: str  # its sequence
+    config: CodecConfig  # configuration of the stream
+    encoded: EncodedFrame  # its planes
+    luma: NDArray[np.uint8]  # luma before coding
+    distance: int  # how far its references are apart
+    errors: BlockErrors  # what the encoder expects
+    # ideal code length of each band by planes that are coded, and squared error that is left
     bits: dict[int, Floats]
     squares: dict[int, Floats]
 
@@ -83,15 +66,7 @@ class RecordedFrame:
 
 
 class KnowingDecoder(OneWayDecoder):
-    """Decodes frames whose planes it knows, as many as pay, and records what all would have cost.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Configuration of the stream.
-    known : dict of int to RecordedFrame
-        Frames by display position.
-    """
+    """Decodes frames whose planes it knows, as many as pay, and records what all would have cost."""
 
     def __init__(self, config: CodecConfig, known: dict[int, RecordedFrame]) -> None:
         super().__init__(config)
@@ -166,22 +141,7 @@ def _learned_bits(band: LearnedBand, numbers: NDArray[np.int64]) -> float:
 
 
 def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
-    """Encode and decode a clip, all planes known.
-
-    Parameters
-    ----------
-    clip : str
-        Name of the catalogue.
-    qp : int
-        Quality.
-    num_frames : int
-        Frames of it.
-
-    Returns
-    -------
-    list of RecordedFrame
-        Its Wyner-Ziv frames.
-    """
+    """Encode and decode a clip, all planes known."""
     source = clip_source(clip).path
     known: dict[int, RecordedFrame] = {}
     arguments = options.parser().parse_args(
@@ -214,22 +174,7 @@ def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
 
 
 def fit(frames: Sequence[RecordedFrame], block: int) -> tuple[Needs, dict[str, Floats]]:
-    """Fit the needs of a block.
-
-    Parameters
-    ----------
-    frames : sequence of RecordedFrame
-        Frames of several clips, each of which counts alike.
-    block : int
-        Number in `BLOCKS`.
-
-    Returns
-    -------
-    needs : Needs
-        What fits them.
-    deviations : dict of str to ndarray
-        Logarithm of expected over ideal code length, of planes of the frames of each clip.
-    """
+    """Fit the needs of a block."""
     counts = {clip: sum(frame.clip == clip for frame in frames) for clip in {frame.clip for frame in frames}}
     variance = _fit_variance(frames, np.array([1.0 / counts[frame.clip] for frame in frames]), block)
     samples = [sample for frame in frames for sample in _samples(frame, block)]

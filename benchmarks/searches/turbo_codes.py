@@ -37,18 +37,7 @@ class Candidate:
 
 
 def predicted(crossover: float) -> list[Candidate]:
-    """List codes by the parity rate at which their EXIT curves stop to cross.
-
-    Parameters
-    ----------
-    crossover : float
-        Of the binary symmetric channel.
-
-    Returns
-    -------
-    list of Candidate
-        Best first.
-    """
+    """List codes by the parity rate at which their EXIT curves stop to cross."""
     doubt = entropy(crossover)
     a_priori = 1 - doubt * (1 - np.concatenate([np.linspace(0, 0.9, 19), [0.93, 0.96, 0.98]]))
     found: dict[tuple[object, ...], Candidate] = {}
@@ -71,24 +60,7 @@ def predicted(crossover: float) -> list[Candidate]:
 
 
 def needed(code: TurboCode, num_bits: int, crossover: float, num_planes: int, seed: int) -> float:
-    """Measure the parity rate over entropy at which iterations succeed, with the true plane telling when.
-
-    Parameters
-    ----------
-    code : TurboCode
-        The code.
-    num_bits : int
-        Length of the planes.
-    crossover : float
-        Of the binary symmetric channel; every plane has the mean number of errors.
-    num_planes, seed : int
-        Number of planes, and what they are drawn from.
-
-    Returns
-    -------
-    float
-        Mean over the planes.
-    """
+    """Measure the parity rate over entropy at which iterations succeed, with the true plane telling when."""
     rng = np.random.default_rng(seed)
     decoder = TurboDecoder(code, num_bits, 1)
     doubt_bits = entropy(crossover) * num_bits
@@ -111,20 +83,7 @@ def needed(code: TurboCode, num_bits: int, crossover: float, num_planes: int, se
 
 
 def search(doubt: float, num_tried: int) -> list[Candidate]:
-    """Predict codes for an entropy and try the best of them on bands of QCIF and CIF pictures.
-
-    Parameters
-    ----------
-    doubt : float
-        Entropy in bits per bit.
-    num_tried : int
-        Codes to try by decoding.
-
-    Returns
-    -------
-    list of Candidate
-        Best first.
-    """
+    """Predict codes for an entropy and try the best of them on bands of QCIF and CIF pictures."""
     crossover = float(brentq(lambda p: entropy(p) - doubt, 1e-7, 0.5 - 1e-9))
     tried = []
     for candidate in predicted(crossover)[:num_tried]:
@@ -134,18 +93,7 @@ def search(doubt: float, num_tried: int) -> list[Candidate]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Print the best codes for some entropies.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments; those of the process by default.
-
-    Returns
-    -------
-    int
-        0.
-    """
+    """Print the best codes for some entropies."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

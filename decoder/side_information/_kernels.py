@@ -41,10 +41,7 @@ def clamp_position(position, size, length):
 
 @kernel
 def forward_search(planes_a, planes_b, margin, block, window, radius, step, smoothness, starts, vectors):
-    """Full search of every block of frame b in frame a around `starts`, favouring short corrections.
-
-    `vectors` receives the displacement from a to b (quarter samples) of the block.
-    """
+    """Full search of every block of frame b in frame a around `starts`, favouring short corrections."""
     height, width = planes_a.shape[2], planes_a.shape[3]
     border = (window - block) // 2
     for i in range(vectors.shape[0]):
@@ -105,10 +102,8 @@ def refine_bilateral(
     candidates,
     vectors,
 ):
-    """Choose each block's displacement among `candidates` and their surroundings by the bilateral difference.
-
-    The cost adds `smoothness` times the distance to the mean candidate-field neighbours, which keeps
-    the field regular where texture says nothing. Candidates: (rows, columns, count, 2).
+    """Choose each block's displacement among `candidates` and their surroundings by the bilateral
+    difference.
     """
     height, width = planes_a.shape[2], planes_a.shape[3]
     border = (window - block) // 2
@@ -170,10 +165,7 @@ def box_sums(plane, side, sums):
 
 @kernel
 def lower_bound_sad(sums_a, ya, xa, sums_b, row, column, half):
-    """Bound the sum of absolute differences of two blocks from below by the differences of their quarters.
-
-    The first block is at whole samples, the second in quarter samples.
-    """
+    """Bound the sum of absolute differences of two blocks from below by the differences of their quarters."""
     py, px, yb, xb = row & 3, column & 3, row >> 2, column >> 2
     bound = abs(np.int64(sums_a[ya, xa]) - np.int64(sums_b[py, px, yb, xb]))
     bound += abs(np.int64(sums_a[ya, xa + half]) - np.int64(sums_b[py, px, yb, xb + half]))
@@ -187,12 +179,7 @@ def lower_bound_sad(sums_a, ya, xa, sums_b, row, column, half):
 def search_target(
     target, target_sums, planes, sums, margin, block, window, radius, step, smoothness, offsets, costs
 ):
-    """Move every block's offset to where the reference matches `target` best, within `radius` steps.
-
-    `target` is padded by the margin like the planes; the sums are those of `box_sums` with half the window.
-    Offsets are improved in place; `costs` receives the sum of absolute differences plus `smoothness` per
-    quarter sample of correction.
-    """
+    """Move every block's offset to where the reference matches `target` best, within `radius` steps."""
     height, width = planes.shape[2], planes.shape[3]
     border = (window - block) // 2
     half = window // 2
@@ -226,8 +213,7 @@ def search_target(
 @kernel
 def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, total_weight):
     """Add every block's displaced reference into `total`, tapered by an overlapping window twice the block.
-
-    `total` and `total_weight` are padded by half a block on each side and must be zero at the start.
+    Add every block's displaced reference into `total`, tapered by an overlapping window twice the block.
     """
     height, width = planes.shape[2], planes.shape[3]
     size = 2 * block
@@ -247,9 +233,7 @@ def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, tot
 @kernel
 def fusion_weights(moments, ridge, floor, weights):
     """Write the non-negative weights (N, rows, columns), of sum 1, of the mean of smallest expected square.
-
-    `moments` (N, N, rows, columns) are those of the errors; `ridge` times their mean square and `floor` are
-    added to each square. Elimination needs no pivots, for the matrices are positive definite.
+    Write the non-negative weights (N, rows, columns), of sum 1, of the mean of smallest expected square.
     """
     count = moments.shape[0]
     matrix = np.empty((count, count))
@@ -284,11 +268,7 @@ def fusion_weights(moments, ridge, floor, weights):
 
 @kernel
 def correction_field(points, residuals, reach_px, prior, noise_px2, field):
-    """Write what residuals at scattered points tell of every pixel: `field` (H, W, 2), in pixels.
-
-    The weighted mean of residuals nearby, (1 - d² / reach²)³ each, shrunk by `prior` (weight of a residual of
-    zero) and by how much of its square may be chance, as their scatter tells.
-    """
+    """Write what residuals at scattered points tell of every pixel: `field` (H, W, 2), in pixels."""
     for y in range(field.shape[0]):
         for x in range(field.shape[1]):
             total, squares = 0.0, 0.0

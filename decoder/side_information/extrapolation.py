@@ -33,24 +33,7 @@ class TrackedExtrapolation:
         first_index: int,
         instant: int,
     ) -> Prediction:
-        """Predict one frame.
-
-        Parameters
-        ----------
-        earlier : sequence of ReferenceFrame
-            Decoded frames from the one before the group on, by increasing index; at least one.
-        points : PointTracks, FeaturePoints or None
-            What was received for the group; without tracks the frame is taken to be where the references are.
-        first_index : int
-            Display position of the frame before the group, at which tracks begin.
-        instant : int
-            Display position wanted, after those of `earlier`.
-
-        Returns
-        -------
-        Prediction
-            Its noise is told by the errors that are expected where there is one reference.
-        """
+        """Predict one frame."""
         references = [*reversed(earlier)][:NUM_REFERENCES]
         wanted = _positions(points, instant - first_index)
         warped = [

@@ -25,18 +25,7 @@ INTERPOLATORS: dict[str, SceneInterpolatorType] = {
 
 
 def interpolator_of(config: SideInformationConfig) -> SceneInterpolatorType:
-    """Choose how the motion between key frames is modelled.
-
-    Parameters
-    ----------
-    config : SideInformationConfig
-        With one of `INTERPOLATORS` as the method.
-
-    Returns
-    -------
-    SceneInterpolatorType
-        That of the method; for `depth` that of the costs, too.
-    """
+    """Choose how the motion between key frames is modelled."""
     if config.method == DepthInterpolator.name and config.depth_costs == "both":
         return AveragedDepthInterpolator
     return INTERPOLATORS[config.method]

@@ -26,26 +26,7 @@ MIN_NUM_POINTS = 3
 def track_residuals(
     wanted: Floats, reference: Floats, positions: Floats, max_residual_px: float = MAX_RESIDUAL_PX
 ) -> tuple[Floats, Floats]:
-    """Compare where tracks are in a reference with where a rendered frame looks for them.
-
-    Parameters
-    ----------
-    wanted : ndarray of shape (N, 2), float64
-        Points of the frame, (x, y) in pixels; nan where they are not known.
-    reference : ndarray of shape (N, 2), float64
-        The same points in the reference.
-    positions : ndarray of shape (H, W, 2), float64
-        Where each pixel of the frame is fetched from in the reference, (x, y) in pixels.
-    max_residual_px : float, optional
-        Larger ones are left out.
-
-    Returns
-    -------
-    points : ndarray of shape (M, 2), float64
-        Those that are known in both, inside the frame, and not too far off.
-    residuals : ndarray of shape (M, 2), float64
-        Where they are in the reference minus where they are looked for.
-    """
+    """Compare where tracks are in a reference with where a rendered frame looks for them."""
     size = np.array(positions.shape[1::-1], dtype=np.float64)
     known = np.flatnonzero(np.isfinite(np.column_stack([wanted, reference])).all(axis=1))
     known = known[((wanted[known] >= 0.0) & (wanted[known] <= size - 1.0)).all(axis=1)]
@@ -64,26 +45,7 @@ def correction_field(
     reach_px: float = REACH_PX,
     noise_px2: float = NOISE_PX2,
 ) -> Floats:
-    """Spread residuals over a frame, as far as they agree.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2), float64
-        (x, y) in pixels.
-    residuals : ndarray of shape (N, 2), float64
-        At each point, in pixels.
-    shape : tuple of int
-        Height and width.
-    reach_px : float, optional
-        Distance from which a residual says nothing.
-    noise_px2 : float, optional
-        Squared error of a residual by itself.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 2), float64
-        Correction of every pixel; 0 far from all points and where residuals contradict each other.
-    """
+    """Spread residuals over a frame, as far as they agree."""
     field = np.zeros((shape[0], shape[1], 2))
     if len(points) >= MIN_NUM_POINTS:
         arguments = np.ascontiguousarray(points), np.ascontiguousarray(residuals)

@@ -56,25 +56,7 @@ def interpolate_by_tracks(
     points: tuple[Floats, Floats, Floats],
     settings: SideInformationConfig,
 ) -> Interpolation:
-    """Predict a frame between two references.
-
-    Parameters
-    ----------
-    around : tuple of two ReferenceFrame
-        The nearest references before and after it.
-    instant : int
-        Its display position.
-    points : tuple of three ndarray of shape (N, 2), float64
-        The tracked points in the reference before, in the frame, and in the reference after; nan where they
-        are not known.
-    settings : SideInformationConfig
-        Of the block motion.
-
-    Returns
-    -------
-    Interpolation
-        The predicted frame; its hypotheses are the prediction without block motion, and with nothing else.
-    """
+    """Predict a frame between two references."""
     before, wanted, after = points
     warps = (
         warp_by_tracks(around[0].frame.luma, wanted, before),

@@ -43,47 +43,18 @@ UNSEEN_ERROR = 3.0
 
 
 class TrackedWarp(NamedTuple):
-    """What a reference says of a frame.
+    """What a reference says of a frame."""
 
-    Attributes
-    ----------
-    luma : ndarray of shape (H, W), float64
-        Warped reference; the border repeats beyond it.
-    positions : ndarray of shape (H, W, 2), float64
-        Where each pixel lies in the reference, (x, y) in pixels; may be outside.
-    coverage : ndarray of shape (H, W), float64
-        1 where that is inside the reference, 0 where it is outside by a pixel or more.
-    displacement_px : ndarray of shape (H, W), float64
-        How far the neighbourhood of each pixel has moved.
-    expected_error : ndarray of shape (H, W), float64
-        Expected absolute error, in luma levels: larger where there is detail, where much has moved, and
-        outside.
-    """
-
-    luma: Floats
-    positions: Floats
-    coverage: Floats
-    displacement_px: Floats
+    luma: Floats  # warped reference; the border repeats beyond it
+    positions: Floats  # where each pixel lies in the reference, (x, y) in pixels; may be outside
+    coverage: Floats  # 1 where that is inside the reference, 0 where it is outside by a pixel or more
+    displacement_px: Floats  # how far the neighbourhood of each pixel has moved
+    # expected absolute error, in luma levels: larger where there is detail, where much has moved, and outside
     expected_error: Floats
 
 
 def warp_by_tracks(reference: Luma, points: Floats, matches: Floats) -> TrackedWarp:
-    """Warp a reference on to a frame, of which only points are known.
-
-    Parameters
-    ----------
-    reference : ndarray of shape (H, W), uint8
-        Luma of the reference.
-    points : ndarray of shape (N, 2), float64
-        Tracked points in the frame, (x, y) in pixels; nan where they are not known.
-    matches : ndarray of shape (N, 2), float64
-        The same points in the reference.
-
-    Returns
-    -------
-    TrackedWarp
-        The reference in the place of the frame; where it is where nothing is known of the motion.
-    """
+    """Warp a reference on to a frame, of which only points are known."""
     shape = reference.shape
     positions = homography_positions(whole_frame_motion(points, matches), shape)
     for reach_px in REACHES_PX:

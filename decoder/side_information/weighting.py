@@ -49,22 +49,7 @@ DOUBT = 0.25
 
 
 def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Floats]:
-    """Fuse predictions of a frame.
-
-    Parameters
-    ----------
-    hypotheses : ndarray of shape (N, bands, rows, columns), float64
-        Transforms of the predictions.
-    decoded : mapping of int to ndarray of shape (rows, columns), float64
-        Coefficients of the bands decoded so far, at least one.
-
-    Returns
-    -------
-    fused : ndarray of shape (bands, rows, columns), float64
-        Transform of the fused prediction.
-    spread : ndarray of shape (bands, rows, columns), float64
-        Weighted standard deviation of the hypotheses around it.
-    """
+    """Fuse predictions of a frame."""
     count, _, rows, columns = hypotheses.shape
     moments = np.zeros((count, count, rows, columns))
     for band, coefficients in decoded.items():
@@ -85,22 +70,7 @@ def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Flo
 
 
 def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_position: float) -> Prediction:
-    """Blend block motion with a scene whose camera is a guess.
-
-    Parameters
-    ----------
-    block_motion : Prediction
-        By block motion.
-    rendered : Interpolation
-        From the scene.
-    temporal_position : float
-        Of the frame between the first key frame (0) and the second (1).
-
-    Returns
-    -------
-    Prediction
-        Of luma; the scene is hedged, and has at most half a say.
-    """
+    """Blend block motion with a scene whose camera is a guess."""
     share = scene_share(block_motion, rendered, bound=MAX_GUESSED_SHARE)
     return replace(
         block_motion,
@@ -112,20 +82,7 @@ def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_po
 
 
 def blend_tracked(block_motion: Prediction, rendered: Interpolation) -> Prediction:
-    """Blend a prediction from tracks alone with a scene whose camera they tell, by their expected errors.
-
-    Parameters
-    ----------
-    block_motion : Prediction
-        By aligned block motion, or from references that tracks bring into place.
-    rendered : Interpolation
-        From the scene.
-
-    Returns
-    -------
-    Prediction
-        Of luma.
-    """
+    """Blend a prediction from tracks alone with a scene whose camera they tell, by their expected errors."""
     share = scene_share(block_motion, rendered, TRUST, doubt=DOUBT if rendered.hypotheses else 0.0)
     ours, theirs = neighbourhood(rendered.expected_error), inconsistency(block_motion)
     return replace(
@@ -138,20 +95,7 @@ def blend_tracked(block_motion: Prediction, rendered: Interpolation) -> Predicti
 
 
 def hedged(rendered: Interpolation, temporal_position: float) -> Floats:
-    """Average a prediction along its motion, because the camera's place on its path is a guess.
-
-    Parameters
-    ----------
-    rendered : Interpolation
-        Prediction for the guessed camera.
-    temporal_position : float
-        Of the frame between the first key frame (0) and the second (1); there nothing is uncertain.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Mean of the prediction and of two that are early and late by `PATH_UNCERTAINTY`.
-    """
+    """Average a prediction along its motion, because the camera's place on its path is a guess."""
     motion = rendered.positions[1] - rendered.positions[0]
     speed_px = float(np.median(np.hypot(motion[..., 0], motion[..., 1])))
     between = np.sqrt(4.0 * temporal_position * (1.0 - temporal_position))
@@ -166,35 +110,13 @@ def hedged(rendered: Interpolation, temporal_position: float) -> Floats:
 
 
 def neighbourhood(plane: Floats) -> Floats:
-    """Average a plane over the neighbourhood in which references are compared.
-
-    Parameters
-    ----------
-    plane : ndarray of shape (H, W), float64
-        Any plane.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Means.
-    """
+    """Average a plane over the neighbourhood in which references are compared."""
     mean: Floats = uniform_filter(plane, CONSISTENCY_WINDOW, mode="nearest")
     return mean
 
 
 def inconsistency(block_motion: Prediction) -> Floats:
-    """Measure how far the references of a prediction by block motion are from each other.
-
-    Parameters
-    ----------
-    block_motion : Prediction
-        By block motion.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Mean absolute difference in the neighbourhood of each pixel, and one level for noise.
-    """
+    """Measure how far the references of a prediction by block motion are from each other."""
     found: Floats = neighbourhood(np.abs(block_motion.compensated[0] - block_motion.compensated[1])) + 1.0
     return found
 
@@ -206,27 +128,7 @@ def scene_share(
     bound: float = 1.0,
     doubt: float = 0.0,
 ) -> Floats:
-    """Weigh the scene's prediction against that of block motion, pixel by pixel.
-
-    Parameters
-    ----------
-    block_motion : Prediction
-        By block motion.
-    rendered : Interpolation
-        From the scene.
-    trust : float, optional
-        How much larger the scene's expected error may be than what block motion finds, for equal shares.
-    bound : float, optional
-        Maximal share of the scene, above 0 and at most 1.
-    doubt : float, optional
-        How much block motion is doubted where it is far from the scene, although its references agree: part
-        of the squared difference beyond the usual that is added to its squared error.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        From 0 to `bound`: less where the geometry expects a large error, as on objects that move.
-    """
+    """Weigh the scene's prediction against that of block motion, pixel by pixel."""
     theirs, ours = inconsistency(block_motion), neighbourhood(rendered.expected_error)
     weight = theirs**2 * trust**2
     if doubt > 0.0:
@@ -238,11 +140,7 @@ def scene_share(
 
 
 def _shared(share: Floats, rendered: Interpolation, block_motion: Prediction) -> tuple[Floats, ...]:
-    """Blend the compensated references of the scene with those of block motion.
-
-    Where a reference does not see a point, it says nothing: each is kept within twice the expected error from
-    the prediction.
-    """
+    """Blend the compensated references of the scene with those of block motion."""
     limit = 2.0 * rendered.expected_error
     return tuple(
         share * (rendered.luma + np.clip(ours - rendered.luma, -limit, limit)) + (1.0 - share) * theirs

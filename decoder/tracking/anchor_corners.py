@@ -25,18 +25,10 @@ MAX_DRIFT_PX = 1.5
 
 
 class AnchorCorners(NamedTuple):
-    """Correspondences, and the corners beside them.
+    """Correspondences, and the corners beside them."""
 
-    Attributes
-    ----------
-    pairs : Correspondences
-        The points, in pixels.
-    first, second : ndarray of shape (N, 2), float64
-        The strongest response of the detector at each point, in the key frames.
-    """
-
-    pairs: Correspondences
-    first: Floats
+    pairs: Correspondences  # the points, in pixels
+    first: Floats  # the strongest response of the detector at each point, in the key frames
     second: Floats
 
     def __len__(self) -> int:
@@ -44,33 +36,11 @@ class AnchorCorners(NamedTuple):
         return len(self.pairs)
 
     def corners(self, temporal_positions: Floats) -> Floats:
-        """Move the corners evenly from key frame to key frame.
-
-        Parameters
-        ----------
-        temporal_positions : ndarray of shape (T,), float64
-            Instants, 0 at the first and 1 at the second key frame.
-
-        Returns
-        -------
-        ndarray of shape (N, T, 2), float64
-            Their places, in pixels.
-        """
+        """Move the corners evenly from key frame to key frame."""
         return _evenly(self.first, self.second, temporal_positions)
 
     def offsets(self, temporal_positions: Floats) -> Floats:
-        """Return how far the corners are from their points.
-
-        Parameters
-        ----------
-        temporal_positions : ndarray of shape (T,), float64
-            Instants, 0 at the first and 1 at the second key frame.
-
-        Returns
-        -------
-        ndarray of shape (N, T, 2), float64
-            Distances in x and y, in pixels.
-        """
+        """Return how far the corners are from their points."""
         return _evenly(self.first - self.pairs.first, self.second - self.pairs.second, temporal_positions)
 
 
@@ -82,24 +52,7 @@ def _evenly(first: Floats, second: Floats, temporal_positions: Floats) -> Floats
 def choose_anchor_corners(
     pairs: Correspondences, first: Luma, second: Luma, num_corners: int, separation_px: float
 ) -> AnchorCorners:
-    """Choose correspondences that are corners in both key frames, the strongest first, spread out.
-
-    Parameters
-    ----------
-    pairs : Correspondences
-        What there is to choose from.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the key frames.
-    num_corners : int
-        Most that are wanted.
-    separation_px : float
-        Least distance of two corners in the first key frame.
-
-    Returns
-    -------
-    AnchorCorners
-        At most `num_corners`.
-    """
+    """Choose correspondences that are corners in both key frames, the strongest first, spread out."""
     ends = [
         strongest_nearby(corner_response(luma, np.ones(SENT_WINDOW_PX)), places, SEARCH_RADIUS_PX)
         for luma, places in ((first, pairs.first), (second, pairs.second))
@@ -116,24 +69,7 @@ def choose_anchor_corners(
 
 
 def strongest_nearby(response: Floats, places: Floats, radius: int) -> tuple[Floats, Floats]:
-    """Find the peak of a response at places, between pixels.
-
-    Parameters
-    ----------
-    response : ndarray of shape (H, W), float64
-        Response of a detector.
-    places : ndarray of shape (N, 2), float64
-        Points (x, y) in pixels; what is outside the image is moved into it.
-    radius : int
-        How far the peak may be, by rows and by columns.
-
-    Returns
-    -------
-    peaks : ndarray of shape (N, 2), float64
-        Vertex of the parabolas through the strongest response and its neighbours.
-    strength : ndarray of shape (N,), float64
-        The strongest response; not positive where it is on the rim of the neighbourhood, and so no peak.
-    """
+    """Find the peak of a response at places, between pixels."""
     steps = np.arange(-radius, radius + 1)
     padded = np.pad(response, radius + 1, constant_values=-np.inf)
     last = np.array(response.shape[::-1]) - 1

@@ -24,36 +24,20 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """How received points become tracks.
+    """How received points become tracks."""
 
-    Attributes
-    ----------
-    num_snakes : int
-        Most correspondences that are followed.
-    separation_px : float
-        Least distance between their corners in the first key frame.
-    motion_limit_px, motion_spreads : float
-        Difference from the neighbours' motion that is always allowed, and in units of their own spread.
-    registration : RegistrationSettings
-        How the common deviation of a frame is found.
-    snakes : SnakeSettings
-        How snakes are fitted.
-    support : float
-        Share of the frames that are followed in which a snake must have found a point.
-    significance : float
-        A frame is followed if more snakes than this many standard deviations above chance found a point ...
-    min_matches : int
-        ... and so many more, which an affine map and the search for it may have fitted to chance.
-    """
-
-    num_snakes: int = 400
-    separation_px: float = 3.0
+    num_snakes: int = 400  # most correspondences that are followed
+    separation_px: float = 3.0  # least distance between their corners in the first key frame
+    # difference from the neighbours' motion that is always allowed, and in units of their own spread
     motion_limit_px: float = 2.0
     motion_spreads: float = 3.0
+    # how the common deviation of a frame is found
     registration: RegistrationSettings = field(default_factory=RegistrationSettings)
-    snakes: SnakeSettings = field(default_factory=SnakeSettings)
-    support: float = 0.3
+    snakes: SnakeSettings = field(default_factory=SnakeSettings)  # how snakes are fitted
+    support: float = 0.3  # share of the frames that are followed in which a snake must have found a point
+    # a frame is followed if more snakes than this many standard deviations above chance found a point
     significance: float = 6.0
+    # ... and so many more, which an affine map and the search for it may have fitted to chance
     min_matches: int = 10
 
 
@@ -64,26 +48,7 @@ def match_points(
     points: FeaturePoints,
     settings: TrackingSettings | None = None,
 ) -> PointTracks:
-    """Find the tracks between two key frames that corners of the frames between belong to.
-
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        What is known of the key frames: the correspondences of its model, or where there is none, those
-        that were matched.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the key frames.
-    points : FeaturePoints
-        Corners of each frame between them.
-    settings : TrackingSettings, optional
-        Parameters; the defaults if None.
-
-    Returns
-    -------
-    PointTracks
-        A track for each correspondence that enough corners belong to; nan where it found none, and in all of
-        a frame where no more was found than chance would.
-    """
+    """Find the tracks between two key frames that corners of the frames between belong to."""
     settings = settings or TrackingSettings()
     frames = [ReceivedPoints(_inside(frame, first.shape)) for frame in points.frames]
     num_instants = len(frames) + 2

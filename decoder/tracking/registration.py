@@ -30,52 +30,27 @@ NUM_TERMS = 5
 
 @dataclass(frozen=True)
 class RegistrationSettings:
-    """How the common deviation of a frame is found.
+    """How the common deviation of a frame is found."""
 
-    Attributes
-    ----------
-    range_px : int
-        Largest shift that is looked for.
-    blur_px : float
-        Standard deviation of the window under which equal differences are counted.
-    temporal_offset : float
-        How much of the motion between the key frames a frame may be ahead or behind.
-    offset_step_px : float
-        Offsets that move half of the points less than this, relative to the others, are not told apart.
-    num_candidates : int
-        Shifts from which the map of a frame is refined.
-    jitter_px : float
-        A change of the deviation from a frame to the next that is as unlikely as one point without a match.
-    num_sweeps : int
-        Times that each frame is tried with the deviations of its neighbours.
-    radii_px : tuple of float
-        Distances up to which points are matched, from one step of the refinement to the next.
-    distance_px : float
-        From here on the weight of a match decreases as the square of its distance.
-    prior_px : float
-        Standard deviation of each term of the affine map but the shift, where it is largest.
-    """
-
-    range_px: int = 32
-    blur_px: float = 1.5
+    range_px: int = 32  # largest shift that is looked for
+    blur_px: float = 1.5  # standard deviation of the window under which equal differences are counted
+    # how much of the motion between the key frames a frame may be ahead or behind
     temporal_offset: float = 0.3
+    # offsets that move half of the points less than this, relative to the others, are not told apart
     offset_step_px: float = 2.0
-    num_candidates: int = 4
+    num_candidates: int = 4  # shifts from which the map of a frame is refined
+    # a change of the deviation from a frame to the next that is as unlikely as one point without a match
     jitter_px: float = 6.0
-    num_sweeps: int = 1
+    num_sweeps: int = 1  # times that each frame is tried with the deviations of its neighbours
+    # distances up to which points are matched, from one step of the refinement to the next
     radii_px: tuple[float, ...] = (8.0, 6.0, 5.0, 4.0, 3.0, 2.5)
-    distance_px: float = 1.0
+    distance_px: float = 1.0  # from here on the weight of a match decreases as the square of its distance
+    # standard deviation of each term of the affine map but the shift, where it is largest
     prior_px: float = 8.0
 
 
 class ReceivedPoints:
-    """The corners of one frame, and which of them is the nearest to a place.
-
-    Parameters
-    ----------
-    points : ndarray of shape (M, 2), float64
-        Corners in pixels, all different.
-    """
+    """The corners of one frame, and which of them is the nearest to a place."""
 
     def __init__(self, points: Floats) -> None:
         from scipy.spatial import cKDTree
@@ -88,22 +63,7 @@ class ReceivedPoints:
         return len(self.points)
 
     def match(self, predicted: Floats, radius_px: float) -> tuple[Indices, Indices, Floats]:
-        """Match each corner with at most one of the places that it is the nearest corner to.
-
-        Parameters
-        ----------
-        predicted : ndarray of shape (N, 2), float64
-            Where corners should be.
-        radius_px : float
-            Largest distance.
-
-        Returns
-        -------
-        chosen, found : ndarray of shape (K,), int64
-            Indices of places and of corners that belong together.
-        distance_px : ndarray of shape (K,), float64
-            Distance of each pair.
-        """
+        """Match each corner with at most one of the places that it is the nearest corner to."""
         if self._tree is None or not len(predicted):
             return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
         distance, nearest = self._tree.query(predicted, distance_upper_bound=radius_px)
@@ -115,19 +75,7 @@ class ReceivedPoints:
 
 
 def affine_terms(first: Floats, second: Floats) -> Floats:
-    """Return what the deviation of a point from even motion is linear in.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (N, 2), float64
-        The points in the key frames, in pixels; at least one.
-
-    Returns
-    -------
-    ndarray of shape (N, 5), float64
-        A constant, the place between the key frames, and the motion, both about -1 to 1; motions that
-        hardly differ are left out as 0.
-    """
+    """Return what the deviation of a point from even motion is linear in."""
     place, motion = 0.5 * (first + second), second - first
     place = place - np.median(place, axis=0)
     motion = motion - np.median(motion, axis=0)
@@ -143,24 +91,7 @@ def register(
     frames: Sequence[ReceivedPoints],
     settings: RegistrationSettings,
 ) -> Floats:
-    """Find how far points are from even motion in each frame, as an affine map of place and motion.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (N, 2), float64
-        Corresponding points of the key frames, in pixels; at least one.
-    temporal_positions : ndarray of shape (T,), float64
-        Of the frames between them: 0 at the first and 1 at the second key frame.
-    frames : sequence of ReceivedPoints
-        Points received for each of these.
-    settings : RegistrationSettings
-        How they are found.
-
-    Returns
-    -------
-    ndarray of shape (T, N, 2), float64
-        Deviation of each point in each frame; 0 where nothing was received.
-    """
+    """Find how far points are from even motion in each frame, as an affine map of place and motion."""
     searches = [
         _FrameSearch(first, second, float(t), received, settings)
         for t, received in zip(temporal_positions, frames, strict=True)

@@ -25,71 +25,30 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class SnakeSettings:
-    """How snakes are fitted.
+    """How snakes are fitted."""
 
-    Attributes
-    ----------
-    radii_px : tuple of float
-        Distance beyond which points are ignored, from one fit to the next.
-    distance_px : float
-        From here on the weight of a point decreases as the square of its distance.
-    bending : float
-        Weight of the second difference in time (mu^2).
-    coupling : float
-        Weight of the difference between neighbours that are close in place and motion (mu^2).
-    near_px : float
-        Neighbours that are this far apart are coupled half as much.
-    alike_px : float
-        So are neighbours whose motion differs by this much.
-    ridge : float
-        Weight that holds snakes which nothing determines.
-    """
-
+    # distance beyond which points are ignored, from one fit to the next
     radii_px: tuple[float, ...] = (4.0, 3.0, 2.0, 1.5)
-    distance_px: float = 1.0
-    bending: float = 0.1
+    distance_px: float = 1.0  # from here on the weight of a point decreases as the square of its distance
+    bending: float = 0.1  # weight of the second difference in time (mu^2)
+    # weight of the difference between neighbours that are close in place and motion (mu^2)
     coupling: float = 1.0
-    near_px: float = 40.0
-    alike_px: float = 4.0
-    ridge: float = 0.02
+    near_px: float = 40.0  # neighbours that are this far apart are coupled half as much
+    alike_px: float = 4.0  # so are neighbours whose motion differs by this much
+    ridge: float = 0.02  # weight that holds snakes which nothing determines
 
 
 class Snakes(NamedTuple):
-    """Curves between two key frames.
+    """Curves between two key frames."""
 
-    Attributes
-    ----------
-    positions : ndarray of shape (N, T, 2), float64
-        Each curve at the frames between the key frames, in pixels.
-    received : ndarray of shape (N, T, 2), float64
-        The received point that belongs to each, nan where there is none.
-    """
-
-    positions: Floats
-    received: Floats
+    positions: Floats  # each curve at the frames between the key frames, in pixels
+    received: Floats  # the received point that belongs to each, nan where there is none
 
 
 def fit_snakes(
     first: Floats, second: Floats, expected: Floats, frames: Sequence[ReceivedPoints], settings: SnakeSettings
 ) -> Snakes:
-    """Draw snakes to received points.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (N, 2), float64
-        Corresponding points of the key frames, in pixels.
-    expected : ndarray of shape (N, T, 2), float64
-        Where the snakes start in the frames between the key frames.
-    frames : sequence of ReceivedPoints
-        Points received for each of these T frames.
-    settings : SnakeSettings
-        Weights and distances.
-
-    Returns
-    -------
-    Snakes
-        The curves, and the points that they found.
-    """
+    """Draw snakes to received points."""
     deviation = np.zeros_like(expected)
     smoothness = _Smoothness(first, second, len(frames), settings)
     for radius in settings.radii_px:

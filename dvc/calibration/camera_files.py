@@ -36,27 +36,7 @@ _NOTHING = np.zeros((0, 3))
 def load_cameras(
     source: str | Path, paths: Sequence[str | Path], pictures: Sequence[Picture]
 ) -> CalibratedViews:
-    """Read the cameras of pictures, or estimate them.
-
-    Parameters
-    ----------
-    source : str or Path
-        `AUTO`, a JSON file, Middlebury's ``calib.txt``, or a folder with a COLMAP model.
-    paths : sequence of str or Path
-        The pictures' files.
-    pictures : sequence of ndarray of shape (H, W, 3), uint8
-        The pictures.
-
-    Returns
-    -------
-    CalibratedViews
-        A camera for each picture.
-
-    Raises
-    ------
-    DvcError
-        If a picture has no camera, or the source cannot be read.
-    """
+    """Read the cameras of pictures, or estimate them."""
     names = [Path(path).name for path in paths]
     sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
     if str(source) == AUTO:

@@ -25,30 +25,15 @@ _UNDISTORTION_ERROR = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A calibrated picture.
+    """A calibrated picture."""
 
-    Attributes
-    ----------
-    name : str
-        Name of its file, without the folder.
-    K : ndarray of shape (3, 3), float64
-        Upper triangular, positive diagonal, last element 1.
-    R : ndarray of shape (3, 3), float64
-        Rotation from the world to the camera.
-    t : ndarray of shape (3,), float64
-        A point X of the world lies at ``R X + t`` in the camera.
-    size : tuple of int
-        Width and height in pixels.
-    distortion : tuple of four float
-        k1, k2, p1, p2 of Brown's model, as in OpenCV: with k1 alone, a point at x in normalised coordinates
-        is seen at ``x (1 + k1 |x|^2)``.
-    """
-
-    name: str
-    K: Floats
-    R: Floats
-    t: Floats
-    size: tuple[int, int]
+    name: str  # name of its file, without the folder
+    K: Floats  # upper triangular, positive diagonal, last element 1
+    R: Floats  # rotation from the world to the camera
+    t: Floats  # a point X of the world lies at ``R X + t`` in the camera
+    size: tuple[int, int]  # width and height in pixels
+    # k1, k2, p1, p2 of Brown's model, as in OpenCV: with k1 alone, a point at x in normalised coordinates is
+    # seen at ``x (1 + k1 |x|^2)``
     distortion: tuple[float, float, float, float] = NO_DISTORTION
 
     @property
@@ -67,40 +52,13 @@ class Camera:
         return 0.5 * float(self.K[0, 0] + self.K[1, 1])
 
     def distorted(self, points: Floats) -> Floats:
-        """Apply the lens distortion; inverse of `undistorted`.
-
-        Parameters
-        ----------
-        points : ndarray of shape (N, 2), float64
-            Undistorted pixels (x, y).
-
-        Returns
-        -------
-        ndarray of shape (N, 2), float64
-            Pixels of the picture.
-        """
+        """Apply the lens distortion; inverse of `undistorted`."""
         if self.distortion == NO_DISTORTION:
             return points
         return self._to_pixels(self._bent(self._to_normalized(points)))
 
     def undistorted(self, points: Floats) -> Floats:
-        """Take the lens distortion away.
-
-        Parameters
-        ----------
-        points : ndarray of shape (N, 2), float64
-            Pixels (x, y) of the picture.
-
-        Returns
-        -------
-        ndarray of shape (N, 2), float64
-            Undistorted pixels.
-
-        Raises
-        ------
-        ConfigError
-            If the distortion is so strong that it cannot be undone.
-        """
+        """Take the lens distortion away."""
         if self.distortion == NO_DISTORTION:
             return points
         seen = self._to_normalized(points)
@@ -131,48 +89,17 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedViews:
-    """Cameras of all views, and points of the scene that they see.
+    """Cameras of all views, and points of the scene that they see."""
 
-    Attributes
-    ----------
-    cameras : tuple of Camera
-        In the order of the views.
-    points : ndarray of shape (N, 3), float64
-        Points of the world, from which the range of disparities follows; none where nothing is known.
-    """
-
-    cameras: tuple[Camera, ...]
+    cameras: tuple[Camera, ...]  # in the order of the views
+    # points of the world, from which the range of disparities follows; none where nothing is known
     points: Floats
 
 
 def camera_from_matrices(
     name: str, K: Floats, R: Floats, t: Floats, size: tuple[int, int], *, bottom_up: bool = False
 ) -> Camera:
-    """Make a camera of matrices that somebody else has written.
-
-    Parameters
-    ----------
-    name : str
-        Name of its file.
-    K, R : ndarray of shape (3, 3), float64
-        Intrinsics and rotation.
-    t : ndarray of shape (3,), float64
-        Translation.
-    size : tuple of int
-        Width and height.
-    bottom_up : bool, optional
-        Rows are counted from the lowest one up, and the world is left-handed: both are mirrored.
-
-    Returns
-    -------
-    Camera
-        With `R` made exactly orthogonal.
-
-    Raises
-    ------
-    ConfigError
-        If a matrix is none of its kind.
-    """
+    """Make a camera of matrices that somebody else has written."""
     values = np.concatenate([K.ravel(), R.ravel(), t])
     _check(name, np.isfinite(values).all(), "a matrix is not finite")
     _check(name, np.abs(values).max() <= LARGEST, f"a matrix has numbers beyond {LARGEST:g}")
@@ -209,25 +136,7 @@ def _check(name: str, holds: bool | np.bool_, message: str) -> None:
 
 
 def decomposed(P: Floats) -> tuple[Floats, Floats, Floats]:
-    """Decompose a projection matrix into ``P ~ K [R | t]`` (2.2).
-
-    Parameters
-    ----------
-    P : ndarray of shape (3, 4), float64
-        Of any scale and sign.
-
-    Returns
-    -------
-    K, R : ndarray of shape (3, 3), float64
-        Upper triangular with positive diagonal and last element 1; rotation of determinant 1.
-    t : ndarray of shape (3,), float64
-        Translation.
-
-    Raises
-    ------
-    ConfigError
-        If the camera is at infinity.
-    """
+    """Decompose a projection matrix into ``P ~ K [R | t]`` (2.2)."""
     if not (np.isfinite(P).all() and P.any()):
         raise ConfigError("a projection matrix is not finite, or zero")
     P = P / np.abs(P).max()

@@ -32,28 +32,7 @@ _MAX_K1 = 0.5
 
 
 def read_model(folder: Path, names: Sequence[str], sizes: Sequence[Size]) -> CalibratedViews:
-    """Read cameras and points of a COLMAP model.
-
-    Parameters
-    ----------
-    folder : Path
-        With ``cameras``, ``images`` and ``points3D`` as .bin or .txt, or with such a folder as ``sparse/0``
-        or ``sparse``.
-    names : sequence of str
-        Pictures, as the model names them but for folders.
-    sizes : sequence of (int, int)
-        Widths and heights of the pictures.
-
-    Returns
-    -------
-    CalibratedViews
-        The cameras of these pictures, and the points that they see.
-
-    Raises
-    ------
-    DvcError
-        If there is no model, or it lacks a picture.
-    """
+    """Read cameras and points of a COLMAP model."""
     import pycolmap
 
     places = (folder, folder / "sparse" / "0", folder / "sparse")
@@ -70,26 +49,7 @@ def read_model(folder: Path, names: Sequence[str], sizes: Sequence[Size]) -> Cal
 
 
 def estimate_cameras(names: Sequence[str], pictures: Sequence[NDArray[np.uint8]]) -> CalibratedViews:
-    """Estimate cameras from plain pictures that one camera, or one kind of camera, has taken.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the pictures.
-    pictures : sequence of ndarray of shape (H, W, 3), uint8
-        At least two, of one size.
-
-    Returns
-    -------
-    CalibratedViews
-        Cameras with one focal length, and one radial distortion where there are more than two; the unit of
-        length is arbitrary.
-
-    Raises
-    ------
-    DvcError
-        If no reconstruction has all pictures.
-    """
+    """Estimate cameras from plain pictures that one camera, or one kind of camera, has taken."""
     shapes = {picture.shape for picture in pictures}
     if len(shapes) > 1:
         raise ConfigError("cameras can be estimated from pictures of one size only")

@@ -11,13 +11,7 @@ RATIO = 0.8
 
 
 class Features:
-    """SIFT features of a picture.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), uint8
-        The picture.
-    """
+    """SIFT features of a picture."""
 
     def __init__(self, image: NDArray[np.uint8]) -> None:
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -26,18 +20,7 @@ class Features:
         self._descriptors = np.zeros((0, 128), np.float32) if descriptors is None else descriptors
 
     def match(self, other: "Features") -> tuple[Floats, Floats]:
-        """Match with another picture.
-
-        Parameters
-        ----------
-        other : Features
-            Of the other picture.
-
-        Returns
-        -------
-        tuple of two ndarray of shape (N, 2), float64
-            Points (x, y) in this picture and in the other, each the best match of the other by far.
-        """
+        """Match with another picture."""
         forward, backward = self._nearest(other), other._nearest(self)
         pairs = [(a, b) for a, b in forward.items() if backward.get(b) == a]
         index = np.array(pairs, dtype=np.int64).reshape(-1, 2)

@@ -13,18 +13,7 @@ from dvc.errors import ConfigError
 
 
 def shown(value: object) -> str:
-    """Write a value into a message, cut short if it is long.
-
-    Parameters
-    ----------
-    value : object
-        Anything.
-
-    Returns
-    -------
-    str
-        At most 60 characters.
-    """
+    """Write a value into a message, cut short if it is long."""
     if isinstance(value, int) and value.bit_length() > 64:
         return f"a number of {value.bit_length()} bits"
     text = repr(value)
@@ -32,58 +21,19 @@ def shown(value: object) -> str:
 
 
 def check_range(name: str, value: float, low: float, high: float) -> None:
-    """Refuse a number out of range.
-
-    Parameters
-    ----------
-    name : str
-        Its field.
-    value, low, high : float
-        The number, and the smallest and largest that make sense.
-
-    Raises
-    ------
-    ConfigError
-        If it is out of range, or NaN.
-    """
+    """Refuse a number out of range."""
     if not low <= value <= high:
         raise ConfigError(f"`{name}` must be from {low} to {high}, got {shown(value)}")
 
 
 def check_choice(name: str, value: str, choices: Collection[str]) -> None:
-    """Refuse a name that is not one of those there are.
-
-    Parameters
-    ----------
-    name : str
-        Its field.
-    value : str
-        The name.
-    choices : iterable of str
-        Those there are.
-
-    Raises
-    ------
-    ConfigError
-        If it is another.
-    """
+    """Refuse a name that is not one of those there are."""
     if value not in choices:
         raise ConfigError(f"`{name}` must be one of {', '.join(choices)}, got {shown(value)}")
 
 
 def type_hints_of(section: Any) -> Mapping[str, Any]:
-    """Return the types of a section's fields.
-
-    Parameters
-    ----------
-    section : type
-        A section's class.
-
-    Returns
-    -------
-    mapping
-        Type by name, in the order of the fields.
-    """
+    """Return the types of a section's fields."""
     return _type_hints(section)
 
 
@@ -122,34 +72,12 @@ class Section:
         """Raise `ConfigError` for values that make no sense; the types are right already."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the section as JSON-safe values; inverse of `from_dict`.
-
-        Returns
-        -------
-        dict
-            One entry per field, sections within it as dictionaries, bytes in base64.
-        """
+        """Return the section as JSON-safe values; inverse of `from_dict`."""
         return {name: _to_json(getattr(self, name)) for name in type_hints_of(type(self))}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Rebuild the section from JSON-safe values; fields that are left out take their defaults.
-
-        Parameters
-        ----------
-        values : dict
-            As `to_dict` returns it.
-
-        Returns
-        -------
-        Section
-            The section.
-
-        Raises
-        ------
-        ConfigError
-            If a name is unknown, a value is missing, of the wrong type or out of range.
-        """
+        """Rebuild the section from JSON-safe values; fields that are left out take their defaults."""
         built = _build(cls, values, "configuration")
         assert isinstance(built, cls)
         return built

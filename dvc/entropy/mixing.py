@@ -22,53 +22,22 @@ LEARNING_RATE = 0.02
 
 
 class Mixture(NamedTuple):
-    """What is known of the contexts, and how they are mixed.
+    """What is known of the contexts, and how they are mixed."""
 
-    Attributes
-    ----------
-    contexts : ndarray of shape (C, 2), float64
-        Probability of a 1, and how many decisions it was learnt from.
-    weights : ndarray of shape (M, k), float64
-        Of the k contexts of a mixture in the logistic domain.
-    tables : ndarray of shape (3, 4096), float64
-        Logarithm of the odds, its inverse, and rates of learning by count.
-    """
-
-    contexts: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    tables: NDArray[np.float64]
+    contexts: NDArray[np.float64]  # probability of a 1, and how many decisions it was learnt from
+    weights: NDArray[np.float64]  # of the k contexts of a mixture in the logistic domain
+    tables: NDArray[np.float64]  # logarithm of the odds, its inverse, and rates of learning by count
 
 
 def new_mixture(num_contexts: int, num_mixtures: int, initial_weight: float) -> Mixture:
-    """Return a mixture of three contexts that knows nothing.
-
-    Parameters
-    ----------
-    num_contexts : int
-        Contexts.
-    num_mixtures : int
-        Sets of weights.
-    initial_weight : float
-        Of each context.
-
-    Returns
-    -------
-    Mixture
-        All contexts even.
-    """
+    """Return a mixture of three contexts that knows nothing."""
     contexts = np.tile([0.5, 0.0], (num_contexts, 1))
     return Mixture(contexts, np.full((num_mixtures, 3), initial_weight), logistic_tables())
 
 
 @cache
 def logistic_tables() -> NDArray[np.float64]:
-    """Return the tables of mixtures, rounded so that they are the same on every processor.
-
-    Returns
-    -------
-    ndarray of shape (3, 4096), float64
-        Logarithm of the odds, its inverse, and rates of learning by count: not to be changed.
-    """
+    """Return the tables of mixtures, rounded so that they are the same on every processor."""
     middles = (np.arange(TABLE_SIZE) + 0.5) / TABLE_SIZE
     stretch = np.round(np.log(middles / (1.0 - middles)) * 2**12) / 2**12
     squash = np.round(2**20 / (1.0 + np.exp(STRETCH_LIMIT - 2 * STRETCH_LIMIT * middles))) / 2**20
@@ -78,22 +47,7 @@ def logistic_tables() -> NDArray[np.float64]:
 
 @kernel
 def mixed_probability(mixture: Mixture, first: int, second: int, third: int, weights: int) -> float:
-    """Return the probability of a 1, compiled.
-
-    Parameters
-    ----------
-    mixture : Mixture
-        What is known.
-    first, second, third : int
-        Contexts; -1 for the third: there are two.
-    weights : int
-        Which weights they have.
-
-    Returns
-    -------
-    float
-        From 2^-13 to 1 - 2^-13.
-    """
+    """Return the probability of a 1, compiled."""
     contexts, tables = mixture.contexts, mixture.tables
     w = mixture.weights[weights]
     mixed = w[0] * tables[STRETCH, np.int64(contexts[first, 0] * TABLE_SIZE)]
@@ -108,21 +62,7 @@ def mixed_probability(mixture: Mixture, first: int, second: int, third: int, wei
 def learn_mixed(
     mixture: Mixture, first: int, second: int, third: int, weights: int, probability: float, decision: int
 ) -> None:
-    """Draw contexts and weights to a decision, compiled.
-
-    Parameters
-    ----------
-    mixture : Mixture
-        What is known: changed.
-    first, second, third : int
-        Contexts; -1 for the third: there are two.
-    weights : int
-        Which weights they have.
-    probability : float
-        That the decision was coded with.
-    decision : int
-        0 or 1.
-    """
+    """Draw contexts and weights to a decision, compiled."""
     contexts, tables = mixture.contexts, mixture.tables
     w = mixture.weights[weights]
     error = (decision - probability) * LEARNING_RATE
@@ -137,17 +77,7 @@ def learn_mixed(
 
 @kernel
 def learn(mixture: Mixture, context: int, decision: int) -> None:
-    """Draw one context to a decision, compiled.
-
-    Parameters
-    ----------
-    mixture : Mixture
-        What is known: changed.
-    context : int
-        Which.
-    decision : int
-        0 or 1.
-    """
+    """Draw one context to a decision, compiled."""
     contexts = mixture.contexts
     count = contexts[context, 1]
     contexts[context, 0] += (decision - contexts[context, 0]) * mixture.tables[RATE, np.int64(count)]
@@ -158,26 +88,7 @@ def learn(mixture: Mixture, context: int, decision: int) -> None:
 def code_mixed(
     coder: CoderState, mixture: Mixture, first: int, second: int, third: int, weights: int, decision: int
 ) -> int:
-    """Code a decision in two or three contexts, and learn from it, compiled.
-
-    Parameters
-    ----------
-    coder : CoderState
-        Where to write or to read.
-    mixture : Mixture
-        What is known: changed.
-    first, second, third : int
-        Contexts; -1 for the third: there are two.
-    weights : int
-        Which weights they have.
-    decision : int
-        0 or 1; of no meaning when reading.
-
-    Returns
-    -------
-    int
-        The decision.
-    """
+    """Code a decision in two or three contexts, and learn from it, compiled."""
     probability = mixed_probability(mixture, first, second, third, weights)
     decision = code_decision(coder, probability, decision)
     learn_mixed(mixture, first, second, third, weights, probability, decision)

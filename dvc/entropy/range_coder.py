@@ -204,20 +204,7 @@ def code_decision(coder: CoderState, probability: float, decision: int) -> int:
 
 @inlined_kernel
 def has_room(coder: CoderState, num_symbols: int) -> bool:
-    """Tell whether there is room for more decisions and numbers, compiled.
-
-    Parameters
-    ----------
-    coder : CoderState
-        Where to write or to read.
-    num_symbols : int
-        How many.
-
-    Returns
-    -------
-    bool
-        Whether `RangeCoder.room_for` would return the same state.
-    """
+    """Tell whether there is room for more decisions and numbers, compiled."""
     if coder.fields[READING]:
         return True
     return bool(np.int64(coder.fields[POSITION]) + num_symbols <= coder.words.size)
@@ -225,24 +212,7 @@ def has_room(coder: CoderState, num_symbols: int) -> bool:
 
 @kernel
 def is_settled(coder: CoderState, probability: float, num_bytes: int) -> bool:
-    """Tell whether a decision is the same whatever follows the data, compiled.
-
-    So a sequence that was cut can be read up to its last decision that is sure.
-
-    Parameters
-    ----------
-    coder : CoderState
-        Where to read.
-    probability : float
-        Of a 1.
-    num_bytes : int
-        How many there are.
-
-    Returns
-    -------
-    bool
-        Whether `code_decision` would read it right.
-    """
+    """Tell whether a decision is the same whatever follows the data, compiled."""
     missing = 4 * np.int64(coder.fields[POSITION]) - num_bytes
     if missing <= 0:
         return True

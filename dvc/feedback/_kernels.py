@@ -34,10 +34,7 @@ def _varint(data, at):
 
 @kernel
 def parse_requests(data, rows, positions):
-    """Read requests; return their number, that of positions and of bits wanted, and what is wrong.
-
-    There is room for a row every four bytes, and for a position every byte.
-    """
+    """Read requests; return their number, that of positions and of bits wanted, and what is wrong."""
     at, n, m, frame, num_bits = 0, 0, 0, 0, 0
     while at < data.size:
         value, at, fault = _varint(data, at)
@@ -111,11 +108,7 @@ def enter_requests(
     rows, positions, gops, places, requested, codes, awaited, limits, crc_bits, num_codes, in_turn
 ):
     """Enter requests in a ledger, and find where frames are held; return the first at fault, and its fault.
-
-    `gops` (G, 2): first frame and number of Wyner-Ziv frames of each open group of pictures, which holds
-    `places` slots. By slot and plane: `requested` (S, P, kinds), bits so far; `codes` (S, P), -1: none yet;
-    `awaited` (S, P), bits that are not answered. `limits` bounds bits by kind; that of joint bits is 0 where
-    nothing has positions. Requests that are `in_turn` begin with the first bit not asked for before.
+    Enter requests in a ledger, and find where frames are held; return the first at fault, and its fault.
     """
     start = 0
     for n in range(rows.shape[0]):

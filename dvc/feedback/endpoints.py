@@ -67,23 +67,7 @@ class _Endpoint(ABC):
         self._limits: dict[type[Message], int] = {}
 
     def receive(self, data: bytes) -> list[Event]:
-        """Take in bytes from the peer.
-
-        Parameters
-        ----------
-        data : bytes
-            Any number of bytes; half a message waits for the rest.
-
-        Returns
-        -------
-        list of Event
-            The messages that are complete now, in order.
-
-        Raises
-        ------
-        FeedbackError
-            If the peer breaks the protocol or gives up; nothing more can be received then.
-        """
+        """Take in bytes from the peer."""
         if self._failed:
             raise FeedbackError("the feedback channel has failed before")
         self._received += data
@@ -153,25 +137,13 @@ class _Endpoint(ABC):
         self._outgoing.append(encode_message(message))
 
     def bytes_to_send(self) -> bytes:
-        """Return what is to be sent to the peer, once.
-
-        Returns
-        -------
-        bytes
-            All messages since the last call.
-        """
+        """Return what is to be sent to the peer, once."""
         data = b"".join(self._outgoing)
         self._outgoing.clear()
         return data
 
     def send_failure(self, text: str) -> None:
-        """Tell the peer that this side gives up.
-
-        Parameters
-        ----------
-        text : str
-            Why, in one line; the end of a long one is lost.
-        """
+        """Tell the peer that this side gives up."""
         self._send(Failure(text))
 
 

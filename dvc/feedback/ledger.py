@@ -45,13 +45,7 @@ class _OpenGop:
 
 
 class Ledger:
-    """Accounts for groups of pictures and requests, and says what may not be.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Bounds the numbers of frames, planes, codes and bits.
-    """
+    """Accounts for groups of pictures and requests, and says what may not be."""
 
     def __init__(self, config: CodecConfig) -> None:
         self.num_credits = 0  # groups of pictures that may be sent
@@ -91,34 +85,13 @@ class Ledger:
         return self.ended and not self._open
 
     def add_credit(self) -> None:
-        """Allow one more group of pictures.
-
-        Raises
-        ------
-        ValueError
-            If too many are open or promised.
-        """
+        """Allow one more group of pictures."""
         if self.num_credits >= len(self._free):
             raise ValueError(f"more than {len(self._frames)} groups of pictures open")
         self.num_credits += 1
 
     def open_gop(self, number: int, num_frames: int, without_key: bool = False) -> None:
-        """Enter a group of pictures.
-
-        Parameters
-        ----------
-        number : int
-            Its number, from 0, in order.
-        num_frames : int
-            Frames that it adds.
-        without_key : bool, optional
-            Whether the last of them is a Wyner-Ziv frame, too.
-
-        Raises
-        ------
-        ValueError
-            If it was not asked for, is not the next, has too many frames, or must have a key frame.
-        """
+        """Enter a group of pictures."""
         if self.ended:
             raise ValueError("a group of pictures after the end")
         if self.num_credits == 0:
@@ -142,35 +115,11 @@ class Ledger:
         self.num_frames += num_frames
 
     def first_slot(self, number: int) -> int:
-        """Return where the first frame of an open group of pictures is held, the others behind it.
-
-        Parameters
-        ----------
-        number : int
-            Its number.
-
-        Returns
-        -------
-        int
-            From 0 to `num_slots`; no two open frames have the same.
-        """
+        """Return where the first frame of an open group of pictures is held, the others behind it."""
         return int(self._open[number].slots.start)
 
     def request(self, table: RequestTable, in_turn: bool = False) -> None:
-        """Enter requests that go in one message; where frames are held is written to the table.
-
-        Parameters
-        ----------
-        table : RequestTable
-            For planes without a request that waits for its answer.
-        in_turn : bool, optional
-            Whether all begin with the first bit not asked for before, which is written to the table, too.
-
-        Raises
-        ------
-        ValueError
-            If such bits cannot be asked for now.
-        """
+        """Enter requests that go in one message; where frames are held is written to the table."""
         if not len(table.rows) or table.num_bits > MAX_ANSWER_BITS:
             raise ValueError(f"{table.num_bits} bits asked for at once, not 1 to {MAX_ANSWER_BITS}")
         place, fault = _kernels.enter_requests(
@@ -206,18 +155,7 @@ class Ledger:
         }[fault]
 
     def answer(self) -> RequestTable:
-        """Enter the answer to the first requests without one.
-
-        Returns
-        -------
-        RequestTable
-            These requests.
-
-        Raises
-        ------
-        ValueError
-            If nothing was asked for.
-        """
+        """Enter the answer to the first requests without one."""
         if not self._waiting:
             raise ValueError("bits that were not asked for")
         table = self._waiting.popleft()
@@ -225,18 +163,7 @@ class Ledger:
         return table
 
     def close_gop(self, number: int) -> None:
-        """Strike out a group of pictures.
-
-        Parameters
-        ----------
-        number : int
-            Its number.
-
-        Raises
-        ------
-        ValueError
-            If it is not open, or answers are missing.
-        """
+        """Strike out a group of pictures."""
         if number not in self._open:
             raise ValueError(f"group of pictures {number} is not open")
         gop = self._open[number]
@@ -247,18 +174,7 @@ class Ledger:
         del self._open[number]
 
     def end(self, num_frames: int) -> None:
-        """Enter the end of the sequence.
-
-        Parameters
-        ----------
-        num_frames : int
-            Frames of all groups of pictures.
-
-        Raises
-        ------
-        ValueError
-            If it ended before, or another number of frames was sent.
-        """
+        """Enter the end of the sequence."""
         if self.ended:
             raise ValueError("a second end")
         if num_frames != self.num_frames:

@@ -114,25 +114,7 @@ _MAX_PAYLOAD_BYTES: dict[type[Message], int] = {
 
 
 def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -> int:
-    """Return the largest payload that a message may have.
-
-    Parameters
-    ----------
-    message_type : type
-        One of the message classes.
-    config : CodecConfig or None
-        The configuration; a `Gop` and `ParityRequests` need it, which are bounded by the size of frames.
-
-    Returns
-    -------
-    int
-        Bytes.
-
-    Raises
-    ------
-    ValueError
-        If the configuration is needed, but not known.
-    """
+    """Return the largest payload that a message may have."""
     if message_type in _MAX_PAYLOAD_BYTES:
         return _MAX_PAYLOAD_BYTES[message_type]
     if config is None:
@@ -145,23 +127,7 @@ def max_payload_bytes(message_type: type[Message], config: CodecConfig | None) -
 
 
 def encode_message(message: Message) -> bytes:
-    """Write a message as type, length of the payload, payload; `decode_payload` reads the last.
-
-    Parameters
-    ----------
-    message : Message
-        The message.
-
-    Returns
-    -------
-    bytes
-        As it goes over the wire.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If a number is out of range, or bits are not an array of bits.
-    """
+    """Write a message as type, length of the payload, payload; `decode_payload` reads the last."""
     payload = _encode_payload(message)
     return bytes([TYPES.index(type(message)) + 1]) + encode_varint(len(payload)) + payload
 
@@ -202,25 +168,7 @@ def _encode_request(request: ParityRequest, frame: int) -> bytes:
 
 
 def decode_payload(message_type: type[Message], payload: bytes) -> Message:
-    """Read the payload of a message; as `encode_message` writes it.
-
-    Parameters
-    ----------
-    message_type : type
-        One of the message classes.
-    payload : bytes
-        The payload.
-
-    Returns
-    -------
-    Message
-        The message; its numbers are not negative, but otherwise unchecked.
-
-    Raises
-    ------
-    BitstreamError
-        If it has not the syntax of its type.
-    """
+    """Read the payload of a message; as `encode_message` writes it."""
     return _DECODERS[message_type](payload)
 
 

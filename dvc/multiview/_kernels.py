@@ -127,10 +127,7 @@ def warp_hypotheses(warp, x, y, low, step, us, vs):
 
 @kernel
 def matching_cost(base, other, warp, low, step, limits, outside_cost, cost):
-    """Truncated difference of levels and gradients of a base view and another, per pixel and hypothesis.
-
-    `base`, `other`: (3, H, W) level, horizontal and vertical gradient; `limits`: truncation of each.
-    """
+    """Truncated difference of levels and gradients of a base view and another, per pixel and hypothesis."""
     height, width = base.shape[1:]
     us, vs = np.empty(cost.shape[2]), np.empty(cost.shape[2])
     for y in range(height):
@@ -177,10 +174,7 @@ def count_bits(word):
 
 @kernel
 def census_cost(base, other, warp, low, step, limit, bit_cost, outside_cost, cost):
-    """Truncated difference of levels, and census bits that differ, per pixel and hypothesis.
-
-    `base`, `other`: (H, W) level and census bits; the bits are those of the nearest pixel.
-    """
+    """Truncated difference of levels, and census bits that differ, per pixel and hypothesis."""
     levels, bits = base
     other_levels, other_bits = other
     height, width = levels.shape
@@ -289,10 +283,7 @@ def bilinear(plane, x, y):
 
 @kernel
 def check_consistency(depth, other, there, back, tolerance, visibility):
-    """Compare a depth map with that of another view: consistent, outside it, or occluded (or wrong).
-
-    `there` leads to the other view and `back` home, where the distance is measured.
-    """
+    """Compare a depth map with that of another view: consistent, outside it, or occluded (or wrong)."""
     height, width = depth.shape
     for y in range(height):
         for x in range(width):
@@ -313,10 +304,7 @@ def check_consistency(depth, other, there, back, tolerance, visibility):
 
 @kernel
 def local_slopes(depth, reliable, wanted, radius, spacing, limit, slopes):
-    """Slope (x, y) of the plane through the reliable neighbours of like depth, around each wanted point.
-
-    `spacing`: between the rows, and the columns, of the neighbours that are looked at.
-    """
+    """Slope (x, y) of the plane through the reliable neighbours of like depth, around each wanted point."""
     height, width = depth.shape
     for y in range(height):
         for x in range(width):
@@ -368,11 +356,7 @@ def fill_depth(
     slack,
     filled,
 ):
-    """Continue the planes of reliable points in eight directions into what is not reliable.
-
-    A continued depth through which the other view looks is refused while there is another one. `quantile`:
-    which of the continued depths wins; 0 is the farthest.
-    """
+    """Continue the planes of reliable points in eight directions into what is not reliable."""
     values, weights = np.empty(8), np.empty(8)
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
     nearest = np.empty((8, *depth.shape), np.int32)
@@ -459,11 +443,7 @@ def along_epipolar_lines(depth, epipole, far, near):
 
 @kernel
 def nearest_drawn(holes, rows, columns):
-    """Place of the nearest pixel that is no hole, for each pixel; not all may be holes.
-
-    Nearest pixels along columns are candidates along rows; those that others keep from being nearest
-    anywhere are dropped.
-    """
+    """Place of the nearest pixel that is no hole, for each pixel; not all may be holes."""
     height, width = holes.shape
     for x in range(width):
         above = -1
@@ -700,10 +680,7 @@ def inside(x, y, width, height):
 
 @kernel
 def block_cost(first, second, to_first, to_second, low, step, block, spacing, limits, outside_cost, cost):
-    """Compare two pictures along the epipolar lines through each block of a view, per hypothesis.
-
-    `first`, `second`: (3, H, W) level and gradients; a window is 4x4 samples, `spacing` apart.
-    """
+    """Compare two pictures along the epipolar lines through each block of a view, per hypothesis."""
     height, width = first.shape[1:]
     for i in range(cost.shape[0]):
         for j in range(cost.shape[1]):

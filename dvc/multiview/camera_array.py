@@ -15,32 +15,18 @@ Floats = NDArray[np.float64]
 
 
 class LatticePosition(NamedTuple):
-    """Where a camera stands in the plane of an array.
+    """Where a camera stands in the plane of an array."""
 
-    Attributes
-    ----------
-    m, n : float
-        To the right and downwards; whole numbers on a regular lattice.
-    """
-
-    m: float
+    m: float  # to the right and downwards; whole numbers on a regular lattice
     n: float
 
 
 class DisparityLabels(NamedTuple):
-    """Disparities to try: ``lowest + k * step`` for k from 0 to ``num_labels - 1``.
+    """Disparities to try: ``lowest + k * step`` for k from 0 to ``num_labels - 1``."""
 
-    Attributes
-    ----------
-    lowest, step : float
-        First disparity, in pixels per unit of m and n, and distance to the next.
-    num_labels : int
-        Number of labels, at least 1.
-    """
-
-    lowest: float
+    lowest: float  # first disparity, in pixels per unit of m and n, and distance to the next
     step: float
-    num_labels: int
+    num_labels: int  # number of labels, at least 1
 
     @property
     def highest(self) -> float:
@@ -48,33 +34,11 @@ class DisparityLabels(NamedTuple):
         return self.lowest + self.step * (self.num_labels - 1)
 
     def disparity(self, label: Floats) -> Floats:
-        """Return the disparities of labels.
-
-        Parameters
-        ----------
-        label : ndarray, float64
-            Numbers of labels, or between them.
-
-        Returns
-        -------
-        ndarray of the same shape, float64
-            Disparities.
-        """
+        """Return the disparities of labels."""
         return self.lowest + self.step * label
 
     def label(self, disparity: NDArray[np.floating]) -> NDArray[np.int64]:
-        """Return the nearest label of each disparity.
-
-        Parameters
-        ----------
-        disparity : ndarray, float
-            Disparities.
-
-        Returns
-        -------
-        ndarray of the same shape, int64
-            Labels from 0 to ``num_labels - 1``.
-        """
+        """Return the nearest label of each disparity."""
         place = np.floor((disparity.astype(np.float64) - self.lowest) / self.step + 0.5)
         label: NDArray[np.int64] = np.clip(place, 0, self.num_labels - 1).astype(np.int64)
         return label
@@ -82,23 +46,12 @@ class DisparityLabels(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ArrayView:
-    """A rectified picture of a camera array.
+    """A rectified picture of a camera array."""
 
-    Attributes
-    ----------
-    name : str
-        Stem of its file, unique in the array.
-    image : ndarray of shape (H, W, 3), uint8
-        Red, green and blue; grey pictures have three equal channels.
-    position : LatticePosition
-        Of its camera.
-    valid : ndarray of shape (H, W), bool, or None
-        Where the camera has seen something, after a rectification; None: everywhere.
-    """
-
-    name: str
-    image: NDArray[np.uint8]
-    position: LatticePosition
+    name: str  # stem of its file, unique in the array
+    image: NDArray[np.uint8]  # red, green and blue; grey pictures have three equal channels
+    position: LatticePosition  # of its camera
+    # where the camera has seen something, after a rectification; None: everywhere
     valid: NDArray[np.bool_] | None = None
 
     @property
@@ -114,15 +67,9 @@ class ArrayView:
 
 @dataclass(frozen=True, eq=False)
 class CameraArray:
-    """Rectified views of one size, no two at one place.
+    """Rectified views of one size, no two at one place."""
 
-    Attributes
-    ----------
-    views : tuple of ArrayView
-        At least one.
-    """
-
-    views: tuple[ArrayView, ...]
+    views: tuple[ArrayView, ...]  # at least one
 
     def __getitem__(self, index: int) -> ArrayView:
         return self.views[index]

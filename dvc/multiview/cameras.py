@@ -18,38 +18,12 @@ RANGE_QUANTILES = (0.005, 0.995)
 
 
 def homogeneous(points: Floats) -> Floats:
-    """Append a third coordinate 1.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2), float64
-        Points of a plane.
-
-    Returns
-    -------
-    ndarray of shape (N, 3), float64
-        The same points.
-    """
+    """Append a third coordinate 1."""
     return np.column_stack([points, np.ones(len(points))])
 
 
 def project(camera: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Project 3D points.
-
-    Parameters
-    ----------
-    camera : ndarray of shape (3, 4), float64
-        Projection matrix.
-    points : ndarray of shape (N, 4), float64
-        Homogeneous 3D points.
-
-    Returns
-    -------
-    xy : ndarray of shape (N, 2), float64
-        Image points; not finite on the focal plane.
-    depth : ndarray of shape (N,), float64
-        Projective depth; its sign tells on which side of the camera a point lies.
-    """
+    """Project 3D points."""
     image = points @ camera.T
     with np.errstate(divide="ignore", invalid="ignore"):
         return image[:, :2] / image[:, 2:], image[:, 2]
@@ -57,15 +31,9 @@ def project(camera: Floats, points: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True)
 class PixelFrame:
-    """Coordinates in which a whole image has about unit size: what the algebra of the cameras works in.
+    """Coordinates in which a whole image has about unit size: what the algebra of the cameras works in."""
 
-    Attributes
-    ----------
-    width_px, height_px : int
-        Size of the image.
-    """
-
-    width_px: int
+    width_px: int  # size of the image
     height_px: int
 
     @property
@@ -88,34 +56,12 @@ class PixelFrame:
         return np.array([[s, 0.0, x], [0.0, s, y], [0.0, 0.0, 1.0]])
 
     def to_normalized(self, points: Floats) -> Floats:
-        """Convert points from pixels.
-
-        Parameters
-        ----------
-        points : ndarray of shape (N, 2), float64
-            Image points (x, y) in pixels.
-
-        Returns
-        -------
-        ndarray of shape (N, 2), float64
-            Normalised coordinates.
-        """
+        """Convert points from pixels."""
         normalized: Floats = (points - self._centre) / self.scale_px
         return normalized
 
     def to_pixels(self, points: Floats) -> Floats:
-        """Convert points to pixels; inverse of `to_normalized`.
-
-        Parameters
-        ----------
-        points : ndarray of shape (N, 2), float64
-            Normalised coordinates.
-
-        Returns
-        -------
-        ndarray of shape (N, 2), float64
-            Image points (x, y) in pixels.
-        """
+        """Convert points to pixels; inverse of `to_normalized`."""
         pixels: Floats = points * self.scale_px + self._centre
         return pixels
 
@@ -125,34 +71,12 @@ class PixelFrame:
 
 
 def oriented(camera: Floats) -> Floats:
-    """Give a camera the sign that gives points before it a positive depth.
-
-    Parameters
-    ----------
-    camera : ndarray of shape (3, 4), float64
-        Projection matrix.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        The matrix or its negative.
-    """
+    """Give a camera the sign that gives points before it a positive depth."""
     return -camera if np.linalg.det(camera[:, :3]) < 0 else camera
 
 
 def inverse_depth_range(known: Floats) -> tuple[float, float]:
-    """Return the range of the inverse depths of known points.
-
-    Parameters
-    ----------
-    known : ndarray of shape (N,), float64
-        Inverse depths in one view; those that are not finite are left out.
-
-    Returns
-    -------
-    lowest, highest : float
-        Quantiles `RANGE_QUANTILES`; 0 and 0 where nothing is known.
-    """
+    """Return the range of the inverse depths of known points."""
     finite = known[np.isfinite(known)]
     if not finite.size:
         return 0.0, 0.0
@@ -162,18 +86,9 @@ def inverse_depth_range(known: Floats) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class ViewPair:
-    """Two views of a static scene: what a search for their depth must know.
+    """Two views of a static scene: what a search for their depth must know."""
 
-    Attributes
-    ----------
-    pixel_frame : PixelFrame
-        Size of both pictures.
-    cameras : tuple of two ndarray of shape (3, 4), float64
-        In normalised coordinates.
-    inverse_depth_ranges : tuple of two (float, float)
-        Lowest and highest inverse depth of the scene in each view.
-    """
-
-    pixel_frame: PixelFrame
-    cameras: tuple[Floats, Floats]
+    pixel_frame: PixelFrame  # size of both pictures
+    cameras: tuple[Floats, Floats]  # in normalised coordinates
+    # lowest and highest inverse depth of the scene in each view
     inverse_depth_ranges: tuple[tuple[float, float], tuple[float, float]]

@@ -17,18 +17,7 @@ DEAD_ZONE = 0.5
 
 
 def census_bits(grey: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Compare each pixel with those around it.
-
-    Parameters
-    ----------
-    grey : ndarray of shape (H, W), float32
-        Levels.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint32
-        A bit for each neighbour within `CENSUS_RADIUS_PX`, set where it is darker.
-    """
+    """Compare each pixel with those around it."""
     bits = np.empty(grey.shape, np.uint32)
     padded = np.pad(grey, CENSUS_RADIUS_PX, mode="edge")
     _kernels.census(padded, CENSUS_RADIUS_PX, np.float32(DEAD_ZONE), bits)

@@ -17,39 +17,20 @@ CONTINUED_QUANTILE = 0.5
 
 
 class Slopes(NamedTuple):
-    """How the slopes of surfaces are measured, and how far they are continued.
+    """How the slopes of surfaces are measured, and how far they are continued."""
 
-    Attributes
-    ----------
-    radius_px : int
-        Where the slope of a surface is measured.
-    limit : float
-        Inverse depth by which a surface may differ in this radius.
-    reach_px : float
-        How far slopes are continued; farther away their error would be larger than that of constant depth.
-    spacing_px : int
-        Between points that slopes are measured with; a divisor of the radius.
-    """
-
-    radius_px: int
-    limit: float
+    radius_px: int  # where the slope of a surface is measured
+    limit: float  # inverse depth by which a surface may differ in this radius
+    # how far slopes are continued; farther away their error would be larger than that of constant depth
     reach_px: float
-    spacing_px: int = 1
+    spacing_px: int = 1  # between points that slopes are measured with; a divisor of the radius
 
 
 class SeenDepth(NamedTuple):
-    """Inverse depth of a view, and what of it is reliable.
+    """Inverse depth of a view, and what of it is reliable."""
 
-    Attributes
-    ----------
-    inverse_depth : ndarray of shape (H, W), float64
-        Of every pixel.
-    visibility : ndarray of shape (H, W), int8
-        A `Visibility` of every pixel: what is consistent is reliable.
-    """
-
-    inverse_depth: Floats
-    visibility: NDArray[np.int8]
+    inverse_depth: Floats  # of every pixel
+    visibility: NDArray[np.int8]  # a `Visibility` of every pixel: what is consistent is reliable
 
 
 def continue_surfaces(
@@ -60,28 +41,7 @@ def continue_surfaces(
     slopes: Slopes,
     slack_px: float,
 ) -> Floats:
-    """Continue the planes of what is reliable in eight directions.
-
-    Parameters
-    ----------
-    own : SeenDepth
-        Of the view.
-    luma : ndarray of shape (H, W), float64
-        Of the view; surfaces end at its edges rather than elsewhere.
-    other : SeenDepth
-        Of another view: where it looks through a surface, that is not continued.
-    warps : tuple of two ndarray of shape (3, 4), float64
-        To the other view, and back.
-    slopes : Slopes
-        How far.
-    slack_px : float
-        Distance between points that may be one.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Inverse depth; as it was where it is reliable.
-    """
+    """Continue the planes of what is reliable in eight directions."""
     reliable = own.visibility == _kernels.CONSISTENT
     measured, filled = np.empty((*reliable.shape, 2)), np.empty(reliable.shape)
     # only the rim of what is consistent is continued

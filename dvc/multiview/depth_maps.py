@@ -56,18 +56,10 @@ class Visibility(enum.IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:
-    """Depth of a view.
+    """Depth of a view."""
 
-    Attributes
-    ----------
-    inverse_depth : ndarray of shape (H, W), float64
-        Inverse depth of every pixel.
-    visibility : ndarray of shape (H, W), int8
-        A `Visibility` of every pixel, in the view that the map was checked with.
-    """
-
-    inverse_depth: Floats
-    visibility: NDArray[np.int8]
+    inverse_depth: Floats  # inverse depth of every pixel
+    visibility: NDArray[np.int8]  # a `Visibility` of every pixel, in the view that the map was checked with
 
     @property
     def reliable(self) -> Mask:
@@ -78,45 +70,21 @@ class DepthMap:
 
 @dataclass(frozen=True, eq=False)
 class DepthView:
-    """A picture with its camera and its depth.
+    """A picture with its camera and its depth."""
 
-    Attributes
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        The picture.
-    camera : ndarray of shape (3, 4), float64
-        In normalised coordinates.
-    depth : DepthMap
-        Of the picture, checked with the other view.
-    discontinuities : ndarray of shape (H - 1, W - 1), bool
-        Cells between four pixels that do not belong to one surface.
-    to_other : ndarray of shape (3, 4), float64
-        Warp to the other view.
-    """
-
-    luma: Luma
-    camera: Floats
-    depth: DepthMap
-    discontinuities: Mask
-    to_other: Floats
+    luma: Luma  # the picture
+    camera: Floats  # in normalised coordinates
+    depth: DepthMap  # of the picture, checked with the other view
+    discontinuities: Mask  # cells between four pixels that do not belong to one surface
+    to_other: Floats  # warp to the other view
 
 
 class KnownDepth(NamedTuple):
-    """What is known of the depth of a view from others than the two that are compared.
+    """What is known of the depth of a view from others than the two that are compared."""
 
-    Attributes
-    ----------
-    depth : DepthMap or None
-        As earlier pairs of views have shown it.
-    points : ndarray of shape (N, 2), float64
-        Known points (x, y) in pixels, inside the frame.
-    inverse_depth : ndarray of shape (N,), float64
-        Inverse depth of each.
-    """
-
-    depth: DepthMap | None
-    points: Floats
-    inverse_depth: Floats
+    depth: DepthMap | None  # as earlier pairs of views have shown it
+    points: Floats  # known points (x, y) in pixels, inside the frame
+    inverse_depth: Floats  # inverse depth of each
 
 
 Known = tuple[KnownDepth | None, KnownDepth | None]
@@ -137,24 +105,7 @@ def estimate_depths(
     known: Known = (None, None),
     settings: SweepSettings = GRADIENT_SWEEP,
 ) -> tuple[DepthView, DepthView]:
-    """Estimate the depth of two views.
-
-    Parameters
-    ----------
-    pair : ViewPair
-        Their cameras, and the range of depth.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the views.
-    known : tuple of two (KnownDepth or None), optional
-        What is known of the depth of each already, from other views.
-    settings : SweepSettings, optional
-        How planes are swept.
-
-    Returns
-    -------
-    tuple of two DepthView
-        Both views with their depth, without holes.
-    """
+    """Estimate the depth of two views."""
     there = warp_matrix(*pair.cameras, pair.pixel_frame)
     back = inverse_warp(there)
     sides = (_Side(first, there, back), _Side(second, back, there))
@@ -174,20 +125,7 @@ def estimate_depths(
 
 
 def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
-    """Find the cells of a grid of pixels whose corners do not move together.
-
-    Parameters
-    ----------
-    inverse_depth : ndarray of shape (H, W), float64
-        Of the pixels.
-    warp : ndarray of shape (3, 4), float64
-        To another view.
-
-    Returns
-    -------
-    ndarray of shape (H - 1, W - 1), bool
-        True where motion varies by more than `DISCONTINUITY_PX`.
-    """
+    """Find the cells of a grid of pixels whose corners do not move together."""
     moved = warp_grid(warp, inverse_depth)
     rows, columns = np.indices(inverse_depth.shape)
     motion = moved[..., :2] - np.stack([columns, rows], axis=-1)

@@ -26,24 +26,7 @@ TOLERANCE = 1e-4
 
 
 def fill_from_background(image: Floats, inverse_depth: Floats, epipole: Floats) -> tuple[Floats, Floats]:
-    """Fill the holes of a rendered picture.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, C), float64
-        Levels; of no meaning in holes.
-    inverse_depth : ndarray of shape (H, W), float64
-        `EMPTY` in holes.
-    epipole : ndarray of shape (3,), float64
-        Homogeneous image of the camera that has seen the rest, in pixels: epipolar lines go through it.
-
-    Returns
-    -------
-    image : ndarray of shape (H, W, C), float64
-        Without holes: the Laplace equation holds in them; black if there is nothing at all.
-    inverse_depth : ndarray of shape (H, W), float64
-        Without holes.
-    """
+    """Fill the holes of a rendered picture."""
     holes = inverse_depth <= EMPTY
     if not holes.any():
         return image, inverse_depth

@@ -21,24 +21,7 @@ UNREACHED = 20000
 def semi_global(
     cost: NDArray[np.int16], guide: NDArray[np.uint8], small_jump: int, large_jump: int
 ) -> tuple[Floats, Floats]:
-    """Choose hypotheses with small cost and few jumps, by dynamic programming along eight scanlines.
-
-    Parameters
-    ----------
-    cost : ndarray of shape (rows, columns, hypotheses), int16
-        Cost of each hypothesis, at most a few hundred.
-    guide : ndarray of shape (rows, columns), uint8
-        Image across whose edges large jumps are cheap.
-    small_jump, large_jump : int
-        Cost of a change to the next hypothesis, and of a larger one across equal levels.
-
-    Returns
-    -------
-    hypothesis : ndarray of shape (rows, columns), float64
-        Best one, refined between its neighbours.
-    confidence : ndarray of shape (rows, columns), float64
-        By how much it beats all that are not its neighbours.
-    """
+    """Choose hypotheses with small cost and few jumps, by dynamic programming along eight scanlines."""
     columns, count = cost.shape[1:]
     total = np.zeros(cost.shape, np.int16)
     levels = guide.astype(np.float32)

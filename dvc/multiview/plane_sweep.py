@@ -45,28 +45,16 @@ MIN_PARALLAX_PX = 0.05
 
 @dataclass(frozen=True)
 class SweepSettings:
-    """How finely the planes are swept, and how smooth the result is.
+    """How finely the planes are swept, and how smooth the result is."""
 
-    Attributes
-    ----------
-    step_px : float
-        Parallax between neighbouring hypotheses where it is largest, apart from the last twentieth.
-    max_hypotheses : int
-        Most hypotheses.
-    small_jump, large_jump : int
-        Cost of a change of depth by one hypothesis, and of a larger one across equal levels.
-    near_margin : float
-        How far hypotheses go beyond the nearest known point, as a share of the range.
-    census : bool
-        Whether census bits are compared in place of gradients.
-    """
-
+    # parallax between neighbouring hypotheses where it is largest, apart from the last twentieth
     step_px: float = 0.6
-    max_hypotheses: int = 160
+    max_hypotheses: int = 160  # most hypotheses
+    # cost of a change of depth by one hypothesis, and of a larger one across equal levels
     small_jump: int = 8
     large_jump: int = 100
-    near_margin: float = 0.2
-    census: bool = False
+    near_margin: float = 0.2  # how far hypotheses go beyond the nearest known point, as a share of the range
+    census: bool = False  # whether census bits are compared in place of gradients
 
 
 GRADIENT_SWEEP = SweepSettings()
@@ -78,57 +66,21 @@ CENSUS_SWEEP = SweepSettings(
 
 
 class DepthHypotheses(NamedTuple):
-    """Inverse depths to try: ``lowest + k * step``.
+    """Inverse depths to try: ``lowest + k * step``."""
 
-    Attributes
-    ----------
-    lowest, step : float
-        First inverse depth, and distance to the next.
-    num_hypotheses : int
-        Number of hypotheses, at least 2.
-    """
-
-    lowest: float
+    lowest: float  # first inverse depth, and distance to the next
     step: float
-    num_hypotheses: int
+    num_hypotheses: int  # number of hypotheses, at least 2
 
     def inverse_depth(self, hypothesis: Floats) -> Floats:
-        """Return the inverse depths of hypotheses.
-
-        Parameters
-        ----------
-        hypothesis : ndarray, float64
-            Numbers of hypotheses, or between them.
-
-        Returns
-        -------
-        ndarray of the same shape, float64
-            Inverse depths.
-        """
+        """Return the inverse depths of hypotheses."""
         return self.lowest + self.step * hypothesis
 
 
 def depth_hypotheses(
     inverse_depth_range: tuple[float, float], warp: Floats, shape: tuple[int, int], settings: SweepSettings
 ) -> DepthHypotheses:
-    """Choose the hypotheses from the range of the inverse depths of known points.
-
-    Parameters
-    ----------
-    inverse_depth_range : tuple of float
-        Lowest and highest, in the view that is swept.
-    warp : ndarray of shape (3, 4), float64
-        To the view that it is compared with.
-    shape : tuple of int
-        Height and width.
-    settings : SweepSettings
-        Step and number of hypotheses.
-
-    Returns
-    -------
-    DepthHypotheses
-        They cover the range with a margin.
-    """
+    """Choose the hypotheses from the range of the inverse depths of known points."""
     lowest, highest = inverse_depth_range
     span = max(highest - lowest, 1e-6 * max(abs(lowest), abs(highest), 1e-3))
     lowest, highest = lowest - 0.1 * span, highest + settings.near_margin * span
@@ -139,22 +91,7 @@ def depth_hypotheses(
 
 
 def parallax_px(inverse_depths: tuple[float, float], warp: Floats, shape: tuple[int, int]) -> float:
-    """Measure how far a change of depth moves points.
-
-    Parameters
-    ----------
-    inverse_depths : tuple of float
-        From which one to which.
-    warp : ndarray of shape (3, 4), float64
-        To the other view.
-    shape : tuple of int
-        Height and width.
-
-    Returns
-    -------
-    float
-        Of the points that stay before the other camera, the 95th percentile; at most the longer side.
-    """
+    """Measure how far a change of depth moves points."""
     height, width = shape
     x, y = np.meshgrid(np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9))
     points = np.column_stack([x.ravel(), y.ravel()])
@@ -174,28 +111,7 @@ def sweep(
     settings: SweepSettings,
     prior: tuple[Floats, NDArray[np.bool_]] | None = None,
 ) -> tuple[Floats, Floats]:
-    """Find the inverse depth of every pixel of a view.
-
-    Parameters
-    ----------
-    base, other : ndarray of shape (H, W), uint8
-        The picture that is swept, and the one that it is compared with.
-    warp : ndarray of shape (3, 4), float64
-        From the first to the second.
-    hypotheses : DepthHypotheses
-        Inverse depths to try.
-    settings : SweepSettings
-        What is compared, and the cost of jumps.
-    prior : tuple of ndarray of shape (H, W), float64 and bool, optional
-        Inverse depth that is expected, and where it is.
-
-    Returns
-    -------
-    inverse_depth : ndarray of shape (H, W), float64
-        Best inverse depth.
-    confidence : ndarray of shape (H, W), float64
-        By how much the best hypothesis beats all that are not its neighbours.
-    """
+    """Find the inverse depth of every pixel of a view."""
     cost = _box((_census_costs if settings.census else _gradient_costs)(base, other, warp, hypotheses))
     if prior is not None:
         _kernels.add_prior(*prior, hypotheses.lowest, hypotheses.step, PRIOR_WEIGHT, PRIOR_LIMIT, cost)
@@ -221,18 +137,7 @@ def _census_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypoth
 
 
 def luma_features(luma: Luma) -> NDArray[np.float32]:
-    """Return what is compared of a picture.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        The picture.
-
-    Returns
-    -------
-    ndarray of shape (3, H, W), float32
-        Level, and weighted horizontal and vertical central difference.
-    """
+    """Return what is compared of a picture."""
     padded = np.pad(luma.astype(np.float32), 1, mode="edge")
     horizontal = padded[1:-1, 2:] - padded[1:-1, :-2]
     vertical = padded[2:, 1:-1] - padded[:-2, 1:-1]
@@ -254,40 +159,15 @@ def _box(cost: Costs) -> Costs:
 
 
 class VirtualView(NamedTuple):
-    """A view without a picture, and two pictures that show its scene.
+    """A view without a picture, and two pictures that show its scene."""
 
-    Attributes
-    ----------
-    features : tuple of two ndarray of shape (3, H, W), float32
-        `luma_features` of the pictures.
-    warps : tuple of two ndarray of shape (3, 4), float64
-        From the view to each of them.
-    block_px : int
-        Side of the view's blocks.
-    """
-
-    features: tuple[NDArray[np.float32], NDArray[np.float32]]
-    warps: tuple[Floats, Floats]
-    block_px: int
+    features: tuple[NDArray[np.float32], NDArray[np.float32]]  # `luma_features` of the pictures
+    warps: tuple[Floats, Floats]  # from the view to each of them
+    block_px: int  # side of the view's blocks
 
 
 def block_costs(view: VirtualView, hypotheses: DepthHypotheses, spacing_px: float) -> Costs:
-    """Compare two pictures along the epipolar lines through each block of a virtual view.
-
-    Parameters
-    ----------
-    view : VirtualView
-        The view.
-    hypotheses : DepthHypotheses
-        Inverse depths to try, in that view.
-    spacing_px : float
-        Distance of the 4x4 samples of a block's window.
-
-    Returns
-    -------
-    ndarray of shape (ceil(H / block), ceil(W / block), hypotheses), int16
-        Mean truncated difference.
-    """
+    """Compare two pictures along the epipolar lines through each block of a virtual view."""
     height, width = view.features[0].shape[1:]
     cost = np.empty(
         (-(-height // view.block_px), -(-width // view.block_px), hypotheses.num_hypotheses), np.int16
@@ -307,24 +187,7 @@ def block_costs(view: VirtualView, hypotheses: DepthHypotheses, spacing_px: floa
 
 
 def refine_blocks(view: VirtualView, depth: Floats, reach: float, window_radius_px: int) -> Floats:
-    """Refine the depths of the blocks of a virtual view by golden sections.
-
-    Parameters
-    ----------
-    view : VirtualView
-        The view.
-    depth : ndarray of shape (rows, columns), float64
-        Inverse depth of its blocks.
-    reach : float
-        Largest change of inverse depth.
-    window_radius_px : int
-        Radius of the window that is compared.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns), float64
-        Depths of smaller squared difference; the same where a change hardly moves the block.
-    """
+    """Refine the depths of the blocks of a virtual view by golden sections."""
     refined = depth.copy()
     (first, *_), (second, *_) = view.features
     search = MIN_PARALLAX_PX, GOLDEN_STEPS, refined

@@ -30,22 +30,7 @@ HALO_PX = 1
 
 
 def render_depth(views: Sequence[DepthView], camera: Floats, frame: PixelFrame) -> DepthMap:
-    """Draw the depth of some views into another one.
-
-    Parameters
-    ----------
-    views : sequence of DepthView
-        The views.
-    camera : ndarray of shape (3, 4), float64
-        Wanted view, in normalised coordinates.
-    frame : PixelFrame
-        Size of the images.
-
-    Returns
-    -------
-    DepthMap
-        Depth without holes; consistent where consistent parts were drawn, occluded elsewhere.
-    """
+    """Draw the depth of some views into another one."""
     reliable = np.full((frame.height_px, frame.width_px), EMPTY)
     rest = reliable.copy()
     for view in views:
@@ -59,41 +44,14 @@ def render_depth(views: Sequence[DepthView], camera: Floats, frame: PixelFrame) 
 
 
 def draw(inverse_depth: Floats, warp: Floats, discontinuities: Mask, chosen: Mask, nearest: Floats) -> None:
-    """Draw a depth map into another view, before what lies behind it there.
-
-    Parameters
-    ----------
-    inverse_depth : ndarray of shape (H, W), float64
-        Of the pixels.
-    warp : ndarray of shape (3, 4), float64
-        To the other view.
-    discontinuities : ndarray of shape (H - 1, W - 1), bool
-        Cells between four pixels that do not belong to one surface: each pixel keeps its half of them.
-    chosen : ndarray of shape (H - 1, W - 1), bool
-        Cells to draw.
-    nearest : ndarray of the shape of the other view, float64
-        Largest inverse depth so far, `EMPTY` where there is none; changed.
-    """
+    """Draw a depth map into another view, before what lies behind it there."""
     vertices = warp_grid(warp, inverse_depth)
     _kernels.rasterise(vertices, discontinuities | ~chosen, nearest)
     _kernels.rasterise_discontinuities(warp, inverse_depth, discontinuities & chosen, PIECE, nearest)
 
 
 def render_grid(vertices: Floats, shape: tuple[int, ...]) -> Floats:
-    """Draw a grid of vertices that is one piece.
-
-    Parameters
-    ----------
-    vertices : ndarray of shape (rows, columns, 3), float64
-        (x, y) in pixels and inverse depth, as `warp_grid` returns them.
-    shape : tuple of int
-        Height and width of the picture.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Inverse depth without holes.
-    """
+    """Draw a grid of vertices that is one piece."""
     drawn = np.full(shape, EMPTY)
     _kernels.rasterise(vertices, np.zeros((vertices.shape[0] - 1, vertices.shape[1] - 1), dtype=bool), drawn)
     return fill_holes(drawn)
@@ -106,20 +64,7 @@ def _cells(points: Mask) -> Mask:
 
 
 def fill_holes(inverse_depth: Floats, quantile: float = 0.0) -> Floats:
-    """Give what nothing was drawn on the depth of what is around and behind it.
-
-    Parameters
-    ----------
-    inverse_depth : ndarray of shape (H, W), float64
-        `EMPTY` in holes.
-    quantile : float, optional
-        Which of the depths around is taken: the farthest by default, the nearest with 1.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        The same without holes; 0 if there is nothing at all.
-    """
+    """Give what nothing was drawn on the depth of what is around and behind it."""
     empty = inverse_depth <= EMPTY
     if empty.all():
         return np.zeros_like(inverse_depth)
@@ -138,21 +83,7 @@ def fill_holes(inverse_depth: Floats, quantile: float = 0.0) -> Floats:
 
 
 def visibility_weights(view: DepthView, positions: Floats) -> Floats:
-    """Weigh how well a view sees points.
-
-    Parameters
-    ----------
-    view : DepthView
-        The view.
-    positions : ndarray of shape (rows, columns, 3), float64
-        (x, y) in pixels and inverse depth in the view, as `warp_grid` returns them.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns), float64
-        1 for points in plain sight, less beside something nearer, at most `OCCLUDED_WEIGHT` for points
-        behind something, and still less for points outside the view.
-    """
+    """Weigh how well a view sees points."""
     weights = np.empty(positions.shape[:2])
     depth = view.depth
     _kernels.visibility_weights(

@@ -18,26 +18,7 @@ MIN_DEPTH = 1e-6
 
 
 def triangulate_depth(first: Floats, camera: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Find the projective depths of correspondences, by least squares of (5.3).
-
-    Parameters
-    ----------
-    first : ndarray of shape (N, 2), float64
-        Points seen by the camera ``[I | 0]``, normalised.
-    camera : ndarray of shape (3, 4), float64
-        The other camera, ``[R | t]``.
-    second : ndarray of shape (N, 2), float64
-        Points seen by it, normalised.
-
-    Returns
-    -------
-    depth_first, depth_second : ndarray of shape (N,), float64
-        Depths in ``depth_second * x1 = depth_first * R x0 + t``; not finite where the rays are parallel.
-
-    References
-    ----------
-    [Maitre2008] Eq. (5.3).
-    """
+    """Find the projective depths of correspondences, by least squares of (5.3)."""
     a = homogeneous(first) @ camera[:, :3].T
     b, t = homogeneous(second), camera[:, 3]
     aa, ab, bb = (a * a).sum(axis=1), (a * b).sum(axis=1), (b * b).sum(axis=1)
@@ -48,32 +29,7 @@ def triangulate_depth(first: Floats, camera: Floats, second: Floats) -> tuple[Fl
 
 
 def inverse_depths(first: Floats, camera: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Find the inverse depths that project points of the first image nearest to points of the second.
-
-    Unlike `triangulate_depth` this minimises a distance in the second image, and points at infinity are
-    no exception: the nearest point of the epipolar line is found, then the depth that projects there.
-
-    Parameters
-    ----------
-    first : ndarray of shape (N, 2), float64
-        Points seen by the camera ``[I | 0]``, normalised.
-    camera : ndarray of shape (3, 4), float64
-        The other camera, ``[R | t]``.
-    second : ndarray of shape (N, 2), float64
-        Points seen by it, normalised.
-
-    Returns
-    -------
-    inverse : ndarray of shape (N,), float64
-        Inverse depth in the first camera: ``R x0 + inverse * t`` is what the second camera sees; 0 for a
-        point on the epipole, where all depths are as good.
-    ratio : ndarray of shape (N,), float64
-        Depth in the second camera over depth in the first.
-
-    References
-    ----------
-    [Maitre2008] The minimum of (5.6) over the depth.
-    """
+    """Find the inverse depths that project points of the first image nearest to points of the second."""
     a, t = homogeneous(first) @ camera[:, :3].T, camera[:, 3]
     lines = np.cross(t, a)
     norm2 = (lines[:, :2] ** 2).sum(axis=1)
@@ -86,54 +42,21 @@ def inverse_depths(first: Floats, camera: Floats, second: Floats) -> tuple[Float
 
 
 class TrackDepths(NamedTuple):
-    """Depths of tracked points in one view.
+    """Depths of tracked points in one view."""
 
-    Attributes
-    ----------
-    inverse_depth : ndarray of shape (N,), float64
-        Inverse depth in that view; nan where the point is not known there or nowhere else.
-    rms_px : ndarray of shape (N,), float64
-        Root mean square distance between where the other views see the point and where it should be.
-    sigma_px : ndarray of shape (N,), float64
-        Standard deviation of the point's place in that of the views it lies in where it depends most on the
-        depth, for positions that are off by one pixel.
-    """
-
+    # inverse depth in that view; nan where the point is not known there or nowhere else
     inverse_depth: Floats
+    # root mean square distance between where the other views see the point and where it should be
     rms_px: Floats
+    # standard deviation of the point's place in that of the views it lies in where it depends most on the
+    # depth, for positions that are off by one pixel
     sigma_px: Floats
 
 
 def track_depths(
     positions: Floats, cameras: Sequence[Floats | None], view: int, frame: PixelFrame
 ) -> TrackDepths:
-    """Find the inverse depths in one view that bring points nearest to where the other views see them.
-
-    Parameters
-    ----------
-    positions : ndarray of shape (N, T, 2), float64
-        Points (x, y) in pixels in every view; nan where they are not known.
-    cameras : sequence of T (ndarray of shape (3, 4), float64, or None)
-        Cameras in normalised coordinates; views without one do not count.
-    view : int
-        The view whose depths are wanted; it needs a camera.
-    frame : PixelFrame
-        Size of the images.
-
-    Returns
-    -------
-    TrackDepths
-        A depth for every point that is known in the view and in at least one other.
-
-    Raises
-    ------
-    ValueError
-        If the view has no camera, or one with its centre at infinity.
-
-    References
-    ----------
-    [Maitre2008] The minimum of (5.7) over the depth.
-    """
+    """Find the inverse depths in one view that bring points nearest to where the other views see them."""
     source = cameras[view]
     if source is None:
         raise ValueError(f"view {view} has no camera")

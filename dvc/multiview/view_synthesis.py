@@ -31,63 +31,28 @@ FALLBACK_WEIGHT = 1e-6
 
 
 class PictureWithDepth(NamedTuple):
-    """A picture with the depth of its pixels, and where the wanted view lies.
+    """A picture with the depth of its pixels, and where the wanted view lies."""
 
-    Attributes
-    ----------
-    image : ndarray of shape (H, W, C), uint8
-        The picture.
-    inverse_depth : ndarray of shape (H, W), float64
-        Of its pixels; disparity in rectified arrays. `EMPTY` where there is nothing.
-    warp : ndarray of shape (3, 4), float64
-        To the wanted view, in pixels; see `dvc.multiview.warping`.
-    step : float
-        Inverse depth between neighbours of one surface is at most this, whatever the motion: the
-        precision with which it is known.
-    weight : float
-        Share in what several pictures show; with 0, shown only where no other one sees anything.
-    """
-
-    image: NDArray[np.uint8]
-    inverse_depth: Floats
-    warp: Floats
+    image: NDArray[np.uint8]  # the picture
+    inverse_depth: Floats  # of its pixels; disparity in rectified arrays. `EMPTY` where there is nothing
+    warp: Floats  # to the wanted view, in pixels; see `dvc.multiview.warping`
+    # inverse depth between neighbours of one surface is at most this, whatever the motion: the precision with
+    # which it is known
     step: float = 0.0
+    # share in what several pictures show; with 0, shown only where no other one sees anything
     weight: float = 1.0
 
 
 class SynthesisedView(NamedTuple):
-    """A picture that no camera has taken.
+    """A picture that no camera has taken."""
 
-    Attributes
-    ----------
-    image : ndarray of shape (H, W, C), float64
-        Levels from 0 to 255, without holes.
-    inverse_depth : ndarray of shape (H, W), float64
-        In the wanted view, without holes.
-    drawn : ndarray of shape (H, W), bool
-        What a source shows; the rest is filled.
-    """
-
-    image: Floats
-    inverse_depth: Floats
-    drawn: Mask
+    image: Floats  # levels from 0 to 255, without holes
+    inverse_depth: Floats  # in the wanted view, without holes
+    drawn: Mask  # what a source shows; the rest is filled
 
 
 def synthesise(sources: Sequence[PictureWithDepth], shape: tuple[int, int]) -> SynthesisedView:
-    """Render a view.
-
-    Parameters
-    ----------
-    sources : sequence of PictureWithDepth
-        At least one; all of as many channels.
-    shape : tuple of int
-        Height and width of the wanted view.
-
-    Returns
-    -------
-    SynthesisedView
-        The view; where several sources show the nearest surface, their mean by weight.
-    """
+    """Render a view."""
     drawn = [drawn_depth(source, shape) for source in sources]
     nearest = np.maximum.reduce(drawn)
     total = np.zeros(shape)
@@ -114,20 +79,7 @@ def synthesise(sources: Sequence[PictureWithDepth], shape: tuple[int, int]) -> S
 
 
 def drawn_depth(source: PictureWithDepth, shape: tuple[int, int]) -> Floats:
-    """Return what a source shows in the wanted view.
-
-    Parameters
-    ----------
-    source : PictureWithDepth
-        The source; in rectified arrays it may have holes.
-    shape : tuple of int
-        Height and width of the wanted view.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Inverse depth; `EMPTY` where it shows nothing.
-    """
+    """Return what a source shows in the wanted view."""
     depth = source.inverse_depth
     missing = [(0, max(2 - size, 0)) for size in depth.shape]  # a cell has four corners
     depth = np.pad(depth, missing, mode="edge") if any(pad for _, pad in missing) else depth

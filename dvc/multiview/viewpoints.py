@@ -18,18 +18,10 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class CalibratedViewpoint:
-    """A calibrated camera without lens distortion.
+    """A calibrated camera without lens distortion."""
 
-    Attributes
-    ----------
-    intrinsic : ndarray of shape (3, 3), float64
-        K, upper triangular, in pixels, the centre of the first pixel at (0, 0).
-    pose : ndarray of shape (3, 4), float64
-        [R | t], from the world to the camera.
-    """
-
-    intrinsic: Floats
-    pose: Floats
+    intrinsic: Floats  # K, upper triangular, in pixels, the centre of the first pixel at (0, 0)
+    pose: Floats  # [R | t], from the world to the camera
 
     @property
     def centre(self) -> Floats:
@@ -41,23 +33,7 @@ Viewpoint = LatticePosition | CalibratedViewpoint
 
 
 def warp_between(source: Viewpoint, target: Viewpoint) -> Floats:
-    """Return the warp from one view to another.
-
-    Parameters
-    ----------
-    source, target : Viewpoint
-        Of one kind.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        ``[H | e]`` in pixels.
-
-    Raises
-    ------
-    ValueError
-        If one stands on a lattice and the other one does not.
-    """
+    """Return the warp from one view to another."""
     if isinstance(source, LatticePosition) and isinstance(target, LatticePosition):
         return lattice_warp(source, target)
     if isinstance(source, CalibratedViewpoint) and isinstance(target, CalibratedViewpoint):
@@ -66,35 +42,13 @@ def warp_between(source: Viewpoint, target: Viewpoint) -> Floats:
 
 
 def lattice_warp(source: LatticePosition, target: LatticePosition) -> Floats:
-    """Return the warp between two rectified views, for which disparity is inverse depth.
-
-    Parameters
-    ----------
-    source, target : LatticePosition
-        Where the cameras stand.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        Of (2.5): a point at (x, y) with disparity d is at ``(x - m d, y - n d)`` from (m, n).
-    """
+    """Return the warp between two rectified views, for which disparity is inverse depth."""
     m, n = target.m - source.m, target.n - source.n
     return np.array([[1.0, 0.0, 0.0, -m], [0.0, 1.0, 0.0, -n], [0.0, 0.0, 1.0, 0.0]])
 
 
 def calibrated_warp(source: CalibratedViewpoint, target: CalibratedViewpoint) -> Floats:
-    """Return the warp between two calibrated views; inverse depth is 1/z of the source.
-
-    Parameters
-    ----------
-    source, target : CalibratedViewpoint
-        The cameras.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        ``[K' R K^-1 | K' t]`` with the motion R, t from one camera to the other.
-    """
+    """Return the warp between two calibrated views; inverse depth is 1/z of the source."""
     rotation = target.pose[:, :3] @ source.pose[:, :3].T
     translation = target.pose[:, 3] - rotation @ source.pose[:, 3]
     turned = target.intrinsic @ rotation @ np.linalg.inv(source.intrinsic)
@@ -102,18 +56,7 @@ def calibrated_warp(source: CalibratedViewpoint, target: CalibratedViewpoint) ->
 
 
 def distance(first: Viewpoint, second: Viewpoint) -> float:
-    """Return how far two viewpoints are from each other.
-
-    Parameters
-    ----------
-    first, second : Viewpoint
-        Of one kind.
-
-    Returns
-    -------
-    float
-        In units of the lattice or of the world.
-    """
+    """Return how far two viewpoints are from each other."""
     if isinstance(first, LatticePosition) and isinstance(second, LatticePosition):
         return math.hypot(first.m - second.m, first.n - second.n)
     assert isinstance(first, CalibratedViewpoint)
@@ -122,20 +65,7 @@ def distance(first: Viewpoint, second: Viewpoint) -> float:
 
 
 def between(first: Viewpoint, second: Viewpoint, share: float) -> Viewpoint:
-    """Return a viewpoint on the way from one to another.
-
-    Parameters
-    ----------
-    first, second : Viewpoint
-        Of one kind.
-    share : float
-        How far, from 0 to 1.
-
-    Returns
-    -------
-    Viewpoint
-        On the straight line; calibrated cameras turn evenly.
-    """
+    """Return a viewpoint on the way from one to another."""
     if isinstance(first, LatticePosition) and isinstance(second, LatticePosition):
         return LatticePosition(*(a + share * (b - a) for a, b in zip(first, second, strict=True)))
     assert isinstance(first, CalibratedViewpoint)

@@ -23,26 +23,7 @@ SINGULAR = 1e-9
 
 
 def warp_matrix(source: Floats, target: Floats, frame: PixelFrame) -> Floats:
-    """Return the warp from one camera's view to another's.
-
-    Parameters
-    ----------
-    source, target : ndarray of shape (3, 4), float64
-        Cameras in normalised coordinates.
-    frame : PixelFrame
-        Size of the images.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        ``[H | e]`` in pixels. Warps of one set of cameras agree: going from a to b and on to c, with the
-        inverse depth divided by the third coordinate at b, is going from a to c.
-
-    Raises
-    ------
-    ValueError
-        If a camera has another shape, is not finite, or the source has its centre at infinity.
-    """
+    """Return the warp from one camera's view to another's."""
     for name, camera in (("source", source), ("target", target)):
         if camera.shape != (3, 4) or not np.isfinite(camera).all():
             raise ValueError(f"`{name}` must be a finite 3x4 matrix, got shape {camera.shape}")
@@ -55,65 +36,20 @@ def warp_matrix(source: Floats, target: Floats, frame: PixelFrame) -> Floats:
 
 
 def inverse_warp(warp: Floats) -> Floats:
-    """Return the warp of the way back.
-
-    Parameters
-    ----------
-    warp : ndarray of shape (3, 4), float64
-        From a to b.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        From b to a.
-    """
+    """Return the warp of the way back."""
     inverse = np.linalg.inv(warp[:, :3])
     return np.column_stack([inverse, -inverse @ warp[:, 3]])
 
 
 def warp_grid(warp: Floats, inverse_depth: Floats, origin_px: float = 0.0, step_px: float = 1.0) -> Floats:
-    """Warp every point of a regular grid, by default every pixel.
-
-    Parameters
-    ----------
-    warp : ndarray of shape (3, 4), float64
-        From the grid's view to another.
-    inverse_depth : ndarray of shape (rows, columns), float64
-        Of the grid's points.
-    origin_px : float
-        x and y of the first point.
-    step_px : float
-        Distance of the points.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns, 3), float64
-        (x, y) in pixels and inverse depth in the other view; (-1e9, -1e9, `EMPTY`) behind it.
-    """
+    """Warp every point of a regular grid, by default every pixel."""
     warped = np.empty((*inverse_depth.shape, 3))
     _kernels.warp_grid(warp, inverse_depth, origin_px, step_px, warped)
     return warped
 
 
 def warp_points(warp: Floats, points: Floats, inverse_depth: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Warp points of known inverse depth.
-
-    Parameters
-    ----------
-    warp : ndarray of shape (3, 4), float64
-        From the points' view to another.
-    points : ndarray of shape (N, 2), float64
-        Image points in pixels.
-    inverse_depth : ndarray of shape (N,), float64
-        Inverse depth of each.
-
-    Returns
-    -------
-    warped : ndarray of shape (N, 2), float64
-        Image points in the other view; the point itself where it has none.
-    visible : ndarray of shape (N,), bool
-        Whether the depth is known and the point lies before the other camera.
-    """
+    """Warp points of known inverse depth."""
     image = np.column_stack([homogeneous(points), np.nan_to_num(inverse_depth)]) @ warp.T
     before = (image[:, 2] > 1e-6) & np.isfinite(inverse_depth)
     warped = np.where(before[:, None], image[:, :2] / np.where(before, image[:, 2], 1.0)[:, None], points)

@@ -16,38 +16,12 @@ SHARED = resources.files("dvc.page") / "templates"
 
 
 def asset(folder: Traversable, name: str) -> str:
-    """Return the text of a style sheet, script or template.
-
-    Parameters
-    ----------
-    folder : Traversable
-        `SHARED`, or that of a page.
-    name : str
-        Of the file.
-
-    Returns
-    -------
-    str
-        Its text.
-    """
+    """Return the text of a style sheet, script or template."""
     return (folder / name).read_text(encoding="utf-8")
 
 
 def template(folder: Traversable, name: str) -> "Template":
-    """Return a template that can import those of `SHARED`.
-
-    Parameters
-    ----------
-    folder : Traversable
-        Where it is.
-    name : str
-        Of the file.
-
-    Returns
-    -------
-    jinja2.Template
-        It escapes what is put in, and refuses what is not defined.
-    """
+    """Return a template that can import those of `SHARED`."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     environment = Environment(
@@ -61,18 +35,7 @@ def template(folder: Traversable, name: str) -> "Template":
 
 
 def content_policy(scripts: Iterable[str]) -> str:
-    """Return the policy of a page that runs these scripts and no others, and loads nothing.
-
-    Parameters
-    ----------
-    scripts : iterable of str
-        Texts of its scripts.
-
-    Returns
-    -------
-    str
-        For `Content-Security-Policy`.
-    """
+    """Return the policy of a page that runs these scripts and no others, and loads nothing."""
     digests = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in scripts)
     sources = " ".join(f"'sha256-{digest}'" for digest in digests)
     return (
@@ -82,35 +45,11 @@ def content_policy(scripts: Iterable[str]) -> str:
 
 
 def script_json(values: object) -> str:
-    """Write values as JSON that can stand inside a script element.
-
-    Parameters
-    ----------
-    values : object
-        JSON-safe.
-
-    Returns
-    -------
-    str
-        Without a character that ends or opens an element.
-    """
+    """Write values as JSON that can stand inside a script element."""
     text = json.dumps(values, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
 def data_uri(media_type: str, content: bytes) -> str:
-    """Return a picture as the address of an `img` element.
-
-    Parameters
-    ----------
-    media_type : str
-        Such as "image/webp".
-    content : bytes
-        The file.
-
-    Returns
-    -------
-    str
-        The address.
-    """
+    """Return a picture as the address of an `img` element."""
     return f"data:{media_type};base64,{base64.b64encode(content).decode('ascii')}"

@@ -17,102 +17,45 @@ QUALITY = 88
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A picture of the page.
+    """A picture of the page."""
 
-    Attributes
-    ----------
-    name : str
-        What it is, unique in its group.
-    picture : ndarray of shape (H, W) or (H, W, 3 or 4), uint8
-        Grey levels, or blue, green and red, and opacity.
-    text : str
-        What else its caption says.
-    """
-
-    name: str
-    picture: NDArray[np.uint8]
-    text: str = ""
+    name: str  # what it is, unique in its group
+    picture: NDArray[np.uint8]  # grey levels, or blue, green and red, and opacity
+    text: str = ""  # what else its caption says
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Pictures of one thing, which may be laid over each other.
+    """Pictures of one thing, which may be laid over each other."""
 
-    Attributes
-    ----------
-    name : str
-        Of the thing.
-    pictures : tuple of Shown
-        At least one, of one size or shape.
-    """
-
-    name: str
-    pictures: tuple[Shown, ...]
+    name: str  # of the thing
+    pictures: tuple[Shown, ...]  # at least one, of one size or shape
 
 
 @dataclass(frozen=True)
 class Table:
-    """Figures.
+    """Figures."""
 
-    Attributes
-    ----------
-    title : str
-        Heading.
-    caption : str
-        What it shows, without a full stop.
-    head : tuple of str
-        Titles of the columns.
-    rows : tuple of tuple of str
-        Cells.
-    num_names : int
-        Columns on the left that are names and no numbers.
-    """
-
-    title: str
-    caption: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    num_names: int = 1
+    title: str  # heading
+    caption: str  # what it shows, without a full stop
+    head: tuple[str, ...]  # titles of the columns
+    rows: tuple[tuple[str, ...], ...]  # cells
+    num_names: int = 1  # columns on the left that are names and no numbers
 
 
 @dataclass(frozen=True, eq=False)
 class Gallery:
-    """What a page shows.
+    """What a page shows."""
 
-    Attributes
-    ----------
-    title, preface : str
-        Heading, and what it is about.
-    groups : sequence of Group
-        At least one.
-    tables : sequence of Table
-        Figures.
-    notes : sequence of str
-        What a reader must know.
-    """
-
-    title: str
+    title: str  # heading, and what it is about
     preface: str
-    groups: Sequence[Group]
-    tables: Sequence[Table] = field(default=())
-    notes: Sequence[str] = field(default=())
+    groups: Sequence[Group]  # at least one
+    tables: Sequence[Table] = field(default=())  # figures
+    notes: Sequence[str] = field(default=())  # what a reader must know
 
 
 def write_gallery(path: Path, gallery: Gallery) -> None:
-    """Write the page as one file, which needs no other file and no network.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    gallery : Gallery
-        What it shows.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be written.
-    """
+    """Write the page as one file, which needs no other file and no network."""
     scripts = {"early": asset(SHARED, "early.js"), "script": asset(SHARED, "gallery.js")}
     groups = [
         {

@@ -26,35 +26,16 @@ SUFFIXES = (".png", ".svg")
 
 
 class Line(NamedTuple):
-    """One line of a plot.
+    """One line of a plot."""
 
-    Attributes
-    ----------
-    label : str
-        For the legend.
-    xs, ys : sequence of float
-        Its points.
-    """
-
-    label: str
-    xs: Sequence[float]
+    label: str  # for the legend
+    xs: Sequence[float]  # its points
     ys: Sequence[float]
 
 
 @contextmanager
 def new_figure(size_inches: tuple[float, float] = SIZE_INCHES) -> "Iterator[Figure]":
-    """Give a figure; a fixed salt, so that the same results give the same bytes.
-
-    Parameters
-    ----------
-    size_inches : tuple of float, optional
-        Width and height.
-
-    Yields
-    ------
-    Figure
-        Of matplotlib.
-    """
+    """Give a figure; a fixed salt, so that the same results give the same bytes."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -66,20 +47,7 @@ def new_figure(size_inches: tuple[float, float] = SIZE_INCHES) -> "Iterator[Figu
 
 
 def contents(figure: "Figure", suffix: str) -> bytes:
-    """Return a figure as a file.
-
-    Parameters
-    ----------
-    figure : Figure
-        Of `new_figure`, before that ends.
-    suffix : str
-        One of `SUFFIXES`.
-
-    Returns
-    -------
-    bytes
-        The file.
-    """
+    """Return a figure as a file."""
     written = BytesIO()
     metadata = {"Date": None} if suffix == ".svg" else {}
     figure.savefig(written, format=suffix[1:], dpi=DPI, metadata=metadata)
@@ -87,36 +55,12 @@ def contents(figure: "Figure", suffix: str) -> bytes:
 
 
 def plain(text: str) -> str:
-    """Keep a name from being read as a formula, or as a line that has no place in the legend.
-
-    Parameters
-    ----------
-    text : str
-        The name.
-
-    Returns
-    -------
-    str
-        For labels and titles.
-    """
+    """Keep a name from being read as a formula, or as a line that has no place in the legend."""
     return text.replace("$", r"\$").removeprefix("_")
 
 
 def line_plot(lines: Sequence[Line], title: str, x_label: str, y_label: str) -> dict[str, bytes]:
-    """Draw lines.
-
-    Parameters
-    ----------
-    lines : sequence of Line
-        In the order of the legend.
-    title, x_label, y_label : str
-        What is drawn, and in which units.
-
-    Returns
-    -------
-    dict of str to bytes
-        Files by suffix.
-    """
+    """Draw lines."""
     with new_figure() as figure:
         axes = figure.add_subplot()
         for number, line in enumerate(lines):

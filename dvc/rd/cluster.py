@@ -25,42 +25,15 @@ _SCRATCH = ".running"
 
 @dataclass(frozen=True)
 class Measured:
-    """What a worker sends back.
+    """What a worker sends back."""
 
-    Attributes
-    ----------
-    data : dict
-        Contents of the result file.
-    files : dict of str to bytes
-        Other files, by their place in the folder of the experiment.
-    """
-
-    data: dict[str, Any]
+    data: dict[str, Any]  # contents of the result file
+    # other files, by their place in the folder of the experiment
     files: dict[str, bytes] = field(default_factory=dict)
 
 
 def measure_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[tuple[Task, Measured | str]]:
-    """Measure points on the workers of a Dask cluster.
-
-    Parameters
-    ----------
-    tasks : sequence of Task
-        Points.
-    address : str
-        Of the scheduler.
-
-    Yields
-    ------
-    task : Task
-        A point that is finished, in any order.
-    outcome : Measured or str
-        What came out, or why it failed.
-
-    Raises
-    ------
-    DvcError
-        If there is no such cluster, it has no workers, or one of them has other code.
-    """
+    """Measure points on the workers of a Dask cluster."""
     with _connect(address) as client:
         from distributed import as_completed
 

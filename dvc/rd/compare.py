@@ -46,21 +46,12 @@ CSV_COLUMNS = (
 
 @dataclass(frozen=True)
 class Comparison:
-    """One curve against another, on the same frames.
+    """One curve against another, on the same frames."""
 
-    Attributes
-    ----------
-    sequence : str
-        Name.
-    reference, other : Curve
-        The curves; negative BD-rates mean that `other` needs less.
-    rate, psnr : BdResult or str
-        Mean difference in rate at equal PSNR, and in PSNR at equal rate, or why there is none.
-    """
-
-    sequence: str
-    reference: Curve
+    sequence: str  # name
+    reference: Curve  # the curves; negative BD-rates mean that `other` needs less
     other: Curve
+    # mean difference in rate at equal PSNR, and in PSNR at equal rate, or why there is none
     rate: "BdResult | str"
     psnr: "BdResult | str"
 
@@ -76,32 +67,7 @@ def compare(
     against: str | None = None,
     curves: tuple[str, str] | None = None,
 ) -> list[Comparison]:
-    """Compare what a user asks for.
-
-    Parameters
-    ----------
-    before : sequence of PointResult
-        Results of an experiment.
-    after : sequence of PointResult, optional
-        Results of another, whose curves are compared with those of the first.
-    against : str, optional
-        Label of the curve of `before` that all are compared with; by default the one of the same label, and
-        H.264 intra within one experiment.
-    curves : tuple of str, optional
-        Labels of two curves of `before`: the second is compared with the first.
-
-    Returns
-    -------
-    list of Comparison
-        By sequence.
-
-    Raises
-    ------
-    ConfigError
-        If labels are unknown or ambiguous, or curves are given with two experiments.
-    DvcError
-        If there is nothing to compare.
-    """
+    """Compare what a user asks for."""
     if curves is not None:
         if after is not None:
             raise ConfigError("--curves compares within one experiment; give one folder")
@@ -128,10 +94,7 @@ def _compare_same(before: Sequence[PointResult], after: Sequence[PointResult]) -
 def _compare_against(
     before: Sequence[PointResult], after: Sequence[PointResult], against: str
 ) -> list[Comparison]:
-    """Compare every curve of `after` with one curve of `before`, which may be the same experiment.
-
-    Curves with lossless key frames tell of side information and not of rates; they are left out.
-    """
+    """Compare every curve of `after` with one curve of `before`, which may be the same experiment."""
     label = find_label(before, against)
     known = {one.key: one.anchor(label) for one in experiments(before)}
     same = before is after
@@ -159,25 +122,7 @@ def _compare_pair(results: Sequence[PointResult], reference: str, other: str) ->
 
 
 def find_label(results: Sequence[PointResult], text: str) -> str:
-    """Find the label of a curve.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        Where to look.
-    text : str
-        The label, or a part of it, in upper or lower case.
-
-    Returns
-    -------
-    str
-        The label.
-
-    Raises
-    ------
-    ConfigError
-        If none has it, or several; the message lists them.
-    """
+    """Find the label of a curve."""
     labels = list(dict.fromkeys(curve.label for one in experiments(results) for curve in one.curves))
     if text in labels:
         return text
@@ -189,18 +134,7 @@ def find_label(results: Sequence[PointResult], text: str) -> str:
 
 
 def comparison_rows(comparisons: Sequence[Comparison]) -> list[list[str]]:
-    """Write comparisons as rows of a table, with means over the sequences.
-
-    Parameters
-    ----------
-    comparisons : sequence of Comparison
-        By sequence.
-
-    Returns
-    -------
-    list of list of str
-        One cell for each title of `HEAD`; the means last, where there are several sequences.
-    """
+    """Write comparisons as rows of a table, with means over the sequences."""
     rows = [
         [
             one.sequence,
@@ -216,18 +150,7 @@ def comparison_rows(comparisons: Sequence[Comparison]) -> list[list[str]]:
 
 
 def comparison_csv(comparisons: Iterable[Comparison]) -> str:
-    """Write comparisons as comma-separated values.
-
-    Parameters
-    ----------
-    comparisons : iterable of Comparison
-        By sequence.
-
-    Returns
-    -------
-    str
-        A line of titles, `CSV_COLUMNS`, and a line for each comparison.
-    """
+    """Write comparisons as comma-separated values."""
     rows = []
     for one in comparisons:
         crossings = " ".join(f"{rate:.1f}" for rate, _ in crossings_kbps(one.reference, one.other)[1:])

@@ -14,21 +14,11 @@ ANCHOR_LABEL = "H.264 intra"
 
 @dataclass(frozen=True)
 class Curve:
-    """The points of one codec on one experiment.
+    """The points of one codec on one experiment."""
 
-    Attributes
-    ----------
-    label : str
-        Codec and what of its options is not usual.
-    is_anchor : bool
-        Whether it is there to compare with.
-    points : tuple of PointResult
-        By increasing rate.
-    """
-
-    label: str
-    is_anchor: bool
-    points: tuple[PointResult, ...]
+    label: str  # codec and what of its options is not usual
+    is_anchor: bool  # whether it is there to compare with
+    points: tuple[PointResult, ...]  # by increasing rate
 
     @property
     def has_lossless_keys(self) -> bool:
@@ -48,57 +38,22 @@ class Curve:
 
 @dataclass(frozen=True)
 class Experiment:
-    """All curves that were measured on the same frames.
+    """All curves that were measured on the same frames."""
 
-    Attributes
-    ----------
-    name : str
-        Of the sequence; with its frames, or a number, where others have the same.
-    title : str
-        Name, size, frames and frame rate.
-    slug : str
-        For file names; unique in a report.
-    key : tuple
-        What the curves have in common: digest of the sequence, first frame, number of frames, luma only.
-    curves : tuple of Curve
-        Anchors last.
-    """
-
-    name: str
-    title: str
-    slug: str
+    name: str  # of the sequence; with its frames, or a number, where others have the same
+    title: str  # name, size, frames and frame rate
+    slug: str  # for file names; unique in a report
+    # what the curves have in common: digest of the sequence, first frame, number of frames, luma only
     key: tuple[str, int, int, bool]
-    curves: tuple[Curve, ...]
+    curves: tuple[Curve, ...]  # anchors last
 
     def anchor(self, label: str = ANCHOR_LABEL) -> Curve | None:
-        """Return the curve to compare with.
-
-        Parameters
-        ----------
-        label : str, optional
-            Its label.
-
-        Returns
-        -------
-        Curve or None
-            None if it was not measured.
-        """
+        """Return the curve to compare with."""
         return next((curve for curve in self.curves if curve.label == label), None)
 
 
 def experiments(results: Sequence[PointResult]) -> list[Experiment]:
-    """Sort results into experiments and curves.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        In any order.
-
-    Returns
-    -------
-    list of Experiment
-        By name of the sequence.
-    """
+    """Sort results into experiments and curves."""
     groups: dict[tuple[str, int, int, bool], dict[str, list[PointResult]]] = {}
     for result in results:
         groups.setdefault(_key(result), {}).setdefault(_label(result), []).append(result)

@@ -17,20 +17,7 @@ EQUAL_DB = 1e-6
 
 
 def compare_curves(reference: Curve, other: Curve, of: Literal["rate", "psnr"] = "rate") -> "BdResult | str":
-    """Return the mean difference of a curve to another.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Of the same experiment.
-    of : {"rate", "psnr"}, optional
-        Difference in rate at equal PSNR, or in PSNR at equal rate.
-
-    Returns
-    -------
-    BdResult or str
-        Negative if `other` has less; a line that says why the curves cannot be compared.
-    """
+    """Return the mean difference of a curve to another."""
     from dvc.metrics import bd_psnr, bd_rate
 
     difference = bd_rate if of == "rate" else bd_psnr
@@ -41,18 +28,7 @@ def compare_curves(reference: Curve, other: Curve, of: Literal["rate", "psnr"] =
 
 
 def bd_text(difference: "BdResult | str") -> str:
-    """Write a difference in rate with its overlap.
-
-    Parameters
-    ----------
-    difference : BdResult or str
-        As `compare_curves` returns it.
-
-    Returns
-    -------
-    str
-        Such as ``-12.3 % (28.9 to 37.5 dB, 8 and 14 points)``.
-    """
+    """Write a difference in rate with its overlap."""
     if isinstance(difference, str):
         return f"not comparable: {difference}"
     low, high = difference.overlap
@@ -61,35 +37,12 @@ def bd_text(difference: "BdResult | str") -> str:
 
 
 def crossings_kbps(reference: Curve, other: Curve) -> list[tuple[float, bool]]:
-    """Find the rates from which one curve is better or worse than another.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Two curves.
-
-    Returns
-    -------
-    list of (float, bool)
-        Rate in kbit/s from which on, up to the next entry, `other` has the higher PSNR (true) or not; the
-        first is the lowest rate that both curves reach. Empty where they have no rates in common.
-    """
+    """Find the rates from which one curve is better or worse than another."""
     return _pieces(*_gains(reference, other))
 
 
 def crossing_text(reference: Curve, other: Curve) -> str:
-    """Write where one curve is better than another.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Of the same experiment.
-
-    Returns
-    -------
-    str
-        Such as ``better up to 890 kbit/s``.
-    """
+    """Write where one curve is better than another."""
     samples, gains_db = _gains(reference, other)
     if not samples.size:
         single = min(len(reference.points), len(other.points)) < 2

@@ -11,20 +11,7 @@ Column = Callable[[PointResult], object]
 
 
 def results_csv(results: Sequence[PointResult], *, per_frame: bool = False) -> str:
-    """Write a line for each point, or for each frame of each point.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured.
-    per_frame : bool, optional
-        Whether to write frames.
-
-    Returns
-    -------
-    str
-        A line of titles, then points by sequence and curve; a cell without a value is empty.
-    """
+    """Write a line for each point, or for each frame of each point."""
     names = _POINT_OF_FRAME if per_frame else tuple(POINT_COLUMNS)
     rows: list[list[object]] = []
     for one in experiments(results):

@@ -21,34 +21,7 @@ _ENCODER_JSON, _DECODER_JSON = "encoder.json", "decoder.json"
 
 
 def measure(task: Task, folder: Path, processes: ProcessGroup) -> dict[str, Any]:
-    """Measure one point.
-
-    The rate is the size of the punctured stream. That it is an honest one is proven here: a fresh process
-    decodes that stream, with nothing else at hand, to the same bytes. Where no decoder asks for bits, and for
-    anchors, it is the size of the encoder's own file, which a second process decodes.
-
-    Parameters
-    ----------
-    task : Task
-        The point.
-    folder : Path
-        Empty folder for the streams and decoded videos, within that of the experiment, whose folder
-        ``pictures`` gets the pictures.
-    processes : ProcessGroup
-        Runs the encoder and the decoders.
-
-    Returns
-    -------
-    dict
-        Contents of the result file; see `docs/results.md`.
-
-    Raises
-    ------
-    DvcError
-        If one of the processes fails, or the proof does.
-    Stopped
-        If the experiment was stopped.
-    """
+    """Measure one point."""
     measured = (_measure_anchor if task.point.codec in ANCHOR_CODECS else _measure_codec)(
         task, folder, processes
     )
@@ -134,10 +107,7 @@ def _measure_anchor(task: Task, folder: Path, processes: ProcessGroup) -> dict[s
 
 
 def _commands(task: Task, original: str, folder: str = "") -> tuple[list[str], ...]:
-    """Return the arguments of encoder, decoder and proving decoder, each after the name of its module.
-
-    A file that no decoder asks for bits of proves itself: there is no other.
-    """
+    """Return the arguments of encoder, decoder and proving decoder, each after the name of its module."""
     stream, punctured, video = folder + _STREAM, folder + _PUNCTURED, folder + _VIDEO
     encode = ["encoder", original, stream, *task.point.encoder_options(), "--json", folder + _ENCODER_JSON]
     options = task.point.decoder_options()

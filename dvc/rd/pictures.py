@@ -17,56 +17,14 @@ MAX_FILE_BYTES = 2**27
 
 
 def picture_index(frames: int) -> int:
-    """Return the frame that pictures are made of: an odd one in the middle, which is rarely a key frame.
-
-    Parameters
-    ----------
-    frames : int
-        Number of frames that were coded.
-
-    Returns
-    -------
-    int
-        Counted from the first coded frame.
-
-    Examples
-    --------
-    >>> [picture_index(frames) for frames in (1, 2, 3, 8, 51)]
-    [0, 1, 1, 5, 25]
-    """
+    """Return the frame that pictures are made of: an odd one in the middle, which is rarely a key frame."""
     return min(frames // 2 | 1, frames - 1)
 
 
 def save_pictures(
     task: Task, folder: Path, decoded: Path, predicted: Path | None, per_frame: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Write the pictures of a point, 8-bit grey PNG; the original once for all points that have it.
-
-    Parameters
-    ----------
-    task : Task
-        The point.
-    folder : Path
-        Of the experiment; the pictures go to its folder ``pictures``.
-    decoded : Path
-        Video that was decoded.
-    predicted : Path or None
-        Video of the side information, if there is any.
-    per_frame : list of dict
-        As in the result.
-
-    Returns
-    -------
-    dict
-        Entry ``pictures`` of the result: ``index``, and ``original``, ``decoded`` and ``predicted`` as names
-        relative to `folder`; ``key_index`` and ``key`` of the decoded key frame before it. The last three are
-        None unless the frame is a Wyner-Ziv frame.
-
-    Raises
-    ------
-    DvcError
-        If a video cannot be read, or a picture not be written.
-    """
+    """Write the pictures of a point, 8-bit grey PNG; the original once for all points that have it."""
     index = picture_index(len(per_frame))
     frame = task.point.start + index
     key_index = _key_before(per_frame, index)
@@ -96,18 +54,7 @@ def _key_before(per_frame: list[dict[str, Any]], index: int) -> int | None:
 
 
 def read_picture(path: Path) -> Plane | None:
-    """Read a picture of a point.
-
-    Parameters
-    ----------
-    path : Path
-        Its file.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8, or None
-        None if it is not there, damaged, no PNG, or larger than any that is written here.
-    """
+    """Read a picture of a point."""
     import cv2
 
     try:

@@ -37,39 +37,16 @@ LABEL_ROOM_PX = 14
 
 @dataclass(frozen=True)
 class Style:
-    """How a curve is drawn, the same in every plot of a report.
+    """How a curve is drawn, the same in every plot of a report."""
 
-    Attributes
-    ----------
-    colour : str
-        Of the line, as ``#rrggbb``.
-    marker : str
-        Of matplotlib.
-    dash : str
-        Of Plotly; a key of `MATPLOTLIB_DASHES`.
-    is_open : bool
-        Whether markers are drawn as outlines.
-    """
-
-    colour: str
-    marker: str
-    dash: str
-    is_open: bool
+    colour: str  # of the line, as ``#rrggbb``
+    marker: str  # of matplotlib
+    dash: str  # of Plotly; a key of `MATPLOTLIB_DASHES`
+    is_open: bool  # whether markers are drawn as outlines
 
 
 def curve_styles(found: Sequence[Experiment]) -> dict[str, Style]:
-    """Give every label its style.
-
-    Parameters
-    ----------
-    found : sequence of Experiment
-        All of a report.
-
-    Returns
-    -------
-    dict of str to Style
-        By label of the curve; codecs of the project filled, those to compare with open.
-    """
+    """Give every label its style."""
     labels = {curve.label: curve.is_anchor for one in found for curve in one.curves}
     last = {curve.label for one in found for curve in one.curves if curve.has_lossless_keys}
     codecs = [label for label, is_anchor in labels.items() if not is_anchor]
@@ -78,18 +55,7 @@ def curve_styles(found: Sequence[Experiment]) -> dict[str, Style]:
 
 
 def label_styles(codecs: Sequence[str], anchors: Sequence[str]) -> dict[str, Style]:
-    """Give every label its style.
-
-    Parameters
-    ----------
-    codecs, anchors : sequence of str
-        Labels of codecs of the project, drawn filled, and of those to compare with, drawn open.
-
-    Returns
-    -------
-    dict of str to Style
-        By label, all different as far as there are colours, markers and dashes.
-    """
+    """Give every label its style."""
     styles = {}
     for number, label in enumerate(codecs):
         round_, i = divmod(number, len(COLOURS))
@@ -109,46 +75,14 @@ def render_experiment(
     suffixes: Sequence[str] = SUFFIXES,
     anchor: str = ANCHOR_LABEL,
 ) -> dict[str, bytes]:
-    """Draw the curves of an experiment, without a file.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        What was measured on one sequence.
-    styles : mapping of str to Style
-        By label.
-    suffixes : sequence of str, optional
-        Which forms.
-    anchor : str, optional
-        Label of the curve that the legend compares the others with.
-
-    Returns
-    -------
-    dict of str to bytes
-        Contents by suffix.
-    """
+    """Draw the curves of an experiment, without a file."""
     with new_figure(SIZE_INCHES) as figure:
         _draw(figure.add_subplot(), experiment, styles, experiment.anchor(anchor))
         return {suffix: contents(figure, suffix) for suffix in suffixes}
 
 
 def render_frames(curve: Curve, point: PointResult, style: Style) -> bytes | None:
-    """Draw the PSNR of the frames of a point: decoded, and of the side information where there is any.
-
-    Parameters
-    ----------
-    curve : Curve
-        What the point belongs to.
-    point : PointResult
-        The point.
-    style : Style
-        Of the curve.
-
-    Returns
-    -------
-    bytes or None
-        An SVG; None if the result says nothing of its frames.
-    """
+    """Draw the PSNR of the frames of a point: decoded, and of the side information where there is any."""
     columns = point.frame_columns
     if "psnr" not in columns:
         return None

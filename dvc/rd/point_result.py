@@ -15,18 +15,10 @@ DECIMALS = {"psnr": 2, "initial": 2, "refined": 2, "requests": 0, "decode": 3, "
 
 @dataclass(frozen=True)
 class PointResult:
-    """A measured point: its file, and the numbers that reports take from it, whatever it has or lacks.
+    """A measured point: its file, and the numbers that reports take from it, whatever it has or lacks."""
 
-    Attributes
-    ----------
-    name : str
-        Of its file.
-    data : dict
-        Contents of the file, of which the required part has been checked.
-    """
-
-    name: str
-    data: dict[str, Any]
+    name: str  # of its file
+    data: dict[str, Any]  # contents of the file, of which the required part has been checked
 
     @property
     def rate_kbps(self) -> float:
@@ -39,18 +31,7 @@ class PointResult:
         return float(self.data["totals"]["psnr_y_db"])
 
     def total(self, name: str) -> float | None:
-        """Return a number of the totals.
-
-        Parameters
-        ----------
-        name : str
-            Its name.
-
-        Returns
-        -------
-        float or None
-            None if there is none, as for Wyner-Ziv frames of an intra codec.
-        """
+        """Return a number of the totals."""
         return number(self.data["totals"].get(name))
 
     @property
@@ -83,27 +64,12 @@ class PointResult:
         return [row for row in rows if isinstance(row, dict)] if isinstance(rows, list) else []
 
     def num_frames(self, *types: str) -> int:
-        """Count frames.
-
-        Parameters
-        ----------
-        *types : str
-            Types of frames.
-
-        Returns
-        -------
-        int
-            How many are of one of these.
-        """
+        """Count frames."""
         return sum(row.get("type") in types for row in self.frame_rows)
 
     @property
     def encoding_times_s(self) -> list[float] | None:
-        """Processor times of encoding that belong to frames, in seconds: the loading of code is left out.
-
-        Of all coding, or of an anchor's encoder; where that was not counted, of key frames, Wyner-Ziv frames
-        and tracking: None if one of them was not, either.
-        """
+        """Processor times of encoding that belong to frames, in seconds: the loading of code is left out."""
         times = self.data["times"]
         if "coding_cpu_s" in times:
             names = ["coding_cpu_s"]
@@ -124,28 +90,13 @@ class PointResult:
         return None if times_s is None else 1000 * sum(times_s) / max(1, self.data["totals"]["frames"])
 
     def type_ms(self, kind: str) -> float | None:
-        """Return the processor time of encoding a frame of one type.
-
-        Parameters
-        ----------
-        kind : str
-            ``key`` or ``wz``.
-
-        Returns
-        -------
-        float or None
-            Mean in milliseconds; None if it was not measured, or there is no such frame.
-        """
+        """Return the processor time of encoding a frame of one type."""
         total, count = number(self.data["times"].get(f"{kind}_encode_cpu_s")), self.num_frames(kind)
         return None if total is None or not count else 1000 * total / count
 
     @property
     def frame_columns(self) -> dict[str, Any]:
-        """What charts show of the frames.
-
-        ``types``, a letter per frame; ``psnr``, ``initial`` and ``refined`` in dB, ``kbits``, ``requests``,
-        ``decode`` in seconds: lists with None where there is no number; columns without any are left out.
-        """
+        """What charts show of the frames."""
         rows = self.frame_rows
         columns: dict[str, list[float | None]] = {
             "psnr": [number(row.get("psnr_y_db")) for row in rows],
@@ -177,36 +128,14 @@ class PointResult:
 
 
 def number(value: object) -> float | None:
-    """Return a number, or nothing for what is none.
-
-    Parameters
-    ----------
-    value : object
-        Part of a result.
-
-    Returns
-    -------
-    float or None
-        Finite.
-    """
+    """Return a number, or nothing for what is none."""
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return None
     return float(value)
 
 
 def mean(values: Sequence[float | None]) -> float | None:
-    """Return the mean of the numbers there are.
-
-    Parameters
-    ----------
-    values : sequence of float or None
-        Any.
-
-    Returns
-    -------
-    float or None
-        None if there is none.
-    """
+    """Return the mean of the numbers there are."""
     there = [value for value in values if value is not None]
     return sum(there) / len(there) if there else None
 

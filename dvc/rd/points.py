@@ -22,48 +22,22 @@ CODECS = (*VARIANTS, *ANCHORS.values())
 
 @dataclass(frozen=True)
 class Point:
-    """One point of a rate-distortion curve, before it is measured.
+    """One point of a rate-distortion curve, before it is measured."""
 
-    Attributes
-    ----------
-    sequence : str
-        Name of the catalogue, or a path.
-    codec : str
-        One of `CODECS`.
-    wz_q : int or None
-        Quantiser preset; None where there is none.
-    key_qp : str
-        QP of the key frames, ``"auto"`` or ``"lossless"``.
-    gop : int
-        Frames from one key frame to the next; 0 where only the first is one.
-    start : int
-        First frame.
-    frames : int or None
-        Number of frames; None for all.
-    luma_only : bool
-        Whether chroma is left out.
-    options : tuple of (str, str)
-        Further options of the encoder without their dashes, sorted; the value ``"true"`` stands for a flag.
-    side_information : str or None
-        Method that the decoder predicts with instead of what the stream names.
-    qp : int or None
-        Quality that sets key frames, steps and requests together, in place of a preset.
-    decoder : tuple of (str, str)
-        Further options of the decoder, as in `options`.
-    """
-
-    sequence: str
-    codec: str
-    wz_q: int | None
-    key_qp: str
-    gop: int
-    start: int = 0
-    frames: int | None = None
-    luma_only: bool = True
+    sequence: str  # name of the catalogue, or a path
+    codec: str  # one of `CODECS`
+    wz_q: int | None  # quantiser preset; None where there is none
+    key_qp: str  # QP of the key frames, ``"auto"`` or ``"lossless"``
+    gop: int  # frames from one key frame to the next; 0 where only the first is one
+    start: int = 0  # first frame
+    frames: int | None = None  # number of frames; None for all
+    luma_only: bool = True  # whether chroma is left out
+    # further options of the encoder without their dashes, sorted; the value ``"true"`` stands for a flag
     options: tuple[tuple[str, str], ...] = ()
+    # method that the decoder predicts with instead of what the stream names
     side_information: str | None = None
-    qp: int | None = None
-    decoder: tuple[tuple[str, str], ...] = ()
+    qp: int | None = None  # quality that sets key frames, steps and requests together, in place of a preset
+    decoder: tuple[tuple[str, str], ...] = ()  # further options of the decoder, as in `options`
 
     @property
     def has_wyner_ziv(self) -> bool:
@@ -76,13 +50,7 @@ class Point:
         return (NO_FEEDBACK, "true") in self.options
 
     def encoder_options(self) -> list[str]:
-        """Return the options of the encoder that make this point.
-
-        Returns
-        -------
-        list of str
-            Arguments of ``python -m encoder`` after input and output.
-        """
+        """Return the options of the encoder that make this point."""
         words = ["--codec", "2d" if self.codec == INTRA else self.codec]
         words += ["--gop", str(self.gop), "--key-qp", self.key_qp, "--start", str(self.start)]
         if self.wz_q is not None:
@@ -96,24 +64,12 @@ class Point:
         return words + _words(self.options)
 
     def decoder_options(self) -> list[str]:
-        """Return the options of the decoder that make this point.
-
-        Returns
-        -------
-        list of str
-            Arguments of ``python -m decoder``.
-        """
+        """Return the options of the decoder that make this point."""
         method = [] if self.side_information is None else ["--side-information", self.side_information]
         return method + _words(self.decoder)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what makes the point, apart from the sequence, as JSON-safe values.
-
-        Returns
-        -------
-        dict
-            One entry per field; `side_information`, `qp` and `decoder` only where they are given.
-        """
+        """Return what makes the point, apart from the sequence, as JSON-safe values."""
         values = asdict(self)
         del values["sequence"]
         for name in ("side_information", "qp"):
@@ -126,21 +82,11 @@ class Point:
 
 @dataclass(frozen=True)
 class Task:
-    """A point with everything that identifies its result.
+    """A point with everything that identifies its result."""
 
-    Attributes
-    ----------
-    point : Point
-        What to measure.
-    source : Source
-        On what.
-    code : CodeVersion
-        With which code.
-    """
-
-    point: Point
-    source: Source
-    code: CodeVersion
+    point: Point  # what to measure
+    source: Source  # on what
+    code: CodeVersion  # with which code
 
     @property
     def name(self) -> str:
@@ -167,18 +113,7 @@ class Task:
 
 
 def anchor_gop(codec: str) -> int:
-    """Return how far apart the intra frames of an anchor are.
-
-    Parameters
-    ----------
-    codec : str
-        One of the values of `ANCHORS`.
-
-    Returns
-    -------
-    int
-        1 where every frame is one, 0 where only the first is.
-    """
+    """Return how far apart the intra frames of an anchor are."""
     if codec == INTRA or ANCHOR_CODECS[codec].structure == "intra":
         return 1
     return ANCHOR_CODECS[codec].intra_period

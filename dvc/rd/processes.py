@@ -23,26 +23,14 @@ class Stopped(Exception):
 
 @dataclass(frozen=True)
 class ProcessTimes:
-    """What a finished process took.
+    """What a finished process took."""
 
-    Attributes
-    ----------
-    cpu_s : float
-        Processor time of the process and of the children that it waited for, in seconds.
-    wall_s : float
-        Time from start to end, in seconds.
-    """
-
-    cpu_s: float
-    wall_s: float
+    cpu_s: float  # processor time of the process and of the children that it waited for, in seconds
+    wall_s: float  # time from start to end, in seconds
 
 
 class ProcessGroup:
-    """Runs commands, from any number of threads, and can stop all that are running.
-
-    Compiled kernels, linear algebra and OpenCV are limited to one thread: times are those of one core,
-    however many commands run side by side. Only FFmpeg may read the original on several threads.
-    """
+    """Runs commands, from any number of threads, and can stop all that are running."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -50,28 +38,7 @@ class ProcessGroup:
         self._stopped = False
 
     def run(self, command: Sequence[str], output: IO[bytes] | None = None) -> ProcessTimes:
-        """Run a command to its end.
-
-        Parameters
-        ----------
-        command : sequence of str
-            Program and arguments.
-        output : file, optional
-            Takes standard output, which is thrown away without it.
-
-        Returns
-        -------
-        ProcessTimes
-            What it took.
-
-        Raises
-        ------
-        DvcError
-            If its exit status is not 0; the message is the last line that it wrote on standard error. If it
-            cannot be started.
-        Stopped
-            If `stop` was called before it ended.
-        """
+        """Run a command to its end."""
         with tempfile.TemporaryFile() as errors:
             started = time.perf_counter()
             process = self._start(command, output, errors)

@@ -19,58 +19,29 @@ _CHUNK_BYTES = 2**20
 
 @dataclass(frozen=True)
 class CodeVersion:
-    """Version of the codec.
+    """Version of the codec."""
 
-    Attributes
-    ----------
-    version : str
-        Of the distribution.
-    commit : str or None
-        Of the repository that the code lies in, with ``-dirty`` if one of the packages of the codec was
-        changed; None outside one.
-    digest : str
-        Of the code of the codec. It tells more than the commit: it changes with every edit of what the codec
-        runs and with nothing else, so that results stay valid when documents, comments, tests or other
-        programs change.
-    """
-
-    version: str
+    version: str  # of the distribution
+    # of the repository that the code lies in, with ``-dirty`` if one of the packages of the codec was
+    # changed; None outside one
     commit: str | None
-    digest: str
+    digest: str  # of the code of the codec
 
 
 @cache
 def code_version() -> CodeVersion:
-    """Find out which code would run.
-
-    Returns
-    -------
-    CodeVersion
-        Of the installed packages of the codec; found once per process.
-    """
+    """Find out which code would run."""
     return CodeVersion(version=dvc.__version__, commit=_commit(Path(dvc.__file__)), digest=codec_digest())
 
 
 def codec_digest() -> str:
-    """Digest the code of encoder and decoder as it is now; experiments are no part of it.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
-    """
+    """Digest the code of encoder and decoder as it is now; experiments are no part of it."""
     return Sources().digest([("encoder", ""), ("decoder", "")])
 
 
 @cache
 def library_versions() -> dict[str, str]:
-    """List the libraries that take part in coding.
-
-    Returns
-    -------
-    dict of str to str
-        Distribution to version, of those that are installed.
-    """
+    """List the libraries that take part in coding."""
     versions = {}
     for name in _LIBRARIES:
         try:
@@ -81,35 +52,13 @@ def library_versions() -> dict[str, str]:
 
 
 def package_sources(name: str) -> list[Path]:
-    """List the source files of a package without importing it.
-
-    Parameters
-    ----------
-    name : str
-        Of the package.
-
-    Returns
-    -------
-    list of Path
-        Sorted; empty if it is not installed.
-    """
+    """List the source files of a package without importing it."""
     spec = util.find_spec(name)
     return [] if spec is None or spec.origin is None else sorted(Path(spec.origin).parent.rglob("*.py"))
 
 
 def files_digest(paths: Iterable[Path]) -> str:
-    """Digest the names and contents of files.
-
-    Parameters
-    ----------
-    paths : iterable of Path
-        Files, in a fixed order.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
-    """
+    """Digest the names and contents of files."""
     digest = hashlib.sha256()
     for path in paths:
         digest.update(f"{path.parent.name}/{path.name}\0{path.stat().st_size}\0".encode())
@@ -118,18 +67,7 @@ def files_digest(paths: Iterable[Path]) -> str:
 
 
 def input_digest(path: Path) -> str:
-    """Digest the contents of a video file or of a folder of images; the name of a file plays no part.
-
-    Parameters
-    ----------
-    path : Path
-        File or folder.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
-    """
+    """Digest the contents of a video file or of a folder of images; the name of a file plays no part."""
     if path.is_dir():
         return files_digest(sorted(entry for entry in path.iterdir() if entry.is_file()))
     digest = hashlib.sha256()
@@ -138,18 +76,7 @@ def input_digest(path: Path) -> str:
 
 
 def values_digest(values: object) -> str:
-    """Digest JSON-safe values.
-
-    Parameters
-    ----------
-    values : object
-        Anything that `json.dumps` takes; the order of keys plays no part.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits.
-    """
+    """Digest JSON-safe values."""
     text = json.dumps(values, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 

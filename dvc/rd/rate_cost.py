@@ -22,42 +22,16 @@ CAPTION = (
 
 @dataclass(frozen=True)
 class RateCost:
-    """What a codec needs.
+    """What a codec needs."""
 
-    Attributes
-    ----------
-    label : str
-        Codec.
-    cost_ms : float
-        Processor time of encoding a frame, in milliseconds.
-    bd_rate_percent : float
-        Difference in rate at equal PSNR to the codec that all are compared with.
-    num_sequences : int
-        Over how many sequences these are means.
-    """
-
-    label: str
-    cost_ms: float
-    bd_rate_percent: float
-    num_sequences: int
+    label: str  # codec
+    cost_ms: float  # processor time of encoding a frame, in milliseconds
+    bd_rate_percent: float  # difference in rate at equal PSNR to the codec that all are compared with
+    num_sequences: int  # over how many sequences these are means
 
 
 def rate_costs(found: Sequence[Experiment], reference: str = ANCHOR_LABEL) -> list[RateCost]:
-    """Put rate and cost of all codecs side by side.
-
-    Parameters
-    ----------
-    found : sequence of Experiment
-        The curves.
-    reference : str, optional
-        Label of the curve that all are compared with.
-
-    Returns
-    -------
-    list of RateCost
-        The cheapest first; codecs without a figure of both are left out, and so are sequences without the one
-        that all are compared with.
-    """
+    """Put rate and cost of all codecs side by side."""
     costs: dict[str, list[float]] = {}
     rates: dict[str, list[float]] = {}
     for one in found:
@@ -86,22 +60,7 @@ def _bd_rate_percent(anchor: Curve | None, curve: Curve) -> float | None:
 
 
 def rate_cost_cells(points: Sequence[RateCost], reference: str) -> tuple[list[str], list[list[str]]]:
-    """Return the table of rate against cost.
-
-    Parameters
-    ----------
-    points : sequence of RateCost
-        All codecs.
-    reference : str
-        Label of the one that they are compared with.
-
-    Returns
-    -------
-    head : list of str
-        Titles.
-    rows : list of list of str
-        Cells of each codec.
-    """
+    """Return the table of rate against cost."""
     rows = [
         [point.label, f"{point.cost_ms:.2f}", f"{point.bd_rate_percent:+.1f} %", str(point.num_sequences)]
         for point in points
@@ -115,24 +74,7 @@ def render_rate_cost(
     reference: str = ANCHOR_LABEL,
     suffixes: Sequence[str] = SUFFIXES,
 ) -> dict[str, bytes]:
-    """Draw rate against cost.
-
-    Parameters
-    ----------
-    points : sequence of RateCost
-        All codecs.
-    styles : mapping of str to Style
-        By label.
-    reference : str, optional
-        Label of the codec that they are compared with.
-    suffixes : sequence of str, optional
-        Which forms.
-
-    Returns
-    -------
-    dict of str to bytes
-        Contents by suffix.
-    """
+    """Draw rate against cost."""
     from matplotlib.ticker import FuncFormatter
 
     with new_figure(SIZE_INCHES) as figure:

@@ -24,51 +24,18 @@ _ENTROPY, _CHROMA = "cabac", "none"
 
 @dataclass(frozen=True)
 class ReferenceRow:
-    """One point of the reference software.
+    """One point of the reference software."""
 
-    Attributes
-    ----------
-    clip : str
-        Name of the sequence; its frames from 0 on.
-    codec : str
-        One of `REFERENCE_LABELS`.
-    qp : int
-        For I and P pictures.
-    frames : int
-        Number of frames.
-    num_bits : int
-        Of the whole file.
-    psnr_y_db : float
-        Mean luma PSNR.
-    """
-
-    clip: str
-    codec: str
-    qp: int
-    frames: int
-    num_bits: int
-    psnr_y_db: float
+    clip: str  # name of the sequence; its frames from 0 on
+    codec: str  # one of `REFERENCE_LABELS`
+    qp: int  # for I and P pictures
+    frames: int  # number of frames
+    num_bits: int  # of the whole file
+    psnr_y_db: float  # mean luma PSNR
 
 
 def read_reference_rows(path: Path) -> list[ReferenceRow]:
-    """Read the rows that code luma alone, with CABAC.
-
-    Parameters
-    ----------
-    path : Path
-        Comma-separated values with the columns ``clip, codec, entropy, chroma, qp, frames, bits_total,
-        psnr_y``; lines that begin with ``#`` are comments, codecs not in `REFERENCE_LABELS` are left out.
-
-    Returns
-    -------
-    list of ReferenceRow
-        In the order of the file.
-
-    Raises
-    ------
-    DvcError
-        If the file cannot be read or has other columns.
-    """
+    """Read the rows that code luma alone, with CABAC."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as err:
@@ -85,27 +52,7 @@ def read_reference_rows(path: Path) -> list[ReferenceRow]:
 
 
 def reference_results(results: Sequence[PointResult], path: Path | None = None) -> list[PointResult]:
-    """Return the points of the reference software on frames that were measured.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured.
-    path : Path, optional
-        As for `read_reference_rows`; by default the file that the environment variable ``DVC_ANCHORS``
-        names, and no points without one.
-
-    Returns
-    -------
-    list of PointResult
-        For every sequence measured from frame 0, luma only, with the number of frames of the rows. They
-        have no date, times, single frames and commands; ``bits`` has the one entry ``stream``.
-
-    Raises
-    ------
-    DvcError
-        If the file cannot be read.
-    """
+    """Return the points of the reference software on frames that were measured."""
     if path is None and not os.environ.get(ROWS_VARIABLE):
         return []
     rows = read_reference_rows(path or Path(os.environ[ROWS_VARIABLE]))

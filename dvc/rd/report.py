@@ -30,33 +30,7 @@ def write_reports(
     notes: Sequence[str] = (),
     pictures: bool = True,
 ) -> list[Path]:
-    """Write the report in several forms.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured.
-    outputs : sequence of Path
-        Files that end with ``.html`` (a page that holds everything) or ``.md`` (needs the plots).
-    anchor : str, optional
-        Label of the curve that all others are compared with; the page lets its reader choose others.
-    figures : Path, optional
-        Folder for the plots; by default that of the ``.md``, and without one they are not written.
-    notes : sequence of str, optional
-        What a reader of the page must know besides.
-    pictures : bool, optional
-        Whether the page shows decoded frames.
-
-    Returns
-    -------
-    list of Path
-        All files written, the reports first.
-
-    Raises
-    ------
-    DvcError
-        If they cannot be written.
-    """
+    """Write the report in several forms."""
     from dvc.rd.page import write_page
     from dvc.rd.page.verdict import verdicts
 
@@ -106,26 +80,7 @@ def report_text(
     judged: Sequence["Verdict"] = (),
     anchor: str = ANCHOR_LABEL,
 ) -> str:
-    """Return the report.
-
-    Parameters
-    ----------
-    found : sequence of Experiment
-        The curves.
-    results : sequence of PointResult
-        The points that they are made of.
-    pictures : dict of str to str
-        Name of the picture of each experiment, by its slug, and of `RATE_COST_SLUG`.
-    judged : sequence of Verdict, optional
-        Every curve against every other; left out by default.
-    anchor : str, optional
-        Label of the curve that all others are compared with.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Return the report."""
     parts = ["# Rate-distortion report\n", preface(results), "## BD-rate\n", _bd_table(found, anchor)]
     parts += [_all_pairs(judged), _rate_cost(found, anchor, pictures)]
     for experiment in found:

@@ -32,23 +32,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def read_result(path: Path) -> PointResult:
-    """Read a result and check that it has what reports need.
-
-    Parameters
-    ----------
-    path : Path
-        File.
-
-    Returns
-    -------
-    PointResult
-        The result.
-
-    Raises
-    ------
-    DvcError
-        If the file is damaged, or of another schema.
-    """
+    """Read a result and check that it has what reports need."""
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
         is_sound = _is_sound(data)
@@ -75,49 +59,14 @@ def read_result(path: Path) -> PointResult:
 
 
 def write_result(folder: Path, name: str, data: dict[str, Any]) -> PointResult:
-    """Write a result; the inverse of `read_result`.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the experiment.
-    name : str
-        Of the result.
-    data : dict
-        JSON-safe values.
-
-    Returns
-    -------
-    PointResult
-        As `read_result` gives it.
-
-    Raises
-    ------
-    DvcError
-        If the file cannot be written.
-    """
+    """Write a result; the inverse of `read_result`."""
     path = folder / POINTS_FOLDER / f"{name}.json"
     cli.write_json(path, data)
     return read_result(path)
 
 
 def finished(folder: Path, task: Task, any_version: bool = False) -> bool:
-    """Tell whether a point has been measured already; say why an existing file does not count.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the experiment.
-    task : Task
-        The point.
-    any_version : bool, optional
-        Accept what other versions of the code measured.
-
-    Returns
-    -------
-    bool
-        True if the result is there and is of this configuration, input and code.
-    """
+    """Tell whether a point has been measured already; say why an existing file does not count."""
     path = folder / POINTS_FOLDER / f"{task.name}.json"
     if not path.exists():
         return False
@@ -133,23 +82,7 @@ def finished(folder: Path, task: Task, any_version: bool = False) -> bool:
 
 
 def read_results(folder: Path) -> list[PointResult]:
-    """Read all results of an experiment; damaged ones are left out with a notice.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the experiment.
-
-    Returns
-    -------
-    list of PointResult
-        Sorted by name.
-
-    Raises
-    ------
-    DvcError
-        If there is none.
-    """
+    """Read all results of an experiment; damaged ones are left out with a notice."""
     results = []
     for path in sorted((folder / POINTS_FOLDER).glob("*.json")):
         try:
@@ -163,38 +96,15 @@ def read_results(folder: Path) -> list[PointResult]:
 
 @dataclass(frozen=True)
 class Collection:
-    """What a report is made from.
+    """What a report is made from."""
 
-    Attributes
-    ----------
-    results : tuple of PointResult
-        Each point once; the files of their pictures are absolute.
-    notes : tuple of str
-        What a reader must know: files that were left out, results that newer ones replace.
-    """
-
-    results: tuple[PointResult, ...]
+    results: tuple[PointResult, ...]  # each point once; the files of their pictures are absolute
+    # what a reader must know: files that were left out, results that newer ones replace
     notes: tuple[str, ...]
 
 
 def read_folders(folders: Sequence[Path]) -> Collection:
-    """Read the results of several experiments.
-
-    Parameters
-    ----------
-    folders : sequence of Path
-        What ``dvc-rd run --out`` was given.
-
-    Returns
-    -------
-    Collection
-        Of points that were measured several times, the newest.
-
-    Raises
-    ------
-    DvcError
-        If a folder has no results.
-    """
+    """Read the results of several experiments."""
     newest: dict[str, PointResult] = {}
     damaged: list[str] = []
     num_replaced = 0
@@ -219,11 +129,7 @@ def read_folders(folders: Sequence[Path]) -> Collection:
 
 
 def _upgraded(data: dict[str, Any]) -> dict[str, Any]:
-    """Return a sound result of the first schema as one of today's.
-
-    The first did not know the time of tracking, and its early results count loading of code as time of
-    Wyner-Ziv frames: these are left out.
-    """
+    """Return a sound result of the first schema as one of today's."""
     times = dict(data["times"])
     if "encode_start_up_cpu_s" not in times:
         times.pop("wz_encode_cpu_s", None)

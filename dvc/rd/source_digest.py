@@ -23,54 +23,25 @@ Place = tuple[str, str]
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement of a module.
+    """A statement of a module."""
 
-    Attributes
-    ----------
-    digest : str
-        Of its syntax, without comments, docstrings, formatting and imports from the project.
-    uses : frozenset of (str, str)
-        What it refers to in the project.
-    files : tuple of Path
-        Files beside the module that it names.
-    """
-
-    digest: str
-    uses: frozenset[Place]
-    files: tuple[Path, ...]
+    digest: str  # of its syntax, without comments, docstrings, formatting and imports from the project
+    uses: frozenset[Place]  # what it refers to in the project
+    files: tuple[Path, ...]  # files beside the module that it names
 
 
 @dataclass
 class Module:
-    """The statements of a module.
+    """The statements of a module."""
 
-    Attributes
-    ----------
-    named : dict of str to list of Statement
-        Definitions, by the names that they bind.
-    others : list of Statement
-        What runs whatever is used of the module.
-    imported : dict of str to (str, str)
-        What names stand for that are imported from the project.
-    """
-
+    # definitions, by the names that they bind
     named: dict[str, list[Statement]] = field(default_factory=dict)
-    others: list[Statement] = field(default_factory=list)
+    others: list[Statement] = field(default_factory=list)  # what runs whatever is used of the module
+    # what names stand for that are imported from the project
     imported: dict[str, Place] = field(default_factory=dict)
 
     def statements(self, name: str) -> list[Statement]:
-        """Return what runs if something of the module is used.
-
-        Parameters
-        ----------
-        name : str
-            Of a definition; all of the module if it is empty.
-
-        Returns
-        -------
-        list of Statement
-            Those that bind the name, and those that run in any case.
-        """
+        """Return what runs if something of the module is used."""
         chosen = [self.named.get(name, [])] if name else self.named.values()
         return self.others + [statement for each in chosen for statement in each]
 
@@ -82,23 +53,7 @@ class Sources:
         self._modules: dict[str, Module | None] = {}
 
     def digest(self, places: Iterable[Place]) -> str:
-        """Digest all code of the project that runs where something is used.
-
-        Only what can be reached counts: definitions that are referred to, those that these refer to, and
-        programs that they start. Comments, docstrings and formatting play no part, nor does it matter in
-        which module a definition stands, so that moving it changes nothing. Libraries are no part of it.
-
-        Parameters
-        ----------
-        places : iterable of (str, str)
-            Modules, and names in them; an empty name stands for the whole module, and that of a package that
-            can be run for its program.
-
-        Returns
-        -------
-        str
-            32 hexadecimal digits.
-        """
+        """Digest all code of the project that runs where something is used."""
         statements = self.reached(places)
         files = {path for statement in statements for path in statement.files}
         parts = sorted({statement.digest for statement in statements})
@@ -106,18 +61,7 @@ class Sources:
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:32]
 
     def reached(self, places: Iterable[Place]) -> set[Statement]:
-        """Find all statements that run where something is used.
-
-        Parameters
-        ----------
-        places : iterable of (str, str)
-            As in `digest`.
-
-        Returns
-        -------
-        set of Statement
-            Statements of the project.
-        """
+        """Find all statements that run where something is used."""
         statements: set[Statement] = set()
         seen: set[Place] = set()
         waiting = [_program(*place) for place in places]

@@ -17,56 +17,20 @@ _SEQUENCES = (sys.executable, "-m", "sequences")
 
 @dataclass(frozen=True)
 class Source:
-    """One original.
+    """One original."""
 
-    Attributes
-    ----------
-    name : str
-        Short name, for file names and reports.
-    path : Path
-        Video file or folder of images.
-    digest : str
-        Of its contents.
-    """
-
-    name: str
-    path: Path
-    digest: str
+    name: str  # short name, for file names and reports
+    path: Path  # video file or folder of images
+    digest: str  # of its contents
 
 
 def default_cache() -> Path:
-    """Return the folder of rendered scenes.
-
-    Returns
-    -------
-    Path
-        ``$XDG_CACHE_HOME/dvc3d``, or ``~/.cache/dvc3d``.
-    """
+    """Return the folder of rendered scenes."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dvc3d"
 
 
 def find_source(sequence: str, cache: Path, processes: ProcessGroup) -> Source:
-    """Find the original that a name stands for; a rendered scene is rendered if the cache lacks it.
-
-    Parameters
-    ----------
-    sequence : str
-        Name of the catalogue, or a path.
-    cache : Path
-        Folder of rendered scenes, made if needed.
-    processes : ProcessGroup
-        Runs the renderer.
-
-    Returns
-    -------
-    Source
-        The original.
-
-    Raises
-    ------
-    DvcError
-        If there is no such sequence, or it cannot be rendered.
-    """
+    """Find the original that a name stands for; a rendered scene is rendered if the cache lacks it."""
     entry = _ask(processes, "info", "--json", "--", sequence)
     if entry["path"] is not None:
         found = Path(entry["path"])
@@ -80,39 +44,12 @@ def find_source(sequence: str, cache: Path, processes: ProcessGroup) -> Source:
 
 
 def available_clips(processes: ProcessGroup) -> list[str]:
-    """List the clips of the folder of video files.
-
-    Parameters
-    ----------
-    processes : ProcessGroup
-        Reads the catalogue.
-
-    Returns
-    -------
-    list of str
-        Names, sorted.
-
-    Raises
-    ------
-    DvcError
-        If the folder is named and is none.
-    """
+    """List the clips of the folder of video files."""
     return [entry["name"] for entry in _ask(processes, "list", "--json") if entry["kind"] == "file"]
 
 
 def source_name(sequence: str) -> str:
-    """Return the short name of what a name stands for, without looking for it.
-
-    Parameters
-    ----------
-    sequence : str
-        Name of the catalogue, or a path.
-
-    Returns
-    -------
-    str
-        As in `Source`.
-    """
+    """Return the short name of what a name stands for, without looking for it."""
     return _short_name(Path(sequence))
 
 

@@ -37,49 +37,27 @@ _RESERVED = frozenset(
 
 @dataclass(frozen=True)
 class Sweep:
-    """Points that differ in sequence and rate.
+    """Points that differ in sequence and rate."""
 
-    Attributes
-    ----------
-    sequences : tuple of str
-        Names of the catalogue, or paths.
-    codec : str
-        One of `dvc.config.VARIANTS`.
-    wz_q : tuple of int
-        Quantiser presets.
-    key_qp : tuple of str
-        One QP for all presets or qualities, or one for each.
-    gop : int or None
-        As in `Point`; None for the codec's own.
-    start, frames, luma_only, options, side_information
-        As in `Point`.
-    anchors : tuple of str
-        Names in `ANCHORS`.
-    anchor_qp : tuple of int
-        QPs of the anchors beside those of the sweep itself.
-    qp : tuple of int
-        Qualities that set key frames, steps and requests together, in place of presets; where neither is
-        given, `USUAL_QPS`.
-    no_feedback : bool
-        Whether the encoder sends what it estimates to be needed, in place of what a decoder asks for.
-    margin : tuple of int
-        Then, per cent beyond the estimate, a curve for each; the encoder's own if there are none.
-    """
-
-    sequences: tuple[str, ...] = ()
-    codec: str = DEFAULT_CODEC
-    wz_q: tuple[int, ...] = ()
-    key_qp: tuple[str, ...] = ("auto",)
-    gop: int | None = None
-    start: int = 0
+    sequences: tuple[str, ...] = ()  # names of the catalogue, or paths
+    codec: str = DEFAULT_CODEC  # one of `dvc.config.VARIANTS`
+    wz_q: tuple[int, ...] = ()  # quantiser presets
+    key_qp: tuple[str, ...] = ("auto",)  # one QP for all presets or qualities, or one for each
+    gop: int | None = None  # as in `Point`; None for the codec's own
+    start: int = 0  # as in `Point`
     frames: int | None = None
     luma_only: bool = True
     options: tuple[tuple[str, str], ...] = ()
     side_information: str | None = None
-    anchors: tuple[str, ...] = ()
+    anchors: tuple[str, ...] = ()  # names in `ANCHORS`
+    # QPs of the anchors beside those of the sweep itself
     anchor_qp: tuple[int, ...] = field(default=tuple(range(20, 45, 4)))
+    # qualities that set key frames, steps and requests together, in place of presets; where neither is given,
+    # `USUAL_QPS`
     qp: tuple[int, ...] = ()
+    # whether the encoder sends what it estimates to be needed, in place of what a decoder asks for
     no_feedback: bool = False
+    # then, per cent beyond the estimate, a curve for each; the encoder's own if there are none
     margin: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
@@ -103,13 +81,7 @@ class Sweep:
             raise ConfigError("margins are for streams without feedback (no_feedback)")
 
     def points(self) -> Iterator[Point]:
-        """Yield the points, sequence by sequence, anchors last.
-
-        Yields
-        ------
-        Point
-            All different.
-        """
+        """Yield the points, sequence by sequence, anchors last."""
         gop = self._gop_length()
         levels = self._levels() if gop > 1 else [(None, None)] * len(self.key_qp)
         key_qps = self.key_qp if len(self.key_qp) > 1 else self.key_qp * len(levels)
@@ -151,13 +123,7 @@ class Sweep:
         return variant_of(self.codec).gop(self.gop, dict(self.options).get("references")).length
 
     def anchor_qps(self) -> list[int]:
-        """Return the QPs of the anchors: their own, and those of the sweep's key frames.
-
-        Returns
-        -------
-        list of int
-            Increasing.
-        """
+        """Return the QPs of the anchors: their own, and those of the sweep's key frames."""
         qps = set(self.anchor_qp)
         levels = self._levels()
         for (wz_q, qp), key_qp in zip(levels, self.key_qp * len(levels), strict=False):
@@ -169,47 +135,13 @@ class Sweep:
 
 
 def check_option(name: str) -> None:
-    """Refuse an option of the encoder that the experiment itself sets, or that cannot be one.
-
-    Parameters
-    ----------
-    name : str
-        Without dashes.
-
-    Raises
-    ------
-    ConfigError
-        If it is one of these.
-    """
+    """Refuse an option of the encoder that the experiment itself sets, or that cannot be one."""
     if not _OPTION_NAME.fullmatch(name) or name in _RESERVED:
         raise ConfigError(f"{name!r} cannot be given as an option of the encoder")
 
 
 def parse_numbers(text: str, low: int, high: int) -> tuple[int, ...]:
-    """Read a list of whole numbers and ranges.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``1,2,8``, ``1-8`` or ``20-44:4`` (steps of 4), and any mixture.
-    low, high : int
-        Smallest and largest number accepted.
-
-    Returns
-    -------
-    tuple of int
-        The numbers in the order given, each once.
-
-    Raises
-    ------
-    ConfigError
-        If the text is something else, or a number is out of range.
-
-    Examples
-    --------
-    >>> parse_numbers("8,1-3", 1, 8)
-    (8, 1, 2, 3)
-    """
+    """Read a list of whole numbers and ranges."""
     numbers: dict[int, None] = {}
     for part in text.split(","):
         match = _RANGE.fullmatch(part.strip())
@@ -225,23 +157,7 @@ def parse_numbers(text: str, low: int, high: int) -> tuple[int, ...]:
 
 
 def parse_options(words: Sequence[str]) -> tuple[tuple[str, str], ...]:
-    """Read options of the encoder as ``NAME=VALUE``; a flag has the value ``true``.
-
-    Parameters
-    ----------
-    words : sequence of str
-        As they stand on the command line.
-
-    Returns
-    -------
-    tuple of (str, str)
-        Sorted by name.
-
-    Raises
-    ------
-    ConfigError
-        If a word has no name.
-    """
+    """Read options of the encoder as ``NAME=VALUE``; a flag has the value ``true``."""
     options = {}
     for word in words:
         name, _, value = word.partition("=")
@@ -251,24 +167,7 @@ def parse_options(words: Sequence[str]) -> tuple[tuple[str, str], ...]:
 
 
 def read_spec(path: Path) -> list[dict[str, Any]]:
-    """Read the sweeps of a specification file.
-
-    Parameters
-    ----------
-    path : Path
-        TOML: tables ``[[sweep]]`` with the fields of `Sweep`, and ``[defaults]`` for all of them; see
-        `docs/results.md`.
-
-    Returns
-    -------
-    list of dict
-        Fields of each sweep, for `build_sweep`.
-
-    Raises
-    ------
-    ConfigError
-        If the file is no TOML, or has other tables or fields.
-    """
+    """Read the sweeps of a specification file."""
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as err:
@@ -287,23 +186,7 @@ def read_spec(path: Path) -> list[dict[str, Any]]:
 
 
 def build_sweep(given: dict[str, Any]) -> Sweep:
-    """Build a sweep from plain values.
-
-    Parameters
-    ----------
-    given : dict
-        Fields of `Sweep`; numbers as numbers, lists of them, or text for `parse_numbers`.
-
-    Returns
-    -------
-    Sweep
-        The rest at the defaults.
-
-    Raises
-    ------
-    ConfigError
-        If a value is of the wrong type or out of range.
-    """
+    """Build a sweep from plain values."""
     values = {name: value for name, value in given.items() if value is not None}
     for name in ("sequences", "key_qp", "anchors"):
         if name in values:
@@ -340,16 +223,5 @@ def _listed(name: str, value: object) -> list[str]:
 
 
 def expand(sweeps: Sequence[Sweep]) -> list[Point]:
-    """List the points of several sweeps.
-
-    Parameters
-    ----------
-    sweeps : sequence of Sweep
-        In any order.
-
-    Returns
-    -------
-    list of Point
-        Each once.
-    """
+    """List the points of several sweeps."""
     return list(dict.fromkeys(point for sweep in sweeps for point in sweep.points()))

@@ -29,19 +29,11 @@ _LOG = logging.getLogger(__name__)
 
 @dataclass
 class SweepSummary:
-    """What became of the points of a sweep.
+    """What became of the points of a sweep."""
 
-    Attributes
-    ----------
-    num_measured, num_skipped : int
-        Points measured now, and found finished.
-    failures : list of (str, str)
-        Name of each point that failed, and why.
-    """
-
-    num_measured: int = 0
+    num_measured: int = 0  # points measured now, and found finished
     num_skipped: int = 0
-    failures: list[tuple[str, str]] = field(default_factory=list)
+    failures: list[tuple[str, str]] = field(default_factory=list)  # name of each point that failed, and why
 
 
 def run_points(
@@ -54,35 +46,7 @@ def run_points(
     progress: Progress = lambda _: None,
     cluster: str | None = None,
 ) -> SweepSummary:
-    """Measure points.
-
-    Parameters
-    ----------
-    points : sequence of Point
-        What to measure.
-    folder : Path
-        Of the experiment; made if needed. Results go to its folder ``points``.
-    cache : Path
-        Folder of rendered scenes.
-    jobs : int, optional
-        Points that are measured at the same time.
-    any_version : bool, optional
-        Keep results of other versions of the code.
-    progress : callable, optional
-        Called with the number of points just finished, whether well or not.
-    cluster : str, optional
-        Address of a Dask scheduler, whose workers measure instead of this machine.
-
-    Returns
-    -------
-    SweepSummary
-        How it went; failures are logged as well.
-
-    Raises
-    ------
-    DvcError
-        If the folder cannot be made, the codec is not installed, or the cluster cannot be used.
-    """
+    """Measure points."""
     _check_installed()
     _make_folder(folder)
     processes = ProcessGroup()

@@ -16,73 +16,25 @@ NOTHING = "–"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table.
-
-    Parameters
-    ----------
-    head : sequence of str
-        Titles.
-    rows : sequence of sequence of str
-        Cells.
-
-    Returns
-    -------
-    str
-        Lines, the last one with its end.
-    """
+    """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
     return "".join("| " + " | ".join(map(escaped, line)) + " |\n" for line in lines)
 
 
 def escaped(text: str) -> str:
-    """Write a text so that it is neither markup nor the end of a cell or line.
-
-    Parameters
-    ----------
-    text : str
-        Any.
-
-    Returns
-    -------
-    str
-        One line.
-    """
+    """Write a text so that it is neither markup nor the end of a cell or line."""
     return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
 
 
 def fenced(lines: Sequence[str]) -> str:
-    """Write lines as a block that is shown as it is.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        Any; what would end the block makes its fence longer.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Write lines as a block that is shown as it is."""
     text = "".join(f"{line}\n" for line in lines)
     fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", text)), default=0))
     return f"{fence}\n{text}{fence}\n"
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table as comma-separated values.
-
-    Parameters
-    ----------
-    head : sequence of str
-        Titles.
-    rows : iterable of sequence
-        Cells; None is an empty one.
-
-    Returns
-    -------
-    str
-        Lines, the last one with its end.
-    """
+    """Return a table as comma-separated values."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
@@ -92,18 +44,7 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def preface(results: Sequence[PointResult]) -> str:
-    """Say what a report rests on.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured.
-
-    Returns
-    -------
-    str
-        Number of points, dates, versions of the code with a warning if there are several, what a rate is.
-    """
+    """Say what a report rests on."""
     return (
         f"{measured_text(results)} "
         "Rates of distributed codecs are sizes of punctured streams, each decoded to the same frames "
@@ -112,18 +53,7 @@ def preface(results: Sequence[PointResult]) -> str:
 
 
 def measured_text(results: Sequence[PointResult]) -> str:
-    """Say what was measured, when, and by which code.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        Points; those that were read from a table of the reference software do not count.
-
-    Returns
-    -------
-    str
-        One or two sentences.
-    """
+    """Say what was measured, when, and by which code."""
     results = [r for r in results if r.data["codec"] not in REFERENCE_LABELS]
     codes = sorted(
         {(r.data["code"]["version"], r.data["code"].get("commit") or "no commit") for r in results}
@@ -137,37 +67,13 @@ def measured_text(results: Sequence[PointResult]) -> str:
 
 
 def code_digests(results: Sequence[PointResult]) -> set[str]:
-    """Return the versions of the code that made points of the project's own codecs.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured.
-
-    Returns
-    -------
-    set of str
-        Digests; there should be one.
-    """
+    """Return the versions of the code that made points of the project's own codecs."""
     others = {*ANCHOR_CODECS, *REFERENCE_LABELS}
     return {result.data["code"]["digest"] for result in results if result.data["codec"] not in others}
 
 
 def points_cells(curve: Curve) -> tuple[list[str], list[list[str]]]:
-    """Return what a table of the points of a curve says.
-
-    Parameters
-    ----------
-    curve : Curve
-        The curve.
-
-    Returns
-    -------
-    head : list of str
-        Titles of the columns that any point has something for.
-    rows : list of list of str
-        Cells of each point.
-    """
+    """Return what a table of the points of a curve says."""
     rows = [[cell(point) for cell in COLUMNS.values()] for point in curve.points]
     kept = [i for i in range(len(COLUMNS)) if any(row[i] != NOTHING for row in rows)]
     return [list(COLUMNS)[i] for i in kept], [[row[i] for i in kept] for row in rows]

@@ -19,33 +19,16 @@ MASKS = ("nonocc", "all", "disc")
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How far disparities are from the truth.
+    """How far disparities are from the truth."""
 
-    Attributes
-    ----------
-    num_pixels : int
-        Pixels that count: the truth is known, and the mask has them.
-    num_without_value : int
-        Those of them without a finite disparity: bad for every threshold.
-    bad_percent : dict of float to float
-        Pixels that are farther off than a threshold, in per cent, by threshold in pixels.
-    mean_absolute_error_px : float or None
-        Over the pixels with a finite disparity; None where there is none.
-    """
-
-    num_pixels: int
-    num_without_value: int
+    num_pixels: int  # pixels that count: the truth is known, and the mask has them
+    num_without_value: int  # those of them without a finite disparity: bad for every threshold
+    # pixels that are farther off than a threshold, in per cent, by threshold in pixels
     bad_percent: dict[float, float]
-    mean_absolute_error_px: float | None
+    mean_absolute_error_px: float | None  # over the pixels with a finite disparity; None where there is none
 
     def to_dict(self) -> dict[str, Any]:
-        """Return JSON-safe values; thresholds become text such as "0.5".
-
-        Returns
-        -------
-        dict
-            By the names of the attributes.
-        """
+        """Return JSON-safe values; thresholds become text such as "0.5"."""
         bad = {f"{threshold:g}": percent for threshold, percent in self.bad_percent.items()}
         return {
             "num_pixels": self.num_pixels,
@@ -61,29 +44,7 @@ def evaluate(
     mask: NDArray[np.bool_] | None = None,
     thresholds: Sequence[float] = (1.0,),
 ) -> Evaluation:
-    """Compare disparities with the truth.
-
-    Parameters
-    ----------
-    disparity : ndarray of shape (H, W), float
-        In pixels; what is not finite counts as bad.
-    truth : ndarray of shape (H, W), float
-        In the same unit; not finite: unknown, which does not count.
-    mask : ndarray of shape (H, W), bool, optional
-        Pixels that count; all by default.
-    thresholds : sequence of float, optional
-        Pixels are bad whose error is larger, strictly.
-
-    Returns
-    -------
-    Evaluation
-        The figures.
-
-    Raises
-    ------
-    ConfigError
-        If sizes differ, or no pixel counts.
-    """
+    """Compare disparities with the truth."""
     error, counted = disparity_error(disparity, truth, mask)
     errors = error[counted]
     if not errors.size:
@@ -101,25 +62,7 @@ def evaluate(
 def disparity_error(
     disparity: Floats, truth: Floats, mask: NDArray[np.bool_] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the error of every pixel, and which pixels count.
-
-    Parameters
-    ----------
-    disparity, truth, mask
-        As in `evaluate`.
-
-    Returns
-    -------
-    error : ndarray of shape (H, W), float64
-        Magnitude in pixels, infinite without a disparity; 0 where nothing counts.
-    counted : ndarray of shape (H, W), bool
-        Where the truth is known and the mask has the pixel.
-
-    Raises
-    ------
-    ConfigError
-        If sizes differ.
-    """
+    """Return the error of every pixel, and which pixels count."""
     for name, plane in (("truth", truth), ("mask", mask)):
         if plane is not None and plane.shape != disparity.shape:
             sizes = [f"{shape[1]}x{shape[0]}" for shape in (plane.shape, disparity.shape)]
@@ -136,29 +79,7 @@ def disparity_error(
 def read_truth(
     path: str | Path, scale: float | None = None, offset: float = 0.0, unknown: float | None = 0.0
 ) -> NDArray[np.float64]:
-    """Read a true disparity map.
-
-    Parameters
-    ----------
-    path : str or Path
-        Picture of one channel with 8 or 16 bits, or with equal channels; or a grey PFM file.
-    scale, offset : float, optional
-        Disparity is value / scale + offset. The scale of a picture must be given; that of a PFM file is 1.
-    unknown : float or None, optional
-        Value in the file that stands for unknown; None: there is none. What is not finite is unknown too.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        In pixels; NaN where it is unknown.
-
-    Raises
-    ------
-    ConfigError
-        If the scale is missing, or not a positive number.
-    DvcError
-        If the file cannot be read.
-    """
+    """Read a true disparity map."""
     if scale is not None and not (np.isfinite(scale) and scale > 0.0):
         raise ConfigError(f"the scale of the truth must be positive, got {scale:g}")
     with open(path, "rb") as file:
@@ -174,17 +95,6 @@ def read_truth(
 
 
 def read_mask(path: str | Path) -> NDArray[np.bool_]:
-    """Read a mask: value 255 counts, and no other.
-
-    Parameters
-    ----------
-    path : str or Path
-        Picture; of one with several channels the first counts.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        The pixels that count.
-    """
+    """Read a mask: value 255 counts, and no other."""
     mask: NDArray[np.bool_] = read_picture(path)[:, :, 0] == 255
     return mask

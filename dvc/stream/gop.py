@@ -91,25 +91,7 @@ class GopHead(NamedTuple):
 
 
 def decode_head(payload: bytes, position: int = 0) -> GopHead:
-    """Read the first field of a GOP payload.
-
-    Parameters
-    ----------
-    payload : bytes
-        The payload, or its beginning.
-    position : int
-        Where it starts.
-
-    Returns
-    -------
-    GopHead
-        What it says.
-
-    Raises
-    ------
-    BitstreamError
-        If the number is out of range or the data end too early.
-    """
+    """Read the first field of a GOP payload."""
     value, position = decode_varint(payload, position)
     without_key = value >= _WITHOUT_KEY
     num_frames = (value - _WITHOUT_KEY * without_key) >> 1

@@ -69,20 +69,7 @@ class StreamIndex:
 
 
 def encode_end(index: StreamIndex, form: Form) -> bytes:
-    """Write the payload of the end record; inverse of `decode_end`.
-
-    Parameters
-    ----------
-    index : StreamIndex
-        All GOP records.
-    form : Form
-        Only the buffered form has an index: it would count in the rate of the others.
-
-    Returns
-    -------
-    bytes
-        The payload.
-    """
+    """Write the payload of the end record; inverse of `decode_end`."""
     payload = encode_varint(index.num_frames)
     if form is not Form.BUFFERED:
         return payload
@@ -96,31 +83,7 @@ def encode_end(index: StreamIndex, form: Form) -> bytes:
 def decode_end(
     payload: bytes, form: Form, first_offset: int, max_gops: int = MAX_GOPS
 ) -> tuple[int, tuple[IndexEntry, ...] | None]:
-    """Read the payload of the end record; inverse of `encode_end`.
-
-    Parameters
-    ----------
-    payload : bytes
-        The payload.
-    form : Form
-        Form of the stream.
-    first_offset : int
-        Of the first GOP record.
-    max_gops : int
-        Most GOPs that the index may have.
-
-    Returns
-    -------
-    num_frames : int
-        Of the stream.
-    entries : tuple of IndexEntry or None
-        The index, None but in the buffered form.
-
-    Raises
-    ------
-    BitstreamError
-        If it makes no sense.
-    """
+    """Read the payload of the end record; inverse of `encode_end`."""
     num_frames, position = decode_varint(payload, 0)
     entries = None
     if form is Form.BUFFERED:

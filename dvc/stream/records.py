@@ -55,153 +55,46 @@ class Place:
     type: RecordType | None = None  # as far as it is known
 
     def error(self, text: str) -> BitstreamError:
-        """Return the error that says what is wrong with this record.
-
-        Parameters
-        ----------
-        text : str
-            What is wrong.
-
-        Returns
-        -------
-        BitstreamError
-            To be raised.
-        """
+        """Return the error that says what is wrong with this record."""
         return BitstreamError(self.message(text))
 
     def message(self, text: str) -> str:
-        """Put the name of the record before what is wrong with it.
-
-        Parameters
-        ----------
-        text : str
-            What is wrong.
-
-        Returns
-        -------
-        str
-            The message.
-        """
+        """Put the name of the record before what is wrong with it."""
         name = f" ({_NAMES[self.type]})" if self.type is not None else ""
         record = "last record" if self.number is None else f"record {self.number}"
         return f"{record}{name} at byte {self.offset}: {text}"
 
 
 def check_payload_size(record_type: RecordType, size: int, place: Place) -> None:
-    """Refuse a payload that is larger than its type of record allows.
-
-    Parameters
-    ----------
-    record_type : RecordType
-        Type of the record.
-    size : int
-        Bytes of payload.
-    place : Place
-        For the message.
-
-    Raises
-    ------
-    BitstreamError
-        If it is too large.
-    """
+    """Refuse a payload that is larger than its type of record allows."""
     limit = _MAX_PAYLOAD_BYTES[record_type]
     if size > limit:
         raise place.error(f"{size} bytes of payload, at most {limit} are allowed")
 
 
 def record_crc(head: bytes, payload: bytes) -> bytes:
-    """Return the checksum that ends a record.
-
-    Parameters
-    ----------
-    head : bytes
-        Type and length.
-    payload : bytes
-        The payload.
-
-    Returns
-    -------
-    bytes
-        CRC-32 of both, little endian.
-    """
+    """Return the checksum that ends a record."""
     return zlib.crc32(payload, zlib.crc32(head)).to_bytes(CRC_BYTES, "little")
 
 
 def frame_record(record_type: RecordType, payload: bytes) -> bytes:
-    """Put type and length before a payload and its checksum behind it.
-
-    Parameters
-    ----------
-    record_type : RecordType
-        Type of the record.
-    payload : bytes
-        Its payload.
-
-    Returns
-    -------
-    bytes
-        The record.
-    """
+    """Put type and length before a payload and its checksum behind it."""
     head = bytes([record_type]) + encode_varint(len(payload))
     return head + payload + record_crc(head, payload)
 
 
 def framed_size(payload_size: int) -> int:
-    """Return the size of a record.
-
-    Parameters
-    ----------
-    payload_size : int
-        Bytes of payload.
-
-    Returns
-    -------
-    int
-        Bytes of the record.
-    """
+    """Return the size of a record."""
     return 1 + len(encode_varint(payload_size)) + payload_size + CRC_BYTES
 
 
 def encode_configuration(config: CodecConfig, form: Form) -> bytes:
-    """Write the payload of the configuration record; inverse of `decode_configuration`.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        The codec configuration.
-    form : Form
-        Form of the stream.
-
-    Returns
-    -------
-    bytes
-        The payload.
-    """
+    """Write the payload of the configuration record; inverse of `decode_configuration`."""
     return bytes([_FORM_BYTES[form]]) + encode_config(config)
 
 
 def decode_configuration(payload: bytes, version: int = FORMAT_VERSION) -> tuple[CodecConfig, Form]:
-    """Read the payload of the configuration record; inverse of `encode_configuration`.
-
-    Parameters
-    ----------
-    payload : bytes
-        The payload.
-    version : int, optional
-        Format version of the stream, one of `READABLE_VERSIONS`.
-
-    Returns
-    -------
-    config : CodecConfig
-        The codec configuration.
-    form : Form
-        Form of the stream.
-
-    Raises
-    ------
-    BitstreamError
-        If it makes no sense.
-    """
+    """Read the payload of the configuration record; inverse of `encode_configuration`."""
     if not payload or payload[0] not in _FORMS:
         raise BitstreamError("a stream has no form of this number; it is buffered, punctured or one-way")
     config = decode_config(payload[1:])

@@ -90,8 +90,7 @@ def free_rows(points, k, distance, free):
 @kernel
 def code_points(coder, points, num_columns, num_rows, distance):
     """Code points in column scan: steps to the next column and points, then rows among those that are free.
-
-    When reading, `points` (N, 2) receives them. Return whether there is room for all.
+    Code points in column scan: steps to the next column and points, then rows among those that are free.
     """
     count, column = points.shape[0], 0
     for k in range(count):
@@ -135,12 +134,7 @@ def neighbour_weights(points, reach):
 
 @kernel
 def predict(position, motion, i, weights, sides, started, prediction):
-    """Predict track `i` from its past and from those before it at the same instant, of known `position`.
-
-    The prediction stays inside the frame, whose `sides` are given. `prediction` (2, 3) receives, for x and
-    y, the position and the correction of the velocity in 1/256 units and the class of the magnitude of the
-    residual to expect.
-    """
+    """Predict track `i` from its past and from those before it at the same instant, of known `position`."""
     for axis in range(2):
         correction, magnitude = np.int64(0), np.int64(0)
         total = np.int64(0)
@@ -193,11 +187,7 @@ def code_coordinate(coder, counts, axis, prediction, coordinate):
 
 @kernel
 def code_instant(coder, position, live, num_given, motion, weights, sides, started, counts):
-    """Code where the tracks are that were `live` in the instant before, and go on to the next.
-
-    The first `num_given` are known to both sides: they only help to predict. When reading, `position` (N, 2),
-    which is `LOST` but for these, receives the others. Return whether all are inside the frame.
-    """
+    """Code where the tracks are that were `live` in the instant before, and go on to the next."""
     predictions = np.zeros((position.shape[0], 2, 3), np.int64)
     for i in range(position.shape[0]):
         if not live[i]:

@@ -32,20 +32,7 @@ class SamplingGrid:
 
     @classmethod
     def of(cls, sets: list[Integers], num_columns: int, num_rows: int) -> Self:
-        """Find what point sets have in common.
-
-        Parameters
-        ----------
-        sets : list of ndarray of shape (N, 2), int64
-            Points of each frame, inside the frame.
-        num_columns, num_rows : int
-            Size of the frame, in the unit of the points.
-
-        Returns
-        -------
-        SamplingGrid
-            The coarsest grid and the largest distance.
-        """
+        """Find what point sets have in common."""
         every = np.concatenate([np.zeros((0, 2), np.int64), *sets])
         joined = int(np.bitwise_or.reduce(every, axis=None)) | 1 << (_GRID_EXPONENTS - 1)
         exponent = (joined & -joined).bit_length() - 1
@@ -53,18 +40,7 @@ class SamplingGrid:
         return cls(num_columns, num_rows, exponent, min(distances, default=_DISTANCES - 1))
 
     def code(self, coder: RangeCoder) -> Self:
-        """Code the grid and the distance.
-
-        Parameters
-        ----------
-        coder : RangeCoder
-            Where to write or to read.
-
-        Returns
-        -------
-        SamplingGrid
-            Of the same frame, as it was coded.
-        """
+        """Code the grid and the distance."""
         exponent = coder.uniform(_GRID_EXPONENTS, self.grid_exponent)
         min_distance = coder.uniform(_DISTANCES, self.min_distance)
         return replace(self, grid_exponent=exponent, min_distance=min_distance)
@@ -81,43 +57,12 @@ class SamplingGrid:
 
 
 def column_scan(points: NDArray[np.float64] | Integers) -> NDArray[np.intp]:
-    """Return the order of points column by column, from the top in each.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2)
-        Points (x, y).
-
-    Returns
-    -------
-    ndarray of shape (N,), intp
-        Indices.
-    """
+    """Return the order of points column by column, from the top in each."""
     return np.lexsort((points[:, 1], points[:, 0]))
 
 
 def code_points(coder: RangeCoder, points: Integers, grid: SamplingGrid) -> Integers:
-    """Code the points of a frame, whose number is known.
-
-    Parameters
-    ----------
-    coder : RangeCoder
-        Where to write or to read.
-    points : ndarray of shape (N, 2), int64
-        Points (x, y) in column scan; of no meaning when reading.
-    grid : SamplingGrid
-        What is known of them.
-
-    Returns
-    -------
-    ndarray of shape (N, 2), int64
-        The points.
-
-    Raises
-    ------
-    BitstreamError
-        If there is no room for them.
-    """
+    """Code the points of a frame, whose number is known."""
     points = points >> grid.grid_exponent
     state = coder.room_for(grid.grid_columns + 2 * len(points))
     if not _kernels.code_points(state, points, grid.grid_columns, grid.grid_rows, grid.min_distance):

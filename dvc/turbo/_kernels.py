@@ -153,11 +153,7 @@ def make_backward(num_states, input_mask, parity_mask):
 
     @kernel
     def backward(prob0, prob1, allow0, allow1, work, edges, ratio):
-        """Run beta over `work`, from ``edges[1]`` on; replace it by beta at the lane's start.
-
-        Every alpha is replaced by beta once it is used; `ratio` receives the sum of alpha times beta over the
-        transitions with input 0, divided by that over those with input 1.
-        """
+        """Run beta over `work`, from ``edges[1]`` on; replace it by beta at the lane's start."""
         num_steps = prob0.size // NUM_LANES
         tail = work[num_steps * record : (num_steps + 1) * record]
         for i in range(num_states * NUM_LANES):
@@ -216,11 +212,7 @@ def make_backward(num_states, input_mask, parity_mask):
 
 @kernel
 def exchange_messages(llr_ch, bit_of_cell, llr_e, llr_a, prob0, prob1, llr, decisions):
-    """Pass messages at the bits: totals to `llr`, to each copy the rest of the total; decide.
-
-    `llr_a` and the probabilities are those of the next BCJR pass. The last element of `llr_ch` and `llr`
-    belongs to the cells that pad the lanes. `bit_of_cell` is unsigned, which spares a test of every index.
-    """
+    """Pass messages at the bits: totals to `llr`, to each copy the rest of the total; decide."""
     for n in range(llr.size):
         llr[n] = llr_ch[n]
     for i in range(llr_e.size):
@@ -390,11 +382,7 @@ def pack_words(bits, words):
 
 @kernel
 def crc_words(words, polynomial, width, register):
-    """Divide 64 planes at once by the CRC polynomial P; `register` ends as the remainder, top bit first.
-
-    First by powers of it, P(x)**n = P(x**n) for n = 4**k: their terms lie so far apart that words are
-    eliminated many at once.
-    """
+    """Divide 64 planes at once by the CRC polynomial P; `register` ends as the remainder, top bit first."""
     dividend = np.empty(words.size + width, np.uint64)
     dividend[: words.size], dividend[words.size :] = words, np.uint64(0)
     nearest = 1
@@ -554,12 +542,7 @@ def _collect_pivots(rows, start, column_order, position, columns, row_of_pivot):
 
 @kernel
 def eliminate(rows, column_order, row_of_pivot):
-    """Bring GF(2) equations to reduced form, choosing pivots in the given column order; return the rank.
-
-    ``row_of_pivot[n]`` becomes the row solved for column n, or -1 for a free column. Pivots are collected in
-    blocks, and every other row is reduced by a whole block at once, with a table of all sums of its rows (the
-    method of the four Russians).
-    """
+    """Bring GF(2) equations to reduced form, choosing pivots in the given column order; return the rank."""
     table = np.zeros((1 << PIVOT_BLOCK, rows.shape[1]), np.uint64)
     columns = np.empty(PIVOT_BLOCK, np.int64)
     row_of_pivot[:] = -1
@@ -609,11 +592,7 @@ def _add_multiple(factor, weights, prices):
 
 @kernel
 def descend(weights, price_pivots, price_free, flips):
-    """Invert free bits, the most rewarding first, while that lowers the cost.
-
-    price_pivots, price_free : int32, what it costs to invert a bit; the latter ends as the price of a free
-    bit together with the pivots that depend on it.
-    """
+    """Invert free bits, the most rewarding first, while that lowers the cost."""
     if price_free.size == 0:
         return
     own_price = price_free.copy()

@@ -116,64 +116,19 @@ _FAMILIES = {"classical": (CLASSICAL,), "adaptive": ADAPTIVE}
 
 
 def family(name: str = "adaptive") -> tuple[TurboCode, ...]:
-    """Return the codes of a family, in order of the entropy that they are meant for.
-
-    Parameters
-    ----------
-    name : str
-        ``"adaptive"`` or ``"classical"``.
-
-    Returns
-    -------
-    tuple of TurboCode
-        One code or more.
-
-    Raises
-    ------
-    ValueError
-        If there is no such family.
-    """
+    """Return the codes of a family, in order of the entropy that they are meant for."""
     if name not in _FAMILIES:
         raise ValueError(f"`name` must be one of {sorted(_FAMILIES)}, got {name!r}")
     return _FAMILIES[name]
 
 
 def num_codes(name: str) -> int:
-    """Return how many kinds of parity a family has.
-
-    Parameters
-    ----------
-    name : str
-        ``"adaptive"``, ``"classical"`` or ``"cascade"``.
-
-    Returns
-    -------
-    int
-        Codes, or orders of the bits.
-
-    Raises
-    ------
-    ValueError
-        If there is no such family.
-    """
+    """Return how many kinds of parity a family has."""
     return NUM_ORDERS if name == CASCADE else len(family(name))
 
 
 def choose_code(codes: Sequence[TurboCode], entropy: float) -> int:
-    """Pick the code of a family for a plane.
-
-    Parameters
-    ----------
-    codes : sequence of TurboCode
-        In increasing order of `max_entropy`.
-    entropy : float
-        Mean binary entropy of the prior, in bits per bit.
-
-    Returns
-    -------
-    int
-        Index of the first code that is meant for at least this entropy, else the last.
-    """
+    """Pick the code of a family for a plane."""
     for index, code in enumerate(codes):
         if entropy <= code.max_entropy:
             return index

@@ -13,25 +13,7 @@ divide_words = _kernels.crc_words
 
 
 def crc_words(words: NDArray[np.uint64], num_bits: int) -> NDArray[np.uint64]:
-    """Compute the check bits of up to 64 planes at once, one machine word per bit position.
-
-    Parameters
-    ----------
-    words : ndarray of shape (N,), uint64
-        Bit p of word n is bit n of plane p.
-    num_bits : int
-        Number of check bits: 8, 12, 16, 24 or 32.
-
-    Returns
-    -------
-    ndarray of shape (num_bits,), uint64
-        Bit p of word m is check bit m of plane p, see `crc`.
-
-    Raises
-    ------
-    ValueError
-        If no polynomial has `num_bits` bits.
-    """
+    """Compute the check bits of up to 64 planes at once, one machine word per bit position."""
     if num_bits not in POLYNOMIALS:
         raise ValueError(f"`num_bits` must be one of {sorted(POLYNOMIALS)}, got {num_bits}")
     register = np.empty(num_bits, np.uint64)
@@ -40,25 +22,7 @@ def crc_words(words: NDArray[np.uint64], num_bits: int) -> NDArray[np.uint64]:
 
 
 def crc(bits: NDArray[np.uint8], num_bits: int) -> NDArray[np.uint8]:
-    """Compute the check bits of every plane.
-
-    Parameters
-    ----------
-    bits : ndarray of shape (..., N), uint8
-        Planes, each element 0 or 1; the first element is the highest power.
-    num_bits : int
-        Number of check bits: 8, 12, 16, 24 or 32.
-
-    Returns
-    -------
-    ndarray of shape (..., num_bits), uint8
-        Remainder of the plane times ``x**num_bits``, highest power first.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `bits` are not bits or no polynomial has `num_bits` bits.
-    """
+    """Compute the check bits of every plane."""
     planes = np.atleast_2d(bits)
     planes = planes.reshape(-1, planes.shape[-1])
     checks = by_words(planes, lambda words: crc_words(words, num_bits), num_bits)

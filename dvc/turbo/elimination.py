@@ -21,42 +21,15 @@ COST_SCALE = 256
 
 @dataclass(frozen=True)
 class Solution:
-    """All solutions of a set of parity equations: `bits` plus any combination of the rows of `free`.
+    """All solutions of a set of parity equations: `bits` plus any combination of the rows of `free`."""
 
-    Attributes
-    ----------
-    bits : ndarray of shape (N,), uint8
-        The solution whose free bits are the hard decisions.
-    free : ndarray of shape (r, N), uint8
-        What changes when one of the r free bits is inverted.
-    """
-
-    bits: Bits
-    free: Bits
+    bits: Bits  # the solution whose free bits are the hard decisions
+    free: Bits  # what changes when one of the r free bits is inverted
 
 
 @lru_cache(maxsize=8)
 def parity_equations(code: TurboCode, num_bits: int, seed: int) -> Words:
-    """Write all parity bits of one codeword, in order of release, as linear equations of the plane's bits.
-
-    Parameters
-    ----------
-    code : TurboCode
-        The code.
-    num_bits, seed : int
-        Length N of the codeword (one segment) and interleaver seed.
-
-    Returns
-    -------
-    ndarray of shape (N, N // 64 + 1), uint64
-        Bit ``n % 64`` of word ``n // 64`` of row m is the weight of bit n in parity bit m; bit N is left for
-        the parity bit itself. Read-only.
-
-    Raises
-    ------
-    ValueError
-        If planes of this length are divided into several codewords.
-    """
+    """Write all parity bits of one codeword, in order of release, as linear equations of the plane's bits."""
     if num_segments(num_bits) > 1:
         raise ValueError(f"`num_bits` must be the length of one segment, got {num_bits}")
     layout = copy_layout(code, num_bits, seed)
@@ -86,10 +59,7 @@ class _Reduced:
 
 
 def _reduce(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> tuple[_Reduced, Bits] | None:
-    """Solve the equations for the least reliable bits; None where they contradict each other.
-
-    Returned with them is the solution whose free bits are the hard decisions.
-    """
+    """Solve the equations for the least reliable bits; None where they contradict each other."""
     num_bits = llr.size
     rows = equations.copy()
     rows[:, num_bits // 64] |= parity.astype(np.uint64) << np.uint64(num_bits % 64)
@@ -110,22 +80,7 @@ def _reduce(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> tuple[_
 
 
 def solve(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> Solution | None:
-    """Solve parity equations, leaving the most reliable bits free where they do not determine all.
-
-    Parameters
-    ----------
-    equations : ndarray of shape (M, N // 64 + 1), uint64
-        From `parity_equations`.
-    parity : ndarray of shape (M,), uint8
-        The parity bits.
-    llr : ndarray of shape (N,), float32
-        LLR log p(0) / p(1) of every bit.
-
-    Returns
-    -------
-    Solution or None
-        None where the equations contradict each other.
-    """
+    """Solve parity equations, leaving the most reliable bits free where they do not determine all."""
     solved = _reduce(equations, parity, llr)
     if solved is None:
         return None
@@ -139,33 +94,7 @@ def solve(equations: Words, parity: Bits, llr: NDArray[np.float32]) -> Solution 
 def ordered_statistics(
     equations: Words, parity: Bits, llr_ch: NDArray[np.float32], llr: NDArray[np.float32]
 ) -> Bits | None:
-    """Search likely planes that satisfy all parity, starting from soft decisions.
-
-    The equations are solved for the least reliable bits (ordered statistics decoding); then free bits are
-    inverted one at a time as long as that makes the plane likelier under the prior.
-
-    Parameters
-    ----------
-    equations : ndarray of shape (M, N // 64 + 1), uint64
-        From `parity_equations`.
-    parity : ndarray of shape (M,), uint8
-        The parity bits.
-    llr_ch : ndarray of shape (N,), float32
-        Prior LLRs log p(0) / p(1).
-    llr : ndarray of shape (N,), float32
-        LLRs that say which bits are reliable, and their value.
-
-    Returns
-    -------
-    ndarray of shape (K, N), uint8, or None
-        The plane found, then those of its neighbours that cost least; None where the equations contradict
-        each other.
-
-    References
-    ----------
-    M. Fossorier, S. Lin, "Soft-decision decoding of linear block codes based on ordered statistics", IEEE
-    Trans. Inf. Theory 41, 1995.
-    """
+    """Search likely planes that satisfy all parity, starting from soft decisions."""
     solved = _reduce(equations, parity, llr)
     if solved is None:
         return None

@@ -17,29 +17,7 @@ def by_words(
     function: Callable[[NDArray[np.uint64]], NDArray[np.uint64]],
     num_results: int | None = None,
 ) -> NDArray[np.uint8]:
-    """Apply to bit planes what works on 64 of them at once.
-
-    Parameters
-    ----------
-    bits : ndarray of shape (P, N), uint8
-        Planes, each element 0 or 1.
-    function : callable
-        From words, in which bit p of word n is bit n of plane p, to such words.
-    num_results : int, optional
-        How many of these; N by default.
-
-    Returns
-    -------
-    ndarray of shape (P, num_results), uint8
-        The results of every plane.
-
-    Raises
-    ------
-    TypeError
-        If the elements are not uint8.
-    ValueError
-        If the shape or a value is wrong.
-    """
+    """Apply to bit planes what works on 64 of them at once."""
     _check_planes(bits)
     num_results = bits.shape[1] if num_results is None else num_results
     results = np.empty((bits.shape[0], num_results), np.uint8)
@@ -65,11 +43,7 @@ def _check_planes(bits: NDArray[np.uint8]) -> None:
 def _release_layout(
     code: TurboCode, num_bits: int, seed: int
 ) -> tuple[NDArray[np.integer], NDArray[np.integer], NDArray[np.int64]]:
-    """Return the bit read at each step, where its parity is released, and where sections start.
-
-    A step that is not released points where the next one does, which overwrites it; those after the last
-    are left out.
-    """
+    """Return the bit read at each step, where its parity is released, and where sections start."""
     layout, order = copy_layout(code, num_bits, seed), release_order(code, num_bits)
     num_steps = int(order.max()) + 1
     next_release = np.full(num_steps, num_steps)
@@ -88,24 +62,7 @@ def encode_words(
     interleaver_seed: int,
     released: NDArray[np.uint64] | None = None,
 ) -> NDArray[np.uint64]:
-    """Return the parity of up to 64 bit planes at once, one machine word per bit position.
-
-    Parameters
-    ----------
-    words : ndarray of shape (N,), uint64
-        Bit p of word n is bit n of plane p.
-    code : TurboCode
-        The code.
-    interleaver_seed : int
-        Seed that encoder and decoder share.
-    released : ndarray of shape (N,), uint64, optional
-        Where to write the parity.
-
-    Returns
-    -------
-    ndarray of shape (N,), uint64
-        Bit p of word m is the m-th parity bit that is released of plane p; `released` if it is given.
-    """
+    """Return the parity of up to 64 bit planes at once, one machine word per bit position."""
     bit_at_step, slot_at_step, starts = _release_layout(code, words.size, interleaver_seed)
     parity = np.empty(words.size, np.uint64) if released is None else released
     _kernels.encode_words(words, bit_at_step, slot_at_step, starts, code.feedback, code.feedforward, parity)
@@ -113,25 +70,5 @@ def encode_words(
 
 
 def encode_planes(bits: NDArray[np.uint8], code: TurboCode, interleaver_seed: int) -> NDArray[np.uint8]:
-    """Return the parity of bit planes in order of release.
-
-    Parameters
-    ----------
-    bits : ndarray of shape (P, N), uint8
-        Planes, each element 0 or 1.
-    code : TurboCode
-        The code.
-    interleaver_seed : int
-        Seed that encoder and decoder share.
-
-    Returns
-    -------
-    ndarray of shape (P, N), uint8
-        Column m is the m-th parity bit that is released.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If `bits` are not planes of bits.
-    """
+    """Return the parity of bit planes in order of release."""
     return by_words(bits, lambda words: encode_words(words, code, interleaver_seed))

@@ -59,17 +59,7 @@ class PlaneDecoder(Protocol):
 
 
 class TurboPlaneDecoder:
-    """Decodes planes with turbo codes, of which each plane is checked by itself.
-
-    Parameters
-    ----------
-    settings : SlepianWolfSettings
-        Request policy.
-    num_bits : int
-        Length N of the planes.
-    seed : int
-        Seed of the interleavers.
-    """
+    """Decodes planes with turbo codes, of which each plane is checked by itself."""
 
     cost = PlaneCost(1.2, 10.0)
 
@@ -86,42 +76,11 @@ class TurboPlaneDecoder:
         place: tuple[int, int],
         coupling: NeighbourCoupling | None = None,
     ) -> PlaneCoroutine:
-        """Decode a plane as a coroutine: it yields requests and is sent the bits.
-
-        Parameters
-        ----------
-        llr_ch : ndarray of shape (N,), float
-            Side information as LLR log p(0) / p(1) of every bit.
-        place : tuple of two int
-            Numbers of the frame, and of the plane in it.
-        coupling : NeighbourCoupling, optional
-            How bits depend on each other, where they do; of no effect.
-
-        Returns
-        -------
-        generator
-            See `decode_plane`.
-        """
+        """Decode a plane as a coroutine: it yields requests and is sent the bits."""
         return decode_plane(llr_ch, self._decoder, self._settings, place)
 
     def check(self, frame: int) -> Generator[ParityRequest, Bits, FrameCheck]:
-        """Do nothing.
-
-        Parameters
-        ----------
-        frame : int
-            Number of the frame.
-
-        Yields
-        ------
-        ParityRequest
-            None.
-
-        Returns
-        -------
-        FrameCheck
-            Nothing was wrong or asked for.
-        """
+        """Do nothing."""
         yield from ()
         return FrameCheck()
 
@@ -132,22 +91,7 @@ class TurboPlaneDecoder:
 
 
 def plane_decoder(settings: SlepianWolfSettings, num_bits: int, seed: int) -> PlaneDecoder:
-    """Return a decoder of planes for the family that the settings name.
-
-    Parameters
-    ----------
-    settings : SlepianWolfSettings
-        Request policy; what is about turbo codes alone has no effect on other families.
-    num_bits : int
-        Length N of the planes.
-    seed : int
-        Seed that encoder and decoder share.
-
-    Returns
-    -------
-    PlaneDecoder
-        The decoder.
-    """
+    """Return a decoder of planes for the family that the settings name."""
     if settings.family != CASCADE:
         return TurboPlaneDecoder(settings, num_bits, seed)
     own = CascadeSettings(
@@ -160,25 +104,7 @@ def plane_decoder(settings: SlepianWolfSettings, num_bits: int, seed: int) -> Pl
 
 
 def parity_encoders(name: str, seed: int) -> tuple[ParityEncoder, ...]:
-    """Return what computes the parity of each code of a family.
-
-    Parameters
-    ----------
-    name : str
-        Name of the family.
-    seed : int
-        Seed that encoder and decoder share.
-
-    Returns
-    -------
-    tuple of callable
-        One for each code, or order of the bits, by its number in requests.
-
-    Raises
-    ------
-    ValueError
-        If there is no such family.
-    """
+    """Return what computes the parity of each code of a family."""
     if name == CASCADE:
         return tuple(partial(_encode_order, order, seed) for order in range(NUM_ORDERS))
     return tuple(partial(_encode_turbo, code, seed) for code in family(name))

@@ -20,21 +20,11 @@ NUM_TRIES = 8
 
 @dataclass(frozen=True)
 class CopyLayout:
-    """The input sequence of the recursive code.
+    """The input sequence of the recursive code."""
 
-    Attributes
-    ----------
-    bit_at_step : ndarray of shape (T,), int32
-        Index of the plane's bit that enters at each trellis step.
-    section_starts : tuple of int
-        Steps at which the register is reset to zero; the first is 0.
-    segment_starts : tuple of int
-        Steps at which independent codewords start; see `num_segments`.
-    """
-
-    bit_at_step: NDArray[np.int32]
-    section_starts: tuple[int, ...]
-    segment_starts: tuple[int, ...]
+    bit_at_step: NDArray[np.int32]  # index of the plane's bit that enters at each trellis step
+    section_starts: tuple[int, ...]  # steps at which the register is reset to zero; the first is 0
+    segment_starts: tuple[int, ...]  # steps at which independent codewords start; see `num_segments`
 
     @property
     def num_steps(self) -> int:
@@ -43,20 +33,7 @@ class CopyLayout:
 
 
 def random_keys(seed: int, count: int) -> NDArray[np.uint64]:
-    """Return pseudo-random words that are the same on every platform and library version.
-
-    Parameters
-    ----------
-    seed : int
-        Non-negative.
-    count : int
-        How many words.
-
-    Returns
-    -------
-    ndarray of shape (count,), uint64
-        SplitMix64 of the counter, offset by the seed.
-    """
+    """Return pseudo-random words that are the same on every platform and library version."""
     offset = np.uint64((seed * 0xD1B54A32D192ED03 + 0x9E3779B97F4A7C15) & 0xFFFFFFFFFFFFFFFF)
     z = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15) + offset
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -65,40 +42,12 @@ def random_keys(seed: int, count: int) -> NDArray[np.uint64]:
 
 
 def random_permutation(seed: int, count: int) -> NDArray[np.int32]:
-    """Return a pseudo-random permutation that is the same on every platform and library version.
-
-    Parameters
-    ----------
-    seed : int
-        Non-negative.
-    count : int
-        Number of elements.
-
-    Returns
-    -------
-    ndarray of shape (count,), int32
-        The permutation.
-    """
+    """Return a pseudo-random permutation that is the same on every platform and library version."""
     return np.argsort(random_keys(seed, count), kind="stable").astype(np.int32)
 
 
 def copy_counts(code: TurboCode, num_bits: int, seed: int) -> NDArray[np.int32]:
-    """Say how often each bit of a plane enters the trellis.
-
-    Parameters
-    ----------
-    code : TurboCode
-        The code.
-    num_bits : int
-        Length of the plane, at least 1.
-    seed : int
-        Interleaver seed.
-
-    Returns
-    -------
-    ndarray of shape (num_bits,), int32
-        Counts, spread over the plane at random.
-    """
+    """Say how often each bit of a plane enters the trellis."""
     counts = np.zeros(num_bits, np.int32)
     done, filled = 0.0, 0
     for fraction, times in code.copies:
@@ -124,18 +73,7 @@ def _spread(bits: NDArray[np.int32], num_bits: int, spread: int, seed: int) -> N
 
 
 def num_segments(num_bits: int) -> int:
-    """Say into how many independent codewords a plane is divided.
-
-    Parameters
-    ----------
-    num_bits : int
-        Length N of the plane.
-
-    Returns
-    -------
-    int
-        Number S; segment s holds the bits ``s, s + S, s + 2 * S, ...``, at most `MAX_SEGMENT_BITS` of them.
-    """
+    """Say into how many independent codewords a plane is divided."""
     return max(1, -(-num_bits // MAX_SEGMENT_BITS))
 
 
@@ -152,27 +90,7 @@ def _segment_steps(code: TurboCode, num_bits: int, seed: int) -> tuple[NDArray[n
 
 @lru_cache(maxsize=64)
 def copy_layout(code: TurboCode, num_bits: int, seed: int) -> CopyLayout:
-    """Lay out the copies of a plane's bits along the trellis.
-
-    Parameters
-    ----------
-    code : TurboCode
-        The code.
-    num_bits : int
-        Length of the plane, at least 1.
-    seed : int
-        Interleaver seed.
-
-    Returns
-    -------
-    CopyLayout
-        Read-only.
-
-    Raises
-    ------
-    ValueError
-        If `num_bits` or `seed` is out of range.
-    """
+    """Lay out the copies of a plane's bits along the trellis."""
     if num_bits < 1 or seed < 0:
         raise ValueError(f"`num_bits` must be >= 1 and `seed` >= 0, got {num_bits} and {seed}")
     segments = num_segments(num_bits)

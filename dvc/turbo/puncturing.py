@@ -11,18 +11,7 @@ from dvc.turbo.interleaver import copy_layout
 
 
 def spread_order(count: int) -> NDArray[np.int64]:
-    """Order the integers below `count` so that every prefix is spread out (bit-reversed counting).
-
-    Parameters
-    ----------
-    count : int
-        At least 1.
-
-    Returns
-    -------
-    ndarray of shape (count,), int64
-        A permutation.
-    """
+    """Order the integers below `count` so that every prefix is spread out (bit-reversed counting)."""
     width = max(1, (count - 1).bit_length())
     numbers = np.arange(1 << width, dtype=np.int64)
     reverse = np.zeros_like(numbers)
@@ -57,20 +46,7 @@ def _parallel_order(num_bits: int, num_sections: int, period: int) -> NDArray[np
 
 @lru_cache(maxsize=64)
 def release_order(code: TurboCode, num_bits: int) -> NDArray[np.int32]:
-    """Return the trellis steps whose parity is released, in order of release.
-
-    Parameters
-    ----------
-    code : TurboCode
-        The code.
-    num_bits : int
-        Length N of the plane, at least 1.
-
-    Returns
-    -------
-    ndarray of shape (N,), int32
-        Distinct trellis steps; more parity than plane bits is of no use. Segments take turns.
-    """
+    """Return the trellis steps whose parity is released, in order of release."""
     layout = copy_layout(code, num_bits, 0)
     starts = [*layout.segment_starts, layout.num_steps]
     segments = len(layout.segment_starts)
@@ -89,54 +65,14 @@ def release_order(code: TurboCode, num_bits: int) -> NDArray[np.int32]:
 def puncture(
     parity: NDArray[np.uint8], order: NDArray[np.int32], start: int, count: int
 ) -> NDArray[np.uint8]:
-    """Select parity bits `start` to ``start + count`` in release order; inverse of `depuncture`.
-
-    Parameters
-    ----------
-    parity : ndarray of shape (T,), uint8
-        Parity of every trellis step.
-    order : ndarray of shape (N,), int32
-        From `release_order`.
-    start, count : int
-        First bit and number of bits wanted.
-
-    Returns
-    -------
-    ndarray of shape (count,), uint8
-        The bits to send.
-
-    Raises
-    ------
-    ValueError
-        If the range is not within the order.
-    """
+    """Select parity bits `start` to ``start + count`` in release order; inverse of `depuncture`."""
     if start < 0 or count < 0 or start + count > order.size:
         raise ValueError(f"range {start}+{count} is outside the {order.size} bits that can be released")
     return parity[order[start : start + count]]
 
 
 def depuncture(received: NDArray[np.uint8], order: NDArray[np.int32], num_steps: int) -> NDArray[np.int8]:
-    """Put received parity bits back at their trellis steps; inverse of `puncture` from the first bit on.
-
-    Parameters
-    ----------
-    received : ndarray of shape (n,), uint8
-        The first n bits in release order.
-    order : ndarray of shape (N,), int32
-        From `release_order`, n <= N.
-    num_steps : int
-        Length T of the trellis.
-
-    Returns
-    -------
-    ndarray of shape (T,), int8
-        Parity per step, -1 where none was received.
-
-    Raises
-    ------
-    ValueError
-        If more bits came than can be released.
-    """
+    """Put received parity bits back at their trellis steps; inverse of `puncture` from the first bit on."""
     if received.size > order.size:
         raise ValueError(f"`received` has {received.size} bits, but only {order.size} can be released")
     parity = np.full(num_steps, -1, np.int8)

@@ -38,36 +38,15 @@ its positions end among all; where the frame is held, if that is known."""
 
 
 class RequestTable(NamedTuple):
-    """Many requests, in the order in which they are answered, as columns.
+    """Many requests, in the order in which they are answered, as columns."""
 
-    Attributes
-    ----------
-    rows : ndarray of shape (n, 8), int64
-        A request each; see `FRAME` to `SLOT`.
-    positions : ndarray of shape (m,), int64
-        Their positions, one request's after the other's.
-    num_bits : int
-        Bits that are wanted in all.
-    """
-
-    rows: NDArray[np.int64]
-    positions: NDArray[np.int64]
-    num_bits: int
+    rows: NDArray[np.int64]  # a request each; see `FRAME` to `SLOT`
+    positions: NDArray[np.int64]  # their positions, one request's after the other's
+    num_bits: int  # bits that are wanted in all
 
     @classmethod
     def of(cls, requests: Sequence[ParityRequest]) -> "RequestTable":
-        """Return requests as a table.
-
-        Parameters
-        ----------
-        requests : sequence of ParityRequest
-            The requests.
-
-        Returns
-        -------
-        RequestTable
-            The same.
-        """
+        """Return requests as a table."""
         ends = accumulate(len(request.positions) for request in requests)
         rows = [
             (request.frame, request.plane, KINDS.index(request.kind), request.code, request.start,
@@ -79,13 +58,7 @@ class RequestTable(NamedTuple):
         return cls(np.array(rows, np.int64).reshape(-1, NUM_COLUMNS), np.array(positions, np.int64), num_bits)
 
     def requests(self) -> list[ParityRequest]:
-        """Return the requests of the table.
-
-        Returns
-        -------
-        list of ParityRequest
-            One for each row.
-        """
+        """Return the requests of the table."""
         rows, positions = self.rows.tolist(), self.positions.tolist()
         ends = [0, *(row[LAST] for row in rows)]
         return [
@@ -105,28 +78,7 @@ Result = TypeVar("Result")
 
 
 def ask(request: ParityRequest) -> Generator[ParityRequest, Bits, Bits]:
-    """Yield a request and look at the answer.
-
-    Parameters
-    ----------
-    request : ParityRequest
-        Bits wanted.
-
-    Yields
-    ------
-    ParityRequest
-        The same.
-
-    Returns
-    -------
-    ndarray of shape (count,), uint8
-        The answer.
-
-    Raises
-    ------
-    ValueError
-        If it is not so many bits.
-    """
+    """Yield a request and look at the answer."""
     bits = np.asarray((yield request))
     if bits.shape != (request.count,) or bits.dtype != np.uint8 or (bits.size and bits.max() > 1):
         wanted = f"{request.count} {request.kind} bits"
@@ -135,20 +87,7 @@ def ask(request: ParityRequest) -> Generator[ParityRequest, Bits, Bits]:
 
 
 def drive(coroutine: Generator[ParityRequest, Bits, Result], answer: Answer) -> Result:
-    """Drive a decoding coroutine with answers to its requests.
-
-    Parameters
-    ----------
-    coroutine : generator
-        Yields requests, and is sent bits.
-    answer : callable
-        Turns a request into bits.
-
-    Returns
-    -------
-    object
-        What the coroutine returns.
-    """
+    """Drive a decoding coroutine with answers to its requests."""
     try:
         request = next(coroutine)
         while True:
@@ -161,23 +100,7 @@ def drive(coroutine: Generator[ParityRequest, Bits, Result], answer: Answer) -> 
 def together(
     coroutines: Sequence[Generator[ParityRequest, Bits, Result]],
 ) -> Generator[Sequence[ParityRequest], tuple[Place, Bits], list[Result]]:
-    """Run decoding coroutines of different frames side by side: none waits for the answers of another.
-
-    Parameters
-    ----------
-    coroutines : sequence of generator
-        Each yields requests for frames of its own, and is sent bits.
-
-    Yields
-    ------
-    sequence of ParityRequest
-        Further requests, maybe none; send the answer to any one that waits, with its frame and plane.
-
-    Returns
-    -------
-    list of object
-        What each coroutine returns.
-    """
+    """Run decoding coroutines of different frames side by side: none waits for the answers of another."""
     results: dict[int, Result] = {}
     waiting: dict[Place, int] = {}
 

@@ -14,20 +14,7 @@ class PlaneCost(NamedTuple):
     per_plane: float  # bits on top of that: checks, and the last request
 
     def bits(self, entropy_bits: float, planes: int = 1) -> float:
-        """Return the bits to be expected.
-
-        Parameters
-        ----------
-        entropy_bits : float
-            Entropy of the priors of the planes.
-        planes : int, optional
-            How many there are.
-
-        Returns
-        -------
-        float
-            Parity and check bits.
-        """
+        """Return the bits to be expected."""
         return self.per_ideal_bit * entropy_bits + self.per_plane * planes
 
 

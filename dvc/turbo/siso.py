@@ -19,46 +19,16 @@ MIN_WINDOW_STEPS = 24
 
 @dataclass(frozen=True)
 class LaneLayout:
-    """How trellis sections are cut into windows that run in lock step, one per lane.
+    """How trellis sections are cut into windows that run in lock step, one per lane."""
 
-    Attributes
-    ----------
-    num_steps : int
-        Steps L of every lane; short lanes are padded with free steps.
-    cell_of_step : ndarray of shape (T,), int32
-        Flat index into (L, W) arrays of each trellis step.
-    opens : ndarray of shape (W,), bool
-        Whether the lane starts a section, in state zero.
-    closes : ndarray of shape (W,), bool
-        Whether the lane ends a section, in an unknown state.
-    """
-
-    num_steps: int
-    cell_of_step: NDArray[np.int32]
-    opens: NDArray[np.bool_]
-    closes: NDArray[np.bool_]
+    num_steps: int  # steps L of every lane; short lanes are padded with free steps
+    cell_of_step: NDArray[np.int32]  # flat index into (L, W) arrays of each trellis step
+    opens: NDArray[np.bool_]  # whether the lane starts a section, in state zero
+    closes: NDArray[np.bool_]  # whether the lane ends a section, in an unknown state
 
 
 def lane_layout(section_edges: tuple[int, ...], num_windows: int | None = None) -> LaneLayout:
-    """Cut trellis sections into windows of equal length.
-
-    Parameters
-    ----------
-    section_edges : tuple of int
-        Start of every section, then the end of the last.
-    num_windows : int, optional
-        Windows per section; by default as many as the lanes hold and the length is worth.
-
-    Returns
-    -------
-    LaneLayout
-        The windows of one section lie in consecutive lanes.
-
-    Raises
-    ------
-    ValueError
-        If there are more windows than lanes.
-    """
+    """Cut trellis sections into windows of equal length."""
     from dvc.turbo._kernels import NUM_LANES
 
     lengths = np.diff(section_edges)
@@ -82,42 +52,14 @@ def lane_layout(section_edges: tuple[int, ...], num_windows: int | None = None) 
 
 @lru_cache(maxsize=64)
 def bcjr_recursions(feedback: int, feedforward: int) -> tuple[Recursion, Recursion]:
-    """Return the compiled forward and backward recursion of an RSC code.
-
-    Parameters
-    ----------
-    feedback, feedforward : int
-        Polynomials in D; bit i is the coefficient of D to the i-th.
-
-    Returns
-    -------
-    forward, backward : callable
-        See `dvc.turbo._kernels`.
-    """
+    """Return the compiled forward and backward recursion of an RSC code."""
     table = trellis(feedback, feedforward)
     masks = (table.num_states, table.input_mask, table.parity_mask)
     return _kernels.make_forward(*masks), _kernels.make_backward(*masks)
 
 
 class LaneDecoder:
-    """BCJR over all windows of a trellis, with the metrics that windows hand to each other between passes.
-
-    Parameters
-    ----------
-    feedback, feedforward : int
-        Polynomials in D; bit i is the coefficient of D to the i-th.
-    lanes : LaneLayout
-        The windows.
-
-    Attributes
-    ----------
-    llr_a, llr_e : ndarray of shape (L * W,), float32
-        A priori and extrinsic LLRs log p(0) / p(1) of all cells.
-    prob0, prob1 : ndarray of shape (L * W,), float32
-        A priori probabilities.
-    edges : ndarray of shape (2, S * W), float32
-        Metrics at the starts and ends of all lanes.
-    """
+    """BCJR over all windows of a trellis, with the metrics that windows hand to each other between passes."""
 
     def __init__(self, feedback: int, feedforward: int, lanes: LaneLayout) -> None:
         self.lanes = lanes
@@ -141,15 +83,7 @@ class LaneDecoder:
         self.edges.reshape(2, -1, _kernels.NUM_LANES)[0, 1:, self.lanes.opens] = 0
 
     def set_parity(self, steps: NDArray[np.int32], bits: NDArray[np.uint8]) -> None:
-        """Restrict the trellis to the parity bits known at some steps.
-
-        Parameters
-        ----------
-        steps : ndarray of shape (n,), int32
-            Trellis steps.
-        bits : ndarray of shape (n,), uint8
-            Their parity.
-        """
+        """Restrict the trellis to the parity bits known at some steps."""
         _kernels.set_parity(self.lanes.cell_of_step[steps], bits, self._allow0, self._allow1)
 
     def run(self) -> None:
@@ -162,29 +96,7 @@ class LaneDecoder:
 def siso(
     llr_a: ArrayLike, parity: NDArray[np.int8], feedback: int, feedforward: int, num_windows: int = 1
 ) -> Floats:
-    """Compute the extrinsic LLRs of the input bits of one trellis that starts in state zero.
-
-    Parameters
-    ----------
-    llr_a : array_like of shape (T,), float
-        A priori LLRs log p(0) / p(1) of the input bits; clipped to the largest extrinsic LLR.
-    parity : ndarray of shape (T,), int8
-        Parity bit of every step, -1 where it is unknown.
-    feedback, feedforward : int
-        Polynomials in D; bit i is the coefficient of D to the i-th.
-    num_windows : int
-        With more than one, states at the borders of windows are taken as unknown.
-
-    Returns
-    -------
-    ndarray of shape (T,), float32
-        Extrinsic LLRs, clipped.
-
-    Raises
-    ------
-    ValueError
-        If a shape or value is wrong.
-    """
+    """Compute the extrinsic LLRs of the input bits of one trellis that starts in state zero."""
     llr = np.asarray(llr_a, np.float32)
     if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
         raise ValueError(f"`llr_a` must be a vector of numbers, got shape {llr.shape}")

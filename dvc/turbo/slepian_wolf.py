@@ -131,12 +131,7 @@ class _Plane:
         return bool((crc(bits, self.settings.crc_bits)[: self.check.size] == self.check).all())
 
     def missing_evidence(self, bits: Bits, competitors: float) -> float:
-        """Return how many more bits must agree before a plane that satisfies all parity is accepted.
-
-        At most ``2**x`` planes have a prior probability of ``2**-x`` or more, and each bit received rules out
-        half of the wrong ones, however wrong the prior; only the check bits do so for competing
-        codewords nearby.
-        """
+        """Return how many more bits must agree before a plane that satisfies all parity is accepted."""
         # Quantised costs and whole exponents: the last digit of a library's logarithm must not decide.
         cost = math.ceil(float(_kernels.prior_information(self.llr_ch, bits)) * 16) / 16
         likelier = cost if cost > 30 else math.log2(max(2.0**cost - 1, 2.0**-60))
@@ -145,10 +140,7 @@ class _Plane:
         return self.settings.error_exponent + max(likelier - self.parity.size, near) - self.check.size
 
     def accept(self, bits: Bits, competitors: float) -> Generator[ParityRequest, Bits, bool]:
-        """Say whether a plane that satisfies all parity is right; ask for check bits where in doubt.
-
-        `competitors` is the number of competing codewords to be expected near it, relative to it.
-        """
+        """Say whether a plane that satisfies all parity is right; ask for check bits where in doubt."""
         if not self.checks(bits):
             return False
         missing = math.ceil(self.missing_evidence(bits, competitors))
@@ -178,34 +170,7 @@ def decode_plane(
     settings: SlepianWolfSettings,
     place: tuple[int, int] = (0, 0),
 ) -> PlaneCoroutine:
-    """Decode one bit plane as a coroutine: it yields requests and is sent the bits.
-
-    Parameters
-    ----------
-    llr_ch : ndarray of shape (N,), float
-        Side information as LLR log p(0) / p(1) of every bit.
-    decoder_for_code : callable
-        Returns the decoder, for planes of N bits, of a code of the family by its index.
-    settings : SlepianWolfSettings
-        Request policy.
-    place : tuple of two int, optional
-        Numbers of the frame, and of the plane in it, which requests carry.
-
-    Yields
-    ------
-    ParityRequest
-        Wanted bits; the coroutine must be sent a uint8 array of `count` bits.
-
-    Returns
-    -------
-    PlaneResult
-        The plane, exact unless `success` is false.
-
-    Raises
-    ------
-    ValueError
-        If the LLRs are not numbers or the bits sent are not those requested.
-    """
+    """Decode one bit plane as a coroutine: it yields requests and is sent the bits."""
     llr = np.asarray(llr_ch, np.float32)
     if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
         raise ValueError(f"`llr_ch` must be a vector of numbers, got shape {llr.shape}")

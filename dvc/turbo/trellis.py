@@ -12,21 +12,12 @@ MAX_MEMORY = 4
 
 @dataclass(frozen=True)
 class Trellis:
-    """Transitions of one RSC code; `state` holds the register with its newest bit in bit 0.
+    """Transitions of one RSC code; `state` holds the register with its newest bit in bit 0."""
 
-    Attributes
-    ----------
-    next_state : ndarray of shape (S, 2), int64
-        State after input bit 0 or 1.
-    output : ndarray of shape (S, 2), int64
-        Parity bit that the transition emits.
-    input_mask, parity_mask : int
-        Bit s is the input, and the parity, of the transition that leaves state s by shifting a 0 in; the
-        other one has both inverted.
-    """
-
-    next_state: NDArray[np.int64]
-    output: NDArray[np.int64]
+    next_state: NDArray[np.int64]  # state after input bit 0 or 1
+    output: NDArray[np.int64]  # parity bit that the transition emits
+    # bit s is the input, and the parity, of the transition that leaves state s by shifting a 0 in; the other
+    # one has both inverted
     input_mask: int
     parity_mask: int
 
@@ -37,23 +28,7 @@ class Trellis:
 
 
 def memory(feedback: int, feedforward: int) -> int:
-    """Return the register length of an RSC code and refuse polynomials that make none.
-
-    Parameters
-    ----------
-    feedback, feedforward : int
-        Polynomials in D; bit i is the coefficient of D to the i-th.
-
-    Returns
-    -------
-    int
-        Register length, 1 to `MAX_MEMORY`.
-
-    Raises
-    ------
-    ValueError
-        If a constant term is missing, nothing is fed back, or the register is too long.
-    """
+    """Return the register length of an RSC code and refuse polynomials that make none."""
     if not (feedback & 1 and feedforward & 1):
         raise ValueError(f"polynomials must have constant term 1, got {feedback:#b} and {feedforward:#b}")
     length = max(feedback.bit_length(), feedforward.bit_length()) - 1
@@ -67,22 +42,7 @@ def memory(feedback: int, feedforward: int) -> int:
 
 
 def step(state: int, bit: int, feedback: int, feedforward: int) -> tuple[int, int]:
-    """Push one bit through the encoder register.
-
-    Parameters
-    ----------
-    state : int
-        Register content, newest bit in bit 0.
-    bit : int
-        Input bit.
-    feedback, feedforward : int
-        Polynomials in D; bit i is the coefficient of D to the i-th.
-
-    Returns
-    -------
-    next_state, parity : int
-        Register content afterwards, and the bit emitted.
-    """
+    """Push one bit through the encoder register."""
     length = memory(feedback, feedforward)
     fed = bit ^ ((state & (feedback >> 1)).bit_count() & 1)
     parity = fed ^ ((state & (feedforward >> 1)).bit_count() & 1)
@@ -91,23 +51,7 @@ def step(state: int, bit: int, feedback: int, feedforward: int) -> tuple[int, in
 
 @lru_cache(maxsize=64)
 def trellis(feedback: int, feedforward: int) -> Trellis:
-    """Tabulate the transitions of an RSC code.
-
-    Parameters
-    ----------
-    feedback, feedforward : int
-        Polynomials in D; bit i is the coefficient of D to the i-th.
-
-    Returns
-    -------
-    Trellis
-        Read-only tables.
-
-    Raises
-    ------
-    ValueError
-        If the polynomials make no RSC code of at most 16 states.
-    """
+    """Tabulate the transitions of an RSC code."""
     num_states = 1 << memory(feedback, feedforward)
     next_state = np.zeros((num_states, 2), np.int64)
     output = np.zeros((num_states, 2), np.int64)

@@ -30,47 +30,13 @@ _VIDEO_DEVICE = "/dev/video"
 
 
 def open_container(request: Request, path: Path) -> FrameStream:
-    """Open a file through FFmpeg; its first frame is decoded to learn what the file holds.
-
-    Parameters
-    ----------
-    request : Request
-        What to read of it.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    FrameStream
-        The reader.
-
-    Raises
-    ------
-    VideoError
-        If the file is not a video, cannot be decoded, or has too few frames.
-    """
+    """Open a file through FFmpeg; its first frame is decoded to learn what the file holds."""
     container = _open(path, input_format=request.input_format)
     return _frame_stream(request, container, FileSource(path))
 
 
 def open_live(request: Request) -> FrameStream:
-    """Open a device or a network address through FFmpeg; its first frame is waited for.
-
-    Parameters
-    ----------
-    request : Request
-        What to read, and from where.
-
-    Returns
-    -------
-    FrameStream
-        The reader.
-
-    Raises
-    ------
-    VideoError
-        If it cannot be opened or decoded, or ends too early.
-    """
+    """Open a device or a network address through FFmpeg; its first frame is waited for."""
     name = str(request.path)
     with _av_errors(name, "is not a video that FFmpeg can read"):
         container = _open_address(request, name)
@@ -79,25 +45,7 @@ def open_live(request: Request) -> FrameStream:
 
 
 def open_pipe(request: Request, pipe: Pipe) -> FrameStream:
-    """Open a pipe through FFmpeg; its first frame is waited for.
-
-    Parameters
-    ----------
-    request : Request
-        What to read.
-    pipe : Pipe
-        Where from.
-
-    Returns
-    -------
-    FrameStream
-        The reader, which closes the pipe, too.
-
-    Raises
-    ------
-    VideoError
-        If it cannot be opened or decoded, or ends too early.
-    """
+    """Open a pipe through FFmpeg; its first frame is waited for."""
     import av
 
     feed = PipeFeed(pipe)
@@ -119,23 +67,7 @@ def open_pipe(request: Request, pipe: Pipe) -> FrameStream:
 
 
 def is_device(request: Request) -> bool:
-    """Tell whether frames are to come from a device: one by its name, or FFmpeg's word for its kind.
-
-    Parameters
-    ----------
-    request : Request
-        What is asked for.
-
-    Returns
-    -------
-    bool
-        True for cameras and whatever FFmpeg opens without a file.
-
-    Raises
-    ------
-    VideoError
-        If there is no such format.
-    """
+    """Tell whether frames are to come from a device: one by its name, or FFmpeg's word for its kind."""
     name = request.input_format
     if name is None:
         return str(request.path).startswith(_VIDEO_DEVICE)
@@ -197,23 +129,7 @@ def _ticking(
 
 
 def read_image(path: Path) -> "av.VideoFrame":
-    """Decode one image file.
-
-    Parameters
-    ----------
-    path : Path
-        Any image that FFmpeg knows.
-
-    Returns
-    -------
-    av.VideoFrame
-        The picture as it was stored.
-
-    Raises
-    ------
-    VideoError
-        If the file cannot be decoded.
-    """
+    """Decode one image file."""
     # By its name the file would be taken for a pattern of many names.
     container = _open(path, pattern_type="none")
     try:
@@ -229,25 +145,7 @@ def read_image(path: Path) -> "av.VideoFrame":
 def consistent_frames(
     pictures: Iterable[tuple[Path | str, "av.VideoFrame"]], info: VideoInfo
 ) -> Iterator[Frame]:
-    """Convert pictures, and refuse those that differ from the first in size or in being grey.
-
-    Parameters
-    ----------
-    pictures : iterable of (Path or str) and av.VideoFrame
-        Where each comes from, and what was decoded.
-    info : VideoInfo
-        What was announced.
-
-    Yields
-    ------
-    Frame
-        One per picture.
-
-    Raises
-    ------
-    VideoError
-        If a picture differs.
-    """
+    """Convert pictures, and refuse those that differ from the first in size or in being grey."""
     is_grey: bool | None = None
     for path, picture in pictures:
         if (picture.width, picture.height) != info.size:
@@ -340,10 +238,7 @@ def _stream_info(request: Request, stream: "VideoStream", first: "av.VideoFrame"
 
 
 def _has_variable_rate(stream: "VideoStream") -> bool:
-    """Tell whether the mean rate differs from the finest one by more than rounding.
-
-    A finest rate of just twice the mean is the field rate, which H.264 counts in.
-    """
+    """Tell whether the mean rate differs from the finest one by more than rounding."""
     mean, finest = stream.average_rate, stream.base_rate
     return bool(mean and finest and all(abs(finest / mean - factor) > 0.01 for factor in (1, 2)))
 

@@ -28,13 +28,7 @@ class Source(Protocol):
 
 
 class FileSource:
-    """Bytes of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    """
+    """Bytes of a file."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -62,17 +56,7 @@ class UnknownSource:
 
 
 class DamageCheck:
-    """Watch the packets of one video stream go by.
-
-    Parameters
-    ----------
-    source : Source
-        Tells how many bytes there were, and the first of them.
-    container : av.container.InputContainer
-        What they hold.
-    stream : av.video.stream.VideoStream
-        The stream whose packets will be shown.
-    """
+    """Watch the packets of one video stream go by."""
 
     def __init__(self, source: Source, container: "InputContainer", stream: "VideoStream") -> None:
         self._source = source
@@ -83,18 +67,7 @@ class DamageCheck:
         self._end_of_packets = 0
 
     def packet(self, packet: "av.Packet[VideoStream]") -> str | None:
-        """Check one packet.
-
-        Parameters
-        ----------
-        packet : av.Packet
-            The next one of the stream, not empty.
-
-        Returns
-        -------
-        str or None
-            What is wrong with it.
-        """
+        """Check one packet."""
         if packet.is_corrupt:
             return "the data fail their checks"
         if self._has_slice_checksums:
@@ -111,13 +84,7 @@ class DamageCheck:
         return None
 
     def end(self) -> str | None:
-        """Check that the file ended where it should.
-
-        Returns
-        -------
-        str or None
-            What is missing.
-        """
+        """Check that the file ended where it should."""
         if self._num_packets < self._declared_packets:
             return f"the file ends after {self._num_packets} of {self._declared_packets} frames"
         file_bytes = self._source.num_bytes()
@@ -132,18 +99,7 @@ class DamageCheck:
 
 
 def matroska_bytes(head: bytes) -> int | None:
-    """Return the length that a Matroska file should have by its own account.
-
-    Parameters
-    ----------
-    head : bytes
-        Its first `HEAD_BYTES`.
-
-    Returns
-    -------
-    int or None
-        Bytes; None if the file does not say, as live recordings do not.
-    """
+    """Return the length that a Matroska file should have by its own account."""
     if not head.startswith(_EBML_ID):
         return None
     position, header_bytes = _ebml_size(head, len(_EBML_ID))
@@ -155,8 +111,7 @@ def matroska_bytes(head: bytes) -> int | None:
 
 def _ebml_size(data: bytes, position: int) -> tuple[int, int | None]:
     """Read the size of an EBML element (RFC 8794, section 4); return where its content begins, and the size.
-
-    The size is None if it is unknown.
+    Read the size of an EBML element (RFC 8794, section 4); return where its content begins, and the size.
     """
     first = data[position] if position < len(data) else 0
     num_bytes = 9 - first.bit_length()
@@ -168,22 +123,7 @@ def _ebml_size(data: bytes, position: int) -> tuple[int, int | None]:
 
 
 def ffv1_slices(packet: bytes) -> list[bytes] | None:
-    """Split a frame of FFV1 version 3 with checksums into its slices, trailers included.
-
-    Parameters
-    ----------
-    packet : bytes
-        One coded frame.
-
-    Returns
-    -------
-    list of bytes or None
-        Last slice first; None if the sizes in the trailers do not add up to the packet.
-
-    References
-    ----------
-    [FFV1] RFC 9043, section 4.9 (slice footer).
-    """
+    """Split a frame of FFV1 version 3 with checksums into its slices, trailers included."""
     slices = []
     end = len(packet)
     while end > 0:
@@ -196,20 +136,6 @@ def ffv1_slices(packet: bytes) -> list[bytes] | None:
 
 
 def checksum_is_valid(data: bytes) -> bool:
-    """Tell whether data that end in their FFV1 checksum are intact.
-
-    The checksum is CRC-32 with the usual polynomial, most significant bit first, from zero and not inverted:
-    over data and checksum it gives zero. `zlib` computes its mirror image.
-
-    Parameters
-    ----------
-    data : bytes
-        A slice with its trailer.
-
-    Returns
-    -------
-    bool
-        True if the checksum agrees.
-    """
+    """Tell whether data that end in their FFV1 checksum are intact."""
     mirrored = data.translate(_REVERSED_BITS)
     return zlib.crc32(mirrored, 0xFFFFFFFF) == 0xFFFFFFFF

@@ -105,36 +105,12 @@ class Frame:
 
 
 def neutral_plane(shape: tuple[int, int]) -> Plane:
-    """Return a chroma plane without colour.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns.
-
-    Returns
-    -------
-    ndarray of shape `shape`, uint8
-        128 everywhere.
-    """
+    """Return a chroma plane without colour."""
     return np.full(shape, NEUTRAL_CHROMA, np.uint8)
 
 
 def check_size(width: int, height: int, what: str) -> None:
-    """Refuse picture sizes that no array should be made for.
-
-    Parameters
-    ----------
-    width, height : int
-        Sides in pixels.
-    what : str
-        Name of the source, for the message.
-
-    Raises
-    ------
-    VideoError
-        If a side is below 1 or above 16384, or the picture has more than 2**26 pixels.
-    """
+    """Refuse picture sizes that no array should be made for."""
     if min(width, height) < 1 or max(width, height) > MAX_SIDE_PX or width * height > MAX_PIXELS:
         raise VideoError(
             f"{what}: {width}x{height} pictures are not supported "

@@ -22,18 +22,7 @@ STANDARD_INPUT = "-"
 
 
 class Pipe(Closing):
-    """A pipe that is read in order; a read waits until there is something, however long that takes.
-
-    Parameters
-    ----------
-    path : Path or str
-        A named pipe, or ``-`` for standard input.
-
-    Raises
-    ------
-    VideoError
-        If it cannot be opened.
-    """
+    """A pipe that is read in order; a read waits until there is something, however long that takes."""
 
     def __init__(self, path: Path | str) -> None:
         self.name = "standard input" if str(path) == STANDARD_INPUT else str(path)
@@ -55,18 +44,7 @@ class Pipe(Closing):
         return self._head
 
     def read(self, count: int) -> bytes:
-        """Read what there is, waiting for it if there is nothing.
-
-        Parameters
-        ----------
-        count : int
-            Most bytes to read.
-
-        Returns
-        -------
-        bytes
-            At least one, but at the end.
-        """
+        """Read what there is, waiting for it if there is nothing."""
         while (data := self._file.read(count)) is None:  # another process made the pipe non-blocking
             select.select([self._file], [], [])
         self._num_bytes += len(data)
@@ -75,18 +53,7 @@ class Pipe(Closing):
         return data
 
     def read_fully(self, count: int) -> bytearray:
-        """Read so many bytes.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-
-        Returns
-        -------
-        bytearray
-            Fewer only at the end.
-        """
+        """Read so many bytes."""
         parts = []
         while count > 0 and (part := self.read(count)):
             parts.append(part)
@@ -99,31 +66,14 @@ class Pipe(Closing):
 
 
 class PipeFeed:
-    """A pipe as FFmpeg reads it: its callbacks drop exceptions, which are kept here, and end the bytes.
-
-    Parameters
-    ----------
-    pipe : Pipe
-        The pipe.
-    """
+    """A pipe as FFmpeg reads it: its callbacks drop exceptions, which are kept here, and end the bytes."""
 
     def __init__(self, pipe: Pipe) -> None:
         self._pipe = pipe
         self._error: BaseException | None = None
 
     def read(self, count: int) -> bytes:
-        """Read what there is; nothing after an exception.
-
-        Parameters
-        ----------
-        count : int
-            Most bytes to read.
-
-        Returns
-        -------
-        bytes
-            At least one, but at the end.
-        """
+        """Read what there is; nothing after an exception."""
         try:
             return b"" if self._error else self._pipe.read(count)
         except BaseException as err:
@@ -132,18 +82,7 @@ class PipeFeed:
 
     @contextmanager
     def raising(self) -> Iterator[None]:
-        """Raise what went wrong while the block read, in place of what FFmpeg made of it.
-
-        Yields
-        ------
-        None
-            Nothing.
-
-        Raises
-        ------
-        VideoError
-            If the pipe cannot be read.
-        """
+        """Raise what went wrong while the block read, in place of what FFmpeg made of it."""
         try:
             yield
         except VideoError:
@@ -156,37 +95,13 @@ class PipeFeed:
 
 
 def is_pipe(path: Path) -> bool:
-    """Tell whether a name is that of a pipe.
-
-    Parameters
-    ----------
-    path : Path
-        What exists.
-
-    Returns
-    -------
-    bool
-        True for named pipes, sockets, and `/dev/stdin` where that is a pipe.
-    """
+    """Tell whether a name is that of a pipe."""
     mode = path.stat().st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)
 
 
 def open_raw_pipe(request: Request, pipe: Pipe) -> FrameStream:
-    """Read planar 4:2:0 frames from a pipe; none is waited for before it is asked for.
-
-    Parameters
-    ----------
-    request : Request
-        What to read; its size and frame rate are needed.
-    pipe : Pipe
-        Where frames come from.
-
-    Returns
-    -------
-    FrameStream
-        The reader.
-    """
+    """Read planar 4:2:0 frames from a pipe; none is waited for before it is asked for."""
     assert request.size is not None
     assert request.frame_rate is not None
     info = VideoInfo(*request.size, request.frame_rate, request.num_frames, live=True)

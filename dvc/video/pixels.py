@@ -17,73 +17,27 @@ _PLANAR_BITS = (8, 9, 10, 12, 14, 16)
 
 
 def planar_frame_bytes(width: int, height: int) -> int:
-    """Return the size of a planar 8-bit 4:2:0 frame.
-
-    Parameters
-    ----------
-    width, height : int
-        Sides in pixels.
-
-    Returns
-    -------
-    int
-        Bytes of luma and chroma.
-    """
+    """Return the size of a planar 8-bit 4:2:0 frame."""
     rows, columns = chroma_shape(height, width)
     return width * height + 2 * rows * columns
 
 
 def planar_frame(samples: Plane, width: int, height: int) -> Frame:
-    """Take the planes of a 4:2:0 frame apart.
-
-    Parameters
-    ----------
-    samples : ndarray of shape (`planar_frame_bytes`,), uint8
-        Y, Cb and Cr, row by row; not copied.
-    width, height : int
-        Sides in pixels.
-
-    Returns
-    -------
-    Frame
-        The frame.
-    """
+    """Take the planes of a 4:2:0 frame apart."""
     rows, columns = chroma_shape(height, width)
     luma, cb, cr = np.split(samples, [width * height, width * height + rows * columns])
     return Frame(luma.reshape(height, width), (cb.reshape(rows, columns), cr.reshape(rows, columns)))
 
 
 def is_full_range(picture: "av.VideoFrame") -> bool:
-    """Tell whether the YCbCr samples of a decoded picture use 0 to 255; RGB never counts.
-
-    Parameters
-    ----------
-    picture : av.VideoFrame
-        As the decoder gave it.
-
-    Returns
-    -------
-    bool
-        True if the file says so.
-    """
+    """Tell whether the YCbCr samples of a decoded picture use 0 to 255; RGB never counts."""
     if _is_rgb(picture):
         return False
     return picture.format.name.startswith("yuvj") or picture.color_range == _FULL_RANGE
 
 
 def conversion_notices(picture: "av.VideoFrame") -> tuple[str, ...]:
-    """Say in words what `frame_from_picture` will change.
-
-    Parameters
-    ----------
-    picture : av.VideoFrame
-        As the decoder gave it.
-
-    Returns
-    -------
-    tuple of str
-        One sentence per conversion; empty if the samples are taken as they are.
-    """
+    """Say in words what `frame_from_picture` will change."""
     notices = []
     components = [c for c in picture.format.components if not c.is_alpha]
     if _is_rgb(picture):
@@ -108,22 +62,7 @@ def conversion_notices(picture: "av.VideoFrame") -> tuple[str, ...]:
 
 
 def frame_from_picture(picture: "av.VideoFrame") -> Frame:
-    """Convert a decoded picture of any pixel format to 8-bit 4:2:0, or to luma alone if it is grey.
-
-    8-bit 4:2:0 and 8-bit grey samples are copied. Deeper samples are rounded to nearest. Chroma that is finer
-    than 4:2:0 is filtered with (1, 2, 1) / 4 across, co-sited with the even luma columns, and averaged in
-    pairs of rows; coarser chroma is repeated.
-
-    Parameters
-    ----------
-    picture : av.VideoFrame
-        As the decoder gave it.
-
-    Returns
-    -------
-    Frame
-        New arrays; chroma is None for grey formats.
-    """
+    """Convert a decoded picture of any pixel format to 8-bit 4:2:0, or to luma alone if it is grey."""
     planar = _as_planar(picture)
     bits = planar.format.components[0].bits
     luma = _to_8_bits(_samples(planar, 0, bits), bits)
@@ -135,18 +74,7 @@ def frame_from_picture(picture: "av.VideoFrame") -> Frame:
 
 
 def frame_from_rgb(picture: Plane) -> Frame:
-    """Convert a picture to a frame, as RGB sources are converted.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8
-        Gray of full range, or red, green and blue.
-
-    Returns
-    -------
-    Frame
-        8-bit 4:2:0 of BT.601 limited range.
-    """
+    """Convert a picture to a frame, as RGB sources are converted."""
     import av
 
     colour = picture if picture.ndim == 3 else np.repeat(picture[:, :, None], 3, axis=2)
@@ -154,20 +82,7 @@ def frame_from_rgb(picture: Plane) -> Frame:
 
 
 def picture_from_frame(frame: Frame, pixel_format: str) -> "av.VideoFrame":
-    """Put a frame into an FFmpeg picture; the inverse of `frame_from_picture` for these two formats.
-
-    Parameters
-    ----------
-    frame : Frame
-        Missing chroma becomes neutral, superfluous chroma is left out.
-    pixel_format : {"gray", "yuv420p"}
-        Name of the pixel format.
-
-    Returns
-    -------
-    av.VideoFrame
-        A copy of the samples.
-    """
+    """Put a frame into an FFmpeg picture; the inverse of `frame_from_picture` for these two formats."""
     import av
 
     picture = av.VideoFrame(frame.width, frame.height, pixel_format)
@@ -233,11 +148,7 @@ def _as_planar(picture: "av.VideoFrame") -> "av.VideoFrame":
 
 
 def _reformat(picture: "av.VideoFrame", pixel_format: str, **options: int) -> "av.VideoFrame":
-    """Convert with swscale in one thread.
-
-    With several, the vector stores past the end of one slice's last row race with the first row of the next
-    slice where the width is not a multiple of the vector: one picture in twenty came out wrong.
-    """
+    """Convert with swscale in one thread."""
     return picture.reformat(format=pixel_format, threads=1, **options)
 
 

@@ -14,92 +14,33 @@ DEFAULT_FRAME_RATE = Fraction(25)
 
 @dataclass(frozen=True)
 class Request:
-    """What part of a video the caller asked for, and what he knows of it.
+    """What part of a video the caller asked for, and what he knows of it."""
 
-    Attributes
-    ----------
-    path : Path or str
-        A file or folder that exists; what a message calls a pipe; a device or an address.
-    size : tuple of int or None
-        Width and height in pixels.
-    frame_rate : Fraction or None
-        Frames per second.
-    start : int
-        Number of frames to skip.
-    num_frames : int or None
-        Most frames to read.
-    input_format : str or None
-        FFmpeg's name of the format or device; it is found out by itself otherwise.
-    timeout_s : float or None
-        Patience with a silent network, in seconds.
-    """
-
-    path: Path | str
-    size: tuple[int, int] | None = None
-    frame_rate: Fraction | None = None
-    start: int = 0
-    num_frames: int | None = None
+    path: Path | str  # a file or folder that exists; what a message calls a pipe; a device or an address
+    size: tuple[int, int] | None = None  # width and height in pixels
+    frame_rate: Fraction | None = None  # frames per second
+    start: int = 0  # number of frames to skip
+    num_frames: int | None = None  # most frames to read
+    # FFmpeg's name of the format or device; it is found out by itself otherwise
     input_format: str | None = None
-    timeout_s: float | None = None
+    timeout_s: float | None = None  # patience with a silent network, in seconds
 
     def count_of(self, total: int, unit: str = "frames") -> int:
-        """Return how many frames there are to read.
-
-        Parameters
-        ----------
-        total : int
-            Frames in the source.
-        unit : str, optional
-            What to call them.
-
-        Returns
-        -------
-        int
-            At least 1.
-
-        Raises
-        ------
-        VideoError
-            If the source is empty, or ends before `start`.
-        """
+        """Return how many frames there are to read."""
         if total <= self.start:
             raise self.too_short(unit, total)
         rest = total - self.start
         return rest if self.num_frames is None else min(rest, self.num_frames)
 
     def too_short(self, unit: str = "frames", total: int | None = None) -> VideoError:
-        """Return the error that says that there is nothing to read.
-
-        Parameters
-        ----------
-        unit : str, optional
-            What to call the frames.
-        total : int or None, optional
-            How many there are, if that is known.
-
-        Returns
-        -------
-        VideoError
-            Names the file.
-        """
+        """Return the error that says that there is nothing to read."""
         if self.start == 0 or total == 0:
             return VideoError(f"{self.path}: has no {unit}")
         number = f"no more than {self.start}" if total is None else f"only {total}"
         return VideoError(f"{self.path}: has {number} {unit}, cannot start at frame {self.start}")
 
     def check_size(self, info: VideoInfo) -> None:
-        """Refuse pictures that are not of the size that was asked for.
-
-        Parameters
-        ----------
-        info : VideoInfo
-            What was found.
-
-        Raises
-        ------
-        VideoError
-            If the sizes differ.
-        """
+        """Refuse pictures that are not of the size that was asked for."""
         if self.size is not None and self.size != info.size:
             width, height = self.size
             raise VideoError(f"{self.path}: pictures are {info.width}x{info.height}, not {width}x{height}")
@@ -114,15 +55,7 @@ class SourceClock:
         self.lead_s: float | None = None  # the most by which time stamps were ahead; None without any
 
     def tick(self, time_s: float | None, frame_rate: Fraction) -> None:
-        """Take note of a frame.
-
-        Parameters
-        ----------
-        time_s : float or None
-            Its time stamp in seconds.
-        frame_rate : Fraction
-            Frames per second that there should be.
-        """
+        """Take note of a frame."""
         if time_s is not None:
             if self._first_s is None:
                 self._first_s = time_s - self._num_frames / float(frame_rate)
@@ -132,19 +65,7 @@ class SourceClock:
 
 
 class FrameStream(Closing):
-    """The one `VideoReader` behind all files: information, an iterator of frames, something to close.
-
-    Parameters
-    ----------
-    info : VideoInfo
-        What is known.
-    frames : iterator of Frame
-        Read on demand.
-    close : callable
-        Called by `close`; must allow repetition.
-    clock : SourceClock, optional
-        Compares time stamps with frames, where there are some and the source is live.
-    """
+    """The one `VideoReader` behind all files: information, an iterator of frames, something to close."""
 
     def __init__(
         self,

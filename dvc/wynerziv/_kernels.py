@@ -28,9 +28,7 @@ def _butterfly(first, second, third, fourth):
 @kernel
 def transform_samples(quads, order, core, extremes):
     """4x4 integer transform, not scaled, to int16 `core` (16, N), with the `extremes` (16, 2) of each band.
-
-    Four samples of a line are a uint32 of `quads`, the first in its lowest bits; `order` (band of each
-    coefficient): (4, 4).
+    4x4 integer transform, not scaled, to int16 `core` (16, N), with the `extremes` (16, 2) of each band.
     """
     columns = quads.shape[1]
     for y in range(quads.shape[0]):
@@ -90,10 +88,7 @@ def count_planes(extremes, origins, step, planes):
 
 @kernel
 def pack_uniform(core, scale, step, origins, num_planes, words):
-    """Quantise bands (B, N) from `origins` steps below zero up: plane p is bit 63 - p % 64 of row p // 64.
-
-    In single precision: what lies within a millionth of a border may go to either bin.
-    """
+    """Quantise bands (B, N) from `origins` steps below zero up: plane p is bit 63 - p % 64 of row p // 64."""
     numbers = np.empty(core.shape[1], np.int32)
     first_plane = 0
     for band in range(core.shape[0]):
@@ -252,10 +247,7 @@ def _log_product(factors):
 
 @kernel
 def log_likelihoods(lower, upper, side_information, scale, gains, per_octave, outliers, scores):
-    """Write the log likelihood of all intervals together for each gain.
-
-    Gain k + `per_octave` is twice gain k, so that exponentials follow from each other by squaring.
-    """
+    """Write the log likelihood of all intervals together for each gain."""
     start, stop = np.empty(lower.size), np.empty(lower.size)
     _tails(lower, upper, side_information, start, stop)
     tail, end, probability = np.empty(lower.size), np.empty(lower.size), np.empty(lower.size)
@@ -304,8 +296,7 @@ def conditional_mean(lower, upper, side_information, scale, mean):
 @kernel
 def _cumulative_moments(border, scale, near, moments):
     """Write mass, mean and square of exp(-(|s| - near) / scale) / scale up to `border`, but for a constant.
-
-    The constant drops out of differences between borders, of which `near` is the least distance from zero.
+    Write mass, mean and square of exp(-(|s| - near) / scale) / scale up to `border`, but for a constant.
     """
     distance = abs(border)
     power, q = exponential((near - distance) / scale)
@@ -350,8 +341,7 @@ def _cell_moments(borders, scale, near, outliers, moments):
 @kernel
 def refinement(prefix, missing, edges, side_information, scale, outliers, parts, bits, saved):
     """Add what the next 1, 2, ... planes are expected to cost and save, to `bits` and `saved` of shape (D,).
-
-    In `parts` of a bit and of a squared unit, each coefficient rounded, so that no order of sums matters.
+    Add what the next 1, 2, ... planes are expected to cost and save, to `bits` and `saved` of shape (D,).
     """
     depth, last = bits.size, edges.size - 1
     count, cell_planes = 1 << depth, missing - depth
@@ -429,10 +419,7 @@ def _solve_positive(matrix, vector):
 
 @kernel
 def fit_logistic(inputs, offset, is_zero, least, most, steps, weights, precision):
-    """Bring weights (K,), and the precision (K, K) with which they are known, up to date with bits.
-
-    inputs : (K, N); offset, is_zero : (N,), all float64; least, most : (K,), bounds of the weights.
-    """
+    """Bring weights (K,), and the precision (K, K) with which they are known, up to date with bits."""
     before, count = weights.copy(), weights.size
     known = precision.copy()
     for _ in range(steps):
@@ -449,10 +436,7 @@ def fit_logistic(inputs, offset, is_zero, least, most, steps, weights, precision
 
 @kernel
 def candidates(borders, side_information, scale, reach, max_bins, total, lowest, counts, probabilities):
-    """Write the bins around each prediction, up to `reach` scales and `max_bins`, and their Laplacian.
-
-    `borders` are equally far apart; probabilities of the candidates add up to `total`.
-    """
+    """Write the bins around each prediction, up to `reach` scales and `max_bins`, and their Laplacian."""
     last, width = borders.size - 2, borders[1] - borders[0]
     for n in range(scale.size):
         own = np.int64(min(max((side_information[n] - borders[0]) / width, 0.0), np.float64(last)))
@@ -472,10 +456,7 @@ def candidates(borders, side_information, scale, reach, max_bins, total, lowest,
 
 @kernel
 def expected_errors(borders, lowest, counts, believed, side_information, scale, errors):
-    """Write the expected distance of each coefficient from its prediction, by beliefs about its bin.
-
-    Within a bin it is that of a Laplacian.
-    """
+    """Write the expected distance of each coefficient from its prediction, by beliefs about its bin."""
     width = borders[1] - borders[0]
     for n in range(scale.size):
         own = scale[n]

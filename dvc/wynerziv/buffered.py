@@ -26,24 +26,7 @@ Packing = Callable[[int], Words]
 def quantize_frame(
     layout: FrameLayout, luma: NDArray[np.uint8], step_index: int = 0
 ) -> tuple[Quantization, Words]:
-    """Transform and quantise a frame into bit planes, all planes of a coefficient position in one word.
-
-    Parameters
-    ----------
-    layout : FrameLayout
-        Layout of the frame.
-    luma : ndarray of shape (H, W), uint8
-        Luma samples.
-    step_index : int, optional
-        Index of the width of nested bins; the range of its band decides where they are not.
-
-    Returns
-    -------
-    quantization : Quantization
-        The frame's quantisers.
-    words : ndarray of shape (ceil(num_planes / 64), num_bits), uint64
-        Plane p stands in bit 63 - p % 64 of row p // 64; planes in decoding order.
-    """
+    """Transform and quantise a frame into bit planes, all planes of a coefficient position in one word."""
     quantization, packing = transform_frame(layout, luma, step_index)
     return quantization, packing(transform.NUM_BANDS)
 
@@ -51,22 +34,7 @@ def quantize_frame(
 def transform_frame(
     layout: FrameLayout, luma: NDArray[np.uint8], step_index: int = 0, room: NDArray[np.int16] | None = None
 ) -> tuple[Quantization, Packing]:
-    """Transform a frame as `quantize_frame` does, but leave its planes for later.
-
-    Parameters
-    ----------
-    layout, luma, step_index
-        See `quantize_frame`.
-    room : ndarray of shape (16, layout.num_bits), int16, optional
-        Memory for the coefficients, until the planes are there.
-
-    Returns
-    -------
-    quantization : Quantization
-        The frame's quantisers.
-    packing : callable
-        Gives its bit planes; of some bands alone where bins are nested.
-    """
+    """Transform a frame as `quantize_frame` does, but leave its planes for later."""
     core, extremes = transform.integer_core(luma, room)
     scaled = extremes * transform.BAND_SCALE[:, None]
     if layout.nested:
@@ -118,25 +86,8 @@ def _wanted(request: ParityRequest) -> slice | NDArray[np.int64]:
 
 
 class EncodedFrame:
-    """Bit planes of one Wyner-Ziv frame with their check bits: all that may be asked for can be made of them.
-
-    Parameters
-    ----------
-    layout : FrameLayout
-        Layout of the frame.
-    quantization : Quantization
-        Quantisers of the frame, from `quantize_frame`.
-    words : ndarray of shape (W, N), uint64, or callable
-        Bit planes from `quantize_frame`, or what gives them, from `transform_frame`.
-    encoders : sequence of callable
-        What computes the parity of each code, from `turbo.parity_encoders`.
-
-    Attributes
-    ----------
-    header : bytes
-        What the decoder needs before it can ask.
-    num_packed_bands : int
-        How many of the first bands have their planes and check bits already: all that are asked for.
+    """Bit planes of one Wyner-Ziv frame with their check bits: all that may be asked for can be made of
+    them.
     """
 
     def __init__(
@@ -166,18 +117,7 @@ class EncodedFrame:
         return self._checks
 
     def pack(self, num_bands: int) -> Words:
-        """Make sure that bit planes of the first bands are there.
-
-        Parameters
-        ----------
-        num_bands : int
-            Bands that are wanted; check bits of their planes can then be asked for, too.
-
-        Returns
-        -------
-        ndarray of shape (W, N), uint64
-            Bit planes; those of other bands may be missing.
-        """
+        """Make sure that bit planes of the first bands are there."""
         if self._packing is not None and num_bands > self.num_packed_bands:
             self._words, self.num_packed_bands = self._packing(num_bands), num_bands
             if num_bands == transform.NUM_BANDS:
@@ -192,32 +132,14 @@ class EncodedFrame:
             self._encoders[code](row, released)
 
     def joint_check(self, planes: Sequence[int]) -> Bits:
-        """Return check bits of several planes together.
-
-        Parameters
-        ----------
-        planes : sequence of int
-            Numbers of the planes, of bands that are packed or else all are.
-
-        Returns
-        -------
-        ndarray of shape (crc_bits,), uint8
-            See `turbo.joint_check`.
-        """
+        """Return check bits of several planes together."""
         checks = self._checks if self.num_packed_bands else self.checks
         bits = np.empty((len(planes), checks.shape[1]), np.uint64)
         _kernels.take_planes(checks, np.array(planes, np.int64), bits)
         return turbo.joint_check(bits)
 
     def buffered_payload(self) -> bytes:
-        """Pack the header and everything that may be asked; inverse of `BufferedFrame`.
-
-        Returns
-        -------
-        bytes
-            Payload of the buffered form: after the header, CRC, uncoded bits and the parity of each code; in
-            each of them one big-endian word of ``ceil(num_planes / 8)`` bytes per bit position.
-        """
+        """Pack the header and everything that may be asked; inverse of `BufferedFrame`."""
         num_rows, num_bits = self.words.shape
         first = self.checks.shape[1] + num_bits
         words = np.empty((num_rows, first + len(self._encoders) * num_bits), np.uint64)
@@ -229,22 +151,7 @@ class EncodedFrame:
 
 
 class BufferedFrame:
-    """Answers requests from a buffered payload; reads only the bits that are asked for.
-
-    Parameters
-    ----------
-    layout : FrameLayout
-        Layout of the frame.
-    payload : bytes
-        What `EncodedFrame.buffered_payload` packed.
-    num_codes : int
-        Codes in the family.
-
-    Raises
-    ------
-    BitstreamError
-        If the payload's size is not that of the layout and its header.
-    """
+    """Answers requests from a buffered payload; reads only the bits that are asked for."""
 
     def __init__(self, layout: FrameLayout, payload: bytes, num_codes: int) -> None:
         quantization = layout.read_header(payload)
@@ -260,18 +167,7 @@ class BufferedFrame:
         self._words = self._words.reshape(-1, max(size, 1))
 
     def answer(self, request: ParityRequest) -> Bits:
-        """Return the bits that a request asks for.
-
-        Parameters
-        ----------
-        request : ParityRequest
-            Kind, plane, code and range; taken from this program's own decoder, not from outside.
-
-        Returns
-        -------
-        ndarray of shape (count,), uint8
-            The bits.
-        """
+        """Return the bits that a request asks for."""
         if request.kind == "joint":
             whole = replace(request, kind="crc", start=0, count=self._crc_bits, positions=())
             checks = [self.answer(replace(whole, plane=plane)) for plane in request.positions]

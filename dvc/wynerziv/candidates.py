@@ -21,26 +21,7 @@ CREDIBLE = 0.9
 def number_priors(
     edges: Array, planes: int, depth: int, side_information: Array, scale: Array
 ) -> NumberPriors:
-    """Return where the numbers are likely to be that the first planes of a band spell.
-
-    Parameters
-    ----------
-    edges : ndarray of shape (2^planes + 1,), float64
-        Borders of the band's bins, which are nested: all of one width.
-    planes : int
-        Planes of the band.
-    depth : int
-        How many of them count, at least 1.
-    side_information : ndarray of shape (N,), float64
-        Predicted coefficients.
-    scale : ndarray of shape (N,), float64
-        Scales of the Laplacians, positive.
-
-    Returns
-    -------
-    NumberPriors
-        The same on any processor.
-    """
+    """Return where the numbers are likely to be that the first planes of a band spell."""
     from dvc.wynerziv import _kernels
 
     borders = np.ascontiguousarray(edges[:: 1 << (planes - depth)])
@@ -65,23 +46,7 @@ def number_priors(
 def credible_intervals(
     edges: Array, planes: int, priors: NumberPriors, believed: NDArray[np.float32]
 ) -> tuple[Array, Array]:
-    """Return between which borders coefficients are likely to be, where no number is certain.
-
-    Parameters
-    ----------
-    edges, planes
-        See `number_priors`.
-    priors : NumberPriors
-        From `number_priors`.
-    believed : ndarray of shape (N, K), float32
-        Probabilities of their candidates.
-
-    Returns
-    -------
-    lower, upper : ndarray of shape (N,), float64
-        Borders of the bins without those on either side that together are as unlikely as half of what
-        `CREDIBLE` leaves.
-    """
+    """Return between which borders coefficients are likely to be, where no number is certain."""
     borders = edges[:: 1 << (planes - priors.depth)]
     sums = np.cumsum(believed, axis=1, dtype=np.float64)
     tail = 0.5 * (1.0 - CREDIBLE)

@@ -10,20 +10,7 @@ Around = tuple[int, int | None]
 
 
 def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[int, tuple[int, int]]]:
-    """Return in which order the frames between two key frames are decoded, and from which references.
-
-    Parameters
-    ----------
-    before, after : int
-        Display positions of the key frames.
-    hierarchical : bool
-        Whether the middle frame comes first and serves the others as a reference.
-
-    Returns
-    -------
-    list of (int, (int, int))
-        Display position of each frame, and of its two references.
-    """
+    """Return in which order the frames between two key frames are decoded, and from which references."""
     if not hierarchical:
         return [(index, (before, after)) for index in range(before + 1, after)]
     order: list[tuple[int, tuple[int, int]]] = []
@@ -37,22 +24,7 @@ def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[in
 
 
 def anchor_instants(before: int, last: int, anchor_distance: int) -> list[int]:
-    """Return which frames of a group that no key frame ends are anchors.
-
-    Parameters
-    ----------
-    before : int
-        Display position of the frame before the group.
-    last : int
-        Display position of its last frame.
-    anchor_distance : int
-        Most frames from one anchor to the next.
-
-    Returns
-    -------
-    list of int
-        Their display positions, evenly spaced up to `last`.
-    """
+    """Return which frames of a group that no key frame ends are anchors."""
     count = -(-(last - before) // anchor_distance)
     return [before + (last - before) * number // count for number in range(1, count + 1)]
 
@@ -60,25 +32,7 @@ def anchor_instants(before: int, last: int, anchor_distance: int) -> list[int]:
 def anchored_order(
     before: int, last: int, hierarchical: bool, anchor_distance: int
 ) -> list[tuple[int, Around]]:
-    """Return in which order the frames of a group that no key frame ends are decoded.
-
-    Parameters
-    ----------
-    before : int
-        Display position of the frame before the group.
-    last : int
-        Display position of its last frame.
-    hierarchical : bool
-        Whether the middle frame between two anchors comes first and serves the others as a reference.
-    anchor_distance : int
-        Most frames from one anchor to the next.
-
-    Returns
-    -------
-    list of (int, (int, int or None))
-        Display position of each frame, and of its references: first the anchors, evenly spaced, which are
-        predicted from what comes before them alone; then the frames between each two of them.
-    """
+    """Return in which order the frames of a group that no key frame ends are decoded."""
     ends = [before, *anchor_instants(before, last, anchor_distance)]
     order: list[tuple[int, Around]] = [(anchor, (previous, None)) for previous, anchor in pairwise(ends)]
     for first, second in pairwise(ends):
@@ -89,43 +43,14 @@ def anchored_order(
 def group_order(
     before: int, last: int, hierarchical: bool, anchor_distance: int = 0
 ) -> list[tuple[int, Around]]:
-    """Return in which order the Wyner-Ziv frames of a group are decoded, and from which references.
-
-    Parameters
-    ----------
-    before : int
-        Display position of the frame before the group.
-    last : int
-        Display position of its last frame.
-    hierarchical : bool
-        Whether the middle frame between two others comes first and serves them as a reference.
-    anchor_distance : int, optional
-        Most frames from one anchor to the next; 0 where a key frame ends the group.
-
-    Returns
-    -------
-    list of (int, (int, int or None))
-        Display position of each frame, and of its references.
-    """
+    """Return in which order the Wyner-Ziv frames of a group are decoded, and from which references."""
     if anchor_distance:
         return anchored_order(before, last, hierarchical, anchor_distance)
     return [*decoding_order(before, last, hierarchical)]
 
 
 def levels(order: Sequence[tuple[int, Around]]) -> list[list[tuple[int, Around]]]:
-    """Put frames together that are not predicted from each other.
-
-    Parameters
-    ----------
-    order : sequence of (int, (int, int or None))
-        As from `group_order`.
-
-    Returns
-    -------
-    list of list of (int, (int, int or None))
-        The same frames: each anchor alone, then those between anchors or key frames, then those between
-        these, and so on.
-    """
+    """Put frames together that are not predicted from each other."""
     found: list[list[tuple[int, Around]]] = [[place] for place in order if place[1][1] is None]
     num_anchors, level_of = len(found), dict[int, int]()
     for index, (before, after) in order:
@@ -139,39 +64,13 @@ def levels(order: Sequence[tuple[int, Around]]) -> list[list[tuple[int, Around]]
 
 
 def reference_distance(around: Around) -> int:
-    """Return how far apart the references of a frame are.
-
-    Parameters
-    ----------
-    around : tuple of (int, int or None)
-        Display positions of its references.
-
-    Returns
-    -------
-    int
-        In frames; for an anchor, which predicts the most, farther than in any other frame.
-    """
+    """Return how far apart the references of a frame are."""
     before, after = around
     return MAX_GOP_LENGTH if after is None else after - before
 
 
 def reference_distances(num_frames: int, hierarchical: bool, anchor_distance: int = 0) -> list[int]:
-    """Return how far apart the references of the Wyner-Ziv frames of a group are.
-
-    Parameters
-    ----------
-    num_frames : int
-        Wyner-Ziv frames of the group.
-    hierarchical : bool
-        Whether the middle frame comes first and serves the others as a reference.
-    anchor_distance : int, optional
-        Most frames from one anchor to the next; 0 where a key frame ends the group.
-
-    Returns
-    -------
-    list of int
-        For each frame, in order of display.
-    """
+    """Return how far apart the references of the Wyner-Ziv frames of a group are."""
     last = num_frames if anchor_distance else num_frames + 1
     order = sorted(group_order(0, last, hierarchical, anchor_distance))
     return [reference_distance(around) for _, around in order]

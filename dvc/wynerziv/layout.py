@@ -21,24 +21,13 @@ _PLANE_COUNT_BITS = 4
 
 @dataclass(frozen=True)
 class Quantization:
-    """Quantisers of one frame's bands, which its header tells.
+    """Quantisers of one frame's bands, which its header tells."""
 
-    Attributes
-    ----------
-    nested : bool
-        Whether bins are nested; else their number is given and they share the range of the band.
-    planes : tuple of int
-        Bit planes of the 16 bands, in zigzag order; 0 for one that is not sent.
-    step_indices : dict of int to int
-        Index for `quantizer.step_from_index` by band; DC has none where its range is given.
-    header : bytes
-        All of this, as a frame's payload starts with it.
-    """
-
-    nested: bool
-    planes: tuple[int, ...]
+    nested: bool  # whether bins are nested; else their number is given and they share the range of the band
+    planes: tuple[int, ...]  # bit planes of the 16 bands, in zigzag order; 0 for one that is not sent
+    # index for `quantizer.step_from_index` by band; DC has none where its range is given
     step_indices: dict[int, int]
-    header: bytes
+    header: bytes  # all of this, as a frame's payload starts with it
 
     @cached_property
     def bands(self) -> tuple[int, ...]:
@@ -61,34 +50,12 @@ class Quantization:
         return -(-self.num_planes // 64)
 
     def step(self, band: int) -> float | None:
-        """Return the width of a band's bins.
-
-        Parameters
-        ----------
-        band : int
-            A band that is sent.
-
-        Returns
-        -------
-        float or None
-            None for DC where its range is given.
-        """
+        """Return the width of a band's bins."""
         index = self.step_indices.get(band)
         return None if index is None else quantizer.step_from_index(index)
 
     def edges(self, band: int) -> NDArray[np.float64]:
-        """Return the borders of a band's bins.
-
-        Parameters
-        ----------
-        band : int
-            A band that is sent.
-
-        Returns
-        -------
-        ndarray of shape (num_bins + 1,), float64
-            In increasing order.
-        """
+        """Return the borders of a band's bins."""
         step = self.step(band)
         if self.nested:
             assert step is not None
@@ -98,40 +65,18 @@ class Quantization:
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """Where things are in the Wyner-Ziv frames of one configuration.
+    """Where things are in the Wyner-Ziv frames of one configuration."""
 
-    Attributes
-    ----------
-    height, width : int
-        Sides of the luma plane in pixels.
-    nested : bool
-        Whether bins are nested, so that frames differ in their planes.
-    max_planes : tuple of int
-        Most bit planes of the 16 bands, in zigzag order; 0 where a band is not sent.
-    crc_bits : int
-        Length of each plane's checksum.
-    """
-
-    height: int
+    height: int  # sides of the luma plane in pixels
     width: int
-    nested: bool
+    nested: bool  # whether bins are nested, so that frames differ in their planes
+    # most bit planes of the 16 bands, in zigzag order; 0 where a band is not sent
     max_planes: tuple[int, ...]
-    crc_bits: int
+    crc_bits: int  # length of each plane's checksum
 
     @classmethod
     def of(cls, config: CodecConfig) -> "FrameLayout":
-        """Return the layout of a configuration.
-
-        Parameters
-        ----------
-        config : CodecConfig
-            Configuration of the stream.
-
-        Returns
-        -------
-        FrameLayout
-            Layout of its Wyner-Ziv frames.
-        """
+        """Return the layout of a configuration."""
         video, quantised = config.video, config.wyner_ziv
         nested = quantised.quantizer == "nested"
         return cls(video.height, video.width, nested, quantised.max_planes, config.turbo.crc_bits)
@@ -147,36 +92,12 @@ class FrameLayout:
         return self.band_shape[0] * self.band_shape[1]
 
     def over_range(self, step_indices: dict[int, int]) -> Quantization:
-        """Return quantisers that share the ranges of their bands.
-
-        Parameters
-        ----------
-        step_indices : dict of int to int
-            Index of the step of each AC band that is sent.
-
-        Returns
-        -------
-        Quantization
-            With as many planes as the configuration says.
-        """
+        """Return quantisers that share the ranges of their bands."""
         header = pack_digits("".join(_step_digits(step_indices[band]) for band in self._stepped_bands))
         return Quantization(False, self.max_planes, step_indices, header)
 
     def of_step(self, step_index: int, planes: tuple[int, ...]) -> Quantization:
-        """Return quantisers with nested bins of one width.
-
-        Parameters
-        ----------
-        step_index : int
-            Index of the width.
-        planes : tuple of int
-            Bit planes of the 16 bands.
-
-        Returns
-        -------
-        Quantization
-            Of these.
-        """
+        """Return quantisers with nested bins of one width."""
         header = pack_digits(_step_digits(step_index) + plane_digits(planes))
         return Quantization(True, planes, dict.fromkeys(range(transform.NUM_BANDS), step_index), header)
 
@@ -185,23 +106,7 @@ class FrameLayout:
         return tuple(band for band, planes in enumerate(self.max_planes) if planes and band > 0)
 
     def read_header(self, data: bytes) -> Quantization:
-        """Read the quantisers of a frame from its header.
-
-        Parameters
-        ----------
-        data : bytes
-            A payload of a frame; what follows the header is ignored.
-
-        Returns
-        -------
-        Quantization
-            Quantisers of the frame.
-
-        Raises
-        ------
-        BitstreamError
-            If the payload is shorter than the header, or numbers are out of range.
-        """
+        """Read the quantisers of a frame from its header."""
         reader = BitReader(data)
         try:
             if self.nested:
@@ -226,40 +131,13 @@ _UNARY_DIGITS = {n: _unary_digits(n) for n in range(-MAX_BAND_PLANES, MAX_BAND_P
 
 
 def plane_digits(planes: tuple[int, ...]) -> str:
-    """Spell numbers of planes, each as its difference to that of the band before in unary.
-
-    Parameters
-    ----------
-    planes : tuple of int
-        Planes of the 16 bands.
-
-    Returns
-    -------
-    str
-        Digits 0 and 1.
-    """
+    """Spell numbers of planes, each as its difference to that of the band before in unary."""
     differences = [_UNARY_DIGITS[count - before] for before, count in pairwise(planes)]
     return f"{planes[0]:0{_PLANE_COUNT_BITS}b}" + "".join(differences)
 
 
 def read_planes(reader: BitReader) -> tuple[int, ...]:
-    """Read numbers of planes; inverse of `plane_digits`.
-
-    Parameters
-    ----------
-    reader : BitReader
-        Where from.
-
-    Returns
-    -------
-    tuple of int
-        Planes of the 16 bands.
-
-    Raises
-    ------
-    BitstreamError
-        If a number is out of range, or the data end.
-    """
+    """Read numbers of planes; inverse of `plane_digits`."""
     planes = [reader.read_number(_PLANE_COUNT_BITS)]
     while len(planes) < transform.NUM_BANDS:
         zeros = 0

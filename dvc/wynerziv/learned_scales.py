@@ -32,54 +32,21 @@ _LEAST = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class LearnedBand:
-    """What is believed of a band.
+    """What is believed of a band."""
 
-    Attributes
-    ----------
-    edges : ndarray of shape (2^planes + 1,), float64
-        Borders of its bins, which are nested: all of one width.
-    planes, depth : int
-        Planes of the band, and how many of them are coded.
-    predicted : ndarray of shape (rows, columns), float64
-        Predicted coefficients.
-    promised : ndarray of shape (rows, columns), float64
-        Scales of the Laplacians before anything is known, positive.
-    scale : ndarray of shape (rows, columns), float64
-        The same as learned so far.
-    """
-
-    edges: Array
-    planes: int
+    edges: Array  # borders of its bins, which are nested: all of one width
+    planes: int  # planes of the band, and how many of them are coded
     depth: int
-    predicted: Array
-    promised: Array
-    scale: Array
+    predicted: Array  # predicted coefficients
+    promised: Array  # scales of the Laplacians before anything is known, positive
+    scale: Array  # the same as learned so far
 
     def priors(self) -> NumberPriors:
-        """Return where numbers are likely to be.
-
-        Returns
-        -------
-        NumberPriors
-            By the scales learned so far.
-        """
+        """Return where numbers are likely to be."""
         return number_priors(self.edges, self.planes, self.depth, self.predicted.ravel(), self.scale.ravel())
 
     def learn(self, priors: NumberPriors, believed: NDArray[np.float32]) -> Self:
-        """Learn from what is believed of the numbers.
-
-        Parameters
-        ----------
-        priors : NumberPriors
-            Those of `priors`.
-        believed : ndarray of shape (N, K), float32
-            Probabilities of their candidates.
-
-        Returns
-        -------
-        LearnedBand
-            With new scales, the same on any processor.
-        """
+        """Learn from what is believed of the numbers."""
         errors = self._expected_errors(priors, believed)
         around = (_SIDE**2 * uniform_filter(errors, _SIDE, mode="nearest") - errors) / (_SIDE**2 - 1)
         scale = np.sqrt(self.promised * np.maximum(around, _LEAST))

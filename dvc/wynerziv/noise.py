@@ -70,41 +70,13 @@ transform of half the difference of the compensated references, to the scale of 
 
 
 def texture(bands: Array, band: int) -> Array:
-    """Measure how much there is to go wrong: errors are larger where the prediction itself has detail.
-
-    Parameters
-    ----------
-    bands : ndarray of shape (bands, rows, columns), float64
-        Transform of the prediction.
-    band : int
-        Band whose errors are asked for.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns), float64
-        Magnitude of the coefficient itself and of the block's detail, positive.
-    """
+    """Measure how much there is to go wrong: errors are larger where the prediction itself has detail."""
     detail: Array = FLAT + np.abs(bands[1:]).sum(axis=0) / (len(bands) - 1)
     return detail if band == 0 else detail + np.abs(bands[band])
 
 
 def shaped(scale: Array, texture: Array, expected_error: Array | None) -> Array:
-    """Distribute the scales of a band by what else tells where errors are; their mean stays.
-
-    Parameters
-    ----------
-    scale : ndarray of shape (rows, columns), float64
-        Scales before.
-    texture : ndarray of shape (rows, columns), float64
-        Detail of the prediction, positive.
-    expected_error : ndarray of shape (rows, columns), float64, or None
-        What the side information's method expects, positive, in any unit.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns), float64
-        Scales after, at least `MIN_SCALE`.
-    """
+    """Distribute the scales of a band by what else tells where errors are; their mean stays."""
     # Roots of roots: powers of libraries differ between processors.
     shape = scale * np.sqrt(np.sqrt(texture / np.sqrt(scale)))
     if expected_error is not None:
@@ -114,22 +86,7 @@ def shaped(scale: Array, texture: Array, expected_error: Array | None) -> Array:
 
 
 def interval_probability(lower: Array, upper: Array, side_information: Array, scale: Array) -> Array:
-    """Return the probability that a coefficient lies in an interval, exact also far out in the tails.
-
-    Parameters
-    ----------
-    lower, upper : ndarray of shape (N,), float64
-        Borders of the interval.
-    side_information : ndarray of shape (N,), float64
-        Predicted coefficient.
-    scale : ndarray of shape (N,), float64
-        Scale of the Laplacian, positive.
-
-    Returns
-    -------
-    ndarray of shape (N,), float64
-        Probability, without the outlier share.
-    """
+    """Return the probability that a coefficient lies in an interval, exact also far out in the tails."""
     from dvc.wynerziv import _kernels
 
     probability = np.empty_like(lower)
@@ -138,22 +95,7 @@ def interval_probability(lower: Array, upper: Array, side_information: Array, sc
 
 
 def bit_llr(lower: Array, middle: Array, upper: Array, side_information: Array, scale: Array) -> Array:
-    """Return log P(0) / P(1) of the next bit, which tells whether x lies below or above `middle`.
-
-    Parameters
-    ----------
-    lower, middle, upper : ndarray of shape (N,), float64
-        Borders of the interval known so far and where the bit splits it.
-    side_information : ndarray of shape (N,), float64
-        Predicted coefficient.
-    scale : ndarray of shape (N,), float64
-        Scale of the Laplacian, positive.
-
-    Returns
-    -------
-    ndarray of shape (N,), float64
-        Log-likelihood ratio; positive means bit 0.
-    """
+    """Return log P(0) / P(1) of the next bit, which tells whether x lies below or above `middle`."""
     from dvc.wynerziv import _kernels
 
     llr = np.empty_like(lower)
@@ -164,26 +106,7 @@ def bit_llr(lower: Array, middle: Array, upper: Array, side_information: Array, 
 def fit_gain(
     lower: Array, upper: Array, side_information: Array, scale: Array, expected: float, strength: float = 40.0
 ) -> float:
-    """Fit one factor on the scales to the intervals decoded so far, by maximum a-posteriori likelihood.
-
-    Parameters
-    ----------
-    lower, upper : ndarray of shape (N,), float64
-        Intervals that are known to hold the coefficients.
-    side_information : ndarray of shape (N,), float64
-        Predicted coefficients.
-    scale : ndarray of shape (N,), float64
-        Scales before the factor.
-    expected : float
-        Factor expected before looking, such as that of the band before.
-    strength : float, optional
-        Weight of the expectation, in nats per squared factor of e.
-
-    Returns
-    -------
-    float
-        One of `GAINS`, relative to nothing: multiply `scale` by it.
-    """
+    """Fit one factor on the scales to the intervals decoded so far, by maximum a-posteriori likelihood."""
     from dvc.wynerziv import _kernels
 
     scores = np.empty(GAINS.size)

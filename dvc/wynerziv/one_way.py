@@ -33,18 +33,7 @@ _LENGTHS_PER_OCTAVE = 16
 
 
 def syndrome_length(code: int) -> int:
-    """Return the length that a code stands for; inverse of `length_code`.
-
-    Parameters
-    ----------
-    code : int
-        What the stream carries, in [0, 255].
-
-    Returns
-    -------
-    int
-        Bits of the syndrome: 0 for code 0; else 16 and more, sixteen lengths to each octave.
-    """
+    """Return the length that a code stands for; inverse of `length_code`."""
     if code == 0:
         return 0
     octave, step = divmod(code - 1, _LENGTHS_PER_OCTAVE)
@@ -58,18 +47,7 @@ def _lengths() -> tuple[int, ...]:
 
 
 def length_code(num_bits: float) -> int:
-    """Return the code of the least length that is not below one.
-
-    Parameters
-    ----------
-    num_bits : float
-        Bits wanted; 0 or less for none.
-
-    Returns
-    -------
-    int
-        Code for `syndrome_length`; that of the longest where none is enough.
-    """
+    """Return the code of the least length that is not below one."""
     if num_bits <= 0:
         return 0
     return bisect_left(_lengths(), num_bits, 1, (1 << LENGTH_CODE_BITS) - 1)
@@ -77,40 +55,16 @@ def length_code(num_bits: float) -> int:
 
 @dataclass(frozen=True)
 class SentPlanes:
-    """What is sent of a frame.
+    """What is sent of a frame."""
 
-    Attributes
-    ----------
-    depths : tuple of int
-        Planes of the 16 bands that are sent, the most significant ones.
-    length_codes : tuple of int
-        Code of the length of the syndrome of each of `BLOCKS`; 0 where none of its planes is sent.
-    """
-
-    depths: tuple[int, ...]
+    depths: tuple[int, ...]  # planes of the 16 bands that are sent, the most significant ones
+    # code of the length of the syndrome of each of `BLOCKS`; 0 where none of its planes is sent
     length_codes: tuple[int, ...]
 
     def graph(
         self, block: int, quantization: Quantization, num_bits: int, settings: TurboConfig
     ) -> SyndromeGraph | None:
-        """Return the code of a block.
-
-        Parameters
-        ----------
-        block : int
-            Number of the block.
-        quantization : Quantization
-            Quantisers of the frame.
-        num_bits : int
-            Length of a plane.
-        settings : TurboConfig
-            Settings of the codes.
-
-        Returns
-        -------
-        SyndromeGraph or None
-            None where nothing of the block is sent.
-        """
+        """Return the code of a block."""
         first, depths = quantization.first_plane, self.depths
         bands = [range(first[band], first[band] + depths[band]) for band in BLOCKS[block] if depths[band]]
         planes = tuple(chain.from_iterable(bands))
@@ -122,22 +76,7 @@ class SentPlanes:
 
 
 def encode_payload(frame: EncodedFrame, sent: SentPlanes, settings: TurboConfig) -> bytes:
-    """Pack what is sent of a frame; inverse of `OneWayFrame.read`.
-
-    Parameters
-    ----------
-    frame : EncodedFrame
-        The frame.
-    sent : SentPlanes
-        What is sent.
-    settings : TurboConfig
-        Settings of the codes.
-
-    Returns
-    -------
-    bytes
-        Payload of the one-way form.
-    """
+    """Pack what is sent of a frame; inverse of `OneWayFrame.read`."""
     digits = plane_digits(sent.depths) + "".join(f"{code:0{LENGTH_CODE_BITS}b}" for code in sent.length_codes)
     parts = [np.frombuffer(digits.encode(), np.uint8) & np.uint8(1)]
     blocks = (
@@ -162,45 +101,15 @@ class SentBlock:
 
 @dataclass(frozen=True, eq=False)
 class OneWayFrame:
-    """What was received of a frame.
+    """What was received of a frame."""
 
-    Attributes
-    ----------
-    quantization : Quantization
-        Its quantisers.
-    sent : SentPlanes
-        What was sent.
-    blocks : tuple of (SentBlock or None)
-        Each of `BLOCKS`; None where nothing was sent of it.
-    """
-
-    quantization: Quantization
-    sent: SentPlanes
-    blocks: tuple[SentBlock | None, ...]
+    quantization: Quantization  # its quantisers
+    sent: SentPlanes  # what was sent
+    blocks: tuple[SentBlock | None, ...]  # each of `BLOCKS`; None where nothing was sent of it
 
     @classmethod
     def read(cls, layout: FrameLayout, payload: bytes, settings: TurboConfig) -> Self:
-        """Unpack a payload; inverse of `encode_payload`.
-
-        Parameters
-        ----------
-        layout : FrameLayout
-            Layout of the frame.
-        payload : bytes
-            The payload.
-        settings : TurboConfig
-            Settings of the codes.
-
-        Returns
-        -------
-        OneWayFrame
-            What it holds.
-
-        Raises
-        ------
-        BitstreamError
-            If the payload is not of the size that it says, or tells of planes that do not exist.
-        """
+        """Unpack a payload; inverse of `encode_payload`."""
         quantization = layout.read_header(payload)
         reader = BitReader(payload[len(quantization.header) :])
         depths = read_planes(reader)

@@ -81,34 +81,16 @@ def _coupled(*values: float) -> _Weights:
 
 @dataclass(frozen=True)
 class PlanePrior:
-    """What is known of a plane before it is decoded.
+    """What is known of a plane before it is decoded."""
 
-    Attributes
-    ----------
-    llr : ndarray of shape (N,), float64
-        LLR log p(0) / p(1) of each bit.
-    coupling : NeighbourCoupling
-        How bits depend on their neighbours.
-    place : tuple of two int
-        The band, and which of its planes.
-    inputs : ndarray of shape (4, N), float64
-        Terms of the LLR.
-    """
-
-    llr: Array
-    coupling: NeighbourCoupling
-    place: tuple[int, int]
-    inputs: Array
+    llr: Array  # LLR log p(0) / p(1) of each bit
+    coupling: NeighbourCoupling  # how bits depend on their neighbours
+    place: tuple[int, int]  # the band, and which of its planes
+    inputs: Array  # terms of the LLR
 
 
 class LearnedPriors:
-    """Priors of the planes of a group of pictures, one after the other as they are decoded.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of blocks.
-    """
+    """Priors of the planes of a group of pictures, one after the other as they are decoded."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._shape = shape
@@ -129,18 +111,7 @@ class LearnedPriors:
 
     @classmethod
     def mean(cls, several: Sequence["LearnedPriors"]) -> "LearnedPriors":
-        """Return what was learned side by side.
-
-        Parameters
-        ----------
-        several : sequence of LearnedPriors
-            One or more; they stay as they are.
-
-        Returns
-        -------
-        LearnedPriors
-            With the mean of their weights, and of how well these are known.
-        """
+        """Return what was learned side by side."""
         together = cls(several[0]._shape)
         together._alone = [
             _Weights.mean(weights) for weights in zip(*(p._alone for p in several), strict=True)
@@ -158,26 +129,7 @@ class LearnedPriors:
         scale: Array,
         dc_error: Array | None,
     ) -> PlanePrior:
-        """Return the prior of the next plane of a band.
-
-        Parameters
-        ----------
-        place : tuple of two int
-            The band, and which of its planes.
-        borders : tuple of three ndarray of shape (N,), float64
-            Of the interval known so far, with where the bit splits it between them.
-        side_information : ndarray of shape (N,), float64
-            Predicted coefficients.
-        scale : ndarray of shape (N,), float64
-            Scales of the Laplacians, positive.
-        dc_error : ndarray of shape (rows, columns), float64, or None
-            By how much the decoded DC band is off its prediction, if it is known.
-
-        Returns
-        -------
-        PlanePrior
-            For the decoder of planes, and for `learn`.
-        """
+        """Return the prior of the next plane of a band."""
         band, number = place[0], _class_of(*place)
         lower, middle, upper = borders
         shape = self._shape
@@ -207,15 +159,7 @@ class LearnedPriors:
         return PlanePrior(corrected, coupling, place, inputs)
 
     def learn(self, prior: PlanePrior, bits: Bits) -> None:
-        """Learn from a plane that is decoded.
-
-        Parameters
-        ----------
-        prior : PlanePrior
-            What was known of it before.
-        bits : ndarray of shape (N,), uint8
-            The plane.
-        """
+        """Learn from a plane that is decoded."""
         number = _class_of(*prior.place)
         self._alone[number].learn(prior.inputs, np.zeros_like(prior.llr), bits)
         self._coupled[number].learn(_coupled_inputs(prior, bits), prior.llr, bits)

@@ -15,33 +15,12 @@ Result = TypeVar("Result")
 
 
 def disagreement(found: str) -> BitstreamError:
-    """Return the error of a punctured stream that holds what another decoder asked for.
-
-    Checksums are right, or it would not have been read: damage is the less likely reason.
-
-    Parameters
-    ----------
-    found : str
-        What does not fit.
-
-    Returns
-    -------
-    BitstreamError
-        To be raised.
-    """
+    """Return the error of a punctured stream that holds what another decoder asked for."""
     return BitstreamError(f"the punctured stream was made for other predictions than this decoder's: {found}")
 
 
 class PuncturedFrame:
-    """Answers requests from a punctured payload: whatever is asked, the next bits are the answer.
-
-    Parameters
-    ----------
-    layout : FrameLayout
-        Layout of the frame.
-    payload : bytes
-        Header and bits that `PunctureRecorder` collected.
-    """
+    """Answers requests from a punctured payload: whatever is asked, the next bits are the answer."""
 
     def __init__(self, layout: FrameLayout, payload: bytes) -> None:
         header_bytes = len(layout.read_header(payload).header)
@@ -49,23 +28,7 @@ class PuncturedFrame:
         self._position = 0
 
     def answer(self, request: ParityRequest) -> Bits:
-        """Return the next bits.
-
-        Parameters
-        ----------
-        request : ParityRequest
-            Only its count matters.
-
-        Returns
-        -------
-        ndarray of shape (count,), uint8
-            The bits.
-
-        Raises
-        ------
-        BitstreamError
-            If the payload ends before.
-        """
+        """Return the next bits."""
         stop = self._position + request.count
         if stop > self._bits.size:
             raise disagreement(f"a Wyner-Ziv frame has {self._bits.size} bits, {stop} are needed")
@@ -83,23 +46,7 @@ class PunctureRecorder:
     def watch(
         self, coroutine: Generator[ParityRequest, Bits, Result]
     ) -> Generator[ParityRequest, Bits, Result]:
-        """Pass on requests of a coroutine, and keep the answers.
-
-        Parameters
-        ----------
-        coroutine : generator
-            Yields requests, and is sent bits.
-
-        Yields
-        ------
-        ParityRequest
-            The same.
-
-        Returns
-        -------
-        object
-            What the coroutine returns.
-        """
+        """Pass on requests of a coroutine, and keep the answers."""
         try:
             request = next(coroutine)
             while True:
@@ -111,17 +58,6 @@ class PunctureRecorder:
             return result
 
     def payload(self, header: bytes) -> bytes:
-        """Pack what was collected; `PuncturedFrame` answers with it.
-
-        Parameters
-        ----------
-        header : bytes
-            Header of the frame.
-
-        Returns
-        -------
-        bytes
-            Payload of the punctured form.
-        """
+        """Pack what was collected; `PuncturedFrame` answers with it."""
         bits = np.concatenate(self._bits) if self._bits else np.zeros(0, np.uint8)
         return header + np.packbits(bits).tobytes()

@@ -26,72 +26,24 @@ _MAX_STEP_INDEX = (1 << STEP_INDEX_BITS) - 1
 
 
 def step_from_index(index: int) -> float:
-    """Return the step that an index stands for; inverse of `index_of_step`.
-
-    Parameters
-    ----------
-    index : int
-        What the stream carries, in [0, 63].
-
-    Returns
-    -------
-    float
-        Step in coefficient units, 1 to 1448.
-    """
+    """Return the step that an index stands for; inverse of `index_of_step`."""
     return float(2.0 ** (index / _STEPS_PER_OCTAVE))
 
 
 def index_of_step(step: float) -> int:
-    """Return the index of the least step that is not below one.
-
-    Parameters
-    ----------
-    step : float
-        Step in coefficient units, positive.
-
-    Returns
-    -------
-    int
-        Index for `step_from_index`; that of the largest step where none is enough.
-    """
+    """Return the index of the least step that is not below one."""
     index = math.ceil(_STEPS_PER_OCTAVE * math.log2(max(step, 1.0)) - 1e-9)
     return min(index, _MAX_STEP_INDEX)
 
 
 def step_index(coefficients: NDArray[np.float64], levels: int) -> int:
-    """Return the index of the step of an AC band: 2 |x|max / (levels - 1), as in DISCOVER, rounded up.
-
-    Parameters
-    ----------
-    coefficients : ndarray, float64
-        The band, or the least and the greatest of it.
-    levels : int
-        Levels of its quantiser, at least 2.
-
-    Returns
-    -------
-    int
-        Index for `step_from_index`.
-    """
+    """Return the index of the step of an AC band: 2 |x|max / (levels - 1), as in DISCOVER, rounded up."""
     max_magnitude = float(np.abs(coefficients).max(initial=0.0))
     return index_of_step(2.0 * max_magnitude / (levels - 1))
 
 
 def bin_edges(levels: int, step: float | None) -> NDArray[np.float64]:
-    """Return the borders of the bins of a range quantiser, in increasing order.
-
-    Parameters
-    ----------
-    levels : int
-        A power of two, at least 2.
-    step : float or None
-        Step of an AC band; None for DC.
-
-    Returns
-    -------
-    ndarray of shape (num_bins + 1,), float64
-        ``num_bins`` is ``levels`` for DC, ``levels - 1`` for AC.
-    """
+    """Return the borders of the bins of a range quantiser, in increasing order."""
     if step is None:
         return np.arange(levels + 1, dtype=np.float64) * (DC_RANGE / levels)
     positive = np.arange(1, levels // 2 + 1) * step
@@ -100,41 +52,12 @@ def bin_edges(levels: int, step: float | None) -> NDArray[np.float64]:
 
 
 def nested_origin(band: int, planes: int) -> float:
-    """Return where zero lies among nested bins.
-
-    Parameters
-    ----------
-    band : int
-        The band; 0 is DC.
-    planes : int
-        Its bit planes.
-
-    Returns
-    -------
-    float
-        In steps from the lowest border: 0 for DC; for AC 4^ceil(planes / 2) / 3, so that a plane more leaves
-        the bins of the others as they are.
-    """
+    """Return where zero lies among nested bins."""
     return 0.0 if band == 0 else 4 ** (-(-planes // 2)) / 3
 
 
 def nested_edges(band: int, planes: int, step: float) -> NDArray[np.float64]:
-    """Return the borders of nested bins, in increasing order.
-
-    Parameters
-    ----------
-    band : int
-        The band; 0 is DC.
-    planes : int
-        Its bit planes.
-    step : float
-        Width of a bin.
-
-    Returns
-    -------
-    ndarray of shape (2^planes + 1,), float64
-        Borders.
-    """
+    """Return the borders of nested bins, in increasing order."""
     numbers = np.arange((1 << planes) + 1, dtype=np.float64)
     return (numbers - nested_origin(band, planes)) * step
 
@@ -145,36 +68,12 @@ _ORIGINS = np.array(
 
 
 def nested_planes(extremes: NDArray[np.float64], step: float) -> NDArray[np.int64]:
-    """Return how many planes hold all values of each band in nested bins.
-
-    Parameters
-    ----------
-    extremes : ndarray of shape (16, 2), float64
-        The least and the greatest coefficient of each band.
-    step : float
-        Width of a bin.
-
-    Returns
-    -------
-    ndarray of shape (16,), int64
-        At most `MAX_BAND_PLANES`; values beyond are put into the outermost bins.
-    """
+    """Return how many planes hold all values of each band in nested bins."""
     planes = np.empty(NUM_BANDS, np.int64)
     _kernels.count_planes(extremes, _ORIGINS, step, planes)
     return planes
 
 
 def nested_origins(planes: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return `nested_origin` of all bands.
-
-    Parameters
-    ----------
-    planes : ndarray of shape (16,), int64
-        Their bit planes.
-
-    Returns
-    -------
-    ndarray of shape (16,), float64
-        In steps from the lowest border.
-    """
+    """Return `nested_origin` of all bands."""
     return _ORIGINS[np.arange(NUM_BANDS), planes]

@@ -28,32 +28,7 @@ def expected_refinement(
     scale: Array,
     depth: int,
 ) -> Refinement:
-    """Return what the next planes of a band are expected to cost and to save.
-
-    Of a coefficient with a Laplacian, of which an interval is known, the planes tell in which part of the
-    interval it lies: the entropy of that is their ideal code length, and the variance between the parts is
-    what they take off the squared error of the reconstruction.
-
-    Parameters
-    ----------
-    prefix : ndarray of shape (N,), int64
-        Number spelled by the known planes of every coefficient.
-    missing_planes : int
-        Planes of the band that are not known yet, at least `depth`.
-    edges : ndarray of shape (num_bins + 1,), float64
-        Borders of the band's bins.
-    side_information : ndarray of shape (N,), float64
-        Predicted coefficients.
-    scale : ndarray of shape (N,), float64
-        Scales of the Laplacians, positive.
-    depth : int
-        How many planes to look ahead.
-
-    Returns
-    -------
-    Refinement
-        Sums over the band; the same on any processor.
-    """
+    """Return what the next planes of a band are expected to cost and to save."""
     from dvc.wynerziv import _kernels
 
     bits, saved = np.zeros(depth, np.int64), np.zeros(depth, np.int64)

@@ -32,34 +32,12 @@ BAND_SCALE: NDArray[np.float64] = SCALE.ravel()[list(ZIGZAG)]
 
 
 def band_shape(height: int, width: int) -> tuple[int, int]:
-    """Return how many rows and columns of 4x4 blocks cover a frame.
-
-    Parameters
-    ----------
-    height, width : int
-        Frame sides in pixels, positive.
-
-    Returns
-    -------
-    tuple of int
-        Rows and columns of blocks; incomplete blocks count.
-    """
+    """Return how many rows and columns of 4x4 blocks cover a frame."""
     return -(-height // BLOCK), -(-width // BLOCK)
 
 
 def pad_to_blocks(luma: Samples) -> Samples:
-    """Replicate the last row and column until both sides are multiples of 4.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W)
-        Samples.
-
-    Returns
-    -------
-    ndarray of shape (4 * ceil(H / 4), 4 * ceil(W / 4))
-        The input itself where nothing is missing.
-    """
+    """Replicate the last row and column until both sides are multiples of 4."""
     rows, columns = band_shape(*luma.shape)
     missing = (rows * BLOCK - luma.shape[0], columns * BLOCK - luma.shape[1])
     if missing == (0, 0):
@@ -70,27 +48,7 @@ def pad_to_blocks(luma: Samples) -> Samples:
 def integer_core(
     luma: NDArray[np.uint8], room: NDArray[np.int16] | None = None
 ) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-    """Transform a frame into bands of integers, which are not scaled yet.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        Samples; sides that are not multiples of 4 are padded by replication.
-    room : ndarray of shape (16, rows * columns), int16, optional
-        Where the bands go; new memory by default.
-
-    Returns
-    -------
-    core : ndarray of shape (16, rows * columns), int16
-        Times `BAND_SCALE`, what `forward` returns.
-    extremes : ndarray of shape (16, 2), int16
-        The least and the greatest of each band.
-
-    Raises
-    ------
-    TypeError
-        If samples are of another type.
-    """
+    """Transform a frame into bands of integers, which are not scaled yet."""
     if luma.dtype != np.uint8:
         raise TypeError(f"`luma` must be uint8, got {luma.dtype}")
     padded = pad_to_blocks(luma)
@@ -103,18 +61,7 @@ def integer_core(
 
 
 def forward(luma: Samples) -> NDArray[np.float64]:
-    """Transform a frame into bands; inverse of `inverse`.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), integer or float
-        Samples; sides that are not multiples of 4 are padded by replication.
-
-    Returns
-    -------
-    ndarray of shape (16, rows, columns), float64
-        Orthonormal coefficients, bands in zigzag order.
-    """
+    """Transform a frame into bands; inverse of `inverse`."""
     padded = pad_to_blocks(luma)
     shape = band_shape(*padded.shape)
     bands = np.empty((NUM_BANDS, shape[0] * shape[1]))
@@ -123,20 +70,7 @@ def forward(luma: Samples) -> NDArray[np.float64]:
 
 
 def inverse(bands: NDArray[np.float64], height: int, width: int) -> NDArray[np.float64]:
-    """Transform bands back into a frame; inverse of `forward`.
-
-    Parameters
-    ----------
-    bands : ndarray of shape (16, rows, columns), float64
-        Orthonormal coefficients, bands in zigzag order.
-    height, width : int
-        Sides of the frame; the padding beyond them is cut off.
-
-    Returns
-    -------
-    ndarray of shape (height, width), float64
-        Samples, neither rounded nor clipped.
-    """
+    """Transform bands back into a frame; inverse of `forward`."""
     if bands.shape != (NUM_BANDS, *band_shape(height, width)):
         raise ValueError(f"`bands` has shape {bands.shape}, which does not fit a frame of {width}x{height}")
     scaled: list[list[NDArray[np.float64]]] = [[np.empty(0)] * BLOCK for _ in range(BLOCK)]
@@ -159,16 +93,5 @@ def _inverse_butterfly(
 
 
 def to_uint8(samples: NDArray[np.float64]) -> NDArray[np.uint8]:
-    """Round to the nearest of [0, 255].
-
-    Parameters
-    ----------
-    samples : ndarray, float64
-        Samples; halves round up.
-
-    Returns
-    -------
-    ndarray of the same shape, uint8
-        Displayable samples.
-    """
+    """Round to the nearest of [0, 255]."""
     return np.clip(np.floor(samples + 0.5), 0, 255).astype(np.uint8)

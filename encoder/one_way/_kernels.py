@@ -14,10 +14,7 @@ _ALIKE = np.uint64(0x0101010101010101)  # times a byte: eight of it
 
 @kernel
 def sort_by_rows(positions, grid, spacing, first, order):
-    """Sort points that are known everywhere by the nearest row of blocks; return how many these are.
-
-    Those of row r are ``order[first[r] : first[r + 1]]``, in the order in which they are given.
-    """
+    """Sort points that are known everywhere by the nearest row of blocks; return how many these are."""
     rows = np.full(positions.shape[0], -1)
     first[:] = 0
     for i in range(positions.shape[0]):
@@ -52,10 +49,7 @@ def compare_row(across, down, nearest):
 @kernel
 def nearest_points(positions, grid, spacing, unit, index_bits, nearest):
     """List the `NEAREST` points nearest to the centre of each block, as keys; return how many were compared.
-
-    A key is the squared distance in units of 1 / `unit`, then the number of the point in `index_bits`; those
-    in `nearest` (rows, NEAREST, columns or more) come with the least first, and `FAR` is none. Points are
-    looked at from row to row, as far as they may be among the nearest.
+    List the `NEAREST` points nearest to the centre of each block, as keys; return how many were compared.
     """
     nearest[:] = FAR
     first, order = np.empty(grid[0] + 1, np.int64), np.empty(positions.shape[0], np.int64)
@@ -108,10 +102,7 @@ def blend_motion(positions, instant, grid, spacing, index_bits, nearest, motion)
 
 @kernel
 def cut_blocks(words, grid, spacing, factor, lines):
-    """Write `factor` times the sampled blocks of a picture, those of a row of blocks side by side.
-
-    `words` (H, W - 7) hold eight samples from each place on; `lines` (rows, SIDE, SIDE * columns), int16.
-    """
+    """Write `factor` times the sampled blocks of a picture, those of a row of blocks side by side."""
     window = np.empty((SIDE, grid[1]), np.uint64)
     samples = window.view(np.uint8)
     for row in range(grid[0]):
@@ -125,10 +116,7 @@ def cut_blocks(words, grid, spacing, factor, lines):
 
 @inlined_kernel
 def word_at(words, y, x):
-    """Return eight samples from a place on, the first in the lowest bits; borders are repeated.
-
-    `words`: see `cut_blocks`.
-    """
+    """Return eight samples from a place on, the first in the lowest bits; borders are repeated."""
     last = words.shape[1] - 1
     word = words[np.uintp(min(max(y, 0), words.shape[0] - 1)), np.uintp(min(max(x, 0), last))]
     if 0 <= x <= last:
@@ -143,8 +131,7 @@ def word_at(words, y, x):
 @kernel
 def subtract_moved(words, motion, grid, spacing, lines):
     """Subtract four times the blocks of a picture, moved by half pixels, borders repeated; see `cut_blocks`.
-
-    Samples at half places are means of those around them.
+    Subtract four times the blocks of a picture, moved by half pixels, borders repeated; see `cut_blocks`.
     """
     lowest, rightmost = 2 * (words.shape[0] - SIDE), 2 * (words.shape[1] - 1)
     windows = np.empty((SIDE, 4, grid[1]), np.uint64)
@@ -227,9 +214,7 @@ def block_errors(
     words, references, noises, positions, grid, spacing, unit, index_bits, weights, order, residual, noise
 ):
     """Write energies of blocks less the mean of where they are in references, and the noise that these add.
-
-    Words of the picture and of each reference: see `cut_blocks`; `positions` (N, 1 + R, 2). Return how many
-    pairs of a block and a point were compared.
+    Write energies of blocks less the mean of where they are in references, and the noise that these add.
     """
     count = len(references)
     nearest = np.empty((grid[0], NEAREST, -(-grid[1] // 8) * 8), np.int32)
@@ -262,10 +247,7 @@ def _transform(block, y0, x0, half, core):
 
 @inlined_kernel
 def _intra_part(image, y0, x0, block, half, core, line, column):
-    """Write the transform of a part of a block, and of the lines of samples to its left and above it.
-
-    Return the sum of these.
-    """
+    """Write the transform of a part of a block, and of the lines of samples to its left and above it."""
     above, left = np.uintp(max(y0 - 1, 0)), np.uintp(max(x0 - 1, 0))
     for y in range(4):
         for x in range(4):
@@ -288,11 +270,7 @@ def _intra_part(image, y0, x0, block, half, core, line, column):
 
 @kernel
 def intra_errors(image, corners, step, rounding, scale, order, errors):
-    """Write the mean squared error of quantised intra residuals, by blocks and bands.
-
-    Each block is predicted in the direction that leaves the smallest coefficients: from the left, from above,
-    or from both by one mean. A prediction has coefficients in one column, in one row, or in one place.
-    """
+    """Write the mean squared error of quantised intra residuals, by blocks and bands."""
     half, core, block = np.empty((4, 4), np.int32), np.empty((4, 4), np.int32), np.empty((4, 4), np.int32)
     whole, predicted = np.empty((4, 4, 4)), np.zeros((DIRECTIONS, 4, 4, 4))
     line, column, totals = np.empty(4, np.int32), np.empty(4, np.int32), np.empty(DIRECTIONS)
@@ -360,10 +338,7 @@ def variance_places(residual, noise, weights, step, first, places, histograms):
 
 @kernel
 def expected_costs(histograms, planes, step, per_plane, scale, tables, bits, costs):
-    """Write, by bands and numbers of planes that are known, what tables tell of all blocks, times `scale`.
-
-    `costs` (bands, 2, planes) are bits first, then squared errors; a plane is `per_plane` places.
-    """
+    """Write, by bands and numbers of planes that are known, what tables tell of all blocks, times `scale`."""
     costs[:] = 0.0
     for band in range(histograms.shape[0]):
         for place in range(histograms.shape[1]):
@@ -382,11 +357,7 @@ def expected_costs(histograms, planes, step, per_plane, scale, tables, bits, cos
 def frame_costs(
     residual, noise, borders, weights, planes, step, first, per_plane, scale, share, tables, places, costs
 ):
-    """Place the variances of all bands of a frame, and write what its planes cost and leave; see `refine`.
-
-    Between `borders` of the bands are blocks of them, each with its `weights` and its bits in `tables`, after
-    variance and squared error.
-    """
+    """Place the variances of all bands of a frame, and write what its planes cost and leave; see `refine`."""
     histograms = np.empty((places.shape[0], tables.shape[1]), np.int64)
     for block in range(weights.shape[0]):
         b, e = borders[block], borders[block + 1]
@@ -400,8 +371,7 @@ def frame_costs(
 @kernel
 def refine(squares, residual, share):
     """Take off the squared errors that planes of DC leave what they save of other bands; residual of these.
-
-    That is at most a share of the mean residual of a block, where nothing of DC is left to be told.
+    Take off the squared errors that planes of DC leave what they save of other bands; residual of these.
     """
     most = 0.0
     for band in range(residual.shape[0]):
@@ -417,8 +387,7 @@ def refine(squares, residual, share):
 @kernel
 def choose_depths(costs, planes, bit_cost, depths):
     """Choose the planes of each band that cost least; return how many, their bits, and what error they save.
-
-    Of `costs`: see `expected_costs`.
+    Choose the planes of each band that cost least; return how many, their bits, and what error they save.
     """
     num_planes, bits, saved = 0, 0.0, 0.0
     for band in range(planes.size):

@@ -47,14 +47,7 @@ def _in_bins(width: float) -> float:
 
 @lru_cache(maxsize=1)
 def laplacian_tables() -> Floats:
-    """Tabulate Laplacians in bins, on the mean over all offsets of the bins.
-
-    Returns
-    -------
-    ndarray of shape (2, NUM_PLACES), float64
-        By places, which are eighths of octaves of the variance over the squared width, from `FIRST_OCTAVE`
-        on: that variance, and the squared error of the mean of the bin over the variance.
-    """
+    """Tabulate Laplacians in bins, on the mean over all offsets of the bins."""
     octave, eighth = np.divmod(np.arange(NUM_PLACES), PER_OCTAVE)
     variances = 2.0 ** (octave + FIRST_OCTAVE) * (1.0 + (eighth + 0.5) / PER_OCTAVE)
     return np.stack([variances, [_in_bins(float(width)) for width in np.sqrt(2.0 / variances)]])

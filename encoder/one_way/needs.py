@@ -62,10 +62,7 @@ _VARIANCES = np.array([needs.variance for needs in NEEDS])
 
 @lru_cache(maxsize=1)
 def _tables() -> Floats:
-    """Return variance, bits of each of `BLOCKS`, and squared error over the variance by places.
-
-    Shape (2 + len(BLOCKS), NUM_PLACES); see `laplacian_tables`.
-    """
+    """Return variance, bits of each of `BLOCKS`, and squared error over the variance by places."""
     variances, errors = laplacian_tables()
     octaves = np.log2(variances)
     beyond = 0.5 * np.maximum(octaves - OCTAVES[-1], 0.0)
@@ -81,39 +78,14 @@ class Choice(NamedTuple):
 
 
 class NeedEstimator:
-    """Chooses what to send.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Configuration of the stream.
-    margin_percent : int
-        What is sent beyond the need that is expected.
-    """
+    """Chooses what to send."""
 
     def __init__(self, config: CodecConfig, margin_percent: int) -> None:
         self._config = config
         self._margin = margin_percent / 100.0
 
     def choose(self, quantization: Quantization, errors: BlockErrors, distance: int, num_bits: int) -> Choice:
-        """Choose planes and lengths of syndromes of one frame.
-
-        Parameters
-        ----------
-        quantization : Quantization
-            Quantisers of the frame.
-        errors : BlockErrors
-            What is expected of its prediction.
-        distance : int
-            How far its references are apart, in frames.
-        num_bits : int
-            Length of a plane.
-
-        Returns
-        -------
-        Choice
-            What to send, and what it leaves.
-        """
+        """Choose planes and lengths of syndromes of one frame."""
         if not errors.residual.size:  # too small a picture to tell
             errors = BlockErrors(np.full((16, 1), _UNKNOWN, np.float32), np.zeros((16, 1), np.float32))
         slope = self._config.wyner_ziv.slope_between(distance)
@@ -147,65 +119,20 @@ class FrameCosts(NamedTuple):
     """
 
     def choose_depths(self, bands: slice, slope: float, depths: Integers) -> tuple[int, float, float]:
-        """Choose how many planes of some bands pay.
-
-        Parameters
-        ----------
-        bands : slice
-            The bands.
-        slope : float
-            Squared error that a bit must save.
-        depths : ndarray of shape (16,), int64
-            Planes that are sent of all bands, of which those of these bands are written.
-
-        Returns
-        -------
-        num_planes : int
-            How many these are.
-        bits : float
-            Their ideal code length.
-        saved : float
-            The squared error that they save.
-        """
+        """Choose how many planes of some bands pay."""
         given = self.costs[bands], self.planes[bands], BITS_PER_BIT * slope
         num_planes, bits, saved = _kernels.choose_depths(*given, depths[bands])
         return num_planes, bits, saved
 
     def noise(self, depths: Integers) -> NDArray[np.float32]:
-        """Return the squared error that is left in each block.
-
-        Parameters
-        ----------
-        depths : ndarray of shape (16,), int64
-            Planes that are known.
-
-        Returns
-        -------
-        ndarray of shape (16, B), float32
-            By bands and blocks.
-        """
+        """Return the squared error that is left in each block."""
         noise = np.empty(self.places.shape, np.float32)
         _kernels.remaining_noise(self.places, self.planes, depths, self.step, PER_PLANE, _tables(), noise)
         return noise
 
 
 def frame_costs(quantization: Quantization, errors: BlockErrors, num_bits: int) -> FrameCosts:
-    """Expect what the planes of a frame cost and leave.
-
-    Parameters
-    ----------
-    quantization : Quantization
-        Quantisers of the frame, with nested bins.
-    errors : BlockErrors
-        What is expected of its prediction.
-    num_bits : int
-        Length of a plane.
-
-    Returns
-    -------
-    FrameCosts
-        Of all bands; what planes of DC tell of the others is taken off what they leave.
-    """
+    """Expect what the planes of a frame cost and leave."""
     planes: Integers = np.array(quantization.planes, np.int64)
     step = quantization.step(0)
     assert step is not None
@@ -230,22 +157,7 @@ def frame_costs(quantization: Quantization, errors: BlockErrors, num_bits: int) 
 
 
 def length_of(bits: float, needs: Needs, distance: int) -> float:
-    """Return the length of the shortest syndrome that is expected to serve.
-
-    Parameters
-    ----------
-    bits : float
-        Ideal code length of the planes of a block, from `FrameCosts.choose_depths`.
-    needs : Needs
-        Those of the block.
-    distance : int
-        How far the references are apart, in frames.
-
-    Returns
-    -------
-    float
-        In bits; 0 where nothing is sent.
-    """
+    """Return the length of the shortest syndrome that is expected to serve."""
     if distance > MAX_GOP_LENGTH // 2:
         bits *= needs.anchor_factor
     return CODE_RATIO[0] * bits + CODE_RATIO[1] * math.sqrt(bits)

@@ -10,35 +10,13 @@ _PARTS = _SAMPLES // (BLOCK * BLOCK)
 
 
 def nearest(num_distances: float) -> Operations:
-    """Count which points are nearest to blocks.
-
-    Parameters
-    ----------
-    num_distances : float
-        Pairs of a block and a point.
-
-    Returns
-    -------
-    Operations
-        The squared distance, and its place among the least; what is done once for a row is left out.
-    """
+    """Count which points are nearest to blocks."""
     place = Operations(compares=2, bytes=2 * 4).times(_kernels.NEAREST)
     return (Operations(adds=1, bytes=4) + place).times(num_distances)
 
 
 def moved(num_moved: float) -> Operations:
-    """Count where blocks come from in a reference, at half samples, and the noise there.
-
-    Parameters
-    ----------
-    num_moved : float
-        Blocks.
-
-    Returns
-    -------
-    Operations
-        By three points, inside the picture.
-    """
+    """Count where blocks come from in a reference, at half samples, and the noise there."""
     point = Operations(adds=9, multiplies=5, logic=1, compares=1, bytes=4 + 4 * 8)
     motion = point.times(_kernels.NEAREST) + Operations(adds=2, multiplies=4, compares=1, bytes=4 * 8)
     place = Operations(adds=3, logic=3, compares=4, bytes=2 * 8)
@@ -50,30 +28,13 @@ def moved(num_moved: float) -> Operations:
 
 
 def core() -> Operations:
-    """Count the 4x4 transform of a part of a block, without sums that are used twice.
-
-    Returns
-    -------
-    Operations
-        Of 32-bit integers.
-    """
+    """Count the 4x4 transform of a part of a block, without sums that are used twice."""
     line = Operations(adds=4 * 3, multiplies=2, bytes=2 * BLOCK * 4)
     return line.times(2 * BLOCK)
 
 
 def residual(num_blocks: float) -> Operations:
-    """Count the residual of blocks, its energy by bands, and where it stands in the tables of needs.
-
-    Parameters
-    ----------
-    num_blocks : float
-        Blocks.
-
-    Returns
-    -------
-    Operations
-        What depends on the tables alone, a fraction of an operation a pixel, is left out.
-    """
+    """Count the residual of blocks, its energy by bands, and where it stands in the tables of needs."""
     cut = Operations(bytes=2 * 8).times(BLOCK_PX) + Operations(multiplies=1, bytes=1 + 2).times(_SAMPLES)
     columns = Operations(adds=10, bytes=2 * BLOCK * 2).times(_SAMPLES / BLOCK)
     rows = Operations(adds=10, bytes=BLOCK * 2).times(_SAMPLES / BLOCK)
@@ -86,18 +47,7 @@ def residual(num_blocks: float) -> Operations:
 
 
 def intra_noise(num_intra: float) -> Operations:
-    """Count what quantisation leaves of blocks of key frames, predicted in the best of three directions.
-
-    Parameters
-    ----------
-    num_intra : float
-        Blocks.
-
-    Returns
-    -------
-    Operations
-        Predictions are told apart by the few coefficients that they have.
-    """
+    """Count what quantisation leaves of blocks of key frames, predicted in the best of three directions."""
     directions, edge = _kernels.DIRECTIONS, 2 * BLOCK - 1
     copied = Operations(bytes=1 + 4).times(_SAMPLES)
     lines = (
@@ -116,17 +66,6 @@ def intra_noise(num_intra: float) -> Operations:
 
 
 def estimates(work: OneWayWork) -> Operations:
-    """Count all estimates of a run.
-
-    Parameters
-    ----------
-    work : OneWayWork
-        What there was to look at.
-
-    Returns
-    -------
-    Operations
-        Of the whole run.
-    """
+    """Count all estimates of a run."""
     frames = residual(work.num_blocks) + moved(work.num_moved)
     return frames + intra_noise(work.num_intra) + nearest(work.num_distances)

@@ -33,15 +33,7 @@ class ChosenFrame(NamedTuple):
 
 
 class OneWayEncoder:
-    """Chooses and packs what is sent of Wyner-Ziv frames, group after group.
-
-    Parameters
-    ----------
-    config : CodecConfig
-        Configuration of the stream, with nested bins and tracks of the encoder.
-    margin_percent : int
-        What is sent beyond the need that is expected.
-    """
+    """Chooses and packs what is sent of Wyner-Ziv frames, group after group."""
 
     def __init__(self, config: CodecConfig, margin_percent: int) -> None:
         self._config = config
@@ -56,20 +48,7 @@ class OneWayEncoder:
         return self._sampler.work
 
     def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
-        """Pack the Wyner-Ziv frames of the next group.
-
-        Parameters
-        ----------
-        group : Group
-            The group; all are asked for, one after the other.
-        frames : sequence of EncodedFrame
-            Its Wyner-Ziv frames: all but the last, or all where no key frame ends it.
-
-        Returns
-        -------
-        tuple of bytes
-            Payload of each frame, in order of display.
-        """
+        """Pack the Wyner-Ziv frames of the next group."""
         payloads = [b""] * len(frames)
         for chosen in self.choices(group, frames):
             frame, sent = frames[chosen.number], chosen.choice.sent
@@ -86,18 +65,7 @@ class OneWayEncoder:
                 self.work.num_syndrome_places += num_bits
 
     def choices(self, group: Group, frames: Sequence[EncodedFrame]) -> Iterator[ChosenFrame]:
-        """Choose what is sent of the Wyner-Ziv frames of the next group.
-
-        Parameters
-        ----------
-        group, frames
-            See `payloads`.
-
-        Yields
-        ------
-        ChosenFrame
-            In decoding order.
-        """
+        """Choose what is sent of the Wyner-Ziv frames of the next group."""
         gop, lumas = self._config.gop, [frame.luma for frame in (*group.wyner_ziv, group.key)]
         last, known = len(lumas), dict[int, _Reference]()
         if self._before is not None:
@@ -124,18 +92,7 @@ class OneWayEncoder:
 
 
 def quantizer_step(qp: int) -> float:
-    """Return the step of an H.264 quantiser.
-
-    Parameters
-    ----------
-    qp : int
-        Quantisation parameter.
-
-    Returns
-    -------
-    float
-        In units of the orthonormal transform: 0.625 at 0, twice as much every six.
-    """
+    """Return the step of an H.264 quantiser."""
     return float(0.625 * 2.0 ** (qp / 6.0))
 
 

@@ -30,55 +30,30 @@ _ROUNDING = 1.0 / 3.0
 
 @dataclass(frozen=True, eq=False)
 class BlockErrors:
-    """Expected squares of what a frame differs by from its prediction.
+    """Expected squares of what a frame differs by from its prediction."""
 
-    Attributes
-    ----------
-    residual : ndarray of shape (16, B), float32
-        Mean squared coefficients of the residual against references as they were before coding, by bands
-        and blocks, in units of the orthonormal transform.
-    noise : ndarray of shape (16, B), float32
-        What the noise of the references adds.
-    """
-
+    # mean squared coefficients of the residual against references as they were before coding, by bands and
+    # blocks, in units of the orthonormal transform
     residual: Floats
-    noise: Floats
+    noise: Floats  # what the noise of the references adds
 
 
 @dataclass
 class OneWayWork:
-    """How much there was to do where no decoder asks.
+    """How much there was to do where no decoder asks."""
 
-    Attributes
-    ----------
-    num_blocks : int
-        Sampled blocks of Wyner-Ziv frames.
-    num_moved : int
-        Those of their references.
-    num_intra : int
-        Those of key frames.
-    num_distances : int
-        Pairs of a block and a point whose motion it may follow, as far as they were compared.
-    num_syndrome_sums, num_syndrome_places : int
-        Planes times bits of the syndromes that they were added to, and bits of one plane of each block.
-    """
-
-    num_blocks: int = 0
-    num_moved: int = 0
-    num_intra: int = 0
+    num_blocks: int = 0  # sampled blocks of Wyner-Ziv frames
+    num_moved: int = 0  # those of their references
+    num_intra: int = 0  # those of key frames
+    # pairs of a block and a point whose motion it may follow, as far as they were compared
     num_distances: int = 0
+    # planes times bits of the syndromes that they were added to, and bits of one plane of each block
     num_syndrome_sums: int = 0
     num_syndrome_places: int = 0
 
 
 class BlockSampler:
-    """Looks at some blocks of frames of one size.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the frames.
-    """
+    """Looks at some blocks of frames of one size."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self.work = OneWayWork()
@@ -95,20 +70,7 @@ class BlockSampler:
         return len(self._corners)
 
     def intra_noise(self, luma: Plane, step: float) -> Floats:
-        """Estimate the noise of a key frame from its quantised intra residual.
-
-        Parameters
-        ----------
-        luma : ndarray of shape (H, W), uint8
-            The key frame before coding.
-        step : float
-            Step of its quantiser, in coefficient units; 0 if it is lossless.
-
-        Returns
-        -------
-        ndarray of shape (16, B), float32
-            Mean squared error by bands and blocks.
-        """
+        """Estimate the noise of a key frame from its quantised intra residual."""
         errors = np.zeros((transform.NUM_BANDS, self.num_blocks), np.float32)
         if step > 0:
             self.work.num_intra += self.num_blocks
@@ -124,24 +86,7 @@ class BlockSampler:
         noises: Sequence[Floats],
         positions: NDArray[np.float64],
     ) -> BlockErrors:
-        """Measure the residual of a frame against the mean of its references, moved as points have moved.
-
-        Parameters
-        ----------
-        luma : ndarray of shape (H, W), uint8
-            The frame.
-        references : sequence of ndarray of shape (H, W), uint8
-            One or more frames before coding.
-        noises : sequence of ndarray of shape (16, B), float32
-            Noise of each of them.
-        positions : ndarray of shape (N, 1 + R, 2), float64
-            Points (x, y) in the frame, then in each of R references, in pixels; nan where they are not known.
-
-        Returns
-        -------
-        BlockErrors
-            Of the sampled blocks.
-        """
+        """Measure the residual of a frame against the mean of its references, moved as points have moved."""
         self.work.num_blocks += self.num_blocks
         self.work.num_moved += self.num_blocks * len(references)
         residual, noise = np.empty((2, transform.NUM_BANDS, self.num_blocks), np.float32)

@@ -38,26 +38,14 @@ DAMPING = Damping(start=1e-4, min_factor=1e-12, num_tries=12)
 
 @dataclass(frozen=True)
 class BundleAdjustmentSettings:
-    """Parameters of the bundle adjustment.
+    """Parameters of the bundle adjustment."""
 
-    Attributes
-    ----------
-    num_alternations : int
-        Most alternations of the thesis before the joint steps; they end when they do not help.
-    max_iterations : int
-        Bound on the number of joint steps.
-    tolerance : float
-        Relative decrease of the error below which the adjustment has converged.
-    min_num_points : int
-        Points that are needed.
-    fixed_points : FixedPointSettings
-        Which two points fix the projective basis.
-    """
-
+    # most alternations of the thesis before the joint steps; they end when they do not help
     num_alternations: int = 3
-    max_iterations: int = 100
-    tolerance: float = 1e-10
-    min_num_points: int = 9
+    max_iterations: int = 100  # bound on the number of joint steps
+    tolerance: float = 1e-10  # relative decrease of the error below which the adjustment has converged
+    min_num_points: int = 9  # points that are needed
+    # which two points fix the projective basis
     fixed_points: FixedPointSettings = field(default_factory=FixedPointSettings)
 
     def __post_init__(self) -> None:
@@ -70,42 +58,18 @@ class BundleAdjustmentSettings:
 
 @dataclass(frozen=True, eq=False)
 class BundleAdjustment:
-    """Refined camera and points.
+    """Refined camera and points."""
 
-    Attributes
-    ----------
-    camera : ndarray of shape (3, 4), float64
-        Camera of the second key frame; normalised coordinates, Frobenius norm sqrt(3).
-    depths : ndarray of shape (N,), float64
-        Depth of each point in the first camera.
-    fundamental : ndarray of shape (3, 3), float64
-        ``[t]x R`` in pixels, unit norm.
-    second : ndarray of shape (N, 2), float64
-        The points projected into the second key frame, in pixels.
-    in_front : ndarray of shape (N,), bool
-        Points that are before both cameras.
-    fixed : ndarray of shape (2,), int64
-        The points that fix the projective basis.
-    rms_px : float
-        Root mean square of the reprojection errors of all points in the second key frame.
-    start_rms_px : float
-        The same before.
-    num_iterations : int
-        Joint steps.
-    reason : str
-        Why nothing was refined; empty if all is well.
-    """
-
-    camera: Floats
-    depths: Floats
-    fundamental: Floats
-    second: Floats
-    in_front: Mask
-    fixed: Indices
-    rms_px: float
-    start_rms_px: float
-    num_iterations: int
-    reason: str
+    camera: Floats  # camera of the second key frame; normalised coordinates, Frobenius norm sqrt(3)
+    depths: Floats  # depth of each point in the first camera
+    fundamental: Floats  # ``[t]x R`` in pixels, unit norm
+    second: Floats  # the points projected into the second key frame, in pixels
+    in_front: Mask  # points that are before both cameras
+    fixed: Indices  # the points that fix the projective basis
+    rms_px: float  # root mean square of the reprojection errors of all points in the second key frame
+    start_rms_px: float  # the same before
+    num_iterations: int  # joint steps
+    reason: str  # why nothing was refined; empty if all is well
 
     @property
     def success(self) -> bool:
@@ -121,39 +85,7 @@ def bundle_adjustment(
     rng: np.random.Generator,
     settings: BundleAdjustmentSettings | None = None,
 ) -> BundleAdjustment:
-    """Minimise the reprojection error over depths and camera.
-
-    The first key frame has no error by construction: its points are taken as they are.
-
-    Parameters
-    ----------
-    correspondences : Correspondences
-        Reliable points of the two key frames, in pixels.
-    camera : ndarray of shape (3, 4), float64
-        The second key frame's camera in normalised coordinates; the first is ``[I | 0]``.
-    depths : ndarray of shape (N,), float64
-        Depths in the first camera, not zero.
-    frame : PixelFrame
-        Size of the images.
-    rng : Generator
-        Source of randomness, for the points that fix the projective basis.
-    settings : BundleAdjustmentSettings, optional
-        Parameters; the defaults if None.
-
-    Returns
-    -------
-    BundleAdjustment
-        What was refined, or what was given with the reason why it could not be.
-
-    Raises
-    ------
-    ValueError
-        If there is not one depth for each point.
-
-    References
-    ----------
-    [Maitre2008] Eqs. (5.5) and (5.6), Appendices A and B.
-    """
+    """Minimise the reprojection error over depths and camera."""
     settings = settings or BundleAdjustmentSettings()
     num = len(correspondences)
     if depths.shape != (num,):
@@ -199,10 +131,7 @@ def _triangulated(first: Floats, second: Floats, start: _State) -> _State:
 
 @dataclass(frozen=True, eq=False)
 class _Adjustment:
-    """What stays: points of both frames, those that are free, and the basis of the camera.
-
-    It is an `sfm.least_squares.LeastSquares`: steps on the camera, the depths eliminated (Schur complement).
-    """
+    """What stays: points of both frames, those that are free, and the basis of the camera."""
 
     first: Floats
     observed: Floats
@@ -258,11 +187,7 @@ class _Adjustment:
 
 
 def _fix_basis(problem: _Adjustment, start: _State, fixed: Indices) -> tuple[_Adjustment, _State]:
-    """Fix two points and their projections.
-
-    The projections, not the observed points, which the start would not obey: in noise, two points without
-    any error would outweigh all others.
-    """
+    """Fix two points and their projections."""
     points = np.column_stack([homogeneous(problem.first[fixed]), start.inverse[fixed]])
     basis = camera_basis(points, project(start.camera, points)[0])
     free = problem.free.copy()

@@ -25,20 +25,7 @@ _NEAREST = 1e-3
 
 
 def interpolated_camera(model: Model, temporal_position: float) -> Floats:
-    """Guess the camera of a temporal position: between those of the key frames.
-
-    Parameters
-    ----------
-    model : Model
-        Whose cameras are mixed.
-    temporal_position : float
-        0 at the first and 1 at the second key frame.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        Projection matrix in normalised coordinates, Frobenius norm sqrt(3).
-    """
+    """Guess the camera of a temporal position: between those of the key frames."""
     first, second = (1.0 - temporal_position) * model.first_camera, temporal_position * model.second_camera
     return normalized_camera(first + second)
 
@@ -46,28 +33,7 @@ def interpolated_camera(model: Model, temporal_position: float) -> Floats:
 def intermediate_cameras(
     model: Model, instants: Sequence[TrackedPoints], settings: ResectionSettings | None = None
 ) -> list[Resection]:
-    """Find the cameras of any instants, from real tracks or from guessed ones alike.
-
-    The points stay; so the cameras do not depend on each other.
-
-    Parameters
-    ----------
-    model : Model
-        The scene.
-    instants : sequence of TrackedPoints
-        From `tracked_points`, or from `linear_points` where there are no tracks.
-    settings : ResectionSettings, optional
-        Parameters; the defaults if None.
-
-    Returns
-    -------
-    list of Resection
-        One for each instant.
-
-    References
-    ----------
-    [Maitre2008] Eq. (5.7) with the depths fixed.
-    """
+    """Find the cameras of any instants, from real tracks or from guessed ones alike."""
     return [
         resection(
             instant.points,
@@ -86,47 +52,7 @@ def regular_cameras(
     regularity: float,
     settings: ResectionSettings | None = None,
 ) -> list[Resection]:
-    """Find the cameras of evenly spaced instants, and let their path be smooth.
-
-    With a regularity W the cameras minimise
-
-        sum_t  mean_n rho(|P_t X_n - x_tn|)  +  W sum_t  h(rms_m |P_(t-1) X_m - 2 P_t X_m + P_(t+1) X_m|)
-
-    and what `resection` adds for each camera to tie it, weakly, to that of an even motion. P X is the image
-    point in pixels, x_tn the track of point n, X_m the points that were tracked from key frame to key frame,
-    rho the robust squared distance of `resection`, and h(d) = d^2 up to `JERK_PX`, linear above. Second
-    differences are those of image points, not of matrices, so that neither the projective basis nor the
-    scale of the matrices matters. The key frames' cameras stay.
-
-    One camera after the other is found again with its neighbours held: the three second differences that it
-    takes part in are least squares of its distances from points that the neighbours let be expected, so
-    each step is a resection.
-
-    Parameters
-    ----------
-    model : Model
-        The scene.
-    instants : sequence of TrackedPoints
-        All instants between the key frames, evenly spaced, in order.
-    regularity : float
-        W; with 0 the cameras do not depend on each other.
-    settings : ResectionSettings, optional
-        Parameters; the defaults if None.
-
-    Returns
-    -------
-    list of Resection
-        One for each instant. Cameras that could not be found by themselves have no part in the path.
-
-    Raises
-    ------
-    ValueError
-        If `regularity` is negative.
-
-    References
-    ----------
-    [Maitre2008] Eq. (5.7) with the depths fixed, with a penalty of its own.
-    """
+    """Find the cameras of evenly spaced instants, and let their path be smooth."""
     if not regularity >= 0:
         raise ValueError(f"`regularity` must not be negative, got {regularity}")
     found = intermediate_cameras(model, instants, settings)

@@ -18,17 +18,10 @@ MEDIAN_OF_RAYLEIGH = 1.1774  # median distance in the plane, in standard deviati
 
 @dataclass(frozen=True)
 class PriorSettings:
-    """How far a prior camera is trusted.
+    """How far a prior camera is trusted."""
 
-    Attributes
-    ----------
-    min_noise_px : float
-        Lower bound on the standard deviation of a coordinate of a point.
-    min_sigma_px, max_sigma_px : float
-        Bounds on how far the prior camera, moved to fit the points, may be off in the image.
-    """
-
-    min_noise_px: float = 0.1
+    min_noise_px: float = 0.1  # lower bound on the standard deviation of a coordinate of a point
+    # bounds on how far the prior camera, moved to fit the points, may be off in the image
     min_sigma_px: float = 1.0
     max_sigma_px: float = 10.0
 
@@ -40,75 +33,30 @@ class PriorSettings:
 
 @dataclass(frozen=True, eq=False)
 class ExpectedPoints:
-    """Where points are expected to be seen by what is known of other instants.
+    """Where points are expected to be seen by what is known of other instants."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (V, 4), float64
-        Homogeneous points, as `Model.points` has them.
-    positions : ndarray of shape (V, 2), float64
-        Image points in pixels.
-    weight : float
-        What the mean of their squared distances counts, with respect to the mean of those that are seen.
-    """
-
-    points: Floats
-    positions: Floats
+    points: Floats  # homogeneous points, as `Model.points` has them
+    positions: Floats  # image points in pixels
+    # what the mean of their squared distances counts, with respect to the mean of those that are seen
     weight: float
 
 
 @dataclass(frozen=True, eq=False)
 class ResectionProblem:
-    """Points as (x, y, 1, inverse depth), well scaled, and where they are seen.
+    """Points as (x, y, 1, inverse depth), well scaled, and where they are seen."""
 
-    After the real ones come those that the prior camera sees, and those that are expected from other
-    temporal positions.
-
-    Attributes
-    ----------
-    x : ndarray of shape (K, 4), float64
-        Scaled points.
-    seen : ndarray of shape (K, 2), float64
-        Where they are seen, in normalised units.
-    weights : ndarray of shape (K,), float64
-        Of the squared distances.
-    num_real, num_virtual : int
-        Points that are seen, and points of the prior camera.
-    to_scaled : ndarray of shape (4, 4), float64
-        Takes unscaled points.
-    start : ndarray of shape (3, 4), float64
-        The prior camera, moved to fit, for scaled points.
-    sigma : float
-        Standard deviation of a virtual point, in normalised units.
-    min_noise : float
-        Lower bound on that of a real one.
-    """
-
-    x: Floats
-    seen: Floats
-    weights: Floats
-    num_real: int
+    x: Floats  # scaled points
+    seen: Floats  # where they are seen, in normalised units
+    weights: Floats  # of the squared distances
+    num_real: int  # points that are seen, and points of the prior camera
     num_virtual: int
-    to_scaled: Floats
-    start: Floats
-    sigma: float
-    min_noise: float
+    to_scaled: Floats  # takes unscaled points
+    start: Floats  # the prior camera, moved to fit, for scaled points
+    sigma: float  # standard deviation of a virtual point, in normalised units
+    min_noise: float  # lower bound on that of a real one
 
     def with_expected(self, expected: ExpectedPoints, frame: PixelFrame) -> "ResectionProblem":
-        """Append points that count together as `expected` says.
-
-        Parameters
-        ----------
-        expected : ExpectedPoints
-            More points.
-        frame : PixelFrame
-            Size of the image.
-
-        Returns
-        -------
-        ResectionProblem
-            With more to minimise.
-        """
+        """Append points that count together as `expected` says."""
         x = expected.points / expected.points[:, 2:3]
         each = expected.weight * self.num_real / len(x)
         return replace(
@@ -122,26 +70,7 @@ class ResectionProblem:
 def resection_problem(
     x: Floats, seen: Floats, prior: Floats, frame: PixelFrame, settings: PriorSettings
 ) -> ResectionProblem:
-    """Scale the points, and let a prior camera see virtual points all over the image.
-
-    Parameters
-    ----------
-    x : ndarray of shape (N, 4), float64
-        Points with third entry 1.
-    seen : ndarray of shape (N, 2), float64
-        Where they are seen, in normalised units.
-    prior : ndarray of shape (3, 4), float64
-        A guess; it is first moved to fit the points by an affine map of its image.
-    frame : PixelFrame
-        Size of the image.
-    settings : PriorSettings
-        How far the guess is trusted.
-
-    Returns
-    -------
-    ResectionProblem
-        What is to be minimised, and where to start.
-    """
+    """Scale the points, and let a prior camera see virtual points all over the image."""
     min_noise = settings.min_noise_px / frame.scale_px
     middle, spread = x.mean(axis=0), x.std(axis=0)
     size = np.maximum(spread, np.array([0.05, 0.05, 1.0, 1e-6 + 0.02 * abs(middle[3])]))

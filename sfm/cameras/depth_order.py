@@ -35,36 +35,14 @@ MARGIN = 1.0
 
 
 def rigid_order(model: Model) -> Rebased | None:
-    """Describe a scene whose depths a rigid motion sees in the opposite order so that they are in that order.
-
-    Parameters
-    ----------
-    model : Model
-        The scene.
-
-    Returns
-    -------
-    Rebased or None
-        The same points before the same cameras in another basis; None where the model is as it should be, or
-        no plane lies between the points and both cameras.
+    """Describe a scene whose depths a rigid motion sees in the opposite order so that they are in that
+    order.
     """
     return _reversed(model) if is_reversed(model) else None
 
 
 def is_reversed(model: Model) -> bool:
-    """Tell whether what a model has nearer is farther away.
-
-    Parameters
-    ----------
-    model : Model
-        The scene.
-
-    Returns
-    -------
-    bool
-        Whether the rigid motion that sees most points before both cameras has the epipole of the second
-        camera on the other side of it than the model; False if it sees too few.
-    """
+    """Tell whether what a model has nearer is farther away."""
     if not len(model.correspondences):
         return False
     camera, frame, seen = oriented(model.second_camera), model.pixel_frame, model.correspondences

@@ -16,24 +16,14 @@ CAMERA_NORM = 3.0**0.5  # Frobenius norm of all projection matrices
 
 @dataclass(frozen=True)
 class FixedPointSettings:
-    """Which two points may fix the projective basis.
+    """Which two points may fix the projective basis."""
 
-    Attributes
-    ----------
-    error_quantile : float
-        Their reprojection errors are in this lowest part.
-    epipole_distance : float
-        Their distance to the epipoles is at least this part of the extent of the points.
-    mutual_distance : float
-        The distance between them is at least this part of the extent of the points.
-    num_trials : int
-        Random pairs to try before the demands on distance are halved.
-    """
-
-    error_quantile: float = 0.25
+    error_quantile: float = 0.25  # their reprojection errors are in this lowest part
+    # their distance to the epipoles is at least this part of the extent of the points
     epipole_distance: float = 0.15
+    # the distance between them is at least this part of the extent of the points
     mutual_distance: float = 0.4
-    num_trials: int = 100
+    num_trials: int = 100  # random pairs to try before the demands on distance are halved
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -42,41 +32,13 @@ class FixedPointSettings:
 
 
 def normalized_camera(camera: Floats) -> Floats:
-    """Scale a camera to the norm of all of them.
-
-    Parameters
-    ----------
-    camera : ndarray of shape (3, 4), float64
-        Projection matrix.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        The same, Frobenius norm sqrt(3); zeros stay.
-    """
+    """Scale a camera to the norm of all of them."""
     scaled: Floats = CAMERA_NORM * camera / np.sqrt(max(float((camera * camera).sum()), 1e-300))
     return scaled
 
 
 def projection_equations(points: Floats, image: Floats) -> tuple[Floats, Floats]:
-    """Write "this camera sees these points there" as linear equations in its twelve entries.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 4), float64
-        Homogeneous 3D points.
-    image : ndarray of shape (N, 2), float64
-        Where they are seen.
-
-    Returns
-    -------
-    horizontal, vertical : ndarray of shape (N, 12), float64
-        Coefficients of the entries of P, row by row: their products with P are 0.
-
-    References
-    ----------
-    [Maitre2008] Eq. (A.1).
-    """
+    """Write "this camera sees these points there" as linear equations in its twelve entries."""
     zero = np.zeros_like(points)
     horizontal = np.hstack([points, zero, -image[:, :1] * points])
     vertical = np.hstack([zero, points, -image[:, 1:] * points])
@@ -84,29 +46,7 @@ def projection_equations(points: Floats, image: Floats) -> tuple[Floats, Floats]
 
 
 def camera_basis(points: Floats, image: Floats) -> Floats:
-    """Find the cameras that see two points at given places.
-
-    Parameters
-    ----------
-    points : ndarray of shape (2, 4), float64
-        The fixed 3D points, homogeneous.
-    image : ndarray of shape (2, 2), float64
-        Where the camera sees them.
-
-    Returns
-    -------
-    ndarray of shape (12, 8), float64
-        W with orthonormal columns: every such camera is ``sqrt(3) W r`` with r of unit norm.
-
-    Raises
-    ------
-    ValueError
-        If the two points coincide, or are not two.
-
-    References
-    ----------
-    [Maitre2008] Eq. (A.2).
-    """
+    """Find the cameras that see two points at given places."""
     if points.shape != (2, 4) or image.shape != (2, 2):
         raise ValueError(f"two points are needed, got shapes {points.shape} and {image.shape}")
     _, singular, vt = np.linalg.svd(np.stack(projection_equations(points, image), axis=1).reshape(-1, 12))
@@ -117,40 +57,14 @@ def camera_basis(points: Floats, image: Floats) -> Floats:
 
 
 def camera_from_coordinates(basis: Floats, r: Floats) -> Floats:
-    """Return the camera with coordinates r in a basis.
-
-    Parameters
-    ----------
-    basis : ndarray of shape (12, 8), float64
-        W, from `camera_basis`.
-    r : ndarray of shape (8,), float64
-        Coordinates, of any norm but zero.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        Projection matrix, Frobenius norm sqrt(3).
-    """
+    """Return the camera with coordinates r in a basis."""
     unit = r / np.sqrt((r * r).sum())
     camera: Floats = CAMERA_NORM * (basis @ unit).reshape(3, 4)
     return camera
 
 
 def coordinates_of_camera(basis: Floats, camera: Floats) -> Floats:
-    """Project a camera on a basis; inverse of `camera_from_coordinates` for cameras that obey it.
-
-    Parameters
-    ----------
-    basis : ndarray of shape (12, 8), float64
-        W, from `camera_basis`.
-    camera : ndarray of shape (3, 4), float64
-        Projection matrix.
-
-    Returns
-    -------
-    ndarray of shape (8,), float64
-        r, of unit norm.
-    """
+    """Project a camera on a basis; inverse of `camera_from_coordinates` for cameras that obey it."""
     r = basis.T @ camera.ravel()
     unit: Floats = r / np.sqrt((r * r).sum())
     return unit
@@ -164,30 +78,7 @@ def choose_fixed_points(
     rng: np.random.Generator,
     settings: FixedPointSettings | None = None,
 ) -> Indices | None:
-    """Draw two points with small errors, far from the epipoles and from each other.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (N, 2), float64
-        Points of both images.
-    camera : ndarray of shape (3, 4), float64
-        The second camera, in the same coordinates.
-    errors : ndarray of shape (N,), float64
-        Reprojection errors; a point that must not be chosen has inf.
-    rng : Generator
-        Source of randomness.
-    settings : FixedPointSettings, optional
-        The demands; the defaults if None.
-
-    Returns
-    -------
-    ndarray of shape (2,), int64, or None
-        Which points; None if no two of them differ.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.3.
-    """
+    """Draw two points with small errors, far from the epipoles and from each other."""
     settings = settings or FixedPointSettings()
     finite = np.flatnonzero(np.isfinite(errors))
     if len(finite) < 2:

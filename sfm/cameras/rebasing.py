@@ -16,53 +16,19 @@ MIN_DETERMINANT = 1e-9
 
 
 class Rebased(NamedTuple):
-    """A model in another basis.
+    """A model in another basis."""
 
-    Attributes
-    ----------
-    model : Model
-        Of the two views; its correspondences are where they see the points of the scene.
-    from_basis : ndarray of shape (4, 4), float64
-        A camera of the old basis times this matrix is the same camera in the new one.
-    """
-
-    model: Model
-    from_basis: Floats
+    model: Model  # of the two views; its correspondences are where they see the points of the scene
+    from_basis: Floats  # a camera of the old basis times this matrix is the same camera in the new one
 
     def camera(self, camera: Floats) -> Floats | None:
-        """Convert a camera to the basis of the model.
-
-        Parameters
-        ----------
-        camera : ndarray of shape (3, 4), float64
-            In the old basis.
-
-        Returns
-        -------
-        ndarray of shape (3, 4), float64, or None
-            In the new one, to the same scale: inverse depths of a view are the same in both. None where its
-            centre is at infinity there.
-        """
+        """Convert a camera to the basis of the model."""
         converted: Floats = camera @ self.from_basis
         return None if _oriented(converted) is None else converted
 
 
 def rebase(model: Model, first_camera: Floats, second_camera: Floats) -> Rebased | None:
-    """Describe the scene of a model by two other views of it.
-
-    Parameters
-    ----------
-    model : Model
-        The scene.
-    first_camera, second_camera : ndarray of shape (3, 4), float64
-        Cameras of the two views, in normalised coordinates and the basis of the model.
-
-    Returns
-    -------
-    Rebased or None
-        The first camera becomes ``[I | 0]``, the plane at infinity and the scales of the cameras stay; None
-        where a centre is at infinity or no point of the scene lies before both cameras.
-    """
+    """Describe the scene of a model by two other views of it."""
     first, second = _oriented(first_camera), _oriented(second_camera)
     if first is None or second is None:
         return None

@@ -19,34 +19,17 @@ TINY = 1e-300
 
 @dataclass(frozen=True)
 class ResectionSettings:
-    """Parameters of the resection.
+    """Parameters of the resection."""
 
-    Attributes
-    ----------
-    min_num_points : int
-        Points that are needed; six determine a camera.
-    num_linear_iterations : int
-        Reweighted linear solutions before the distance in the image is minimised.
-    max_iterations : int
-        Bound on the number of steps that minimise it.
-    min_threshold_px, threshold_in_sigmas : float
-        A point is an outlier from the larger of both.
-    max_rms_px : float
-        Above this the camera cannot be trusted.
-    min_inlier_share : float
-        Below this share of the points it cannot either.
-    prior : PriorSettings
-        How far the prior camera is trusted.
-    """
-
-    min_num_points: int = 6
+    min_num_points: int = 6  # points that are needed; six determine a camera
+    # reweighted linear solutions before the distance in the image is minimised
     num_linear_iterations: int = 5
-    max_iterations: int = 30
-    min_threshold_px: float = 1.0
+    max_iterations: int = 30  # bound on the number of steps that minimise it
+    min_threshold_px: float = 1.0  # a point is an outlier from the larger of both
     threshold_in_sigmas: float = 4.0
-    max_rms_px: float = 3.0
-    min_inlier_share: float = 0.5
-    prior: PriorSettings = field(default_factory=PriorSettings)
+    max_rms_px: float = 3.0  # above this the camera cannot be trusted
+    min_inlier_share: float = 0.5  # below this share of the points it cannot either
+    prior: PriorSettings = field(default_factory=PriorSettings)  # how far the prior camera is trusted
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -56,28 +39,13 @@ class ResectionSettings:
 
 @dataclass(frozen=True, eq=False)
 class Resection:
-    """What came of an attempt to find a camera.
+    """What came of an attempt to find a camera."""
 
-    Attributes
-    ----------
-    camera : ndarray of shape (3, 4), float64
-        Projection matrix in normalised coordinates, Frobenius norm sqrt(3). With too few
-        points, the prior.
-    inliers : ndarray of shape (N,), bool
-        Points that it sees where they are.
-    residuals_px : ndarray of shape (N,), float64
-        Reprojection errors; inf for points that are not finite.
-    rms_px : float
-        Root mean square error of the inliers.
-    reason : str
-        Why the camera cannot be trusted; empty if it can.
-    """
-
-    camera: Floats
-    inliers: Mask
-    residuals_px: Floats
-    rms_px: float
-    reason: str
+    camera: Floats  # projection matrix in normalised coordinates, Frobenius norm sqrt(3)
+    inliers: Mask  # points that it sees where they are
+    residuals_px: Floats  # reprojection errors; inf for points that are not finite
+    rms_px: float  # root mean square error of the inliers
+    reason: str  # why the camera cannot be trusted; empty if it can
 
     @property
     def success(self) -> bool:
@@ -93,41 +61,7 @@ def resection(
     settings: ResectionSettings | None = None,
     expected: ExpectedPoints | None = None,
 ) -> Resection:
-    """Find the camera that sees points of the scene where they are seen, in spite of outliers.
-
-    Linear least squares, reweighted so that distances in the image count, then robust minimisation of these
-    distances. A prior camera, first moved to fit the points by an affine map of its image, settles what
-    few points, or points near a plane, leave open.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 4), float64
-        Homogeneous 3D points with a third entry that is not 0.
-    positions : ndarray of shape (N, 2), float64
-        Where they are seen, in pixels; what is not finite is left out.
-    frame : PixelFrame
-        Size of the image.
-    prior : ndarray of shape (3, 4), float64, optional
-        A guess, in normalised coordinates; the first key frame's camera ``[I | 0]`` if None.
-    settings : ResectionSettings, optional
-        Parameters; the defaults if None.
-    expected : ExpectedPoints, optional
-        More to minimise: distances, none of them an outlier, from where the path of the camera leads.
-
-    Returns
-    -------
-    Resection
-        The camera, or the reason why it cannot be trusted.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not agree.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.3.1 and Appendix B.
-    """
+    """Find the camera that sees points of the scene where they are seen, in spite of outliers."""
     settings = settings or ResectionSettings()
     num = len(points)
     if points.shape != (num, 4) or positions.shape != (num, 2):

@@ -20,20 +20,7 @@ TOLERANCE = 1e-12  # change of a camera of unit norm below which a minimum is re
 
 
 def image_distances(problem: ResectionProblem, camera: Floats) -> Floats:
-    """Measure how far a camera sees points from where they are.
-
-    Parameters
-    ----------
-    problem : ResectionProblem
-        Points, real and virtual.
-    camera : ndarray of shape (3, 4), float64
-        For scaled points.
-
-    Returns
-    -------
-    ndarray of shape (K,), float64
-        Distances in normalised units.
-    """
+    """Measure how far a camera sees points from where they are."""
     p = problem.x @ camera.T
     offset = p[:, :2] / nonzero(p[:, 2], MIN_DEPTH)[:, None] - problem.seen
     distances: Floats = np.hypot(offset[:, 0], offset[:, 1])
@@ -41,24 +28,7 @@ def image_distances(problem: ResectionProblem, camera: Floats) -> Floats:
 
 
 def robust_weights(problem: ResectionProblem, distances: Floats, redescending: bool) -> tuple[Floats, float]:
-    """Weigh points by their distances; virtual ones count by their own uncertainty.
-
-    Parameters
-    ----------
-    problem : ResectionProblem
-        Points, real and virtual.
-    distances : ndarray of shape (K,), float64
-        From `image_distances`.
-    redescending : bool
-        Whether those that are far off do not count at all (Tukey), or count linearly (Huber).
-
-    Returns
-    -------
-    weights : ndarray of shape (K,), float64
-        Of the squared distances.
-    noise : float
-        Standard deviation of a coordinate, in normalised units.
-    """
+    """Weigh points by their distances; virtual ones count by their own uncertainty."""
     real = distances[: problem.num_real]
     free = max(1.0, 2.0 * problem.num_real - NUM_PARAMETERS) / (2.0 * problem.num_real)
     noise = max(problem.min_noise, float(np.median(real)) / (MEDIAN_OF_RAYLEIGH * math.sqrt(free)))
@@ -73,20 +43,7 @@ def robust_weights(problem: ResectionProblem, distances: Floats, redescending: b
 
 
 def linear_camera(problem: ResectionProblem, num_iterations: int) -> Floats:
-    """Solve the linear equations of (B.2), reweighted by the denominators and robustly.
-
-    Parameters
-    ----------
-    problem : ResectionProblem
-        Points and where they are seen.
-    num_iterations : int
-        How often; 0 leaves the camera where it starts.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        Camera for scaled points, with most of them before it.
-    """
+    """Solve the linear equations of (B.2), reweighted by the denominators and robustly."""
     camera = problem.start
     for _ in range(num_iterations):
         weights, _ = robust_weights(problem, image_distances(problem, camera), redescending=False)
@@ -100,22 +57,7 @@ def linear_camera(problem: ResectionProblem, num_iterations: int) -> Floats:
 
 
 def minimize_distances(problem: ResectionProblem, start: Floats, max_iterations: int) -> Floats:
-    """Minimise robust distances in the image, from the better of a start and the prior camera.
-
-    Parameters
-    ----------
-    problem : ResectionProblem
-        Points and where they are seen.
-    start : ndarray of shape (3, 4), float64
-        Camera for scaled points.
-    max_iterations : int
-        Bound on the number of steps.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        Camera for scaled points, of unit norm.
-    """
+    """Minimise robust distances in the image, from the better of a start and the prior camera."""
     errors = [np.median(image_distances(problem, c)[: problem.num_real]) for c in (start, problem.start)]
     camera = start if errors[0] <= errors[1] else problem.start
     camera = camera / np.sqrt((camera * camera).sum())

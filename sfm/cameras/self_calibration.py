@@ -22,30 +22,15 @@ OUTWEIGH = 3.0  # a change of a by 1 changes R by at most sqrt(3), and an invers
 
 @dataclass(frozen=True)
 class SelfCalibrationSettings:
-    """Parameters of the self-calibration.
+    """Parameters of the self-calibration."""
 
-    Attributes
-    ----------
-    first_depth_ratio : float
-        M, the ratio of the largest to the smallest depth, starts here, or at its lower bound if that is more.
-    depth_ratio_factor : float
-        Growth of M while there is no solution.
-    max_depth_ratio : float
-        Largest M to try.
-    dropped_share : float
-        Share of the points that may be dropped rather than let M grow.
-    max_dropped_share : float
-        Share of the points that may be dropped at all.
-    min_num_points : int
-        Points that must remain.
-    """
-
+    # M, the ratio of the largest to the smallest depth, starts here, or at its lower bound if that is more
     first_depth_ratio: float = 16.0
-    depth_ratio_factor: float = 2.0
-    max_depth_ratio: float = 4096.0
-    dropped_share: float = 0.05
-    max_dropped_share: float = 0.25
-    min_num_points: int = 8
+    depth_ratio_factor: float = 2.0  # growth of M while there is no solution
+    max_depth_ratio: float = 4096.0  # largest M to try
+    dropped_share: float = 0.05  # share of the points that may be dropped rather than let M grow
+    max_dropped_share: float = 0.25  # share of the points that may be dropped at all
+    min_num_points: int = 8  # points that must remain
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -57,27 +42,15 @@ class SelfCalibrationSettings:
 
 @dataclass(frozen=True, eq=False)
 class SelfCalibration:
-    """What came of an attempt to find cameras and depths.
+    """What came of an attempt to find cameras and depths."""
 
-    Attributes
-    ----------
-    camera : ndarray of shape (3, 4), float64
-        The second camera in normalised coordinates, Frobenius norm sqrt(3); the first is ``[I | 0]``.
-    depths : ndarray of shape (N,), float64
-        Depth of each point in the first camera, in [1, `depth_ratio`]; 1 where the point was dropped.
-    kept : ndarray of shape (N,), bool
-        Points that were not dropped.
-    depth_ratio : float
-        M, the bound on the depths.
-    reason : str
-        Why there is no solution; empty if there is one.
-    """
-
+    # the second camera in normalised coordinates, Frobenius norm sqrt(3); the first is ``[I | 0]``
     camera: Floats
+    # depth of each point in the first camera, in [1, `depth_ratio`]; 1 where the point was dropped
     depths: Floats
-    kept: Mask
-    depth_ratio: float
-    reason: str
+    kept: Mask  # points that were not dropped
+    depth_ratio: float  # M, the bound on the depths
+    reason: str  # why there is no solution; empty if there is one
 
     @property
     def success(self) -> bool:
@@ -106,23 +79,7 @@ class _Solution:
 
 
 def projective_camera(fundamental: Floats) -> Floats:
-    """Make a second camera that agrees with a fundamental matrix, the first being ``[I | 0]``.
-
-    Parameters
-    ----------
-    fundamental : ndarray of shape (3, 3), float64
-        F of rank 2.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        ``[R | t]`` with ``R = [t]x F - t a'``, t of unit norm, and a the epipole of the first image.
-        ``[t]x R = -F``.
-
-    References
-    ----------
-    [Maitre2008] Eq. (5.2).
-    """
+    """Make a second camera that agrees with a fundamental matrix, the first being ``[I | 0]``."""
     first, second = epipoles(fundamental)
     return np.column_stack([skew(second) @ fundamental - np.outer(second, first), second])
 
@@ -133,30 +90,8 @@ def self_calibration(
     frame: PixelFrame,
     settings: SelfCalibrationSettings | None = None,
 ) -> SelfCalibration:
-    """Find cameras as close as possible to ``[I | 0]`` and ``[I | t]``, with all depths positive and bounded.
-
-    The unit of depth is a variable of the linear program beside the three entries of a: otherwise the
-    arbitrary norm of t would decide what depths are allowed.
-
-    Parameters
-    ----------
-    fundamental : ndarray of shape (3, 3), float64
-        F in pixels.
-    correspondences : Correspondences
-        Reliable points in pixels.
-    frame : PixelFrame
-        Size of the images.
-    settings : SelfCalibrationSettings, optional
-        Parameters; the defaults if None.
-
-    Returns
-    -------
-    SelfCalibration
-        Cameras and depths, or the reason why there are none.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.3, Eqs. (5.2) to (5.4), the last with corrected signs.
+    """Find cameras as close as possible to ``[I | 0]`` and ``[I | t]``, with all depths positive and
+    bounded.
     """
     settings = settings or SelfCalibrationSettings()
     num = len(correspondences)
@@ -221,11 +156,7 @@ def _solve(
 def _linear_program(
     camera: Floats, points: _Points, sign: float, ratio: float, settings: SelfCalibrationSettings
 ) -> _Solution | None:
-    """Minimise the sum of the magnitudes of R - t a' - I under (5.4), for one sign of t.
-
-    Variables: a (3), q, the inverse of the unit of depth (1), magnitudes of entries (9), and how far each
-    point is from its bounds (N). (5.4) is divided by the magnitude of the first depth.
-    """
+    """Minimise the sum of the magnitudes of R - t a' - I under (5.4), for one sign of t."""
     from scipy.optimize import linprog
     from scipy.sparse import csr_array, eye_array, hstack, vstack
 

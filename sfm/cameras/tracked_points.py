@@ -14,60 +14,20 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class TrackedPoints:
-    """Points of the scene and where they are at one temporal position.
+    """Points of the scene and where they are at one temporal position."""
 
-    Attributes
-    ----------
-    temporal_position : float
-        0 at the first and 1 at the second key frame.
-    points : ndarray of shape (N, 4), float64
-        Homogeneous points, as `Model.points` has them.
-    positions : ndarray of shape (N, 2), float64
-        Image points in pixels; nan where a point was not seen.
-    """
-
-    temporal_position: float
-    points: Floats
-    positions: Floats
+    temporal_position: float  # 0 at the first and 1 at the second key frame
+    points: Floats  # homogeneous points, as `Model.points` has them
+    positions: Floats  # image points in pixels; nan where a point was not seen
 
 
 def linear_tracks(first: Floats, second: Floats, temporal_position: float) -> Floats:
-    """Move points evenly from one key frame to the other.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (N, 2), float64
-        Points of the key frames.
-    temporal_position : float
-        0 at the first and 1 at the second key frame.
-
-    Returns
-    -------
-    ndarray of shape (N, 2), float64
-        Points there.
-
-    References
-    ----------
-    [Maitre2008] Eq. (5.8).
-    """
+    """Move points evenly from one key frame to the other."""
     return (1.0 - temporal_position) * first + temporal_position * second
 
 
 def linear_points(model: Model, temporal_position: float) -> TrackedPoints:
-    """Guess where all points of a model are at a temporal position: the tracks of a codec that sends none.
-
-    Parameters
-    ----------
-    model : Model
-        The scene.
-    temporal_position : float
-        0 at the first and 1 at the second key frame.
-
-    Returns
-    -------
-    TrackedPoints
-        All points of the model, moved evenly.
-    """
+    """Guess where all points of a model are at a temporal position: the tracks of a codec that sends none."""
     pairs = model.correspondences
     positions = linear_tracks(pairs.first, pairs.second, temporal_position)
     return TrackedPoints(temporal_position, model.points, positions)
@@ -76,23 +36,7 @@ def linear_points(model: Model, temporal_position: float) -> TrackedPoints:
 def tracked_points(
     model: Model, first: Floats, second: Floats, positions: Floats, temporal_position: float
 ) -> TrackedPoints:
-    """Place points that were tracked from key frame to key frame in a scene.
-
-    Parameters
-    ----------
-    model : Model
-        The scene.
-    first, second, positions : ndarray of shape (N, 2), float64
-        Where the points are in the key frames and between them, in pixels.
-    temporal_position : float
-        0 at the first and 1 at the second key frame.
-
-    Returns
-    -------
-    TrackedPoints
-        The points, triangulated; nan, with their positions, where they are not known in both key frames or
-        would be behind a camera.
-    """
+    """Place points that were tracked from key frame to key frame in a scene."""
     frame = model.pixel_frame
     known = np.asarray(np.isfinite(np.hstack([first, second])).all(axis=1))
     x0 = frame.to_normalized(np.where(known[:, None], first, 0.0))

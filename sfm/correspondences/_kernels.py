@@ -82,10 +82,7 @@ def best_candidates(
     chosen,
     errors,
 ):
-    """List, by rising error, the most similar corners within the motion bound; -1 where there are fewer.
-
-    `limits` are the largest sums of squared differences, `errors` receives the sums.
-    """
+    """List, by rising error, the most similar corners within the motion bound; -1 where there are fewer."""
     count = chosen.shape[1]
     for i in range(corners_a.shape[0]):
         found = 0
@@ -210,11 +207,7 @@ def sample_affine(coefficients, x, y, affine, radius, values, dx, dy):
 
 @kernel
 def normal_equations(target, values, dx, dy, weights, num_parameters, matrix, vector):
-    """Set up the step of least squares in the neighbourhood's parameters, the mean difference being free.
-
-    Parameters are (x, y) and, if there are 6, the affine map row by row. Returns the weighted mean squared
-    error; `weights` sum to 1.
-    """
+    """Set up the step of least squares in the neighbourhood's parameters, the mean difference being free."""
     size = target.shape[0]
     radius = size // 2
     jacobian, mean = np.empty(num_parameters), np.zeros(num_parameters)
@@ -288,11 +281,7 @@ def sample_neighbourhood(coefficients, parameters, radius, values, dx, dy):
 def minimize_neighbourhood(
     target, coefficients, parameters, weights, max_iterations, min_step_px, max_shift_px
 ):
-    """Run Levenberg-Marquardt on one neighbourhood from `parameters`, which receive the minimum.
-
-    Returns the weighted mean squared error, or -1 if the point moves too far, leaves the image or has no
-    texture.
-    """
+    """Run Levenberg-Marquardt on one neighbourhood from `parameters`, which receive the minimum."""
     height, width = coefficients.shape
     size, count = target.shape[0], parameters.size
     radius = size // 2
@@ -379,10 +368,7 @@ def neighbourhood_error(target, coefficients, x, y, affine, weights):
 @kernel
 def epipolar_frame(fundamental, epipole, x, y, near_x, near_y, foot, direction, affine):
     """Set up the search for a point on its epipolar line, around the foot of the perpendicular from `near`.
-
-    `direction` receives the unit tangent of the line, `affine` the similarity that turns the epipolar line
-    of the first image into that of the second and scales as neighbouring epipolar lines move apart: what a
-    surface that faces the cameras does. False where there is no line.
+    Set up the search for a point on its epipolar line, around the foot of the perpendicular from `near`.
     """
     along_x, along_y = epipole[0] - x * epipole[2], epipole[1] - y * epipole[2]
     length = np.sqrt(along_x * along_x + along_y * along_y)
@@ -452,11 +438,7 @@ def golden_section(target, coefficients, foot, direction, affine, weights, low, 
 
 @kernel
 def search_line(target, coefficients, foot, direction, affine, weights, half_range_px, step_px, tolerance_px):
-    """Full search on an epipolar line around its foot, and golden-section search around the best.
-
-    Returns position and error; the error is infinite if the best lies at an end of the range, or at the
-    edge of the image.
-    """
+    """Full search on an epipolar line around its foot, and golden-section search around the best."""
     half = int(np.ceil(half_range_px / step_px))
     errors = np.empty(2 * half + 1)
     for k in range(2 * half + 1):
@@ -484,11 +466,7 @@ def weighted_variance(values, weights):
 def follow(
     image, coefficients, fundamental, epipole, x, y, near, weights, search, min_error, error_share, found
 ):
-    """Search the point at whole pixels (x, y) on its epipolar line, starting where `near` says.
-
-    `search` holds half range, step and tolerance in pixels. `found` receives the second point. Returns the
-    error, infinite if the point leaves the range or is not similar enough.
-    """
+    """Search the point at whole pixels (x, y) on its epipolar line, starting where `near` says."""
     radius = weights.shape[0] // 2
     foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
     if not epipolar_frame(fundamental, epipole, x, y, near[0], near[1], foot, direction, affine):
@@ -543,9 +521,7 @@ def propagate(
     errors,
 ):
     """Follow open pixels around known points until nothing is added; returns how many points are known then.
-
-    `open_tries` says how often each pixel may still be tried; the arrays of points begin with the seeds and
-    have room for all pixels.
+    Follow open pixels around known points until nothing is added; returns how many points are known then.
     """
     owner = np.full(open_tries.shape, -1, dtype=np.int64)
     distance_px2 = np.zeros(open_tries.shape, dtype=np.int64)
@@ -619,12 +595,7 @@ def disagreement(
     half_range_px,
     scores,
 ):
-    """Tell how badly what lies on either side of an edge point moves like it.
-
-    Each score compares the error of the neighbourhood at `distance_px` along plus or minus the normal, moved
-    like the point, with the least error at 1 to `half_range_px` from there on the epipolar line: above 1 if
-    it moves otherwise. Nan where one of them leaves the image.
-    """
+    """Tell how badly what lies on either side of an edge point moves like it."""
     height, width = image.shape
     radius = weights.shape[0] // 2
     foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))

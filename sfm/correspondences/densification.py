@@ -17,35 +17,17 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class DensificationSettings:
-    """When two corners match that were not similar enough at first.
+    """When two corners match that were not similar enough at first."""
 
-    Attributes
-    ----------
-    num_neighbours : int
-        Correspondences whose weighted median predicts a motion.
-    reach_px : float
-        How far from the predicted position a corner may always be.
-    reach_spreads : float
-        How much farther where the neighbours disagree, in weighted medians of their differences.
-    max_reach_px : float
-        Bound on both.
-    epipolar_px : float
-        Largest symmetric epipolar distance after refinement.
-    min_error : float
-        Mean squared error that noise and sampling alone can cause, squared luma levels.
-    error_share : float
-        Largest error beyond, as a share of the variance of the neighbourhood.
-    refinement : RefinementSettings
-        Sub-pixel refinement.
-    """
-
-    num_neighbours: int = 8
-    reach_px: float = 3.0
+    num_neighbours: int = 8  # correspondences whose weighted median predicts a motion
+    reach_px: float = 3.0  # how far from the predicted position a corner may always be
+    # how much farther where the neighbours disagree, in weighted medians of their differences
     reach_spreads: float = 1.5
-    max_reach_px: float = 10.0
-    epipolar_px: float = 0.7
-    min_error: float = 5.0
-    error_share: float = 0.1
+    max_reach_px: float = 10.0  # bound on both
+    epipolar_px: float = 0.7  # largest symmetric epipolar distance after refinement
+    min_error: float = 5.0  # mean squared error that noise and sampling alone can cause, squared luma levels
+    error_share: float = 0.1  # largest error beyond, as a share of the variance of the neighbourhood
+    # sub-pixel refinement
     refinement: RefinementSettings = field(default_factory=lambda: RefinementSettings(affine=True))
 
     def __post_init__(self) -> None:
@@ -62,26 +44,7 @@ def densify(
     settings: DensificationSettings | None = None,
 ) -> Correspondences:
     """Match the corners that are left, where their neighbours' motion and the epipolar geometry expect them.
-
-    Parameters
-    ----------
-    search : EpipolarSearch
-        Key frames and epipolar geometry.
-    corners0, corners1 : ndarray of shape (N, 2) and (M, 2), float64
-        All their corners, whole pixels.
-    correspondences : Correspondences
-        Reliable ones.
-    settings : DensificationSettings, optional
-        Tolerances.
-
-    Returns
-    -------
-    Correspondences
-        The given ones, then the new ones.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.4, Correspondence propagation.
+    Match the corners that are left, where their neighbours' motion and the epipolar geometry expect them.
     """
     settings = settings or DensificationSettings()
     if len(correspondences) < settings.num_neighbours or not search.usable:

@@ -17,43 +17,22 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """How epipolar lines are searched.
+    """How epipolar lines are searched."""
 
-    Attributes
-    ----------
-    radius_px : int
-        Half size of the neighbourhoods compared.
-    search_px, step_px, tolerance_px : float
-        Half range and step of the full search on the epipolar line, tolerance of the golden-section search.
-    min_error : float
-        Mean squared error that noise and sampling alone can cause, squared luma levels.
-    error_share : float
-        Largest error beyond, as a share of the variance of the neighbourhood.
-    side_distance_px : float
-        Distance from the edge of the two neighbourhoods that tell on which side its surface is.
-    side_radius_px : int
-        Half size of these.
-    side_search_px : float
-        Half range in which they look for a motion of their own.
-    side_ratio : float
-        How much worse one side must agree with the edge's motion than the other.
-    settling_px : float
-        Half range of the search after a point has been moved to its side.
-    confirmed_px : float
-        How far the small neighbourhood of a corner may be from where the large one is.
-    """
-
-    radius_px: int = 3
+    radius_px: int = 3  # half size of the neighbourhoods compared
+    # half range and step of the full search on the epipolar line, tolerance of the golden-section search
     search_px: float = 2.0
     step_px: float = 0.5
     tolerance_px: float = 0.02
-    min_error: float = 8.0
-    error_share: float = 0.06
+    min_error: float = 8.0  # mean squared error that noise and sampling alone can cause, squared luma levels
+    error_share: float = 0.06  # largest error beyond, as a share of the variance of the neighbourhood
+    # distance from the edge of the two neighbourhoods that tell on which side its surface is
     side_distance_px: float = 5.0
-    side_radius_px: int = 2
-    side_search_px: float = 6.0
-    side_ratio: float = 1.2
-    settling_px: float = 1.0
+    side_radius_px: int = 2  # half size of these
+    side_search_px: float = 6.0  # half range in which they look for a motion of their own
+    side_ratio: float = 1.2  # how much worse one side must agree with the edge's motion than the other
+    settling_px: float = 1.0  # half range of the search after a point has been moved to its side
+    # how far the small neighbourhood of a corner may be from where the large one is
     confirmed_px: float = 0.5
 
     def __post_init__(self) -> None:
@@ -65,29 +44,7 @@ class SearchSettings:
 
 
 class EpipolarSearch:
-    """Two key frames and their epipolar geometry, ready to be searched.
-
-    Parameters
-    ----------
-    luma0, luma1 : ndarray of shape (H, W), uint8
-        Key frames.
-    fundamental : ndarray of shape (3, 3), float64
-        F with ``x1' F x0 = 0`` in pixels.
-    settings : SearchSettings, optional
-        Neighbourhoods and ranges; the defaults if None.
-
-    Attributes
-    ----------
-    usable : bool
-        Whether there is an epipolar geometry: F is finite and not zero.
-    epipole : ndarray of shape (3,), float64
-        Of the first frame; zeros if there is none.
-
-    Raises
-    ------
-    ValueError
-        If the frames differ in size.
-    """
+    """Two key frames and their epipolar geometry, ready to be searched."""
 
     def __init__(
         self, luma0: Image, luma1: Image, fundamental: Floats, settings: SearchSettings | None = None
@@ -111,34 +68,12 @@ class EpipolarSearch:
         return np.array([settings.search_px, settings.step_px, settings.tolerance_px])
 
     def inside_both(self, correspondences: Correspondences) -> Mask:
-        """Tell which correspondences are finite and inside both frames.
-
-        Parameters
-        ----------
-        correspondences : Correspondences
-            Any.
-
-        Returns
-        -------
-        ndarray of shape (N,), bool
-            True inside.
-        """
+        """Tell which correspondences are finite and inside both frames."""
         first, second = correspondences.first, correspondences.second
         return correspondences.finite & inside(first, self.luma0, 0.0) & inside(second, self.luma0, 0.0)
 
     def facing_similarities(self, first: Floats, second: Floats) -> Floats:
-        """Find how neighbourhoods turn and scale between the frames if surfaces face the cameras.
-
-        Parameters
-        ----------
-        first, second : ndarray of shape (N, 2), float64
-            Correspondences in pixels.
-
-        Returns
-        -------
-        ndarray of shape (N, 2, 2), float64
-            Maps of offsets from the first points to offsets from the second, scales within [0.5, 2].
-        """
+        """Find how neighbourhoods turn and scale between the frames if surfaces face the cameras."""
         from sfm.correspondences import _kernels
 
         affines = np.empty((len(first), 2, 2))
@@ -146,20 +81,8 @@ class EpipolarSearch:
         return affines
 
     def settle_on_surfaces(self, correspondences: Correspondences) -> Correspondences:
-        """Check that points move like their surroundings, and move those that lie beside what they move with.
-
-        The neighbourhood of a corner on an occluding edge follows the nearer surface, while the point itself
-        may lie on the farther one, or belong to neither.
-
-        Parameters
-        ----------
-        correspondences : Correspondences
-            Candidates, first points at whole pixels.
-
-        Returns
-        -------
-        Correspondences
-            Those whose small neighbourhood finds the same place on its epipolar line; some moved by a pixel.
+        """Check that points move like their surroundings, and move those that lie beside what they move
+        with.
         """
         from sfm.correspondences import _kernels
 
@@ -175,22 +98,7 @@ class EpipolarSearch:
         return self.settle_sides(first[same], chosen.second, chosen.error)
 
     def settle_sides(self, first: Indices, second: Floats, error: Floats) -> Correspondences:
-        """Move points that lie beside the surface that they move with by a pixel, and search them again.
-
-        Parameters
-        ----------
-        first : ndarray of shape (N, 2), int64
-            Points of the first frame.
-        second : ndarray of shape (N, 2), float64
-            Where they are in the second.
-        error : ndarray of shape (N,), float64
-            Mean squared errors of their neighbourhoods.
-
-        Returns
-        -------
-        Correspondences
-            Those that are found again; of two at one place the better.
-        """
+        """Move points that lie beside the surface that they move with by a pixel, and search them again."""
         from sfm.correspondences import _kernels
 
         settings, scores = self.settings, np.empty((len(first), 2))
@@ -220,18 +128,7 @@ class EpipolarSearch:
 
 
 def gradient_directions(luma: Image) -> Floats:
-    """Find the directions of the gradient of a blurred frame.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        Frame.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 2), float64
-        Unit vectors (x, y), the normals of edges; zero where there is no gradient.
-    """
+    """Find the directions of the gradient of a blurred frame."""
     import cv2
 
     smooth = cv2.GaussianBlur(luma, (3, 3), 0)
@@ -242,20 +139,7 @@ def gradient_directions(luma: Image) -> Floats:
 
 
 def far_from(points: Floats, others: Floats, distance_px: float) -> Mask:
-    """Tell which points have no other near them.
-
-    Parameters
-    ----------
-    points, others : ndarray of shape (N, 2) and (M, 2), float64
-        Image points in pixels.
-    distance_px : float
-        What is near.
-
-    Returns
-    -------
-    ndarray of shape (N,), bool
-        True for points without.
-    """
+    """Tell which points have no other near them."""
     from scipy.spatial import cKDTree
 
     return np.asarray(cKDTree(others).query(points)[0] > distance_px)

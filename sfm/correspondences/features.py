@@ -14,33 +14,16 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class FeatureSettings:
-    """What makes a corner.
+    """What makes a corner."""
 
-    Attributes
-    ----------
-    num_corners : int
-        Most corners that are returned.
-    sensitivity : float
-        Harris's k in ``det - k trace^2``.
-    integration_radius_px : int
-        Half size of the binomial window over which the structure tensor is averaged.
-    separation_px : int
-        A corner is the strongest within this distance, by rows and by columns.
-    border_px : int
-        Corners keep this distance from the frame's edge, so that neighbourhoods fit.
-    min_gradient : float
-        Below ``min_gradient ** 4`` a response is noise, luma levels per pixel.
-    robustness : float
-        A corner is suppressed only by others whose response times this is larger.
-    """
-
-    num_corners: int = 2400
-    sensitivity: float = SENSITIVITY
+    num_corners: int = 2400  # most corners that are returned
+    sensitivity: float = SENSITIVITY  # harris's k in ``det - k trace^2``
+    # half size of the binomial window over which the structure tensor is averaged
     integration_radius_px: int = 1
-    separation_px: int = 1
-    border_px: int = 8
-    min_gradient: float = 1.0
-    robustness: float = 0.9
+    separation_px: int = 1  # a corner is the strongest within this distance, by rows and by columns
+    border_px: int = 8  # corners keep this distance from the frame's edge, so that neighbourhoods fit
+    min_gradient: float = 1.0  # below ``min_gradient ** 4`` a response is noise, luma levels per pixel
+    robustness: float = 0.9  # a corner is suppressed only by others whose response times this is larger
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -51,32 +34,7 @@ class FeatureSettings:
 
 
 def detect_corners(luma: Image, settings: FeatureSettings | None = None) -> Floats:
-    """Find Harris-Stephens corners by adaptive non-maximal suppression.
-
-    Of all local maxima of the response, those are kept that are the strongest of the largest
-    neighbourhoods: weak texture gets its corners as well as strong texture.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        Key frame.
-    settings : FeatureSettings, optional
-        What makes a corner.
-
-    Returns
-    -------
-    ndarray of shape (N, 2), float64
-        Corners (x, y) in whole pixels, best spread first; none in flat or tiny frames.
-
-    Raises
-    ------
-    ValueError
-        If `luma` is not a plane of bytes.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.4, Feature point detection.
-    """
+    """Find Harris-Stephens corners by adaptive non-maximal suppression."""
     from sfm.correspondences import _kernels
 
     if luma.ndim != 2 or luma.dtype != np.uint8:

@@ -16,51 +16,25 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class MatchingSettings:
-    """When two corners are similar.
+    """When two corners are similar."""
 
-    Attributes
-    ----------
-    max_motion_share : float
-        Largest motion, as a share of the frame's larger side.
-    radius_px : int
-        Half size of the neighbourhoods compared at whole pixels.
-    max_brightness_change : float
-        Largest difference of the mean luma of two neighbourhoods, levels.
-    bin_width : float
-        Distance of the samples of intensity distributions, luma levels.
-    num_bins : int
-        Number of samples; what lies outside counts for the outermost.
-    max_chi_square_share : float
-        Largest chi-square of two distributions, as a share of that of distributions without overlap.
-    num_candidates : int
-        Most similar corners of the second frame that are refined, per corner of the first.
-    min_error : float
-        Mean squared error that noise and sampling alone can cause, squared luma levels.
-    error_share : float
-        Largest mean squared error at whole pixels beyond, as a share of the neighbourhood's variance.
-    shifted_error_share : float
-        The same after refinement of the position.
-    refined_error_share : float
-        The same after refinement of position and shape.
-    max_ambiguity : float
-        Largest quotient of the errors of the most similar corner and the next one, both beyond `min_error`.
-    refinement : RefinementSettings
-        Sub-pixel refinement.
-    """
-
-    max_motion_share: float = 0.25
-    radius_px: int = 6
-    max_brightness_change: float = 40.0
-    bin_width: float = 12.0
-    num_bins: int = 16
+    max_motion_share: float = 0.25  # largest motion, as a share of the frame's larger side
+    radius_px: int = 6  # half size of the neighbourhoods compared at whole pixels
+    max_brightness_change: float = 40.0  # largest difference of the mean luma of two neighbourhoods, levels
+    bin_width: float = 12.0  # distance of the samples of intensity distributions, luma levels
+    num_bins: int = 16  # number of samples; what lies outside counts for the outermost
+    # largest chi-square of two distributions, as a share of that of distributions without overlap
     max_chi_square_share: float = 0.2
+    # most similar corners of the second frame that are refined, per corner of the first
     num_candidates: int = 3
-    min_error: float = 4.0
+    min_error: float = 4.0  # mean squared error that noise and sampling alone can cause, squared luma levels
+    # largest mean squared error at whole pixels beyond, as a share of the neighbourhood's variance
     error_share: float = 0.6
-    shifted_error_share: float = 0.4
-    refined_error_share: float = 0.12
+    shifted_error_share: float = 0.4  # the same after refinement of the position
+    refined_error_share: float = 0.12  # the same after refinement of position and shape
+    # largest quotient of the errors of the most similar corner and the next one, both beyond `min_error`
     max_ambiguity: float = 0.7
-    refinement: RefinementSettings = field(default_factory=RefinementSettings)
+    refinement: RefinementSettings = field(default_factory=RefinementSettings)  # sub-pixel refinement
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -77,35 +51,7 @@ def match_corners(
     corners1: Floats,
     settings: MatchingSettings | None = None,
 ) -> Correspondences:
-    """Match the corners of two key frames.
-
-    All pairs within the motion bound whose neighbourhoods have similar intensity distributions are
-    compared; the most similar ones are refined below the pixel, and the assignment with the least mean
-    squared errors is chosen among them.
-
-    Parameters
-    ----------
-    luma0, luma1 : ndarray of shape (H, W), uint8
-        Key frames.
-    corners0, corners1 : ndarray of shape (N, 2) and (M, 2), float64
-        Their corners, whole pixels.
-    settings : MatchingSettings, optional
-        When two corners are similar.
-
-    Returns
-    -------
-    Correspondences
-        In the order of `corners0`, whose points are kept as they are.
-
-    Raises
-    ------
-    ValueError
-        If the frames differ in size or corners are not whole pixels.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.4, Feature point matching, Subpixel refinement, tests of MSE and unicity.
-    """
+    """Match the corners of two key frames."""
     settings = settings or MatchingSettings()
     check_pair(luma0, luma1)
     corners0 = corners0[inside(corners0, luma0, settings.radius_px)]
@@ -170,26 +116,7 @@ def _unambiguous(i: Indices, error: Floats, settings: MatchingSettings) -> NDArr
 
 
 def describe(luma: Image, corners: Floats, settings: MatchingSettings) -> tuple[Floats, Floats, Floats]:
-    """Cut out the neighbourhoods of corners and estimate their distributions of intensity.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        Key frame.
-    corners : ndarray of shape (N, 2), float64
-        Corners in whole pixels, at least the neighbourhood's radius inside.
-    settings : MatchingSettings
-        Neighbourhoods and distributions.
-
-    Returns
-    -------
-    patches : ndarray of shape (N, S), float64
-        Luma less its mean.
-    means : ndarray of shape (N,), float64
-        Mean luma.
-    histograms : ndarray of shape (N, num_bins), float64
-        Parzen estimates of the distribution of `patches`, sum S.
-    """
+    """Cut out the neighbourhoods of corners and estimate their distributions of intensity."""
     from sfm.correspondences import _kernels
 
     offset = np.arange(-settings.radius_px, settings.radius_px + 1)

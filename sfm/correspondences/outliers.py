@@ -22,59 +22,20 @@ MOSTLY = 0.9  # share of the neighbours around a group, by weight, that counts a
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Pairs of neighbouring points; every pair occurs in both directions, ordered by point.
+    """Pairs of neighbouring points; every pair occurs in both directions, ordered by point."""
 
-    Attributes
-    ----------
-    point, neighbour : ndarray of shape (P,), int64
-        Indices.
-    weight : ndarray of shape (P,), float64
-        Inverse distances.
-    """
-
-    point: Indices
+    point: Indices  # indices
     neighbour: Indices
-    weight: Floats
+    weight: Floats  # inverse distances
 
 
 def mse(error: Floats, limit: Floats | float) -> Mask:
-    """Keep correspondences whose neighbourhoods are similar.
-
-    Parameters
-    ----------
-    error : ndarray of shape (N,), float64
-        Mean squared errors, squared luma levels.
-    limit : ndarray of shape (N,), float64, or float
-        Largest error.
-
-    Returns
-    -------
-    ndarray of shape (N,), bool
-        True for those to keep.
-    """
+    """Keep correspondences whose neighbourhoods are similar."""
     return np.asarray(error <= limit)
 
 
 def unicity(i: Indices, j: Indices, error: Floats, limit: Floats | float) -> Mask:
-    """Keep pairs so that no point occurs twice, by the Hungarian algorithm.
-
-    Of all such choices, the one with the largest sum of ``limit - error``: a point is left alone
-    rather than forced into a pair that is not worth it.
-
-    Parameters
-    ----------
-    i, j : ndarray of shape (P,), int64
-        First and second point of each pair.
-    error : ndarray of shape (P,), float64
-        Mean squared errors, at most `limit`.
-    limit : ndarray of shape (P,), float64, or float
-        Error of a pair that is worth nothing.
-
-    Returns
-    -------
-    ndarray of shape (P,), bool
-        True for those to keep.
-    """
+    """Keep pairs so that no point occurs twice, by the Hungarian algorithm."""
     from scipy.optimize import linear_sum_assignment
 
     rows, row = np.unique(i, return_inverse=True)
@@ -89,105 +50,32 @@ def unicity(i: Indices, j: Indices, error: Floats, limit: Floats | float) -> Mas
 
 
 def epipolar(correspondences: Correspondences, fundamental: Floats, limit_px: float) -> Mask:
-    """Keep correspondences that are near each other's epipolar lines.
-
-    Parameters
-    ----------
-    correspondences : Correspondences
-        Candidates.
-    fundamental : ndarray of shape (3, 3), float64
-        F with ``x1' F x0 = 0`` in pixels.
-    limit_px : float
-        Largest symmetric distance.
-
-    Returns
-    -------
-    ndarray of shape (N,), bool
-        True for those to keep.
-    """
+    """Keep correspondences that are near each other's epipolar lines."""
     distance = symmetric_distances(fundamental, correspondences.first, correspondences.second)
     return np.asarray(distance <= limit_px)
 
 
 def motion(correspondences: Correspondences, limit_px: float, num_spreads: float) -> Mask:
-    """Keep correspondences that move like their neighbours.
-
-    A motion may differ from the weighted median of its Delaunay neighbours' by `limit_px` plus
-    `num_spreads` times the weighted median of their own differences from that median. Those that do not
-    leave the triangulation, and the rest is tested again until nothing changes.
-
-    Parameters
-    ----------
-    correspondences : Correspondences
-        Candidates, no first point twice.
-    limit_px : float
-        Difference that is always allowed.
-    num_spreads : float
-        Tolerance where the neighbours themselves disagree, as at borders of objects.
-
-    Returns
-    -------
-    ndarray of shape (N,), bool
-        True for those to keep.
-    """
+    """Keep correspondences that move like their neighbours."""
     return _like_neighbours(correspondences.first, correspondences.motion, limit_px, num_spreads)
 
 
 def reprojection(second: Floats, projected: Floats, limit_px: float) -> Mask:
-    """Keep correspondences whose 3D points project near the second points.
-
-    Parameters
-    ----------
-    second, projected : ndarray of shape (N, 2), float64
-        Second points, and projections of the 3D points; these may be not finite.
-    limit_px : float
-        Largest distance.
-
-    Returns
-    -------
-    ndarray of shape (N,), bool
-        True for those to keep.
-    """
+    """Keep correspondences whose 3D points project near the second points."""
     finite = np.asarray(np.isfinite(projected).all(axis=1))
     offset = np.where(finite[:, None], projected, second) - second
     return finite & (np.hypot(offset[:, 0], offset[:, 1]) <= limit_px)
 
 
 def chirality(depth_first: Floats, depth_second: Floats) -> Mask:
-    """Keep correspondences whose product of projective depths has the sign of most.
-
-    Parameters
-    ----------
-    depth_first, depth_second : ndarray of shape (N,), float64
-        Projective depths in both cameras; may be not finite.
-
-    Returns
-    -------
-    ndarray of shape (N,), bool
-        True for those to keep.
-    """
+    """Keep correspondences whose product of projective depths has the sign of most."""
     sign = np.sign(depth_first) * np.sign(depth_second)
     sign = np.where(np.isfinite(depth_first) & np.isfinite(depth_second), sign, 0.0)
     return np.asarray(sign == (1.0 if sign.sum() >= 0 else -1.0))
 
 
 def epipole(correspondences: Correspondences, fundamental: Floats, distance_px: float) -> Mask:
-    """Keep correspondences that are far from both epipoles, around which triangulation is singular.
-
-    Parameters
-    ----------
-    correspondences : Correspondences
-        Candidates, in pixels.
-    fundamental : ndarray of shape (3, 3), float64
-        F in pixels, whose null vectors are the epipoles.
-    distance_px : float
-        Least distance.
-
-    Returns
-    -------
-    ndarray of shape (N,), bool
-        True for those to keep.
-    """
+    """Keep correspondences that are far from both epipoles, around which triangulation is singular."""
     in_first, in_second = epipoles(fundamental)
     far_in_first = distances_to_epipole(in_first, correspondences.first) >= distance_px
     far_in_second = distances_to_epipole(in_second, correspondences.second) >= distance_px
@@ -202,33 +90,7 @@ def depth(
     island_share: float = 0.02,
     island_gap: float = 0.2,
 ) -> Mask:
-    """Keep points whose depth is like that of their neighbours.
-
-    Compared are inverse depths, which are proportional to motion along the epipolar line, in units of
-    the median one; the test is that of `motion`. Wrong matches of repeated structure support each other:
-    so small groups of points that lie behind nearly all their surroundings are removed as well. What
-    stands alone before its surroundings, such as a post, stays.
-
-    Parameters
-    ----------
-    first : ndarray of shape (N, 2), float64
-        First points in pixels.
-    depths : ndarray of shape (N,), float64
-        Projective depths, positive for most; may be not finite.
-    share : float
-        Difference that is always allowed, as a share of the median inverse depth.
-    num_spreads : float
-        Tolerance where the neighbours themselves disagree.
-    island_share : float
-        Largest group that may be removed, as a share of all points; 0 to remove none.
-    island_gap : float
-        Least difference between neighbours in different groups, as a share of the median inverse depth.
-
-    Returns
-    -------
-    ndarray of shape (N,), bool
-        True for those to keep.
-    """
+    """Keep points whose depth is like that of their neighbours."""
     keep = np.asarray(np.isfinite(depths) & (depths != 0))
     if not keep.any():
         return keep
@@ -287,19 +149,7 @@ def _aberrant(values: Floats, neighbours: Neighbours, limit: float, num_spreads:
 
 
 def delaunay_neighbours(points: Floats) -> Neighbours:
-    """Find the neighbours of points on Delaunay triangles.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2), float64
-        Image points. Without triangles (fewer than three points, or all on one line) neighbours are those
-        before and after in order of the coordinates.
-
-    Returns
-    -------
-    Neighbours
-        Pairs; a point that occurs twice has neighbours once only.
-    """
+    """Find the neighbours of points on Delaunay triangles."""
     from scipy.spatial import Delaunay, QhullError
 
     try:
@@ -316,24 +166,7 @@ def delaunay_neighbours(points: Floats) -> Neighbours:
 
 
 def weighted_median(values: Floats, point: Indices, weight: Floats, num_points: int) -> Floats:
-    """Compute weighted medians of values that are listed with the point they count for.
-
-    Parameters
-    ----------
-    values : ndarray of shape (P,), float64
-        Values.
-    point : ndarray of shape (P,), int64
-        Point of each.
-    weight : ndarray of shape (P,), float64
-        Positive weights.
-    num_points : int
-        Number of points.
-
-    Returns
-    -------
-    ndarray of shape (num_points,), float64
-        The least value that, with those below it, has half the weight; nan for a point without values.
-    """
+    """Compute weighted medians of values that are listed with the point they count for."""
     medians = np.full(num_points, np.nan)
     order = np.lexsort((values, point))
     point, values, weight = point[order], values[order], weight[order]

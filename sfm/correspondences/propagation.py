@@ -16,28 +16,14 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class PropagationSettings:
-    """How correspondences spread along edges.
+    """How correspondences spread along edges."""
 
-    Attributes
-    ----------
-    canny_low, canny_high : float
-        Thresholds of the edge detector on Sobel gradients, 4 to a luma level per pixel.
-    reach_px : int
-        Edge points this near a known correspondence are tried.
-    num_tries : int
-        How often one edge point may be tried from different neighbours.
-    min_sine : float
-        Least sine of the angle between edge and epipolar line.
-    min_epipole_distance_px : float
-        Edge points nearer to the epipole are left out.
-    """
-
-    canny_low: float = 6.0
+    canny_low: float = 6.0  # thresholds of the edge detector on Sobel gradients, 4 to a luma level per pixel
     canny_high: float = 18.0
-    reach_px: int = 4
-    num_tries: int = 2
-    min_sine: float = 0.3
-    min_epipole_distance_px: float = 12.0
+    reach_px: int = 4  # edge points this near a known correspondence are tried
+    num_tries: int = 2  # how often one edge point may be tried from different neighbours
+    min_sine: float = 0.3  # least sine of the angle between edge and epipolar line
+    min_epipole_distance_px: float = 12.0  # edge points nearer to the epipole are left out
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -48,31 +34,7 @@ class PropagationSettings:
 def propagate(
     search: EpipolarSearch, correspondences: Correspondences, settings: PropagationSettings | None = None
 ) -> Correspondences:
-    """Spread correspondences along the edges of the first key frame, under the epipolar constraint.
-
-    Edge points around known correspondences take the motion of the nearest, search their epipolar line
-    nearby, and become known themselves if they are similar enough. Neighbourhoods of the second frame are
-    scaled and turned as the epipolar lines demand. On occluding edges, a point moves with the nearer
-    surface but may lie on the farther one: it is then moved by one pixel, to the side that moves like it.
-
-    Parameters
-    ----------
-    search : EpipolarSearch
-        Key frames and epipolar geometry.
-    correspondences : Correspondences
-        Reliable ones.
-    settings : PropagationSettings, optional
-        Edges, and which of them are tried.
-
-    Returns
-    -------
-    Correspondences
-        The given ones, then the new ones, at whole pixels of the first frame.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.4, Correspondence propagation.
-    """
+    """Spread correspondences along the edges of the first key frame, under the epipolar constraint."""
     from sfm.correspondences import _kernels
 
     settings = settings or PropagationSettings()
@@ -105,20 +67,7 @@ def propagate(
 
 
 def find_edges(luma: Image, settings: PropagationSettings) -> Mask:
-    """Find edges with Canny's detector.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        Frame.
-    settings : PropagationSettings
-        Thresholds.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        True on an edge.
-    """
+    """Find edges with Canny's detector."""
     import cv2
 
     smooth = cv2.GaussianBlur(luma, (3, 3), 0)

@@ -16,27 +16,13 @@ POLE_HORIZON = 40  # powers of the pole that can change a double
 
 @dataclass(frozen=True)
 class RefinementSettings:
-    """How second points are refined.
+    """How second points are refined."""
 
-    Attributes
-    ----------
-    radius_px : int
-        Half size of the neighbourhood.
-    max_iterations : int
-        Steps of Levenberg-Marquardt, rejected ones included.
-    min_step_px : float
-        The search ends with a step shorter than this.
-    max_shift_px : float
-        Points that move farther from where they started are lost.
-    affine : bool
-        Whether neighbourhoods may also turn, scale and shear.
-    """
-
-    radius_px: int = 5
-    max_iterations: int = 12
-    min_step_px: float = 2e-3
-    max_shift_px: float = 2.0
-    affine: bool = False
+    radius_px: int = 5  # half size of the neighbourhood
+    max_iterations: int = 12  # steps of Levenberg-Marquardt, rejected ones included
+    min_step_px: float = 2e-3  # the search ends with a step shorter than this
+    max_shift_px: float = 2.0  # points that move farther from where they started are lost
+    affine: bool = False  # whether neighbourhoods may also turn, scale and shear
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -54,43 +40,7 @@ def refine(
     settings: RefinementSettings | None = None,
     shapes: Floats | None = None,
 ) -> tuple[Floats, Floats, Mask]:
-    """Move second points to where their neighbourhoods are most like those of the first points.
-
-    The first neighbourhood is taken at whole pixels and thus never interpolated; the second by cubic
-    B-splines, which blur far less than bilinear interpolation. Their difference in mean is free, so that
-    exposure may drift. Samples weigh less towards the corners of the square.
-
-    Parameters
-    ----------
-    luma0, luma1 : ndarray of shape (H, W), uint8
-        Key frames.
-    first : ndarray of shape (N, 2), float64
-        Points of the first frame in whole pixels.
-    second : ndarray of shape (N, 2), float64
-        Where the search starts in the second frame, pixels.
-    settings : RefinementSettings, optional
-        Neighbourhood and limits.
-    shapes : ndarray of shape (N, 2, 2), float64, optional
-        Affine maps that the search starts from, if `settings.affine`; the identity if None.
-
-    Returns
-    -------
-    refined : ndarray of shape (N, 2), float64
-        Second points in pixels; as given where the search failed.
-    error : ndarray of shape (N,), float64
-        Mean squared error of the neighbourhoods, means taken away, squared luma levels; inf where it failed.
-    success : ndarray of shape (N,), bool
-        False near the frame's edge, without texture, or where a point moved too far.
-
-    Raises
-    ------
-    ValueError
-        If the frames differ in size or `first` is not in whole pixels.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.4, Subpixel refinement.
-    """
+    """Move second points to where their neighbourhoods are most like those of the first points."""
     from sfm.correspondences import _kernels
 
     settings = settings or RefinementSettings()
@@ -121,56 +71,19 @@ def refine(
 
 
 def check_pair(luma0: Image, luma1: Image) -> None:
-    """Refuse two frames that are not planes of one size.
-
-    Parameters
-    ----------
-    luma0, luma1 : ndarray of shape (H, W), uint8
-        Key frames.
-
-    Raises
-    ------
-    ValueError
-        If they are something else.
-    """
+    """Refuse two frames that are not planes of one size."""
     if luma0.ndim != 2 or luma0.shape != luma1.shape:
         raise ValueError(f"`luma0` and `luma1` must have one shape (H, W), got {luma0.shape}, {luma1.shape}")
 
 
 def inside(points: Floats, luma: Image, distance_px: float) -> Mask:
-    """Tell which points keep a distance from the frame's edge.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2), float64
-        Image points in pixels.
-    luma : ndarray of shape (H, W), uint8
-        Frame.
-    distance_px : float
-        Least distance to the outermost pixel centres.
-
-    Returns
-    -------
-    ndarray of shape (N,), bool
-        True inside.
-    """
+    """Tell which points keep a distance from the frame's edge."""
     last = np.array([luma.shape[1] - 1, luma.shape[0] - 1])
     return np.asarray(((points >= distance_px) & (points <= last - distance_px)).all(axis=1))
 
 
 def window(radius_px: int) -> Floats:
-    """Make the weights of a neighbourhood: Epanechnikov's kernel, reaching zero beyond its corners.
-
-    Parameters
-    ----------
-    radius_px : int
-        Half size.
-
-    Returns
-    -------
-    ndarray of shape (2 * radius_px + 1, 2 * radius_px + 1), float64
-        Weights, sum 1.
-    """
+    """Make the weights of a neighbourhood: Epanechnikov's kernel, reaching zero beyond its corners."""
     offset = np.arange(-radius_px, radius_px + 1, dtype=np.float64)
     weights: Floats = 2.0 * (radius_px + 1) ** 2 - (offset[:, None] ** 2 + offset**2)
     weights /= weights.sum()
@@ -178,18 +91,7 @@ def window(radius_px: int) -> Floats:
 
 
 def spline_coefficients(image: Image | Floats) -> Floats:
-    """Compute the coefficients of the cubic B-spline that interpolates an image, mirrored at its edges.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W), uint8 or float64
-        Samples.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Coefficients.
-    """
+    """Compute the coefficients of the cubic B-spline that interpolates an image, mirrored at its edges."""
     along_columns = _filter_rows(np.asarray(image, dtype=np.float64))
     return np.ascontiguousarray(_filter_rows(np.ascontiguousarray(along_columns.T)).T)
 

@@ -18,35 +18,17 @@ MotionKind = Literal["general", "rotation", "none", "unknown"]
 
 @dataclass(frozen=True)
 class DegeneracySettings:
-    """What counts as motion, and as parallax.
+    """What counts as motion, and as parallax."""
 
-    Attributes
-    ----------
-    min_motion_px : float
-        If nine tenths of the points move less than this, the camera stood still.
-    min_parallax_px : float
-        Parallax below this gives no usable depth, however small the noise.
-    min_noise_px : float
-        Lower bound on the noise: the matches of real frames are never better.
-    min_num_points : int
-        Fewer correspondences leave the motion unknown.
-    min_spread_px : float
-        Points within this of a straight line leave the motion unknown.
-    min_parallax_share : float
-        Share of the correspondences that must be off the homography for the scene to be general.
-    sure_parallax_share : float
-        Share above which it is, even if the criterion prefers the homography: that caps what it charges for
-        points that disagree, and so overlooks a second plane.
-    search : RobustSettings
-        The random search for the homography.
-    """
-
-    min_motion_px: float = 0.5
-    min_parallax_px: float = 0.5
-    min_noise_px: float = 0.15
-    min_num_points: int = 14
-    min_spread_px: float = 3.0
+    min_motion_px: float = 0.5  # if nine tenths of the points move less than this, the camera stood still
+    min_parallax_px: float = 0.5  # parallax below this gives no usable depth, however small the noise
+    min_noise_px: float = 0.15  # lower bound on the noise: the matches of real frames are never better
+    min_num_points: int = 14  # fewer correspondences leave the motion unknown
+    min_spread_px: float = 3.0  # points within this of a straight line leave the motion unknown
+    # share of the correspondences that must be off the homography for the scene to be general
     min_parallax_share: float = 0.1
+    # share above which it is, even if the criterion prefers the homography: that caps what it charges for
+    # points that disagree, and so overlooks a second plane
     sure_parallax_share: float = 0.2
     search: RobustSettings = field(
         default_factory=lambda: RobustSettings(threshold_px=1.0, min_num_trials=100, max_num_trials=1000)
@@ -55,44 +37,16 @@ class DegeneracySettings:
 
 @dataclass(frozen=True, eq=False)
 class MotionClass:
-    """What the camera did between two frames, as far as the points tell.
+    """What the camera did between two frames, as far as the points tell."""
 
-    Attributes
-    ----------
-    kind : {"general", "rotation", "none", "unknown"}
-        ``general``: depth can be had; ``rotation``: or a distant or planar scene, a homography explains
-        all; ``none``: no motion; ``unknown``: too little to go by.
-    reason : str
-        One line that says why.
-    """
-
+    # ``general``: depth can be had; ``rotation``: or a distant or planar scene, a homography explains all;
+    # ``none``: no motion; ``unknown``: too little to go by
     kind: MotionKind
-    reason: str
+    reason: str  # one line that says why
 
 
 def gric(squared_px2: Floats, sigma_px: float, dimension: int, num_parameters: int) -> float:
-    """Compute the geometric robust information criterion of a model of two views.
-
-    Parameters
-    ----------
-    squared_px2 : ndarray of shape (N,), float64
-        Squared Sampson distances of the correspondences.
-    sigma_px : float
-        Standard deviation of a coordinate of a point.
-    dimension : int
-        Dimension of the manifold of correspondences: 3 for a fundamental matrix, 2 for a homography.
-    num_parameters : int
-        Degrees of freedom: 7, or 8.
-
-    Returns
-    -------
-    float
-        The criterion; the lower, the better the model.
-
-    References
-    ----------
-    P. Torr, "Geometric motion segmentation and model selection", 1998.
-    """
+    """Compute the geometric robust information criterion of a model of two views."""
     num = len(squared_px2)
     limit = 2.0 * (4 - dimension)
     error = float(np.minimum(squared_px2 / (sigma_px * sigma_px), limit).sum())
@@ -105,24 +59,7 @@ def classify_motion(
     rng: np.random.Generator,
     settings: DegeneracySettings | None = None,
 ) -> MotionClass:
-    """Tell what the camera did, and with it whether depth can be had from two frames.
-
-    Parameters
-    ----------
-    correspondences : Correspondences
-        Points in pixels.
-    calibration : WeakCalibration
-        What weak calibration made of them.
-    rng : Generator
-        Source of randomness.
-    settings : DegeneracySettings, optional
-        Thresholds; the defaults if None.
-
-    Returns
-    -------
-    MotionClass
-        Kind of motion, and why.
-    """
+    """Tell what the camera did, and with it whether depth can be had from two frames."""
     settings = settings or DegeneracySettings()
     finite = np.isfinite(correspondences.motion).all(axis=1)
     num = int(np.count_nonzero(finite))

@@ -33,40 +33,12 @@ class FundamentalEstimator(TwoViewEstimator):
         return distances
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
-        """Minimise the sum of squared Sampson distances of the inliers.
-
-        Parameters
-        ----------
-        model : ndarray of shape (3, 3), float64
-            Where to start.
-        inliers : ndarray of shape (N,), bool
-            Which correspondences count.
-
-        Returns
-        -------
-        ndarray of shape (3, 3), float64
-            The refined matrix, of rank 2.
-        """
+        """Minimise the sum of squared Sampson distances of the inliers."""
         return minimize_sampson(model, self._first[inliers], self._second[inliers], max_iterations=5)
 
 
 def seven_point(rows: Floats) -> Floats:
-    """Find the matrices of rank 2 that satisfy seven equations.
-
-    Parameters
-    ----------
-    rows : ndarray of shape (S, 7, 9), float64
-        Equations of each sample, from `constraint_rows`.
-
-    Returns
-    -------
-    ndarray of shape (K, 3, 3), float64
-        Real solutions of all samples, unit norm; S <= K <= 3 S, fewer for degenerate samples.
-
-    References
-    ----------
-    [HZ] Sec. 11.1.2.
-    """
+    """Find the matrices of rank 2 that satisfy seven equations."""
     null = np.linalg.svd(rows, full_matrices=True)[2][:, 7:].reshape(-1, 2, 3, 3)
     a, b = null[:, 0], null[:, 1]
     # det(z a + b) is a cubic in z: its outer coefficients are determinants, the others follow from z = 1, -1.
@@ -96,22 +68,7 @@ def _determinants(m: Floats) -> Floats:
 
 
 def eight_point(rows: Floats) -> Floats:
-    """Find matrices of rank 2 that nearly satisfy more than seven equations.
-
-    Parameters
-    ----------
-    rows : ndarray of shape (S, m, 9), float64
-        Equations of each sample, m >= 8, in coordinates of about unit size.
-
-    Returns
-    -------
-    ndarray of shape (S, 3, 3), float64
-        Least squares solutions with the smallest singular value set to zero, unit norm.
-
-    References
-    ----------
-    [HZ] Sec. 11.1.
-    """
+    """Find matrices of rank 2 that nearly satisfy more than seven equations."""
     solution = np.linalg.svd(rows, full_matrices=True)[2][:, 8].reshape(-1, 3, 3)
     u, s, vt = np.linalg.svd(solution)
     s[:, 2] = 0.0

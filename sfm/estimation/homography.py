@@ -42,20 +42,7 @@ class HomographyEstimator(TwoViewEstimator):
         return distances
 
     def refine(self, model: Floats, inliers: Mask) -> Floats:
-        """Fit the inliers by linear least squares, reweighted so that the distance in the image counts.
-
-        Parameters
-        ----------
-        model : ndarray of shape (3, 3), float64
-            Homography to start from.
-        inliers : ndarray of shape (N,), bool
-            Four correspondences at least.
-
-        Returns
-        -------
-        ndarray of shape (3, 3), float64
-            The refined homography, unit norm.
-        """
+        """Fit the inliers by linear least squares, reweighted so that the distance in the image counts."""
         points = homogeneous(self._first[inliers])
         for _ in range(3):
             depth = points @ model[2]

@@ -75,34 +75,17 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True)
 class RobustSettings:
-    """How long to search, and what an outlier is.
+    """How long to search, and what an outlier is."""
 
-    Attributes
-    ----------
-    threshold_px : float
-        Residual from which a datum is an outlier.
-    confidence : float
-        Probability of having drawn one sample without outliers before the search stops.
-    min_num_trials, max_num_trials : int
-        Bounds on the number of samples.
-    batch : int
-        Samples that are estimated at once.
-    num_local_trials : int
-        Samples of inliers in a local optimisation.
-    local_sample_factor : int
-        Size of those samples, in minimal samples.
-    num_local_refinements : int
-        Refinements with a shrinking threshold that follow.
-    """
-
-    threshold_px: float = 1.0
+    threshold_px: float = 1.0  # residual from which a datum is an outlier
+    # probability of having drawn one sample without outliers before the search stops
     confidence: float = 0.9999
-    min_num_trials: int = 200
+    min_num_trials: int = 200  # bounds on the number of samples
     max_num_trials: int = 4000
-    batch: int = 200
-    num_local_trials: int = 20
-    local_sample_factor: int = 2
-    num_local_refinements: int = 4
+    batch: int = 200  # samples that are estimated at once
+    num_local_trials: int = 20  # samples of inliers in a local optimisation
+    local_sample_factor: int = 2  # size of those samples, in minimal samples
+    num_local_refinements: int = 4  # refinements with a shrinking threshold that follow
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -117,48 +100,17 @@ class RobustSettings:
 
 @dataclass(frozen=True, eq=False)
 class RobustResult:
-    """The best model that was found.
+    """The best model that was found."""
 
-    Attributes
-    ----------
-    model : ndarray or None
-        The model; None if no sample gave any.
-    score_px2 : float
-        Sum of the squared residuals, each at most the squared threshold.
-    inliers : ndarray of shape (N,), bool
-        Data within the threshold.
-    residuals_px : ndarray of shape (N,), float64
-        Distances of all data.
-    num_trials : int
-        Samples drawn.
-    """
-
-    model: Floats | None
-    score_px2: float
-    inliers: Mask
-    residuals_px: Floats
-    num_trials: int
+    model: Floats | None  # the model; None if no sample gave any
+    score_px2: float  # sum of the squared residuals, each at most the squared threshold
+    inliers: Mask  # data within the threshold
+    residuals_px: Floats  # distances of all data
+    num_trials: int  # samples drawn
 
 
 def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator) -> Indices:
-    """Draw samples of distinct data.
-
-    Parameters
-    ----------
-    num_data : int
-        Data to draw from, at least `size`.
-    size : int
-        Data per sample.
-    count : int
-        Samples wanted.
-    rng : Generator
-        Source of randomness.
-
-    Returns
-    -------
-    ndarray of shape (count or a little less, size), int64
-        Indices.
-    """
+    """Draw samples of distinct data."""
     if num_data <= SMALL_DATA:
         keys = rng.random((count, num_data))
         return np.argsort(keys, axis=1, kind="stable")[:, :size].astype(np.int64)
@@ -169,22 +121,7 @@ def draw_samples(num_data: int, size: int, count: int, rng: np.random.Generator)
 
 
 def trials_needed(inlier_fraction: float, sample_size: int, confidence: float) -> float:
-    """Return how many samples make it likely that one is free of outliers.
-
-    Parameters
-    ----------
-    inlier_fraction : float
-        Share of the data that are inliers, in [0, 1].
-    sample_size : int
-        Data per sample.
-    confidence : float
-        Wanted probability, in (0, 1).
-
-    Returns
-    -------
-    float
-        Number of samples; inf if there are no inliers.
-    """
+    """Return how many samples make it likely that one is free of outliers."""
     good = inlier_fraction**sample_size
     if good <= 1e-12:
         return math.inf
@@ -192,22 +129,7 @@ def trials_needed(inlier_fraction: float, sample_size: int, confidence: float) -
 
 
 def mapsac(estimator: Estimator, settings: RobustSettings, rng: np.random.Generator) -> RobustResult:
-    """Search for the model with the least truncated error over random minimal samples.
-
-    Parameters
-    ----------
-    estimator : Estimator
-        Model and data.
-    settings : RobustSettings
-        How long to search.
-    rng : Generator
-        Source of randomness.
-
-    Returns
-    -------
-    RobustResult
-        The best model; `model` is None if there are too few data, or no sample gives a model.
-    """
+    """Search for the model with the least truncated error over random minimal samples."""
     best = no_model(estimator.num_data)
     if estimator.num_data < estimator.min_num_samples:
         return best
@@ -226,24 +148,7 @@ def mapsac(estimator: Estimator, settings: RobustSettings, rng: np.random.Genera
 def lo_ransac(
     estimator: Estimator, start: RobustResult, settings: RobustSettings, rng: np.random.Generator
 ) -> RobustResult:
-    """Improve a model by larger samples of its inliers and by refinements.
-
-    Parameters
-    ----------
-    estimator : Estimator
-        Model and data.
-    start : RobustResult
-        What `mapsac` found.
-    settings : RobustSettings
-        Threshold and number of trials.
-    rng : Generator
-        Source of randomness.
-
-    Returns
-    -------
-    RobustResult
-        A model that is at least as good; the number of trials includes those of `start`.
-    """
+    """Improve a model by larger samples of its inliers and by refinements."""
     best = start
     inliers = np.flatnonzero(start.inliers)
     if best.model is None or len(inliers) < estimator.min_num_samples:
@@ -263,22 +168,7 @@ def lo_ransac(
 
 
 def best_of(estimator: Estimator, models: Floats, threshold_px: float) -> RobustResult:
-    """Choose among models the one with the least truncated squared error.
-
-    Parameters
-    ----------
-    estimator : Estimator
-        Model and data.
-    models : ndarray of shape (K, ...), float64
-        Candidates; K may be 0.
-    threshold_px : float
-        Where the error is truncated.
-
-    Returns
-    -------
-    RobustResult
-        The best of them, with no trials counted.
-    """
+    """Choose among models the one with the least truncated squared error."""
     best = no_model(estimator.num_data)
     limit = threshold_px * threshold_px
     step = max(1, 200_000 // max(1, estimator.num_data))  # bounds memory
@@ -293,52 +183,17 @@ def best_of(estimator: Estimator, models: Floats, threshold_px: float) -> Robust
 
 
 def better(a: RobustResult, b: RobustResult) -> RobustResult:
-    """Return the one with the lower score; `a` if they are equal.
-
-    Parameters
-    ----------
-    a, b : RobustResult
-        Two results for the same data.
-
-    Returns
-    -------
-    RobustResult
-        One of them.
-    """
+    """Return the one with the lower score; `a` if they are equal."""
     return b if b.score_px2 < a.score_px2 else a
 
 
 def no_model(num_data: int) -> RobustResult:
-    """Return the result of a search that found nothing.
-
-    Parameters
-    ----------
-    num_data : int
-        Number of data.
-
-    Returns
-    -------
-    RobustResult
-        No model, no inliers, infinite score.
-    """
+    """Return the result of a search that found nothing."""
     return RobustResult(None, math.inf, np.zeros(num_data, dtype=bool), np.full(num_data, np.inf), 0)
 
 
 def noise_scale(residuals: Floats, num_parameters: int = 0) -> float:
-    """Estimate the standard deviation of residuals of which fewer than half are wrong.
-
-    Parameters
-    ----------
-    residuals : ndarray of shape (N,), float64
-        Distances, signed or not.
-    num_parameters : int
-        Degrees of freedom that a fit to these residuals has used up.
-
-    Returns
-    -------
-    float
-        1.4826 times the median magnitude, corrected for the fit; 0 if there are too few.
-    """
+    """Estimate the standard deviation of residuals of which fewer than half are wrong."""
     free = residuals.size - num_parameters
     if free <= 0:
         return 0.0

@@ -16,42 +16,14 @@ TOLERANCE = 1e-12  # relative decrease of the cost below which a minimum is reac
 
 
 def constraint_rows(first: Floats, second: Floats) -> Floats:
-    """Write ``x1' F x0 = 0`` as a linear equation in the nine entries of F.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (N, 2), float64
-        Points of both images.
-
-    Returns
-    -------
-    ndarray of shape (N, 9), float64
-        Coefficients of F, row by row.
-    """
+    """Write ``x1' F x0 = 0`` as a linear equation in the nine entries of F."""
     ones = np.ones((len(first), 1))
     a, b = np.hstack([first, ones]), np.hstack([second, ones])
     return (b[:, :, None] * a[:, None, :]).reshape(len(first), 9)
 
 
 def minimize_sampson(fundamental: Floats, first: Floats, second: Floats, max_iterations: int = 20) -> Floats:
-    """Minimise the sum of squared Sampson distances.
-
-    F is ``U diag(cos p, sin p, 0) V'``; the seven parameters turn U, turn V and change p.
-
-    Parameters
-    ----------
-    fundamental : ndarray of shape (3, 3), float64
-        Where to start; its smallest singular value is dropped.
-    first, second : ndarray of shape (N, 2), float64
-        Points of about unit size.
-    max_iterations : int
-        Bound on the number of steps.
-
-    Returns
-    -------
-    ndarray of shape (3, 3), float64
-        The refined matrix, unit norm; never worse than the start without its smallest singular value.
-    """
+    """Minimise the sum of squared Sampson distances."""
     u, s, vt = np.linalg.svd(fundamental)
     best = unit_norm((u * np.array([s[0], s[1], 0.0])) @ vt)
     if len(first) < 7 or not s[0] > 0:

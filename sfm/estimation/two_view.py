@@ -15,36 +15,15 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SharedScale:
-    """Coordinates for both images: each has its centroid at 0, and both share one scale.
+    """Coordinates for both images: each has its centroid at 0, and both share one scale."""
 
-    With one scale, distances in these coordinates are distances in pixels up to a constant.
-
-    Attributes
-    ----------
-    first_px, second_px : ndarray of shape (2,), float64
-        Centroids.
-    scale_px : float
-        Pixels per unit.
-    """
-
-    first_px: Floats
+    first_px: Floats  # centroids
     second_px: Floats
-    scale_px: float
+    scale_px: float  # pixels per unit
 
     @classmethod
     def of(cls, first: Floats, second: Floats) -> "SharedScale":
-        """Fit the coordinates to points.
-
-        Parameters
-        ----------
-        first, second : ndarray of shape (N, 2), float64
-            Points in pixels; N may be 0.
-
-        Returns
-        -------
-        SharedScale
-            With a root mean square coordinate of about 1.
-        """
+        """Fit the coordinates to points."""
         if not len(first):
             return cls(np.zeros(2), np.zeros(2), 1.0)
         a, b = first.mean(axis=0), second.mean(axis=0)
@@ -59,32 +38,13 @@ class SharedScale:
         return a, b
 
     def to_pixels(self, fundamental: Floats) -> Floats:
-        """Convert a fundamental matrix to pixels.
-
-        Parameters
-        ----------
-        fundamental : ndarray of shape (3, 3), float64
-            F in these coordinates.
-
-        Returns
-        -------
-        ndarray of shape (3, 3), float64
-            F in pixels, unit norm.
-        """
+        """Convert a fundamental matrix to pixels."""
         a, b = self.matrices()
         return unit_norm(b.T @ fundamental @ a)
 
 
 class TwoViewEstimator(ABC):
-    """Matrices (3, 3) that relate two images, as an `sfm.estimation.sample_consensus.Estimator`.
-
-    Models are in the coordinates of `scale`.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (N, 2), float64
-        Finite points in pixels.
-    """
+    """Matrices (3, 3) that relate two images, as an `sfm.estimation.sample_consensus.Estimator`."""
 
     min_num_samples: int
 
@@ -112,31 +72,9 @@ class TwoViewEstimator(ABC):
         """Improve one model over its inliers."""
 
     def estimate(self, samples: Indices) -> Floats:
-        """Solve many samples at once.
-
-        Parameters
-        ----------
-        samples : ndarray of shape (S, m), int64
-            Correspondences of each sample, m >= `min_num_samples`.
-
-        Returns
-        -------
-        ndarray of shape (K, 3, 3), float64
-            Models of unit norm, none or several per sample.
-        """
+        """Solve many samples at once."""
         return self._solve(self._rows[samples]) if len(samples) else np.empty((0, 3, 3))
 
     def residuals(self, models: Floats) -> Floats:
-        """Measure all correspondences under all models.
-
-        Parameters
-        ----------
-        models : ndarray of shape (K, 3, 3), float64
-            Any.
-
-        Returns
-        -------
-        ndarray of shape (K, N), float64
-            Sampson distances in pixels, not negative.
-        """
+        """Measure all correspondences under all models."""
         return self._distances(models) * self.scale.scale_px

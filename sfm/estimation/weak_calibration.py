@@ -17,24 +17,13 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class WeakCalibrationSettings:
-    """Parameters of the robust weak calibration.
+    """Parameters of the robust weak calibration."""
 
-    Attributes
-    ----------
-    search : RobustSettings
-        Threshold on the Sampson distance and length of the random search.
-    min_num_inliers : int
-        Fewer than this do not confirm a matrix that seven points determine.
-    min_threshold_px : float
-        The final threshold follows the noise, but is not below this.
-    threshold_in_sigmas : float
-        The final threshold, in standard deviations of the noise.
-    """
-
+    # threshold on the Sampson distance and length of the random search
     search: RobustSettings = field(default_factory=RobustSettings)
-    min_num_inliers: int = 14
-    min_threshold_px: float = 0.35
-    threshold_in_sigmas: float = 3.5
+    min_num_inliers: int = 14  # fewer than this do not confirm a matrix that seven points determine
+    min_threshold_px: float = 0.35  # the final threshold follows the noise, but is not below this
+    threshold_in_sigmas: float = 3.5  # the final threshold, in standard deviations of the noise
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense."""
@@ -44,30 +33,15 @@ class WeakCalibrationSettings:
 
 @dataclass(frozen=True, eq=False)
 class WeakCalibration:
-    """What came of an attempt to weakly calibrate two frames.
+    """What came of an attempt to weakly calibrate two frames."""
 
-    Attributes
-    ----------
-    fundamental : ndarray of shape (3, 3), float64
-        F with ``x1' F x0 = 0`` in pixels, unit norm; zeros where there is none.
-    inliers : ndarray of shape (N,), bool
-        Correspondences that obey it.
-    residuals_px : ndarray of shape (N,), float64
-        Sampson distances, not negative; inf where there is no matrix, or the point is not finite.
-    noise_px : float
-        Standard deviation of the Sampson distances of the inliers.
-    num_trials : int
-        Samples that were drawn.
-    reason : str
-        Why there is no matrix, or it cannot be trusted; empty if it can.
-    """
-
-    fundamental: Floats
-    inliers: Mask
+    fundamental: Floats  # F with ``x1' F x0 = 0`` in pixels, unit norm; zeros where there is none
+    inliers: Mask  # correspondences that obey it
+    # sampson distances, not negative; inf where there is no matrix, or the point is not finite
     residuals_px: Floats
-    noise_px: float
-    num_trials: int
-    reason: str
+    noise_px: float  # standard deviation of the Sampson distances of the inliers
+    num_trials: int  # samples that were drawn
+    reason: str  # why there is no matrix, or it cannot be trusted; empty if it can
 
     @property
     def success(self) -> bool:
@@ -76,22 +50,7 @@ class WeakCalibration:
 
     @classmethod
     def missing(cls, num_points: int, reason: str, num_trials: int = 0) -> Self:
-        """Say why there is no matrix.
-
-        Parameters
-        ----------
-        num_points : int
-            All correspondences.
-        reason : str
-            What is lacking.
-        num_trials : int
-            Samples that were drawn in vain.
-
-        Returns
-        -------
-        WeakCalibration
-            Without inliers.
-        """
+        """Say why there is no matrix."""
         nothing, far = np.zeros(num_points, dtype=bool), np.full(num_points, np.inf)
         return cls(np.zeros((3, 3)), nothing, far, 0.0, num_trials, reason)
 
@@ -102,28 +61,7 @@ def least_sampson_distance(
     found: RobustResult,
     settings: WeakCalibrationSettings,
 ) -> WeakCalibration:
-    """Refine a fundamental matrix over its final inliers, and judge it.
-
-    Parameters
-    ----------
-    correspondences : Correspondences
-        Points in pixels; those that are not finite are outliers.
-    estimator : FundamentalEstimator
-        Of the finite ones.
-    found : RobustResult
-        What MAPSAC and LO-RANSAC made of them.
-    settings : WeakCalibrationSettings
-        Threshold and number of inliers.
-
-    Returns
-    -------
-    WeakCalibration
-        The matrix, or the reason why there is none.
-
-    References
-    ----------
-    [Maitre2008] Sec. 5.2.3, step 3 of the robust weak calibration.
-    """
+    """Refine a fundamental matrix over its final inliers, and judge it."""
     num, agreeing = len(correspondences), int(np.count_nonzero(found.inliers))
     if estimator.num_data < settings.min_num_inliers:
         reason = f"{estimator.num_data} correspondences, {settings.min_num_inliers} are needed"

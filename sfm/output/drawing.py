@@ -19,24 +19,7 @@ _TITLE_PX = 36
 def draw_correspondences(
     luma: NDArray[np.uint8], matches: Correspondences, fundamental: Floats | None, title: str
 ) -> Picture:
-    """Draw points, their motion and their epipolar lines over the second key frame.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        Second key frame.
-    matches : Correspondences
-        Points in red, motion vectors that end there in magenta.
-    fundamental : ndarray of shape (3, 3), float64, or None
-        F in pixels; short pieces of the epipolar lines around the points are drawn in green.
-    title : str
-        Text above the picture.
-
-    Returns
-    -------
-    ndarray of shape (3 * H + 36, 3 * W, 3), uint8
-        Blue, green and red.
-    """
+    """Draw points, their motion and their epipolar lines over the second key frame."""
     import cv2
 
     height, width = luma.shape
@@ -81,18 +64,7 @@ def _draw_lines(canvas: Picture, starts: Floats, ends: Floats, colour: tuple[int
 
 
 def side_by_side(pictures: list[Picture]) -> Picture:
-    """Put pictures of one height beside each other with a white gap.
-
-    Parameters
-    ----------
-    pictures : list of ndarray of shape (H, W, 3), uint8
-        At least one.
-
-    Returns
-    -------
-    ndarray of shape (H, sum of W and gaps, 3), uint8
-        One picture.
-    """
+    """Put pictures of one height beside each other with a white gap."""
     gap = np.full((pictures[0].shape[0], 12, 3), 255, dtype=np.uint8)
     parts = [pictures[0]]
     for picture in pictures[1:]:

@@ -30,20 +30,7 @@ end_header
 
 
 def point_colours(luma: NDArray[np.uint8], points: Floats) -> NDArray[np.uint8]:
-    """Look up the grey of each point in the first key frame.
-
-    Parameters
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        First key frame.
-    points : ndarray of shape (N, 2), float64
-        Image points (x, y) in pixels.
-
-    Returns
-    -------
-    ndarray of shape (N, 3), uint8
-        Red, green and blue, all the same.
-    """
+    """Look up the grey of each point in the first key frame."""
     height, width = luma.shape
     columns = np.clip(np.rint(points[:, 0]).astype(np.int64), 0, width - 1)
     rows = np.clip(np.rint(points[:, 1]).astype(np.int64), 0, height - 1)
@@ -52,17 +39,7 @@ def point_colours(luma: NDArray[np.uint8], points: Floats) -> NDArray[np.uint8]:
 
 
 def write_ply(path: str | Path, model: Model, colours: NDArray[np.uint8]) -> None:
-    """Write the points as a binary PLY file, in the nearest Euclidean frame.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to write.
-    model : Model
-        The scene.
-    colours : ndarray of shape (N, 3), uint8
-        Red, green and blue of each point.
-    """
+    """Write the points as a binary PLY file, in the nearest Euclidean frame."""
     points = metric_upgrade(model).points.astype("<f4")
     rows = (struct.pack("<3f3B", *point, *colour) for point, colour in zip(points, colours, strict=True))
     Path(path).write_bytes(_PLY_HEADER.format(count=len(points)).encode("ascii") + b"".join(rows))
@@ -71,23 +48,7 @@ def write_ply(path: str | Path, model: Model, colours: NDArray[np.uint8]) -> Non
 def write_colmap(
     folder: str | Path, model: Model, names: tuple[str, str], colours: NDArray[np.uint8]
 ) -> None:
-    """Write ``cameras.txt``, ``images.txt`` and ``points3D.txt`` in COLMAP's text format.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Existing folder.
-    model : Model
-        The scene; it is written in the nearest Euclidean frame.
-    names : tuple of two str
-        File names of the key frames.
-    colours : ndarray of shape (N, 3), uint8
-        Red, green and blue of each point.
-
-    Notes
-    -----
-    COLMAP's image coordinates have the centre of the first pixel at (0.5, 0.5).
-    """
+    """Write ``cameras.txt``, ``images.txt`` and ``points3D.txt`` in COLMAP's text format."""
     metric, frame, matches = metric_upgrade(model), model.pixel_frame, model.correspondences
     target = Path(folder)
     width, height = frame.width_px, frame.height_px
@@ -136,19 +97,7 @@ def _quaternion(rotation: Floats) -> Floats:
 
 
 def to_dict(reconstruction: Reconstruction) -> dict[str, Any]:
-    """Describe a reconstruction as JSON-safe values.
-
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        What came of two key frames.
-
-    Returns
-    -------
-    dict
-        Verdict, counts by step, and the model if there is one: F, second camera, Euclidean approximation,
-        correspondences and depths.
-    """
+    """Describe a reconstruction as JSON-safe values."""
     counts = {name: len(matches) for name, matches in reconstruction.stages.items()}
     values: dict[str, Any] = {
         "success": reconstruction.success,
@@ -182,13 +131,5 @@ def _model_to_dict(model: Model) -> dict[str, Any]:
 
 
 def write_json(path: str | Path, reconstruction: Reconstruction) -> None:
-    """Write what `to_dict` returns.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to write.
-    reconstruction : Reconstruction
-        What came of two key frames.
-    """
+    """Write what `to_dict` returns."""
     Path(path).write_text(json.dumps(to_dict(reconstruction), indent=1) + "\n")

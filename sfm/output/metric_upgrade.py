@@ -18,42 +18,17 @@ PRIOR_WEIGHT = 0.002
 
 @dataclass(frozen=True, eq=False)
 class MetricModel:
-    """A Euclidean reconstruction; its unit of length is the distance of the cameras.
+    """A Euclidean reconstruction; its unit of length is the distance of the cameras."""
 
-    Attributes
-    ----------
-    focal_length_px : float
-        Focal length shared by both key frames, in pixels; the principal point is the centre.
-    second_from_first : ndarray of shape (3, 4), float64
-        Rotation and translation ``[R | t]`` from the first to the second camera.
-    points : ndarray of shape (N, 3), float64
-        3D points in the frame of the first camera.
-    error_px : float
-        Root mean square reprojection error in the second key frame, in pixels.
-    """
-
+    # focal length shared by both key frames, in pixels; the principal point is the centre
     focal_length_px: float
-    second_from_first: Floats
-    points: Floats
-    error_px: float
+    second_from_first: Floats  # rotation and translation ``[R | t]`` from the first to the second camera
+    points: Floats  # 3D points in the frame of the first camera
+    error_px: float  # root mean square reprojection error in the second key frame, in pixels
 
 
 def metric_upgrade(model: Model) -> MetricModel:
-    """Find the plane at infinity and the focal length under which the second camera moved most rigidly.
-
-    With ``K = diag(f, f, 1)`` in normalised coordinates and the plane ``a``, ``K^-1 (R - t a') K`` should be
-    a multiple of a rotation. Small motions determine ``f`` poorly; it then stays at the usual value.
-
-    Parameters
-    ----------
-    model : Model
-        With at least one point.
-
-    Returns
-    -------
-    MetricModel
-        The nearest Euclidean model.
-    """
+    """Find the plane at infinity and the focal length under which the second camera moved most rigidly."""
     rotation, translation = model.second_camera[:, :3], model.second_camera[:, 3]
 
     def _residuals(parameters: Floats) -> Floats:

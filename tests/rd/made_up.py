@@ -11,24 +11,7 @@ from dvc.rd.results import POINTS_FOLDER
 def result_data(
     rate_kbps: float, psnr_y_db: float, *, wz_q: int | None = 1, codec: str = "2d", **changes: Any
 ) -> dict[str, Any]:
-    """Return the contents of a result file.
-
-    Parameters
-    ----------
-    rate_kbps, psnr_y_db : float
-        The point.
-    wz_q : int or None, optional
-        Quantiser preset.
-    codec : str, optional
-        Codec.
-    **changes : object
-        Other entries at the top.
-
-    Returns
-    -------
-    dict
-        Everything that a report needs.
-    """
+    """Return the contents of a result file."""
     wyner_ziv = codec != "h264-intra"
     totals: dict[str, Any] = {
         "frames": 3,
@@ -73,20 +56,7 @@ def result_data(
 
 
 def write_results(folder: Path, scale: float = 1.0) -> Path:
-    """Write a codec's curve, and an intra curve of a quarter more rate.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the experiment.
-    scale : float, optional
-        Factor on all rates.
-
-    Returns
-    -------
-    Path
-        The same folder.
-    """
+    """Write a codec's curve, and an intra curve of a quarter more rate."""
     (folder / POINTS_FOLDER).mkdir(parents=True)
     for number, (rate_kbps, psnr_y_db) in enumerate([(60.0, 29.0), (90.0, 31.5), (200.0, 35.0)], start=1):
         codec = result_data(scale * rate_kbps, psnr_y_db, wz_q=number)

@@ -24,22 +24,7 @@ SIDES_PX = {"street": (64, 48), "stairway": (64, 48), HOSTILE: (80, 64)}
 
 
 def write_many(folder: Path, *, levels: int = 6, pictures: bool = True) -> Path:
-    """Write the results of an experiment: 3 sequences, 5 curves.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the experiment.
-    levels : int, optional
-        Points of each curve.
-    pictures : bool, optional
-        Whether results have pictures.
-
-    Returns
-    -------
-    Path
-        The same folder.
-    """
+    """Write the results of an experiment: 3 sequences, 5 curves."""
     (folder / POINTS_FOLDER).mkdir(parents=True)
     rng = np.random.default_rng(5)
     for number, name in enumerate(SEQUENCES):

@@ -96,10 +96,7 @@ def total_costs(
     costs: Sequence[LevelCosts],
     lowpass_is_unused: bool,
 ) -> Floats:
-    """Return the cost of each tree: errors, coefficients and flags.
-
-    `lowpass_is_unused`: whether coefficients at even places do not exist, as in S.
-    """
+    """Return the cost of each tree: errors, coefficients and flags."""
     rows, columns = np.indices(errors.shape[:2])
     spent = errors[rows, columns, levels[0]]
     flat, same = spent.copy(), np.ones(spent.shape, bool)

@@ -12,15 +12,7 @@ Node = tuple[int, int, int, int, int]
 
 
 class SpihtTwin:
-    """Writes the decisions of whole-numbered pyramids.
-
-    Parameters
-    ----------
-    bands : dict
-        Whole numbers by (component, level, kind), in coding order.
-    num_planes : int
-        Bit planes.
-    """
+    """Writes the decisions of whole-numbered pyramids."""
 
     def __init__(self, bands: dict[tuple[int, int, int], np.ndarray], num_planes: int) -> None:
         self.bands = bands

@@ -48,10 +48,7 @@ def with_support(own: Volume, horizontal: list[Volume], vertical: list[Volume]) 
 def with_support_in_frames(
     own: Volume, horizontal: list[tuple[Volume, Volume]], vertical: list[tuple[Volume, Volume]]
 ) -> Volume:
-    """Do so where a neighbour looks: a direction whose frames all end before a voxel asks for nothing.
-
-    Of each neighbour its voxels, and those inside its frame; one at least must have the voxel.
-    """
+    """Do so where a neighbour looks: a direction whose frames all end before a voxel asks for nothing."""
     kept, found = own.copy(), np.zeros_like(own)
     for direction in filter(None, (horizontal, vertical)):
         occupied, inside = (np.logical_or.reduce(volumes) for volumes in zip(*direction, strict=True))
@@ -88,10 +85,7 @@ def visibility(volume: Volume, slack: int = 0) -> Volume:
 
 
 def truncated_error(own: Floats, neighbours: list[Floats], limit: float) -> Floats:
-    """Return the smallest squared difference, or the limit (2.18); NaN where a neighbour has no voxel.
-
-    `own` has shape (H, W, 3), `neighbours` are sheared volumes (H, W, labels, 3).
-    """
+    """Return the smallest squared difference, or the limit (2.18); NaN where a neighbour has no voxel."""
     error = np.full(neighbours[0].shape[:3], limit)
     for other in neighbours:
         squared = ((own[:, :, None] - other) ** 2).mean(axis=3)

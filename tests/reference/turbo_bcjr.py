@@ -23,11 +23,7 @@ def bcjr(
     next_state: NDArray[np.int64],
     output: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Return the extrinsic LLRs log p(0) / p(1) of the inputs of a trellis that starts in state 0.
-
-    Bahl, Cocke, Jelinek, Raviv, "Optimal decoding of linear codes for minimizing symbol error rate", 1974:
-    alpha_{t+1}(s') = sum alpha_t(s) gamma_t(s, s'), beta_t(s) = sum beta_{t+1}(s') gamma_t(s, s').
-    """
+    """Return the extrinsic LLRs log p(0) / p(1) of the inputs of a trellis that starts in state 0."""
     num_steps, num_states = llr_a.size, next_state.shape[0]
     prob = np.stack([1 / (1 + np.exp(-llr_a)), 1 / (1 + np.exp(llr_a))], axis=1)
     possible = (parity[:, None, None] < 0) | (output[None] == parity[:, None, None])

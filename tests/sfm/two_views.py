@@ -22,10 +22,7 @@ MOVE = np.array([0.25, 0.05, 0.1])
 
 @dataclass(frozen=True, eq=False)
 class TwoViews:
-    """What two cameras see: exactly, and as it is measured.
-
-    Points and cameras are in the normalised coordinates of `FRAME`, where the first camera is [I | 0].
-    """
+    """What two cameras see: exactly, and as it is measured."""
 
     exact: Correspondences
     measured: Correspondences

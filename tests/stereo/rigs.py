@@ -16,24 +16,7 @@ SIZE = 160, 120
 def random_rig(
     seed: int, places: Sequence[tuple[float, float]], unit: float = 1.0, turn: float = 0.15
 ) -> list[Camera]:
-    """Return verging cameras of random intrinsics on a random lattice.
-
-    Parameters
-    ----------
-    seed : int
-        Of everything random.
-    places : sequence of (float, float)
-        Places (m, n) of the cameras.
-    unit : float, optional
-        Length of the world's unit.
-    turn : float, optional
-        Standard deviation of the turns of the cameras, radians.
-
-    Returns
-    -------
-    list of Camera
-        At the given places, that look along the normal of the lattice on the mean.
-    """
+    """Return verging cameras of random intrinsics on a random lattice."""
     rng = np.random.default_rng(seed)
     world = Rotation.random(random_state=rng).as_matrix()
     steps = np.array(
@@ -51,24 +34,7 @@ def random_rig(
 
 
 def picture_of_plane(camera: Camera, normal: Floats, offset: float, across: Floats) -> NDArray[np.uint8]:
-    """Return what a camera sees of a smoothly textured plane ``normal . X = offset``.
-
-    Parameters
-    ----------
-    camera : Camera
-        The camera.
-    normal : ndarray of shape (3,), float64
-        Unit normal of the plane.
-    offset : float
-        Where it stands.
-    across : ndarray of shape (2, 3), float64
-        Directions in the plane, of the length of a wave.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        The picture.
-    """
+    """Return what a camera sees of a smoothly textured plane ``normal . X = offset``."""
     y, x = np.mgrid[: camera.size[1], : camera.size[0]]
     pixels = camera.undistorted(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
     rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(camera.K).T @ camera.R

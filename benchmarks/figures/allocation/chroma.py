@@ -28,10 +28,7 @@ def _chroma_db(curve: Curve) -> tuple[list[float], list[float]]:
 
 
 def chroma(setting: Setting, clip: str) -> Measured:
-    """Compare chroma with that of H.264 intra at equal PSNR of luma, in colour.
-
-    Gives the mean difference over the points.
-    """
+    """Compare chroma with that of H.264 intra at equal PSNR of luma, in colour."""
     frames = setting.choose(FRAMES, rd_figures.QUICK_FRAMES)
     sweep = Sweep((clip,), frames=frames, qp=QPS, luma_only=False, anchors=("intra",), anchor_qp=INTRA_QPS)
     [found] = experiments(rd_figures.measured(setting, clip, expand([sweep])))

@@ -39,27 +39,7 @@ _CODECS = {
 
 @cache
 def curve(setting: Setting, clip: str, name: str) -> Curve:
-    """Measure a curve; points that are there already are kept.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-    name : str
-        ``te-qp``, ``one-way``, ``presets`` (of the same codec), ``2d``, or a key of `ANCHORS`.
-
-    Returns
-    -------
-    Curve
-        Its points.
-
-    Raises
-    ------
-    DvcError
-        If a point fails.
-    """
+    """Measure a curve; points that are there already are kept."""
     frames = rd_figures.QUICK_FRAMES if setting.quick else FRAMES
     step = setting.choose(1, 3)
     if name in ANCHORS:
@@ -71,18 +51,7 @@ def curve(setting: Setting, clip: str, name: str) -> Curve:
 
 
 def by_mean_error(curve: Curve) -> Curve:
-    """Return a curve whose quality is the PSNR of the mean squared error of all frames.
-
-    Parameters
-    ----------
-    curve : Curve
-        Its quality is the mean of the PSNRs of the frames.
-
-    Returns
-    -------
-    Curve
-        The same rates.
-    """
+    """Return a curve whose quality is the PSNR of the mean squared error of all frames."""
     points = []
     for point in curve.points:
         psnr_db = psnr_of_mean_error_db([float(row["psnr_y_db"]) for row in point.frame_rows])
@@ -92,23 +61,7 @@ def by_mean_error(curve: Curve) -> Curve:
 
 
 def difference(reference: Curve, other: Curve) -> BdResult:
-    """Return the mean difference in rate of two curves over the qualities that are compared.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Of the same frames.
-
-    Returns
-    -------
-    BdResult
-        Negative if `other` needs less.
-
-    Raises
-    ------
-    RdCurveError
-        If they have nothing in common there.
-    """
+    """Return the mean difference in rate of two curves over the qualities that are compared."""
     return bd_rate(*_within(reference), *_within(other))
 
 

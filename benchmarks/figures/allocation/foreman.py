@@ -15,10 +15,7 @@ MOST_PERCENT = -30.0
 
 
 def against_opendvc(setting: Setting, clip: str) -> Measured:
-    """Compare with the points of openDVC on the same sequence.
-
-    Gives BD-rate over all qualities that both reach.
-    """
+    """Compare with the points of openDVC on the same sequence."""
     frames = rd_figures.QUICK_FRAMES if setting.quick else None
     sweep = Sweep((clip,), "2d", gop=2, frames=frames, qp=QPS[:: setting.choose(1, 4)])
     [found] = experiments(rd_figures.measured(setting, clip, expand([sweep])))

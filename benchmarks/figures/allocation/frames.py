@@ -7,10 +7,7 @@ MOST_DB = 4.0
 
 
 def worst_frame(setting: Setting, clip: str) -> Measured:
-    """Tell how far the worst frame of a point is below the mean of all of its frames.
-
-    Gives the most of all points.
-    """
+    """Tell how far the worst frame of a point is below the mean of all of its frames."""
     below_db = {}
     for point in curve(setting, clip, TRACKED).points:
         worst_db = min(float(row["psnr_y_db"]) for row in point.frame_rows)

@@ -13,15 +13,7 @@ _NOTE = "ideal code length under the decoder's own priors, which learn"
 
 
 def plane_ratio(setting: Setting, clip: str, planes: str) -> Measured:
-    """Divide all bits received for planes by their ideal code length, over all points of all static clips.
-
-    Gives the ratio.
-
-    Parameters
-    ----------
-    planes : str
-        Class of planes, as the decoder reports them.
-    """
+    """Divide all bits received for planes by their ideal code length, over all points of all static clips."""
     del clip
     bits, ideal_bits = {}, {}
     for name in STATIC_CLIPS[: setting.choose(len(STATIC_CLIPS), 1)]:

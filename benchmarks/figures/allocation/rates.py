@@ -11,27 +11,13 @@ from dvc.rd.differences import bd_text, crossing_text
 
 @dataclass(frozen=True)
 class Comparison:
-    """What tracked coding is compared with.
+    """What tracked coding is compared with."""
 
-    Attributes
-    ----------
-    reference : str
-        Name of the curve.
-    title : str
-        What it is.
-    most_percent : float
-        BD-rate that is asked on the mean over clips.
-    most_on_a_clip_percent : float
-        BD-rate that is asked on each clip.
-    by_both : bool
-        Whether what is asked holds for the PSNR of the mean squared error, too.
-    """
-
-    reference: str
-    title: str
-    most_percent: float
-    most_on_a_clip_percent: float
-    by_both: bool = False
+    reference: str  # name of the curve
+    title: str  # what it is
+    most_percent: float  # BD-rate that is asked on the mean over clips
+    most_on_a_clip_percent: float  # BD-rate that is asked on each clip
+    by_both: bool = False  # whether what is asked holds for the PSNR of the mean squared error, too
 
 
 COMPARISONS = {
@@ -56,15 +42,7 @@ def _bd_rates(setting: Setting, clip: str, reference: str) -> tuple[float, float
 
 
 def against(setting: Setting, clip: str, name: str) -> Measured:
-    """Compare tracked coding with something else on one clip.
-
-    Gives BD-rate by the mean of PSNRs, by the PSNR of the mean squared error, and where the curves cross.
-
-    Parameters
-    ----------
-    name : str
-        A key of `COMPARISONS`.
-    """
+    """Compare tracked coding with something else on one clip."""
     comparison = COMPARISONS[name]
     curves = curve(setting, clip, comparison.reference), curve(setting, clip, TRACKED)
     found, crossing = difference(*curves), crossing_text(*curves)
@@ -84,15 +62,7 @@ def against(setting: Setting, clip: str, name: str) -> Measured:
 
 
 def mean_against(setting: Setting, clip: str, name: str) -> Measured:
-    """Average these BD-rates over clips.
-
-    Gives the mean over clips.
-
-    Parameters
-    ----------
-    name : str
-        A key of `COMPARISONS`.
-    """
+    """Average these BD-rates over clips."""
     del clip
     comparison = COMPARISONS[name]
     rates = partial(_bd_rates, setting, reference=comparison.reference)

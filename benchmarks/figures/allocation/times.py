@@ -25,10 +25,7 @@ def _seconds(curve: Curve) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def decoding_time(setting: Setting, clip: str) -> Measured:
-    """Compare the mean decoding time of a Wyner-Ziv frame with that of presets.
-
-    Gives the ratio of the mean times over the qualities that both reach.
-    """
+    """Compare the mean decoding time of a Wyner-Ziv frame with that of presets."""
     presets, tracked = (_seconds(curve(setting, clip, name)) for name in ("presets", TRACKED))
     low, high = max(presets[0][0], tracked[0][0]), min(presets[0][-1], tracked[0][-1])
     if low >= high:

@@ -14,13 +14,7 @@ MOST_UNDETECTED = 1e-4
 
 
 def undetected_planes(setting: Setting, _clip: str) -> Measured:
-    """Count planes that are wrong after the check of their frame has passed.
-
-    Short planes, of the size of a small picture's bands, whose side information is a mixture of sure and
-    unsure bits, decoded by parities of ranges, frame by frame.
-
-    Gives the share, and the upper end of its 95 % confidence interval.
-    """
+    """Count planes that are wrong after the check of their frame has passed."""
     import numpy as np
     from scipy.stats import beta
 

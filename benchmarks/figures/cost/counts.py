@@ -25,13 +25,7 @@ def _report(setting: Setting, clip: str) -> dict[str, Any]:
 
 
 def operations(setting: Setting, clip: str) -> Measured:
-    """Count operations a pixel by the model of the encoder, which tests hold against its kernels.
-
-    Of a run of 49 frames without feedback, for each pixel of all frames; key frames, which x264 codes, and
-    what is done for the want of feedback are left out.
-
-    Gives operations of all kinds, and bytes of arrays read and written.
-    """
+    """Count operations a pixel by the model of the encoder, which tests hold against its kernels."""
     found = _report(setting, clip)["operations_per_pixel"]
     totals = {name: Operations(**stage).total for name, stage in found.items()}
     moved = sum(stage["bytes"] for stage in found.values())
@@ -41,10 +35,7 @@ def operations(setting: Setting, clip: str) -> Measured:
 
 
 def memory(setting: Setting, clip: str) -> Measured:
-    """Tell how much memory the encoder's process takes at most beyond Python, libraries and loaded code.
-
-    Gives megabytes of the encoder itself, and of the process.
-    """
+    """Tell how much memory the encoder's process takes at most beyond Python, libraries and loaded code."""
     found = _report(setting, clip)["memory"]
     text = f"{found['own_bytes'] / 1e6:.0f} MB of {found['peak_bytes'] / 1e6:.0f} MB"
     return Measured(text, None, dict(found), "the input is read in the same process")

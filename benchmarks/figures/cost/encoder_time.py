@@ -150,34 +150,13 @@ def _compare(setting: Setting, material: Material, form: str, num_live_frames: i
 
 
 def encoder_cpu(setting: Setting, clip: str, form: str) -> Measured:
-    """Compare the processor time of the encoder with that of x264 at the same QP, one thread each.
-
-    Both take the same grey frames from memory, in turn, in this process; the median of nine turns counts. All
-    that the program does for a frame is in it: for a file without feedback, which is written; live, with the
-    requests of a decoder that was served before, the clip forth and back; or without what either adds. x264
-    codes each frame from the one before it, with the motion search of its preset, and no B frames.
-
-    Gives the share of the time of two presets.
-
-    Parameters
-    ----------
-    form : {"one-way", "live", "live-long-delay", "frames"}
-        What is encoded for.
-    """
+    """Compare the processor time of the encoder with that of x264 at the same QP, one thread each."""
     material = Material.read(clip, setting.choose(NUM_FRAMES, QUICK_FRAMES))
     return _compare(setting, material, form, NUM_LIVE_FRAMES)
 
 
 def large_encoder_cpu(setting: Setting, scene: str, form: str) -> Measured:
-    """Compare processor times as `encoder_cpu` does, on a scene rendered at 1280x720.
-
-    Gives the share of the time of two presets.
-
-    Parameters
-    ----------
-    form : {"one-way", "live", "live-long-delay", "frames"}
-        What is encoded for.
-    """
+    """Compare processor times as `encoder_cpu` does, on a scene rendered at 1280x720."""
     material = _large_scene(scene, setting.choose(NUM_LARGE_FRAMES, QUICK_FRAMES))
     return _compare(setting, material, form, NUM_LARGE_LIVE_FRAMES)
 

@@ -40,69 +40,24 @@ Run = Callable[[], object]
 
 @dataclass(frozen=True)
 class Material:
-    """Grey frames in memory.
+    """Grey frames in memory."""
 
-    Attributes
-    ----------
-    info : VideoInfo
-        Their format.
-    frames : tuple of Frame
-        The frames.
-    """
-
-    info: VideoInfo
-    frames: tuple[Frame, ...]
+    info: VideoInfo  # their format
+    frames: tuple[Frame, ...]  # the frames
 
     @classmethod
     def read(cls, clip: str, num_frames: int) -> "Material":
-        """Read the first frames of a sequence.
-
-        Parameters
-        ----------
-        clip : str
-            Name of the catalogue.
-        num_frames : int
-            How many.
-
-        Returns
-        -------
-        Material
-            The frames.
-        """
+        """Read the first frames of a sequence."""
         with open_video(clip_source(clip).path, num_frames=num_frames) as reader:
             return cls(reader.info, tuple(frame.without_chroma() for frame in reader))
 
     def anchor_run(self, name: str, qp: int) -> Run:
-        """Return what codes the frames by a standard codec.
-
-        Parameters
-        ----------
-        name : str
-            One of `ANCHOR_CODECS`.
-        qp : int
-            On the scale of H.264.
-
-        Returns
-        -------
-        callable
-            Codes all frames.
-        """
+        """Return what codes the frames by a standard codec."""
         size, rate = self.info.size, Fraction(self.info.frame_rate)
         return lambda: list(encode_frames(self.frames, size, rate, ANCHOR_CODECS[name], qp))
 
     def one_way_run(self, qp: int) -> Run:
-        """Return what codes the frames as ``dvc-encode --no-feedback`` does.
-
-        Parameters
-        ----------
-        qp : int
-            Quality.
-
-        Returns
-        -------
-        callable
-            Writes a whole stream.
-        """
+        """Return what codes the frames as ``dvc-encode --no-feedback`` does."""
         words = ["video", "stream.dvc", "--no-feedback", "--luma-only", "--qp", str(qp)]
         arguments = options.parser().parse_args(words)
 
@@ -115,22 +70,7 @@ class Material:
 
 
 def times_ms(runs: Mapping[str, Sequence[Run]], num_frames: int, repetitions: int) -> dict[str, float]:
-    """Time encoders in turn, again and again, after each has been run once.
-
-    Parameters
-    ----------
-    runs : mapping of str to sequence of callable
-        Runs of each encoder, such as one for each quality.
-    num_frames : int
-        Frames that each codes.
-    repetitions : int
-        How often.
-
-    Returns
-    -------
-    dict of str to float
-        Processor time of a frame in milliseconds, all threads: medians of the turns, means of the runs.
-    """
+    """Time encoders in turn, again and again, after each has been run once."""
     each = [(name, run) for name, of_name in runs.items() for run in of_name]
     found: list[list[float]] = [[] for _ in each]
     for turn in range(1 + repetitions):
@@ -144,18 +84,7 @@ def times_ms(runs: Mapping[str, Sequence[Run]], num_frames: int, repetitions: in
 
 
 def label(name: str) -> str:
-    """Name a codec.
-
-    Parameters
-    ----------
-    name : str
-        As in the values of rows.
-
-    Returns
-    -------
-    str
-        As in tables and plots.
-    """
+    """Name a codec."""
     return LABELS.get(name) or ANCHOR_CODECS[name].label
 
 
@@ -191,33 +120,13 @@ def _text(found: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def rate_cost(setting: Setting, clip: str, names: tuple[str, ...]) -> Measured:
-    """Measure BD-rate and processor time of cheap encoders.
-
-    Grey frames in memory for all, one thread each where an encoder can do with one, in turn in one process:
-    medians of five turns, means of the qualities of each curve. Rates are those of points of `dvc-rd`: of
-    whole files.
-
-    Gives milliseconds per frame, and the BD-rate against x264 medium with motion search.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Which codecs.
-    """
+    """Measure BD-rate and processor time of cheap encoders."""
     found = _found(setting, clip, names)
     return Measured(_text(found), None, {"codecs": found})
 
 
 def mean_rate_cost(setting: Setting, clip: str, names: tuple[str, ...]) -> Measured:
-    """Average rate and cost over the real clips of static scenes.
-
-    Gives milliseconds per frame, and BD-rates.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Which codecs.
-    """
+    """Average rate and cost over the real clips of static scenes."""
     del clip
     clips = STATIC_CLIPS[: setting.choose(len(STATIC_CLIPS), 1)]
     each = [_found(setting, one, names) for one in clips]

@@ -63,10 +63,7 @@ def _peak_of(frames: list[Frame], count: int) -> int:
 
 
 def memory(setting: Setting, _clip: str) -> Measured:
-    """Feed frames of a clip, forward and backward again and again, through a pipe to the encoder.
-
-    Gives the peak of the memory of its process when the last frame has been taken, for many frames over few.
-    """
+    """Feed frames of a clip, forward and backward again and again, through a pipe to the encoder."""
     frames = _frames(FEW_FRAMES)
     few, many = (_peak_of(frames, setting.choose(count, 20)) for count in (FEW_FRAMES, MANY_FRAMES))
     values = {"peak_bytes": {"few": few, "many": many}, "num_frames": [FEW_FRAMES, MANY_FRAMES]}
@@ -104,10 +101,7 @@ def _first_group_s(frames: list[Frame]) -> tuple[float, float]:
 
 
 def first_group(setting: Setting, _clip: str) -> Measured:
-    """Start the encoder with compiled code on disk, and wait for the first group in the file.
-
-    Gives the shortest time of several starts: others share the machine.
-    """
+    """Start the encoder with compiled code on disk, and wait for the first group in the file."""
     frames = _frames(2)
     _first_group_s(frames)
     times = sorted(_first_group_s(frames) for _ in range(setting.choose(NUM_STARTS, 1)))
@@ -144,10 +138,7 @@ def _killed(folder: Path, frames: list[Frame], fed: int, later_s: float) -> bool
 
 
 def kills(setting: Setting, _clip: str) -> Measured:
-    """Kill an encoder at random moments while it records, and decode what is left each time.
-
-    Gives how often all finished groups decode, and the rest is named.
-    """
+    """Kill an encoder at random moments while it records, and decode what is left each time."""
     frames = [_cropped(frame, KILLED_SIZE) for frame in _frames(KILLED_FRAMES)]
     draw = random.Random(0)
     good, count = 0, setting.choose(NUM_KILLS, 2)

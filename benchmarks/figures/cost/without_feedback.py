@@ -22,11 +22,7 @@ ENOUGH_MARGIN_PERCENT = 1000
 
 
 def over_feedback(setting: Setting, clip: str) -> Measured:
-    """Compare streams without feedback with what a decoder asked for.
-
-    Gives BD-rate by the mean of PSNRs, and by the PSNR of the mean squared error: whole files without
-    feedback over the punctured streams of runs with it, each with its usual settings.
-    """
+    """Compare streams without feedback with what a decoder asked for."""
     curves = curve(setting, clip, TRACKED), curve(setting, clip, ONE_WAY)
     found, found_mse = difference(*curves), difference(*map(by_mean_error, curves))
     values = {"bd_rate_percent": found.value, "bd_rate_mse_percent": found_mse.value}
@@ -64,36 +60,12 @@ class Concealment(NamedTuple):
 
 
 def concealed_indices(result: PointResult) -> list[int]:
-    """List the frames of which a plane is concealed.
-
-    Parameters
-    ----------
-    result : PointResult
-        What was decoded.
-
-    Returns
-    -------
-    list of int
-        Their positions.
-    """
+    """List the frames of which a plane is concealed."""
     return [k for k, row in enumerate(result.frame_rows) if row.get("num_failed_planes")]
 
 
 def psnr_loss_db(result: PointResult, better: PointResult, indices: list[int]) -> float:
-    """Add up how much worse frames are than in another result.
-
-    Parameters
-    ----------
-    result, better : PointResult
-        Of the same frames.
-    indices : list of int
-        Which of them.
-
-    Returns
-    -------
-    float
-        Sum of the differences in luma PSNR.
-    """
+    """Add up how much worse frames are than in another result."""
     rows = zip(result.frame_rows, better.frame_rows, strict=True)
     losses = [float(of["psnr_y_db"]) - float(one["psnr_y_db"]) for one, of in rows]
     return sum(losses[index] for index in indices)
@@ -123,12 +95,7 @@ def _measured(percent: float, loss_db: float, text: str, each: dict[str, list[fl
 
 
 def concealed(setting: Setting, clip: str) -> Measured:
-    """Count frames whose syndromes were too short, and what that costs them.
-
-    Of the Wyner-Ziv frames of all points of the curve, by `num_failed_planes` of their reports; their loss is
-    that of PSNR, at QP 28, against the same planes with as many syndrome bits as any decoder can want,
-    which frames that rest on them lose less, too.
-    """
+    """Count frames whose syndromes were too short, and what that costs them."""
     found = _concealment(setting, clip)
     text = (
         f"{found.num_concealed} of {found.num_frames} frames, {found.percent:.1f} %;"

@@ -67,19 +67,7 @@ def _gains(name: str, methods: tuple[str, ...]) -> dict[str, float]:
 def against_quadtree(
     setting: Setting, clip: str, names: tuple[str, ...], methods: tuple[str, ...], asked_db: float
 ) -> Measured:
-    """Compare with quadtrees at equal slopes.
-
-    Gives BD-PSNR, and BD-rate in brackets; the mean of the former has to reach what is asked.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Scenes.
-    methods : tuple of str
-        Of L and S.
-    asked_db : float
-        Least mean.
-    """
+    """Compare with quadtrees at equal slopes."""
     del clip
     values: dict[str, float] = {}
     for name in names[: setting.choose(len(names), 1)]:
@@ -93,10 +81,7 @@ def against_quadtree(
 
 
 def against_blocks(setting: Setting, clip: str) -> Measured:
-    """Compare L and S with blocks at the rates of all files that have blocks.
-
-    Gives the least difference of PSNR by (3.1) for each scene and method.
-    """
+    """Compare L and S with blocks at the rates of all files that have blocks."""
     del clip
     values = {}
     for name in LAYERED[: setting.choose(2, 1)]:
@@ -112,10 +97,7 @@ def against_blocks(setting: Setting, clip: str) -> Measured:
 
 
 def layers_cost(setting: Setting, clip: str) -> Measured:
-    """Compare files cut after each quality layer with files of one layer, at equal rates.
-
-    Gives the largest loss of PSNR by (3.1) for each scene and method.
-    """
+    """Compare files cut after each quality layer with files of one layer, at equal rates."""
     del clip
     values = {}
     for name in LAYERED[: setting.choose(2, 1)]:
@@ -131,10 +113,7 @@ def layers_cost(setting: Setting, clip: str) -> Measured:
 
 
 def shares(setting: Setting, clip: str) -> Measured:
-    """Split the rate of Teddy and Tsukuba where the reference has 0.1, 0.5 and 1 bpp, in L.
-
-    Gives the slope and the share of the disparities for each.
-    """
+    """Split the rate of Teddy and Tsukuba where the reference has 0.1, 0.5 and 1 bpp, in L."""
     del clip
     values, texts = {}, []
     for name in LAYERED[: setting.choose(2, 1)]:
@@ -148,10 +127,7 @@ def shares(setting: Setting, clip: str) -> Measured:
 
 
 def early_stop(setting: Setting, clip: str) -> Measured:
-    """End the decomposition of Teddy's disparities earlier than at one pixel, at one slope, in L.
-
-    Gives bytes of the disparities and PSNR by (3.1).
-    """
+    """End the decomposition of Teddy's disparities earlier than at one pixel, at one slope, in L."""
     del setting, clip
     scene = _scene("teddy")
     values, texts = {}, []
@@ -178,19 +154,7 @@ def _encoding_s(method: DisparityMethod, num_labels: int) -> float:
 def encoding_time(
     setting: Setting, clip: str, method: DisparityMethod, most_s: float, power: int
 ) -> Measured:
-    """Encode Teddy at one slope with 60 labels, and with fewer; kernels compiled.
-
-    Gives seconds of processor time, and the part of them that grows with the labels, fitted.
-
-    Parameters
-    ----------
-    method : DisparityMethod
-        L or S.
-    most_s : float
-        What is asked.
-    power : int
-        Of the number of labels in the fit.
-    """
+    """Encode Teddy at one slope with 60 labels, and with fewer; kernels compiled."""
     del clip
     labels = (60, 45, 30, 15)[: setting.choose(4, 2)]
     seconds = [_encoding_s(method, count) for count in labels]

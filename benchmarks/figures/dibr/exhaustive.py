@@ -10,10 +10,7 @@ NUM_CASES = 1000
 
 
 def exhaustive(setting: Setting, clip: str) -> Measured:
-    """Compare least costs on random small trees in L and S, half of them with costs of (3.19) alone.
-
-    Gives how many are exactly the same, as the costs of the trees that were found are.
-    """
+    """Compare least costs on random small trees in L and S, half of them with costs of (3.19) alone."""
     del clip
     count = setting.choose(NUM_CASES, 40) // 4
     same = {transform.name: 0 for transform in (L_TRANSFORM, S_TRANSFORM)}

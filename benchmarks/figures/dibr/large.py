@@ -16,10 +16,7 @@ MOST_S, MOST_GIB = 60.0, 4.0
 
 
 def large_pair(setting: Setting, clip: str) -> Measured:
-    """Encode the Motorcycle pair, enlarged, gray and in L, at one slope; the first time may compile.
-
-    Gives processor time and memory of the process, start-up included.
-    """
+    """Encode the Motorcycle pair, enlarged, gray and in L, at one slope; the first time may compile."""
     del clip
     left, right, _ = motorcycle(1.0 if setting.quick else WIDTH / NATIVE_WIDTH)
     with tempfile.TemporaryDirectory() as scratch:

@@ -61,16 +61,7 @@ def _text(rows: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def independent(setting: Setting, clip: str, matcher: str) -> Measured:
-    """Compare with disparities of a matcher and the reference as two pictures, at their best split.
-
-    Gives by how much our PSNR by (3.1) is higher, and the mean of the PSNRs of both views in brackets; for
-    each the split and the coder are those that are best for it.
-
-    Parameters
-    ----------
-    matcher : str
-        How disparities are found.
-    """
+    """Compare with disparities of a matcher and the reference as two pictures, at their best split."""
     del clip
     rows = {}
     for name in tuple(SLOPES)[: setting.choose(len(SLOPES), 1)]:
@@ -97,15 +88,7 @@ def _best(codecs: list[IndependentCodec], max_bytes: int, measure: Callable[[Qua
 
 
 def two_views(setting: Setting, clip: str, peer: str) -> Measured:
-    """Compare with both views coded as they are, from which no other view can be had.
-
-    Gives by how much our PSNR by (3.1) is higher, and the mean of the PSNRs of both views in brackets.
-
-    Parameters
-    ----------
-    peer : str
-        How they are coded.
-    """
+    """Compare with both views coded as they are, from which no other view can be had."""
     del clip
     rows = {}
     for name in tuple(SLOPES)[: setting.choose(len(SLOPES), 1)]:

@@ -26,37 +26,13 @@ Gray = NDArray[np.uint8]
 
 
 def photograph(name: str) -> Gray:
-    """Read a photograph of 512x512 pixels that scikit-image brings along.
-
-    Parameters
-    ----------
-    name : str
-        One of `PHOTOGRAPHS`.
-
-    Returns
-    -------
-    ndarray of shape (512, 512), uint8
-        Its luma.
-    """
+    """Read a photograph of 512x512 pixels that scikit-image brings along."""
     path = Path(skimage.data.__file__).parent / f"{name}.png"
     return np.asarray(Image.open(path).convert("L"))
 
 
 def jpeg2000(picture: Gray, max_bytes: int) -> Gray:
-    """Code a picture by Pillow's JPEG 2000, 9/7, one layer, as near below a size as its rate control gets.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W), uint8
-        The picture.
-    max_bytes : int
-        Of the whole file.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        The decoded picture.
-    """
+    """Code a picture by Pillow's JPEG 2000, 9/7, one layer, as near below a size as its rate control gets."""
     low, high = 0.5 * picture.size / max_bytes, 3.0 * picture.size / max_bytes
     best = b""
     for _ in range(12):
@@ -72,37 +48,14 @@ def jpeg2000(picture: Gray, max_bytes: int) -> Gray:
 
 
 def spiht(picture: Gray, max_bytes: int, adaptive: bool = True) -> Gray:
-    """Code a picture by the codec of the reference view.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W), uint8
-        The picture.
-    max_bytes : int
-        Of data and container.
-    adaptive : bool, optional
-        Arithmetic coding; else plain bits.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        The decoded picture.
-    """
+    """Code a picture by the codec of the reference view."""
     code = codec.encode(picture, max_bytes - CONTAINER_BYTES, adaptive=adaptive)
     header, data = code.cut(max_bytes - CONTAINER_BYTES)
     return codec.decode(header, data, code.shape).picture()
 
 
 def against_jpeg2000(setting: Setting, clip: str, rate_bpp: float) -> Measured:
-    """Compare PSNR at equal sizes of files, on each photograph.
-
-    Gives the mean and the least difference; beside it that of plain bits.
-
-    Parameters
-    ----------
-    rate_bpp : float
-        Bits per pixel.
-    """
+    """Compare PSNR at equal sizes of files, on each photograph."""
     del clip
     values: dict[str, dict[str, float]] = {}
     for name in PHOTOGRAPHS[: setting.choose(len(PHOTOGRAPHS), 1)]:
@@ -130,10 +83,7 @@ def _least_seconds(repetitions: int, function: Callable[[], object]) -> float:
 
 
 def speed(setting: Setting, clip: str) -> Measured:
-    """Measure encoding and decoding of a gray view of Teddy at 1 bpp, kernels compiled.
-
-    Gives seconds of both.
-    """
+    """Measure encoding and decoding of a gray view of Teddy at 1 bpp, kernels compiled."""
     del clip
     picture = np.asarray(Image.open(data_folder("teddy") / "teddy" / "im2.png").convert("L"))
     max_bytes = picture.size // 8

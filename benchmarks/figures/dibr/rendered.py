@@ -19,18 +19,7 @@ RENDERED = "street", "stairway"
 
 
 def rendered_array(name: str) -> Scene:
-    """Render four views whose cameras have parallel axes.
-
-    Parameters
-    ----------
-    name : str
-        One of `RENDERED`.
-
-    Returns
-    -------
-    Scene
-        Disparities are those that the reference has, in steps of a pixel.
-    """
+    """Render four views whose cameras have parallel axes."""
     built = scene(name)
     first = built.description.pose(0, 0)
 

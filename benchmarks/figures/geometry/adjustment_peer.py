@@ -19,29 +19,7 @@ def peer_adjustment(
     frame: PixelFrame,
     fixed: NDArray[np.int64],
 ) -> float:
-    """Minimise (5.6) over depths and second camera with scipy, in the same projective basis.
-
-    Two points keep their depths and their projections, so that the camera has 8 coordinates. The sparse
-    structure of the Jacobian is given.
-
-    Parameters
-    ----------
-    matches : Correspondences
-        Points of the two key frames, in pixels.
-    camera : ndarray of shape (3, 4), float64
-        Where to start.
-    depths : ndarray of shape (N,), float64
-        Where to start.
-    frame : PixelFrame
-        Size of the images.
-    fixed : ndarray of shape (2,), int64
-        The points that fix the projective basis.
-
-    Returns
-    -------
-    float
-        Root mean square of the reprojection errors, in pixels.
-    """
+    """Minimise (5.6) over depths and second camera with scipy, in the same projective basis."""
     first, second = homogeneous(frame.to_normalized(matches.first)), frame.to_normalized(matches.second)
     points = np.column_stack([first[fixed], 1.0 / depths[fixed]])
     basis = camera_basis(points, project(camera, points)[0])

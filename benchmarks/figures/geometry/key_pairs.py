@@ -43,22 +43,7 @@ def _key_frames(name: str, count: int) -> tuple[Luma, ...]:
 
 
 def scene_pairs(name: str, num_gops: int, qp: int | None = None) -> list[KeyPair]:
-    """Render the key frames of a scene.
-
-    Parameters
-    ----------
-    name : str
-        Scene.
-    num_gops : int
-        Number of pairs; each shares a frame with the next.
-    qp : int, optional
-        Quantisation parameter of H.264 intra coding; lossless if None.
-
-    Returns
-    -------
-    list of KeyPair
-        Key frames `SPACING` frames apart.
-    """
+    """Render the key frames of a scene."""
     frames: list[Luma] = list(_key_frames(name, num_gops + 1))
     if qp is not None:
         encoder = KeyFrameEncoder(WIDTH, HEIGHT, qp, luma_only=True)
@@ -69,18 +54,7 @@ def scene_pairs(name: str, num_gops: int, qp: int | None = None) -> list[KeyPair
 
 
 def clip_pairs(clip: str) -> Iterator[KeyPair]:
-    """Read the key frames of all whole groups of pictures of a real clip.
-
-    Parameters
-    ----------
-    clip : str
-        Name of the catalogue.
-
-    Yields
-    ------
-    KeyPair
-        Key frames `SPACING` frames apart.
-    """
+    """Read the key frames of all whole groups of pictures of a real clip."""
     previous: Luma | None = None
     with open_video(clip_source(clip).path) as reader:
         for number, frame in enumerate(reader):
@@ -91,40 +65,12 @@ def clip_pairs(clip: str) -> Iterator[KeyPair]:
 
 
 def truth(name: str, pair: KeyPair, points: Floats) -> Correspondences:
-    """Look up where points of the first key frame are in the second.
-
-    Parameters
-    ----------
-    name : str
-        Scene.
-    pair : KeyPair
-        Its key frames.
-    points : ndarray of shape (N, 2), float64
-        Image points in pixels.
-
-    Returns
-    -------
-    Correspondences
-        Of these points, exactly.
-    """
+    """Look up where points of the first key frame are in the second."""
     return correspondences(_scene(name), pair.index, pair.index + SPACING, points, WIDTH, HEIGHT)
 
 
 def true_correspondences(name: str, pair: KeyPair) -> tuple[Floats, Floats]:
-    """Return points of the first key frame that the second sees too, and where they are there.
-
-    Parameters
-    ----------
-    name : str
-        Scene.
-    pair : KeyPair
-        Its key frames.
-
-    Returns
-    -------
-    first, second : ndarray of shape (N, 2), float64
-        Image points in pixels.
-    """
+    """Return points of the first key frame that the second sees too, and where they are there."""
     grid = pixel_grid(WIDTH, HEIGHT, GRID_STEP)
     found = truth(name, pair, grid)
     return found.points_a[found.visible], found.points_b[found.visible]

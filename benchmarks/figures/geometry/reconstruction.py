@@ -38,8 +38,7 @@ def _error_values(errors: list[tuple[float, float]]) -> dict[str, Any]:
 
 def epipolar_error(setting: Setting, clip: str) -> Measured:
     """Measure how far true correspondences are from the estimated epipolar lines, with lossless key frames.
-
-    Gives the worst group of pictures.
+    Measure how far true correspondences are from the estimated epipolar lines, with lossless key frames.
     """
     errors = _epipolar_error(setting, clip, None)
     median, most = (max(column) for column in zip(*errors, strict=True))
@@ -48,10 +47,7 @@ def epipolar_error(setting: Setting, clip: str) -> Measured:
 
 
 def epipolar_error_coarse(setting: Setting, clip: str) -> Measured:
-    """Measure the same with coarsely quantised key frames.
-
-    Gives the worst group of pictures.
-    """
+    """Measure the same with coarsely quantised key frames."""
     errors = _epipolar_error(setting, clip, COARSE_QP)
     median = max(median for median, _ in errors)
     return Measured(
@@ -60,10 +56,7 @@ def epipolar_error_coarse(setting: Setting, clip: str) -> Measured:
 
 
 def num_correspondences(setting: Setting, clip: str) -> Measured:
-    """Count correspondences after weak calibration and after propagation, and those that are right.
-
-    Gives the fewest of all groups of pictures, and the least share within 1 px of the truth.
-    """
+    """Count correspondences after weak calibration and after propagation, and those that are right."""
     calibrated, propagated, shares = [], [], []
     for pair in scene_pairs(clip, setting.choose(NUM_GOPS, 1)):
         stages = reconstruct(pair.first, pair.second).stages
@@ -80,10 +73,7 @@ def num_correspondences(setting: Setting, clip: str) -> Measured:
 
 
 def adjustment_speed(setting: Setting, clip: str) -> Measured:
-    """Give the bundle adjustment of a key pair to `scipy.optimize.least_squares` as well.
-
-    Gives the relative difference of the minima, and ratio of the times.
-    """
+    """Give the bundle adjustment of a key pair to `scipy.optimize.least_squares` as well."""
     from benchmarks.figures.geometry.adjustment_peer import peer_adjustment
 
     pair = scene_pairs(clip, 1)[0]
@@ -111,10 +101,7 @@ def adjustment_speed(setting: Setting, clip: str) -> Measured:
 
 
 def reconstruction_time(setting: Setting, clip: str) -> Measured:
-    """Time the reconstruction of key pairs on one core.
-
-    Gives the mean and largest processor time.
-    """
+    """Time the reconstruction of key pairs on one core."""
     pairs = scene_pairs(clip, setting.choose(NUM_GOPS, 1)) if clip in SCENES else list(clip_pairs(clip))
     times_s = []
     reconstruct(pairs[0].first, pairs[0].second)  # loads the compiled kernels
@@ -127,10 +114,7 @@ def reconstruction_time(setting: Setting, clip: str) -> Measured:
 
 
 def backends_agree(setting: Setting, clip: str) -> Measured:
-    """Compare both backends on true correspondences.
-
-    Gives the median symmetric epipolar error of each.
-    """
+    """Compare both backends on true correspondences."""
     medians: dict[str, list[float]] = {name: [] for name in SFM_BACKENDS}
     for pair in scene_pairs(clip, setting.choose(NUM_GOPS, 1)):
         points = true_correspondences(clip, pair)

@@ -52,20 +52,7 @@ def _build(name: str) -> SceneInterpolatorType:
 
 @cache
 def blind_quality(setting: Setting, clip: str) -> tuple[Quality, Quality]:
-    """Read the side information of block motion and of the scene, between lossless key frames.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    flat, found : Quality
-        Without the scene, and with it.
-    """
+    """Read the side information of block motion and of the scene, between lossless key frames."""
     frames = GOP + 1 if setting.quick else None if clip == FOREMAN else setting.frames
     points = [Point(clip, codec, QUANTISER, "lossless", GOP, frames=frames) for codec in ("2d", "3d")]
     flat, found = (side_information_quality(one) for one in measured(setting, clip, points))
@@ -73,10 +60,7 @@ def blind_quality(setting: Setting, clip: str) -> tuple[Quality, Quality]:
 
 
 def blind(setting: Setting, clip: str) -> Measured:
-    """Compare the scene's prediction of one clip with that of 2D block motion.
-
-    Gives the difference of the mean PSNRs.
-    """
+    """Compare the scene's prediction of one clip with that of 2D block motion."""
     flat, found = blind_quality(setting, clip)
     gained_db, served, count = found.mean_db - flat.mean_db, found.num_served, found.num_frames
     text = f"{gained_db:+.2f} dB ({flat.mean_db:.2f} → {found.mean_db:.2f}"
@@ -86,10 +70,7 @@ def blind(setting: Setting, clip: str) -> Measured:
 
 
 def blind_mean(setting: Setting, clip: str) -> Measured:
-    """Average the difference over the real static clips.
-
-    Gives the mean over clips.
-    """
+    """Average the difference over the real static clips."""
     del clip
 
     def gain(name: str) -> float:
@@ -145,18 +126,12 @@ def _true_cameras(setting: Setting, clip: str, method: str) -> Measured:
 
 
 def depth_with_true_cameras(setting: Setting, clip: str) -> Measured:
-    """Predict by dense depth from the true cameras of all frames.
-
-    Gives the mean PSNR of the side information.
-    """
+    """Predict by dense depth from the true cameras of all frames."""
     return _true_cameras(setting, clip, "depth")
 
 
 def blocks_with_true_cameras(setting: Setting, clip: str) -> Measured:
-    """Predict by epipolar blocks from the true cameras of all frames.
-
-    Gives the mean PSNR of the side information.
-    """
+    """Predict by epipolar blocks from the true cameras of all frames."""
     return _true_cameras(setting, clip, "blocks")
 
 
@@ -187,10 +162,7 @@ def frame_time(setting: Setting, clip: str) -> Measured:
 
 
 def determinism(setting: Setting, clip: str) -> Measured:
-    """Decode a 3D stream with one and two jobs, again, and with an empty cache of compiled kernels.
-
-    Gives whether all wrote the same bytes.
-    """
+    """Decode a 3D stream with one and two jobs, again, and with an empty cache of compiled kernels."""
     frames = setting.choose(21, 11)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

@@ -25,18 +25,7 @@ C_LIBRARY = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA"}
 
 
 def threads(count: int) -> dict[str, str]:
-    """Return the variables that fix the number of threads of all libraries.
-
-    Parameters
-    ----------
-    count : int
-        The number.
-
-    Returns
-    -------
-    dict of str to str
-        Variables of a process.
-    """
+    """Return the variables that fix the number of threads of all libraries."""
     return dict.fromkeys(SINGLE_THREADED, str(count))
 
 
@@ -52,15 +41,7 @@ PROCESSORS: Mapping[str, tuple[str, Mapping[str, str]]] = {
 
 
 def frozen_streams(setting: Setting, _clip: str, environment: Mapping[str, str]) -> Measured:
-    """Decode the frozen streams, buffered and punctured.
-
-    Gives how many decode to the frozen frames with the frozen requests.
-
-    Parameters
-    ----------
-    environment : mapping
-        Variables to set.
-    """
+    """Decode the frozen streams, buffered and punctured."""
     command = [sys.executable, "-m", "pytest", TESTS, "-q", "-n", "0", "--tb=no", "--timeout=3600"]
     if setting.quick:
         command += ["-k", QUICK]

@@ -21,23 +21,7 @@ PROGRAMS = ("encoder", "decoder", "sequences", "sfm", "dvc.rd", "dvc.dibr", "dvc
 
 @contextmanager
 def base_tree(commit: str = BASE) -> Iterator[Path]:
-    """Check a revision out into a temporary folder.
-
-    Parameters
-    ----------
-    commit : str, optional
-        The revision.
-
-    Yields
-    ------
-    Path
-        The folder.
-
-    Raises
-    ------
-    DvcError
-        If there is no git, or no such commit.
-    """
+    """Check a revision out into a temporary folder."""
     with tempfile.TemporaryDirectory() as scratch:
         archive = Path(scratch) / "base.tar"
         tree = Path(scratch) / "base"
@@ -59,23 +43,6 @@ def base_tree(commit: str = BASE) -> Iterator[Path]:
 def run_in(
     tree: Path, module: str, arguments: Sequence[object], environment: Mapping[str, str] | None = None
 ) -> Usage:
-    """Run a module as a tree has it.
-
-    Parameters
-    ----------
-    tree : Path
-        A checkout.
-    module : str
-        Name, as after ``python -m``.
-    arguments : sequence
-        Arguments; paths must be absolute.
-    environment : mapping, optional
-        Variables to set.
-
-    Returns
-    -------
-    Usage
-        What it took.
-    """
+    """Run a module as a tree has it."""
     variables = {**os.environ, **(environment or {}), "PYTHONPATH": str(tree)}
     return run_module(module, arguments, folder=tree, environment=variables)

@@ -39,27 +39,13 @@ REASONS: Mapping[str, str] = {}
 
 @dataclass(frozen=True)
 class Source:
-    """One file of Python.
+    """One file of Python."""
 
-    Attributes
-    ----------
-    name : str
-        Path within the tree, with slashes.
-    text : str
-        What it holds.
-    """
-
-    name: str
-    text: str
+    name: str  # path within the tree, with slashes
+    text: str  # what it holds
 
     def code_lines(self) -> set[int]:
-        """Number the lines of code: those with anything but comments and strings that nobody reads.
-
-        Returns
-        -------
-        set of int
-            From 1.
-        """
+        """Number the lines of code: those with anything but comments and strings that nobody reads."""
         lines: set[int] = set()
         for token in tokenize.generate_tokens(io.StringIO(self.text).readline):
             if token.type not in NO_CODE:
@@ -72,15 +58,7 @@ class Source:
         return lines
 
     def functions(self) -> Iterator[tuple[str, int]]:
-        """Measure functions and methods.
-
-        Yields
-        ------
-        name : str
-            With the file and the line.
-        length : int
-            Lines of code from ``def`` to its last one, functions within it included.
-        """
+        """Measure functions and methods."""
         code = self.code_lines()
         for node in ast.walk(ast.parse(self.text)):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
@@ -91,13 +69,7 @@ class Source:
                 )
 
     def imports(self) -> set[str]:
-        """Name what is imported, wherever in the file.
-
-        Returns
-        -------
-        set of str
-            Modules, and what may be one.
-        """
+        """Name what is imported, wherever in the file."""
         names: set[str] = set()
         for node in ast.walk(ast.parse(self.text)):
             if isinstance(node, ast.Import):
@@ -170,18 +142,7 @@ def _functions(_setting: Setting, _clip: str) -> Measured:
 
 
 def reason(file: str) -> str | None:
-    """Say why a file is long.
-
-    Parameters
-    ----------
-    file : str
-        Path within the tree.
-
-    Returns
-    -------
-    str or None
-        The reason, if there is one.
-    """
+    """Say why a file is long."""
     return KERNELS if Path(file).name == "_kernels.py" else REASONS.get(file)
 
 
@@ -199,18 +160,7 @@ def _arrows(_setting: Setting, _clip: str) -> Measured:
 
 
 def entries(folder: Path) -> list[str]:
-    """List what a newcomer sees in a package: modules and packages that are not private.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the package.
-
-    Returns
-    -------
-    list of str
-        Names, sorted.
-    """
+    """List what a newcomer sees in a package: modules and packages that are not private."""
     shown = [path for path in folder.iterdir() if path.is_dir() or path.suffix == ".py"]
     return sorted(path.name for path in shown if not path.name.startswith(("_", ".")))
 

@@ -18,26 +18,7 @@ COLD_FRAMES = 9
 
 
 def ratio(run: Callable[[Path], Usage], base: Path, repetitions: int, limit: float, judged: str) -> Measured:
-    """Run both revisions in turn, the old one first and last.
-
-    Parameters
-    ----------
-    run : callable
-        Takes a checkout, returns what it took.
-    base : Path
-        Checkout of the old revision.
-    repetitions : int
-        Runs of the working tree; the old revision runs once more.
-    limit : float
-        Largest ratio that holds.
-    judged : str
-        Field of `Usage` that is compared.
-
-    Returns
-    -------
-    Measured
-        New over old, by medians.
-    """
+    """Run both revisions in turn, the old one first and last."""
     used: dict[Path, list[Usage]] = {base: [run(base)], TREE: []}
     for _ in range(repetitions):
         used[TREE].append(run(TREE))
@@ -70,15 +51,7 @@ def _with_scene(folder: Path, measured: Measured) -> Measured:
 
 
 def decode_ratio(setting: Setting, clip: str, quantiser: int) -> Measured:
-    """Decode a sequence, each revision what it encoded itself, with compiled kernels on disk.
-
-    Gives the ratio of the processor times of whole processes, start-up included.
-
-    Parameters
-    ----------
-    quantiser : int
-        Of Wyner-Ziv frames.
-    """
+    """Decode a sequence, each revision what it encoded itself, with compiled kernels on disk."""
     with base_tree() as base, tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         run = partial(_decode, folder, {})
@@ -90,10 +63,7 @@ def decode_ratio(setting: Setting, clip: str, quantiser: int) -> Measured:
 
 
 def first_run_ratio(setting: Setting, clip: str) -> Measured:
-    """Decode a few small frames without a compiled kernel on disk.
-
-    Gives the ratio of the times that pass, compiling included.
-    """
+    """Decode a few small frames without a compiled kernel on disk."""
     with base_tree() as base, tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         video = folder / "v.mkv"
@@ -110,10 +80,7 @@ def first_run_ratio(setting: Setting, clip: str) -> Measured:
 
 
 def tests_ratio(setting: Setting, _clip: str) -> Measured:
-    """Run the tests of both revisions as `make test` does, each without a compiled kernel on disk.
-
-    Gives the ratio of the times that pass.
-    """
+    """Run the tests of both revisions as `make test` does, each without a compiled kernel on disk."""
     with base_tree() as base:
 
         def run(tree: Path) -> Usage:

@@ -26,10 +26,7 @@ _TEDDY = "Teddy's map (disp2 / 4, holes filled, all pixels, no rounding, peak 53
 
 
 def teddy(setting: Setting, clip: str) -> Measured:
-    """Code Teddy's map by both transforms.
-
-    Gives the PSNRs of whole files.
-    """
+    """Code Teddy's map by both transforms."""
     del setting, clip
     standard, adaptive = coded(TEDDY, RATE_BPP, STANDARD), coded(TEDDY, RATE_BPP)
     values = {STANDARD: standard.to_dict(), "shape-adaptive": adaptive.to_dict()}
@@ -39,10 +36,7 @@ def teddy(setting: Setting, clip: str) -> Measured:
 
 
 def largest_gain(setting: Setting, clip: str) -> Measured:
-    """Code Teddy's map by both transforms at several rates.
-
-    Gives the largest difference of PSNRs.
-    """
+    """Code Teddy's map by both transforms at several rates."""
     del clip
     rates = MAP_RATES[2:3] if setting.quick else MAP_RATES
     gains = {rate: gain_db(TEDDY, rate) for rate in rates}
@@ -53,10 +47,7 @@ def largest_gain(setting: Setting, clip: str) -> Measured:
 
 
 def edges(setting: Setting, clip: str) -> Measured:
-    """Count the bits of the edges that are selected for Teddy's map.
-
-    Gives bits per pixel; at higher rates beside it.
-    """
+    """Count the bits of the edges that are selected for Teddy's map."""
     del clip
     rates = [rate for rate in MAP_RATES if rate >= RATE_BPP][: setting.choose(len(MAP_RATES), 1)]
     found = {rate: coded(TEDDY, rate).edges_bpp for rate in rates}
@@ -68,17 +59,7 @@ def edges(setting: Setting, clip: str) -> Measured:
 
 
 def gains(setting: Setting, clip: str, names: Sequence[str], asked: bool) -> Measured:
-    """Code maps by both transforms at one rate.
-
-    Gives the mean gain and the least one.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Maps.
-    asked : bool
-        Whether something is asked of them.
-    """
+    """Code maps by both transforms at one rate."""
     del clip
     found = {name: gain_db(name, RATE_BPP) for name in names[: setting.choose(len(names), 1)]}
     mean, least = float(np.mean(list(found.values()))), min(found.values())

@@ -14,10 +14,7 @@ MOST_ERROR = 1e-9
 
 
 def reconstruction(setting: Setting, clip: str) -> Measured:
-    """Transform random planes of random sizes with random edges, few and many, and back.
-
-    Gives the largest error of samples between 0 and 255.
-    """
+    """Transform random planes of random sizes with random edges, few and many, and back."""
     del clip
     rng = np.random.default_rng(4)
     orders = range(shape_adaptive.MAX_ORDER + 1)

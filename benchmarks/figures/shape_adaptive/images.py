@@ -36,10 +36,7 @@ _RIGHT = LatticePosition(1.0, 0.0)
 
 
 def image_gain(setting: Setting, clip: str) -> Measured:
-    """Code luma of Teddy's picture with the edges of its map, and without, at equal bits of coefficients.
-
-    Gives the largest gain and the largest loss of what the encoder writes.
-    """
+    """Code luma of Teddy's picture with the edges of its map, and without, at equal bits of coefficients."""
     del clip
     teddy = material(TEDDY)
     assert teddy.picture is not None
@@ -76,22 +73,7 @@ def _rendered_db(encoded: EncodedDepthImage, truth: Picture) -> float:
 
 
 def rendered_by_share(one: Material, truth: Picture, edges: CodedEdges | None) -> dict[str, float]:
-    """Code a picture with its map, and render the view at m = 1.
-
-    Parameters
-    ----------
-    one : Material
-        Map in pixels, and picture.
-    truth : ndarray of shape (H, W), uint8
-        Luma of that view.
-    edges : CodedEdges or None
-        Where transforms stop; None: selected.
-
-    Returns
-    -------
-    dict of str to float
-        PSNR by the share of the map.
-    """
+    """Code a picture with its map, and render the view at m = 1."""
     image = DepthImage(one.depth, DepthScale.of(one.depth), one.picture)
     max_bytes = int(VIEWS_BPP * one.num_pixels / 8.0)
     found = {}
@@ -114,10 +96,7 @@ def _peer_db(name: str, one: Material, truth: Picture) -> float:
 
 
 def rendered_views(setting: Setting, clip: str) -> Measured:
-    """Render the view at m = 1 from picture and map, coded in all ways.
-
-    Gives PSNR of luma at the best share of each: with edges, without, and by AVIF.
-    """
+    """Render the view at m = 1 from picture and map, coded in all ways."""
     del clip
     values: dict[str, dict[str, float | dict[str, float]]] = {}
     holds, texts, by_default = True, [], []

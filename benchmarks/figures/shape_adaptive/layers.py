@@ -40,10 +40,7 @@ MOST_LOSS_DB = 0.1
 
 
 def coded_views(setting: Setting, clip: str) -> Measured:
-    """Code layers, sprites, and the reference view with its map, and render the other cameras.
-
-    Gives the mean PSNR of luma of their views.
-    """
+    """Code layers, sprites, and the reference view with its map, and render the other cameras."""
     found = _rendered(clip) if clip == RENDERED else reconstructed(PAIRS[clip], NUM_CAMERAS[clip])
     return measure(found, RATES_BPP[1:2] if setting.quick else RATES_BPP)
 
@@ -62,20 +59,7 @@ def _rendered(name: str) -> Reconstruction:
 
 
 def measure(found: Reconstruction, rates: tuple[float, ...]) -> Measured:
-    """Measure at some rates.
-
-    Parameters
-    ----------
-    found : Reconstruction
-        Surfaces of all cameras.
-    rates : tuple of float
-        Bits per pixel of the reference view.
-
-    Returns
-    -------
-    Measured
-        PSNRs.
-    """
+    """Measure at some rates."""
     image = layered_depth_image(found)
     scenes = {
         "layers": pieces.pieces_of_layers(image),

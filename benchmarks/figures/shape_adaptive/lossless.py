@@ -30,10 +30,7 @@ _NEAR = {0: "left", 2: "median"}
 
 
 def near_lossless(setting: Setting, clip: str) -> Measured:
-    """Find the shortest file whose map, rounded to quarters of a pixel, has no larger error.
-
-    Gives bits per pixel, ours first.
-    """
+    """Find the shortest file whose map, rounded to quarters of a pixel, has no larger error."""
     levels = np.rint(material(TEDDY).depth * LEVELS_PER_PX).astype(np.uint8)
     depth = levels / LEVELS_PER_PX
     image = DepthImage(depth, DepthScale.of(depth))

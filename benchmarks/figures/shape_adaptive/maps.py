@@ -28,18 +28,7 @@ OTHER_TRUTHS = "cgtoy", "antinous"
 
 @cache
 def material(name: str) -> Material:
-    """Load a map.
-
-    Parameters
-    ----------
-    name : str
-        `TEDDY`, one of `OTHERS`, `RENDERED` or `OTHER_TRUTHS`, or the name of a real pair.
-
-    Returns
-    -------
-    Material
-        The map in pixels, holes filled; with its picture where it is that of a pair.
-    """
+    """Load a map."""
     if name == MOTORCYCLE:
         return motorcycle()
     if name in RENDERED:
@@ -78,38 +67,10 @@ _TRUTHS: dict[str, Callable[[], Material]] = {"cgtoy": _cgtoy, "antinous": _anti
 
 @cache
 def coded(name: str, rate_bpp: float, transform: str = SHAPE_ADAPTIVE) -> MapPoint:
-    """Code a map and decode it, as the commands do.
-
-    Parameters
-    ----------
-    name : str
-        As for `material`.
-    rate_bpp : float
-        Bits of the whole file per pixel.
-    transform : str, optional
-        Shape-adaptive or standard.
-
-    Returns
-    -------
-    MapPoint
-        What came out.
-    """
+    """Code a map and decode it, as the commands do."""
     return map_point(material(name), rate_bpp, transform)
 
 
 def gain_db(name: str, rate_bpp: float) -> float:
-    """Return what edges gain at a rate.
-
-    Parameters
-    ----------
-    name : str
-        As for `material`.
-    rate_bpp : float
-        Bits of whole files per pixel.
-
-    Returns
-    -------
-    float
-        Difference of PSNRs.
-    """
+    """Return what edges gain at a rate."""
     return coded(name, rate_bpp).psnr_db - coded(name, rate_bpp, STANDARD).psnr_db

@@ -24,29 +24,13 @@ def _ladder(coder: PictureCoder) -> Ladder:
 
 
 def peer_db(coder: PictureCoder, rate_bpp: float) -> float | None:
-    """Return what a coder makes of Teddy's map.
-
-    Parameters
-    ----------
-    coder : PictureCoder
-        Of 8-bit gray pictures.
-    rate_bpp : float
-        Bits of its file per pixel.
-
-    Returns
-    -------
-    float or None
-        PSNR of the map; None if its files are longer.
-    """
+    """Return what a coder makes of Teddy's map."""
     found = _ladder(coder).within(rate_bpp * material(TEDDY).num_pixels / 8.0)
     return None if found is None else material(TEDDY).psnr_db(found.picture / LEVELS_PER_PX)
 
 
 def depth_peers(setting: Setting, clip: str) -> Measured:
-    """Code Teddy's map by all.
-
-    Gives PSNRs at each rate.
-    """
+    """Code Teddy's map by all."""
     del clip
     coders = {**TO_BEAT, **AVIFS}
     values: dict[str, dict[str, float | None]] = {}

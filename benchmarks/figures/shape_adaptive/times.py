@@ -14,10 +14,7 @@ _ONE_CORE = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", "MK
 
 
 def depth_time(setting: Setting, clip: str) -> Measured:
-    """Run `encode-depth` and `decode`, with edges of a file and with selected ones.
-
-    Gives processor seconds of both processes, start-up included: the least of some runs.
-    """
+    """Run `encode-depth` and `decode`, with edges of a file and with selected ones."""
     del clip
     disparities = data_folder("teddy") / "teddy" / "disp2.png"
     environment = {**os.environ, **dict.fromkeys(_ONE_CORE, "1")}

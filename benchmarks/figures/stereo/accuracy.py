@@ -33,15 +33,7 @@ SUB_PIXEL_OPTIONS = ("--sub-pixel", "--iterations", 2, "--jobs", 2)
 
 
 def bad_pixels(setting: Setting, clip: str, name: str) -> Measured:
-    """Evaluate a pair of the Middlebury evaluation with the default settings.
-
-    Gives bad pixels beyond 1 px in per cent, all, not occluded, and near discontinuities.
-
-    Parameters
-    ----------
-    name : str
-        The set.
-    """
+    """Evaluate a pair of the Middlebury evaluation with the default settings."""
     del setting, clip
     one = PAIRS[name]
     found = one.evaluate(data_folder(name), reference_disparity(one), (0.5, 1.0, 2.0))
@@ -74,11 +66,7 @@ def _pair(name: str) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def against_opencv(setting: Setting, clip: str) -> Measured:
-    """Compare with the semi-global matching of OpenCV on the same pairs in the same run.
-
-    Gives the ratio of the means of bad pixels, all, over the Middlebury pairs and Motorcycle; and that of
-    pixels that are not occluded, where it is known which these are.
-    """
+    """Compare with the semi-global matching of OpenCV on the same pairs in the same run."""
     del clip
     names = (*PAIRS, MOTORCYCLE)[: setting.choose(len(PAIRS) + 1, 1)]
     found = {name: _pair(name) for name in names}
@@ -97,15 +85,7 @@ def _ratio_of_means(found: dict[str, tuple[dict[str, float], dict[str, float]]],
 
 
 def more_cameras(setting: Setting, clip: str, num_cameras: int) -> Measured:
-    """Evaluate Tsukuba with cameras around the reference, as table 2.2.
-
-    Gives bad pixels beyond 1 px in per cent, all.
-
-    Parameters
-    ----------
-    num_cameras : int
-        2, 5 or 25.
-    """
+    """Evaluate Tsukuba with cameras around the reference, as table 2.2."""
     del setting, clip
     found = TSUKUBA.evaluate(data_folder("tsukuba"), reference_disparity(TSUKUBA, num_cameras))
     bad = {mask: result.bad_percent[1.0] for mask, result in found.items()}
@@ -113,10 +93,7 @@ def more_cameras(setting: Setting, clip: str, num_cameras: int) -> Measured:
 
 
 def sub_pixel(setting: Setting, clip: str) -> Measured:
-    """Evaluate antinous, whose true disparities are not whole numbers.
-
-    Gives the mean absolute error with 25 cameras, and pixels beyond small thresholds; with 2 and 5 as well.
-    """
+    """Evaluate antinous, whose true disparities are not whole numbers."""
     del clip
     data = data_folder("antinous")
     found = {}

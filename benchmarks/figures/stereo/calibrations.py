@@ -9,20 +9,7 @@ Rows = list[list[float]]
 
 
 def write_cameras(folder: Path, path: Path) -> list[Path]:
-    """Write the cameras of a set as `dvc-stereo` reads them.
-
-    Parameters
-    ----------
-    folder : Path
-        The set: sport, ballet or fern.
-    path : Path
-        JSON file to make.
-
-    Returns
-    -------
-    list of Path
-        Pictures of these cameras, in the order of their names.
-    """
+    """Write the cameras of a set as `dvc-stereo` reads them."""
     cameras = {"sport": _sport, "ballet": _ballet, "fern": _fern}[folder.name](folder)
     path.write_text(json.dumps(cameras), encoding="utf-8")
     return sorted(folder.glob("*.png"))

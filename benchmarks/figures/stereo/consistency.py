@@ -17,23 +17,7 @@ CASES = {"tsukuba": (TSUKUBA, 5), "cones": (PAIRS["cones"], 9)}
 
 
 def agreement(found: Reconstruction, source: int, target: int) -> tuple[int, int]:
-    """Count points of one camera's surface that another one sees, and those that it agrees on.
-
-    Parameters
-    ----------
-    found : Reconstruction
-        All surfaces.
-    source, target : int
-        Cameras.
-
-    Returns
-    -------
-    agreed : int
-        Points whose disparity in the other camera differs by at most one label.
-    visible : int
-        Those and points that are nearer than the other camera's surface there; what lies behind that surface
-        by more than one label is hidden from it. What the source calls seen in no other view does not count.
-    """
+    """Count points of one camera's surface that another one sees, and those that it agrees on."""
     surface = found.surfaces[source]
     start, end = found.array[source].position, found.array[target].position
     height, width = found.array.shape
@@ -48,15 +32,7 @@ def agreement(found: Reconstruction, source: int, target: int) -> tuple[int, int
 
 
 def consistency(setting: Setting, clip: str, name: str) -> Measured:
-    """Look every point of a camera's surface up in all other cameras.
-
-    Gives how many of those that both see agree within one label, in per cent, over all pairs of cameras.
-
-    Parameters
-    ----------
-    name : str
-        The set.
-    """
+    """Look every point of a camera's surface up in all other cameras."""
     del setting, clip
     one, num_cameras = CASES[name]
     found = reconstructed(one, num_cameras)

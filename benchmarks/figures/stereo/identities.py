@@ -18,18 +18,7 @@ LIMIT = 1e-10
 
 
 def random_cameras(rng: np.random.Generator) -> list[Camera]:
-    """Draw verging cameras on a lattice, on a line, or two.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of everything random.
-
-    Returns
-    -------
-    list of Camera
-        Two to nine.
-    """
+    """Draw verging cameras on a lattice, on a line, or two."""
     columns, rows = int(rng.integers(2, 4)), int(rng.integers(1, 4))
     world = Rotation.random(random_state=rng).as_matrix()
     skew = rng.uniform(-0.2, 0.2, 2)
@@ -46,11 +35,7 @@ def random_cameras(rng: np.random.Generator) -> list[Camera]:
 
 
 def identities(setting: Setting, clip: str) -> Measured:
-    """Compare both sides of (2.10), and where points are seen with (2.5), on random rigs.
-
-    Gives the largest differences: of the matrices, relative to their largest element, and of points,
-    relative to the width of the pictures.
-    """
+    """Compare both sides of (2.10), and where points are seen with (2.5), on random rigs."""
     del clip
     rng = np.random.default_rng(0)
     matrices, points_px = 0.0, 0.0

@@ -17,16 +17,7 @@ ASKED_LAYERS = {25: 3}
 
 
 def increase(setting: Setting, clip: str, num_cameras: int) -> Measured:
-    """Count the values of the layered depth image of Tsukuba, as table 2.3.
-
-    Gives by how many per cent those inside the reference frame are more than one depth map has; those beyond
-    it; and values by layer.
-
-    Parameters
-    ----------
-    num_cameras : int
-        2, 5 or 25.
-    """
+    """Count the values of the layered depth image of Tsukuba, as table 2.3."""
     del setting, clip
     counts = layered_depth_image(reconstructed(TSUKUBA, num_cameras)).counts()
     low, high = ASKED_PERCENT[num_cameras]
@@ -41,11 +32,7 @@ def increase(setting: Setting, clip: str, num_cameras: int) -> Measured:
 
 
 def sprites(setting: Setting, clip: str) -> Measured:
-    """Cut the layered depth image of Tsukuba into sprites, and put them together again.
-
-    Gives how many values are in exactly one sprite, and how many pixels of the reference view the composite
-    of all sprites gives back.
-    """
+    """Cut the layered depth image of Tsukuba into sprites, and put them together again."""
     del clip
     found = reconstructed(TSUKUBA, setting.choose(25, 2))
     image = layered_depth_image(found)

@@ -25,18 +25,7 @@ Floats = NDArray[np.float64]
 
 
 def row_rms(first: Floats, second: Floats) -> float:
-    """Return how far rows of matches are apart.
-
-    Parameters
-    ----------
-    first, second : ndarray of shape (N, 2), float64
-        Points after rectification.
-
-    Returns
-    -------
-    float
-        Root of the mean square, in pixels.
-    """
+    """Return how far rows of matches are apart."""
     return float(np.sqrt(np.mean((first[:, 1] - second[:, 1]) ** 2)))
 
 
@@ -66,14 +55,8 @@ def _uncalibrated(size: tuple[int, int], F: Floats, first: Floats, second: Float
 
 
 def rows_of_matches(setting: Setting, clip: str, name: str) -> Measured:
-    """Rectify a pair by its calibration, and look at the rows of matches that one epipolar geometry explains.
-
-    Gives the root mean square of their differences, ours and OpenCV's, on the same matches.
-
-    Parameters
-    ----------
-    name : str
-        The set.
+    """Rectify a pair by its calibration, and look at the rows of matches that one epipolar geometry
+    explains.
     """
     del setting, clip
     with tempfile.TemporaryDirectory() as scratch:

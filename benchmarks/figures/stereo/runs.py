@@ -24,23 +24,7 @@ Floats = NDArray[np.float64]
 
 
 def data_folder(name: str) -> Path:
-    """Return the folder of the real sets.
-
-    Parameters
-    ----------
-    name : str
-        A set that is needed.
-
-    Returns
-    -------
-    Path
-        The folder that holds it.
-
-    Raises
-    ------
-    MissingClip
-        If it is not there.
-    """
+    """Return the folder of the real sets."""
     if not (DATA / name).is_dir():
         raise MissingClip(f"not measured: no folder {DATA / name}")
     return DATA
@@ -53,26 +37,7 @@ def reconstruction_folder(
     positions: Sequence[LatticePosition] | None = None,
     options: Sequence[object] = (),
 ) -> Iterator[tuple[Path, Usage]]:
-    """Reconstruct in a fresh process.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        Views.
-    disparities : str
-        Range as the command takes it.
-    positions : sequence of LatticePosition, optional
-        Of the cameras; None: left and right.
-    options : sequence, optional
-        More arguments.
-
-    Yields
-    ------
-    folder : Path
-        What was written; it is gone afterwards.
-    usage : Usage
-        What the process took.
-    """
+    """Reconstruct in a fresh process."""
     lattice = [] if positions is None else ["--lattice", *(f"{place.m:g},{place.n:g}" for place in positions)]
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "surfaces"
@@ -83,22 +48,7 @@ def reconstruction_folder(
 def reference_disparity(
     one: RealSet, num_cameras: int | None = None, options: Sequence[object] = ()
 ) -> NDArray[np.float32]:
-    """Reconstruct a real set with the default settings.
-
-    Parameters
-    ----------
-    one : RealSet
-        The set.
-    num_cameras : int, optional
-        Cameras around the reference; the pair by default.
-    options : sequence, optional
-        More arguments.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float32
-        Disparity of the reference view.
-    """
+    """Reconstruct a real set with the default settings."""
     data = data_folder(one.name)
     files, positions = one.pair_files(data), None
     if num_cameras is not None:
@@ -108,40 +58,14 @@ def reference_disparity(
 
 
 def reconstructed(one: RealSet, num_cameras: int) -> Reconstruction:
-    """Reconstruct all views of a real set with the default settings.
-
-    Parameters
-    ----------
-    one : RealSet
-        The set.
-    num_cameras : int
-        Cameras around the reference.
-
-    Returns
-    -------
-    Reconstruction
-        As it was written and read again.
-    """
+    """Reconstruct all views of a real set with the default settings."""
     files, positions = one.array_files(data_folder(one.name), num_cameras)
     with reconstruction_folder(files, one.disparities, positions) as (folder, _):
         return read_reconstruction(folder)
 
 
 def motorcycle(scale: float = 1.0) -> tuple[Picture, Picture, Floats]:
-    """Return the pair that scikit-image carries.
-
-    Parameters
-    ----------
-    scale : float, optional
-        To be enlarged by.
-
-    Returns
-    -------
-    left, right : ndarray of shape (H, W, 3), uint8
-        Views.
-    truth : ndarray of shape (H, W), float64
-        Disparity of the left view in pixels; NaN where it is unknown.
-    """
+    """Return the pair that scikit-image carries."""
     from skimage.data import stereo_motorcycle
 
     left, right, disparity = stereo_motorcycle()
@@ -160,20 +84,7 @@ def motorcycle(scale: float = 1.0) -> tuple[Picture, Picture, Floats]:
 
 
 def write_pair(folder: Path, left: Picture, right: Picture) -> list[Path]:
-    """Write two views as PNG.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists.
-    left, right : ndarray of shape (H, W, 3), uint8
-        Red, green and blue.
-
-    Returns
-    -------
-    list of Path
-        Their files.
-    """
+    """Write two views as PNG."""
     paths = [folder / "left.png", folder / "right.png"]
     for path, view in zip(paths, (left, right), strict=True):
         cv2.imwrite(str(path), view[:, :, ::-1])

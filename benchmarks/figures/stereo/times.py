@@ -43,17 +43,7 @@ def _told(usage: Usage, most_s: float, most_bytes: float) -> Measured:
 
 
 def pair_time(setting: Setting, clip: str, name: str, most_s: float) -> Measured:
-    """Measure one pair of the Middlebury evaluation, one job.
-
-    Gives wall-clock time and memory of the process, start-up included.
-
-    Parameters
-    ----------
-    name : str
-        The set.
-    most_s : float
-        What is asked.
-    """
+    """Measure one pair of the Middlebury evaluation, one job."""
     del clip
     one = PAIRS[name]
     usage, _ = _best(setting.choose(3, 1), one.pair_files(data_folder(name)), one.disparities)
@@ -61,10 +51,7 @@ def pair_time(setting: Setting, clip: str, name: str, most_s: float) -> Measured
 
 
 def array_time(setting: Setting, clip: str) -> Measured:
-    """Measure all cameras of Tsukuba, one job.
-
-    Gives wall-clock time and memory of the process, start-up included.
-    """
+    """Measure all cameras of Tsukuba, one job."""
     del setting, clip
     files, positions = TSUKUBA.array_files(data_folder("tsukuba"), 25)
     usage, _ = _best(0, files, TSUKUBA.disparities, positions)
@@ -72,10 +59,7 @@ def array_time(setting: Setting, clip: str) -> Measured:
 
 
 def two_jobs(setting: Setting, clip: str) -> Measured:
-    """Measure Tsukuba's cross with one job and with two.
-
-    Gives how many times faster two are, and whether all disparities are the same.
-    """
+    """Measure Tsukuba's cross with one job and with two."""
     files, positions = TSUKUBA.array_files(data_folder("tsukuba"), 5)
     del clip
     runs = [_best(setting.choose(2, 1), files, TSUKUBA.disparities, positions, jobs) for jobs in (1, 2)]
@@ -87,10 +71,7 @@ def two_jobs(setting: Setting, clip: str) -> Measured:
 
 
 def large_pair(setting: Setting, clip: str) -> Measured:
-    """Measure the Motorcycle pair enlarged to a width of 1500 pixels, one job.
-
-    Gives wall-clock time and memory of the process, start-up included, and bad pixels beyond 2 px.
-    """
+    """Measure the Motorcycle pair enlarged to a width of 1500 pixels, one job."""
     del clip
     left, right, truth = motorcycle(LARGE if not setting.quick else 1.0)
     with tempfile.TemporaryDirectory() as scratch:

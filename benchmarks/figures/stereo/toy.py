@@ -29,18 +29,7 @@ Mask = NDArray[np.bool_]
 
 
 def points_of(view: RenderedView) -> Floats:
-    """Return where in the world the pixels of a view are.
-
-    Parameters
-    ----------
-    view : RenderedView
-        With exact depth.
-
-    Returns
-    -------
-    ndarray of shape (H * W, 3), float64
-        Row by row.
-    """
+    """Return where in the world the pixels of a view are."""
     height, width = view.depth.shape
     y, x = np.mgrid[:height, :width]
     pixels = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
@@ -48,20 +37,7 @@ def points_of(view: RenderedView) -> Floats:
 
 
 def seen_by_others(views: list[RenderedView], index: int) -> Mask:
-    """Tell which pixels of a view at least one other camera sees.
-
-    Parameters
-    ----------
-    views : list of RenderedView
-        All views.
-    index : int
-        Number of the view.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        By exact depth.
-    """
+    """Tell which pixels of a view at least one other camera sees."""
     points = points_of(views[index])
     height, width = views[index].depth.shape
     seen = np.zeros(height * width, np.bool_)
@@ -77,29 +53,14 @@ def seen_by_others(views: list[RenderedView], index: int) -> Mask:
 
 
 def near_discontinuities(disparity: Floats) -> Mask:
-    """Tell which pixels are near a jump of more than one pixel.
-
-    Parameters
-    ----------
-    disparity : ndarray of shape (H, W), float64
-        True disparities.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        Within `BORDER_PX`.
-    """
+    """Tell which pixels are near a jump of more than one pixel."""
     kernel = np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)
     plane = disparity.astype(np.float32)
     return np.asarray(cv2.dilate(plane, kernel) - cv2.erode(plane, kernel) > 1.0)
 
 
 def toy(setting: Setting, clip: str) -> Measured:
-    """Reconstruct *toy* from its cameras, and compare every original view with exact depth.
-
-    Gives how many pixels that another camera sees are within one label, in per cent, and of those that none
-    sees how many are found to be so; two pixels beside discontinuities are left out.
-    """
+    """Reconstruct *toy* from its cameras, and compare every original view with exact depth."""
     del clip
     with tempfile.TemporaryDirectory() as scratch:
         source, folder = Path(scratch) / "toy", Path(scratch) / "surfaces"

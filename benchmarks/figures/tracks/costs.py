@@ -45,17 +45,7 @@ MOST_DECODING_S = 90.0
 
 
 def overhead(setting: Setting, clip: str, way: Way, most_bpp: float) -> Measured:
-    """Count the bits of tracks or points.
-
-    Gives bits per pixel of the Wyner-Ziv frames.
-
-    Parameters
-    ----------
-    way : Way
-        Whose codec.
-    most_bpp : float
-        What is asked.
-    """
+    """Count the bits of tracks or points."""
     gop = None if way.codec == "3d-te" else GOP[way.codec]
     bits, num_frames, num_pixels = 0, 0, 0
     num_points: list[int] = []
@@ -72,20 +62,14 @@ def overhead(setting: Setting, clip: str, way: Way, most_bpp: float) -> Measured
 
 
 def coding_share(setting: Setting, clip: str) -> Measured:
-    """Code the tracks that 3d-te sends both ways: by regression, and each by its own filter.
-
-    Gives bits by regression over bits by the filter, for the same positions.
-    """
+    """Code the tracks that 3d-te sends both ways: by regression, and each by its own filter."""
     bits, num_frames = _bits_both_ways(setting, clip)
     share = bits["regression"] / bits["filter"]
     return Measured(f"{share:.3f}", None, {"bits": bits, "num_frames": num_frames})
 
 
 def mean_coding_share(setting: Setting, clip: str) -> Measured:
-    """Average the share of bits of coding by regression over clips.
-
-    Gives the mean over clips.
-    """
+    """Average the share of bits of coding by regression over clips."""
     del clip
 
     def share(name: str) -> float:
@@ -113,18 +97,7 @@ def _bits_both_ways(setting: Setting, clip: str) -> tuple[dict[str, int], int]:
 
 
 def encoder_session(frames: list[Frame]) -> EncoderSession:
-    """Prepare an encoder of 3d-te at the finest quantiser with the settings that it has by itself.
-
-    Parameters
-    ----------
-    frames : list of Frame
-        Grey frames; only their size counts.
-
-    Returns
-    -------
-    EncoderSession
-        The encoder.
-    """
+    """Prepare an encoder of 3d-te at the finest quantiser with the settings that it has by itself."""
     video = VideoConfig(frames[0].width, frames[0].height, 25, 1, luma_only=True)
     return EncoderSession(
         CodecConfig.preset(
@@ -162,10 +135,7 @@ def _encoding_times_s(
 
 
 def operations(setting: Setting, clip: str) -> Measured:
-    """Count samples that the tracker compares, against those of a full search of all 8x8 blocks.
-
-    Gives the share of the full search of largest and of small reach.
-    """
+    """Count samples that the tracker compares, against those of a full search of all 8x8 blocks."""
     frames = _grey_frames(clip, setting.choose(setting.frames, QUICK_FRAMES))
     session = encoder_session(frames)
     for group in session.groups(frames):
@@ -181,11 +151,7 @@ def operations(setting: Setting, clip: str) -> Measured:
 
 def encoder_cpu(setting: Setting, clip: str) -> Measured:
     """Compare the processor time of the encoder, tracking included, with that of H.264 intra of all frames.
-
-    Both on frames in memory in this process, group by group in turn, after a short run that warms up. Parity
-    is computed in full, as for a file; a live encoder computes what is asked for.
-
-    Gives milliseconds per frame of both.
+    Compare the processor time of the encoder, tracking included, with that of H.264 intra of all frames.
     """
     frames = _grey_frames(clip, setting.choose(41, QUICK_FRAMES))
     intra = KeyFrameEncoder(frames[0].width, frames[0].height, key_qp_for(FINEST), luma_only=True)
@@ -200,10 +166,7 @@ def encoder_cpu(setting: Setting, clip: str) -> Measured:
 
 
 def decoding_time(setting: Setting, clip: str) -> Measured:
-    """Time the decoding of 50 frames with two jobs, start-up included.
-
-    Gives seconds on the clock.
-    """
+    """Time the decoding of 50 frames with two jobs, start-up included."""
     frames = setting.choose(50, QUICK_FRAMES)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

@@ -29,24 +29,7 @@ PRESETS = tuple(range(1, FINEST + 1))
 
 
 def te_sweep(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]) -> Sweep:
-    """Return the points of a curve of tracked coding.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-    references : str
-        What frames are predicted from: a key of `OPTIONS`.
-    wz_q : tuple of int
-        Quantiser presets; a quick run takes few.
-
-    Returns
-    -------
-    Sweep
-        On the same frames as `rd_figures.experiment`.
-    """
+    """Return the points of a curve of tracked coding."""
     return Sweep(
         (clip,),
         codec="3d-te",
@@ -59,23 +42,7 @@ def te_sweep(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]
 
 @cache
 def te_curve(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]) -> Curve:
-    """Measure a curve of tracked coding; what is there already is kept.
-
-    Parameters
-    ----------
-    setting, clip, references, wz_q
-        As in `te_sweep`.
-
-    Returns
-    -------
-    Curve
-        Its points.
-
-    Raises
-    ------
-    DvcError
-        If a point fails.
-    """
+    """Measure a curve of tracked coding; what is there already is kept."""
     points = expand([te_sweep(setting, clip, references, wz_q)])
     return experiments(rd_figures.measured(setting, clip, points))[0].curves[0]
 
@@ -83,20 +50,7 @@ def te_curve(setting: Setting, clip: str, references: str, wz_q: tuple[int, ...]
 def up_to(
     rates: Sequence[float], psnrs_db: Sequence[float], highest_db: float
 ) -> tuple[list[float], list[float]]:
-    """Cut a curve off at a quality, where its rate is interpolated.
-
-    Parameters
-    ----------
-    rates, psnrs_db : sequence of float
-        The curve.
-    highest_db : float
-        Where to cut it; a curve that ends below it, or rises from above it, stays as it is.
-
-    Returns
-    -------
-    rates, psnrs_db : list of float
-        The points below, and one at `highest_db`.
-    """
+    """Cut a curve off at a quality, where its rate is interpolated."""
     order = np.argsort(psnrs_db)
     quality, rate = np.asarray(psnrs_db)[order], np.asarray(rates)[order]
     if not quality[0] < highest_db < quality[-1] or (np.diff(quality) <= 0).any():
@@ -107,25 +61,7 @@ def up_to(
 
 
 def difference(reference: Curve, other: Curve, highest_db: float | None = None) -> BdResult:
-    """Return the mean difference in rate of two curves.
-
-    Parameters
-    ----------
-    reference, other : Curve
-        Of the same frames.
-    highest_db : float, optional
-        Upper end of the range.
-
-    Returns
-    -------
-    BdResult
-        Negative if `other` needs less.
-
-    Raises
-    ------
-    RdCurveError
-        If they cannot be compared.
-    """
+    """Return the mean difference in rate of two curves."""
     curves = [(curve.rates_kbps, curve.psnrs_y_db) for curve in (reference, other)]
     if highest_db is not None:
         curves = [up_to(*curve, highest_db) for curve in curves]

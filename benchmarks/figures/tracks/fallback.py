@@ -22,39 +22,16 @@ LEAST_MEAN_DB = 2.0
 
 
 class Gains(NamedTuple):
-    """How much better frames are predicted, and what that does to the whole.
+    """How much better frames are predicted, and what that does to the whole."""
 
-    Attributes
-    ----------
-    without_scene_db, beside_scene_db : tuple of float
-        PSNR of the side information, new minus old, of each frame.
-    rate_percent : float
-        Change of the bits that were needed, key frames and tracks included.
-    psnr_db : float
-        Change of the mean PSNR of the decoded frames.
-    """
-
-    without_scene_db: tuple[float, ...]
+    without_scene_db: tuple[float, ...]  # PSNR of the side information, new minus old, of each frame
     beside_scene_db: tuple[float, ...]
-    rate_percent: float
-    psnr_db: float
+    rate_percent: float  # change of the bits that were needed, key frames and tracks included
+    psnr_db: float  # change of the mean PSNR of the decoded frames
 
 
 def measured_gains(setting: Setting, clip: str) -> Gains:
-    """Decode a stream in both ways.
-
-    Parameters
-    ----------
-    setting : Setting
-        How long.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Gains
-        The differences.
-    """
+    """Decode a stream in both ways."""
     source = clip_source(clip).path
     frames = setting.choose(setting.frames, QUICK_FRAMES)
     with tempfile.TemporaryDirectory() as folder:
@@ -83,10 +60,7 @@ def _decoded(stream: Path, source: Path, fallback: str) -> dict[str, Any]:
 
 
 def gains(setting: Setting, clip: str) -> Measured:
-    """Compare the side information with and without warps by tracks.
-
-    Gives mean and least difference over frames.
-    """
+    """Compare the side information with and without warps by tracks."""
     found = measured_gains(setting, clip)
     values: dict[str, Any] = {"rate_percent": found.rate_percent, "psnr_db": found.psnr_db}
     texts = []

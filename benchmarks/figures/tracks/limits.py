@@ -33,39 +33,20 @@ Floats = NDArray[np.float64]
 
 
 def prototype_run(setting: Setting, clip: str) -> Run:
-    """Return the run that the prototype was measured on, or such a run on another clip.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    Run
-        By tracked points, dense depth.
-    """
+    """Return the run that the prototype was measured on, or such a run on another clip."""
     frames = setting.choose(min(setting.frames, PROTOTYPE_FRAMES.get(clip, OTHER_FRAMES)), QUICK_FRAMES)
     return Run(clip, TE_DEPTH, frames, fixed_gop(clip), every=2)
 
 
 def against_prototype(setting: Setting, clip: str) -> Measured:
-    """Measure what the prototype was measured on.
-
-    Gives the mean PSNR.
-    """
+    """Measure what the prototype was measured on."""
     found = mean_db(prototype_run(setting, clip), setting.folder)
     text = f"{found:.2f} dB, prototype {PROTOTYPE_DB[clip]:.1f} dB"
     return Measured(text, found >= PROTOTYPE_DB[clip], {"si_psnr_db": found})
 
 
 def against_prototype_mean(setting: Setting, clip: str) -> Measured:
-    """Average the difference from the prototype.
-
-    Gives the mean over clips.
-    """
+    """Average the difference from the prototype."""
     del clip
 
     def difference(name: str) -> float:
@@ -75,22 +56,7 @@ def against_prototype_mean(setting: Setting, clip: str) -> Measured:
 
 
 def motion_ceiling(original: Luma, keys: tuple[Luma, Luma], temporal_position: float) -> Floats:
-    """Warp both key frames by the motion measured on the original frame itself, which no decoder has.
-
-    Parameters
-    ----------
-    original : ndarray of shape (H, W), uint8
-        The frame.
-    keys : tuple of two ndarray of shape (H, W), uint8
-        Key frames around it.
-    temporal_position : float
-        Its instant from 0, that of the first key frame, to 1.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Mean of the warped key frames, weighted by time.
-    """
+    """Warp both key frames by the motion measured on the original frame itself, which no decoder has."""
     flow_between = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     flow_between.setFinestScale(0)  # these find more than any preset on tree and box, by 1 to 2 dB
     flow_between.setPatchStride(2)
@@ -116,18 +82,7 @@ def motion_ceiling(original: Luma, keys: tuple[Luma, Luma], temporal_position: f
 
 @cache
 def ceiling_db(run: Run) -> float:
-    """Return the mean PSNR of the frames of a run, predicted by their own motion.
-
-    Parameters
-    ----------
-    run : Run
-        Which frames, from which key frames.
-
-    Returns
-    -------
-    float
-        In dB.
-    """
+    """Return the mean PSNR of the frames of a run, predicted by their own motion."""
     values = []
     for group in received_groups(run):
         first, last = group.keys
@@ -140,10 +95,7 @@ def ceiling_db(run: Run) -> float:
 
 
 def below_ceiling(setting: Setting, clip: str) -> Measured:
-    """Compare with both key frames warped by the motion measured on the original frame.
-
-    Gives the distance to the ceiling.
-    """
+    """Compare with both key frames warped by the motion measured on the original frame."""
     run = prototype_run(setting, clip)
     found, highest = mean_db(run, setting.folder), ceiling_db(run)
     values = {"si_psnr_db": found, "ceiling_db": highest}
@@ -151,10 +103,7 @@ def below_ceiling(setting: Setting, clip: str) -> Measured:
 
 
 def below_ceiling_mean(setting: Setting, clip: str) -> Measured:
-    """Average the distance to the ceiling.
-
-    Gives the mean over clips.
-    """
+    """Average the distance to the ceiling."""
     del clip
 
     def gap(name: str) -> float:
@@ -165,10 +114,7 @@ def below_ceiling_mean(setting: Setting, clip: str) -> Measured:
 
 
 def lossy_keys(setting: Setting, clip: str) -> Measured:
-    """Coarsen the key frames, and compare what they and the side information lose.
-
-    Gives PSNRs by quantisation parameter.
-    """
+    """Coarsen the key frames, and compare what they and the side information lose."""
     qps = KEY_QPS if not setting.quick else (KEY_QPS[0], KEY_QPS[-1])
     frames = setting.choose(min(setting.frames, LOSSY_FRAMES), QUICK_FRAMES)
     found = [quality(setting, Run(clip, TE_DEPTH, frames, fixed_gop(clip), qp)) for qp in qps]

@@ -17,39 +17,16 @@ _SELDOM = (("longest-track", "10000"), ("lost-tracks", "1"), ("scene-change", "1
 
 @dataclass(frozen=True)
 class Quality:
-    """What the side information of a sequence is worth.
+    """What the side information of a sequence is worth."""
 
-    Attributes
-    ----------
-    mean_db : float
-        Mean PSNR of the predicted frames.
-    key_db : float or None
-        That of the key frames, 100 where they are lossless; None where nothing was coded.
-    num_served, num_frames : int
-        Frames that the method served, and all that were predicted.
-    """
-
-    mean_db: float
-    key_db: float | None
-    num_served: int
+    mean_db: float  # mean PSNR of the predicted frames
+    key_db: float | None  # that of the key frames, 100 where they are lossless; None where nothing was coded
+    num_served: int  # frames that the method served, and all that were predicted
     num_frames: int
 
 
 def point_of(run: Run) -> Point:
-    """Return the point whose decoder predicts the frames of a run.
-
-    Block motion predicts between the key frames of tracked coding, so that all ways have the same.
-
-    Parameters
-    ----------
-    run : Run
-        Of all frames of its groups.
-
-    Returns
-    -------
-    Point
-        The point.
-    """
+    """Return the point whose decoder predicts the frames of a run."""
     way, codec = run.way, run.coding
     options = [("references", "keys")]
     if codec == "3d-te" and run.gop is not None:
@@ -76,20 +53,7 @@ def _decoder_options(way: Way) -> tuple[tuple[str, str], ...]:
 
 @cache
 def quality(setting: Setting, run: Run) -> Quality:
-    """Read the side information of a run from the file of its point, which is measured if there is none.
-
-    Parameters
-    ----------
-    setting : Setting
-        How thoroughly.
-    run : Run
-        Of all frames of its groups.
-
-    Returns
-    -------
-    Quality
-        As decoded; of what no command can be told to do, as predicted without coding.
-    """
+    """Read the side information of a run from the file of its point, which is measured if there is none."""
     if run.way.single_depth:
         frames = frame_results(run, setting.folder)
         predicted_db = sum(frame.psnr_db for frame in frames) / len(frames)
@@ -99,18 +63,7 @@ def quality(setting: Setting, run: Run) -> Quality:
 
 
 def side_information_quality(result: PointResult) -> Quality:
-    """Return the side information of a point, before decoding refines it.
-
-    Parameters
-    ----------
-    result : PointResult
-        With key frames as its only references.
-
-    Returns
-    -------
-    Quality
-        As decoded.
-    """
+    """Return the side information of a point, before decoding refines it."""
     rows = [row for row in result.frame_rows if row["type"] == "wz"]
     served = [row for row in rows if row["side_information"] != BLOCK_MOTION.method]
     mean_db, key_db = result.total("si_psnr_y_db"), result.total("key_psnr_y_db")

@@ -39,24 +39,12 @@ FOLDER = "tracks"
 
 @dataclass(frozen=True, eq=False)
 class ReceivedGroup:
-    """A group of pictures at the decoder, and the originals to compare with.
+    """A group of pictures at the decoder, and the originals to compare with."""
 
-    Attributes
-    ----------
-    keys : tuple of two ReferenceFrame
-        Decoded key frames around it.
-    originals : tuple of Frame
-        Its Wyner-Ziv frames.
-    points : PointTracks, FeaturePoints or None
-        As decoded from the payload; None if there is none.
-    tracks_bits : int
-        Length of the payload.
-    """
-
-    keys: tuple[ReferenceFrame, ReferenceFrame]
-    originals: tuple[Frame, ...]
-    points: PointTracks | FeaturePoints | None
-    tracks_bits: int
+    keys: tuple[ReferenceFrame, ReferenceFrame]  # decoded key frames around it
+    originals: tuple[Frame, ...]  # its Wyner-Ziv frames
+    points: PointTracks | FeaturePoints | None  # as decoded from the payload; None if there is none
+    tracks_bits: int  # length of the payload
 
     @property
     def num_points(self) -> list[int]:
@@ -71,38 +59,15 @@ class ReceivedGroup:
 
 @dataclass(frozen=True)
 class FrameResult:
-    """What the side information of a frame was worth.
+    """What the side information of a frame was worth."""
 
-    Attributes
-    ----------
-    index : int
-        Display position.
-    psnr_db : float
-        Of its luma.
-    success : bool
-        False where the method fell back.
-    """
-
-    index: int
-    psnr_db: float
-    success: bool
+    index: int  # display position
+    psnr_db: float  # of its luma
+    success: bool  # false where the method fell back
 
 
 def configuration(run: Run, video: VideoConfig) -> CodecConfig:
-    """Return the configuration that the key frames and points of a run are coded with.
-
-    Parameters
-    ----------
-    run : Run
-        The run.
-    video : VideoConfig
-        Format of the frames.
-
-    Returns
-    -------
-    CodecConfig
-        That of the codec that sends points, also for ways to predict that need none.
-    """
+    """Return the configuration that the key frames and points of a run are coded with."""
     codec, bits = run.coding, run.way.subpixel_bits
     tracks = VARIANTS[codec].tracks
     return CodecConfig.preset(
@@ -115,36 +80,14 @@ def configuration(run: Run, video: VideoConfig) -> CodecConfig:
 
 
 def key_frame_rule(gop: int | None) -> KeyFrameRule:
-    """Return the rule that the tracks choose key frames by.
-
-    Parameters
-    ----------
-    gop : int or None
-        Distance to keep whatever the tracks say; None: that of the encoder.
-
-    Returns
-    -------
-    KeyFrameRule
-        The rule.
-    """
+    """Return the rule that the tracks choose key frames by."""
     if gop is None:
         return KeyFrameRule()
     return KeyFrameRule(longest_track_px=math.inf, lost_share=1.0, min_length=gop, cut_share=1.0)
 
 
 def received_groups(run: Run) -> Iterator[ReceivedGroup]:
-    """Encode a sequence, and decode key frames and points.
-
-    Parameters
-    ----------
-    run : Run
-        Sequence and coding; how it is predicted plays no part but for the kind of points.
-
-    Yields
-    ------
-    ReceivedGroup
-        Every group that has frames to predict.
-    """
+    """Encode a sequence, and decode key frames and points."""
     with open_video(clip_source(run.clip).path, num_frames=run.num_frames) as reader:
         rate = reader.info.frame_rate
         video = VideoConfig(
@@ -173,20 +116,7 @@ def _received(payload: bytes, num_frames: int, config: CodecConfig) -> PointTrac
 
 
 def predictions(run: Run) -> Iterator[tuple[ReceivedGroup, list[tuple[int, Prediction]]]]:
-    """Predict the frames of a sequence from key frames alone.
-
-    Parameters
-    ----------
-    run : Run
-        What, from what, and how.
-
-    Yields
-    ------
-    group : ReceivedGroup
-        A group of pictures.
-    predicted : list of (int, Prediction)
-        Display position and side information of its frames.
-    """
+    """Predict the frames of a sequence from key frames alone."""
     method = None
     for group in received_groups(run):
         if method is None:
@@ -214,20 +144,7 @@ def _prediction_configuration(way: Way, video: VideoConfig) -> CodecConfig:
 
 
 def frame_results(run: Run, folder: Path) -> tuple[FrameResult, ...]:
-    """Measure the side information of every frame of a run, unless this version of the code has done so.
-
-    Parameters
-    ----------
-    run : Run
-        What, from what, and how.
-    folder : Path
-        For results; they are kept there.
-
-    Returns
-    -------
-    tuple of FrameResult
-        In display order.
-    """
+    """Measure the side information of every frame of a run, unless this version of the code has done so."""
     return _frame_results(run, folder / FOLDER / f"{run.stem}.json")
 
 
@@ -250,18 +167,5 @@ def _frame_results(run: Run, path: Path) -> tuple[FrameResult, ...]:
 
 
 def mean_db(run: Run, folder: Path) -> float:
-    """Return the mean PSNR of the side information of a run.
-
-    Parameters
-    ----------
-    run : Run
-        What, from what, and how.
-    folder : Path
-        For results.
-
-    Returns
-    -------
-    float
-        Mean over frames, in dB.
-    """
+    """Return the mean PSNR of the side information of a run."""
     return float(np.mean([frame.psnr_db for frame in frame_results(run, folder)]))

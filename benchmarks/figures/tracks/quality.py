@@ -25,19 +25,11 @@ QUICK_FRAMES = 9
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two ways to predict the same frames from the same key frames.
+    """Two ways to predict the same frames from the same key frames."""
 
-    Attributes
-    ----------
-    baseline, other : Way
-        The ways.
-    adaptive : bool
-        Whether the tracks choose the key frames; otherwise they are at a fixed distance.
-    """
-
-    baseline: Way
+    baseline: Way  # the ways
     other: Way
-    adaptive: bool = False
+    adaptive: bool = False  # whether the tracks choose the key frames; otherwise they are at a fixed distance
 
     def runs(self, setting: Setting, clip: str) -> tuple[Run, Run]:
         """Return both runs on a clip."""
@@ -60,33 +52,12 @@ BLOCKS_TO_MESH = Comparison(TE_BLOCKS, TE_MESH)
 
 
 def fixed_gop(clip: str) -> int:
-    """Return the fixed distance of key frames at which a clip is measured.
-
-    Parameters
-    ----------
-    clip : str
-        Sequence.
-
-    Returns
-    -------
-    int
-        In frames.
-    """
+    """Return the fixed distance of key frames at which a clip is measured."""
     return FAST_CLIPS.get(clip, FIXED_GOP)
 
 
 def gain(setting: Setting, clip: str, comparison: Comparison, least_db: float | None) -> Measured:
-    """Compare two ways on one clip.
-
-    Gives the difference of the mean PSNRs.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The ways.
-    least_db : float or None
-        Difference that is asked.
-    """
+    """Compare two ways on one clip."""
     first, second = comparison.measure(setting, clip)
     gained_db, served, count = second.mean_db - first.mean_db, second.num_served, second.num_frames
     text = f"{gained_db:+.2f} dB ({first.mean_db:.2f} → {second.mean_db:.2f}"
@@ -103,19 +74,7 @@ def gain(setting: Setting, clip: str, comparison: Comparison, least_db: float | 
 def mean_gain(
     setting: Setting, clip: str, comparison: Comparison, clips: Sequence[str], least_db: float
 ) -> Measured:
-    """Average the difference of two ways over clips.
-
-    Gives the mean over clips.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The ways.
-    clips : sequence of str
-        Sequences.
-    least_db : float
-        What is asked; more than 0 if 0.
-    """
+    """Average the difference of two ways over clips."""
     del clip
 
     def difference(name: str) -> float:

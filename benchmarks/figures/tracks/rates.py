@@ -43,17 +43,7 @@ _DIFFERENCES: dict[str, Callable[[Setting, str], BdResult]] = {
 
 
 def rate_difference(setting: Setting, clip: str, against: str, limits: Limits) -> Measured:
-    """Compare the curves of one clip.
-
-    Gives BD-rate.
-
-    Parameters
-    ----------
-    against : str
-        A key of `_DIFFERENCES`.
-    limits : dict
-        Largest BD-rate in per cent by sequence; nothing is asked of others.
-    """
+    """Compare the curves of one clip."""
     found = _DIFFERENCES[against](setting, clip)
     values = {"bd_rate_percent": found.value, "overlap_db": list(found.overlap)}
     holds = found.value < limits[clip] if clip in limits else None
@@ -63,19 +53,7 @@ def rate_difference(setting: Setting, clip: str, against: str, limits: Limits) -
 def mean_rate_difference(
     setting: Setting, clip: str, against: str, clips: tuple[str, ...], limit: float
 ) -> Measured:
-    """Average the BD-rates of clips.
-
-    Gives the mean over clips.
-
-    Parameters
-    ----------
-    against : str
-        A key of `_DIFFERENCES`.
-    clips : tuple of str
-        Sequences.
-    limit : float
-        What is asked, in per cent.
-    """
+    """Average the BD-rates of clips."""
     del clip
 
     def difference(name: str) -> float:
@@ -96,30 +74,14 @@ def _si_psnrs_db(setting: Setting, clip: str, baseline: str) -> tuple[float, flo
 
 
 def hierarchical_gain(setting: Setting, clip: str, baseline: str) -> Measured:
-    """Compare side information from key frames and from all levels of a hierarchy, as decoded.
-
-    Gives the difference of the mean PSNRs.
-
-    Parameters
-    ----------
-    baseline : str
-        A key of `OPTIONS`: which key frames.
-    """
+    """Compare side information from key frames and from all levels of a hierarchy, as decoded."""
     keys_db, levels_db = _si_psnrs_db(setting, clip, baseline)
     values = {"keys_db": keys_db, "hierarchical_db": levels_db}
     return Measured(f"{levels_db - keys_db:+.2f} dB ({keys_db:.2f} → {levels_db:.2f})", None, values)
 
 
 def hierarchical_gain_mean(setting: Setting, clip: str, baseline: str) -> Measured:
-    """Average the gain of the hierarchy over the real static clips.
-
-    Gives the mean over clips.
-
-    Parameters
-    ----------
-    baseline : str
-        As in `hierarchical_gain`.
-    """
+    """Average the gain of the hierarchy over the real static clips."""
     del clip
 
     def gain(name: str) -> float:

@@ -16,27 +16,14 @@ FAST_CLIPS = {"stone": 2}
 
 @dataclass(frozen=True)
 class Way:
-    """A way to predict.
+    """A way to predict."""
 
-    Attributes
-    ----------
-    codec, method : str
-        Codec, and the method of side information.
-    track_corrections : bool
-        Whether tracks correct what is rendered.
-    path_regularity : float
-        Weight of second differences of the camera's path.
-    subpixel_bits : int or None
-        Precision of the tracks; None: the encoder's default.
-    single_depth : bool
-        Whether depth is found once, by gradients, in the order that self-calibration gives it.
-    """
-
-    codec: str
+    codec: str  # codec, and the method of side information
     method: str
-    track_corrections: bool = False
-    path_regularity: float = 0.0
-    subpixel_bits: int | None = None
+    track_corrections: bool = False  # whether tracks correct what is rendered
+    path_regularity: float = 0.0  # weight of second differences of the camera's path
+    subpixel_bits: int | None = None  # precision of the tracks; None: the encoder's default
+    # whether depth is found once, by gradients, in the order that self-calibration gives it
     single_depth: bool = False
 
     @property
@@ -57,30 +44,14 @@ WAYS = (BLOCK_MOTION, BLIND_BLOCKS, BLIND_DEPTH, TD_BLOCKS, TD_DEPTH, TE_BLOCKS,
 
 @dataclass(frozen=True)
 class Run:
-    """What is predicted, from what, and how.
+    """What is predicted, from what, and how."""
 
-    Attributes
-    ----------
-    clip : str
-        Sequence.
-    way : Way
-        How the frames are predicted.
-    num_frames : int
-        Frames of the sequence, from its first.
-    gop : int or None
-        Fixed distance of the key frames; None where the tracks choose them.
-    key_qp : int or None
-        Quantisation parameter of the key frames; None: lossless.
-    every : int
-        2: only every second frame of a group, from its first.
-    """
-
-    clip: str
-    way: Way
-    num_frames: int
-    gop: int | None = None
-    key_qp: int | None = None
-    every: int = 1
+    clip: str  # sequence
+    way: Way  # how the frames are predicted
+    num_frames: int  # frames of the sequence, from its first
+    gop: int | None = None  # fixed distance of the key frames; None where the tracks choose them
+    key_qp: int | None = None  # quantisation parameter of the key frames; None: lossless
+    every: int = 1  # 2: only every second frame of a group, from its first
 
     @property
     def coding(self) -> str:

@@ -31,20 +31,7 @@ MAX_CONDITION = 16.0
 
 
 def whole_frame_motion(points: Floats, matches: Floats) -> Floats:
-    """Fit the common motion of points: a homography, or less where there are few of them.
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2), float64
-        Points of a frame, (x, y) in pixels; nan where they are not known.
-    matches : ndarray of shape (N, 2), float64
-        The same points in a reference.
-
-    Returns
-    -------
-    ndarray of shape (3, 3), float64
-        From pixels of the frame to pixels of the reference; the identity where nothing is known.
-    """
+    """Fit the common motion of points: a homography, or less where there are few of them."""
     known = np.isfinite(points).all(axis=1) & np.isfinite(matches).all(axis=1)
     first, second = points[known], matches[known]
     return _fit(first, second) if len(first) else np.eye(3)
@@ -90,20 +77,7 @@ def _apply(homography: Floats, points: Floats) -> Floats:
 
 
 def homography_positions(homography: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return where a homography takes the pixels of a frame.
-
-    Parameters
-    ----------
-    homography : ndarray of shape (3, 3), float64
-        From pixels of the frame to pixels of a reference.
-    shape : tuple of int
-        Height and width.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 2), float64
-        (x, y) in pixels; at most a few frames away.
-    """
+    """Return where a homography takes the pixels of a frame."""
     rows, columns = np.indices(shape)
     points = np.stack([columns.ravel(), rows.ravel()], axis=-1).astype(np.float64)
     limit = 4.0 * max(shape)
@@ -112,20 +86,7 @@ def homography_positions(homography: Floats, shape: tuple[int, ...]) -> Floats:
 
 
 def warp_frame(frame: Frame, homography: Floats) -> Frame:
-    """Warp a frame.
-
-    Parameters
-    ----------
-    frame : Frame
-        Luma, and chroma if it has any.
-    homography : ndarray of shape (3, 3), float64
-        From pixels of the result to pixels of the frame.
-
-    Returns
-    -------
-    Frame
-        Of the same size; the border repeats.
-    """
+    """Warp a frame."""
     luma = _warp(frame.luma, homography)
     if frame.chroma is None:
         return Frame(luma, None)
@@ -139,13 +100,7 @@ def _warp(plane: Luma, homography: Floats) -> Luma:
 
 
 class AlignedBlockMotion:
-    """Block-motion interpolation between references that tracked points have brought into place.
-
-    Parameters
-    ----------
-    settings : SideInformationConfig
-        Of the block motion.
-    """
+    """Block-motion interpolation between references that tracked points have brought into place."""
 
     def __init__(self, settings: SideInformationConfig) -> None:
         self._block_motion = BlockMotionInterpolation(settings)
@@ -156,23 +111,7 @@ class AlignedBlockMotion:
         instant: int,
         points: tuple[Floats, Floats, Floats],
     ) -> Prediction:
-        """Predict one frame.
-
-        Parameters
-        ----------
-        around : tuple of two ReferenceFrame
-            The nearest references before and after it.
-        instant : int
-            Its display position.
-        points : tuple of three ndarray of shape (N, 2), float64
-            The tracked points in the reference before, in the frame, and in the reference after; nan where
-            they are not known.
-
-        Returns
-        -------
-        Prediction
-            By block motion between the warped references.
-        """
+        """Predict one frame."""
         before, wanted, after = points
         warped = []
         for reference, there in zip(around, (before, after), strict=True):

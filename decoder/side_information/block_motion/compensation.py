@@ -16,20 +16,7 @@ Luma = NDArray[np.uint8]
 
 
 def phase_planes(plane: Luma, margin: int = MARGIN) -> NDArray[np.uint8]:
-    """Interpolate a plane at quarter samples as H.264 does: six taps for half samples, then means of two.
-
-    Parameters
-    ----------
-    plane : ndarray of shape (H, W), uint8
-        Samples.
-    margin : int, optional
-        Padding on each side.
-
-    Returns
-    -------
-    ndarray of shape (4, 4, H + 2 margin, W + 2 margin), uint8
-        ``planes[py, px, y + margin, x + margin]`` is the sample at (y + py / 4, x + px / 4).
-    """
+    """Interpolate a plane at quarter samples as H.264 does: six taps for half samples, then means of two."""
     padded = np.pad(plane.astype(np.int32), margin + 4, mode="edge")
     half = np.empty((2, padded.shape[0] - 6, 2, padded.shape[1] - 6), np.int32)
     horizontal = _six_taps(padded, axis=1)
@@ -65,18 +52,7 @@ def _six_taps(samples: NDArray[np.int32], axis: int) -> NDArray[np.int32]:
 
 
 def low_pass(plane: Luma) -> Luma:
-    """Average over 3x3 samples, as motion search does before it compares noisy or quantised frames.
-
-    Parameters
-    ----------
-    plane : ndarray of shape (H, W), uint8
-        Samples.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        Smoothed samples.
-    """
+    """Average over 3x3 samples, as motion search does before it compares noisy or quantised frames."""
     padded = np.pad(plane.astype(np.int32), 1, mode="edge")
     columns = padded[:-2] + padded[1:-1] + padded[2:]
     total = columns[:, :-2] + columns[:, 1:-1] + columns[:, 2:]
@@ -85,18 +61,7 @@ def low_pass(plane: Luma) -> Luma:
 
 
 def halve(plane: Luma) -> Luma:
-    """Average 2x2 samples into one; odd sides are padded by replication.
-
-    Parameters
-    ----------
-    plane : ndarray of shape (H, W), uint8
-        Samples.
-
-    Returns
-    -------
-    ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8
-        The next level of the pyramid.
-    """
+    """Average 2x2 samples into one; odd sides are padded by replication."""
     padded = np.pad(plane.astype(np.int32), ((0, plane.shape[0] & 1), (0, plane.shape[1] & 1)), mode="edge")
     total = padded[::2, ::2] + padded[1::2, ::2] + padded[::2, 1::2] + padded[1::2, 1::2]
     return ((total + 2) >> 2).astype(np.uint8)
@@ -109,28 +74,7 @@ def compensate(
     block: int,
     shape: tuple[int, int],
 ) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Predict a plane from displaced overlapping blocks of several references.
-
-    Parameters
-    ----------
-    references : list of ndarray of shape (4, 4, H', W'), uint8
-        Phase planes with the standard margin.
-    offsets : list of ndarray of shape (rows, columns, 2), int64
-        Per reference, where each block lies in it: (vertical, horizontal) in quarter samples.
-    weights : list of ndarray of shape (rows, columns), float64
-        Per reference, positive weight of each block.
-    block : int
-        Side of a block in samples; windows are twice as large and taper linearly.
-    shape : tuple of int
-        Height and width of the plane.
-
-    Returns
-    -------
-    prediction : ndarray of shape (H, W), float64
-        Weighted mean of the references.
-    compensated : list of ndarray of shape (H, W), float64
-        Each reference's own prediction.
-    """
+    """Predict a plane from displaced overlapping blocks of several references."""
     rows, columns = offsets[0].shape[:2]
     ramp = (np.minimum(np.arange(2 * block) + 0.5, 2 * block - 0.5 - np.arange(2 * block))) / block
     taper = np.outer(ramp, ramp)
@@ -152,24 +96,7 @@ def compensate_chroma(
     weights: Sequence[NDArray[np.float64]],
     block: int,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-    """Predict the chroma planes with the offsets of the luma blocks.
-
-    Parameters
-    ----------
-    references : sequence of Frame
-        Decoded frames.
-    offsets : sequence of ndarray of shape (rows, columns, 2), int64
-        Per reference, offsets of the luma blocks in luma quarter samples.
-    weights : sequence of ndarray of shape (rows, columns), float64
-        Per reference, weight of each block.
-    block : int
-        Side of the luma blocks, even.
-
-    Returns
-    -------
-    tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
-        Predicted Cb and Cr; None if a reference has no chroma.
-    """
+    """Predict the chroma planes with the offsets of the luma blocks."""
     chroma = [frame.chroma for frame in references]
     halved = [offset >> 1 for offset in offsets]
     predicted = []
@@ -185,22 +112,7 @@ def compensate_chroma(
 
 
 def resize_field(field: Offsets, rows: int, columns: int, factor: int) -> Offsets:
-    """Repeat each vector of a field on a finer grid.
-
-    Parameters
-    ----------
-    field : ndarray of shape (r, c, 2), int64
-        Vectors of a coarse grid.
-    rows, columns : int
-        Size of the fine grid.
-    factor : int
-        Fine blocks per coarse block and direction.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns, 2), int64
-        Vectors of the fine grid; the values are not scaled.
-    """
+    """Repeat each vector of a field on a finer grid."""
     row = np.minimum(np.arange(rows) // factor, field.shape[0] - 1)
     column = np.minimum(np.arange(columns) // factor, field.shape[1] - 1)
     return np.ascontiguousarray(field[row][:, column])

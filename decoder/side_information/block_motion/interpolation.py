@@ -43,13 +43,7 @@ NUM_COARSE_LEVELS = 2
 
 
 class BlockMotionInterpolation:
-    """Block-motion interpolation between the two references around each instant.
-
-    Parameters
-    ----------
-    settings : SideInformationConfig
-        Block size, search radius and smoothness.
-    """
+    """Block-motion interpolation between the two references around each instant."""
 
     name = "mci"
 
@@ -87,22 +81,7 @@ class BlockMotionInterpolation:
 def estimate_motion(
     before: Luma, after: Luma, position: Fraction, settings: SideInformationConfig
 ) -> Offsets:
-    """Estimate the block motion between two frames, on the grid of a frame between them.
-
-    Parameters
-    ----------
-    before, after : ndarray of shape (H, W), uint8
-        Decoded luma of the two references.
-    position : Fraction
-        Temporal position of the missing frame, strictly between 0 and 1.
-    settings : SideInformationConfig
-        Block size, search radius at the coarsest level, and smoothness.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns, 2), int64
-        Displacement of each block from `before` to `after`, (vertical, horizontal) in quarter samples.
-    """
+    """Estimate the block motion between two frames, on the grid of a frame between them."""
     pyramid = [(low_pass(before), low_pass(after))]
     for _ in range(NUM_COARSE_LEVELS):
         pyramid.append((halve(pyramid[-1][0]), halve(pyramid[-1][1])))
@@ -128,36 +107,14 @@ def estimate_motion(
 
 
 def split_field(field: Offsets, position: Fraction) -> tuple[Offsets, Offsets]:
-    """Split displacements at the missing frame into offsets towards both references.
-
-    Parameters
-    ----------
-    field : ndarray of shape (rows, columns, 2), int64
-        Displacements from the earlier to the later reference, in quarter samples.
-    position : Fraction
-        Temporal position of the missing frame.
-
-    Returns
-    -------
-    to_before, to_after : ndarray of shape (rows, columns, 2), int64
-        Offsets in quarter samples; their difference is the displacement.
-    """
+    """Split displacements at the missing frame into offsets towards both references."""
     to_before = _kernels.split_vector(field, position.numerator, position.denominator)
     return to_before, to_before + field
 
 
 def vector_median(field: Offsets) -> Offsets:
     """Replace each vector by that of the 3x3 neighbourhood with the smallest sum of distances to the others.
-
-    Parameters
-    ----------
-    field : ndarray of shape (rows, columns, 2), int64
-        Vectors.
-
-    Returns
-    -------
-    ndarray of shape (rows, columns, 2), int64
-        Smoothed vectors; the vector itself wins ties.
+    Replace each vector by that of the 3x3 neighbourhood with the smallest sum of distances to the others.
     """
     candidates = _neighbourhood(field)
     distances = np.abs(candidates[:, :, :, None] - candidates[:, :, None]).sum(axis=(-2, -1))

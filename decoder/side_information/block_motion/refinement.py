@@ -105,17 +105,7 @@ def _reference(luma: NDArray[np.uint8]) -> _Reference:
 
 
 class BlockRefiner:
-    """Refines block offsets into several references.
-
-    Parameters
-    ----------
-    references : sequence of Frame
-        Decoded frames.
-    offsets : sequence of ndarray of shape (rows, columns, 2), int64
-        Per reference, offsets of 4x4 blocks in quarter samples, where the search starts.
-    method : str
-        Name that refined predictions carry.
-    """
+    """Refines block offsets into several references."""
 
     def __init__(self, references: Sequence[Frame], offsets: Sequence[Offsets], method: str) -> None:
         self._references = references
@@ -126,18 +116,7 @@ class BlockRefiner:
         self._num_calls = 0
 
     def refine(self, partial: NDArray[np.uint8]) -> Prediction:
-        """Search every block anew around its present offsets; see `Refiner.refine`.
-
-        Parameters
-        ----------
-        partial : ndarray of shape (H, W), uint8
-            Partly decoded luma.
-
-        Returns
-        -------
-        Prediction
-            Prediction from the refined offsets.
-        """
+        """Search every block anew around its present offsets; see `Refiner.refine`."""
         target, halved_target = _padded(partial), _padded(halve(partial))
         searches = SEARCHES[min(self._num_calls, len(SEARCHES) - 1)]
         self._num_calls += 1
@@ -152,24 +131,14 @@ class BlockRefiner:
         return Prediction(luma, None, tuple(compensated), self._method, refiner=self)
 
     def chroma(self) -> tuple[NDArray[np.uint8], NDArray[np.uint8]] | None:
-        """Predict chroma with the offsets found so far; see `Refiner.chroma`.
-
-        Returns
-        -------
-        tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
-            Predicted Cb and Cr; None if a reference has no chroma.
-        """
+        """Predict chroma with the offsets found so far; see `Refiner.chroma`."""
         return compensate_chroma(self._references, self._offsets, self._weights, BLOCK)
 
 
 def _search(
     target: _Image, reference: _Image, offsets: Offsets, search: Search
 ) -> tuple[Offsets, NDArray[np.int64]]:
-    """Return improved offsets of the 4x4 blocks, and the cost of each block that was searched.
-
-    Candidates are eliminated without a look at their samples where sums over quarters of the window differ
-    too much [LiSalari1995]; the result is that of the full search.
-    """
+    """Return improved offsets of the 4x4 blocks, and the cost of each block that was searched."""
     scale = 2 if search.halved else 1
     factor = scale * search.block // BLOCK
     moved = offsets[::factor, ::factor] // scale

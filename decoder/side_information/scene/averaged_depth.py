@@ -28,17 +28,7 @@ MIN_PARALLAX = 0.07
 
 
 class AveragedDepthInterpolator:
-    """Predicts frames between two key frames by two depths of each; see `SceneInterpolator`.
-
-    Parameters
-    ----------
-    model : Model
-        Cameras of the key frames, and correspondences that tell the range of depth.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the key frames.
-    known : tuple of two (KnownDepth or None), optional
-        What is known of the depth of each key frame already.
-    """
+    """Predicts frames between two key frames by two depths of each; see `SceneInterpolator`."""
 
     name = DepthInterpolator.name
 
@@ -63,18 +53,7 @@ class AveragedDepthInterpolator:
 
 
 def relative_parallax(model: Model) -> float:
-    """Measure the parallax between what is nearest and what is farthest.
-
-    Parameters
-    ----------
-    model : Model
-        The scene between the key frames.
-
-    Returns
-    -------
-    float
-        Of the first key frame in the second, as a share of the longer side.
-    """
+    """Measure the parallax between what is nearest and what is farthest."""
     pair, size = model.view_pair, model.pixel_frame
     shape = size.height_px, size.width_px
     warp = warp_matrix(*pair.cameras, size)
@@ -82,18 +61,7 @@ def relative_parallax(model: Model) -> float:
 
 
 def average(first: Interpolation, second: Interpolation) -> Interpolation:
-    """Average two predictions of a frame.
-
-    Parameters
-    ----------
-    first, second : Interpolation
-        The predictions, from the same key frames.
-
-    Returns
-    -------
-    Interpolation
-        The first, with the means of levels and of expected errors.
-    """
+    """Average two predictions of a frame."""
     return first._replace(
         luma=0.5 * (first.luma + second.luma),
         compensated=tuple(

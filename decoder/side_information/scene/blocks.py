@@ -48,19 +48,7 @@ SWEEP = SweepSettings(step_px=0.8, max_hypotheses=96, small_jump=10, large_jump=
 
 
 class BlockInterpolator:
-    """Predicts frames between two key frames by epipolar blocks; see `SceneInterpolator`.
-
-    Parameters
-    ----------
-    model : Model
-        Cameras of the key frames, and correspondences.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the key frames.
-    known : tuple of two (KnownDepth or None), optional
-        Ignored: blocks search their depth anew.
-    views : tuple of two DepthView, optional
-        Both key frames with their depth, to start from; estimated if None.
-    """
+    """Predicts frames between two key frames by epipolar blocks; see `SceneInterpolator`."""
 
     name = "blocks"
 
@@ -145,22 +133,7 @@ def _block_medians(plane: Floats, block_px: int) -> Floats:
 
 
 def spread_blocks(depth: Floats, block_px: int, shape: tuple[int, ...]) -> Floats:
-    """Give every pixel the depth of its block, or between those of blocks on one plane.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (rows, columns), float64
-        Inverse depth of the blocks.
-    block_px : int
-        Side of the blocks.
-    shape : tuple of int
-        Height and width.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Inverse depth of the pixels.
-    """
+    """Give every pixel the depth of its block, or between those of blocks on one plane."""
     span = float(np.ptp(depth))
     corners, shares = [], []
     positions = [(np.arange(side) + 0.5) / block_px - 0.5 for side in shape]

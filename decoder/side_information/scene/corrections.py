@@ -18,22 +18,7 @@ Luma = NDArray[np.uint8]
 def corrected(
     rendered: Interpolation, keys: tuple[Luma, Luma], tracks: tuple[Floats, Floats, Floats]
 ) -> Interpolation:
-    """Correct a rendered frame by the residuals of tracks.
-
-    Parameters
-    ----------
-    rendered : Interpolation
-        The frame.
-    keys : tuple of two ndarray of shape (H, W), uint8
-        Luma of its references.
-    tracks : tuple of three ndarray of shape (N, 2), float64
-        Points in the reference before, in the frame, and in the reference after; nan where not known.
-
-    Returns
-    -------
-    Interpolation
-        With corrected positions, and what lies there; hypotheses stay as they are.
-    """
+    """Correct a rendered frame by the residuals of tracks."""
     before, wanted, after = tracks
     luma, compensated, moved = rendered.luma, [], []
     for key, there, positions, weight, old in zip(

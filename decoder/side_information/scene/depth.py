@@ -14,19 +14,7 @@ Luma = NDArray[np.uint8]
 
 
 class DepthInterpolator:
-    """Predicts frames between two key frames by their depth; see `SceneInterpolator`.
-
-    Parameters
-    ----------
-    model : Model
-        Cameras of the key frames, and correspondences that tell the range of depth.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the key frames.
-    known : tuple of two (KnownDepth or None), optional
-        What is known of the depth of each key frame already.
-    settings : SweepSettings, optional
-        How the depth is searched.
-    """
+    """Predicts frames between two key frames by their depth; see `SceneInterpolator`."""
 
     name = "depth"
 

@@ -29,15 +29,7 @@ DISAGREEMENT = 0.5
 
 class FusedInterpolator:
     """Predicts frames between two key frames by their depth and by epipolar blocks; see `SceneInterpolator`.
-
-    Parameters
-    ----------
-    model : Model
-        Cameras of the key frames, and correspondences.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the key frames.
-    known : tuple of two (KnownDepth or None), optional
-        What is known of the depth of each key frame already.
+    Predicts frames between two key frames by their depth and by epipolar blocks; see `SceneInterpolator`.
     """
 
     name = "fused"
@@ -60,18 +52,7 @@ class FusedInterpolator:
 
 
 def fuse_scenes(depth: Interpolation, blocks: Interpolation) -> Interpolation:
-    """Fuse two predictions of a frame by the errors that they expect.
-
-    Parameters
-    ----------
-    depth, blocks : Interpolation
-        The predictions, from the same key frames.
-
-    Returns
-    -------
-    Interpolation
-        Their mean by inverse squared errors, with both as hypotheses.
-    """
+    """Fuse two predictions of a frame by the errors that they expect."""
     ours, theirs = (neighbourhood(one.expected_error) ** 2 for one in (depth, blocks))
     share = BLOCK_WEIGHT * ours / (BLOCK_WEIGHT * ours + theirs)
     distance = neighbourhood((depth.luma - blocks.luma) ** 2)

@@ -41,65 +41,28 @@ NO_PARALLAX = 1e-9
 
 @dataclass(frozen=True)
 class MeshSettings:
-    """How the mesh is fitted.
+    """How the mesh is fitted."""
 
-    Attributes
-    ----------
-    cell_px : int
-        Side of its cells.
-    smoothness : float
-        Weight of the smoothness of motions (mu).
-    max_error : float
-        Mean absolute compensation error of a triangle, in luma levels, from which its points are outliers.
-    max_fits : int
-        Most fits.
-    """
-
-    cell_px: int = 16
-    smoothness: float = 0.3
+    cell_px: int = 16  # side of its cells
+    smoothness: float = 0.3  # weight of the smoothness of motions (mu)
+    # mean absolute compensation error of a triangle, in luma levels, from which its points are outliers
     max_error: float = 30.0
-    max_fits: int = 8
+    max_fits: int = 8  # most fits
 
 
 class Mesh(NamedTuple):
-    """A mesh.
+    """A mesh."""
 
-    Attributes
-    ----------
-    origin_px, cell_px : float
-        x and y of the first vertex, and distance of vertices, in the first key frame.
-    second : ndarray of shape (rows, columns, 2), float64
-        Vertices in the second key frame, (x, y) in pixels.
-    inverse_depth : ndarray of shape (rows, columns), float64
-        Inverse depth of the vertices in the first key frame.
-    kept : ndarray of shape (N,), bool
-        Correspondences that were not outliers.
-    num_fits : int
-        Fits that were needed.
-    """
-
-    origin_px: float
+    origin_px: float  # x and y of the first vertex, and distance of vertices, in the first key frame
     cell_px: float
-    second: Floats
-    inverse_depth: Floats
-    kept: Mask
-    num_fits: int
+    second: Floats  # vertices in the second key frame, (x, y) in pixels
+    inverse_depth: Floats  # inverse depth of the vertices in the first key frame
+    kept: Mask  # correspondences that were not outliers
+    num_fits: int  # fits that were needed
 
 
 class MeshInterpolator:
-    """Predicts frames between two key frames by the mesh; see `SceneInterpolator`.
-
-    Parameters
-    ----------
-    model : Model
-        Cameras of the key frames, and correspondences.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the key frames.
-    known : tuple of two (KnownDepth or None), optional
-        Ignored: the mesh is fitted to the correspondences alone.
-    settings : MeshSettings, optional
-        Cells, weights and limits.
-    """
+    """Predicts frames between two key frames by the mesh; see `SceneInterpolator`."""
 
     name = "mesh"
 
@@ -121,22 +84,7 @@ class MeshInterpolator:
 
 
 def fit_mesh(model: Model, first: Luma, second: Luma, settings: MeshSettings) -> Mesh:
-    """Fit the mesh to correspondences, and drop outliers until none is left.
-
-    Parameters
-    ----------
-    model : Model
-        Cameras and correspondences.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the key frames.
-    settings : MeshSettings
-        Cells, weights and limits.
-
-    Returns
-    -------
-    Mesh
-        It covers the frame and one cell around it.
-    """
+    """Fit the mesh to correspondences, and drop outliers until none is left."""
     warp = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
     cell = settings.cell_px
     shape = (-(-(first.shape[0] - 1) // cell) + 3, -(-(first.shape[1] - 1) // cell) + 3)
@@ -192,22 +140,7 @@ def _vertex_depths(second: Floats, warp: Floats, cell: float) -> Floats:
 
 
 def mesh_depth(mesh: Mesh, shape: tuple[int, ...]) -> tuple[Floats, NDArray[np.int64]]:
-    """Interpolate the mesh at every pixel of the first key frame.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh.
-    shape : tuple of int
-        Height and width.
-
-    Returns
-    -------
-    inverse_depth : ndarray of shape (H, W), float64
-        Affine in each triangle.
-    triangle : ndarray of shape (H, W), int64
-        Triangle of each pixel.
-    """
+    """Interpolate the mesh at every pixel of the first key frame."""
     rows, columns = np.indices(shape)
     points = np.stack([columns.ravel(), rows.ravel()], axis=-1).astype(np.float64)
     where = barycentric(points, mesh.inverse_depth.shape, mesh.cell_px)
@@ -240,22 +173,7 @@ def _area(a: Floats, b: Floats, c: Floats) -> Floats:
 
 
 def mesh_views(mesh: Mesh, model: Model, first: Luma, second: Luma) -> tuple[DepthView, DepthView]:
-    """Turn the mesh into the depth of both key frames: one piece, all of it trusted.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh.
-    model : Model
-        Cameras of the key frames.
-    first, second : ndarray of shape (H, W), uint8
-        Luma of the key frames.
-
-    Returns
-    -------
-    tuple of two DepthView
-        Both key frames.
-    """
+    """Turn the mesh into the depth of both key frames: one piece, all of it trusted."""
     there = warp_matrix(model.first_camera, model.second_camera, model.pixel_frame)
     in_first, _ = mesh_depth(mesh, first.shape)
     vertices = warp_grid(there, mesh.inverse_depth, mesh.origin_px, mesh.cell_px)

@@ -17,24 +17,7 @@ Floats = NDArray[np.float64]
 
 
 def epipolar_lines(warp: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Return the epipolar lines of points as the closest place to the point itself and a direction.
-
-    Parameters
-    ----------
-    warp : ndarray of shape (3, 4), float64
-        From the points' view to another.
-    points : ndarray of shape (N, 2), float64
-        Image points in pixels.
-
-    Returns
-    -------
-    place, direction : ndarray of shape (N, 2), float64
-        ``q`` and unit ``t`` of (5.9). A point whose line is not defined stays where it is.
-
-    References
-    ----------
-    [Maitre2008] Eq. (5.9).
-    """
+    """Return the epipolar lines of points as the closest place to the point itself and a direction."""
     at_infinity = homogeneous(points) @ warp[:, :3].T
     line = np.cross(warp[:, 3], at_infinity)
     length = np.hypot(line[:, 0], line[:, 1])
@@ -45,74 +28,27 @@ def epipolar_lines(warp: Floats, points: Floats) -> tuple[Floats, Floats]:
 
 
 class Barycentric(NamedTuple):
-    """Where points lie in a mesh.
+    """Where points lie in a mesh."""
 
-    Attributes
-    ----------
-    vertices : ndarray of shape (N, 3), int64
-        Corners of the triangle.
-    weights : ndarray of shape (N, 3), float64
-        Their weights, which sum to 1.
-    triangle : ndarray of shape (N,), int64
-        The triangle: two a cell, upper left before lower right.
-    """
-
-    vertices: NDArray[np.int64]
-    weights: Floats
-    triangle: NDArray[np.int64]
+    vertices: NDArray[np.int64]  # corners of the triangle
+    weights: Floats  # their weights, which sum to 1
+    triangle: NDArray[np.int64]  # the triangle: two a cell, upper left before lower right
 
     def interpolate(self, values: Floats) -> Floats:
-        """Interpolate values (V,) or (V, 2) of the vertices.
-
-        Parameters
-        ----------
-        values : ndarray of shape (V,) or (V, k), float64
-            One row a vertex.
-
-        Returns
-        -------
-        ndarray of shape (N,) or (N, k), float64
-            Values at the points.
-        """
+        """Interpolate values (V,) or (V, 2) of the vertices."""
         weights = self.weights.reshape(*self.weights.shape, *(1,) * (values.ndim - 1))
         mixed: Floats = (weights * values[self.vertices]).sum(axis=1)
         return mixed
 
     def matrix(self, num_vertices: int) -> Any:
-        """Return the sparse matrix that `interpolate` applies.
-
-        Parameters
-        ----------
-        num_vertices : int
-            Number of columns.
-
-        Returns
-        -------
-        scipy.sparse.csr_array of shape (N, V)
-            M of (5.10).
-        """
+        """Return the sparse matrix that `interpolate` applies."""
         rows = np.repeat(np.arange(len(self.vertices)), 3)
         entries = (self.weights.ravel(), (rows, self.vertices.ravel()))
         return sparse.csr_array(entries, shape=(len(self.vertices), num_vertices))
 
 
 def barycentric(points: Floats, shape: tuple[int, ...], cell: float) -> Barycentric:
-    """Find the triangle of each point and its weights: the rows of M in (5.10).
-
-    Parameters
-    ----------
-    points : ndarray of shape (N, 2), float64
-        Image points in pixels, within the mesh.
-    shape : tuple of int
-        Rows and columns of vertices; the first vertex is at minus one cell.
-    cell : float
-        Side of a cell, pixels.
-
-    Returns
-    -------
-    Barycentric
-        Three vertices and weights a point.
-    """
+    """Find the triangle of each point and its weights: the rows of M in (5.10)."""
     at = (points + cell) / cell
     corner = np.clip(np.floor(at).astype(np.int64), 0, np.array(shape[::-1]) - 2)
     x, y = (at - corner).T
@@ -128,20 +64,7 @@ def barycentric(points: Floats, shape: tuple[int, ...], cell: float) -> Barycent
 
 
 def roughness_matrix(shape: tuple[int, int]) -> Any:
-    """Return ``I - N`` of (5.10), N the mean of the neighbours on both sides.
-
-    At the border of the mesh only the neighbours along it are taken, so that any linear motion is smooth.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of vertices, at least 3 each.
-
-    Returns
-    -------
-    scipy.sparse.csr_array of shape (V, V)
-        The matrix; zero rows at the four corners.
-    """
+    """Return ``I - N`` of (5.10), N the mean of the neighbours on both sides."""
     rows, columns = (_second_difference(count) for count in shape)
     along = sparse.kron(sparse.eye_array(shape[0]), columns) + sparse.kron(rows, sparse.eye_array(shape[1]))
     border = np.zeros(shape, dtype=bool)

@@ -31,50 +31,14 @@ SOFTENING = 0.3
 def render_between(
     keys: Sequence[DepthView], camera: Floats, temporal_position: float, frame: PixelFrame
 ) -> Interpolation:
-    """Predict a view from the depth of two key frames.
-
-    Parameters
-    ----------
-    keys : sequence of two DepthView
-        Key frames with their depth.
-    camera : ndarray of shape (3, 4), float64
-        Camera of the wanted view, in normalised coordinates.
-    temporal_position : float
-        Of the wanted view between the first key frame (0) and the second (1).
-    frame : PixelFrame
-        Size of the images.
-
-    Returns
-    -------
-    Interpolation
-        The predicted frame.
-    """
+    """Predict a view from the depth of two key frames."""
     return interpolate(keys, render_depth(keys, camera, frame), camera, temporal_position, frame)
 
 
 def interpolate(
     keys: Sequence[DepthView], depth: DepthMap, camera: Floats, temporal_position: float, frame: PixelFrame
 ) -> Interpolation:
-    """Predict a view from two key frames and its depth.
-
-    Parameters
-    ----------
-    keys : sequence of two DepthView
-        Key frames with their depth.
-    depth : DepthMap
-        Depth of the wanted view.
-    camera : ndarray of shape (3, 4), float64
-        Its camera, in normalised coordinates.
-    temporal_position : float
-        Of the wanted view between the first key frame (0) and the second (1).
-    frame : PixelFrame
-        Size of the images.
-
-    Returns
-    -------
-    Interpolation
-        The predicted frame.
-    """
+    """Predict a view from two key frames and its depth."""
     compensated, weights, positions = [], [], []
     for key in keys:
         warped = warp_grid(inverse_warp(warp_matrix(key.camera, camera, frame)), depth.inverse_depth)
@@ -91,26 +55,7 @@ def blend(
     reliable: Mask,
     temporal_position: float,
 ) -> Interpolation:
-    """Blend what the key frames say, by time and by what they see.
-
-    Parameters
-    ----------
-    compensated : sequence of two ndarray of shape (H, W), float64
-        Warped key frames.
-    visibility : sequence of two ndarray of shape (H, W), float64
-        Positive weight of each, see `dvc.multiview.rendering.visibility_weights`.
-    positions : sequence of two ndarray of shape (H, W, 2), float64
-        Where each pixel lies in each key frame.
-    reliable : ndarray of shape (H, W), bool
-        Where the depth is reliable.
-    temporal_position : float
-        Of the frame between the first key frame (0) and the second (1).
-
-    Returns
-    -------
-    Interpolation
-        The predicted frame.
-    """
+    """Blend what the key frames say, by time and by what they see."""
     first = (1.0 - temporal_position) * visibility[0] + 1e-12
     second = temporal_position * visibility[1] + 1e-12
     share = second / (first + second)
@@ -133,20 +78,7 @@ def _box(plane: Floats, side: int) -> Floats:
 def warp_chroma(
     interpolation: Interpolation, chroma: Sequence[tuple[Luma, Luma] | None]
 ) -> tuple[Luma, Luma] | None:
-    """Predict the chroma planes of a predicted frame.
-
-    Parameters
-    ----------
-    interpolation : Interpolation
-        What `interpolate` returned.
-    chroma : sequence of one or two (tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None)
-        Cb and Cr of each reference.
-
-    Returns
-    -------
-    tuple of two ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8, or None
-        Predicted Cb and Cr; None if a key frame has no chroma.
-    """
+    """Predict the chroma planes of a predicted frame."""
     # A chroma sample lies half a pixel right of and below its luma sample, in all three frames alike.
     halved = [np.ascontiguousarray(position[::2, ::2]) / 2.0 for position in interpolation.positions]
     predicted = []
@@ -163,20 +95,7 @@ def warp_chroma(
 
 
 def block_offsets(interpolation: Interpolation, block: int = 4) -> tuple[NDArray[np.int64], ...]:
-    """Summarise the positions as block offsets, for methods that refine by blocks.
-
-    Parameters
-    ----------
-    interpolation : Interpolation
-        What `interpolate` returned.
-    block : int
-        Side of the blocks.
-
-    Returns
-    -------
-    tuple of ndarray of shape (ceil(H / block), ceil(W / block), 2), int64
-        Per key frame, where each block lies in it: (vertical, horizontal) in quarter samples.
-    """
+    """Summarise the positions as block offsets, for methods that refine by blocks."""
     return tuple(_offsets(position, block) for position in interpolation.positions)
 
 
@@ -194,24 +113,7 @@ def _offsets(position: Floats, block: int) -> NDArray[np.int64]:
 def completed(
     prediction: Prediction, rendered: Interpolation, frames: tuple[Frame, Frame], method: str
 ) -> Prediction:
-    """Add the chroma, and what refines a prediction, that follow from where its pixels come from.
-
-    Parameters
-    ----------
-    prediction : Prediction
-        Luma, references and expected error.
-    rendered : Interpolation
-        The frame as the scene predicts it.
-    frames : tuple of two Frame
-        The key frames.
-    method : str
-        Name of the method.
-
-    Returns
-    -------
-    Prediction
-        All of it.
-    """
+    """Add the chroma, and what refines a prediction, that follow from where its pixels come from."""
     return replace(
         prediction,
         chroma=warp_chroma(rendered, [frame.chroma for frame in frames]),

@@ -59,15 +59,7 @@ class _Group(NamedTuple):
 
 
 class TrackedSceneInterpolation:
-    """Prediction from a model of the scene whose cameras follow from tracked points.
-
-    Parameters
-    ----------
-    interpolator : SceneInterpolatorType
-        How the motion between the references is modelled.
-    config : CodecConfig
-        Whose estimators to use, seed, and settings of the block motion.
-    """
+    """Prediction from a model of the scene whose cameras follow from tracked points."""
 
     def __init__(self, interpolator: SceneInterpolatorType, config: CodecConfig) -> None:
         self.name = interpolator.name

@@ -38,10 +38,7 @@ Floats = NDArray[np.float64]
 
 
 class _Scene(NamedTuple):
-    """What is known of the scene between two references; no interpolator where nothing can be trusted.
-
-    The interpolator has the basis of `ordered` where there is one, otherwise that of the model.
-    """
+    """What is known of the scene between two references; no interpolator where nothing can be trusted."""
 
     before: ReferenceFrame
     after: ReferenceFrame
@@ -52,15 +49,7 @@ class _Scene(NamedTuple):
 
 
 class SceneInterpolation:
-    """Prediction from a model of the scene between the two references around each instant.
-
-    Parameters
-    ----------
-    interpolator : SceneInterpolatorType
-        How the motion between the references is modelled.
-    config : CodecConfig
-        Whose estimators to use, seed, and settings of the block motion.
-    """
+    """Prediction from a model of the scene between the two references around each instant."""
 
     def __init__(self, interpolator: SceneInterpolatorType, config: CodecConfig) -> None:
         self.name = interpolator.name

@@ -28,29 +28,7 @@ def views_of_cameras(
     *,
     gray: bool = False,
 ) -> Views:
-    """Return the views of calibrated cameras.
-
-    Parameters
-    ----------
-    pictures : sequence of ndarray of shape (H, W, 3), uint8
-        At least two.
-    cameras : sequence of Camera
-        One for each, without lens distortion.
-    references : sequence of int, optional
-        Numbers of the views that are coded.
-    gray : bool, optional
-        Luma alone.
-
-    Returns
-    -------
-    Views
-        The pictures with their viewpoints.
-
-    Raises
-    ------
-    ConfigError
-        If a lens is distorted, two cameras stand at one place, or sizes differ.
-    """
+    """Return the views of calibrated cameras."""
     bent = next((camera.name for camera in cameras if camera.distortion != NO_DISTORTION), None)
     if bent is not None:
         raise ConfigError(f"camera of {bent}: lens distortion; pictures without it are accepted")
@@ -64,25 +42,7 @@ def views_of_cameras(
 
 
 def depths_of_points(views: Views, points: Floats) -> tuple[float, float]:
-    """Return the range of depths that known points have.
-
-    Parameters
-    ----------
-    views : Views
-        Of calibrated cameras.
-    points : ndarray of shape (N, 3), float64
-        Points of the world.
-
-    Returns
-    -------
-    near, far : float
-        Of the references; a little wider than what the points have.
-
-    Raises
-    ------
-    ConfigError
-        If nothing is known.
-    """
+    """Return the range of depths that known points have."""
     depths = np.concatenate([_depths(views.viewpoints[number], points) for number in views.references])
     inverse = 1.0 / depths[depths > 0.0]
     if inverse.size < 2 or inverse.min() == inverse.max():
@@ -99,28 +59,7 @@ def _depths(viewpoint: object, points: Floats) -> Floats:
 
 
 def labels_of_depths(views: Views, near: float, far: float, num_labels: int | None = None) -> DisparityLabels:
-    """Return inverse depths to choose from.
-
-    Parameters
-    ----------
-    views : Views
-        Of calibrated cameras.
-    near, far : float
-        Range of depths, in units of the world; `far` may be infinite.
-    num_labels : int, optional
-        How many, at least 2; by default so many that a step is at most one pixel of parallax between the
-        views that are farthest apart.
-
-    Returns
-    -------
-    DisparityLabels
-        Evenly spaced from ``1 / far`` to ``1 / near``.
-
-    Raises
-    ------
-    ConfigError
-        If these are too many.
-    """
+    """Return inverse depths to choose from."""
     lowest, highest = 1.0 / far, 1.0 / near
     if num_labels is None:
         parallax = _largest_parallax(views, lowest, highest)

@@ -112,18 +112,7 @@ def decode(stream: Stream, num_layers: int | None = None, resolution: int = 0) -
 
 
 def significance_classes(decoded: DecodedReference) -> list[NDArray[np.uint8]]:
-    """Return where disparities may differ from what is predicted (3.3).
-
-    Parameters
-    ----------
-    decoded : DecodedReference
-        The picture.
-
-    Returns
-    -------
-    list of ndarray of shape (ceil(H / 2^j), ceil(W / 2^j)), uint8
-        1 where any coefficient of the picture is significant, from j = 1 on.
-    """
+    """Return where disparities may differ from what is predicted (3.3)."""
     return [significant.astype(np.uint8) for significant in decoded.significance]
 
 
@@ -137,10 +126,7 @@ class _State(NamedTuple):
 
 
 def _decode_layers(header: Header, layers: Sequence[Layer]) -> tuple[list[_State], int, str | None]:
-    """Decode layer by layer; what cannot have been written ends it, unless that is the first one.
-
-    Returns what the last good layer gives, how many are good, and what is wrong with the next.
-    """
+    """Decode layer by layer; what cannot have been written ends it, unless that is the first one."""
     states: list[_State] = []
     for index, layer in enumerate(layers):
         before: Sequence[_State | None] = states or [None] * len(layer)

@@ -192,19 +192,6 @@ class ViewEncoder:
 
 
 def layer_slopes(slope: float, num_layers: int) -> list[float]:
-    """Return the slopes of all quality layers.
-
-    Parameters
-    ----------
-    slope : float
-        Of the last one.
-    num_layers : int
-        How many there are.
-
-    Returns
-    -------
-    list of float
-        In equal ratios: the first is the steepest.
-    """
+    """Return the slopes of all quality layers."""
     ratio = min(MAX_SLOPE_RATIO, SLOPE_RANGE ** (1.0 / max(num_layers - 1, 1)))
     return [slope * ratio**step for step in range(num_layers - 1, -1, -1)]

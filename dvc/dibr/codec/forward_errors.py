@@ -22,17 +22,7 @@ SAME_SURFACE_LABELS = 1.5
 
 class ForwardErrors:
     """Errors of the views that one decoded picture predicts; see `dvc.dibr.disparity.distortion.Distortion`.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8
-        The decoded reference.
-    viewpoint : Viewpoint
-        Of it.
-    labels : DisparityLabels
-        What labels mean.
-    views : sequence of tuple of ndarray and Viewpoint
-        The true views, of the same shape, and where they stand; at least one.
+    Errors of the views that one decoded picture predicts; see `dvc.dibr.disparity.distortion.Distortion`.
     """
 
     def __init__(
@@ -49,20 +39,7 @@ class ForwardErrors:
         self.parallax = sum(motions) / (len(views) + 1)
 
     def measure(self, labels: Labels) -> tuple[float, list[Holes]]:
-        """Render all views; see `Distortion`.
-
-        Parameters
-        ----------
-        labels : ndarray of shape (H, W), int32
-            The map.
-
-        Returns
-        -------
-        float
-            Squared error: summed over pixels, mean of all views with the reference.
-        list of Holes
-            Of each view.
-        """
+        """Render all views; see `Distortion`."""
         disparity = self._labels.disparity(labels.astype(np.float64))
         pair = PictureAndDisparity(self._picture, disparity, self._viewpoint)
         total, holes = 0.0, []
@@ -81,42 +58,12 @@ class ForwardErrors:
         return np.clip(first, 0, num_labels).astype(np.int32)
 
     def claimed(self, tensor: Tensor, holes: Sequence[Holes], weight: float) -> Tensor:
-        """Credit labels that would cover holes; see `Distortion`.
-
-        Parameters
-        ----------
-        tensor : ndarray of shape (H, W, labels), float32
-            Error tensor.
-        holes : sequence of Holes
-            Of the views; errors of former holes may be there, too.
-        weight : float
-            Share of them that is subtracted.
-
-        Returns
-        -------
-        ndarray of the same shape, float32
-            The tensor.
-        """
+        """Credit labels that would cover holes; see `Distortion`."""
         return subtract_hole_errors(tensor, holes, self._warps, self._inverse_depths, weight)
 
 
 def parallax_px(warp: Floats, shape: tuple[int, ...], inverse_depths: Floats) -> float:
-    """Return how far the middle of a picture moves in another view from one label to the next.
-
-    Parameters
-    ----------
-    warp : ndarray of shape (3, 4), float64
-        To the other view.
-    shape : tuple of int
-        Height and width, and more.
-    inverse_depths : ndarray of shape (labels,), float64
-        Of the labels.
-
-    Returns
-    -------
-    float
-        Mean over the labels; 0 if there is but one.
-    """
+    """Return how far the middle of a picture moves in another view from one label to the next."""
     if len(inverse_depths) < 2:
         return 0.0
     middle = np.array([(shape[1] - 1) / 2.0, (shape[0] - 1) / 2.0, 1.0])
@@ -126,18 +73,7 @@ def parallax_px(warp: Floats, shape: tuple[int, ...], inverse_depths: Floats) ->
 
 
 def squared_errors(found: Picture, truth: Picture) -> Plane:
-    """Return the squared errors of a picture, intensities from 0 to 1.
-
-    Parameters
-    ----------
-    found, truth : ndarray of shape (H, W) or (H, W, 3), uint8
-        Pictures.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float32
-        Mean over channels.
-    """
+    """Return the squared errors of a picture, intensities from 0 to 1."""
     difference = (found.astype(np.float32) - truth) / np.float32(255.0)
     errors = difference * difference
     return np.asarray(errors if errors.ndim == 2 else errors.mean(axis=2), np.float32)

@@ -11,20 +11,7 @@ _BYTES_PER_PIXEL = 650.0
 
 
 def check_memory(shape: tuple[int, int], num_labels: int) -> None:
-    """Refuse views that are too large for so many labels.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width.
-    num_labels : int
-        Disparities to choose from.
-
-    Raises
-    ------
-    ConfigError
-        If encoding may take more than `MAX_GIB`.
-    """
+    """Refuse views that are too large for so many labels."""
     num_pixels = shape[0] * shape[1]
     gib = num_pixels * (_BYTES_PER_PIXEL + _BYTES_PER_ERROR * num_labels) / 2**30
     if gib > MAX_GIB:

@@ -54,25 +54,7 @@ class SizedEncoder(Protocol):
 
 
 def encode_to_size(encoder: SizedEncoder, max_bytes: int) -> Encoded:
-    """Encode views to a stream of some length.
-
-    Parameters
-    ----------
-    encoder : SizedEncoder
-        Encodes them.
-    max_bytes : int
-        The longest stream that is wanted.
-
-    Returns
-    -------
-    Encoded
-        The longest stream found that fits, shorter by at most `TOLERANCE` in most cases.
-
-    Raises
-    ------
-    ConfigError
-        If not even the steepest slope gives so short a stream.
-    """
+    """Encode views to a stream of some length."""
     best: Encoded | None = None
     picture_bytes, growth = int(PICTURE_SHARE * max_bytes), 1.0 / PICTURE_SHARE
     tried: list[tuple[int, int]] = []

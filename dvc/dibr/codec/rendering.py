@@ -67,22 +67,7 @@ def render(decoded: DecodedViews, viewpoint: Viewpoint, blend: Blend = Blend.DIS
 def render_pairs(
     pairs: Sequence[PictureAndDisparity], viewpoint: Viewpoint, step: float, blend: Blend = Blend.DISTANCE
 ) -> SynthesisedView:
-    """Render a view from pictures with disparities.
-
-    Parameters
-    ----------
-    pairs : sequence of PictureAndDisparity
-        At least one.
-    viewpoint, blend
-        As for `render`.
-    step : float
-        Distance of the disparities that are told apart.
-
-    Returns
-    -------
-    SynthesisedView
-        The view, of the size of the pictures.
-    """
+    """Render a view from pictures with disparities."""
     away = [distance(pair.viewpoint, viewpoint) for pair in pairs]
     near = NEAR_VIEW * max(*away, 1e-9)
     weights = [near / (reach + near) for reach in away]
@@ -103,17 +88,6 @@ def render_pairs(
 
 
 def picture_of(view: SynthesisedView) -> NDArray[np.uint8]:
-    """Return the picture of a view, as files have it.
-
-    Parameters
-    ----------
-    view : SynthesisedView
-        The view.
-
-    Returns
-    -------
-    ndarray of shape (H, W) or (H, W, 3), uint8
-        Rounded levels.
-    """
+    """Return the picture of a view, as files have it."""
     levels = np.clip(np.floor(view.image + 0.5), 0.0, 255.0).astype(np.uint8)
     return levels[..., 0] if levels.shape[2] == 1 else levels

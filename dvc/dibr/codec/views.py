@@ -119,18 +119,7 @@ def views_of_pictures(
 
 
 def luma(picture: Picture) -> Picture:
-    """Return the luma of a picture.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8
-        Gray, or red, green and blue.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        Rounded; of BT.601.
-    """
+    """Return the luma of a picture."""
     if picture.ndim == 2:
         return picture
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), np.uint8)

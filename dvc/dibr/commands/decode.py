@@ -43,13 +43,7 @@ _FORMAT, _VERSION = "dvc-dibr", 1
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     add_stream(parser)
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     add_layers(parser)
@@ -64,18 +58,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Decode.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Decode."""
     from dvc.files import check_folder
 
     check_folder(arguments.out)
@@ -217,18 +200,7 @@ def _check_size(path: str, shape: tuple[int, ...], wanted: tuple[int, ...]) -> N
 
 
 def suffix_of(number: int) -> str:
-    """Return what the names of a reference's files end with.
-
-    Parameters
-    ----------
-    number : int
-        Of the reference among all references.
-
-    Returns
-    -------
-    str
-        Nothing for the first one, "-1" for the second.
-    """
+    """Return what the names of a reference's files end with."""
     return f"-{number}" if number else ""
 
 
@@ -246,18 +218,7 @@ def _write_pair(folder: Path, suffix: str, pair: "PictureAndDisparity") -> None:
 
 
 def blue_first(picture: Any) -> Any:
-    """Return a picture as `dvc.picture_files.write_png` takes it.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8
-        Gray, or red, green and blue.
-
-    Returns
-    -------
-    ndarray of the same shape, uint8
-        Gray, or blue, green and red.
-    """
+    """Return a picture as `dvc.picture_files.write_png` takes it."""
     return picture if picture.ndim == 2 else picture[:, :, ::-1]
 
 

@@ -23,13 +23,7 @@ SUFFIX = ".dibr"
 
 
 def add_codec_options(parser: argparse.ArgumentParser) -> None:
-    """Add how a depth map is coded.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add how a depth map is coded."""
     bpp = "bits of the whole file per pixel, at most"
     parser.add_argument("--bpp", type=cli.parse_positive, metavar="R", required=True, help=bpp)
     text = "whether wavelets stop at edges; default: %(default)s"
@@ -46,15 +40,7 @@ def add_codec_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_hole_options(parser: argparse.ArgumentParser, default: str) -> None:
-    """Add which numbers of a map are holes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    default : str
-        What is taken for one by default.
-    """
+    """Add which numbers of a map are holes."""
     hole = f"number of holes in the map; default: {default}"
     holes = parser.add_mutually_exclusive_group()
     holes.add_argument("--hole", type=cli.parse_number, metavar="V", help=hole)
@@ -62,13 +48,7 @@ def add_hole_options(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def add_scale_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the numbers of a depth map mean.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the numbers of a depth map mean."""
     scale = (
         "disparity, in pixels per unit of m, of 1 in the map; with --near-far, of an inverse depth of 1; "
         "default: %(default)s"
@@ -79,23 +59,7 @@ def add_scale_options(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_near_far(text: str) -> tuple[float, float]:
-    """Read a range of depths.
-
-    Parameters
-    ----------
-    text : str
-        NEAR:FAR.
-
-    Returns
-    -------
-    tuple of float
-        Both.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else, or not 0 < NEAR < FAR.
-    """
+    """Read a range of depths."""
     near, _, far = text.partition(":")
     closest = cli.parse_positive(near)
     farthest = math.inf if far == "inf" else cli.parse_positive(far)
@@ -105,20 +69,7 @@ def parse_near_far(text: str) -> tuple[float, float]:
 
 
 def check_files(arguments: argparse.Namespace, inputs: list[str | Path]) -> None:
-    """Check what is read and written before anything else.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With `out`, `edges` and `json`.
-    inputs : list of str or Path
-        Files that are read.
-
-    Raises
-    ------
-    ConfigError
-        If a name is not right.
-    """
+    """Check what is read and written before anything else."""
     if Path(arguments.out).suffix.lower() != SUFFIX:
         raise ConfigError(f"the name of the stream must end in {SUFFIX}, got {arguments.out}")
     given = [arguments.edges] if arguments.edges not in EDGES else []
@@ -126,22 +77,7 @@ def check_files(arguments: argparse.Namespace, inputs: list[str | Path]) -> None
 
 
 def read_map(path: str, arguments: argparse.Namespace) -> tuple["DepthMap", "DepthScale"]:
-    """Read a depth map as the options say.
-
-    Parameters
-    ----------
-    path : str
-        Its file.
-    arguments : argparse.Namespace
-        With `hole` and `no_holes`, and perhaps `near_far` and `depth_scale`.
-
-    Returns
-    -------
-    found : DepthMap
-        The map.
-    scale : DepthScale
-        Of its numbers.
-    """
+    """Read a depth map as the options say."""
     from dvc.dibr.depth_image.depth_maps import scale_of
 
     near_far = getattr(arguments, "near_far", None)
@@ -150,22 +86,7 @@ def read_map(path: str, arguments: argparse.Namespace) -> tuple["DepthMap", "Dep
 
 
 def read_with_holes(path: str, arguments: argparse.Namespace, has_holes: bool = True) -> "DepthMap":
-    """Read a depth map whose holes are those of the options.
-
-    Parameters
-    ----------
-    path : str
-        Its file.
-    arguments : argparse.Namespace
-        With `hole` and `no_holes`.
-    has_holes : bool, optional
-        Whether it has holes by default.
-
-    Returns
-    -------
-    DepthMap
-        The map.
-    """
+    """Read a depth map whose holes are those of the options."""
     from dvc.dibr.depth_image.depth_maps import default_hole, read_depth_map
 
     hole = arguments.hole
@@ -177,22 +98,7 @@ def read_with_holes(path: str, arguments: argparse.Namespace, has_holes: bool = 
 def encode(
     arguments: argparse.Namespace, image: "DepthImage", picture_options: "PictureOptions | None" = None
 ) -> "EncodedDepthImage":
-    """Encode and write a stream.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With the options of `add_codec_options`, and `out`, `quiet`.
-    image : DepthImage
-        What is coded.
-    picture_options : PictureOptions, optional
-        How the picture is coded.
-
-    Returns
-    -------
-    EncodedDepthImage
-        What was written.
-    """
+    """Encode and write a stream."""
     from dvc.dibr.depth_image.depth_codes import NUM_STEPS, DepthOptions
     from dvc.dibr.depth_image.encoder import encode_to_size
     from dvc.dibr.depth_image.stream import MAX_BYTES
@@ -240,24 +146,7 @@ def _edges(arguments: argparse.Namespace, depth: Any) -> "CodedEdges | None":
 def figures(
     encoded: "EncodedDepthImage", decoded: "DecodedDepthImage", found: "DepthMap", picture: Any = None
 ) -> dict[str, Any]:
-    """Return what is known of a stream that was written.
-
-    Parameters
-    ----------
-    encoded : EncodedDepthImage
-        The stream.
-    decoded : DecodedDepthImage
-        What it gives back.
-    found : DepthMap
-        The map that was coded.
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8, optional
-        The picture.
-
-    Returns
-    -------
-    dict
-        JSON-safe.
-    """
+    """Return what is known of a stream that was written."""
     height, width = found.depth.shape
     bits = {name: 8 * size for name, size in encoded.part_bytes.items()}
     return {
@@ -276,23 +165,7 @@ def figures(
 def quality(
     decoded: "DecodedDepthImage", found: "DepthMap | None", picture: Any = None
 ) -> dict[str, float | None]:
-    """Return how near a decoded stream is to what was coded.
-
-    Parameters
-    ----------
-    decoded : DecodedDepthImage
-        The decoded stream.
-    found : DepthMap or None
-        The map, if it is known; holes are not compared.
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8, optional
-        The picture.
-
-    Returns
-    -------
-    dict of str to float or None
-        PSNR of the map, its peak the range of its numbers, and the largest error; PSNR of luma, peak 255.
-        None where there is no error.
-    """
+    """Return how near a decoded stream is to what was coded."""
     import numpy as np
 
     from dvc.dibr.codec.views import luma
@@ -311,15 +184,7 @@ def quality(
 
 
 def report(arguments: argparse.Namespace, told: dict[str, Any]) -> None:
-    """Write figures where they are wanted.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With `out`, `json` and `quiet`.
-    told : dict
-        Of `figures`.
-    """
+    """Write figures where they are wanted."""
     import sys
 
     if arguments.json is not None:

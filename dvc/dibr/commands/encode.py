@@ -30,13 +30,7 @@ SUFFIX = ".dibr"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     files = "pictures, the reference first, then the stream to write: REFERENCE VIEW... OUT.dibr"
     parser.add_argument("paths", nargs="+", metavar="FILE", help=files)
     array_files.add_array_options(parser)
@@ -62,23 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_depths(text: str) -> tuple[float, float, int | None]:
-    """Read a range of depths.
-
-    Parameters
-    ----------
-    text : str
-        NEAR:FAR or NEAR:FAR:LABELS.
-
-    Returns
-    -------
-    tuple of float, float and int or None
-        In units of the world; how many labels there are.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else, or not 0 < NEAR < FAR.
-    """
+    """Read a range of depths."""
     near, *others = text.split(":")
     if len(others) not in (1, 2):
         raise argparse.ArgumentTypeError(f"expected NEAR:FAR or NEAR:FAR:LABELS such as 2:50, got {text!r}")
@@ -91,18 +69,7 @@ def parse_depths(text: str) -> tuple[float, float, int | None]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Encode.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Encode."""
     from dvc.files import atomic_output
 
     *paths, out = arguments.paths

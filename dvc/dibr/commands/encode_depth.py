@@ -17,13 +17,7 @@ EXAMPLES = """\
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("map", metavar="MAP", help="depth or disparity: .pfm, or grey levels of 8 or 16 bits")
     parser.add_argument("out", metavar="OUT.dibr", help="stream to write")
     depth_images.add_codec_options(parser)
@@ -33,18 +27,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Encode.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Encode."""
     from dvc.dibr.depth_image.decoder import decode
     from dvc.dibr.depth_image.encoder import DepthImage
 

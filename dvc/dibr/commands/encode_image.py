@@ -21,13 +21,7 @@ AUTOMATIC = "auto"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("image", metavar="IMAGE", help="the picture")
     parser.add_argument("out", metavar="OUT.dibr", help="stream to write")
     text = "its disparities, or depth: .pfm, or grey levels of 8 or 16 bits"
@@ -47,23 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_share(text: str) -> float | None:
-    """Read a share.
-
-    Parameters
-    ----------
-    text : str
-        A number between 0 and 1, or auto.
-
-    Returns
-    -------
-    float or None
-        None: automatic.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else.
-    """
+    """Read a share."""
     if text == AUTOMATIC:
         return None
     share = cli.parse_positive(text)
@@ -73,18 +51,7 @@ def parse_share(text: str) -> float | None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Encode.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Encode."""
     from dvc.dibr.codec.views import luma
     from dvc.dibr.depth_image.decoder import decode
     from dvc.dibr.depth_image.encoder import DepthImage, PictureOptions

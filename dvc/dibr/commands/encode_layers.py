@@ -29,13 +29,7 @@ EXAMPLES = """\
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("folder", metavar="FOLDER", help="as dvc-stereo layers or sprites writes it")
     parser.add_argument("out", metavar="OUT.dibr", help="stream to write")
     bpp = "bits of the whole file per pixel of the reference view, at most"
@@ -57,23 +51,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_share(text: str) -> float:
-    """Read a share.
-
-    Parameters
-    ----------
-    text : str
-        A number between 0 and 1.
-
-    Returns
-    -------
-    float
-        The number.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else.
-    """
+    """Read a share."""
     share = cli.parse_positive(text)
     if share >= 1.0:
         raise argparse.ArgumentTypeError(f"expected a share between 0 and 1, got {text!r}")
@@ -81,18 +59,7 @@ def parse_share(text: str) -> float:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Encode.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Encode."""
     from dvc.dibr.layered.pieces import read_pieces
     from dvc.files import atomic_output
 
@@ -144,24 +111,7 @@ def _encode(arguments: argparse.Namespace, scene: "Pieces") -> "tuple[EncodedPie
 
 
 def figures(encoded: "EncodedPieces", coded: "Pieces", scene: "Pieces") -> dict[str, Any]:
-    """Return what is known of a stream that was written.
-
-    Parameters
-    ----------
-    encoded : EncodedPieces
-        The stream.
-    coded : Pieces
-        What was coded.
-    scene : Pieces
-        What was given.
-
-    Returns
-    -------
-    dict
-        JSON-safe. PSNR is of what is inside the masks that were coded: of red, green and blue, peak 255; of
-        disparities, peak their range; and of luma of views around, against those of all that was given.
-        None where there is no error.
-    """
+    """Return what is known of a stream that was written."""
     import numpy as np
 
     from dvc.dibr.layered.decoder import decode

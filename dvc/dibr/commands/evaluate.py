@@ -39,13 +39,7 @@ OF_SETS = "--data", "--sets"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("paths", nargs="*", metavar="VIEW", help="own views, the reference first")
     chapter = "which chapter; default: %(default)s"
     parser.add_argument("--chapter", type=int, choices=CHAPTERS, default=CHAPTERS[0], help=chapter)
@@ -76,18 +70,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Evaluate.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Evaluate."""
     if arguments.streams is not None:
         _refuse(arguments, (*OF_VIEWS, *OF_MAPS, *OF_SETS), "--streams")
         return evaluate_streams.run(arguments)

@@ -20,18 +20,7 @@ _NOTHING = "-"
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Evaluate streams.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With `streams`, `truth_depth`, `truth_image`, `out`, `json` and `quiet`.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Evaluate streams."""
     from dvc.dibr.thesis.stream_curves import write_page
     from dvc.files import atomic_folder
     from dvc.stereo.thesis.tables import markdown
@@ -55,27 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) -> dict[str, Any]:
-    """Decode a stream and tell what it takes and how good it is.
-
-    Parameters
-    ----------
-    path : str
-        Its file.
-    truth_depth, truth_image : str or None
-        Map and picture that were coded.
-
-    Returns
-    -------
-    dict
-        JSON-safe: kind, length, rate, bits by part, PSNR as far as the truth is known, damage.
-
-    Raises
-    ------
-    BitstreamError
-        If it cannot be decoded.
-    ConfigError
-        If the truth is of another size, or of another kind.
-    """
+    """Decode a stream and tell what it takes and how good it is."""
     from dvc.dibr.codec.views import luma
     from dvc.dibr.commands.depth_images import quality
     from dvc.dibr.commands.info import stream_figures

@@ -28,30 +28,13 @@ EXAMPLES = """\
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     add_stream(parser)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print it.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Print it."""
     from pathlib import Path
 
     cli.check_outputs([arguments.path], json_files(arguments))
@@ -67,20 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def stream_figures(stream: "Stream | DepthImageStream | LayeredStream", num_bytes: int) -> dict[str, Any]:
-    """Return what a stream of any kind says, JSON-safe.
-
-    Parameters
-    ----------
-    stream : Stream, DepthImageStream or LayeredStream
-        The stream.
-    num_bytes : int
-        Of its file.
-
-    Returns
-    -------
-    dict
-        Length and rate, and what its kind has.
-    """
+    """Return what a stream of any kind says, JSON-safe."""
     figures, _ = _figures_and_text(stream)
     bpp = 8 * num_bytes / (figures["width"] * figures["height"])
     return {"stream_bytes": num_bytes, "bpp": bpp, **figures}
@@ -110,20 +80,7 @@ def _views_figures(stream: "Stream") -> dict[str, Any]:
 
 
 def depth_image_figures(stream: "DepthImageStream", edges: "EdgeMaps | None" = None) -> dict[str, Any]:
-    """Return what a stream of a depth map says, JSON-safe.
-
-    Parameters
-    ----------
-    stream : DepthImageStream
-        The stream.
-    edges : EdgeMaps, optional
-        Its edges, if they are decoded already.
-
-    Returns
-    -------
-    dict
-        Size, transforms, bits of the parts as far as they are there, and damage.
-    """
+    """Return what a stream of a depth map says, JSON-safe."""
     from dvc.dibr.depth_image.decoder import decode_edges
     from dvc.dibr.depth_image.stream import part_bytes
 
@@ -165,18 +122,7 @@ def _depth_image_text(figures: dict[str, Any]) -> str:
 
 
 def layered_figures(stream: "LayeredStream") -> dict[str, Any]:
-    """Return what a stream of layers or sprites says, JSON-safe.
-
-    Parameters
-    ----------
-    stream : LayeredStream
-        The stream.
-
-    Returns
-    -------
-    dict
-        Size of the reference view and of the canvas, what each piece is, bits by part, and damage.
-    """
+    """Return what a stream of layers or sprites says, JSON-safe."""
     from dvc.dibr.depth_image.stream import part_bytes
 
     canvas = stream.canvas
@@ -227,18 +173,7 @@ def _layered_text(figures: dict[str, Any]) -> str:
 
 
 def header_figures(header: "Header") -> dict[str, Any]:
-    """Return what a header says, JSON-safe.
-
-    Parameters
-    ----------
-    header : Header
-        The header.
-
-    Returns
-    -------
-    dict
-        Size, method, labels, references, layers and viewpoints.
-    """
+    """Return what a header says, JSON-safe."""
     height, width = header.shape
     return {
         "width": width,

@@ -32,74 +32,29 @@ SLOPES = 1e-8, 10.0
 
 
 def add_stream(parser: argparse.ArgumentParser) -> None:
-    """Add the stream that a subcommand reads.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add the stream that a subcommand reads."""
     parser.add_argument("path", metavar="IN.dibr", help="stream, whole or cut")
 
 
 def add_layers(parser: argparse.ArgumentParser) -> None:
-    """Add the option that leaves quality layers out.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add the option that leaves quality layers out."""
     text = "decode the first K quality layers; default: all"
     cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), text, metavar="K")
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add the option that writes figures.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add the option that writes figures."""
     text = "write the figures; - for standard output, in place of text"
     parser.add_argument("--json", metavar="FILE", help=text)
 
 
 def json_files(arguments: argparse.Namespace) -> list[str | Path]:
-    """Return the file of `add_json` for `dvc.cli.check_outputs`.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With `json`.
-
-    Returns
-    -------
-    list of str or Path
-        None or one.
-    """
+    """Return the file of `add_json` for `dvc.cli.check_outputs`."""
     return [] if arguments.json in (None, "-") else [arguments.json]
 
 
 def parse_view(text: str) -> "LatticePosition | int":
-    """Read where a view is taken from.
-
-    Parameters
-    ----------
-    text : str
-        M,N on a lattice, or the number of a view of the stream.
-
-    Returns
-    -------
-    LatticePosition or int
-        As `viewpoint_of` takes it.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else.
-    """
+    """Read where a view is taken from."""
     if re.fullmatch(r"\d{1,3}", text):
         return int(text)
     try:
@@ -109,23 +64,7 @@ def parse_view(text: str) -> "LatticePosition | int":
 
 
 def parse_slope(text: str) -> float:
-    """Read a slope.
-
-    Parameters
-    ----------
-    text : str
-        A number.
-
-    Returns
-    -------
-    float
-        Squared error, intensities from 0 to 1, for a bit per pixel.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is none, or so steep or flat that nothing or everything is coded.
-    """
+    """Read a slope."""
     slope = cli.parse_positive(text)
     if not SLOPES[0] <= slope <= SLOPES[1]:
         raise argparse.ArgumentTypeError(
@@ -135,25 +74,7 @@ def parse_slope(text: str) -> float:
 
 
 def viewpoint_of(viewpoints: "Sequence[Viewpoint]", view: "LatticePosition | int") -> "Viewpoint":
-    """Return the viewpoint that was typed.
-
-    Parameters
-    ----------
-    viewpoints : sequence of Viewpoint
-        Of all views of the stream.
-    view : LatticePosition or int
-        As `parse_view` returns it.
-
-    Returns
-    -------
-    Viewpoint
-        Of the kind of the stream's.
-
-    Raises
-    ------
-    ConfigError
-        If the stream has no such view, or its cameras stand on no lattice.
-    """
+    """Return the viewpoint that was typed."""
     from dvc.multiview.camera_array import LatticePosition
 
     if not isinstance(view, LatticePosition):
@@ -170,23 +91,7 @@ def viewpoint_of(viewpoints: "Sequence[Viewpoint]", view: "LatticePosition | int
 
 @contextmanager
 def naming(path: str) -> Iterator[None]:
-    """Put the name of a file before what is wrong with its stream.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-
-    Yields
-    ------
-    None
-        For the time in which it is read or decoded.
-
-    Raises
-    ------
-    BitstreamError
-        With the name.
-    """
+    """Put the name of a file before what is wrong with its stream."""
     try:
         yield
     except BitstreamError as err:
@@ -194,23 +99,7 @@ def naming(path: str) -> Iterator[None]:
 
 
 def read_stream(path: str) -> "Stream | DepthImageStream | LayeredStream":
-    """Read a stream of any kind.
-
-    Parameters
-    ----------
-    path : str
-        Its file.
-
-    Returns
-    -------
-    Stream, DepthImageStream or LayeredStream
-        Of views, of a picture with its depth map, or of layers or sprites.
-
-    Raises
-    ------
-    BitstreamError
-        If it is none, or not enough of it is whole.
-    """
+    """Read a stream of any kind."""
     from dvc.dibr.stream.header import MAGIC
     from dvc.dibr.stream.layers import decode_stream
 
@@ -229,29 +118,7 @@ def read_stream(path: str) -> "Stream | DepthImageStream | LayeredStream":
 
 
 def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "DecodedViews | DecodedPieces":
-    """Decode a stream of any kind, to be rendered.
-
-    Parameters
-    ----------
-    path : str
-        Its file.
-    num_layers : int or None
-        Quality layers, at most; None: all.
-    resolution : int, optional
-        How many times pictures are halved.
-
-    Returns
-    -------
-    DecodedViews or DecodedPieces
-        Pictures and disparities, or layers or sprites.
-
-    Raises
-    ------
-    ConfigError
-        If there is no picture, or no such layers.
-    BitstreamError
-        If it cannot be decoded.
-    """
+    """Decode a stream of any kind, to be rendered."""
     from dvc.dibr.codec.decoder import decode
     from dvc.dibr.depth_image.stream import DepthImageStream
     from dvc.dibr.stream.layers import Stream
@@ -273,25 +140,7 @@ def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "Dec
 
 
 def decode_pieces(path: str, stream: "LayeredStream") -> "DecodedPieces":
-    """Decode a stream of layers or sprites.
-
-    Parameters
-    ----------
-    path : str
-        Its file.
-    stream : LayeredStream
-        As it was read.
-
-    Returns
-    -------
-    DecodedPieces
-        The pieces.
-
-    Raises
-    ------
-    BitstreamError
-        If there is not one.
-    """
+    """Decode a stream of layers or sprites."""
     from dvc.dibr.layered.decoder import decode
 
     with naming(path):
@@ -301,22 +150,7 @@ def decode_pieces(path: str, stream: "LayeredStream") -> "DecodedPieces":
 def render_view(
     decoded: "DecodedViews | DecodedPieces", viewpoint: "Viewpoint", blend: str = "distance"
 ) -> "SynthesisedView":
-    """Render a view of a decoded stream of any kind.
-
-    Parameters
-    ----------
-    decoded : DecodedViews or DecodedPieces
-        The stream.
-    viewpoint : Viewpoint
-        The wanted one.
-    blend : str, optional
-        What is shown of several references.
-
-    Returns
-    -------
-    SynthesisedView
-        The view.
-    """
+    """Render a view of a decoded stream of any kind."""
     from dvc.dibr.codec.rendering import Blend, render
     from dvc.dibr.layered import rendering as layered
     from dvc.dibr.layered.decoder import DecodedPieces
@@ -327,14 +161,6 @@ def render_view(
 
 
 def warn(path: str, damage: str | None) -> None:
-    """Say on standard error what is missing of a stream.
-
-    Parameters
-    ----------
-    path : str
-        Its file.
-    damage : str or None
-        What is wrong; None: nothing.
-    """
+    """Say on standard error what is missing of a stream."""
     if damage is not None:
         sys.stderr.write(f"dvc-dibr: {path}: {cli.one_line(damage)}; what precedes it is decoded\n")

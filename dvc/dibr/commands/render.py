@@ -41,13 +41,7 @@ BLENDS = "distance", "nearest"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     add_stream(parser)
     where = parser.add_mutually_exclusive_group(required=True)
     view = "place on the lattice, or the number of a view of the stream"
@@ -69,18 +63,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Render.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Render."""
     _check(arguments)
     decoded = decode_views(arguments.path, arguments.quality_layers)
     height, width = shape_of(decoded)
@@ -129,18 +112,7 @@ def _picture(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPiec
 
 
 def shape_of(decoded: "DecodedViews | DecodedPieces") -> tuple[int, int]:
-    """Return the size of the pictures of a stream.
-
-    Parameters
-    ----------
-    decoded : DecodedViews or DecodedPieces
-        The stream.
-
-    Returns
-    -------
-    tuple of int
-        Height and width.
-    """
+    """Return the size of the pictures of a stream."""
     from dvc.dibr.layered.decoder import DecodedPieces
 
     if isinstance(decoded, DecodedPieces):
@@ -150,25 +122,7 @@ def shape_of(decoded: "DecodedViews | DecodedPieces") -> tuple[int, int]:
 
 
 def read_truth(path: str, shape: tuple[int, int]) -> "NDArray[np.uint8]":
-    """Read a picture to compare with views.
-
-    Parameters
-    ----------
-    path : str
-        Its file.
-    shape : tuple of int
-        Height and width of the views.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        The picture.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be read or has another size.
-    """
+    """Read a picture to compare with views."""
     from dvc.picture_files import read_picture
 
     truth = read_picture(path)
@@ -179,21 +133,7 @@ def read_truth(path: str, shape: tuple[int, int]) -> "NDArray[np.uint8]":
 
 
 def quality(view: "SynthesisedView", truth: "NDArray[np.uint8]") -> dict[str, float | None]:
-    """Return how near a rendered view is to a picture taken there.
-
-    Parameters
-    ----------
-    view : SynthesisedView
-        The rendered one.
-    truth : ndarray of shape (H, W) or (H, W, 3), uint8
-        The picture.
-
-    Returns
-    -------
-    dict of str to float or None
-        PSNR and SSIM of luma; PSNR of what a reference shows, and of what is filled. None where there is
-        nothing to compare, or no difference.
-    """
+    """Return how near a rendered view is to a picture taken there."""
     from dvc.dibr.codec.rendering import picture_of
     from dvc.dibr.codec.views import luma
     from dvc.metrics import SSIM_WINDOW_PX, ssim
@@ -236,20 +176,7 @@ def _video(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPieces
 
 
 def along(stops: Sequence["Viewpoint"], num_frames: int) -> list["Viewpoint"]:
-    """Return viewpoints along a path.
-
-    Parameters
-    ----------
-    stops : sequence of Viewpoint
-        At least two.
-    num_frames : int
-        How many are wanted, at least two.
-
-    Returns
-    -------
-    list of Viewpoint
-        From the first stop to the last, in equal parts of the ways between them.
-    """
+    """Return viewpoints along a path."""
     from dvc.multiview.viewpoints import between
 
     viewpoints = []

@@ -45,13 +45,7 @@ MAX_PIXELS = 1 << 23
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("path", metavar="SCENE", help="stream, whole or cut, or folder of layers or sprites")
     parser.add_argument("--out", metavar="PAGE.html", required=True, help="the page")
     add_layers(parser)
@@ -65,18 +59,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the page.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Write the page."""
     from dvc.dibr.viewer.page import write_page
 
     if Path(arguments.out).suffix.lower() not in (".html", ".htm"):

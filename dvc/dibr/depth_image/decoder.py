@@ -112,68 +112,19 @@ def decode(stream: DepthImageStream, resolution: int = 0) -> DecodedDepthImage:
 
 
 def picture_edges(edges: EdgeMaps | None, mask: Mask | None, shared: bool) -> EdgeMaps | None:
-    """Return where the transform of a picture stops.
-
-    Parameters
-    ----------
-    edges : EdgeMaps or None
-        Of the depth map.
-    mask : ndarray of shape (H, W), bool, or None
-        Where there is anything.
-    shared : bool
-        Whether it stops at the edges of the map.
-
-    Returns
-    -------
-    EdgeMaps or None
-        Edges; None: nowhere.
-    """
+    """Return where the transform of a picture stops."""
     if shared:
         return edges
     return None if mask is None else border(mask)
 
 
 def decode_edges(stream: DepthImageStream) -> EdgeMaps:
-    """Return the edges of a stream.
-
-    Parameters
-    ----------
-    stream : DepthImageStream
-        As it was read.
-
-    Returns
-    -------
-    EdgeMaps
-        Edges.
-
-    Raises
-    ------
-    BitstreamError
-        If they cannot have been written.
-    """
+    """Return the edges of a stream."""
     return decode_edges_and_mask(stream)[0]
 
 
 def decode_edges_and_mask(stream: DepthImageStream) -> tuple[EdgeMaps, Mask | None]:
-    """Return the edges of a stream, and its mask.
-
-    Parameters
-    ----------
-    stream : DepthImageStream
-        As it was read.
-
-    Returns
-    -------
-    edges : EdgeMaps
-        Edges.
-    mask : ndarray of shape (H, W), bool, or None
-        Where there is anything; None: everywhere.
-
-    Raises
-    ------
-    BitstreamError
-        If they cannot have been written.
-    """
+    """Return the edges of a stream, and its mask."""
     if stream.masked:
         return chain_code.decode_masked(stream.edges, stream.shape, stream.edge_code)
     if not stream.edges:
@@ -188,26 +139,7 @@ def decode_plane(
     resolution: int = 0,
     mask: Mask | None = None,
 ) -> DecodedReference:
-    """Decode a map, as levels, or a picture.
-
-    Parameters
-    ----------
-    code : PlaneCode
-        Its code.
-    edges : EdgeMaps or None
-        Where its transform stopped.
-    shape : tuple of int
-        Height and width.
-    resolution : int, optional
-        How many times it is halved.
-    mask : ndarray of shape (H, W), bool, optional
-        Where there is anything.
-
-    Returns
-    -------
-    DecodedReference
-        Levels.
-    """
+    """Decode a map, as levels, or a picture."""
     if mask is None and edges is not None and not edges.count():
         edges = None
     return reference_codec.decode(code.header, code.data, shape, resolution, edges, code.order, mask)

@@ -29,104 +29,45 @@ _PEAK = 255.0
 
 @dataclass(frozen=True)
 class DepthOptions:
-    """How a depth map is transformed.
+    """How a depth map is transformed."""
 
-    Attributes
-    ----------
-    wavelet : str
-        ``9/7`` or ``5/3``.
-    num_levels : int
-        How many times it is split.
-    order : int
-        Of the extrapolation at edges.
-    adaptive : bool
-        Arithmetic coding of coefficients; else plain bits.
-    """
-
-    wavelet: str = "9/7"
-    num_levels: int = 5
-    order: int = 1
-    adaptive: bool = True
+    wavelet: str = "9/7"  # ``9/7`` or ``5/3``
+    num_levels: int = 5  # how many times it is split
+    order: int = 1  # of the extrapolation at edges
+    adaptive: bool = True  # arithmetic coding of coefficients; else plain bits
 
 
 @dataclass(frozen=True, eq=False)
 class CodedEdges:
-    """Edges and their code.
+    """Edges and their code."""
 
-    Attributes
-    ----------
-    maps : EdgeMaps or None
-        The edges, if there are any.
-    code : EdgeCode
-        How they are coded.
-    data : bytes
-        Their code.
-    mask : ndarray of shape (H, W), bool, or None
-        Where there is anything, which the code tells as well; None: everywhere.
-    """
-
-    maps: EdgeMaps | None
-    code: EdgeCode
-    data: bytes
-    mask: Mask | None = None
+    maps: EdgeMaps | None  # the edges, if there are any
+    code: EdgeCode  # how they are coded
+    data: bytes  # their code
+    mask: Mask | None = None  # where there is anything, which the code tells as well; None: everywhere
 
 
 @dataclass(frozen=True, eq=False)
 class DepthCode:
-    """A depth map coded with some edges.
+    """A depth map coded with some edges."""
 
-    Attributes
-    ----------
-    edges : CodedEdges
-        The edges.
-    plane : PlaneCode
-        Its code.
-    mse : float
-        Mean squared error of the decoded map, in the map's own units.
-    """
-
-    edges: CodedEdges
-    plane: PlaneCode
-    mse: float
+    edges: CodedEdges  # the edges
+    plane: PlaneCode  # its code
+    mse: float  # mean squared error of the decoded map, in the map's own units
 
 
 @dataclass(frozen=True, eq=False)
 class DepthCandidate:
-    """A depth map coded with some edges, to be cut.
+    """A depth map coded with some edges, to be cut."""
 
-    Attributes
-    ----------
-    edges : CodedEdges
-        The edges.
-    code : ReferenceCode
-        Of the map's levels.
-    depth : ndarray of shape (H, W), float64
-        The map.
-    scale : DepthScale
-        Of its numbers.
-    order : int
-        Of the extrapolation at edges.
-    """
-
-    edges: CodedEdges
-    code: ReferenceCode
-    depth: Plane
-    scale: DepthScale
-    order: int
+    edges: CodedEdges  # the edges
+    code: ReferenceCode  # of the map's levels
+    depth: Plane  # the map
+    scale: DepthScale  # of its numbers
+    order: int  # of the extrapolation at edges
 
     def cut(self, num_bytes: int) -> DepthCode | None:
-        """Return what fits into a length.
-
-        Parameters
-        ----------
-        num_bytes : int
-            Of edges and code.
-
-        Returns
-        -------
-        DepthCode or None
-            None if not even the edges do.
-        """
+        """Return what fits into a length."""
         room = num_bytes - len(self.edges.data)
         if room < 0:
             return None
@@ -139,18 +80,7 @@ class DepthCandidate:
         return DepthCode(self.edges, plane, float(np.mean(error if mask is None else error * mask)))
 
     def mse_at(self, num_bytes: float) -> float:
-        """Return about what the squared error is at a length.
-
-        Parameters
-        ----------
-        num_bytes : float
-            Of edges and code.
-
-        Returns
-        -------
-        float
-            In the map's own units, as coefficients tell it; infinite if the edges do not fit.
-        """
+        """Return about what the squared error is at a length."""
         room = 8.0 * (num_bytes - len(self.edges.data)) / self.depth.size
         if room < 0:
             return np.inf
@@ -159,22 +89,7 @@ class DepthCandidate:
 
 
 def code_edges(edges: EdgeMaps, code: EdgeCode | None = None, mask: Mask | None = None) -> CodedEdges:
-    """Code edges.
-
-    Parameters
-    ----------
-    edges : EdgeMaps
-        Edges.
-    code : EdgeCode, optional
-        How; by default the shorter.
-    mask : ndarray of shape (H, W), bool, optional
-        Where there is anything: its border is among the edges, none of which is outside.
-
-    Returns
-    -------
-    CodedEdges
-        Edges and code.
-    """
+    """Code edges."""
     if mask is None and not edges.count():
         return CodedEdges(None, EdgeCode.ADAPTIVE, b"")
     chains = trace(edges)
@@ -187,26 +102,7 @@ def code_edges(edges: EdgeMaps, code: EdgeCode | None = None, mask: Mask | None 
 def code_with_edges(
     depth: Plane, scale: DepthScale, edges: CodedEdges, max_bytes: int, options: DepthOptions
 ) -> DepthCandidate:
-    """Code a depth map with given edges.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (H, W), float64
-        The map, all finite.
-    scale : DepthScale
-        Of its numbers.
-    edges : CodedEdges
-        The edges.
-    max_bytes : int
-        Most that edges and code will be cut to.
-    options : DepthOptions
-        How it is transformed.
-
-    Returns
-    -------
-    DepthCandidate
-        The code.
-    """
+    """Code a depth map with given edges."""
     room = max(max_bytes - len(edges.data), 0)
     code = reference_codec.encode(
         scale.levels(depth),
@@ -229,22 +125,7 @@ def code_with_selections(
     advance: Callable[[int], None] = lambda _: None,
     mask: Mask | None = None,
 ) -> list[DepthCandidate]:
-    """Code a depth map with the edges that pay at several rates, and with none.
-
-    Parameters
-    ----------
-    depth, scale, max_bytes, options
-        As for `code_with_edges`.
-    advance : callable, optional
-        Called with how many of `NUM_STEPS` are done: selections, and codes with them.
-    mask : ndarray of shape (H, W), bool, optional
-        Where there is anything: its border is among all selections.
-
-    Returns
-    -------
-    list of DepthCandidate
-        Those whose edges fit, and first that with none but the border of the mask.
-    """
+    """Code a depth map with the edges that pay at several rates, and with none."""
     wavelet = WAVELETS[options.wavelet]
 
     def _code(edges: EdgeMaps) -> DepthCandidate:
@@ -274,19 +155,6 @@ def code_with_selections(
 
 
 def best_at(candidates: Sequence[DepthCandidate], num_bytes: int) -> DepthCode | None:
-    """Return the code of the least squared error.
-
-    Parameters
-    ----------
-    candidates : sequence of DepthCandidate
-        Codes of one map.
-    num_bytes : int
-        Of edges and code, at most.
-
-    Returns
-    -------
-    DepthCode or None
-        None if no candidate has room for its edges.
-    """
+    """Return the code of the least squared error."""
     found = [code for candidate in candidates if (code := candidate.cut(num_bytes)) is not None]
     return min(found, key=lambda code: code.mse, default=None)

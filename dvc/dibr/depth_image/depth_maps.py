@@ -18,43 +18,15 @@ INPAINT_RADIUS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class DepthMap:
-    """A depth map that was read.
+    """A depth map that was read."""
 
-    Attributes
-    ----------
-    depth : ndarray of shape (H, W), float64
-        Numbers of the file; holes are filled.
-    known : ndarray of shape (H, W), bool
-        Where there is no hole.
-    largest : float
-        Largest number that files of this kind can have: 255, 65535, or infinite.
-    """
-
-    depth: Plane
-    known: NDArray[np.bool_]
-    largest: float
+    depth: Plane  # numbers of the file; holes are filled
+    known: NDArray[np.bool_]  # where there is no hole
+    largest: float  # largest number that files of this kind can have: 255, 65535, or infinite
 
 
 def read_depth_map(path: str | Path, hole: float | None = None) -> DepthMap:
-    """Read a depth map.
-
-    Parameters
-    ----------
-    path : str or Path
-        Grey picture of 8 or 16 bits, or PFM, whose holes are not finite.
-    hole : float, optional
-        Number of holes.
-
-    Returns
-    -------
-    DepthMap
-        The map without holes.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be read, or is all holes.
-    """
+    """Read a depth map."""
     if Path(path).suffix.lower() == ".pfm":
         depth, largest = read_pfm(path).astype(np.float64), np.inf
     else:
@@ -68,59 +40,17 @@ def read_depth_map(path: str | Path, hole: float | None = None) -> DepthMap:
 
 
 def read_truth(path: str | Path) -> DepthMap:
-    """Read a depth map to compare with; in pictures, 0 is taken for a hole.
-
-    Parameters
-    ----------
-    path : str or Path
-        As for `read_depth_map`.
-
-    Returns
-    -------
-    DepthMap
-        The map.
-    """
+    """Read a depth map to compare with; in pictures, 0 is taken for a hole."""
     return read_depth_map(path, default_hole(path))
 
 
 def default_hole(path: str | Path) -> float | None:
-    """Return the number of holes in maps of disparities.
-
-    Parameters
-    ----------
-    path : str or Path
-        File of a map.
-
-    Returns
-    -------
-    float or None
-        0 in pictures, none in PFM files, whose holes are not finite.
-    """
+    """Return the number of holes in maps of disparities."""
     return None if Path(path).suffix.lower() == ".pfm" else 0.0
 
 
 def scale_of(found: DepthMap, factor: float = 1.0, near_far: tuple[float, float] | None = None) -> DepthScale:
-    """Return what the numbers of a map are.
-
-    Parameters
-    ----------
-    found : DepthMap
-        The map.
-    factor : float, optional
-        Disparity in pixels per unit of m for one of its numbers; with `near_far`, for an inverse depth of 1.
-    near_far : tuple of float, optional
-        Depths of the largest number and of 0; numbers between are even in inverse depth.
-
-    Returns
-    -------
-    DepthScale
-        The scale.
-
-    Raises
-    ------
-    ConfigError
-        If the map has no largest number, or numbers that are too large.
-    """
+    """Return what the numbers of a map are."""
     if near_far is None:
         return DepthScale.of(found.depth, factor)
     if not np.isfinite(found.largest):
@@ -130,18 +60,7 @@ def scale_of(found: DepthMap, factor: float = 1.0, near_far: tuple[float, float]
 
 
 def filled(depth: Plane) -> Plane:
-    """Continue a map into its holes.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (H, W), float64
-        Not finite in holes; finite somewhere.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        All finite, and within the range of what is known.
-    """
+    """Continue a map into its holes."""
     known = np.isfinite(depth)
     if known.all():
         return depth

@@ -19,44 +19,18 @@ _HALF_BITS = 16
 
 @dataclass(frozen=True)
 class DepthScale:
-    """What the numbers of a map are.
+    """What the numbers of a map are."""
 
-    Attributes
-    ----------
-    lowest : float
-        The least one, of single precision.
-    extent : float
-        From it to the largest one, rounded up to the upper half of single precision; 0: all are the lowest.
-    factor, offset : float
-        Disparity, in pixels per unit of m, is `factor` times the number plus `offset`; single precision.
-    """
-
-    lowest: float
+    lowest: float  # the least one, of single precision
+    # from it to the largest one, rounded up to the upper half of single precision; 0: all are the lowest
     extent: float
+    # disparity, in pixels per unit of m, is `factor` times the number plus `offset`; single precision
     factor: float = 1.0
     offset: float = 0.0
 
     @classmethod
     def of(cls, depth: Plane, factor: float = 1.0, offset: float = 0.0) -> Self:
-        """Return the scale of a map.
-
-        Parameters
-        ----------
-        depth : ndarray of shape (H, W), float64
-            The map, all finite.
-        factor, offset : float, optional
-            From its numbers to disparities.
-
-        Returns
-        -------
-        DepthScale
-            Of the precision that streams have.
-
-        Raises
-        ------
-        ConfigError
-            If a number is too large, or the factor zero.
-        """
+        """Return the scale of a map."""
         if not np.all(np.abs(depth) <= MAX_NUMBER):
             raise ConfigError(f"numbers of a depth map: at most {MAX_NUMBER:g} is accepted")
         if not (np.float32(factor) and max(abs(factor), abs(offset)) <= MAX_NUMBER):
@@ -77,82 +51,27 @@ class DepthScale:
         return self.extent / NUM_LEVELS
 
     def levels(self, depth: Plane) -> Plane:
-        """Return the levels of a map; the inverse of `depth`.
-
-        Parameters
-        ----------
-        depth : ndarray of shape (H, W), float64
-            The map.
-
-        Returns
-        -------
-        ndarray of shape (H, W), float64
-            Levels about the one that the coder takes off.
-        """
+        """Return the levels of a map; the inverse of `depth`."""
         if not self.extent:
             return np.full(depth.shape, _MIDDLE)
         return (depth - self.lowest) / self.unit - 0.5 * NUM_LEVELS + _MIDDLE
 
     def depth(self, levels: Plane) -> Plane:
-        """Return the map of levels, within its range.
-
-        Parameters
-        ----------
-        levels : ndarray of shape (H, W), float64
-            Levels.
-
-        Returns
-        -------
-        ndarray of shape (H, W), float64
-            The map.
-        """
+        """Return the map of levels, within its range."""
         return self.lowest + np.clip(levels - _MIDDLE + 0.5 * NUM_LEVELS, 0.0, NUM_LEVELS) * self.unit
 
     def disparity(self, depth: Plane) -> Plane:
-        """Return the disparities of a map.
-
-        Parameters
-        ----------
-        depth : ndarray of shape (H, W), float64
-            The map.
-
-        Returns
-        -------
-        ndarray of shape (H, W), float64
-            In pixels per unit of m and n.
-        """
+        """Return the disparities of a map."""
         return self.factor * depth + self.offset
 
 
 def encode_extent(extent: float) -> int:
-    """Return the upper half of the single-precision bits of an extent; the inverse of `decode_extent`.
-
-    Parameters
-    ----------
-    extent : float
-        As `DepthScale.of` rounds it.
-
-    Returns
-    -------
-    int
-        Of 16 bits.
-    """
+    """Return the upper half of the single-precision bits of an extent; the inverse of `decode_extent`."""
     return int(np.float32(extent).view(np.uint32)) >> _HALF_BITS
 
 
 def decode_extent(bits: int) -> float:
-    """Return the extent of 16 bits.
-
-    Parameters
-    ----------
-    bits : int
-        The upper half of a number of single precision.
-
-    Returns
-    -------
-    float
-        The number.
-    """
+    """Return the extent of 16 bits."""
     return float(np.uint32(bits << _HALF_BITS).view(np.float32))
 
 

@@ -191,30 +191,7 @@ def code_picture(
     order: int,
     is_free: bool = True,
 ) -> tuple[PlaneCode, bool]:
-    """Code a picture with the edges of its map, or without where that is better.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8
-        Gray, or red, green and blue.
-    edges : EdgeMaps or None
-        Those of the map, if it has any.
-    num_bytes : int
-        Of the code, at most.
-    options : DepthOptions
-        Wavelet and levels.
-    order : int
-        Of the extrapolation at edges.
-    is_free : bool, optional
-        Whether edges may be left out.
-
-    Returns
-    -------
-    code : PlaneCode
-        The code.
-    with_edges : bool
-        Whether it has edges.
-    """
+    """Code a picture with the edges of its map, or without where that is better."""
     shape = picture.shape[0], picture.shape[1]
     levels = np.asarray(picture, np.float64)
     tried = [None] if edges is None else [None, edges] if is_free else [edges]
@@ -235,10 +212,7 @@ def code_picture(
 def _best_share(
     image: DepthImage, candidates: Sequence[DepthCandidate], room: int, options: DepthOptions
 ) -> float:
-    """Part of the bytes of a map at which views from one unit of m and n aside have the least error.
-
-    An error of disparity moves what is seen, and costs the squared slope of the picture there, on the mean.
-    """
+    """Part of the bytes of a map at which views from one unit of m and n aside have the least error."""
     assert image.picture is not None
     gray = np.asarray(luma(image.picture), np.float64)
     slopes = [float(np.mean(np.diff(gray, axis=axis) ** 2)) for axis in (0, 1)]

@@ -32,76 +32,32 @@ _MASKED = 0x80
 
 @dataclass(frozen=True, eq=False)
 class PlaneCode:
-    """The embedded code of a depth map or of a picture.
+    """The embedded code of a depth map or of a picture."""
 
-    Attributes
-    ----------
-    header : ReferenceHeader
-        What its decoder must know.
-    order : int
-        Of the extrapolation at edges, from 0 to 3.
-    data : bytes
-        The code, or as much as there is of it.
-    """
-
-    header: ReferenceHeader
-    order: int
-    data: bytes
+    header: ReferenceHeader  # what its decoder must know
+    order: int  # of the extrapolation at edges, from 0 to 3
+    data: bytes  # the code, or as much as there is of it
 
 
 @dataclass(frozen=True, eq=False)
 class DepthImageStream:
-    """A stream.
+    """A stream."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Height and width.
-    scale : DepthScale
-        Of the numbers of the map.
-    edges : bytes
-        Their code; empty if there are none.
-    edge_code : EdgeCode
-        How they are coded.
-    depth : PlaneCode
-        The map.
-    picture : PlaneCode or None
-        The picture, of as many levels and the same wavelet.
-    picture_edges : bool
-        Whether the picture's transform stops at the edges, too.
-    masked : bool
-        Whether the edges also tell where there is anything.
-    damage : str or None
-        What is missing.
-    num_header_bytes : int or None
-        Of a stream that was read, whole or cut: what was neither edges nor code.
-    """
-
-    shape: tuple[int, int]
-    scale: DepthScale
-    edges: bytes
-    edge_code: EdgeCode
-    depth: PlaneCode
-    picture: PlaneCode | None = None
-    picture_edges: bool = False
-    masked: bool = False
-    damage: str | None = None
+    shape: tuple[int, int]  # height and width
+    scale: DepthScale  # of the numbers of the map
+    edges: bytes  # their code; empty if there are none
+    edge_code: EdgeCode  # how they are coded
+    depth: PlaneCode  # the map
+    picture: PlaneCode | None = None  # the picture, of as many levels and the same wavelet
+    picture_edges: bool = False  # whether the picture's transform stops at the edges, too
+    masked: bool = False  # whether the edges also tell where there is anything
+    damage: str | None = None  # what is missing
+    # of a stream that was read, whole or cut: what was neither edges nor code
     num_header_bytes: int | None = None
 
 
 def encode_stream(stream: DepthImageStream) -> bytes:
-    """Return the bytes of a stream.
-
-    Parameters
-    ----------
-    stream : DepthImageStream
-        The stream, whole.
-
-    Returns
-    -------
-    bytes
-        A file.
-    """
+    """Return the bytes of a stream."""
     depth, picture, scale = stream.depth, stream.picture, stream.scale
     is_scaled = (scale.factor, scale.offset) != (1.0, 0.0)
     flags = _PICTURE * (picture is not None) | _ADAPTIVE_EDGES * (stream.edge_code is EdgeCode.ADAPTIVE)
@@ -121,23 +77,7 @@ def encode_stream(stream: DepthImageStream) -> bytes:
 
 
 def decode_stream(data: bytes) -> DepthImageStream:
-    """Read a stream, or the beginning of one.
-
-    Parameters
-    ----------
-    data : bytes
-        A file.
-
-    Returns
-    -------
-    DepthImageStream
-        The stream.
-
-    Raises
-    ------
-    BitstreamError
-        If it is none, of another version, damaged, or cut before the end of its edges.
-    """
+    """Read a stream, or the beginning of one."""
     stream, sizes, position = _decode_header(data)
     num_edges, num_depth, num_picture = sizes
     end = position + num_edges + num_depth + num_picture
@@ -158,18 +98,7 @@ def decode_stream(data: bytes) -> DepthImageStream:
 
 
 def header_bytes(stream: DepthImageStream) -> int:
-    """Return the bytes of a stream that are neither edges nor code.
-
-    Parameters
-    ----------
-    stream : DepthImageStream
-        The stream: whole, or as it was read.
-
-    Returns
-    -------
-    int
-        With lengths and checksum, as far as they are there.
-    """
+    """Return the bytes of a stream that are neither edges nor code."""
     if stream.num_header_bytes is not None:
         return stream.num_header_bytes
     parts = [stream.edges, stream.depth.data, stream.picture.data if stream.picture else b""]
@@ -177,18 +106,7 @@ def header_bytes(stream: DepthImageStream) -> int:
 
 
 def part_bytes(stream: DepthImageStream) -> dict[str, int]:
-    """Return where the bytes of a stream go.
-
-    Parameters
-    ----------
-    stream : DepthImageStream
-        The stream: whole, or as it was read.
-
-    Returns
-    -------
-    dict of str to int
-        Of `header`, `edges`, `depth` and `image`.
-    """
+    """Return where the bytes of a stream go."""
     return {
         "header": header_bytes(stream),
         "edges": len(stream.edges),

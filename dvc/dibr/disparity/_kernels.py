@@ -67,8 +67,7 @@ def add_squared_errors(target, view, homographies, tensor, count):
 @kernel
 def subtract_at_labels(plane, first_label, homographies, weight, tensor):
     """Subtract what a plane has from labels, from a first one on, of the pixels that these would draw there.
-
-    Homographies are those from the plane back to the pixels.
+    Subtract what a plane has from labels, from a first one on, of the pixels that these would draw there.
     """
     height, width, labels = tensor.shape
     for i in range(plane.shape[0]):

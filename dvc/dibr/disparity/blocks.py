@@ -21,21 +21,11 @@ SIDE_PX = 8
 
 @dataclass(frozen=True, eq=False)
 class BlockMap:
-    """A map of labels, constant in blocks.
+    """A map of labels, constant in blocks."""
 
-    Attributes
-    ----------
-    labels : ndarray of shape (ceil(H / 8), ceil(W / 8)), int32
-        Label of each block.
-    shape : tuple of int
-        Rows and columns of the map.
-    num_labels : int
-        How many labels there are.
-    """
-
-    labels: Labels
-    shape: tuple[int, int]
-    num_labels: int
+    labels: Labels  # label of each block
+    shape: tuple[int, int]  # rows and columns of the map
+    num_labels: int  # how many labels there are
 
     def disparity(self, level: int = 0) -> Labels:
         """Return the map of labels, every 2^level-th pixel; see `Representation`."""

@@ -34,34 +34,16 @@ MAX_CLASS = _kernels.NUM_CLASSES - 1
 
 @dataclass(frozen=True, eq=False)
 class Statistics:
-    """How often what was coded, by level.
+    """How often what was coded, by level."""
 
-    Attributes
-    ----------
-    flags : ndarray of shape (levels, node kinds, 2), int64
-        Nodes without and with coefficients below.
-    coefficients : ndarray of shape (levels, kinds, 8), int64
-        Coefficients that were as predicted, or not; labels of neighbours taken, and not taken; the rest, and
-        the sum of their magnitudes less one each.
-    """
-
-    flags: NDArray[np.int64]
+    flags: NDArray[np.int64]  # nodes without and with coefficients below
+    # coefficients that were as predicted, or not; labels of neighbours taken, and not taken; the rest, and
+    # the sum of their magnitudes less one each
     coefficients: NDArray[np.int64]
 
 
 def no_statistics(num_levels: int) -> Statistics:
-    """Return the statistics of nothing.
-
-    Parameters
-    ----------
-    num_levels : int
-        Levels of coefficients.
-
-    Returns
-    -------
-    Statistics
-        Zeros.
-    """
+    """Return the statistics of nothing."""
     return Statistics(
         np.zeros((num_levels, _kernels.NUM_NODE_KINDS, 2), np.int64),
         np.zeros((num_levels, _kernels.NUM_COEFFICIENT_KINDS, _kernels.NUM_STATISTICS), np.int64),
@@ -69,36 +51,12 @@ def no_statistics(num_levels: int) -> Statistics:
 
 
 def all_significant(shape: tuple[int, int], num_levels: int | None = None) -> list[Classes]:
-    """Return the classes of significance that forbid nothing.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the map.
-    num_levels : int, optional
-        How often to halve; by default until one sample is left.
-
-    Returns
-    -------
-    list of ndarray of shape (H_j+1, W_j+1), uint8
-        1 everywhere.
-    """
+    """Return the classes of significance that forbid nothing."""
     return [np.ones(size, np.uint8) for size in level_shapes(shape, num_levels)[1:]]
 
 
 def open_nodes(significance: Sequence[Classes]) -> list[NDArray[np.bool_]]:
-    """Tell which nodes may have coefficients, or nodes below them that may.
-
-    Parameters
-    ----------
-    significance : sequence of ndarray of shape (H_j+1, W_j+1), uint8
-        0 where the coefficients below a node are 0.
-
-    Returns
-    -------
-    list of ndarray of the same shapes, bool
-        Whether any class at or below a node is not 0.
-    """
+    """Tell which nodes may have coefficients, or nodes below them that may."""
     opened: list[NDArray[np.bool_]] = []
     for classes in significance:
         here = classes > 0
@@ -115,20 +73,7 @@ def _any_child(children: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[n
 
 
 def split_nodes(tree: WaveletTree, predictions: Sequence[Labels]) -> list[NDArray[np.bool_]]:
-    """Tell which nodes have any coefficient below them that is not as predicted.
-
-    Parameters
-    ----------
-    tree : WaveletTree
-        The coefficients.
-    predictions : sequence of ndarray of shape (H_j, W_j), int32
-        What they are predicted to be.
-
-    Returns
-    -------
-    list of ndarray of shape (H_j+1, W_j+1), bool
-        By level.
-    """
+    """Tell which nodes have any coefficient below them that is not as predicted."""
     shapes = [*(high.shape for high in tree.highs), tree.roots.shape][1:]
     splits: list[NDArray[np.bool_]] = []
     for high, predicted, shape in zip(tree.highs, predictions, shapes, strict=True):
@@ -140,22 +85,7 @@ def split_nodes(tree: WaveletTree, predictions: Sequence[Labels]) -> list[NDArra
 def encode_tree(
     tree: WaveletTree, significance: Sequence[Classes], previous: WaveletTree | None = None
 ) -> tuple[bytes, Statistics]:
-    """Write a tree; inverse of `decode_tree`.
-
-    Parameters
-    ----------
-    tree : WaveletTree
-        Of labels from 0 to ``num_labels - 1``; coefficients that are not significant are as predicted.
-    significance : sequence of ndarray of shape (H_j+1, W_j+1), uint8
-        Class of each node, up to `MAX_CLASS`; where it is 0, coefficients are as predicted.
-    previous : WaveletTree, optional
-        What coefficients are predicted from; 0 by default.
-
-    Returns
-    -------
-    tuple of bytes and Statistics
-        The payload, and what it is made of.
-    """
+    """Write a tree; inverse of `decode_tree`."""
     coder = RangeCoder.writer()
     shape = (tree.highs[0] if tree.highs else tree.roots).shape
     _, statistics = _code_tree(coder, tree, (shape[0], shape[1]), significance, previous)
@@ -170,33 +100,7 @@ def decode_tree(
     significance: Sequence[Classes],
     previous: WaveletTree | None = None,
 ) -> WaveletTree:
-    """Read a tree; inverse of `encode_tree`.
-
-    Parameters
-    ----------
-    payload : bytes
-        As `encode_tree` returns it.
-    transform : IntegerTransform
-        L or S.
-    shape : tuple of int
-        Rows and columns of the map.
-    num_labels : int
-        How many labels there are.
-    significance : sequence of ndarray, uint8
-        As it was when writing.
-    previous : WaveletTree, optional
-        Likewise.
-
-    Returns
-    -------
-    WaveletTree
-        The tree; any, if the payload is damaged, but of valid labels.
-
-    Raises
-    ------
-    BitstreamError
-        If the payload cannot have been written.
-    """
+    """Read a tree; inverse of `encode_tree`."""
     shapes = level_shapes(shape, len(significance))
     highs = tuple(np.zeros(size, np.int32) for size in shapes[:-1])
     empty = WaveletTree(transform, num_labels, np.zeros(shapes[-1], np.int32), highs)

@@ -19,17 +19,10 @@ Plane = NDArray[np.float32]
 
 
 class Holes(NamedTuple):
-    """What is not drawn in one view.
+    """What is not drawn in one view."""
 
-    Attributes
-    ----------
-    errors : ndarray of shape (H, W), float32
-        Squared errors, 0 where something is drawn.
-    first_label : ndarray of shape (H, W), int32
-        Lowest label that would be seen: 0 in holes, elsewhere the first one before what is drawn.
-    """
-
-    errors: Plane
+    errors: Plane  # squared errors, 0 where something is drawn
+    # lowest label that would be seen: 0 in holes, elsewhere the first one before what is drawn
     first_label: Labels
 
 
@@ -82,26 +75,7 @@ class Distortion(Protocol):
 def subtract_hole_errors(
     tensor: Tensor, holes: Sequence[Holes], warps: Sequence[Floats], inverse_depths: Floats, weight: float
 ) -> Tensor:
-    """Credit each label with the errors in holes where it would draw its pixel, if that would be seen.
-
-    Parameters
-    ----------
-    tensor : ndarray of shape (H, W, labels), float32
-        Error tensor.
-    holes : sequence of Holes
-        Of each view.
-    warps : sequence of ndarray of shape (3, 4), float64
-        To each view.
-    inverse_depths : ndarray of shape (labels,), float64
-        Of the labels.
-    weight : float
-        Share of the errors that is subtracted.
-
-    Returns
-    -------
-    ndarray of the same shape, float32
-        May be negative.
-    """
+    """Credit each label with the errors in holes where it would draw its pixel, if that would be seen."""
     credited = tensor.copy()
     share = np.float32(weight / (len(holes) + 1))
     for (errors, first_label), warp in zip(holes, warps, strict=True):
@@ -121,18 +95,5 @@ def _adjugates(homographies: Floats) -> Floats:
 
 
 def backward_error(tensor: Tensor, labels: Labels) -> float:
-    """Return the squared error of a map, as the tensor knows it.
-
-    Parameters
-    ----------
-    tensor : ndarray of shape (H, W, labels), float32
-        Error tensor.
-    labels : ndarray of shape (H, W), int32
-        Map of labels.
-
-    Returns
-    -------
-    float
-        Sum over the pixels.
-    """
+    """Return the squared error of a map, as the tensor knows it."""
     return float(np.take_along_axis(tensor, labels[:, :, None], 2).sum(dtype=np.float64))

@@ -30,34 +30,18 @@ Kinds = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class LevelCosts:
-    """What the coefficients of one level cost, and saying that there are any, in units of the errors.
+    """What the coefficients of one level cost, and saying that there are any, in units of the errors."""
 
-    Coefficients and nodes are of kinds, for example by significance; infinite costs forbid.
-
-    Attributes
-    ----------
-    coefficients : ndarray of shape (kinds, 5), float32
-        Cost of a coefficient that is as predicted; constant and slope of a cost linear in how far it is from
-        that; a cost that is enough for any; and a slope that is added to all three and to `merges`. The first
-        is not above the sum of the next two.
-    merges : ndarray of shape (kinds, 2), float32
-        Cost of a coefficient that leads to one of the labels in `candidates` (L only).
-    flags : ndarray of shape (node kinds, 2), float32
-        Cost of a node of the next level, without coefficients below it and with.
-    coefficient_kind : ndarray of shape (H_j, W_j), uint8
-        Kind of each coefficient.
-    node_kind : ndarray of shape (H_j+1, W_j+1), uint8
-        Kind of each node of the next level.
-    candidates : ndarray of shape (H_j, W_j, 2), int32
-        Labels, or -1.
-    """
-
+    # cost of a coefficient that is as predicted; constant and slope of a cost linear in how far it is from
+    # that; a cost that is enough for any; and a slope that is added to all three and to `merges`. The first
+    # is not above the sum of the next two
     coefficients: NDArray[np.float32]
+    # cost of a coefficient that leads to one of the labels in `candidates` (L only)
     merges: NDArray[np.float32]
-    flags: NDArray[np.float32]
-    coefficient_kind: Kinds
-    node_kind: Kinds
-    candidates: Labels
+    flags: NDArray[np.float32]  # cost of a node of the next level, without coefficients below it and with
+    coefficient_kind: Kinds  # kind of each coefficient
+    node_kind: Kinds  # kind of each node of the next level
+    candidates: Labels  # labels, or -1
 
 
 def optimise_tree(
@@ -66,25 +50,7 @@ def optimise_tree(
     costs: Sequence[LevelCosts],
     previous: WaveletTree | None = None,
 ) -> tuple[WaveletTree, float]:
-    """Find the tree of least errors and costs.
-
-    Parameters
-    ----------
-    transform : IntegerTransform
-        L, in time linear in the labels, or S, quadratic.
-    tensor : ndarray of shape (H, W, labels), float32
-        Error of each label at each pixel, at least 0.
-    costs : sequence of LevelCosts
-        One for each level of coefficients, level 0 first; their number is that of the levels.
-    previous : WaveletTree, optional
-        What coefficients are predicted from (3.36); 0 by default.
-
-    Returns
-    -------
-    tuple of WaveletTree and float
-        The tree, and the sum of errors and costs; roots cost nothing. Of equal ones, coefficients as
-        predicted are preferred.
-    """
+    """Find the tree of least errors and costs."""
     shapes = level_shapes((tensor.shape[0], tensor.shape[1]), len(costs))
     predictions = (
         previous.highs if previous is not None else tuple(np.zeros(shape, np.int32) for shape in shapes[:-1])

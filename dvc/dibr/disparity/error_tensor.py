@@ -26,33 +26,7 @@ def error_tensor(
     warps: Sequence[Floats],
     inverse_depths: Floats,
 ) -> Tensor:
-    """Return the squared error of each label at each pixel, per view.
-
-    Pixels outside a view are left out, and the others stand for them. Where no view sees a pixel at some
-    label, this is as good as a label that was chosen blindly: it has the mean error of those seen there.
-
-    Parameters
-    ----------
-    reference : ndarray of shape (H, W) or (H, W, channels), float
-        The decoded reference, from 0 to 1.
-    views : sequence of ndarray, float
-        The other views, from 0 to 1, of the same channels and any size; at least one. Samples that are not
-        finite have seen nothing. Several channels count by their mean.
-    warps : sequence of ndarray of shape (3, 4), float64
-        From the reference to each view; see `dvc.multiview.viewpoints`.
-    inverse_depths : ndarray of shape (labels,), float64
-        Disparity, or inverse depth, of each label.
-
-    Returns
-    -------
-    ndarray of shape (H, W, labels), float32
-        ``1 / N_v`` times the sum of squared differences, where ``N_v`` counts the reference, too.
-
-    Raises
-    ------
-    ValueError
-        If there is no view, or channels differ.
-    """
+    """Return the squared error of each label at each pixel, per view."""
     if not views or len(views) != len(warps):
         raise ValueError(f"`views` must be at least one, with a warp each, got {len(views)}, {len(warps)}")
     planes = [_with_channels(view) for view in views]

@@ -19,20 +19,7 @@ Labels = NDArray[np.int32]
 
 
 def level_shapes(shape: tuple[int, int], num_levels: int | None = None) -> list[tuple[int, int]]:
-    """Return the sizes of all levels.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of level 0; one row makes a transform in one dimension.
-    num_levels : int, optional
-        How often to halve; by default until one sample is left.
-
-    Returns
-    -------
-    list of tuple of int
-        Rows and columns of level 0 up to the roots.
-    """
+    """Return the sizes of all levels."""
     shapes = [shape]
     while max(shapes[-1]) > 1 and (num_levels is None or len(shapes) <= num_levels):
         shapes.append((-(-shapes[-1][0] // 2), -(-shapes[-1][1] // 2)))
@@ -41,38 +28,16 @@ def level_shapes(shape: tuple[int, int], num_levels: int | None = None) -> list[
 
 @dataclass(frozen=True)
 class IntegerTransform:
-    """A transform of one level: analysis, and its inverse.
+    """A transform of one level: analysis, and its inverse."""
 
-    Attributes
-    ----------
-    name : str
-        As options call it.
-    analyse : callable
-        From samples (H, W) to those of the next level and to the high-pass coefficients (H, W), both int32.
-    synthesise : callable
-        From both of these back to the samples.
-    """
-
-    name: str
+    name: str  # as options call it
+    # from samples (H, W) to those of the next level and to the high-pass coefficients (H, W), both int32
     analyse: Callable[[Labels], tuple[Labels, Labels]]
-    synthesise: Callable[[Labels, Labels], Labels]
+    synthesise: Callable[[Labels, Labels], Labels]  # from both of these back to the samples
 
 
 def analyse_s(samples: Labels, axis: int) -> tuple[Labels, Labels]:
-    """Return means and differences of pairs along an axis (3.15).
-
-    Parameters
-    ----------
-    samples : ndarray of shape (H, W), int32
-        Samples; the last one of an odd number has no partner, and is its own mean.
-    axis : int
-        0 or 1.
-
-    Returns
-    -------
-    tuple of ndarray
-        Low-pass coefficients, ceil(n / 2) along the axis, and high-pass ones, floor(n / 2).
-    """
+    """Return means and differences of pairs along an axis (3.15)."""
     moved = np.moveaxis(samples, axis, 0)
     first, second = moved[0::2], moved[1::2]
     low = first.copy()
@@ -81,20 +46,7 @@ def analyse_s(samples: Labels, axis: int) -> tuple[Labels, Labels]:
 
 
 def synthesise_s(low: Labels, high: Labels, axis: int) -> Labels:
-    """Return the samples of means and differences (3.16); inverse of `analyse_s`.
-
-    Parameters
-    ----------
-    low, high : ndarray, int32
-        As `analyse_s` returns them.
-    axis : int
-        0 or 1.
-
-    Returns
-    -------
-    ndarray, int32
-        Samples.
-    """
+    """Return the samples of means and differences (3.16); inverse of `analyse_s`."""
     low, high = np.moveaxis(low, axis, 0), np.moveaxis(high, axis, 0)
     samples = np.empty((len(low) + len(high), *low.shape[1:]), np.int32)
     samples[0::2] = low
@@ -146,47 +98,18 @@ S_TRANSFORM = IntegerTransform("s", _analyse_plane_s, _synthesise_plane_s)
 
 @dataclass(frozen=True, eq=False)
 class WaveletTree:
-    """A map of labels as wavelet coefficients; any integers make one.
+    """A map of labels as wavelet coefficients; any integers make one."""
 
-    Attributes
-    ----------
-    transform : IntegerTransform
-        L or S.
-    num_labels : int
-        Labels are from 0 to ``num_labels - 1``.
-    roots : ndarray of shape (R, C), int32
-        Low-pass coefficients of the coarsest level.
-    highs : tuple of ndarray of shape (H_j, W_j), int32
-        High-pass coefficients of level 0, 1, ...
-    """
-
-    transform: IntegerTransform
-    num_labels: int
-    roots: Labels
-    highs: tuple[Labels, ...]
+    transform: IntegerTransform  # L or S
+    num_labels: int  # labels are from 0 to ``num_labels - 1``
+    roots: Labels  # low-pass coefficients of the coarsest level
+    highs: tuple[Labels, ...]  # high-pass coefficients of level 0, 1,
 
     @classmethod
     def of_labels(
         cls, transform: IntegerTransform, labels: Labels, num_labels: int, num_levels: int | None = None
     ) -> "WaveletTree":
-        """Analyse a map.
-
-        Parameters
-        ----------
-        transform : IntegerTransform
-            L or S.
-        labels : ndarray of shape (H, W), int32
-            Labels from 0 to ``num_labels - 1``.
-        num_labels : int
-            How many there are.
-        num_levels : int, optional
-            How often to halve; by default until one sample is left.
-
-        Returns
-        -------
-        WaveletTree
-            Its coefficients.
-        """
+        """Analyse a map."""
         low, highs = labels.astype(np.int32), []
         for _ in level_shapes((labels.shape[0], labels.shape[1]), num_levels)[1:]:
             low, high = transform.analyse(low)
@@ -194,31 +117,14 @@ class WaveletTree:
         return cls(transform, num_labels, low, tuple(highs))
 
     def levels(self) -> list[Labels]:
-        """Return the low-pass coefficients of all levels, by synthesis.
-
-        Returns
-        -------
-        list of ndarray of shape (H_j, W_j), int32
-            Level 0 first.
-        """
+        """Return the low-pass coefficients of all levels, by synthesis."""
         levels = [self.roots]
         for high in reversed(self.highs):
             levels.append(self.transform.synthesise(levels[-1], high))
         return levels[::-1]
 
     def disparity(self, level: int = 0) -> Labels:
-        """Return the map of labels.
-
-        Parameters
-        ----------
-        level : int, optional
-            Resolution: 0 for full, each further one halves both sides.
-
-        Returns
-        -------
-        ndarray of shape (H_level, W_level), int32
-            Labels from 0 to ``num_labels - 1``.
-        """
+        """Return the map of labels."""
         labels = self.roots
         for high in reversed(self.highs[level:]):
             labels = self.transform.synthesise(labels, high)

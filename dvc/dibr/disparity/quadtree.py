@@ -33,21 +33,12 @@ _SPLIT_PRIOR, _PRIOR_WEIGHT = 0.3, 4.0
 
 @dataclass(frozen=True, eq=False)
 class Quadtree:
-    """A map of labels, constant in squares.
+    """A map of labels, constant in squares."""
 
-    Attributes
-    ----------
-    labels : ndarray of shape (H, W), int32
-        The map.
-    splits : tuple of ndarray of shape (H_j, W_j), bool
-        Which squares of side 2^j are split, for j = 1, 2, ...; False below one that is not.
-    num_labels : int
-        How many labels there are.
-    """
-
-    labels: Labels
+    labels: Labels  # the map
+    # which squares of side 2^j are split, for j = 1, 2, ...; False below one that is not
     splits: tuple[NDArray[np.bool_], ...]
-    num_labels: int
+    num_labels: int  # how many labels there are
 
     def disparity(self, level: int = 0) -> Labels:
         """Return the map of labels, every 2^level-th pixel; see `Representation`."""
@@ -116,22 +107,7 @@ class QuadtreeCodec:
 
 
 def prune(sums: Sequence[Tensor], label_costs: Floats, split_costs: Floats) -> Quadtree:
-    """Find the tree of least errors and costs.
-
-    Parameters
-    ----------
-    sums : sequence of ndarray of shape (H_j, W_j, labels), float32
-        Errors of each label in squares of side 2^j, j = 0 first.
-    label_costs : ndarray of shape (labels,), float64
-        Cost of each label of a leaf.
-    split_costs : ndarray of shape (levels, 2), float64
-        Cost of squares that are leaves, and that are split; the first level has single pixels, and none.
-
-    Returns
-    -------
-    Quadtree
-        The tree; of equal ones, the smaller.
-    """
+    """Find the tree of least errors and costs."""
     costs: list[Floats] = []
     leaves: list[Labels] = []
     splits: list[NDArray[np.bool_]] = []

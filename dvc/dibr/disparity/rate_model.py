@@ -34,18 +34,10 @@ LAMBDA_TOLERANCE = 1e-2
 
 
 class Laplacian(NamedTuple):
-    """Discrete and truncated Laplacian distribution of significant coefficients (3.17).
+    """Discrete and truncated Laplacian distribution of significant coefficients (3.17)."""
 
-    Attributes
-    ----------
-    scale : float
-        b.
-    num_labels : int
-        Magnitudes are up to this.
-    """
-
-    scale: float
-    num_labels: int
+    scale: float  # b
+    num_labels: int  # magnitudes are up to this
 
     @property
     def log2_partition(self) -> float:
@@ -54,36 +46,12 @@ class Laplacian(NamedTuple):
         return math.log2((1.0 + q - 2.0 * q ** (self.num_labels + 1)) / (1.0 - q))
 
     def bits(self, magnitude: Floats) -> Floats:
-        """Return the bits of coefficients.
-
-        Parameters
-        ----------
-        magnitude : ndarray, float64
-            Magnitudes.
-
-        Returns
-        -------
-        ndarray of the same shape, float64
-            Bits.
-        """
+        """Return the bits of coefficients."""
         return self.log2_partition + magnitude / (self.scale * math.log(2.0))
 
     @classmethod
     def fitted(cls, magnitudes: NDArray[np.integer], num_labels: int) -> "Laplacian":
-        """Return the most probable distribution of magnitudes.
-
-        Parameters
-        ----------
-        magnitudes : ndarray of shape (N,), int
-            Magnitudes of significant coefficients.
-        num_labels : int
-            Number of labels.
-
-        Returns
-        -------
-        Laplacian
-            Of the same mean magnitude, but for the truncation; b is at least `MIN_SCALE`.
-        """
+        """Return the most probable distribution of magnitudes."""
         mean = float(magnitudes.mean()) if magnitudes.size else 0.0
         if mean == 0.0:
             return cls(MIN_SCALE, num_labels)
@@ -94,24 +62,7 @@ class Laplacian(NamedTuple):
 def laplacian_costs(
     shape: tuple[int, int], significance: Sequence[Classes], mu: float, constant: float = 0.0
 ) -> list[LevelCosts]:
-    """Return costs of (3.19): mu times the magnitude of each coefficient, none for flags.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the map.
-    significance : sequence of ndarray of shape (H_j+1, W_j+1), uint8
-        Coefficients below a 0 are 0.
-    mu : float
-        Slope of the cost.
-    constant : float, optional
-        Cost of each significant coefficient, 0 or not.
-
-    Returns
-    -------
-    list of LevelCosts
-        By level.
-    """
+    """Return costs of (3.19): mu times the magnitude of each coefficient, none for flags."""
     coefficients = np.array(
         [[0.0, np.inf, np.inf, np.inf, 0.0], [constant, constant, mu, np.inf, 0.0]], np.float32
     )
@@ -141,28 +92,7 @@ def search_laplacian(
     previous: WaveletTree | None = None,
     max_iterations: int = 12,
 ) -> tuple[WaveletTree, Laplacian]:
-    """Find the best tree under a Laplacian distribution that fits its own coefficients (3.33), (3.34).
-
-    Parameters
-    ----------
-    transform : IntegerTransform
-        L or S.
-    tensor : ndarray of shape (H, W, labels), float32
-        Error tensor.
-    slope : float
-        Lambda, squared error per pixel and bit; above 0.
-    significance : sequence of ndarray of shape (H_j+1, W_j+1), uint8
-        Coefficients below a 0 are 0.
-    previous : WaveletTree, optional
-        What coefficients are predicted from; 0 by default.
-    max_iterations : int, optional
-        When to give up; the last tree is then taken.
-
-    Returns
-    -------
-    tuple of WaveletTree and Laplacian
-        The tree, and the distribution.
-    """
+    """Find the best tree under a Laplacian distribution that fits its own coefficients (3.33), (3.34)."""
     shape, num_labels = (tensor.shape[0], tensor.shape[1]), tensor.shape[2]
     mu = slope / math.log(2.0)  # b = 1
     for _ in range(max_iterations):
@@ -178,22 +108,7 @@ def search_laplacian(
 def significant_magnitudes(
     tree: WaveletTree, significance: Sequence[Classes], previous: WaveletTree | None = None
 ) -> NDArray[np.int32]:
-    """Return the magnitudes of coefficients that are significant, less what they are predicted to be.
-
-    Parameters
-    ----------
-    tree : WaveletTree
-        The coefficients.
-    significance : sequence of ndarray of shape (H_j+1, W_j+1), uint8
-        Classes of significance.
-    previous : WaveletTree, optional
-        What coefficients are predicted from; 0 by default.
-
-    Returns
-    -------
-    ndarray of shape (N,), int32
-        Magnitudes of all levels.
-    """
+    """Return the magnitudes of coefficients that are significant, less what they are predicted to be."""
     magnitudes = []
     for level, (high, classes) in enumerate(zip(tree.highs, significance, strict=True)):
         size = high.shape
@@ -221,27 +136,7 @@ def code_costs(
     kinds: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int32]]],
     tear: float = 0.0,
 ) -> list[LevelCosts]:
-    """Return what the code of `encode_tree` costs, from how often it had what to code.
-
-    Parameters
-    ----------
-    slope : float
-        Lambda.
-    num_labels : int
-        Number of labels.
-    statistics : Statistics
-        Of a tree that was coded; zeros for none.
-    kinds : sequence of tuple of ndarray
-        For each level the kinds of its coefficients, those of the nodes above, and candidates.
-    tear : float, optional
-        Squared error that a difference of one label causes in other views along each pixel, by the hole
-        that it opens.
-
-    Returns
-    -------
-    list of LevelCosts
-        By level.
-    """
+    """Return what the code of `encode_tree` costs, from how often it had what to code."""
     coefficients, merges = _coefficient_bits(statistics.coefficients.astype(np.float64), num_labels)
     flags = _flag_bits(statistics.flags.astype(np.float64))
     tables = [np.float32(slope) * bits.astype(np.float32) for bits in (coefficients, merges, flags)]
@@ -301,23 +196,7 @@ def _shares(counts: Floats, totals: Floats, prior: float) -> Floats:
 def kinds_of(
     tree: WaveletTree, significance: Sequence[Classes], previous: WaveletTree | None = None
 ) -> list[tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int32]]]:
-    """Return the kinds that coefficients and nodes have in a tree, and the labels beside them.
-
-    Parameters
-    ----------
-    tree : WaveletTree
-        The coefficients.
-    significance : sequence of ndarray of shape (H_j+1, W_j+1), uint8
-        Classes of significance.
-    previous : WaveletTree, optional
-        What coefficients are predicted from; 0 by default.
-
-    Returns
-    -------
-    list of tuple of ndarray
-        For each level kinds (H_j, W_j), node kinds (H_j+1, W_j+1), both uint8, and candidates
-        (H_j, W_j, 2), int32.
-    """
+    """Return the kinds that coefficients and nodes have in a tree, and the labels beside them."""
     predictions = previous.highs if previous is not None else [np.zeros_like(high) for high in tree.highs]
     levels, opened = tree.levels(), open_nodes(significance)
     splits = split_nodes(tree, predictions)

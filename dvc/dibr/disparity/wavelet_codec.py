@@ -44,18 +44,10 @@ MAX_FAILURES = 2
 
 @dataclass(frozen=True)
 class WaveletCodec:
-    """Trees of L or S coefficients.
+    """Trees of L or S coefficients."""
 
-    Attributes
-    ----------
-    transform : IntegerTransform
-        L or S.
-    num_levels : int or None
-        How often the map is halved; None: down to one pixel.
-    """
-
-    transform: IntegerTransform
-    num_levels: int | None = None
+    transform: IntegerTransform  # L or S
+    num_levels: int | None = None  # how often the map is halved; None: down to one pixel
     layered = True
 
     @property
@@ -104,20 +96,7 @@ class WaveletCodec:
         return decode_tree(payload, self.transform, shape, num_labels, classes, previous)
 
     def classes(self, shape: tuple[int, int], significance: Sequence[Classes] | None) -> Sequence[Classes]:
-        """Return classes of significance by level, where none are given those that forbid nothing.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            Rows and columns of the map.
-        significance : sequence of ndarray, uint8, or None
-            What is given.
-
-        Returns
-        -------
-        sequence of ndarray of shape (H_j+1, W_j+1), uint8
-            Classes by level.
-        """
+        """Return classes of significance by level, where none are given those that forbid nothing."""
         if significance is None:
             return all_significant(shape, self.num_levels)
         return significance[: self.num_levels]

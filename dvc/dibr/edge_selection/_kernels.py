@@ -19,48 +19,23 @@ MULTIPLIER, SIGNIFICANCE, OCTAVE, ELEMENT, CHAIN = range(5)
 
 
 class Pieces(NamedTuple):
-    """Pieces of chains.
+    """Pieces of chains."""
 
-    Attributes
-    ----------
-    elements : ndarray of shape (E, 3), int64
-        Vertex and direction of each edge of the pieces.
-    bounds : ndarray of shape (N + 1,), int64
-        Where each piece begins and ends.
-    order : ndarray of shape (N,), int64
-        In which they are weighed.
-    present : ndarray of shape (N,), uint8
-        1 if a piece is in.
-    """
-
-    elements: NDArray[np.int64]
-    bounds: NDArray[np.int64]
-    order: NDArray[np.int64]
-    present: NDArray[np.uint8]
+    elements: NDArray[np.int64]  # vertex and direction of each edge of the pieces
+    bounds: NDArray[np.int64]  # where each piece begins and ends
+    order: NDArray[np.int64]  # in which they are weighed
+    present: NDArray[np.uint8]  # 1 if a piece is in
 
 
 class Surroundings(NamedTuple):
-    """What pieces are weighed by.
+    """What pieces are weighed by."""
 
-    Attributes
-    ----------
-    plane : ndarray of shape (H, W), float64
-        Samples, in steps.
-    wavelet : tuple of (ndarray of shape (K,), float64), float, float, float
-        Weights, gain, and the scales of the low and the high band.
-    order : int
-        Of the extrapolation.
-    model : ndarray of shape (5,), float64
-        Of costs.
-    num_levels, margin : int
-        How many scales are looked at, and how far around a piece.
-    """
-
-    plane: NDArray[np.float64]
+    plane: NDArray[np.float64]  # samples, in steps
+    # weights, gain, and the scales of the low and the high band
     wavelet: tuple[NDArray[np.float64], float, float, float]
-    order: int
-    model: NDArray[np.float64]
-    num_levels: int
+    order: int  # of the extrapolation
+    model: NDArray[np.float64]  # of costs
+    num_levels: int  # how many scales are looked at, and how far around a piece
     margin: int
 
 
@@ -76,28 +51,7 @@ def coefficient_cost(magnitude, model):
 
 @kernel
 def transform_cost(plane, below, right, num_levels, wavelet, order, model):
-    """Return the cost of the details of a plane in squared steps.
-
-    Parameters
-    ----------
-    plane : ndarray of shape (H, W), float64
-        Samples, in steps.
-    below, right : ndarray of shape (H, W), uint8
-        Edges.
-    num_levels : int
-        How many times the low band is split.
-    wavelet : tuple of (ndarray of shape (K,), float64), float, float, float
-        Weights, gain, and the scales of the low and the high band.
-    order : int
-        Of the extrapolation.
-    model : ndarray of shape (3 or more,), float64
-        Of costs; the first three of its numbers are looked at.
-
-    Returns
-    -------
-    float
-        Cost.
-    """
+    """Return the cost of the details of a plane in squared steps."""
     weights, gain, low_scale, high_scale = wavelet
     low, total = plane.copy(), 0.0
     for _ in range(num_levels):
@@ -171,22 +125,7 @@ def _odd_ends(below, right, elements):
 
 @kernel
 def weigh_pieces(surroundings, below, right, pieces):
-    """Put in or take out each piece of chains where that costs less; return how many were changed.
-
-    Parameters
-    ----------
-    surroundings : Surroundings
-        What they are weighed by.
-    below, right : ndarray of shape (H, W), uint8
-        Edges: changed.
-    pieces : Pieces
-        The pieces; which are present is changed.
-
-    Returns
-    -------
-    int
-        Number of changes.
-    """
+    """Put in or take out each piece of chains where that costs less; return how many were changed."""
     elements, bounds, order_of_pieces, present = pieces
     model, alignment = surroundings.model, 1 << surroundings.num_levels
     height, width = below.shape

@@ -45,26 +45,7 @@ MOST_RUNGS = 19
 def select(
     depth: Plane, edges: EdgeMaps, step: float, order: int, wavelet: Wavelet = WAVELETS["9/7"]
 ) -> EdgeMaps:
-    """Return the edges that pay for their bits.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (H, W), float64
-        Depth or disparity.
-    edges : EdgeMaps
-        Candidates.
-    step : float
-        Of the quantiser at the rate that is meant, in units of depth.
-    order : int
-        Of the extrapolation.
-    wavelet : Wavelet, optional
-        The 9/7 by default.
-
-    Returns
-    -------
-    EdgeMaps
-        Some of the candidates.
-    """
+    """Return the edges that pay for their bits."""
     chains = trace(edges)
     if not len(chains.starts):
         return edges
@@ -90,30 +71,7 @@ def ladder(
     mask: Mask | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> Iterator[tuple[float, EdgeMaps]]:
-    """Yield selections for coarser and coarser steps, each out of the one before, until none is left.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (H, W), float64
-        Depth or disparity.
-    max_bits : float
-        That there are for edges and coefficients together; selections of far more are left out.
-    order : int
-        Of the extrapolation.
-    wavelet : Wavelet, optional
-        The 9/7 by default.
-    mask : ndarray of shape (H, W), bool, optional
-        Edges are sought between samples inside; the map is continued outside.
-    advance : callable, optional
-        Called with 1 for each step, of which there are up to `MOST_RUNGS`.
-
-    Yields
-    ------
-    step : float
-        Of the quantiser.
-    edges : EdgeMaps
-        Edges.
-    """
+    """Yield selections for coarser and coarser steps, each out of the one before, until none is left."""
     largest = float(np.ptp(depth))
     step = largest * _FINEST
     edges = None

@@ -51,10 +51,7 @@ def follow(below, right, row, column, directions, count):
 
 @kernel
 def trace(below, right, starts, lengths, directions):
-    """Decompose edges, which are erased, into as few chains as there are; return how many.
-
-    Chains that begin and end where an odd number of edges meets come first, then closed ones.
-    """
+    """Decompose edges, which are erased, into as few chains as there are; return how many."""
     height, width = below.shape
     chains, count = 0, 0
     for closed in range(2):
@@ -131,28 +128,7 @@ def _code_turn(coder, mixture, straight, left, after, seen, runs, run, turn, tar
 
 @kernel
 def code_chain(coder, mixture, below, right, row, column, directions, length):
-    """Code the directions of a chain after the first one, and draw all; return its length.
-
-    Parameters
-    ----------
-    coder : CoderState
-        Where to write or to read.
-    mixture : Mixture
-        Of `NUM_CONTEXTS` contexts.
-    below, right : ndarray of shape (H, W), uint8
-        Edges of the chains before: changed.
-    row, column : int
-        Vertex at which it begins.
-    directions : ndarray of shape (E,), int8
-        Directions, from 0 to 3; the first one is known, the others are set when reading.
-    length : int
-        Of the chain; of no meaning when reading.
-
-    Returns
-    -------
-    int
-        The length; -1 if there is no such chain.
-    """
+    """Code the directions of a chain after the first one, and draw all; return its length."""
     last = np.int64(directions[0])
     if not _is_open(below, right, row, column, last):
         return -1
@@ -200,21 +176,7 @@ def code_words(coder, directions):
 
 @kernel
 def code_regions(coder, counts, regions, first, inside):
-    """Write or read which regions are inside, in turn; beside one outside they are, and nothing is coded.
-
-    Parameters
-    ----------
-    coder : CoderState
-        Where to write or to read.
-    counts : ndarray of shape (2, 2), int64
-        Of the contexts: the region of the first sample, and others.
-    regions : ndarray of shape (H, W), int32
-        Of each sample.
-    first : ndarray of shape (N,), int64
-        First sample of each region, row by row.
-    inside : ndarray of shape (N,), uint8
-        Whether it is inside: of no meaning when reading, and changed.
-    """
+    """Write or read which regions are inside, in turn; beside one outside they are, and nothing is coded."""
     width = regions.shape[1]
     for k in range(len(first)):
         row, column = first[k] // width, first[k] % width

@@ -36,27 +36,7 @@ class EdgeCode(IntEnum):
 
 
 def encode(chains: Chains, code: EdgeCode, mask: Mask | None = None) -> bytes:
-    """Code chains; the inverse of `decode`, or with a mask of `decode_masked`.
-
-    Parameters
-    ----------
-    chains : Chains
-        Chains, as `dvc.dibr.edges.chains.trace` returns them.
-    code : EdgeCode
-        How.
-    mask : ndarray of shape (H, W), bool, optional
-        Whose border is among the edges; no other edge is beside what is outside.
-
-    Returns
-    -------
-    bytes
-        The code.
-
-    Raises
-    ------
-    ConfigError
-        If the code is too narrow for so many chains.
-    """
+    """Code chains; the inverse of `decode`, or with a mask of `decode_masked`."""
     if not fits(chains, code):
         raise ConfigError(f"code words take at most 2^{_LENGTH_BITS} - 1 chains, and as many edges to each")
     coder = RangeCoder.writer()
@@ -67,46 +47,13 @@ def encode(chains: Chains, code: EdgeCode, mask: Mask | None = None) -> bytes:
 
 
 def fits(chains: Chains, code: EdgeCode) -> bool:
-    """Return whether chains can be coded: the numbers of code words have 24 bits.
-
-    Parameters
-    ----------
-    chains : Chains
-        Chains.
-    code : EdgeCode
-        How they are to be coded.
-
-    Returns
-    -------
-    bool
-        Whether they can.
-    """
+    """Return whether chains can be coded: the numbers of code words have 24 bits."""
     largest = max(len(chains.lengths), int(chains.lengths.max(initial=0)))
     return code is EdgeCode.ADAPTIVE or largest < 2**_LENGTH_BITS
 
 
 def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
-    """Read the edges of chains.
-
-    Parameters
-    ----------
-    data : bytes
-        The code.
-    shape : tuple of int
-        Rows and columns of the plane.
-    code : EdgeCode
-        As it was written.
-
-    Returns
-    -------
-    EdgeMaps
-        Edges.
-
-    Raises
-    ------
-    BitstreamError
-        If the data cannot have been written.
-    """
+    """Read the edges of chains."""
     edges = _read(RangeCoder.reader(data), shape, code)
     if not edges.count():
         raise BitstreamError("the edges are damaged: there are none")
@@ -114,25 +61,7 @@ def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
 
 
 def decode_masked(data: bytes, shape: tuple[int, int], code: EdgeCode) -> tuple[EdgeMaps, Mask]:
-    """Read the edges of chains, and the mask whose border is among them.
-
-    Parameters
-    ----------
-    data, shape, code
-        As for `decode`.
-
-    Returns
-    -------
-    edges : EdgeMaps
-        Edges.
-    mask : ndarray of shape (H, W), bool
-        Where there is anything.
-
-    Raises
-    ------
-    BitstreamError
-        If the data cannot have been written.
-    """
+    """Read the edges of chains, and the mask whose border is among them."""
     coder = RangeCoder.reader(data)
     edges = _read(coder, shape, code)
     return edges, code_mask(coder, edges)

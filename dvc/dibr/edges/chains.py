@@ -15,52 +15,20 @@ from dvc.dibr.wavelets.edge_maps import EdgeMaps
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """Edges as chains.
+    """Edges as chains."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Rows and columns of the plane.
-    starts : ndarray of shape (N,), int64
-        Vertices at which chains begin, row by row, not decreasing.
-    lengths : ndarray of shape (N,), int64
-        Edge elements of each, at least 1.
-    directions : ndarray of shape (E,), int8
-        Of all elements, chain by chain.
-    """
-
-    shape: tuple[int, int]
-    starts: NDArray[np.int64]
-    lengths: NDArray[np.int64]
-    directions: NDArray[np.int8]
+    shape: tuple[int, int]  # rows and columns of the plane
+    starts: NDArray[np.int64]  # vertices at which chains begin, row by row, not decreasing
+    lengths: NDArray[np.int64]  # edge elements of each, at least 1
+    directions: NDArray[np.int8]  # of all elements, chain by chain
 
     def parts(self) -> list[NDArray[np.int8]]:
-        """Return the directions of each chain.
-
-        Returns
-        -------
-        list of ndarray of shape (length,), int8
-            One a chain.
-        """
+        """Return the directions of each chain."""
         return np.split(self.directions, np.cumsum(self.lengths)[:-1]) if len(self.lengths) else []
 
 
 def trace(edges: EdgeMaps) -> Chains:
-    """Return edges as few chains; the inverse of `draw`.
-
-    Where several meet, one goes on straight, and others end there: each vertex of an odd number of edges is
-    one end. What is left then is closed.
-
-    Parameters
-    ----------
-    edges : EdgeMaps
-        Edges.
-
-    Returns
-    -------
-    Chains
-        Chains, sorted by their starts.
-    """
+    """Return edges as few chains; the inverse of `draw`."""
     number = edges.count()
     starts, lengths = np.zeros(number, np.int64), np.zeros(number, np.int64)
     directions = np.zeros(number, np.int8)
@@ -74,23 +42,7 @@ def trace(edges: EdgeMaps) -> Chains:
 
 
 def draw(chains: Chains) -> EdgeMaps:
-    """Return the edges of chains; the inverse of `trace`.
-
-    Parameters
-    ----------
-    chains : Chains
-        Chains.
-
-    Returns
-    -------
-    EdgeMaps
-        Edges.
-
-    Raises
-    ------
-    ValueError
-        If a chain leaves the plane.
-    """
+    """Return the edges of chains; the inverse of `trace`."""
     edges = EdgeMaps.none(chains.shape)
     columns = chains.shape[1] + 1
     for start, directions in zip(chains.starts, chains.parts(), strict=True):

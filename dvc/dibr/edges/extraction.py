@@ -17,20 +17,7 @@ _JUMP = 0.02
 
 
 def edges_of_jumps(depth: Plane, least: float) -> EdgeMaps:
-    """Return the edges where neighbours differ.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (H, W), float64
-        Depth or disparity.
-    least : float
-        They differ by more than this.
-
-    Returns
-    -------
-    EdgeMaps
-        Edges.
-    """
+    """Return the edges where neighbours differ."""
     edges = EdgeMaps.none((depth.shape[0], depth.shape[1]))
     edges.between_rows[:-1] = np.abs(np.diff(depth, axis=0)) > least
     edges.between_columns[:, :-1] = np.abs(np.diff(depth, axis=1)) > least
@@ -38,20 +25,7 @@ def edges_of_jumps(depth: Plane, least: float) -> EdgeMaps:
 
 
 def canny_edges(depth: Plane) -> EdgeMaps:
-    """Return the edges at pixels that Canny's detector marks, without short chains.
-
-    The thesis has a person choose among the chains of the detector; here the longer ones are kept.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (H, W), float64
-        Depth or disparity.
-
-    Returns
-    -------
-    EdgeMaps
-        Edges.
-    """
+    """Return the edges at pixels that Canny's detector marks, without short chains."""
     extent = float(np.ptp(depth))
     if not extent:
         return EdgeMaps.none((depth.shape[0], depth.shape[1]))

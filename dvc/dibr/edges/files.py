@@ -13,38 +13,12 @@ RIGHT_LEVEL, BELOW_LEVEL = 85, 170
 
 
 def write_edges(path: Path, edges: EdgeMaps) -> None:
-    """Write edges; the inverse of `read_edges`.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to make.
-    edges : EdgeMaps
-        Edges.
-    """
+    """Write edges; the inverse of `read_edges`."""
     write_png(path, RIGHT_LEVEL * edges.between_columns + BELOW_LEVEL * edges.between_rows)
 
 
 def read_edges(path: str | Path, shape: tuple[int, int]) -> EdgeMaps:
-    """Read edges; those beyond the last row and column have no meaning.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file as `write_edges` writes it.
-    shape : tuple of int
-        Height and width that it must have.
-
-    Returns
-    -------
-    EdgeMaps
-        Edges.
-
-    Raises
-    ------
-    DvcError
-        If it is none, or has another size.
-    """
+    """Read edges; those beyond the last row and column have no meaning."""
     levels = read_levels(path, "a picture of edges, as decode writes it")
     if levels.shape != shape:
         sizes = [f"{size[1]}x{size[0]}" for size in (levels.shape, shape)]

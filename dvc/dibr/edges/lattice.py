@@ -16,22 +16,7 @@ RIGHT, UP, LEFT, DOWN = range(4)
 
 @kernel
 def has_element(below: Flags, right: Flags, row: int, column: int, direction: int) -> bool:
-    """Return whether an edge leads from a vertex in a direction.
-
-    Parameters
-    ----------
-    below, right : ndarray of shape (H, W), uint8
-        Edges.
-    row, column : int
-        Vertex.
-    direction : int
-        From 0 to 3.
-
-    Returns
-    -------
-    bool
-        Whether it is there.
-    """
+    """Return whether an edge leads from a vertex in a direction."""
     if not is_inside(below, row, column, direction):
         return False
     if direction == RIGHT:
@@ -45,22 +30,7 @@ def has_element(below: Flags, right: Flags, row: int, column: int, direction: in
 
 @kernel
 def is_inside(below: Flags, row: int, column: int, direction: int) -> bool:
-    """Return whether an edge can lead from a vertex in a direction, between two samples.
-
-    Parameters
-    ----------
-    below : ndarray of shape (H, W), uint8
-        Either map.
-    row, column : int
-        Vertex.
-    direction : int
-        From 0 to 3.
-
-    Returns
-    -------
-    bool
-        Whether there are samples on both sides.
-    """
+    """Return whether an edge can lead from a vertex in a direction, between two samples."""
     height, width = below.shape
     if direction in (RIGHT, LEFT):
         return bool(0 < row < height and (0 <= column < width if direction == RIGHT else 0 < column <= width))
@@ -69,20 +39,7 @@ def is_inside(below: Flags, row: int, column: int, direction: int) -> bool:
 
 @kernel
 def next_vertex(row: int, column: int, direction: int) -> tuple[int, int]:
-    """Return the vertex that an edge leads to.
-
-    Parameters
-    ----------
-    row, column : int
-        Vertex where it begins.
-    direction : int
-        From 0 to 3.
-
-    Returns
-    -------
-    tuple of int
-        Row and column.
-    """
+    """Return the vertex that an edge leads to."""
     if direction == RIGHT:
         return row, column + 1
     if direction == LEFT:
@@ -94,19 +51,7 @@ def next_vertex(row: int, column: int, direction: int) -> tuple[int, int]:
 
 @kernel
 def set_element(below: Flags, right: Flags, row: int, column: int, direction: int, value: int) -> None:
-    """Set the edge from a vertex in a direction.
-
-    Parameters
-    ----------
-    below, right : ndarray of shape (H, W), uint8
-        Edges: changed.
-    row, column : int
-        Vertex.
-    direction : int
-        From 0 to 3, inside.
-    value : int
-        0 or 1.
-    """
+    """Set the edge from a vertex in a direction."""
     if direction == RIGHT:
         below[row - 1, column] = value
     elif direction == LEFT:
@@ -119,20 +64,7 @@ def set_element(below: Flags, right: Flags, row: int, column: int, direction: in
 
 @kernel
 def degree(below: Flags, right: Flags, row: int, column: int) -> int:
-    """Return how many edges meet at a vertex.
-
-    Parameters
-    ----------
-    below, right : ndarray of shape (H, W), uint8
-        Edges.
-    row, column : int
-        Vertex.
-
-    Returns
-    -------
-    int
-        From 0 to 4.
-    """
+    """Return how many edges meet at a vertex."""
     number = 0
     for direction in range(4):
         if has_element(below, right, row, column, direction):

@@ -19,18 +19,7 @@ _INITIAL_PERCENT = 70, 30
 
 
 def border(mask: Mask) -> EdgeMaps:
-    """Return the edges between samples inside and outside a mask.
-
-    Parameters
-    ----------
-    mask : ndarray of shape (H, W), bool
-        Where there is anything.
-
-    Returns
-    -------
-    EdgeMaps
-        Edges.
-    """
+    """Return the edges between samples inside and outside a mask."""
     edges = EdgeMaps.none((mask.shape[0], mask.shape[1]))
     edges.between_rows[:-1] = mask[:-1] != mask[1:]
     edges.between_columns[:, :-1] = mask[:, :-1] != mask[:, 1:]
@@ -38,20 +27,7 @@ def border(mask: Mask) -> EdgeMaps:
 
 
 def edges_inside(edges: EdgeMaps, mask: Mask) -> EdgeMaps:
-    """Return the border of a mask, and those of some edges that both samples beside them are inside of.
-
-    Parameters
-    ----------
-    edges : EdgeMaps
-        Edges.
-    mask : ndarray of shape (H, W), bool
-        Where there is anything.
-
-    Returns
-    -------
-    EdgeMaps
-        Edges, as `code_mask` takes them.
-    """
+    """Return the border of a mask, and those of some edges that both samples beside them are inside of."""
     found = border(mask)
     found.between_rows[:-1] |= edges.between_rows[:-1] & mask[:-1] & mask[1:]
     found.between_columns[:, :-1] |= edges.between_columns[:, :-1] & mask[:, :-1] & mask[:, 1:]
@@ -59,18 +35,7 @@ def edges_inside(edges: EdgeMaps, mask: Mask) -> EdgeMaps:
 
 
 def regions(edges: EdgeMaps) -> NDArray[np.int32]:
-    """Return the regions that edges separate: which samples are connected without crossing one.
-
-    Parameters
-    ----------
-    edges : EdgeMaps
-        Edges.
-
-    Returns
-    -------
-    ndarray of shape (H, W), int32
-        From 0 on, in the order of their first samples, row by row.
-    """
+    """Return the regions that edges separate: which samples are connected without crossing one."""
     height, width = edges.shape
     ways = np.zeros((2 * height - 1, 2 * width - 1), np.uint8)
     ways[::2, ::2] = 1
@@ -84,27 +49,7 @@ def regions(edges: EdgeMaps) -> NDArray[np.int32]:
 
 
 def code_mask(coder: RangeCoder, edges: EdgeMaps, mask: Mask | None = None) -> Mask:
-    """Write or read which regions are inside.
-
-    Parameters
-    ----------
-    coder : RangeCoder
-        Where to.
-    edges : EdgeMaps
-        Edges; to write, as `edges_inside` returns them.
-    mask : ndarray of shape (H, W), bool, optional
-        Where there is anything; None: to be read.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        The mask.
-
-    Raises
-    ------
-    BitstreamError
-        If what is read cannot have been written.
-    """
+    """Write or read which regions are inside."""
     found = regions(edges)
     _, first = np.unique(found, return_index=True)
     inside = np.zeros(len(first), np.uint8) if mask is None else mask.ravel()[first].astype(np.uint8)

@@ -166,35 +166,13 @@ def encode_to_size(
 
 
 def mask_bytes(scene: Pieces) -> int:
-    """Return what the masks of all pieces take.
-
-    Parameters
-    ----------
-    scene : Pieces
-        The pieces.
-
-    Returns
-    -------
-    int
-        Bytes of their code.
-    """
+    """Return what the masks of all pieces take."""
     masks = [piece.mask for piece in scene.pieces if piece.mask.any()]
     return sum(len(code_edges(border(mask), None, mask).data) for mask in masks)
 
 
 def place_of(piece: Sprite) -> Place:
-    """Return where a piece lies.
-
-    Parameters
-    ----------
-    piece : Sprite
-        The piece.
-
-    Returns
-    -------
-    Place
-        Its place; nowhere if it is empty.
-    """
+    """Return where a piece lies."""
     height, width = piece.mask.shape
     return Place(piece.left, piece.top, width, height) if piece.mask.any() else Place(0, 0, 0, 0)
 

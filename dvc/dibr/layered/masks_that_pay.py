@@ -26,22 +26,7 @@ _MOST = 1 << 20
 
 
 def best_mask(profit: Floats, edge_cost: float, region_cost: float) -> Mask:
-    """Return the mask of the largest profit.
-
-    Parameters
-    ----------
-    profit : ndarray of shape (H, W), float64
-        Of each pixel, if it is inside; what it costs is subtracted. Minus infinity: it cannot be.
-    edge_cost : float
-        Of an edge between a pixel inside and one outside, positive.
-    region_cost : float
-        Of a region, beside its edges.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        The mask; regions that do not pay for themselves are left out.
-    """
+    """Return the mask of the largest profit."""
     chosen = _minimum_cut(profit / edge_cost)
     number, labels = cv2.connectedComponents(chosen.astype(np.uint8), connectivity=4)
     edges = border(chosen)

@@ -23,21 +23,11 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Pieces of a scene.
+    """Pieces of a scene."""
 
-    Attributes
-    ----------
-    canvas : Canvas
-        Where they are.
-    kind : Kind
-        Layers, from near to far; or sprites, in any order.
-    pieces : tuple of Sprite
-        Each within its own frame; of an empty layer, without rows and columns.
-    """
-
-    canvas: Canvas
-    kind: Kind
-    pieces: tuple[Sprite, ...]
+    canvas: Canvas  # where they are
+    kind: Kind  # layers, from near to far; or sprites, in any order
+    pieces: tuple[Sprite, ...]  # each within its own frame; of an empty layer, without rows and columns
 
     @property
     def num_values(self) -> int:
@@ -46,23 +36,7 @@ class Pieces:
 
 
 def read_pieces(folder: str | Path) -> Pieces:
-    """Read a folder of layers or sprites.
-
-    Parameters
-    ----------
-    folder : str or Path
-        As `dvc-stereo layers` or `dvc-stereo sprites` writes it.
-
-    Returns
-    -------
-    Pieces
-        What it holds.
-
-    Raises
-    ------
-    DvcError
-        If it holds neither, or something in it is missing or damaged.
-    """
+    """Read a folder of layers or sprites."""
     if (Path(folder) / layers_folder.INDEX).is_file():
         return pieces_of_layers(layers_folder.read_layers(folder))
     if (Path(folder) / sprites_folder.INDEX).is_file():
@@ -71,15 +45,7 @@ def read_pieces(folder: str | Path) -> Pieces:
 
 
 def write_pieces(folder: Path, pieces: Pieces) -> None:
-    """Write pieces as the folder that they came from; inverse of `read_pieces`.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists.
-    pieces : Pieces
-        What to write.
-    """
+    """Write pieces as the folder that they came from; inverse of `read_pieces`."""
     if pieces.kind is Kind.LAYERS:
         layers_folder.write_layers(folder, layers_of(pieces))
     else:
@@ -87,18 +53,7 @@ def write_pieces(folder: Path, pieces: Pieces) -> None:
 
 
 def pieces_of_layers(image: LayeredDepthImage) -> Pieces:
-    """Return the layers of an image, each within the rectangle that it takes.
-
-    Parameters
-    ----------
-    image : LayeredDepthImage
-        The layers.
-
-    Returns
-    -------
-    Pieces
-        One a layer.
-    """
+    """Return the layers of an image, each within the rectangle that it takes."""
     pieces = []
     for colour, disparity, mask in zip(image.colour, image.disparity, image.occupied, strict=True):
         left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
@@ -108,36 +63,12 @@ def pieces_of_layers(image: LayeredDepthImage) -> Pieces:
 
 
 def pieces_of_sprites(sprites: SpriteSet) -> Pieces:
-    """Return sprites as pieces.
-
-    Parameters
-    ----------
-    sprites : SpriteSet
-        The sprites.
-
-    Returns
-    -------
-    Pieces
-        One a sprite.
-    """
+    """Return sprites as pieces."""
     return Pieces(sprites.canvas, Kind.SPRITES, sprites.sprites)
 
 
 def layers_of(pieces: Pieces) -> LayeredDepthImage:
-    """Return layers as an image of which each lies behind the one before.
-
-    Where errors of coding have put one before another, it is moved right behind it.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        Layers, from near to far.
-
-    Returns
-    -------
-    LayeredDepthImage
-        The image; of each value one vote is told, as streams do not hold them.
-    """
+    """Return layers as an image of which each lies behind the one before."""
     shape = (len(pieces.pieces), *pieces.canvas.shape)
     colour, votes = np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.uint8)
     disparity = np.zeros(shape, np.float32)
@@ -155,16 +86,5 @@ def layers_of(pieces: Pieces) -> LayeredDepthImage:
 
 
 def sprites_of(pieces: Pieces) -> SpriteSet:
-    """Return pieces as sprites.
-
-    Parameters
-    ----------
-    pieces : Pieces
-        Sprites.
-
-    Returns
-    -------
-    SpriteSet
-        The same.
-    """
+    """Return pieces as sprites."""
     return SpriteSet(pieces.canvas, pieces.pieces)

@@ -10,35 +10,14 @@ from dvc.dibr.reference.codec import ReferenceCode, slopes_around
 
 @dataclass(frozen=True, eq=False)
 class Choices:
-    """Codes of one piece to choose from.
+    """Codes of one piece to choose from."""
 
-    Attributes
-    ----------
-    codes : tuple of ReferenceCode
-        At least one; errors of all pieces in the same unit.
-    fixed_bytes : tuple of int
-        What each needs beside its own.
-    weight : float
-        Of their errors, so that nothing pays at the steepest slope.
-    """
-
-    codes: tuple[ReferenceCode, ...]
-    fixed_bytes: tuple[int, ...]
-    weight: float = 1.0
+    codes: tuple[ReferenceCode, ...]  # at least one; errors of all pieces in the same unit
+    fixed_bytes: tuple[int, ...]  # what each needs beside its own
+    weight: float = 1.0  # of their errors, so that nothing pays at the steepest slope
 
     def bytes_at_slope(self, slope: float) -> int:
-        """Return the length of the code of least cost.
-
-        Parameters
-        ----------
-        slope : float
-            Mean squared error per bit per pixel.
-
-        Returns
-        -------
-        int
-            With what it needs beside its own.
-        """
+        """Return the length of the code of least cost."""
         slope /= self.weight
         costs, lengths = [], []
         for code, fixed in zip(self.codes, self.fixed_bytes, strict=True):
@@ -50,20 +29,7 @@ class Choices:
 
 
 def allot(choices: Sequence[Choices], num_bytes: int) -> list[int] | None:
-    """Divide bytes among pieces, so that the last bits of each are worth the same.
-
-    Parameters
-    ----------
-    choices : sequence of Choices
-        Of the pieces.
-    num_bytes : int
-        Of all together.
-
-    Returns
-    -------
-    list of int
-        Of each piece; together `num_bytes`, if there is so much to code. None: that is not enough.
-    """
+    """Divide bytes among pieces, so that the last bits of each are worth the same."""
     flatter, steeper = slopes_around(choices, num_bytes)
     lengths = [choice.bytes_at_slope(steeper) for choice in choices]
     left = num_bytes - sum(lengths)

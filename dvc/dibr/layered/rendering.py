@@ -25,79 +25,28 @@ _MARGIN = 1
 
 
 def render(decoded: DecodedPieces, viewpoint: Viewpoint) -> SynthesisedView:
-    """Render a view of a decoded stream.
-
-    Parameters
-    ----------
-    decoded : DecodedPieces
-        Pieces.
-    viewpoint : LatticePosition
-        The wanted one; the reference view is at (0, 0).
-
-    Returns
-    -------
-    SynthesisedView
-        The view, of the size of the reference view.
-    """
+    """Render a view of a decoded stream."""
     assert isinstance(viewpoint, LatticePosition), "layers and sprites are rectified"
     return render_pieces(decoded.scene, viewpoint)
 
 
 def render_pieces(scene: Pieces, viewpoint: LatticePosition) -> SynthesisedView:
-    """Render a view of pieces.
-
-    Parameters
-    ----------
-    scene : Pieces
-        Pieces.
-    viewpoint : LatticePosition
-        The wanted one; the reference view is at (0, 0).
-
-    Returns
-    -------
-    SynthesisedView
-        The view, of the size of the reference view.
-    """
+    """Render a view of pieces."""
     return filled(draw_pieces(scene, viewpoint), viewpoint)
 
 
 class DrawnPieces(NamedTuple):
-    """A view of pieces before holes are filled.
+    """A view of pieces before holes are filled."""
 
-    Attributes
-    ----------
-    image : ndarray of shape (H, W, 3), float64
-        Levels; 0 in holes.
-    inverse_depth : ndarray of shape (H, W), float64
-        `EMPTY` in holes.
-    piece : ndarray of shape (H, W), int64
-        Number of the piece that is seen; -1 in holes.
-    rows, columns : ndarray of shape (H, W), int64
-        The value of that piece that is seen, counted from its first one.
-    """
-
-    image: Floats
-    inverse_depth: Floats
-    piece: NDArray[np.int64]
-    rows: NDArray[np.int64]
+    image: Floats  # levels; 0 in holes
+    inverse_depth: Floats  # `EMPTY` in holes
+    piece: NDArray[np.int64]  # number of the piece that is seen; -1 in holes
+    rows: NDArray[np.int64]  # the value of that piece that is seen, counted from its first one
     columns: NDArray[np.int64]
 
 
 def draw_pieces(scene: Pieces, viewpoint: LatticePosition) -> DrawnPieces:
-    """Draw pieces forward, near over far.
-
-    Parameters
-    ----------
-    scene : Pieces
-        Pieces.
-    viewpoint : LatticePosition
-        The wanted one; the reference view is at (0, 0).
-
-    Returns
-    -------
-    DrawnPieces
-        What they show, and which value of which piece it is.
-    """
+    """Draw pieces forward, near over far."""
     frame, resolution = scene.canvas.frame, scene.canvas.resolution
     shape = frame.height, frame.width
     nearest, image = np.full(shape, EMPTY), np.zeros((*shape, 3))
@@ -124,20 +73,7 @@ def draw_pieces(scene: Pieces, viewpoint: LatticePosition) -> DrawnPieces:
 
 
 def filled(drawn: DrawnPieces, viewpoint: LatticePosition) -> SynthesisedView:
-    """Fill the holes of a view.
-
-    Parameters
-    ----------
-    drawn : DrawnPieces
-        The view.
-    viewpoint : LatticePosition
-        Where it is seen from.
-
-    Returns
-    -------
-    SynthesisedView
-        The view without holes.
-    """
+    """Fill the holes of a view."""
     epipole = np.array([-viewpoint.m, -viewpoint.n, 0.0])
     filled, inverse_depth = fill_from_background(drawn.image, drawn.inverse_depth, epipole)
     return SynthesisedView(filled, inverse_depth, drawn.inverse_depth > EMPTY)

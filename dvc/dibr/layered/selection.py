@@ -42,21 +42,11 @@ _FIRST, _STEP, _FLATTEST = 4.0, 4.0, 1.0 / 64.0
 
 @dataclass(frozen=True, eq=False)
 class SelectedPieces:
-    """A stream, and what it holds of a scene.
+    """A stream, and what it holds of a scene."""
 
-    Attributes
-    ----------
-    encoded : EncodedPieces
-        The stream.
-    scene : Pieces
-        What was coded.
-    squared_error : float
-        Of luma of other views, against those of all that was given.
-    """
-
-    encoded: EncodedPieces
-    scene: Pieces
-    squared_error: float
+    encoded: EncodedPieces  # the stream
+    scene: Pieces  # what was coded
+    squared_error: float  # of luma of other views, against those of all that was given
 
 
 def encode_best(
@@ -65,29 +55,7 @@ def encode_best(
     options: LayeredOptions | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> SelectedPieces:
-    """Code the layers or sprites that are worth their bytes.
-
-    Parameters
-    ----------
-    scene : Pieces
-        What is given.
-    max_bytes : int
-        Longest file.
-    options : LayeredOptions, optional
-        How it is coded.
-    advance : callable, optional
-        Called with 1 for each of `MOST_TRIALS` scenes.
-
-    Returns
-    -------
-    SelectedPieces
-        The stream.
-
-    Raises
-    ------
-    ConfigError
-        If not even a header fits.
-    """
+    """Code the layers or sprites that are worth their bytes."""
     chosen = options or LayeredOptions()
     if not scene.num_values:
         advance(MOST_TRIALS)

@@ -29,75 +29,28 @@ _HORIZONTAL = np.array([1.0, 0.0, 0.0])
 
 
 class Price(NamedTuple):
-    """What pixels cost.
+    """What pixels cost."""
 
-    Attributes
-    ----------
-    slope : float
-        Squared error, of all pixels of a view together, that a bit is worth.
-    bits_per_pixel : float
-        Of picture and disparities.
-    squared_error : float
-        Of a pixel that is coded.
-    """
-
-    slope: float
-    bits_per_pixel: float
-    squared_error: float
+    slope: float  # squared error, of all pixels of a view together, that a bit is worth
+    bits_per_pixel: float  # of picture and disparities
+    squared_error: float  # of a pixel that is coded
 
 
 class Simplified(NamedTuple):
-    """A simpler scene.
+    """A simpler scene."""
 
-    Attributes
-    ----------
-    scene : Pieces
-        The scene.
-    weights : tuple of float
-        What errors of each piece count: how much of it is seen in other views, beside the first one.
-    """
-
-    scene: Pieces
+    scene: Pieces  # the scene
+    # what errors of each piece count: how much of it is seen in other views, beside the first one
     weights: tuple[float, ...]
 
 
 def alone(stack: Stack, kind: Kind) -> Pieces:
-    """Return the nearest values within the frame, as one piece.
-
-    Parameters
-    ----------
-    stack : Stack
-        The values.
-    kind : Kind
-        What the piece is.
-
-    Returns
-    -------
-    Pieces
-        A picture with its disparities.
-    """
+    """Return the nearest values within the frame, as one piece."""
     return Pieces(stack.canvas, kind, (_front(stack, stack.canvas.frame),))
 
 
 def simplify(stack: Stack, kind: Kind, worth: Worth, price: Price) -> Simplified:
-    """Leave out what does not pay for its bits.
-
-    Parameters
-    ----------
-    stack : Stack
-        The values.
-    kind : Kind
-        What pieces are.
-    worth : Worth
-        What values are worth.
-    price : Price
-        What they cost.
-
-    Returns
-    -------
-    Simplified
-        What is left: first the nearest values, then those behind them, from near to far.
-    """
+    """Leave out what does not pay for its bits."""
     cost = price.slope * price.bits_per_pixel
     profit = np.where(stack.occupied, worth.saved - price.squared_error * worth.seen, 0.0) - cost
     window = _window(stack.canvas, profit[0])

@@ -22,55 +22,25 @@ Floats = NDArray[np.float64]
 
 
 class Stack(NamedTuple):
-    """Values of all pixels of a canvas, from near to far.
+    """Values of all pixels of a canvas, from near to far."""
 
-    Attributes
-    ----------
-    canvas : Canvas
-        Where they are.
-    colour : ndarray of shape (L, H, W, 3), uint8
-        Red, green and blue.
-    disparity : ndarray of shape (L, H, W), float32
-        In pixels per unit of m.
-    occupied : ndarray of shape (L, H, W), bool
-        Where there are values; wherever there is one, there is one before.
-    """
-
-    canvas: Canvas
-    colour: NDArray[np.uint8]
-    disparity: NDArray[np.float32]
-    occupied: NDArray[np.bool_]
+    canvas: Canvas  # where they are
+    colour: NDArray[np.uint8]  # red, green and blue
+    disparity: NDArray[np.float32]  # in pixels per unit of m
+    occupied: NDArray[np.bool_]  # where there are values; wherever there is one, there is one before
 
 
 class Worth(NamedTuple):
-    """What the values of a stack are worth in other views.
+    """What the values of a stack are worth in other views."""
 
-    Attributes
-    ----------
-    saved : ndarray of shape (L, H, W), float64
-        Squared error of luma where a value is seen, on the mean of the views, if there is only the reference
-        view with its disparities.
-    seen : ndarray of shape (L, H, W), float64
-        How many pixels of a view show it, on the mean.
-    """
-
+    # squared error of luma where a value is seen, on the mean of the views, if there is only the reference
+    # view with its disparities
     saved: Floats
-    seen: Floats
+    seen: Floats  # how many pixels of a view show it, on the mean
 
 
 def stack_of(scene: Pieces) -> Stack:
-    """Sort the values of pieces.
-
-    Parameters
-    ----------
-    scene : Pieces
-        At least one value.
-
-    Returns
-    -------
-    Stack
-        All of them.
-    """
+    """Sort the values of pieces."""
     height, width = scene.canvas.shape
     places, colours, disparities = [], [], []
     for piece in scene.pieces:
@@ -100,37 +70,14 @@ def stack_of(scene: Pieces) -> Stack:
 
 
 def rounded_to_labels(stack: Stack) -> Stack:
-    """Round disparities to those that were tried.
-
-    Parameters
-    ----------
-    stack : Stack
-        The values.
-
-    Returns
-    -------
-    Stack
-        The same with labels.
-    """
+    """Round disparities to those that were tried."""
     lowest, step, _ = stack.canvas.labels
     labels = lowest + step * np.rint((stack.disparity.astype(np.float64) - lowest) / step)
     return stack._replace(disparity=np.where(stack.occupied, labels, 0.0).astype(np.float32))
 
 
 def viewpoints_of(scene: Pieces) -> list[LatticePosition]:
-    """Return views that stand for all from which a scene may be looked at.
-
-    Parameters
-    ----------
-    scene : Pieces
-        The scene.
-
-    Returns
-    -------
-    list of LatticePosition
-        Evenly within what the viewer bounds, which is a bit beyond the cameras that have seen what lies
-        beyond the frame.
-    """
+    """Return views that stand for all from which a scene may be looked at."""
     is_layers = scene.kind is Kind.LAYERS
     bounds = (scene_of_layers(layers_of(scene)) if is_layers else scene_of_sprites(sprites_of(scene))).bounds
     shares = (np.arange(_CELLS) + 0.5) / _CELLS
@@ -140,40 +87,12 @@ def viewpoints_of(scene: Pieces) -> list[LatticePosition]:
 
 
 def luma_from(scene: Pieces, viewpoint: LatticePosition) -> Floats:
-    """Render the luma of a view.
-
-    Parameters
-    ----------
-    scene : Pieces
-        The scene.
-    viewpoint : LatticePosition
-        The view.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Levels.
-    """
+    """Render the luma of a view."""
     return luma(picture_of(render_pieces(scene, viewpoint))).astype(np.float64)
 
 
 def worth_of(stack: Stack, alone: Pieces, viewpoints: Sequence[LatticePosition]) -> Worth:
-    """Find what values are worth.
-
-    Parameters
-    ----------
-    stack : Stack
-        The values.
-    alone : Pieces
-        The scene without those that may be left out.
-    viewpoints : sequence of LatticePosition
-        Views in which errors count.
-
-    Returns
-    -------
-    Worth
-        Of each value.
-    """
+    """Find what values are worth."""
     pieces = tuple(
         Sprite(0, 0, *values) for values in zip(stack.occupied, stack.colour, stack.disparity, strict=True)
     )

@@ -38,118 +38,44 @@ _SIZE_AT = 6
 
 
 class Place(NamedTuple):
-    """Where a piece lies in the canvas.
+    """Where a piece lies in the canvas."""
 
-    Attributes
-    ----------
-    left, top : int
-        Column and row of its first pixel.
-    width, height : int
-        Its size; 0 of an empty layer.
-    """
-
-    left: int
+    left: int  # column and row of its first pixel
     top: int
-    width: int
+    width: int  # its size; 0 of an empty layer
     height: int
 
 
 @dataclass(frozen=True, eq=False)
 class LayeredStream:
-    """A stream.
+    """A stream."""
 
-    Attributes
-    ----------
-    canvas : Canvas
-        Where the pieces are.
-    kind : Kind
-        What they are.
-    places : tuple of Place
-        Of all pieces.
-    pieces : tuple of DepthImageStream or None
-        Those that are there, the last one perhaps cut; None: an empty layer.
-    num_header_bytes : int
-        Of the header.
-    damage : str or None
-        What is missing.
-    """
-
-    canvas: Canvas
-    kind: Kind
-    places: tuple[Place, ...]
+    canvas: Canvas  # where the pieces are
+    kind: Kind  # what they are
+    places: tuple[Place, ...]  # of all pieces
+    # those that are there, the last one perhaps cut; None: an empty layer
     pieces: tuple[DepthImageStream | None, ...]
-    num_header_bytes: int = 0
-    damage: str | None = None
+    num_header_bytes: int = 0  # of the header
+    damage: str | None = None  # what is missing
 
 
 def encode_stream(
     canvas: Canvas, kind: Kind, places: Sequence[Place], pieces: Sequence[DepthImageStream | None]
 ) -> bytes:
-    """Return the bytes of a stream.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        Where the pieces are.
-    kind : Kind
-        What they are.
-    places : sequence of Place
-        Of all pieces.
-    pieces : sequence of DepthImageStream or None
-        As many; None: an empty layer.
-
-    Returns
-    -------
-    bytes
-        A file.
-
-    Raises
-    ------
-    ConfigError
-        If the canvas is larger than streams can have.
-    """
+    """Return the bytes of a stream."""
     parts = [b"" if piece is None else piece_bytes(piece) for piece in pieces]
     header = encode_header(canvas, kind, places, [len(part) for part in parts])
     return header + b"".join(parts)
 
 
 def piece_bytes(piece: DepthImageStream) -> bytes:
-    """Return the bytes of a piece.
-
-    Parameters
-    ----------
-    piece : DepthImageStream
-        Its stream.
-
-    Returns
-    -------
-    bytes
-        Without magic, version and size.
-    """
+    """Return the bytes of a piece."""
     data = depth_image.encode_stream(piece)
     return data[_SIZE_AT - 1 : _SIZE_AT] + data[_SIZE_AT + _SIZE.size :]
 
 
 def encode_header(canvas: Canvas, kind: Kind, places: Sequence[Place], sizes: Sequence[int]) -> bytes:
-    """Return the header of a stream.
-
-    Parameters
-    ----------
-    canvas, kind, places
-        As for `encode_stream`.
-    sizes : sequence of int
-        Bytes of the pieces.
-
-    Returns
-    -------
-    bytes
-        With its checksum.
-
-    Raises
-    ------
-    ConfigError
-        If the canvas is larger than streams can have.
-    """
+    """Return the header of a stream."""
     name = canvas.reference.encode()
     if canvas.shape[0] * canvas.shape[1] > MAX_PIXELS or len(name) > MAX_NAME_BYTES:
         raise ConfigError(f"a canvas of at most {MAX_PIXELS} pixels is accepted, and a name of 255 bytes")
@@ -173,23 +99,7 @@ def encode_header(canvas: Canvas, kind: Kind, places: Sequence[Place], sizes: Se
 
 
 def decode_stream(data: bytes) -> LayeredStream:
-    """Read a stream, or the beginning of one.
-
-    Parameters
-    ----------
-    data : bytes
-        A file.
-
-    Returns
-    -------
-    LayeredStream
-        The stream: all pieces before the first damage, and of one that is cut as much as there is.
-
-    Raises
-    ------
-    BitstreamError
-        If it is none, of another version, or there is not enough of it for one piece.
-    """
+    """Read a stream, or the beginning of one."""
     canvas, kind, places, sizes, start = _decode_header(data)
     pieces: list[DepthImageStream | None] = []
     position, damage = start, None

@@ -17,22 +17,7 @@ P_FRAMES: Mapping[str, VideoCoder] = {f"P frame of {coder.name}": coder for code
 
 
 def independent_peers(array: CameraArray, labels: DisparityLabels, matcher: str) -> dict[str, Peer]:
-    """Return independent coding of disparities of one matcher, by each picture coder.
-
-    Parameters
-    ----------
-    array : CameraArray
-        Two views in colour, the reference first; gray is coded.
-    labels : DisparityLabels
-        Disparities to choose from.
-    matcher : str
-        One of `MATCHERS`.
-
-    Returns
-    -------
-    dict of str to callable
-        By name.
-    """
+    """Return independent coding of disparities of one matcher, by each picture coder."""
     disparity = MATCHERS[matcher](array, labels)
     views = views_of_array(array, gray=True)
     return {
@@ -42,18 +27,7 @@ def independent_peers(array: CameraArray, labels: DisparityLabels, matcher: str)
 
 
 def two_view_peers(array: CameraArray) -> dict[str, Peer]:
-    """Return codings of both views as they are.
-
-    Parameters
-    ----------
-    array : CameraArray
-        Two views in colour, the reference first; gray is coded.
-
-    Returns
-    -------
-    dict of str to callable
-        By name.
-    """
+    """Return codings of both views as they are."""
     first, second = views_of_array(array, gray=True).pictures
     both = first, second
 
@@ -65,20 +39,7 @@ def two_view_peers(array: CameraArray) -> dict[str, Peer]:
 
 
 def all_peers(array: CameraArray, labels: DisparityLabels) -> dict[str, Peer]:
-    """Return all that can be had for two views.
-
-    Parameters
-    ----------
-    array : CameraArray
-        Two views in colour, the reference first.
-    labels : DisparityLabels
-        Disparities to choose from.
-
-    Returns
-    -------
-    dict of str to callable
-        By name; without matchers that do not take such views.
-    """
+    """Return all that can be had for two views."""
     peers: dict[str, Peer] = {}
     for matcher in MATCHERS:
         try:
@@ -89,20 +50,7 @@ def all_peers(array: CameraArray, labels: DisparityLabels) -> dict[str, Peer]:
 
 
 def within(peer: Peer, max_bytes: int) -> PeerResult | None:
-    """Return what a peer makes of a number of bytes.
-
-    Parameters
-    ----------
-    peer : callable
-        One of the above.
-    max_bytes : int
-        Of all its files.
-
-    Returns
-    -------
-    PeerResult or None
-        None where so few bytes are not enough.
-    """
+    """Return what a peer makes of a number of bytes."""
     try:
         return peer(max_bytes)
     except ConfigError:

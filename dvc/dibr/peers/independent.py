@@ -27,25 +27,7 @@ REFINEMENTS = 3
 
 
 def semi_global_disparity(array: CameraArray, labels: DisparityLabels) -> Floats:
-    """Match a left and a right view by OpenCV, holes filled.
-
-    Parameters
-    ----------
-    array : CameraArray
-        Two views, the reference first.
-    labels : DisparityLabels
-        Up to the highest; in pixels per unit of m.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Of the reference, in pixels per unit of m.
-
-    Raises
-    ------
-    ConfigError
-        If the second view is not to the right, or disparities are negative.
-    """
+    """Match a left and a right view by OpenCV, holes filled."""
     from dvc.stereo.thesis.opencv_baseline import semi_global_baseline
 
     baseline = array[1].position.m - array[0].position.m
@@ -55,20 +37,7 @@ def semi_global_disparity(array: CameraArray, labels: DisparityLabels) -> Floats
 
 
 def stereo_disparity(array: CameraArray, labels: DisparityLabels) -> Floats:
-    """Match views as `dvc-stereo reconstruct` does.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The views, the reference first.
-    labels : DisparityLabels
-        Disparities to choose from.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Of the reference, in pixels per unit of m.
-    """
+    """Match views as `dvc-stereo reconstruct` does."""
     from dvc.stereo.surfaces.reconstruction import reconstruct
     from dvc.stereo.surfaces.settings import StereoSettings
 
@@ -85,24 +54,12 @@ MATCHERS: dict[str, Callable[[CameraArray, DisparityLabels], Floats]] = {
 
 @dataclass(eq=False)
 class IndependentCodec:
-    """Reference and disparities as two pictures.
+    """Reference and disparities as two pictures."""
 
-    Attributes
-    ----------
-    views : Views
-        Gray, of one reference.
-    disparity : ndarray of shape (H, W), float64
-        Of the reference.
-    labels : DisparityLabels
-        Range of the disparities: gray levels 0 and 255 are its ends.
-    coder : PictureCoder
-        Of both pictures.
-    """
-
-    views: Views
-    disparity: Floats
-    labels: DisparityLabels
-    coder: PictureCoder
+    views: Views  # gray, of one reference
+    disparity: Floats  # of the reference
+    labels: DisparityLabels  # range of the disparities: gray levels 0 and 255 are its ends
+    coder: PictureCoder  # of both pictures
     _pictures: Ladder = field(init=False, repr=False)
     _depths: Ladder = field(init=False, repr=False)
     _results: dict[tuple[int, int], PeerResult] = field(default_factory=dict, repr=False)
@@ -116,25 +73,7 @@ class IndependentCodec:
     def best_within(
         self, max_bytes: int, measure: Callable[[Quality], float] = lambda quality: quality.pooled_db
     ) -> PeerResult:
-        """Code at the best split.
-
-        Parameters
-        ----------
-        max_bytes : int
-            Of both files.
-        measure : callable, optional
-            What is best; the PSNR of (3.1) by default.
-
-        Returns
-        -------
-        PeerResult
-            The best of what was tried.
-
-        Raises
-        ------
-        ConfigError
-            If both pictures need more.
-        """
+        """Code at the best split."""
         tried: dict[int, PeerResult] = {}
         for share in FIRST_SHARES:
             if (depth := self._depths.within(share * max_bytes)) is not None:

@@ -17,18 +17,7 @@ AVIF_LEVELS = 101
 
 
 def decoded(file: bytes) -> Picture:
-    """Decode a file of a gray picture.
-
-    Parameters
-    ----------
-    file : bytes
-        Of any format that Pillow reads.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        The picture.
-    """
+    """Decode a file of a gray picture."""
     from PIL import Image
 
     return np.asarray(Image.open(io.BytesIO(file)).convert("L"))
@@ -36,91 +25,39 @@ def decoded(file: bytes) -> Picture:
 
 @dataclass(frozen=True)
 class PictureCoder:
-    """A coder of gray pictures, whose files grow with a whole number.
+    """A coder of gray pictures, whose files grow with a whole number."""
 
-    Attributes
-    ----------
-    name : str
-        Of the format.
-    num_levels : int
-        Qualities are from 0 to ``num_levels - 1``.
-    encode : callable
-        From a picture (H, W), uint8, and a quality to a file.
-    decode : callable, optional
-        From a file to a picture; by default Pillow's.
-    """
-
-    name: str
-    num_levels: int
-    encode: Callable[[Picture, int], bytes]
-    decode: Callable[[bytes], Picture] = decoded
+    name: str  # of the format
+    num_levels: int  # qualities are from 0 to ``num_levels - 1``
+    encode: Callable[[Picture, int], bytes]  # from a picture (H, W), uint8, and a quality to a file
+    decode: Callable[[bytes], Picture] = decoded  # from a file to a picture; by default Pillow's
 
 
 class CodedPicture(NamedTuple):
-    """A picture in a file.
+    """A picture in a file."""
 
-    Attributes
-    ----------
-    num_bytes : int
-        Of the file.
-    picture : ndarray of shape (H, W), uint8
-        Decoded.
-    level : int
-        Quality.
-    """
-
-    num_bytes: int
-    picture: Picture
-    level: int
+    num_bytes: int  # of the file
+    picture: Picture  # decoded
+    level: int  # quality
 
 
 @dataclass(eq=False)
 class Ladder:
-    """One picture at all qualities, each coded when it is asked for.
+    """One picture at all qualities, each coded when it is asked for."""
 
-    Attributes
-    ----------
-    coder : PictureCoder
-        By what.
-    picture : ndarray of shape (H, W), uint8
-        The original.
-    """
-
-    coder: PictureCoder
-    picture: Picture
+    coder: PictureCoder  # by what
+    picture: Picture  # the original
     _known: dict[int, CodedPicture] = field(default_factory=dict, repr=False)
 
     def at(self, level: int) -> CodedPicture:
-        """Return the picture at a quality.
-
-        Parameters
-        ----------
-        level : int
-            From 0 to ``coder.num_levels - 1``.
-
-        Returns
-        -------
-        CodedPicture
-            Coded once.
-        """
+        """Return the picture at a quality."""
         if level not in self._known:
             file = self.coder.encode(self.picture, level)
             self._known[level] = CodedPicture(len(file), self.coder.decode(file), level)
         return self._known[level]
 
     def within(self, max_bytes: float) -> CodedPicture | None:
-        """Return the picture at the best quality that fits.
-
-        Parameters
-        ----------
-        max_bytes : float
-            Of the file.
-
-        Returns
-        -------
-        CodedPicture or None
-            None if no quality fits.
-        """
+        """Return the picture at the best quality that fits."""
         low, high = -1, self.coder.num_levels
         while high - low > 1:
             middle = (low + high) // 2

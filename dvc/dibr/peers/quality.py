@@ -11,57 +11,24 @@ from dvc.metrics import PEAK, psnr_db
 
 
 class Quality(NamedTuple):
-    """PSNR of all views of a scene.
+    """PSNR of all views of a scene."""
 
-    Attributes
-    ----------
-    pooled_db : float
-        By (3.1): of the mean squared error over all views, the reference included.
-    mean_db : float
-        Mean of the PSNRs.
-    by_view_db : tuple of float
-        PSNR of each view.
-    """
-
-    pooled_db: float
-    mean_db: float
-    by_view_db: tuple[float, ...]
+    pooled_db: float  # by (3.1): of the mean squared error over all views, the reference included
+    mean_db: float  # mean of the PSNRs
+    by_view_db: tuple[float, ...]  # PSNR of each view
 
 
 class PeerResult(NamedTuple):
-    """What a codec has made of all views.
+    """What a codec has made of all views."""
 
-    Attributes
-    ----------
-    num_bytes : int
-        All of its files.
-    quality : Quality
-        Of the views that were decoded or rendered.
-    split : float
-        Share of the disparities, or of the second view, in the bytes.
-    setting : str
-        What was chosen.
-    """
-
-    num_bytes: int
-    quality: Quality
-    split: float
-    setting: str
+    num_bytes: int  # all of its files
+    quality: Quality  # of the views that were decoded or rendered
+    split: float  # share of the disparities, or of the second view, in the bytes
+    setting: str  # what was chosen
 
 
 def quality_of(found: Sequence[Picture], truths: Sequence[Picture]) -> Quality:
-    """Compare views with what cameras saw.
-
-    Parameters
-    ----------
-    found, truths : sequence of ndarray of shape (H, W) or (H, W, 3), uint8
-        All views, the reference included.
-
-    Returns
-    -------
-    Quality
-        Decibels; of colour, the squared error is the mean over channels.
-    """
+    """Compare views with what cameras saw."""
     by_view = [
         psnr_db(one.reshape(one.shape[0], -1), truth.reshape(truth.shape[0], -1))
         for one, truth in zip(found, truths, strict=True)

@@ -29,27 +29,13 @@ _MESSAGES = {"h264": (31, 0, {6}), "hevc": (63, 1, {39, 40})}
 
 @dataclass(frozen=True)
 class VideoCoder:
-    """A video encoder that codes an I frame and a P frame.
+    """A video encoder that codes an I frame and a P frame."""
 
-    Attributes
-    ----------
-    name : str
-        As it is known.
-    library : str
-        Encoder as FFmpeg names it.
-    decoder : str
-        Decoder as FFmpeg names it.
-    parameters : str
-        All that differs from the preset, but for QPs.
-    preset : str
-        Preset.
-    """
-
-    name: str
-    library: Literal["libx264", "libx265"]
-    decoder: Literal["h264", "hevc"]
-    parameters: str
-    preset: str = "slow"
+    name: str  # as it is known
+    library: Literal["libx264", "libx265"]  # encoder as FFmpeg names it
+    decoder: Literal["h264", "hevc"]  # decoder as FFmpeg names it
+    parameters: str  # all that differs from the preset, but for QPs
+    preset: str = "slow"  # preset
 
 
 # Constant QPs, PSNR rather than looks, wide search as views are far from each other; one thread.
@@ -70,27 +56,7 @@ X265: Final = VideoCoder(
 
 
 def two_pictures(pictures: tuple[Picture, Picture], coder: PictureCoder, max_bytes: int) -> PeerResult:
-    """Code both views as pictures, at the best split of the bytes.
-
-    Parameters
-    ----------
-    pictures : tuple of two ndarray of shape (H, W), uint8
-        The views.
-    coder : PictureCoder
-        Of both.
-    max_bytes : int
-        Of both files.
-
-    Returns
-    -------
-    PeerResult
-        The best of what was tried.
-
-    Raises
-    ------
-    ConfigError
-        If both need more.
-    """
+    """Code both views as pictures, at the best split of the bytes."""
     ladders = [Ladder(coder, picture) for picture in pictures]
     tried = []
     for offset in LEVEL_OFFSETS:
@@ -120,27 +86,7 @@ def _size(ladders: list[Ladder], level: int, offset: int) -> int:
 
 
 def intra_and_predicted(pictures: tuple[Picture, Picture], coder: VideoCoder, max_bytes: int) -> PeerResult:
-    """Code the first view as an I frame and the second one as a P frame, at the best pair of QPs.
-
-    Parameters
-    ----------
-    pictures : tuple of two ndarray of shape (H, W), uint8
-        The views.
-    coder : VideoCoder
-        The encoder.
-    max_bytes : int
-        Of the elementary stream, without messages.
-
-    Returns
-    -------
-    PeerResult
-        The best of what was tried.
-
-    Raises
-    ------
-    ConfigError
-        If the encoder is missing, or even its highest QP needs more.
-    """
+    """Code the first view as an I frame and the second one as a P frame, at the best pair of QPs."""
     tried = []
     for offset in QP_OFFSETS:
         low, high = LOWEST_QP - 1, HIGHEST_QP + 1 - offset
@@ -163,29 +109,7 @@ def intra_and_predicted(pictures: tuple[Picture, Picture], coder: VideoCoder, ma
 
 
 def encode_frames(pictures: tuple[Picture, ...], coder: VideoCoder, qp: int, offset: int) -> Iterator[bytes]:
-    """Code an I frame, and P frames after it.
-
-    Parameters
-    ----------
-    pictures : tuple of ndarray of shape (H, W), uint8
-        The views.
-    coder : VideoCoder
-        The encoder.
-    qp : int
-        Of the I frame.
-    offset : int
-        How much higher those of P frames are.
-
-    Yields
-    ------
-    bytes
-        Of each frame, parameter sets with the first.
-
-    Raises
-    ------
-    ConfigError
-        If the encoder is missing, or refuses the size.
-    """
+    """Code an I frame, and P frames after it."""
     import av
 
     if coder.library not in av.codecs_available:
@@ -212,20 +136,7 @@ def encode_frames(pictures: tuple[Picture, ...], coder: VideoCoder, qp: int, off
 
 
 def decode_frames(stream: list[bytes], coder: VideoCoder) -> list[Picture]:
-    """Decode frames.
-
-    Parameters
-    ----------
-    stream : list of bytes
-        As `encode_frames` yields them.
-    coder : VideoCoder
-        The codec.
-
-    Returns
-    -------
-    list of ndarray of shape (H, W), uint8
-        In order of display.
-    """
+    """Decode frames."""
     import av
 
     context = av.CodecContext.create(coder.decoder, "r")
@@ -235,20 +146,7 @@ def decode_frames(stream: list[bytes], coder: VideoCoder) -> list[Picture]:
 
 
 def without_messages(stream: bytes, decoder: str) -> bytes:
-    """Leave out what no decoder needs: encoders write their options there.
-
-    Parameters
-    ----------
-    stream : bytes
-        NAL units with start codes.
-    decoder : {"h264", "hevc"}
-        What they are.
-
-    Returns
-    -------
-    bytes
-        The other units.
-    """
+    """Leave out what no decoder needs: encoders write their options there."""
     mask, shift, messages = _MESSAGES[decoder]
     units = stream.split(b"\x00\x00\x01")[1:]
     kept = [unit for unit in units if (unit[0] >> shift) & mask not in messages]

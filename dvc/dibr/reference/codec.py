@@ -45,27 +45,15 @@ _POINT_STEP, _FIRST_POINT, _NUM_POINTS = 1 / 32, 2, 16
 
 @dataclass(frozen=True)
 class DecodedReference:
-    """A decoded picture.
+    """A decoded picture."""
 
-    Attributes
-    ----------
-    planes : ndarray of shape (1 or 3, H, W), float64
-        Gray, or Y, Cb and Cr; intensities from 0 to 255, neither rounded nor clipped.
-    significance : list of ndarray of shape (ceil(H / 2^j), ceil(W / 2^j)), bool
-        Where coefficients are significant (3.3), from j = 1 on, down to one pixel; of the full resolution.
-    """
-
+    # gray, or Y, Cb and Cr; intensities from 0 to 255, neither rounded nor clipped
     planes: NDArray[np.float64]
+    # where coefficients are significant (3.3), from j = 1 on, down to one pixel; of the full resolution
     significance: list[NDArray[np.bool_]]
 
     def picture(self) -> NDArray[np.uint8]:
-        """Return the picture.
-
-        Returns
-        -------
-        ndarray of shape (H, W) or (H, W, 3), uint8
-            Gray, or red, green and blue.
-        """
+        """Return the picture."""
         channels = () if len(self.planes) == 1 else (3,)
         found = np.empty((*self.planes.shape[1:], *channels), np.uint8)
         for row in range(0, len(found), _ROWS_AT_ONCE):
@@ -77,63 +65,27 @@ class DecodedReference:
 
 @dataclass(frozen=True)
 class ReferenceCode:
-    """An encoded picture, to be cut where the caller wants.
+    """An encoded picture, to be cut where the caller wants."""
 
-    Attributes
-    ----------
-    header : ReferenceHeader
-        The header, of usual points.
-    data : bytes
-        All data.
-    shape : tuple of int
-        Rows and columns.
-    bits_per_pixel : ndarray of shape (n,), float64
-        Lengths at which the data may be cut, increasing; the header is not counted.
-    mse : ndarray of shape (n,), float64
-        Mean squared error there, intensities from 0 to 1, as coefficients tell it, which is some percent less
-        than that of pixels; chroma counts by its weight.
-    """
-
-    header: ReferenceHeader
-    data: bytes = field(repr=False)
-    shape: Shape
+    header: ReferenceHeader  # the header, of usual points
+    data: bytes = field(repr=False)  # all data
+    shape: Shape  # rows and columns
+    # lengths at which the data may be cut, increasing; the header is not counted
     bits_per_pixel: NDArray[np.float64]
+    # mean squared error there, intensities from 0 to 1, as coefficients tell it, which is some percent less
+    # than that of pixels; chroma counts by its weight
     mse: NDArray[np.float64]
     _forest: Forest = field(repr=False)
     _coefficients: NDArray[np.float64] = field(repr=False)
 
     def bytes_at_slope(self, slope: float) -> int:
-        """Return where to cut so that the last bits were worth a slope.
-
-        Parameters
-        ----------
-        slope : float
-            Mean squared error, intensities from 0 to 1, per bit per pixel; λ of (3.5).
-
-        Returns
-        -------
-        int
-            Length in bytes of the point of least ``mse + slope * bits_per_pixel``.
-        """
+        """Return where to cut so that the last bits were worth a slope."""
         best = int(np.argmin(self.mse + slope * self.bits_per_pixel))
         num_pixels = self.shape[0] * self.shape[1]
         return min(round(float(self.bits_per_pixel[best]) * num_pixels / 8), len(self.data))
 
     def cut(self, num_bytes: int) -> tuple[ReferenceHeader, bytes]:
-        """Return a part, and the header that suits it best.
-
-        Parameters
-        ----------
-        num_bytes : int
-            Length of the data, without the header; all there are, if there are fewer.
-
-        Returns
-        -------
-        header : ReferenceHeader
-            The header, of fitted points; it also serves any other part.
-        data : bytes
-            The data.
-        """
+        """Return a part, and the header that suits it best."""
         data = self.data[: max(num_bytes, 0)]
         known = coder.decode(self._forest, data, self.header.num_bit_planes, self.header.adaptive)
         fitted = [
@@ -144,19 +96,7 @@ class ReferenceCode:
 
 
 def lowest_plane_at(slope: float) -> int:
-    """Return the bit plane after which no bits are worth a slope.
-
-    Parameters
-    ----------
-    slope : float
-        Mean squared error, intensities from 0 to 1, per bit per pixel.
-
-    Returns
-    -------
-    int
-        The last plane in which a coefficient that becomes significant could save `_MOST_GAIN` squared
-        thresholds for a bit.
-    """
+    """Return the bit plane after which no bits are worth a slope."""
     threshold = math.sqrt(slope / _MOST_GAIN) * _PEAK / STEP
     return max(math.floor(math.log2(threshold)), 0) if threshold > 1.0 else 0
 
@@ -180,21 +120,7 @@ class Sloped(Protocol):
 
 
 def slopes_around(codes: Sequence[Sloped], num_bytes: float) -> tuple[float, float]:
-    """Return the slopes between which the codes of pictures leap past a length.
-
-    Parameters
-    ----------
-    codes : sequence of ReferenceCode
-        The pictures, or what else has slopes.
-    num_bytes : float
-        Of all their data.
-
-    Returns
-    -------
-    flatter, steeper : float
-        From `FLATTEST` to `STEEPEST`, next to each other: data are longer at the first one, and not at the
-        second one.
-    """
+    """Return the slopes between which the codes of pictures leap past a length."""
     low, high = math.log(FLATTEST), math.log(STEEPEST)
     for _ in range(_SLOPE_STEPS):
         middle = 0.5 * (low + high)
@@ -216,40 +142,7 @@ def encode(
     lowest_plane: int = 0,
     mask: Mask | None = None,
 ) -> ReferenceCode:
-    """Code a picture.
-
-    Parameters
-    ----------
-    picture : array_like of shape (H, W) or (H, W, 3)
-        Gray, or red, green and blue, from 0 to 255.
-    max_bytes : int, optional
-        Length of the data at which to stop; after the last bit plane by default.
-    num_levels : int, optional
-        How many times planes are split, at most `MAX_LEVELS`; by default `DEFAULT_LEVELS`, or down to one
-        pixel.
-    wavelet : str, optional
-        ``9/7`` or ``5/3``.
-    adaptive : bool, optional
-        Arithmetic coding; else plain bits.
-    edges : EdgeMaps, optional
-        Where the transform is to stop, which the decoder must be told; nowhere by default.
-    order : int, optional
-        Of the extrapolation at edges.
-    lowest_plane : int, optional
-        Bit plane after which to stop; see `lowest_plane_at`.
-    mask : ndarray of shape (H, W), bool, optional
-        Where there is a picture, by default everywhere; its border is among the edges.
-
-    Returns
-    -------
-    ReferenceCode
-        The code, to be cut.
-
-    Raises
-    ------
-    ValueError
-        If the picture has another shape, or an option another value.
-    """
+    """Code a picture."""
     planes = _planes_of(np.asarray(picture, np.float64))
     shape = (planes[0].shape[0], planes[0].shape[1])
     if num_levels is None:
@@ -280,37 +173,7 @@ def decode(
     order: int = 0,
     mask: Mask | None = None,
 ) -> DecodedReference:
-    """Decode a picture, or as much of it as some bytes hold.
-
-    Parameters
-    ----------
-    header : ReferenceHeader
-        The header.
-    data : bytes
-        Data, from their beginning.
-    shape : tuple of int
-        Rows and columns of the picture.
-    num_skipped_levels : int, optional
-        How many times the picture is halved; at most as often as it was split.
-    edges : EdgeMaps, optional
-        As it was encoded.
-    order : int, optional
-        Of the extrapolation at edges.
-    mask : ndarray of shape (H, W), bool, optional
-        As it was encoded.
-
-    Returns
-    -------
-    DecodedReference
-        The picture and its significance maps.
-
-    Raises
-    ------
-    BitstreamError
-        If the data are damaged.
-    ValueError
-        If there are not so many levels.
-    """
+    """Decode a picture, or as much of it as some bytes hold."""
     if not 0 <= num_skipped_levels <= header.num_levels:
         raise ValueError(
             f"`num_skipped_levels` must be from 0 to {header.num_levels}, got {num_skipped_levels}"

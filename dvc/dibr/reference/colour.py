@@ -9,40 +9,14 @@ _CB_SCALE, _CR_SCALE = 2.0 * (1.0 - _KB), 2.0 * (1.0 - _KR)
 
 
 def ycbcr_from_rgb(picture: ArrayLike) -> NDArray[np.float64]:
-    """Return luma and chroma; the inverse of `rgb_from_ycbcr`.
-
-    Parameters
-    ----------
-    picture : array_like of shape (H, W, 3)
-        Red, green, blue, from 0 to 255.
-
-    Returns
-    -------
-    ndarray of shape (3, H, W), float64
-        Y from 0 to 255; Cb and Cr from -127.5 to 127.5.
-
-    References
-    ----------
-    ITU-R Recommendation BT.601.
-    """
+    """Return luma and chroma; the inverse of `rgb_from_ycbcr`."""
     red, green, blue = np.moveaxis(np.asarray(picture, np.float64), -1, 0)
     luma = _KR * red + _KG * green + _KB * blue
     return np.stack([luma, (blue - luma) / _CB_SCALE, (red - luma) / _CR_SCALE])
 
 
 def rgb_from_ycbcr(planes: ArrayLike) -> NDArray[np.float64]:
-    """Return red, green and blue; the inverse of `ycbcr_from_rgb`.
-
-    Parameters
-    ----------
-    planes : array_like of shape (3, H, W)
-        Y, Cb, Cr.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), float64
-        The picture, neither rounded nor clipped.
-    """
+    """Return red, green and blue; the inverse of `ycbcr_from_rgb`."""
     luma, cb, cr = np.asarray(planes, np.float64)
     blue, red = luma + _CB_SCALE * cb, luma + _CR_SCALE * cr
     return np.stack([red, (luma - _KR * red - _KB * blue) / _KG, blue], axis=-1)

@@ -11,42 +11,21 @@ MAX_LEVELS = 15
 
 @dataclass(frozen=True)
 class ReferenceHeader:
-    """What a decoder needs beside size and data.
+    """What a decoder needs beside size and data."""
 
-    Attributes
-    ----------
-    num_levels : int
-        How many times planes are split, at most `MAX_LEVELS`.
-    num_bit_planes : int
-        Bit planes of the coefficients, at most `MAX_PLANES`.
-    colour : bool
-        Three planes instead of one.
-    wavelet : str
-        ``9/7`` or ``5/3``.
-    adaptive : bool
-        Arithmetic coding; else plain bits.
-    points : tuple of int
-        Where coefficients lie in their intervals, at first and once refined: k for (k + 2) / 32; below 16.
-    """
-
-    num_levels: int
-    num_bit_planes: int
-    colour: bool = False
-    wavelet: str = "9/7"
-    adaptive: bool = True
+    num_levels: int  # how many times planes are split, at most `MAX_LEVELS`
+    num_bit_planes: int  # bit planes of the coefficients, at most `MAX_PLANES`
+    colour: bool = False  # three planes instead of one
+    wavelet: str = "9/7"  # ``9/7`` or ``5/3``
+    adaptive: bool = True  # arithmetic coding; else plain bits
+    # where coefficients lie in their intervals, at first and once refined: k for (k + 2) / 32; below 16
     points: tuple[int, int] = (10, 12)
 
     SIZE = 3
     """Bytes."""
 
     def to_bytes(self) -> bytes:
-        """Return the header as bytes; the inverse of `from_bytes`.
-
-        Returns
-        -------
-        bytes
-            `SIZE` of them.
-        """
+        """Return the header as bytes; the inverse of `from_bytes`."""
         flags = self.colour | (self.wavelet == "5/3") << 1 | self.adaptive << 2
         return bytes(
             [self.num_levels | flags << 4, self.num_bit_planes, self.points[0] << 4 | self.points[1]]
@@ -54,23 +33,7 @@ class ReferenceHeader:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
-        """Read a header.
-
-        Parameters
-        ----------
-        data : bytes
-            At least `SIZE` bytes; what follows is ignored.
-
-        Returns
-        -------
-        ReferenceHeader
-            The header.
-
-        Raises
-        ------
-        BitstreamError
-            If there are fewer, or none that is written like this.
-        """
+        """Read a header."""
         if len(data) < cls.SIZE:
             raise BitstreamError("the header of the reference view is cut off")
         first, num_bit_planes, points = data[: cls.SIZE]

@@ -39,52 +39,25 @@ FIRST_POINT, LATER_POINT = 1.4, 0.48
 
 
 class Run(NamedTuple):
-    """What a coder works on: arrays only, few of them, as each access to one in a tuple costs time.
+    """What a coder works on: arrays only, few of them, as each access to one in a tuple costs time."""
 
-    Attributes
-    ----------
-    coder : CoderState
-        Where to write or to read.
-    fields : ndarray of shape (8,), int64
-        Ends of chains, lengths of lists, whether the data are used up, and the bit plane.
-    values : ndarray of shape (S,), int32
-        Coefficients as far as they are known, in steps, with their signs.
-    marks : ndarray of shape (S, 3 or 5), uint8
-        Of each node: band, flags, lowest plane that is known; of a writer also in how many planes there is
-        anything among descendants, and among those but children.
-    bands : ndarray of shape (B, 9), int64
-        Bands of coefficients.
-    links : ndarray of shape (S,), int32
-        The next one of coefficients that are not yet significant, or of those that are; 0 after the last.
-    sets : ndarray of shape (2 P,), int32
-        Sets, by their nodes; those of grandchildren negative. P nodes have children.
-    opening : ndarray of shape (K,), int32
-        Nodes whose children are to be coded.
-    exact : ndarray of shape (S,), float64
-        Coefficients before quantisation, in steps, of a writer; empty for a reader.
-    curve : ndarray of shape (W,), float64
-        Squared error once each word is written, and last the one now.
-    mixture : Mixture
-        Of three contexts.
-    num_bytes : int
-        How many there are, or may be.
-    adaptive : bool
-        Whether decisions have contexts; else each takes a bit.
-    """
-
-    coder: CoderState
+    coder: CoderState  # where to write or to read
+    # ends of chains, lengths of lists, whether the data are used up, and the bit plane
     fields: NDArray[np.int64]
-    values: NDArray[np.int32]
+    values: NDArray[np.int32]  # coefficients as far as they are known, in steps, with their signs
+    # of each node: band, flags, lowest plane that is known; of a writer also in how many planes there is
+    # anything among descendants, and among those but children
     marks: NDArray[np.uint8]
-    bands: NDArray[np.int64]
+    bands: NDArray[np.int64]  # bands of coefficients
+    # the next one of coefficients that are not yet significant, or of those that are; 0 after the last
     links: NDArray[np.int32]
-    sets: NDArray[np.int32]
-    opening: NDArray[np.int32]
-    exact: NDArray[np.float64]
-    curve: NDArray[np.float64]
-    mixture: Mixture
-    num_bytes: int
-    adaptive: bool
+    sets: NDArray[np.int32]  # sets, by their nodes; those of grandchildren negative
+    opening: NDArray[np.int32]  # nodes whose children are to be coded
+    exact: NDArray[np.float64]  # coefficients before quantisation, in steps, of a writer; empty for a reader
+    curve: NDArray[np.float64]  # squared error once each word is written, and last the one now
+    mixture: Mixture  # of three contexts
+    num_bytes: int  # how many there are, or may be
+    adaptive: bool  # whether decisions have contexts; else each takes a bit
 
 
 @kernel

@@ -34,87 +34,36 @@ _FIRST_WEIGHT = 0.4
 
 @dataclass(frozen=True)
 class EmbeddedCode:
-    """Coefficients as bytes.
+    """Coefficients as bytes."""
 
-    Attributes
-    ----------
-    data : bytes
-        Any part from the beginning is the code of an approximation.
-    num_planes : int
-        Bit planes; the reader must be told.
-    bits : ndarray of shape (n,), float64
-        Lengths, increasing.
-    squared_error : ndarray of shape (n,), float64
-        Of the coefficients, in squared steps, once that many bits are read.
-    """
-
-    data: bytes
-    num_planes: int
-    bits: NDArray[np.float64]
-    squared_error: NDArray[np.float64]
+    data: bytes  # any part from the beginning is the code of an approximation
+    num_planes: int  # bit planes; the reader must be told
+    bits: NDArray[np.float64]  # lengths, increasing
+    squared_error: NDArray[np.float64]  # of the coefficients, in squared steps, once that many bits are read
 
 
 @dataclass(frozen=True)
 class DecodedCoefficients:
-    """What bytes tell of coefficients.
+    """What bytes tell of coefficients."""
 
-    Attributes
-    ----------
-    values : ndarray of shape (S,), int32
-        Lower bounds of magnitudes, in steps, with their signs; 0 where nothing is significant.
-    last_planes : ndarray of shape (S,), uint8
-        Lowest bit plane of each that is known: a magnitude is less than ``2^last_plane`` above its bound.
-    """
-
+    # lower bounds of magnitudes, in steps, with their signs; 0 where nothing is significant
     values: NDArray[np.int32]
+    # lowest bit plane of each that is known: a magnitude is less than ``2^last_plane`` above its bound
     last_planes: NDArray[np.uint8]
 
     def part(self, band: Band) -> Self:
-        """Return what is known of a band.
-
-        Parameters
-        ----------
-        band : Band
-            Which.
-
-        Returns
-        -------
-        DecodedCoefficients
-            Of its shape.
-        """
+        """Return what is known of a band."""
         return type(self)(band.of(self.values), band.of(self.last_planes))
 
     def reconstruct(self, points: tuple[float, float]) -> NDArray[np.float64]:
-        """Return coefficients, in steps.
-
-        Parameters
-        ----------
-        points : tuple of float
-            Where in their intervals those of one known digit lie, and all others, from 0 to 1.
-
-        Returns
-        -------
-        ndarray of the shape of `values`, float64
-            Coefficients.
-        """
+        """Return coefficients, in steps."""
         magnitude, width, found = _intervals(self.values, self.last_planes)
         magnitude += np.where(found, points[0], points[1]) * width
         magnitude[self.values == 0] = 0.0
         return np.copysign(magnitude, self.values, out=magnitude)
 
     def fitted_points(self, exact: NDArray[np.float64]) -> tuple[float, float]:
-        """Return the points of the least squared error.
-
-        Parameters
-        ----------
-        exact : ndarray of shape (S,), float64
-            The coefficients, in steps.
-
-        Returns
-        -------
-        tuple of float
-            As `reconstruct` takes them; 0.5 where there is nothing to fit to.
-        """
+        """Return the points of the least squared error."""
         chosen = np.flatnonzero(self.values)
         magnitude, width, found = _intervals(self.values[chosen], self.last_planes[chosen])
         excess = np.abs(exact[chosen]) - magnitude
@@ -140,31 +89,7 @@ def encode(
     adaptive: bool = True,
     lowest_plane: int = 0,
 ) -> EmbeddedCode:
-    """Code coefficients; the inverse of `decode`.
-
-    Parameters
-    ----------
-    forest : Forest
-        How they are arranged.
-    coefficients : ndarray of shape (S,), float64
-        Coefficients by node, in steps of the quantiser.
-    max_bytes : int, optional
-        Where to stop; after the last bit plane by default.
-    adaptive : bool, optional
-        Arithmetic coding with contexts; else every decision takes one bit.
-    lowest_plane : int, optional
-        Bit plane after which to stop.
-
-    Returns
-    -------
-    EmbeddedCode
-        The code, of at most `max_bytes`.
-
-    Raises
-    ------
-    ValueError
-        If a coefficient is not finite, or too large for `MAX_PLANES`.
-    """
+    """Code coefficients; the inverse of `decode`."""
     limit = 2.0**MAX_PLANES
     if not (-limit < np.min(coefficients) and np.max(coefficients) < limit):
         raise ValueError(f"`coefficients` must be finite and below 2^{MAX_PLANES} steps")
@@ -195,29 +120,7 @@ def encode(
 
 
 def decode(forest: Forest, data: bytes, num_planes: int, adaptive: bool = True) -> DecodedCoefficients:
-    """Read what some bytes tell of coefficients.
-
-    Parameters
-    ----------
-    forest : Forest
-        How they are arranged.
-    data : bytes
-        Code, from its beginning.
-    num_planes : int
-        Bit planes.
-    adaptive : bool, optional
-        As it was written.
-
-    Returns
-    -------
-    DecodedCoefficients
-        Coefficients, by node.
-
-    Raises
-    ------
-    BitstreamError
-        If that number of bit planes, or the data, cannot have been written.
-    """
+    """Read what some bytes tell of coefficients."""
     if not 0 <= num_planes <= MAX_PLANES:
         raise BitstreamError(f"{num_planes} bit planes; there are at most {MAX_PLANES}")
     coder = RangeCoder.reader(data)

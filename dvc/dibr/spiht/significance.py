@@ -13,30 +13,7 @@ from dvc.dibr.wavelets.lifting import scale_shapes
 def significance_maps(
     bands: Sequence[Band], decoded: DecodedCoefficients, shape: Shape, num_levels: int
 ) -> list[NDArray[np.bool_]]:
-    """Tell where any orientation of any plane has a significant coefficient.
-
-    Parameters
-    ----------
-    bands : sequence of Band
-        How coefficients are arranged.
-    decoded : DecodedCoefficients
-        What is known of them to both ends.
-    shape : tuple of int
-        Rows and columns of the planes.
-    num_levels : int
-        Number of maps.
-
-    Returns
-    -------
-    list of ndarray of shape (ceil(H / 2^j), ceil(W / 2^j)), bool
-        Maps for j from 1, the finest scale, to `num_levels`; where planes are not split so often, all is
-        significant. A place of an odd last row or column, where an orientation has no coefficient, goes by
-        the others.
-
-    References
-    ----------
-    [Maitre2008] Eq. (3.3).
-    """
+    """Tell where any orientation of any plane has a significant coefficient."""
     maps = [np.zeros(size, np.bool_) for size in scale_shapes(shape, num_levels)[1:]]
     for band in bands:
         if 0 < band.level <= num_levels and band.kind:

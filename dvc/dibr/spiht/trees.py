@@ -24,44 +24,17 @@ _MARGIN = 2
 
 @dataclass(frozen=True)
 class Band:
-    """Where a band is.
+    """Where a band is."""
 
-    Attributes
-    ----------
-    component : int
-        Plane that it belongs to.
-    level : int
-        How many times its plane was split; 1 is the finest scale.
-    kind : int
-        0: low; 1, 2, 3: horizontal, vertical, diagonal details.
-    shape : tuple of int
-        Rows and columns.
-    first : int
-        Node of its first coefficient.
-    stride : int
-        Nodes from a row to the next.
-    """
-
-    component: int
-    level: int
-    kind: int
-    shape: Shape
-    first: int
-    stride: int
+    component: int  # plane that it belongs to
+    level: int  # how many times its plane was split; 1 is the finest scale
+    kind: int  # 0: low; 1, 2, 3: horizontal, vertical, diagonal details
+    shape: Shape  # rows and columns
+    first: int  # node of its first coefficient
+    stride: int  # nodes from a row to the next
 
     def of(self, values: NDArray[Value]) -> NDArray[Value]:
-        """Return the part of an array by node that is the band's.
-
-        Parameters
-        ----------
-        values : ndarray of shape (S, ...)
-            Something of each node.
-
-        Returns
-        -------
-        ndarray of shape (h, w, ...)
-            A view.
-        """
+        """Return the part of an array by node that is the band's."""
         rows, columns = self.shape
         block = values[self.first : self.first + rows * self.stride]
         return block.reshape(rows, self.stride, *values.shape[1:])[:, :columns]
@@ -69,24 +42,12 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Forest:
-    """Trees of coefficients.
+    """Trees of coefficients."""
 
-    Attributes
-    ----------
-    bands : tuple of Band
-        From coarse to fine, plane by plane.
-    table : ndarray of shape (B, 9), int64
-        The same, as the kernels take them.
-    marks : ndarray of shape (S, 2), uint8
-        Band and flags of nodes, and of margins between bands.
-    num_levels : tuple of int
-        Of each plane.
-    """
-
-    bands: tuple[Band, ...]
-    table: NDArray[np.int64]
-    marks: NDArray[np.uint8]
-    num_levels: tuple[int, ...]
+    bands: tuple[Band, ...]  # from coarse to fine, plane by plane
+    table: NDArray[np.int64]  # the same, as the kernels take them
+    marks: NDArray[np.uint8]  # band and flags of nodes, and of margins between bands
+    num_levels: tuple[int, ...]  # of each plane
 
     @property
     def num_nodes(self) -> int:
@@ -99,18 +60,7 @@ class Forest:
         return self.flag(kernels.EXISTS)
 
     def flag(self, flag: int) -> NDArray[np.bool_]:
-        """Return which nodes have a flag.
-
-        Parameters
-        ----------
-        flag : int
-            ``EXISTS``, ``HAS_CHILDREN`` or ``HAS_GRANDCHILDREN`` of the kernels.
-
-        Returns
-        -------
-        ndarray of shape (S,), bool
-            Those that do.
-        """
+        """Return which nodes have a flag."""
         return np.asarray(self.marks[:, kernels.FLAGS] & flag != 0)
 
     @property
@@ -124,18 +74,7 @@ class Forest:
         return np.concatenate([nodes.ravel() for nodes in found]).astype(np.int32)
 
     def gather(self, pyramids: Sequence[Pyramid]) -> NDArray[np.float64]:
-        """Return the coefficients of pyramids by node; the inverse of `scatter`.
-
-        Parameters
-        ----------
-        pyramids : sequence of Pyramid
-            One per plane, of its size.
-
-        Returns
-        -------
-        ndarray of shape (S,), float64
-            Coefficients; zeros in margins and where a mask leaves them out.
-        """
+        """Return the coefficients of pyramids by node; the inverse of `scatter`."""
         coefficients = np.zeros(self.num_nodes)
         for band in self.bands:
             exists = band.of(self.marks)[..., kernels.FLAGS] & kernels.EXISTS
@@ -144,20 +83,7 @@ class Forest:
 
 
 def scatter(bands: Sequence[Band], read: Callable[[Band], Plane]) -> Iterator[Pyramid]:
-    """Yield pyramids of coefficients by band.
-
-    Parameters
-    ----------
-    bands : sequence of Band
-        From coarse to fine, plane by plane.
-    read : callable
-        Returns the coefficients of a band, (h, w).
-
-    Yields
-    ------
-    Pyramid
-        One per plane; each is made when it is asked for.
-    """
+    """Yield pyramids of coefficients by band."""
     for _, plane in groupby(bands, key=lambda band: band.component):
         low, *finer = map(read, plane)
         details = [Details(*finer[k : k + 3]) for k in range(0, len(finer), 3)]
@@ -167,22 +93,7 @@ def scatter(bands: Sequence[Band], read: Callable[[Band], Plane]) -> Iterator[Py
 def zerotrees(
     shapes: Sequence[Shape], num_levels: Sequence[int], masks: Sequence[Pyramid] | None = None
 ) -> Forest:
-    """Arrange the coefficients of planes as trees.
-
-    Parameters
-    ----------
-    shapes : sequence of tuple of int
-        Rows and columns of each plane.
-    num_levels : sequence of int
-        How many times each is split.
-    masks : sequence of Pyramid, optional
-        Nonzero where a coefficient exists; all do by default.
-
-    Returns
-    -------
-    Forest
-        The trees.
-    """
+    """Arrange the coefficients of planes as trees."""
     bands: list[Band] = []
     position = 0
     for component, (shape, levels) in enumerate(zip(shapes, num_levels, strict=True)):

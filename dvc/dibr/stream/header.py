@@ -39,30 +39,15 @@ class DisparityMethod(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """What a decoder must know before the first layer.
+    """What a decoder must know before the first layer."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Height and width of the views.
-    method : DisparityMethod
-        How disparities are coded.
-    labels : DisparityLabels
-        Disparities in pixels per unit of m and n; of calibrated cameras, inverse depths.
-    references : tuple of int
-        Numbers of the views whose pictures are coded.
-    num_layers : int
-        Quality layers of the whole stream.
-    viewpoints : tuple of Viewpoint
-        Of all views, of one kind.
-    """
-
-    shape: tuple[int, int]
-    method: DisparityMethod
+    shape: tuple[int, int]  # height and width of the views
+    method: DisparityMethod  # how disparities are coded
+    # disparities in pixels per unit of m and n; of calibrated cameras, inverse depths
     labels: DisparityLabels
-    references: tuple[int, ...]
-    num_layers: int
-    viewpoints: tuple[Viewpoint, ...]
+    references: tuple[int, ...]  # numbers of the views whose pictures are coded
+    num_layers: int  # quality layers of the whole stream
+    viewpoints: tuple[Viewpoint, ...]  # of all views, of one kind
 
     def __post_init__(self) -> None:
         height, width = self.shape
@@ -83,18 +68,7 @@ class Header:
 
 
 def encode_header(header: Header) -> bytes:
-    """Return the bytes of a header.
-
-    Parameters
-    ----------
-    header : Header
-        The header.
-
-    Returns
-    -------
-    bytes
-        27 with the checksum, one for each reference, and 8 for each view, or 44 where cameras are calibrated.
-    """
+    """Return the bytes of a header."""
     height, width = header.shape
     is_calibrated = isinstance(header.viewpoints[0], CalibratedViewpoint)
     flags = _CALIBRATED * is_calibrated | header.method << _METHOD_SHIFT
@@ -106,25 +80,7 @@ def encode_header(header: Header) -> bytes:
 
 
 def decode_header(data: bytes) -> tuple[Header, int]:
-    """Read a header; inverse of `encode_header` but for the precision of its numbers.
-
-    Parameters
-    ----------
-    data : bytes
-        A stream.
-
-    Returns
-    -------
-    header : Header
-        The header.
-    num_bytes : int
-        Where the first layer begins.
-
-    Raises
-    ------
-    BitstreamError
-        If it is none, cut, damaged, or of another version.
-    """
+    """Read a header; inverse of `encode_header` but for the precision of its numbers."""
     if not data.startswith(MAGIC[: max(len(data), 1)]):
         raise BitstreamError("not a stream of pictures with depth: it does not begin with DIBR")
     if len(data) < _FIXED.size:

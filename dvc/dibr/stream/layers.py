@@ -12,15 +12,9 @@ _CRC_BYTES = 4
 
 
 class PairLayer(NamedTuple):
-    """What a layer adds to a picture and its disparities.
+    """What a layer adds to a picture and its disparities."""
 
-    Attributes
-    ----------
-    picture, disparity : bytes
-        Code of each; empty: nothing.
-    """
-
-    picture: bytes
+    picture: bytes  # code of each; empty: nothing
     disparity: bytes
 
 
@@ -29,76 +23,26 @@ Layer = tuple[PairLayer, ...]
 
 
 class Stream(NamedTuple):
-    """A stream, as far as it can be read.
+    """A stream, as far as it can be read."""
 
-    Attributes
-    ----------
-    header : Header
-        What it is.
-    layers : tuple of Layer
-        The layers that are there and whole, in order.
-    damage : str or None
-        Why there are no more of them, if there should be.
-    """
-
-    header: Header
-    layers: tuple[Layer, ...]
-    damage: str | None = None
+    header: Header  # what it is
+    layers: tuple[Layer, ...]  # the layers that are there and whole, in order
+    damage: str | None = None  # why there are no more of them, if there should be
 
 
 def encode_stream(header: Header, layers: Sequence[Layer]) -> bytes:
-    """Return the bytes of a stream.
-
-    Parameters
-    ----------
-    header : Header
-        What it is.
-    layers : sequence of Layer
-        All layers.
-
-    Returns
-    -------
-    bytes
-        The file.
-    """
+    """Return the bytes of a stream."""
     return encode_header(header) + b"".join(encode_layer(layer) for layer in layers)
 
 
 def encode_layer(layer: Layer) -> bytes:
-    """Return the bytes of a layer.
-
-    Parameters
-    ----------
-    layer : Layer
-        The layer.
-
-    Returns
-    -------
-    bytes
-        Lengths and code of its parts, and a checksum.
-    """
+    """Return the bytes of a layer."""
     data = b"".join(encode_varint(len(part)) + part for pair in layer for part in pair)
     return data + zlib.crc32(data).to_bytes(_CRC_BYTES, "little")
 
 
 def decode_stream(data: bytes) -> Stream:
-    """Read a stream; layers that are cut or damaged are left out, with all after them.
-
-    Parameters
-    ----------
-    data : bytes
-        A file, or its beginning.
-
-    Returns
-    -------
-    Stream
-        At least one layer.
-
-    Raises
-    ------
-    BitstreamError
-        If not even the header and the first layer are whole.
-    """
+    """Read a stream; layers that are cut or damaged are left out, with all after them."""
     header, position = decode_header(data)
     layers: list[Layer] = []
     damage = None

@@ -43,37 +43,19 @@ NOTES = (
 
 @dataclass
 class SceneResult:
-    """What was measured on a scene.
+    """What was measured on a scene."""
 
-    Attributes
-    ----------
-    scene : Scene
-        What it was measured on.
-    slopes : list of float
-        Of the curves.
-    curves, layered : dict of str to list of Point
-        By method: files of one layer; files cut after each layer.
-    decompositions : dict of str to Point
-        By what was done.
-    pair_points : list of Point
-        Files of the reference and one more view.
-    peers : dict of str to list of (PeerResult or None)
-        What others made of as many bytes as each of these has.
-    figures : dict of str to ndarray
-        Pictures by name.
-    plots : dict of str to dict
-        Files by suffix, by name.
-    """
-
-    scene: Scene
-    slopes: list[float]
+    scene: Scene  # what it was measured on
+    slopes: list[float]  # of the curves
+    # by method: files of one layer; files cut after each layer
     curves: dict[str, list[Point]] = field(default_factory=dict)
     layered: dict[str, list[Point]] = field(default_factory=dict)
-    decompositions: dict[str, Point] = field(default_factory=dict)
-    pair_points: list[Point] = field(default_factory=list)
+    decompositions: dict[str, Point] = field(default_factory=dict)  # by what was done
+    pair_points: list[Point] = field(default_factory=list)  # files of the reference and one more view
+    # what others made of as many bytes as each of these has
     peers: dict[str, list[PeerResult | None]] = field(default_factory=dict)
-    figures: dict[str, Picture] = field(default_factory=dict)
-    plots: dict[str, dict[str, bytes]] = field(default_factory=dict)
+    figures: dict[str, Picture] = field(default_factory=dict)  # pictures by name
+    plots: dict[str, dict[str, bytes]] = field(default_factory=dict)  # files by suffix, by name
 
     @property
     def middle(self) -> int:
@@ -82,13 +64,7 @@ class SceneResult:
         return rates.index(min(rates))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers.
-
-        Returns
-        -------
-        dict
-            JSON-safe.
-        """
+        """Return the numbers."""
         gains = {
             method: dict(zip(("bd_psnr_db", "bd_rate_percent"), found, strict=True))
             for method, points in self.curves.items()
@@ -120,18 +96,7 @@ def _peer_dict(result: PeerResult | None) -> dict[str, Any] | None:
 
 
 def num_steps(num_slopes: int | None = None) -> int:
-    """Return how often `measure_scene` advances.
-
-    Parameters
-    ----------
-    num_slopes : int, optional
-        Points of a curve.
-
-    Returns
-    -------
-    int
-        For one scene.
-    """
+    """Return how often `measure_scene` advances."""
     count = num_slopes or len(REFERENCE_BPP)
     return len(DisparityMethod) * count + len(LAYERED) + len(EARLY_LEVELS) + 2
 
@@ -142,24 +107,7 @@ def measure_scene(
     with_peers: bool = True,
     advance: Callable[[int], None] = lambda _: None,
 ) -> SceneResult:
-    """Measure the chapter on a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Its views.
-    slopes : sequence of float, optional
-        Of the curves; by default those at which the reference has the rates `REFERENCE_BPP`.
-    with_peers : bool, optional
-        Whether other codecs are measured too.
-    advance : callable, optional
-        Told 1 as often as `num_steps` says.
-
-    Returns
-    -------
-    SceneResult
-        All of it.
-    """
+    """Measure the chapter on a scene."""
     views, labels = scene.views, scene.labels
     chosen = sorted(slopes or reference_slopes(views, REFERENCE_BPP), reverse=True)
     result = SceneResult(scene, chosen)
@@ -261,18 +209,7 @@ FIGURE_TITLES = {
 
 
 def all_tables(results: Sequence[SceneResult]) -> list[Table]:
-    """Make the tables of all scenes.
-
-    Parameters
-    ----------
-    results : sequence of SceneResult
-        What was measured.
-
-    Returns
-    -------
-    list of Table
-        Summaries first.
-    """
+    """Make the tables of all scenes."""
     curves = {one.scene.name: one.curves for one in results}
     found = [
         tables.gains_table(curves),
@@ -287,21 +224,7 @@ def all_tables(results: Sequence[SceneResult]) -> list[Table]:
 
 
 def write_chapter(folder: Path, results: Sequence[SceneResult]) -> list[Table]:
-    """Write tables, plots, pictures and numbers, and a page of them.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists: `chapter3.md`, `chapter3.json`, `index.html` and ``figure-3.N-SCENE`` as PNG,
-        plots as SVG too.
-    results : sequence of SceneResult
-        What was measured.
-
-    Returns
-    -------
-    list of Table
-        The tables.
-    """
+    """Write tables, plots, pictures and numbers, and a page of them."""
     lines, groups = [], []
     for one in results:
         drawn = dict(one.figures)

@@ -22,34 +22,16 @@ from dvc.multiview.camera_array import DisparityLabels
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """One file, decoded, and all views rendered from it.
+    """One file, decoded, and all views rendered from it."""
 
-    Attributes
-    ----------
-    slope : float
-        Squared error, intensities from 0 to 1, that the last bit of a pixel was worth.
-    num_bytes : int
-        Of the file, or of its first layers.
-    num_pixels : int
-        Of the reference.
-    picture_bytes, disparity_bytes : int
-        Parts of it.
-    quality : Quality
-        PSNR of all views.
-    pair : PictureAndDisparity
-        What was decoded.
-    rendered : tuple of ndarray of shape (H, W), uint8
-        All views.
-    """
-
-    slope: float
-    num_bytes: int
-    num_pixels: int
-    picture_bytes: int
+    slope: float  # squared error, intensities from 0 to 1, that the last bit of a pixel was worth
+    num_bytes: int  # of the file, or of its first layers
+    num_pixels: int  # of the reference
+    picture_bytes: int  # parts of it
     disparity_bytes: int
-    quality: Quality
-    pair: PictureAndDisparity
-    rendered: tuple[Picture, ...]
+    quality: Quality  # PSNR of all views
+    pair: PictureAndDisparity  # what was decoded
+    rendered: tuple[Picture, ...]  # all views
 
     @property
     def rate_bpp(self) -> float:
@@ -67,13 +49,7 @@ class Point:
         return self.disparity_bytes / self.num_bytes
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers.
-
-        Returns
-        -------
-        dict
-            JSON-safe.
-        """
+        """Return the numbers."""
         return {
             "slope": self.slope,
             "bytes": self.num_bytes,
@@ -89,20 +65,7 @@ class Point:
 
 
 def reference_slopes(views: Views, rates_bpp: Sequence[float]) -> list[float]:
-    """Return the slopes at which the reference view takes given rates.
-
-    Parameters
-    ----------
-    views : Views
-        The views.
-    rates_bpp : sequence of float
-        Bits of the reference view over its pixels.
-
-    Returns
-    -------
-    list of float
-        One for each; rates are those of the embedded code that are nearest.
-    """
+    """Return the slopes at which the reference view takes given rates."""
     code = reference_codec.encode(views.pictures[views.references[0]])
     num_pixels = views.shape[0] * views.shape[1]
     return [_slope_of(code, rate * num_pixels / 8.0) for rate in rates_bpp]
@@ -114,22 +77,7 @@ def _slope_of(code: ReferenceCode, num_bytes: float) -> float:
 
 
 def measure(views: Views, encoded: Encoded, num_layers: int | None = None) -> Point:
-    """Decode a file, and render all views from it.
-
-    Parameters
-    ----------
-    views : Views
-        What was encoded.
-    encoded : Encoded
-        The file.
-    num_layers : int, optional
-        Quality layers to decode; what follows them does not count as bytes.
-
-    Returns
-    -------
-    Point
-        What came of it.
-    """
+    """Decode a file, and render all views from it."""
     stream = decode_stream(encoded.data)
     decoded = decode(stream, num_layers)
     layers = stream.layers[: decoded.num_layers]
@@ -148,20 +96,7 @@ def measure(views: Views, encoded: Encoded, num_layers: int | None = None) -> Po
 
 
 def rendered_views(views: Views, decoded: Decoded) -> tuple[Picture, ...]:
-    """Render all views from a decoded file.
-
-    Parameters
-    ----------
-    views : Views
-        What was encoded.
-    decoded : Decoded
-        What a decoder has.
-
-    Returns
-    -------
-    tuple of ndarray of shape (H, W), uint8
-        The references as they were decoded.
-    """
+    """Render all views from a decoded file."""
     own = dict(zip(views.references, decoded.pairs, strict=True))
     return tuple(
         own[index].picture if index in own else picture_of(render(decoded, viewpoint))
@@ -182,26 +117,7 @@ def curve(
     slopes: Sequence[float],
     advance: Callable[[int], None] = lambda _: None,
 ) -> list[Point]:
-    """Measure a curve.
-
-    Parameters
-    ----------
-    views : Views
-        The views.
-    labels : DisparityLabels
-        Disparities to choose from.
-    method : DisparityMethod
-        How they are coded.
-    slopes : sequence of float
-        One for each point.
-    advance : callable, optional
-        Told 1 for each point.
-
-    Returns
-    -------
-    list of Point
-        In the order of the slopes.
-    """
+    """Measure a curve."""
     encoder = ViewEncoder(views, labels, method)
     points = []
     for slope in slopes:
@@ -213,41 +129,13 @@ def curve(
 def layered_points(
     views: Views, labels: DisparityLabels, method: DisparityMethod, slope: float, num_layers: int
 ) -> list[Point]:
-    """Measure a file with quality layers, cut after each of them.
-
-    Parameters
-    ----------
-    views, labels, method
-        As for `curve`.
-    slope : float
-        Of the last layer.
-    num_layers : int
-        How many there are.
-
-    Returns
-    -------
-    list of Point
-        One for each layer and all before it.
-    """
+    """Measure a file with quality layers, cut after each of them."""
     encoded = ViewEncoder(views, labels, method, num_layers).encode(slope)
     return [measure(views, encoded, count) for count in range(1, num_layers + 1)]
 
 
 def psnr_at(points: Sequence[Point], rate_bpp: float) -> float | None:
-    """Interpolate a curve over the logarithm of the rate.
-
-    Parameters
-    ----------
-    points : sequence of Point
-        The curve.
-    rate_bpp : float
-        Rate.
-
-    Returns
-    -------
-    float or None
-        Pooled PSNR in dB; None outside the curve.
-    """
+    """Interpolate a curve over the logarithm of the rate."""
     return _interpolated(
         points, rate_bpp, lambda point: point.rate_bpp, lambda point: point.quality.pooled_db
     )
@@ -263,18 +151,7 @@ def _interpolated(
 
 
 def differences(points: Sequence[Point], anchor: Sequence[Point]) -> tuple[float, float] | None:
-    """Return Bjontegaard differences of a curve against another one.
-
-    Parameters
-    ----------
-    points, anchor : sequence of Point
-        The curves; rates are those of whole files.
-
-    Returns
-    -------
-    tuple of float or None
-        Decibels (positive: better) and per cent of rate (negative: less); None where they do not overlap.
-    """
+    """Return Bjontegaard differences of a curve against another one."""
     sides = [
         ([point.rate_bpp for point in side], [point.quality.pooled_db for point in side])
         for side in (anchor, points)
@@ -286,20 +163,7 @@ def differences(points: Sequence[Point], anchor: Sequence[Point]) -> tuple[float
 
 
 def worst_loss(points: Sequence[Point], unlayered: Sequence[Point]) -> float | None:
-    """Return the largest loss of PSNR by quality layers at equal rates.
-
-    Parameters
-    ----------
-    points : sequence of Point
-        Of a file with layers.
-    unlayered : sequence of Point
-        Curve of files without.
-
-    Returns
-    -------
-    float or None
-        Decibels, at the rates of the points of either curve; None if they have no rate in common.
-    """
+    """Return the largest loss of PSNR by quality layers at equal rates."""
     rates = [point.rate_bpp for point in (*points, *unlayered)]
     both = [(psnr_at(unlayered, rate), psnr_at(points, rate)) for rate in rates]
     losses = [single - several for single, several in both if single is not None and several is not None]

@@ -15,24 +15,7 @@ from dvc.multiview.camera_array import DisparityLabels
 
 
 def stopped_early(views: Views, labels: DisparityLabels, slope: float, num_levels: int | None) -> Point:
-    """Encode by the L transform with few levels, decode, and render all views.
-
-    Parameters
-    ----------
-    views : Views
-        The views, of one reference.
-    labels : DisparityLabels
-        Disparities to choose from.
-    slope : float
-        Of the file.
-    num_levels : int or None
-        How often disparities are halved; None: down to one pixel.
-
-    Returns
-    -------
-    Point
-        As `dvc.dibr.thesis.curves.measure` gives it; files themselves always are of all levels.
-    """
+    """Encode by the L transform with few levels, decode, and render all views."""
     codec = WaveletCodec(L_TRANSFORM, num_levels)
     encoder = ViewEncoder(views, labels)
     encoder.codec = codec

@@ -23,55 +23,18 @@ LEVELS = 0, 2, 4, 6
 
 
 def coloured(disparity: NDArray[np.floating], labels: DisparityLabels) -> Picture:
-    """Colour disparities by the range of their labels.
-
-    Parameters
-    ----------
-    disparity : ndarray of shape (H, W), float
-        In pixels per unit of m.
-    labels : DisparityLabels
-        The range.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        Blue, green and red.
-    """
+    """Colour disparities by the range of their labels."""
     return colour_disparity(disparity, labels.lowest, labels.highest)
 
 
 def difference(found: View, truth: View) -> View:
-    """Draw the difference between two gray pictures around a mid gray.
-
-    Parameters
-    ----------
-    found, truth : ndarray of shape (H, W), uint8
-        Pictures.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint8
-        128 where they are equal.
-    """
+    """Draw the difference between two gray pictures around a mid gray."""
     levels = 128.0 + ERROR_GAIN * (found.astype(np.float64) - truth)
     return np.clip(np.rint(levels), 0, 255).astype(np.uint8)
 
 
 def resolution_levels(encoded: Encoded, labels: DisparityLabels) -> Picture:
-    """Draw figure 3.9: picture and disparities at several resolutions, enlarged to one size.
-
-    Parameters
-    ----------
-    encoded : Encoded
-        A file.
-    labels : DisparityLabels
-        For the range of the colours.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        Pictures above, disparities below; as many levels as pictures have.
-    """
+    """Draw figure 3.9: picture and disparities at several resolutions, enlarged to one size."""
     stream = decode_stream(encoded.data)
     height, width = stream.header.shape
     tops, bottoms = [], []
@@ -88,22 +51,7 @@ def resolution_levels(encoded: Encoded, labels: DisparityLabels) -> Picture:
 
 
 def disparity_maps(curves: Curves, indices: Sequence[int], labels: DisparityLabels) -> Picture:
-    """Draw figures 3.10 and 3.11: decoded references, then disparities of all methods, at several slopes.
-
-    Parameters
-    ----------
-    curves : mapping of str to sequence of Point
-        By method.
-    indices : sequence of int
-        Which points.
-    labels : DisparityLabels
-        For the range of the colours.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        One row for each method, one column for each point.
-    """
+    """Draw figures 3.10 and 3.11: decoded references, then disparities of all methods, at several slopes."""
     first = next(iter(curves.values()))
     panels = [
         with_title(first[index].pair.picture, f"reference, {first[index].reference_bpp:.2f} bpp")
@@ -119,22 +67,7 @@ def disparity_maps(curves: Curves, indices: Sequence[int], labels: DisparityLabe
 
 
 def rendered_panels(views: Views, points: Sequence[Point], view: int) -> Picture:
-    """Draw figure 3.12: a view rendered at several rates, and its errors.
-
-    Parameters
-    ----------
-    views : Views
-        What was encoded.
-    points : sequence of Point
-        Of one method.
-    view : int
-        Which view.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        The view above, differences below, the original last.
-    """
+    """Draw figure 3.12: a view rendered at several rates, and its errors."""
     truth = views.pictures[view]
     tops = [
         with_title(point.rendered[view], f"{point.rate_bpp:.2f} bpp: {point.quality.by_view_db[view]:.2f} dB")
@@ -148,20 +81,7 @@ def rendered_panels(views: Views, points: Sequence[Point], view: int) -> Picture
 
 
 def decompositions(points: Mapping[str, Point], labels: DisparityLabels) -> Picture:
-    """Draw disparities by decomposition.
-
-    Parameters
-    ----------
-    points : mapping of str to Point
-        By what was done.
-    labels : DisparityLabels
-        For the range of the colours.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        Beside each other.
-    """
+    """Draw disparities by decomposition."""
     panels = [
         with_title(coloured(point.pair.disparity, labels), f"{told}: {point.quality.pooled_db:.2f} dB")
         for told, point in points.items()

@@ -20,21 +20,11 @@ CGTOY_DISPARITIES = "-15:9:0.5"
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Views of a scene, the reference first.
+    """Views of a scene, the reference first."""
 
-    Attributes
-    ----------
-    name : str
-        Of the scene.
-    array : CameraArray
-        Rectified views in colour; the first is the reference.
-    labels : DisparityLabels
-        Disparities to choose from.
-    """
-
-    name: str
-    array: CameraArray
-    labels: DisparityLabels
+    name: str  # of the scene
+    array: CameraArray  # rectified views in colour; the first is the reference
+    labels: DisparityLabels  # disparities to choose from
 
     @property
     def views(self) -> Views:
@@ -54,42 +44,14 @@ class Scene:
 
 
 def scene_of_array(name: str, array: CameraArray, labels: DisparityLabels) -> Scene:
-    """Make a scene of views in any order.
-
-    Parameters
-    ----------
-    name : str
-        Of the scene.
-    array : CameraArray
-        The views.
-    labels : DisparityLabels
-        Disparities to choose from.
-
-    Returns
-    -------
-    Scene
-        The view nearest to (0, 0) is the reference.
-    """
+    """Make a scene of views in any order."""
     first = array.reference
     others = (view for index, view in enumerate(array) if index != first)
     return Scene(name, CameraArray((array[first], *others)), labels)
 
 
 def scene_of_views(array: CameraArray, labels: DisparityLabels) -> Scene:
-    """Make a scene of the views of a user.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The views, the reference first.
-    labels : DisparityLabels
-        Disparities to choose from.
-
-    Returns
-    -------
-    Scene
-        Of the name "views".
-    """
+    """Make a scene of the views of a user."""
     return Scene("views", array, labels)
 
 
@@ -133,18 +95,7 @@ USUAL_SCENES = "teddy", "tsukuba", "cones", "cgtoy"
 
 
 def toy() -> Scene:
-    """Render the array of two by two cameras, and rectify it.
-
-    Returns
-    -------
-    Scene
-        Four views.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be rendered.
-    """
+    """Render the array of two by two cameras, and rectify it."""
     from dvc.stereo.thesis.toy import rectified_toy
 
     rectified = rectified_toy()
@@ -154,18 +105,7 @@ def toy() -> Scene:
 
 
 def everywhere_valid(array: CameraArray) -> CameraArray:
-    """Crop rectified views to a common frame in which every camera has seen something.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The views.
-
-    Returns
-    -------
-    CameraArray
-        The views, cut on the side where most is missing, line by line.
-    """
+    """Crop rectified views to a common frame in which every camera has seen something."""
     seen = np.logical_and.reduce([view.seen for view in array])
     top, left, (bottom, right) = 0, 0, seen.shape
     while not (inner := seen[top:bottom, left:right]).all():
@@ -179,18 +119,7 @@ def everywhere_valid(array: CameraArray) -> CameraArray:
 
 
 def motorcycle() -> Scene:
-    """Return the pair that scikit-image brings along.
-
-    Returns
-    -------
-    Scene
-        Two views.
-
-    Raises
-    ------
-    DvcError
-        If it is not there, and cannot be loaded.
-    """
+    """Return the pair that scikit-image brings along."""
     from skimage.data import stereo_motorcycle
 
     try:
@@ -209,25 +138,7 @@ FREE_SCENES: Mapping[str, Callable[[], Scene]] = {"toy": toy, "motorcycle": moto
 
 
 def load_scenes(data: Path | None, names: Sequence[str] | None) -> list[Scene]:
-    """Load scenes by name.
-
-    Parameters
-    ----------
-    data : Path or None
-        Folder of the real sets.
-    names : sequence of str or None
-        Wanted scenes; None: `USUAL_SCENES` of `data`, or without that all that need no data.
-
-    Returns
-    -------
-    list of Scene
-        In the order of the names.
-
-    Raises
-    ------
-    DvcError
-        If one is not there.
-    """
+    """Load scenes by name."""
     if names is None:
         names = tuple(FREE_SCENES) if data is None else USUAL_SCENES
     for name in names:

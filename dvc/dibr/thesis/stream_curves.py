@@ -17,20 +17,7 @@ _QUALITIES = {"psnr_image_db": "Picture", "psnr_depth_db": "Depth map"}
 
 
 def lines_of(told: Mapping[str, dict[str, Any]], quality: str) -> list[Line]:
-    """Return the points of streams by kind, in the order of their rates.
-
-    Parameters
-    ----------
-    told : mapping of str to dict
-        Figures by stream: `kind`, `bpp`, and qualities.
-    quality : str
-        Which one; streams without are left out, and so are those without any error.
-
-    Returns
-    -------
-    list of Line
-        One for each kind.
-    """
+    """Return the points of streams by kind, in the order of their rates."""
     points: dict[str, list[tuple[float, float]]] = {}
     for one in told.values():
         if one.get(quality) is not None:
@@ -39,17 +26,7 @@ def lines_of(told: Mapping[str, dict[str, Any]], quality: str) -> list[Line]:
 
 
 def write_page(folder: Path, told: Mapping[str, dict[str, Any]], table: Table) -> None:
-    """Write curves and table.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists: `streams.md`, `streams.json`, `index.html`, and each curve as PNG and SVG.
-    told : mapping of str to dict
-        Figures by stream.
-    table : Table
-        The same.
-    """
+    """Write curves and table."""
     drawn, groups = [], []
     for quality, title in _QUALITIES.items():
         lines = lines_of(told, quality)

@@ -18,20 +18,7 @@ NOTHING = "-"
 
 
 def points_table(name: str, curves: Curves) -> Table:
-    """List all points of the curves of figure 3.13.
-
-    Parameters
-    ----------
-    name : str
-        The scene.
-    curves : mapping of str to sequence of Point
-        By method.
-
-    Returns
-    -------
-    Table
-        One row for each point.
-    """
+    """List all points of the curves of figure 3.13."""
     head = ("method", "slope", "bytes", "rate [bpp]", "PSNR by (3.1) [dB]", "mean of PSNRs [dB]")
     rows = [
         (
@@ -50,18 +37,7 @@ def points_table(name: str, curves: Curves) -> Table:
 
 
 def gains_table(by_scene: Mapping[str, Curves]) -> Table:
-    """Compare methods with the quadtree.
-
-    Parameters
-    ----------
-    by_scene : mapping of str to Curves
-        Curves of figure 3.13.
-
-    Returns
-    -------
-    Table
-        One row for each scene and method, and the mean of each method.
-    """
+    """Compare methods with the quadtree."""
     head = ("scene", "method", "BD-PSNR [dB]", "BD-rate [%]", "thesis [dB]")
     rows: list[tuple[str, ...]] = []
     gains: dict[str, list[float]] = {}
@@ -85,18 +61,7 @@ def gains_table(by_scene: Mapping[str, Curves]) -> Table:
 
 
 def share_table(by_scene: Mapping[str, Curves]) -> Table:
-    """State slope and share of the disparities where the reference is nearest to the rates of the thesis.
-
-    Parameters
-    ----------
-    by_scene : mapping of str to Curves
-        Curves of figure 3.13.
-
-    Returns
-    -------
-    Table
-        One row for each scene and point of L and S.
-    """
+    """State slope and share of the disparities where the reference is nearest to the rates of the thesis."""
     head = ("scene", "method", "reference [bpp]", "slope", "slope, thesis", "share of disparities [%]")
     rows = []
     for scene, curves in by_scene.items():
@@ -111,20 +76,7 @@ def share_table(by_scene: Mapping[str, Curves]) -> Table:
 
 
 def layers_table(by_scene: Mapping[str, Curves], layered: Mapping[str, Curves]) -> Table:
-    """State what quality layers cost.
-
-    Parameters
-    ----------
-    by_scene : mapping of str to Curves
-        Files without layers.
-    layered : mapping of str to Curves
-        Files cut after each layer.
-
-    Returns
-    -------
-    Table
-        One row for each scene and method.
-    """
+    """State what quality layers cost."""
     head = ("scene", "method", "layers", "largest loss [dB]", "thesis, at most [dB]")
     rows = []
     for scene, curves in layered.items():
@@ -139,18 +91,7 @@ def layers_table(by_scene: Mapping[str, Curves], layered: Mapping[str, Curves]) 
 
 
 def decomposition_table(by_scene: Mapping[str, Mapping[str, Point]]) -> Table:
-    """Compare decompositions.
-
-    Parameters
-    ----------
-    by_scene : mapping
-        Point by decomposition, by scene.
-
-    Returns
-    -------
-    Table
-        One row for each.
-    """
+    """Compare decompositions."""
     head = ("scene", "decomposition", "rate [bpp]", "disparities [bytes]", "PSNR by (3.1) [dB]")
     rows = [
         (
@@ -168,22 +109,7 @@ def decomposition_table(by_scene: Mapping[str, Mapping[str, Point]]) -> Table:
 
 
 def peers_table(name: str, ours: Sequence[Point], theirs: Mapping[str, Sequence[PeerResult | None]]) -> Table:
-    """Compare with other codecs in as many bytes.
-
-    Parameters
-    ----------
-    name : str
-        The scene.
-    ours : sequence of Point
-        Files.
-    theirs : mapping of str to sequence of (PeerResult or None)
-        For each of these files what a peer made of as many bytes; None: too few.
-
-    Returns
-    -------
-    Table
-        One row for each rate and codec, ours first.
-    """
+    """Compare with other codecs in as many bytes."""
     head = (
         "rate [bpp]",
         "codec",

@@ -18,18 +18,7 @@ STRAYS = 0.02
 
 
 def scene_of_layers(image: LayeredDepthImage) -> Scene:
-    """Return the scene of a layered depth image.
-
-    Parameters
-    ----------
-    image : LayeredDepthImage
-        The layers.
-
-    Returns
-    -------
-    Scene
-        Of one source, in which each layer is a piece.
-    """
+    """Return the scene of a layered depth image."""
     pieces = [
         piece_of(colour, disparity, mask)
         for colour, disparity, mask in zip(image.colour, image.disparity, image.occupied, strict=True)
@@ -38,18 +27,7 @@ def scene_of_layers(image: LayeredDepthImage) -> Scene:
 
 
 def scene_of_sprites(sprites: SpriteSet) -> Scene:
-    """Return the scene of sprites with depth.
-
-    Parameters
-    ----------
-    sprites : SpriteSet
-        The sprites.
-
-    Returns
-    -------
-    Scene
-        Of one source; sprites that do not touch each other share a piece.
-    """
+    """Return the scene of sprites with depth."""
     planes: list[_Plane] = []
     for sprite in sorted(sprites.sprites, key=lambda each: -each.num_values):
         height, width = sprite.mask.shape
@@ -104,10 +82,7 @@ def _cut(piece: Piece) -> Piece:
 
 
 def _bounds_of_canvas(scene: Scene, canvas: Canvas) -> Bounds:
-    """A bit beyond the cameras that have seen what lies beyond the frame; around one view if nothing does.
-
-    A point at column x beyond the frame is in the view of a camera at ``m`` if ``x - m d`` is inside it.
-    """
+    """A bit beyond the cameras that have seen what lies beyond the frame; around one view if nothing does."""
     ends = []
     for axis, size in ((1, scene.shape[1]), (0, scene.shape[0])):
         needed = [np.zeros(1)]

@@ -34,30 +34,14 @@ STILL_QUALITY = 85
 
 @dataclass(frozen=True)
 class Caption:
-    """What the page says of a scene.
+    """What the page says of a scene."""
 
-    Attributes
-    ----------
-    title : str
-        Its name.
-    kind : str
-        What it was made of, for the heading.
-    num_bytes : int
-        Size of what it was read from.
-    num_pixels : int
-        Of a view as it was coded, for the rate.
-    notes : tuple of str
-        What else a visitor must know.
-    qualities : tuple of float or None
-        PSNR of each viewpoint in dB; None where it is not known.
-    """
-
-    title: str
-    kind: str
-    num_bytes: int
-    num_pixels: int
-    notes: tuple[str, ...] = ()
-    qualities: tuple[float | None, ...] = ()
+    title: str  # its name
+    kind: str  # what it was made of, for the heading
+    num_bytes: int  # size of what it was read from
+    num_pixels: int  # of a view as it was coded, for the rate
+    notes: tuple[str, ...] = ()  # what else a visitor must know
+    qualities: tuple[float | None, ...] = ()  # PSNR of each viewpoint in dB; None where it is not known
 
     @property
     def bits_per_pixel(self) -> float:
@@ -66,22 +50,7 @@ class Caption:
 
 
 def write_page(path: str | Path, scene: Scene, caption: Caption) -> None:
-    """Write the page.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    scene : Scene
-        What it shows.
-    caption : Caption
-        What it says of it.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be written.
-    """
+    """Write the page."""
     scripts = {name.removesuffix(".js"): asset(TEMPLATES, name) for name in SCRIPTS}
     shaders = {name: asset(TEMPLATES, name) for name in SHADERS}
     values = scene_values(scene, caption)
@@ -102,21 +71,7 @@ def write_page(path: str | Path, scene: Scene, caption: Caption) -> None:
 
 
 def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
-    """Return what the programs of the page are told.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    caption : Caption
-        Of it.
-
-    Returns
-    -------
-    dict
-        JSON-safe. The picture of a first piece that is all of the first view is not among it: the page shows
-        it until it can draw.
-    """
+    """Return what the programs of the page are told."""
     lowest, _ = scene.range
     places = places_of(scene.viewpoints)
     qualities = caption.qualities or (None,) * len(places)
@@ -192,20 +147,7 @@ def _piece_values(piece: Piece, is_still: bool) -> dict[str, Any]:
 
 
 def disparity_codes(piece: Piece) -> tuple[NDArray[np.uint16], float, float]:
-    """Return the disparities of a piece as whole numbers.
-
-    Parameters
-    ----------
-    piece : Piece
-        The piece.
-
-    Returns
-    -------
-    codes : ndarray of shape (H, W), uint16
-        0 outside the mask; a code of k is a disparity of ``lowest + (k - 1) * unit``.
-    lowest, unit : float
-        Of this formula.
-    """
+    """Return the disparities of a piece as whole numbers."""
     values = piece.disparity[piece.mask]
     lowest, highest = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     unit = (highest - lowest) / (MAX_CODE - 1) if highest > lowest else 1.0
@@ -215,18 +157,7 @@ def disparity_codes(piece: Piece) -> tuple[NDArray[np.uint16], float, float]:
 
 
 def pack_codes(codes: NDArray[np.uint16]) -> bytes:
-    """Return codes as few bytes: differences along rows, high and low bytes apart, deflated.
-
-    Parameters
-    ----------
-    codes : ndarray of shape (H, W), uint16
-        The codes.
-
-    Returns
-    -------
-    bytes
-        In the format of zlib.
-    """
+    """Return codes as few bytes: differences along rows, high and low bytes apart, deflated."""
     differences = np.diff(codes, axis=1, prepend=np.uint16(0))
     planes = np.stack([differences >> 8, differences & 255]).astype(np.uint8)
     return zlib.compress(planes.tobytes(), 9)

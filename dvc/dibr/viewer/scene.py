@@ -27,52 +27,26 @@ ACROSS = 0.1
 
 
 class Piece(NamedTuple):
-    """A surface as one viewpoint sees it.
+    """A surface as one viewpoint sees it."""
 
-    Attributes
-    ----------
-    picture : ndarray of shape (H, W, 3), uint8
-        Red, green and blue; beside the mask continued from it.
-    disparity : ndarray of shape (H, W), float64
-        In pixels per unit of m and n; of calibrated cameras, inverse depth.
-    mask : ndarray of shape (H, W), bool
-        Where there is something.
-    left, top : int
-        Column and row of its first pixel in the picture of the viewpoint.
-    """
-
-    picture: NDArray[np.uint8]
-    disparity: Floats
-    mask: Mask
-    left: int = 0
+    picture: NDArray[np.uint8]  # red, green and blue; beside the mask continued from it
+    disparity: Floats  # in pixels per unit of m and n; of calibrated cameras, inverse depth
+    mask: Mask  # where there is something
+    left: int = 0  # column and row of its first pixel in the picture of the viewpoint
     top: int = 0
 
 
 class Source(NamedTuple):
-    """What one viewpoint sees.
+    """What one viewpoint sees."""
 
-    Attributes
-    ----------
-    viewpoint : Viewpoint
-        Where it is.
-    pieces : tuple of Piece
-        Surfaces, near ones before far ones wherever they meet.
-    """
-
-    viewpoint: Viewpoint
-    pieces: tuple[Piece, ...]
+    viewpoint: Viewpoint  # where it is
+    pieces: tuple[Piece, ...]  # surfaces, near ones before far ones wherever they meet
 
 
 class Bounds(NamedTuple):
-    """How far the viewpoint may be moved.
+    """How far the viewpoint may be moved."""
 
-    Attributes
-    ----------
-    left, right, top, bottom : float
-        Least and largest m and n.
-    """
-
-    left: float
+    left: float  # least and largest m and n
     right: float
     top: float
     bottom: float
@@ -80,27 +54,14 @@ class Bounds(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene.
+    """A scene."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Height and width of a view, in pixels.
-    sources : tuple of Source
-        At least one, of viewpoints of one kind; the first one is where a visit begins.
-    step : float
-        Neighbours whose disparities differ by at most 1.5 of it are one surface.
-    viewpoints : tuple of Viewpoint
-        Of all views that are known, the first source's first.
-    bounds : Bounds
-        How far the viewpoint may be moved.
-    """
-
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # height and width of a view, in pixels
+    # at least one, of viewpoints of one kind; the first one is where a visit begins
     sources: tuple[Source, ...]
-    step: float
-    viewpoints: tuple[Viewpoint, ...]
-    bounds: Bounds
+    step: float  # neighbours whose disparities differ by at most 1.5 of it are one surface
+    viewpoints: tuple[Viewpoint, ...]  # of all views that are known, the first source's first
+    bounds: Bounds  # how far the viewpoint may be moved
 
     @property
     def num_pixels(self) -> int:
@@ -138,43 +99,13 @@ def source_of(
     mask: Mask | None = None,
     viewpoint: Viewpoint | None = None,
 ) -> Source:
-    """Return what a picture with a map of its disparities shows.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8
-        Gray, or red, green and blue.
-    disparity : ndarray of shape (H, W), float64
-        Of its pixels.
-    mask : ndarray of shape (H, W), bool, optional
-        Where there is something; by default everywhere.
-    viewpoint : Viewpoint, optional
-        By default (0, 0) of a lattice.
-
-    Returns
-    -------
-    Source
-        Of one piece.
-    """
+    """Return what a picture with a map of its disparities shows."""
     known = np.ones(disparity.shape, np.bool_) if mask is None else mask
     return Source(viewpoint or LatticePosition(0.0, 0.0), (piece_of(picture, disparity, known),))
 
 
 def scene_of_picture(source: Source, step: float) -> Scene:
-    """Return the scene of a single picture with disparities.
-
-    Parameters
-    ----------
-    source : Source
-        Of one viewpoint.
-    step : float
-        Distance of the disparities that are told apart.
-
-    Returns
-    -------
-    Scene
-        With bounds that its parallax bears.
-    """
+    """Return the scene of a single picture with disparities."""
     shape = source.pieces[0].disparity.shape
     views = (source.viewpoint,)
     scene = Scene((shape[0], shape[1]), (source,), step, views, Bounds(0.0, 0.0, 0.0, 0.0))
@@ -182,18 +113,7 @@ def scene_of_picture(source: Source, step: float) -> Scene:
 
 
 def scene_of_stream(decoded: DecodedViews) -> Scene:
-    """Return the scene of a decoded stream.
-
-    Parameters
-    ----------
-    decoded : DecodedViews
-        Pictures and disparities.
-
-    Returns
-    -------
-    Scene
-        A source for each reference.
-    """
+    """Return the scene of a decoded stream."""
     sources = tuple(source_of(pair.picture, pair.disparity, None, pair.viewpoint) for pair in decoded.pairs)
     step, viewpoints = decoded.step, decoded.viewpoints
     if len(viewpoints) == 1:
@@ -203,42 +123,14 @@ def scene_of_stream(decoded: DecodedViews) -> Scene:
 
 
 def piece_of(picture: NDArray[np.uint8], disparity: NDArray[np.floating], mask: Mask) -> Piece:
-    """Return a picture as a piece, in three channels and continued a little beyond its mask.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8
-        Gray, or red, green and blue.
-    disparity : ndarray of shape (H, W), floating
-        Of its pixels.
-    mask : ndarray of shape (H, W), bool
-        Where there is something.
-
-    Returns
-    -------
-    Piece
-        At (0, 0).
-    """
+    """Return a picture as a piece, in three channels and continued a little beyond its mask."""
     image = picture.reshape(*picture.shape[:2], -1)
     image = np.repeat(image, 3, axis=2) if image.shape[2] == 1 else image
     return Piece(continued(image, mask), disparity.astype(np.float64), mask)
 
 
 def continued(picture: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
-    """Give two pixels beside a mask the mean colour of their neighbours: interpolation reaches so far.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W, 3), uint8
-        Red, green and blue.
-    mask : ndarray of shape (H, W), bool
-        Where there is something.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        The picture.
-    """
+    """Give two pixels beside a mask the mean colour of their neighbours: interpolation reaches so far."""
     if mask.all():
         return picture
     known, total = mask.astype(np.float32), np.where(mask[..., None], picture, 0).astype(np.float32)
@@ -251,20 +143,7 @@ def continued(picture: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
 
 
 def is_whole(source: Source, shape: tuple[int, int]) -> bool:
-    """Tell whether a source is one piece that is all of its view.
-
-    Parameters
-    ----------
-    source : Source
-        The source.
-    shape : tuple of int
-        Height and width of a view.
-
-    Returns
-    -------
-    bool
-        Whether it is.
-    """
+    """Tell whether a source is one piece that is all of its view."""
     first = source.pieces[0]
     place = first.left, first.top
     return (
@@ -273,20 +152,7 @@ def is_whole(source: Source, shape: tuple[int, int]) -> bool:
 
 
 def seen_of(source: Source, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return what a source shows at its own viewpoint.
-
-    Parameters
-    ----------
-    source : Source
-        The source.
-    shape : tuple of int
-        Height and width of a view.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        Of each pixel the nearest surface; black where there is none.
-    """
+    """Return what a source shows at its own viewpoint."""
     picture, nearest = np.zeros((*shape, 3), np.uint8), np.full(shape, -np.inf)
     for piece in source.pieces:
         y, x = (
@@ -302,19 +168,7 @@ def seen_of(source: Source, shape: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def places_of(viewpoints: Sequence[Viewpoint]) -> Floats:
-    """Return where viewpoints are, as the viewer moves.
-
-    Parameters
-    ----------
-    viewpoints : sequence of Viewpoint
-        Of one kind.
-
-    Returns
-    -------
-    ndarray of shape (V, 3), float64
-        m, n, and how far before the plane of the first one. Of calibrated cameras along the axes of the
-        first one, in units of its distance to the one farthest from it.
-    """
+    """Return where viewpoints are, as the viewer moves."""
     first = viewpoints[0]
     if isinstance(first, LatticePosition):
         return np.array([[*view, 0.0] for view in viewpoints if isinstance(view, LatticePosition)])
@@ -323,18 +177,7 @@ def places_of(viewpoints: Sequence[Viewpoint]) -> Floats:
 
 
 def unit_of(viewpoints: Sequence[Viewpoint]) -> float:
-    """Return the length of a unit of m and n.
-
-    Parameters
-    ----------
-    viewpoints : sequence of Viewpoint
-        Of one kind.
-
-    Returns
-    -------
-    float
-        Of calibrated cameras, the distance from the first one to the one farthest from it; 1 elsewhere.
-    """
+    """Return the length of a unit of m and n."""
     first = viewpoints[0]
     if isinstance(first, LatticePosition):
         return 1.0
@@ -350,17 +193,6 @@ def _bounds(viewpoints: Sequence[Viewpoint]) -> Bounds:
 
 
 def bounds_of_one(scene: Scene) -> Bounds:
-    """Return how far around one view its parallax bears.
-
-    Parameters
-    ----------
-    scene : Scene
-        Seen from one viewpoint.
-
-    Returns
-    -------
-    Bounds
-        As far to all sides.
-    """
+    """Return how far around one view its parallax bears."""
     reach = ACROSS * scene.shape[1] / scene.extent
     return Bounds(-reach, reach, -reach, reach)

@@ -18,23 +18,7 @@ EXTRAPOLATION = np.array(
 def lift_columns(
     samples: Plane, edges: Flags, weights: Plane, gain: float, order: int, inverse: bool
 ) -> None:
-    """Apply the lifting steps of a wavelet to columns in place, (4.1) and (4.2), not across edges.
-
-    Parameters
-    ----------
-    samples : ndarray of shape (n, W), float64
-        Interleaved: even rows become the low band, odd ones the high band.
-    edges : ndarray of shape (n, W), uint8
-        Nonzero where a sample is cut off from the next one of its column; the last row has no meaning.
-    weights : ndarray of shape (K,), float64
-        Of the steps.
-    gain : float
-        Of the low band for constant signals.
-    order : int
-        Of the extrapolation (4.4), from 0 to 3.
-    inverse : bool
-        Whether to undo the steps, in reverse order.
-    """
+    """Apply the lifting steps of a wavelet to columns in place, (4.1) and (4.2), not across edges."""
     num_steps = len(weights)
     for k in range(num_steps):
         step = num_steps - 1 - k if inverse else k

@@ -14,18 +14,10 @@ Flags = NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class EdgeMaps:
-    """Edges of a plane, as two maps.
+    """Edges of a plane, as two maps."""
 
-    Attributes
-    ----------
-    between_rows : ndarray of shape (H, W), uint8
-        1 where a sample is cut off from that below it: e^(h) of (4.5), at (s + 1/2, t). The last row is 0.
-    between_columns : ndarray of shape (H, W), uint8
-        1 where a sample is cut off from that to its right: e^(v), at (s, t + 1/2). The last column is 0.
-    """
-
-    between_rows: Flags
-    between_columns: Flags
+    between_rows: Flags  # 1 where a sample is cut off from that below it: e^(h) of (4.5), at (s + 1/2, t)
+    between_columns: Flags  # 1 where a sample is cut off from that to its right: e^(v), at (s, t + 1/2)
 
     def __post_init__(self) -> None:
         if self.between_rows.shape != self.between_columns.shape or self.between_rows.ndim != 2:
@@ -35,18 +27,7 @@ class EdgeMaps:
 
     @classmethod
     def none(cls, shape: tuple[int, int]) -> Self:
-        """Return maps without edges.
-
-        Parameters
-        ----------
-        shape : tuple of int
-            Rows and columns of the plane.
-
-        Returns
-        -------
-        EdgeMaps
-            All zeros.
-        """
+        """Return maps without edges."""
         return cls(np.zeros(shape, np.uint8), np.zeros(shape, np.uint8))
 
     @property
@@ -55,40 +36,15 @@ class EdgeMaps:
         return self.between_rows.shape[0], self.between_rows.shape[1]
 
     def count(self) -> int:
-        """Return how many edge elements there are.
-
-        Returns
-        -------
-        int
-            Of both maps.
-        """
+        """Return how many edge elements there are."""
         return int(np.count_nonzero(self.between_rows)) + int(np.count_nonzero(self.between_columns))
 
     def coarser(self) -> Self:
-        """Return the edges of the low band (4.5).
-
-        Two samples of it are separated if an edge was crossed on the way from one to the other.
-
-        Returns
-        -------
-        EdgeMaps
-            Of half as many rows and columns, rounded up.
-        """
+        """Return the edges of the low band (4.5)."""
         return type(self)(*coarser(self.between_rows, self.between_columns))
 
     def pyramid(self, num_levels: int) -> Iterator[Self]:
-        """Yield the edges of all scales that are split.
-
-        Parameters
-        ----------
-        num_levels : int
-            How many times.
-
-        Yields
-        ------
-        EdgeMaps
-            The finest first.
-        """
+        """Yield the edges of all scales that are split."""
         maps = self
         for level in range(num_levels):
             if level:
@@ -98,18 +54,7 @@ class EdgeMaps:
 
 @kernel
 def coarser(below: Flags, right: Flags) -> tuple[Flags, Flags]:
-    """Return the edges of the low band (4.5), compiled.
-
-    Parameters
-    ----------
-    below, right : ndarray of shape (H, W), uint8
-        Edges between rows and between columns.
-
-    Returns
-    -------
-    tuple of ndarray of shape (ceil(H / 2), ceil(W / 2)), uint8
-        Both maps.
-    """
+    """Return the edges of the low band (4.5), compiled."""
     height, width = (below.shape[0] + 1) // 2, (below.shape[1] + 1) // 2
     less_below, less_right = np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)
     for i in range(height):

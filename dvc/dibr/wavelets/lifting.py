@@ -19,21 +19,11 @@ _BLOCK_SAMPLES = 2**16  # that are merged at a time
 
 @dataclass(frozen=True)
 class Wavelet:
-    """Weights of the lifting steps.
+    """Weights of the lifting steps."""
 
-    Attributes
-    ----------
-    name : str
-        As given on command lines.
-    weights : tuple of float
-        Of steps that change the odd and the even samples, in turn; (4.1), (4.2).
-    gain : float
-        Of the low band for constant signals, before scaling.
-    """
-
-    name: str
-    weights: tuple[float, ...]
-    gain: float
+    name: str  # as given on command lines
+    weights: tuple[float, ...]  # of steps that change the odd and the even samples, in turn; (4.1), (4.2)
+    gain: float  # of the low band for constant signals, before scaling
 
     @property
     def scales(self) -> tuple[float, float]:
@@ -53,21 +43,11 @@ WAVELETS = {
 
 @dataclass(frozen=True)
 class Details:
-    """High bands of one scale.
+    """High bands of one scale."""
 
-    Attributes
-    ----------
-    horizontal : ndarray of shape (ceil(H / 2), W // 2), float64
-        High-pass along rows, low-pass along columns.
-    vertical : ndarray of shape (H // 2, ceil(W / 2)), float64
-        The other way round.
-    diagonal : ndarray of shape (H // 2, W // 2), float64
-        High-pass along both. H and W are the size of the plane that was split.
-    """
-
-    horizontal: Plane
-    vertical: Plane
-    diagonal: Plane
+    horizontal: Plane  # high-pass along rows, low-pass along columns
+    vertical: Plane  # the other way round
+    diagonal: Plane  # high-pass along both
 
     @property
     def bands(self) -> tuple[Plane, Plane, Plane]:
@@ -77,35 +57,14 @@ class Details:
 
 @dataclass(frozen=True)
 class Pyramid:
-    """Coefficients of a plane.
+    """Coefficients of a plane."""
 
-    Attributes
-    ----------
-    low : ndarray of shape (h, w), float64
-        What is left of the plane at the coarsest scale.
-    details : tuple of Details
-        High bands, the finest scale first.
-    """
-
-    low: Plane
-    details: tuple[Details, ...]
+    low: Plane  # what is left of the plane at the coarsest scale
+    details: tuple[Details, ...]  # high bands, the finest scale first
 
 
 def scale_shapes(shape: tuple[int, int], num_levels: int) -> list[tuple[int, int]]:
-    """Return the sizes of a plane at all scales.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the plane.
-    num_levels : int
-        How many times it is split.
-
-    Returns
-    -------
-    list of tuple of int
-        From the plane itself to the coarsest low band; ``num_levels + 1`` of them.
-    """
+    """Return the sizes of a plane at all scales."""
     shapes = [shape]
     for _ in range(num_levels):
         rows, columns = shapes[-1]
@@ -114,47 +73,12 @@ def scale_shapes(shape: tuple[int, int], num_levels: int) -> list[tuple[int, int
 
 
 def most_levels(shape: tuple[int, int]) -> int:
-    """Return how many times a plane can be split until one sample is left.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns.
-
-    Returns
-    -------
-    int
-        ``ceil(log2(max(shape)))``.
-    """
+    """Return how many times a plane can be split until one sample is left."""
     return (max(shape) - 1).bit_length()
 
 
 def analyse(plane: ArrayLike, num_levels: int, wavelet: Wavelet = WAVELETS["9/7"]) -> Pyramid:
-    """Transform a plane; the inverse of `synthesise`.
-
-    Parameters
-    ----------
-    plane : array_like of shape (H, W)
-        Samples.
-    num_levels : int
-        How many times the low band is split; sizes of 1 are left as they are.
-    wavelet : Wavelet, optional
-        The 9/7 by default.
-
-    Returns
-    -------
-    Pyramid
-        Its coefficients.
-
-    Raises
-    ------
-    ValueError
-        If the plane is empty or not two-dimensional, or the number of levels negative.
-
-    References
-    ----------
-    [Maitre2008] Eqs. (3.9), (4.1), (4.2).
-    """
+    """Transform a plane; the inverse of `synthesise`."""
     low = np.array(plane, np.float64)
     if low.ndim != 2 or low.size == 0:
         raise ValueError(f"`plane` must be two-dimensional and not empty, got shape {low.shape}")
@@ -170,20 +94,7 @@ def analyse(plane: ArrayLike, num_levels: int, wavelet: Wavelet = WAVELETS["9/7"
 
 
 def synthesise(pyramid: Pyramid, wavelet: Wavelet = WAVELETS["9/7"]) -> Plane:
-    """Return the plane of some coefficients; the inverse of `analyse`.
-
-    Parameters
-    ----------
-    pyramid : Pyramid
-        Coefficients; without its finest details it gives the low band of that scale.
-    wavelet : Wavelet, optional
-        The 9/7 by default.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        The plane.
-    """
+    """Return the plane of some coefficients; the inverse of `analyse`."""
     low = pyramid.low
     for details in reversed(pyramid.details):
         plane = np.empty((len(low) + len(details.vertical), low.shape[1] + details.horizontal.shape[1]))
@@ -196,41 +107,13 @@ def synthesise(pyramid: Pyramid, wavelet: Wavelet = WAVELETS["9/7"]) -> Plane:
 
 
 def low_band_gain(shape: tuple[int, int], num_levels: int) -> float:
-    """Return what a plane of ones is at the coarsest scale.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the plane.
-    num_levels : int
-        How many times it is split.
-
-    Returns
-    -------
-    float
-        The root of two for each time that rows or columns are halved.
-    """
+    """Return what a plane of ones is at the coarsest scale."""
     halvings = sum(size > 1 for shape_ in scale_shapes(shape, num_levels)[:-1] for size in shape_)
     return math.sqrt(2.0) ** halvings
 
 
 def split(samples: Plane, wavelet: Wavelet) -> tuple[Plane, Plane]:
-    """Split the columns of a plane into a low and a high band.
-
-    Parameters
-    ----------
-    samples : ndarray of shape (n, W), float64
-        Columns of n samples, at least one; a single one is left as it is.
-    wavelet : Wavelet
-        Which.
-
-    Returns
-    -------
-    low : ndarray of shape (ceil(n / 2), W), float64
-        Low band.
-    high : ndarray of shape (n // 2, W), float64
-        High band.
-    """
+    """Split the columns of a plane into a low and a high band."""
     even, odd = samples[0::2].copy(), samples[1::2].copy()
     if not len(odd):
         return even, odd
@@ -241,22 +124,7 @@ def split(samples: Plane, wavelet: Wavelet) -> tuple[Plane, Plane]:
 
 
 def merge(low: Plane, high: Plane, wavelet: Wavelet) -> Plane:
-    """Merge a low and a high band; the inverse of `split`.
-
-    Parameters
-    ----------
-    low : ndarray of shape (ceil(n / 2), W), float64
-        Low band.
-    high : ndarray of shape (n // 2, W), float64
-        High band.
-    wavelet : Wavelet
-        Which.
-
-    Returns
-    -------
-    ndarray of shape (n, W), float64
-        The samples.
-    """
+    """Merge a low and a high band; the inverse of `split`."""
     samples = np.empty((len(low) + len(high), low.shape[1]))
     _merge_into(samples, low, high, wavelet)
     return samples

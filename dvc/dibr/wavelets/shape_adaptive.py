@@ -33,37 +33,7 @@ def analyse(
     wavelet: Wavelet = WAVELETS["9/7"],
     mask: Mask | None = None,
 ) -> Pyramid:
-    """Transform a plane, not across edges; the inverse of `synthesise`.
-
-    Parameters
-    ----------
-    plane : array_like of shape (H, W)
-        Samples.
-    edges : EdgeMaps
-        Of its shape.
-    num_levels : int
-        How many times the low band is split.
-    order : int
-        Degree of the polynomials, from 0 to `MAX_ORDER`; 0 is symmetric extension.
-    wavelet : Wavelet, optional
-        The 9/7 by default.
-    mask : ndarray of shape (H, W), bool, optional
-        Where there is anything; its border is among the edges.
-
-    Returns
-    -------
-    Pyramid
-        Its coefficients; zeros outside the mask.
-
-    Raises
-    ------
-    ValueError
-        If shapes differ, or an option is out of range.
-
-    References
-    ----------
-    [Maitre2008] Eqs. (4.1) to (4.5).
-    """
+    """Transform a plane, not across edges; the inverse of `synthesise`."""
     low = np.array(plane, np.float64)
     if low.shape != edges.shape or low.size == 0:
         raise ValueError(f"`plane` must have the shape {edges.shape} of its edges, got {low.shape}")
@@ -91,20 +61,7 @@ def analyse(
 
 
 def mask_pyramid(mask: Mask, num_levels: int) -> Pyramid:
-    """Return where coefficients of a masked plane exist.
-
-    Parameters
-    ----------
-    mask : ndarray of shape (H, W), bool
-        Where there is anything.
-    num_levels : int
-        How many times the low band is split.
-
-    Returns
-    -------
-    Pyramid
-        1 where they do, 0 elsewhere.
-    """
+    """Return where coefficients of a masked plane exist."""
     low: Plane = (mask != 0).astype(np.float64)
     details = []
     for _ in range(num_levels):
@@ -120,26 +77,7 @@ def synthesise(
     wavelet: Wavelet = WAVELETS["9/7"],
     mask: Mask | None = None,
 ) -> Plane:
-    """Return the plane of some coefficients; the inverse of `analyse`.
-
-    Parameters
-    ----------
-    pyramid : Pyramid
-        Coefficients.
-    edges : EdgeMaps
-        Of the plane.
-    order : int
-        Degree of the polynomials.
-    wavelet : Wavelet, optional
-        The 9/7 by default.
-    mask : ndarray of shape (H, W), bool, optional
-        As it was analysed.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        The plane; zeros outside the mask.
-    """
+    """Return the plane of some coefficients; the inverse of `analyse`."""
     low = pyramid.low
     num_levels = len(pyramid.details)
     scales = list(edges.pyramid(num_levels))
@@ -157,26 +95,7 @@ def synthesise(
 
 
 def split(samples: Plane, edges: Flags, order: int, wavelet: Wavelet) -> tuple[Plane, Plane]:
-    """Split the columns of a plane into a low and a high band.
-
-    Parameters
-    ----------
-    samples : ndarray of shape (n, W), float64
-        Columns of n samples; a single one is left as it is.
-    edges : ndarray of shape (n, W), uint8
-        1 where a sample is cut off from the next one.
-    order : int
-        Degree of the polynomials.
-    wavelet : Wavelet
-        Which.
-
-    Returns
-    -------
-    low : ndarray of shape (ceil(n / 2), W), float64
-        Low band.
-    high : ndarray of shape (n // 2, W), float64
-        High band.
-    """
+    """Split the columns of a plane into a low and a high band."""
     lifted = np.array(samples, np.float64, order="C")
     if len(lifted) < 2:
         return lifted[:1], lifted[1:]
@@ -186,26 +105,7 @@ def split(samples: Plane, edges: Flags, order: int, wavelet: Wavelet) -> tuple[P
 
 
 def merge(low: Plane, high: Plane, edges: Flags, order: int, wavelet: Wavelet) -> Plane:
-    """Merge a low and a high band; the inverse of `split`.
-
-    Parameters
-    ----------
-    low : ndarray of shape (ceil(n / 2), W), float64
-        Low band.
-    high : ndarray of shape (n // 2, W), float64
-        High band.
-    edges : ndarray of shape (n, W), uint8
-        1 where a sample is cut off from the next one.
-    order : int
-        Degree of the polynomials.
-    wavelet : Wavelet
-        Which.
-
-    Returns
-    -------
-    ndarray of shape (n, W), float64
-        The samples.
-    """
+    """Merge a low and a high band; the inverse of `split`."""
     samples = np.empty((len(low) + len(high), low.shape[1]))
     samples[0::2], samples[1::2] = low, high
     _unlift(samples, edges, order, wavelet)

@@ -10,59 +10,23 @@ from dvc.dibr.wavelets.shape_adaptive import Mask
 
 @dataclass(frozen=True)
 class Transform:
-    """How planes become pyramids of coefficients, and back.
+    """How planes become pyramids of coefficients, and back."""
 
-    Attributes
-    ----------
-    num_levels : int
-        How many times planes are split.
-    wavelet : str
-        One of `WAVELETS`.
-    edges : EdgeMaps, optional
-        Of planes of their shape; none for the standard transform.
-    order : int
-        Of the extrapolation at edges.
-    mask : ndarray of shape (H, W), bool, optional
-        Where there is anything, by default everywhere; its border is among the edges.
-    """
-
-    num_levels: int
-    wavelet: str = "9/7"
-    edges: EdgeMaps | None = None
-    order: int = 0
-    mask: Mask | None = None
+    num_levels: int  # how many times planes are split
+    wavelet: str = "9/7"  # one of `WAVELETS`
+    edges: EdgeMaps | None = None  # of planes of their shape; none for the standard transform
+    order: int = 0  # of the extrapolation at edges
+    mask: Mask | None = None  # where there is anything, by default everywhere; its border is among the edges
 
     def analyse(self, plane: Plane) -> Pyramid:
-        """Transform a plane; the inverse of `synthesise`.
-
-        Parameters
-        ----------
-        plane : ndarray of shape (H, W), float64
-            Samples.
-
-        Returns
-        -------
-        Pyramid
-            Its coefficients.
-        """
+        """Transform a plane; the inverse of `synthesise`."""
         wavelet = WAVELETS[self.wavelet]
         if self.edges is None:
             return lifting.analyse(plane, self.num_levels, wavelet)
         return shape_adaptive.analyse(plane, self.edges, self.num_levels, self.order, wavelet, self.mask)
 
     def synthesise(self, pyramid: Pyramid) -> Plane:
-        """Return the plane of coefficients.
-
-        Parameters
-        ----------
-        pyramid : Pyramid
-            Coefficients; without its finest details it gives the low band of that scale.
-
-        Returns
-        -------
-        ndarray of shape (h, w), float64
-            The plane.
-        """
+        """Return the plane of coefficients."""
         wavelet = WAVELETS[self.wavelet]
         if self.edges is None:
             return lifting.synthesise(pyramid, wavelet)

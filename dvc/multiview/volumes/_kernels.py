@@ -17,11 +17,7 @@ def sees(u, v, seen):
 
 @kernel
 def census_cost(own, other, shifts, origin, top, census_table, level_table, cost, weight):
-    """Robust distance of census bits and of levels, per pixel and label; weight 0 where nothing is seen.
-
-    `own`: picture and its bits; `other`: the same at each phase, and what is seen; `shifts`: (labels, 3)
-    phase, columns and rows; `origin`: first label of each pixel of the view.
-    """
+    """Robust distance of census bits and of levels, per pixel and label; weight 0 where nothing is seen."""
     image, bits = own
     others, other_bits, seen = other
     for i in range(cost.shape[0]):
@@ -133,9 +129,8 @@ def cut_arms(arms, base, jump, cut):
 
 @kernel
 def sum_line(values, base, before, after, sums, total):
-    """Sum (n, labels) over each pixel's segment, labels counted from a base surface; outside them is nothing.
-
-    `sums`: work space (n + 1, labels and the range of the base, or more).
+    """Sum (n, labels) over each pixel's segment, labels counted from a base surface; outside them is
+    nothing.
     """
     length, count = values.shape
     lowest, highest = base[0], base[0]
@@ -242,10 +237,7 @@ def fill_undefined(cost, weight, constant, share):
 
 @kernel
 def send(cost, first, second, third, strength, slope, limit, shift, message, work):
-    """Message to a neighbour whose base surface is `shift` labels higher; truncated linear smoothness.
-
-    `work`: from `message_space`.
-    """
+    """Message to a neighbour whose base surface is `shift` labels higher; truncated linear smoothness."""
     count = cost.shape[0]
     margin = (work.shape[1] - count) // 2
     beliefs, other = work[0, margin : margin + count], 1
@@ -302,11 +294,7 @@ def message_space(count, slope, limit):
 
 @kernel
 def exchange(cost, strengths, messages, slope, limit, parity):
-    """Let every second pixel send to its four neighbours.
-
-    `strengths`: of edges to the right and downwards, and the rise of the base surface along them; `messages`:
-    those that go up, down, to the left and to the right.
-    """
+    """Let every second pixel send to its four neighbours."""
     across, down, rise_x, rise_y = strengths
     up, downwards, left, right = messages
     height, width, count = cost.shape

@@ -29,40 +29,17 @@ DARK_LEVEL = 40
 
 
 class Window(NamedTuple):
-    """How far the windows reach.
+    """How far the windows reach."""
 
-    Attributes
-    ----------
-    reach_px, near_reach_px : int
-        Longest arm, and the longest across colours that differ by more than `far_limit`.
-    iterations : int
-        Times that costs are summed along the arms of rows and columns.
-    limit, far_limit : int
-        Colour differences that end an arm, in levels; smaller ones do below `DARK_LEVEL`.
-    """
-
-    reach_px: int
+    reach_px: int  # longest arm, and the longest across colours that differ by more than `far_limit`
     near_reach_px: int
-    iterations: int
-    limit: int = 20
+    iterations: int  # times that costs are summed along the arms of rows and columns
+    limit: int = 20  # colour differences that end an arm, in levels; smaller ones do below `DARK_LEVEL`
     far_limit: int = 6
 
 
 def cross_arms(image: NDArray[np.uint8], window: Window) -> Arms:
-    """Find the arms of each pixel [Zhang2009].
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), uint8
-        Red, green and blue.
-    window : Window
-        How far they reach.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 4), int16
-        Pixels up, down, to the left and to the right.
-    """
+    """Find the arms of each pixel [Zhang2009]."""
     arms = np.empty((*image.shape[:2], 4), np.int16)
     limits = window.reach_px, window.near_reach_px, window.limit, window.far_limit
     _kernels.grow_arms(evened_levels()[image], *limits, arms)
@@ -70,13 +47,7 @@ def cross_arms(image: NDArray[np.uint8], window: Window) -> Arms:
 
 
 def evened_levels() -> NDArray[np.int16]:
-    """Return levels in whose differences noise is alike.
-
-    Returns
-    -------
-    ndarray of shape (256,), int16
-        For each level the sum of all steps up to it.
-    """
+    """Return levels in whose differences noise is alike."""
     steps = np.sqrt(np.maximum(DARK_LEVEL / np.arange(1.0, 256.0), 1.0))
     return np.floor(np.concatenate([[0.0], np.cumsum(steps)]) + 0.5).astype(np.int16)
 
@@ -84,23 +55,7 @@ def evened_levels() -> NDArray[np.int16]:
 def aggregate(
     costs: WeightedCosts, arms: Arms, base: Labels, origin: Labels, max_jump: int, iterations: int
 ) -> None:
-    """Replace costs by the weighted mean over the cross-shaped regions of pixels.
-
-    Parameters
-    ----------
-    costs : WeightedCosts
-        Changed in place; a weight becomes the share of the region that is known.
-    arms : ndarray of shape (rows, W, 4), int16
-        Of the same rows; those that leave them are cut.
-    base : ndarray of shape (rows, W), int64
-        Labels of the base surface; constant: windows of one disparity.
-    origin : ndarray of shape (rows, W), int64
-        Label of the first cost of each pixel.
-    max_jump : int
-        Labels by which the base may change from pixel to pixel; more is a discontinuity, where arms end.
-    iterations : int
-        How often; rows come first, then columns, and the other way round every second time.
-    """
+    """Replace costs by the weighted mean over the cross-shaped regions of pixels."""
     cut = np.empty_like(arms)
     _kernels.cut_arms(arms, base, max_jump, cut)
     first = base - origin

@@ -20,26 +20,15 @@ Labels = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class BeliefPropagation:
-    """Inference by messages between neighbours, from coarse grids to fine ones.
+    """Inference by messages between neighbours, from coarse grids to fine ones."""
 
-    Attributes
-    ----------
-    slope, limit : float
-        Cost of a change by one label, and the most a change costs: alpha and beta of (2.13).
-    max_jump : int
-        Labels by which a base surface may change from pixel to pixel at no cost.
-    edge_levels, edge_strength : float
-        Smoothness falls with ``exp(-difference / edge_levels)`` of colours, down to `edge_strength`.
-    iterations, levels : int
-        Rounds of messages on each grid, and number of grids.
-    """
-
-    slope: float = 0.2
+    slope: float = 0.2  # cost of a change by one label, and the most a change costs: alpha and beta of (2.13)
     limit: float = 0.6
-    max_jump: int = 2
+    max_jump: int = 2  # labels by which a base surface may change from pixel to pixel at no cost
+    # smoothness falls with ``exp(-difference / edge_levels)`` of colours, down to `edge_strength`
     edge_levels: float = 5.0
     edge_strength: float = 0.05
-    iterations: int = 3
+    iterations: int = 3  # rounds of messages on each grid, and number of grids
     levels: int = 5
 
     def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Inferred:
@@ -47,24 +36,7 @@ class BeliefPropagation:
         return chosen(self.beliefs(cost, image, base, origin), origin)
 
     def beliefs(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Volume:
-        """Return the costs of all labels, with what the messages say.
-
-        Parameters
-        ----------
-        cost : ndarray of shape (rows, columns, labels), float32
-            Cost of each label.
-        image : ndarray of shape (rows, columns, 3), uint8
-            Across whose edges smoothness is weak.
-        base : ndarray of shape (rows, columns), int64
-            Labels of a base surface: its slopes cost nothing.
-        origin : ndarray of shape (rows, columns), int64
-            Label of the first cost of each pixel.
-
-        Returns
-        -------
-        ndarray of shape (rows, columns, labels), float32
-            Min-marginals up to a constant; exact on a chain.
-        """
+        """Return the costs of all labels, with what the messages say."""
         grids = self._grids(cost, image, base, origin)
         messages = [np.zeros(grids[-1][0].shape, np.float32) for _ in range(4)]
         slope, limit = np.float32(self.slope), np.float32(self.limit)

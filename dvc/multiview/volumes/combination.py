@@ -8,55 +8,18 @@ from dvc.multiview.volumes.matching_costs import WeightedCosts
 
 
 def smaller_costs(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
-    """Take the smaller cost of two views on opposite sides: one of them sees the point (2.18).
-
-    Parameters
-    ----------
-    first, second : WeightedCosts
-        Of the views; the first is changed.
-
-    Returns
-    -------
-    WeightedCosts
-        The first; where one view knows less than half of what the other does, the other's cost.
-    """
+    """Take the smaller cost of two views on opposite sides: one of them sees the point (2.18)."""
     _kernels.keep_smaller(*first, *second)
     return first
 
 
 def mean_costs(first: WeightedCosts, second: WeightedCosts) -> WeightedCosts:
-    """Take the weighted mean of two costs (2.20).
-
-    Parameters
-    ----------
-    first, second : WeightedCosts
-        The costs; the first is changed.
-
-    Returns
-    -------
-    WeightedCosts
-        The first, with the larger of the weights.
-    """
+    """Take the weighted mean of two costs (2.20)."""
     _kernels.keep_mean(*first, *second)
     return first
 
 
 def defined_costs(costs: WeightedCosts, constant: float, share: float) -> NDArray[np.float32]:
-    """Fill what is not known with a constant.
-
-    Parameters
-    ----------
-    costs : WeightedCosts
-        Changed.
-    constant : float
-        Cost where nothing is known.
-    share : float
-        Weight of the constant everywhere.
-
-    Returns
-    -------
-    ndarray of shape (rows, W, labels), float32
-        Their weighted mean.
-    """
+    """Fill what is not known with a constant."""
     _kernels.fill_undefined(*costs, np.float32(constant), np.float32(share))
     return costs.cost

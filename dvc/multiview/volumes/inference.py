@@ -17,35 +17,14 @@ UNITS = 100.0
 
 
 class Inferred(NamedTuple):
-    """Labels of all pixels.
+    """Labels of all pixels."""
 
-    Attributes
-    ----------
-    label : ndarray of shape (rows, columns), int64
-        The best one.
-    offset : ndarray of shape (rows, columns), float32
-        Where between its neighbours the smallest cost lies, from -0.5 to 0.5.
-    margin : ndarray of shape (rows, columns), float32
-        By how much it beats all that are not its neighbours, in units of the costs.
-    """
-
-    label: Labels
-    offset: NDArray[np.float32]
-    margin: NDArray[np.float32]
+    label: Labels  # the best one
+    offset: NDArray[np.float32]  # where between its neighbours the smallest cost lies, from -0.5 to 0.5
+    margin: NDArray[np.float32]  # by how much it beats all that are not its neighbours, in units of the costs
 
     def rows(self, kept: slice) -> "Inferred":
-        """Return some rows.
-
-        Parameters
-        ----------
-        kept : slice
-            Which.
-
-        Returns
-        -------
-        Inferred
-            Views of them.
-        """
+        """Return some rows."""
         return Inferred(self.label[kept], self.offset[kept], self.margin[kept])
 
 
@@ -75,15 +54,9 @@ class Inference(Protocol):
 
 @dataclass(frozen=True)
 class SemiGlobal:
-    """Dynamic programming along eight scanlines: fast, and even where costs say little.
+    """Dynamic programming along eight scanlines: fast, and even where costs say little."""
 
-    Attributes
-    ----------
-    small_jump, large_jump : float
-        Cost of a change by one label, and of a larger one across equal levels.
-    """
-
-    small_jump: float = 0.3
+    small_jump: float = 0.3  # cost of a change by one label, and of a larger one across equal levels
     large_jump: float = 2.0
 
     def infer(self, cost: Volume, image: NDArray[np.uint8], base: Labels, origin: Labels) -> Inferred:
@@ -99,20 +72,7 @@ class SemiGlobal:
 
 
 def chosen(total: Volume, origin: Labels) -> Inferred:
-    """Choose the best label of each pixel.
-
-    Parameters
-    ----------
-    total : ndarray of shape (rows, columns, labels), float32
-        Costs.
-    origin : ndarray of shape (rows, columns), int64
-        Label of the first cost of each pixel.
-
-    Returns
-    -------
-    Inferred
-        Labels of the smallest.
-    """
+    """Choose the best label of each pixel."""
     shape = total.shape[:2]
     inferred = Inferred(np.empty(shape, np.int64), np.empty(shape, np.float32), np.empty(shape, np.float32))
     _kernels.choose(total, *inferred)

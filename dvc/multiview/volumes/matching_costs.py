@@ -30,33 +30,18 @@ SQUARED_LIMIT = 400.0
 
 
 class Band(NamedTuple):
-    """Labels that are tried at each pixel: all, or a few around an estimate.
+    """Labels that are tried at each pixel: all, or a few around an estimate."""
 
-    Attributes
-    ----------
-    origin : ndarray of shape (H, W), int64
-        First label; it may lie before or after all that there are, where nothing is then known.
-    num_labels : int
-        How many follow each other.
-    """
-
+    # first label; it may lie before or after all that there are, where nothing is then known
     origin: NDArray[np.int64]
-    num_labels: int
+    num_labels: int  # how many follow each other
 
 
 class WeightedCosts(NamedTuple):
-    """Costs of labels, and how much is known of them.
+    """Costs of labels, and how much is known of them."""
 
-    Attributes
-    ----------
-    cost : ndarray of shape (rows, W, labels), float32
-        From 0 to `highest`; 0 where nothing is known.
-    weight : ndarray of shape (rows, W, labels), float32
-        1 where both views show something, 0 elsewhere.
-    """
-
-    cost: Volume
-    weight: Volume
+    cost: Volume  # from 0 to `highest`; 0 where nothing is known
+    weight: Volume  # 1 where both views show something, 0 elsewhere
 
 
 class MatchingCost(Protocol):
@@ -68,24 +53,7 @@ class MatchingCost(Protocol):
     def __call__(
         self, view: ArrayView, other: ArrayView, labels: DisparityLabels, band: Band, rows: slice
     ) -> WeightedCosts:
-        """Compare some rows of a view with another.
-
-        Parameters
-        ----------
-        view, other : ArrayView
-            Of one size.
-        labels : DisparityLabels
-            Disparities of all labels.
-        band : Band
-            Which of them are tried at each pixel.
-        rows : slice
-            Rows of `view`, with start and stop.
-
-        Returns
-        -------
-        WeightedCosts
-            For these rows.
-        """
+        """Compare some rows of a view with another."""
 
 
 class CensusCost:
@@ -128,38 +96,14 @@ class SquaredCost:
 
 
 def census(image: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Compare each pixel with those around it.
-
-    Parameters
-    ----------
-    image : ndarray of shape (H, W, 3), float32
-        Red, green and blue.
-
-    Returns
-    -------
-    ndarray of shape (H, W), uint32
-        A bit for each neighbour, see `census_bits`.
-    """
+    """Compare each pixel with those around it."""
     grey = image[:, :, 0] * np.float32(0.299) + image[:, :, 1] * np.float32(0.587)
     grey += image[:, :, 2] * np.float32(0.114)
     return census_bits(grey)
 
 
 def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> NDArray[np.float64]:
-    """Return how far points of a view are moved in another (2.5).
-
-    Parameters
-    ----------
-    labels : DisparityLabels
-        Disparities.
-    view, other : LatticePosition
-        Of the cameras.
-
-    Returns
-    -------
-    ndarray of shape (labels, 2), float64
-        Columns and rows, in pixels, for each label.
-    """
+    """Return how far points of a view are moved in another (2.5)."""
     disparity = labels.disparity(np.arange(labels.num_labels, dtype=np.float64))
     return np.column_stack([(view.m - other.m) * disparity, (view.n - other.n) * disparity])
 
@@ -167,24 +111,7 @@ def offsets(labels: DisparityLabels, view: LatticePosition, other: LatticePositi
 def phases(
     other: ArrayView, position: LatticePosition, labels: DisparityLabels
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Interpolate a view at the fractions of a pixel by which labels move it.
-
-    Parameters
-    ----------
-    other : ArrayView
-        The view.
-    position : LatticePosition
-        Of the camera that it is compared with.
-    labels : DisparityLabels
-        Disparities to try.
-
-    Returns
-    -------
-    pictures : ndarray of shape (phases, H, W, 3), float32
-        The view, moved by less than a pixel.
-    shifts : ndarray of shape (labels, 3), int64
-        For each label the number of a picture, and columns and rows to its pixel.
-    """
+    """Interpolate a view at the fractions of a pixel by which labels move it."""
     steps = np.floor(offsets(labels, position, other.position) * PHASES_PER_PX + 0.5).astype(np.int64)
     whole, fraction = np.divmod(steps, PHASES_PER_PX)
     distinct, number = np.unique(fraction, axis=0, return_inverse=True)

@@ -15,23 +15,7 @@ _H265_SEI = frozenset({39, 40})
 
 
 def nal_units(stream: bytes) -> list[bytes]:
-    """Split a byte stream ([H264] annex B) into NAL units that keep their start codes.
-
-    Parameters
-    ----------
-    stream : bytes
-        Whole units.
-
-    Returns
-    -------
-    list of bytes
-        Together the stream, apart from what stands before the first start code.
-
-    Examples
-    --------
-    >>> nal_units(bytes.fromhex("00000001 09f0 000001 65aa"))
-    [b'\\x00\\x00\\x00\\x01\\t\\xf0', b'\\x00\\x00\\x01e\\xaa']
-    """
+    """Split a byte stream ([H264] annex B) into NAL units that keep their start codes."""
     starts = []
     position = stream.find(_START_CODE)
     while position >= 0:
@@ -51,22 +35,7 @@ def _h265_type(unit: bytes) -> int:
 
 
 def without_overhead(stream: bytes, file_format: str, known: bytes = b"") -> bytes:
-    """Leave out what no decoder needs: messages (x264 writes its options there), and parameter sets again.
-
-    Parameters
-    ----------
-    stream : bytes
-        Whole units.
-    file_format : {"h264", "hevc", "obu"}
-        What they are.
-    known : bytes, optional
-        Parameter sets that the decoder has.
-
-    Returns
-    -------
-    bytes
-        The other units; everything of AV1, where each key frame must have a sequence header.
-    """
+    """Leave out what no decoder needs: messages (x264 writes its options there), and parameter sets again."""
     if file_format == "obu":
         return stream
     type_of, messages = (_h264_type, {_H264_SEI}) if file_format == "h264" else (_h265_type, _H265_SEI)
@@ -79,26 +48,7 @@ def without_overhead(stream: bytes, file_format: str, known: bytes = b"") -> byt
 
 
 def picture_bytes(packet: bytes, file_format: str) -> int:
-    """Count the bytes of a packet that belong to its picture.
-
-    Parameters
-    ----------
-    packet : bytes
-        One coded picture, with whatever stands before it.
-    file_format : {"h264", "hevc", "obu"}
-        What it is.
-
-    Returns
-    -------
-    int
-        Slices with their headers and start codes; frames and tiles of AV1. The rest are parameter sets,
-        delimiters and messages.
-
-    Raises
-    ------
-    BitstreamError
-        If a unit of AV1 has no valid length.
-    """
+    """Count the bytes of a packet that belong to its picture."""
     return _COUNTERS[file_format](packet)
 
 

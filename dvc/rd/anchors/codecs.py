@@ -38,35 +38,17 @@ _SVTAV1 += (("key-frame-qindex-offset", "0"), ("qindex-offsets", "[0,0,0,0,0,0]"
 
 @dataclass(frozen=True)
 class AnchorCodec:
-    """One anchor.
+    """One anchor."""
 
-    Attributes
-    ----------
-    name : str
-        As the command line and results name it.
-    label : str
-        As tables and plots name it.
-    library : str
-        Encoder, as FFmpeg names it.
-    preset : str
-        Preset of that encoder.
-    parameters : tuple of (str, str)
-        All that differs from the preset, apart from the QP.
-    structure : {"intra", "ippp", "random access"}
-        Which frames are predicted: none, each from the one before it, or with B frames.
-    zero_motion : bool
-        Whether every motion vector must be zero.
-    intra_period : int
-        Frames from one intra frame to the next; 0 where only the first is one, or the preset decides.
-    """
-
-    name: str
-    label: str
-    library: Literal["libx264", "libx265", "libsvtav1"]
-    preset: str
-    parameters: Parameters
+    name: str  # as the command line and results name it
+    label: str  # as tables and plots name it
+    library: Literal["libx264", "libx265", "libsvtav1"]  # encoder, as FFmpeg names it
+    preset: str  # preset of that encoder
+    parameters: Parameters  # all that differs from the preset, apart from the QP
+    # which frames are predicted: none, each from the one before it, or with B frames
     structure: Literal["intra", "ippp", "random access"]
-    zero_motion: bool = False
+    zero_motion: bool = False  # whether every motion vector must be zero
+    # frames from one intra frame to the next; 0 where only the first is one, or the preset decides
     intra_period: int = 0
 
     @property
@@ -85,24 +67,7 @@ class AnchorCodec:
         return "yuv420p" if self.library == "libsvtav1" else "gray"
 
     def encoder_qp(self, qp: int) -> int:
-        """Return the encoder's own quantizer for a QP on the scale of H.264.
-
-        Parameters
-        ----------
-        qp : int
-            1 to 51.
-
-        Returns
-        -------
-        int
-            The same for H.264 and H.265. Five thirds of a step per QP for AV1, 14 at QP 20, within 1 to 63:
-            QPs 20 to 44 then cover about the same PSNRs.
-
-        Raises
-        ------
-        ConfigError
-            If the QP is out of range.
-        """
+        """Return the encoder's own quantizer for a QP on the scale of H.264."""
         if not MIN_QP <= qp <= MAX_QP:
             raise ConfigError(f"the QP of an anchor must be {MIN_QP} to {MAX_QP}, got {qp}")
         if self.library != "libsvtav1":
@@ -110,18 +75,7 @@ class AnchorCodec:
         return min(max(14 + round(5 * (qp - 20) / 3), 1), _MAX_AV1_QP)
 
     def encoder_parameters(self, qp: int) -> dict[str, str]:
-        """Return the parameters of the encoder's own syntax.
-
-        Parameters
-        ----------
-        qp : int
-            On the scale of H.264.
-
-        Returns
-        -------
-        dict of str to str
-            With the encoder's quantizer.
-        """
+        """Return the parameters of the encoder's own syntax."""
         return {**dict(self.parameters), "qp": str(self.encoder_qp(qp))}
 
 

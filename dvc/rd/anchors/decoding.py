@@ -29,49 +29,17 @@ _STRICT = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
 
 @dataclass(frozen=True)
 class DecodedPicture:
-    """One picture of a file.
+    """One picture of a file."""
 
-    Attributes
-    ----------
-    luma : ndarray of shape (H, W), uint8
-        Samples.
-    is_intra : bool
-        Whether it was coded without prediction from other pictures.
-    num_bits : int
-        Of its slices or tiles.
-    num_vectors, num_moving : int
-        Motion vectors, and those of them that are not zero; 0 where they were not asked for.
-    """
-
-    luma: Plane
-    is_intra: bool
-    num_bits: int
-    num_vectors: int
+    luma: Plane  # samples
+    is_intra: bool  # whether it was coded without prediction from other pictures
+    num_bits: int  # of its slices or tiles
+    num_vectors: int  # motion vectors, and those of them that are not zero; 0 where they were not asked for
     num_moving: int
 
 
 def decode_file(path: Path, *, vectors: bool = False) -> Iterator[DecodedPicture]:
-    """Decode an elementary stream.
-
-    Parameters
-    ----------
-    path : Path
-        File that ends in ``.264``, ``.265`` or ``.obu``.
-    vectors : bool, optional
-        Read the motion vectors back; H.264 only.
-
-    Yields
-    ------
-    DecodedPicture
-        In display order.
-
-    Raises
-    ------
-    ConfigError
-        If the suffix is another, or vectors are asked of another format.
-    VideoError, BitstreamError
-        If the file is damaged or holds something else.
-    """
+    """Decode an elementary stream."""
     import av
 
     file_format = _FORMATS.get(path.suffix)
@@ -102,32 +70,7 @@ def measure_file(
     zero_motion: bool = False,
     video: Path | None = None,
 ) -> dict[str, Any]:
-    """Decode a file and compare it with its original.
-
-    Parameters
-    ----------
-    path : Path
-        As for `decode_file`.
-    reference : str or Path
-        The original.
-    start : int, optional
-        Its frame that the first picture stands for.
-    zero_motion : bool, optional
-        Refuse the file unless every motion vector is zero.
-    video : Path, optional
-        Write the luma to this file as well.
-
-    Returns
-    -------
-    dict
-        ``width``, ``height``, ``frames_per_s``; ``totals`` and ``per_frame`` as in `docs/results.md`.
-
-    Raises
-    ------
-    VideoError, BitstreamError
-        If the file is damaged, is of another size or longer than the original, or has a motion vector
-        that must not be, or that cannot be read.
-    """
+    """Decode a file and compare it with its original."""
     rows, moved, num_vectors = [], 0, 0
     with open_video(reference, start=start) as original:
         info = original.info

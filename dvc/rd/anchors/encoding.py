@@ -34,36 +34,7 @@ def encode_file(
     start: int = 0,
     frames: int | None = None,
 ) -> dict[str, Any]:
-    """Code the luma of a video into a file.
-
-    Parameters
-    ----------
-    source : str or Path
-        Any video that `dvc.video.open_video` opens.
-    path : str or Path
-        File to write; its suffix must be that of the codec.
-    codec : AnchorCodec
-        With what.
-    qp : int
-        On the scale of H.264, 1 to 51.
-    start : int, optional
-        First frame.
-    frames : int, optional
-        Number of frames; all if None.
-
-    Returns
-    -------
-    dict
-        ``frames``, ``bytes``, ``coding_cpu_s`` (processor time of the encoder's calls, all threads; reading
-        the input is left out) and ``config``: what the encoder was told, and which it was.
-
-    Raises
-    ------
-    ConfigError
-        If the encoder is missing, or refuses the size; if the suffix is wrong.
-    VideoError
-        If the video cannot be read.
-    """
+    """Code the luma of a video into a file."""
     if Path(path).suffix != codec.suffix:
         raise ConfigError(f"a file of {codec.name} ends in {codec.suffix}, got {str(path)!r}")
     parameters = codec.encoder_parameters(qp)
@@ -104,31 +75,7 @@ def encode_file(
 def encode_frames(
     frames: Iterable[Frame], size: tuple[int, int], rate: Fraction, codec: AnchorCodec, qp: int
 ) -> Iterator[bytes]:
-    """Code frames, and give the parts of the file as they are made.
-
-    Parameters
-    ----------
-    frames : iterable of Frame
-        Grey frames.
-    size : tuple of int
-        Width and height.
-    rate : Fraction
-        Frames per second.
-    codec : AnchorCodec
-        With what.
-    qp : int
-        On the scale of H.264, 1 to 51.
-
-    Yields
-    ------
-    bytes
-        Parts of the file.
-
-    Raises
-    ------
-    ConfigError
-        If the encoder is missing, or refuses the size.
-    """
+    """Code frames, and give the parts of the file as they are made."""
     parameters = codec.encoder_parameters(qp)
     if codec.zero_motion:
         _check_available(codec)

@@ -8,11 +8,5 @@ from dvc.rd.provenance import files_digest, package_sources, values_digest
 
 @cache
 def anchors_digest() -> str:
-    """Digest the sources of this package and the version of PyAV, which brings the encoders.
-
-    Returns
-    -------
-    str
-        32 hexadecimal digits; found once per process.
-    """
+    """Digest the sources of this package and the version of PyAV, which brings the encoders."""
     return values_digest([files_digest(package_sources(__package__)), metadata.version("av")])

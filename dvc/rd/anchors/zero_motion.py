@@ -85,33 +85,7 @@ def encode_without_motion(
     preset: str,
     parameters: dict[str, str],
 ) -> Iterator[bytes]:
-    """Code luma planes as IPPP with motion vectors of zero.
-
-    Parameters
-    ----------
-    planes : iterable of ndarray of shape (H, W), uint8
-        In display order.
-    size : tuple of int
-        Width and height in pixels.
-    frame_rate : Fraction
-        Frames per second.
-    preset : str
-        Of x264.
-    parameters : dict of str to str
-        Of x264, beyond its preset; ``me=esa`` and ``subme=0`` among them.
-
-    Yields
-    ------
-    bytes
-        NAL units of each picture with start codes, parameter sets before the first.
-
-    Raises
-    ------
-    ConfigError
-        If the x264 at hand is not the one that is known, or differs in any way from what is expected.
-    VideoError
-        If a picture cannot be coded.
-    """
+    """Code luma planes as IPPP with motion vectors of zero."""
     library = _Library(library_path())
     setup = {**parameters, "fps": f"{frame_rate.numerator}/{frame_rate.denominator}", "merange": str(_RANGE)}
     words = library.parameters(preset, setup)
@@ -127,18 +101,7 @@ def encode_without_motion(
 
 
 def library_path() -> Path:
-    """Find the libx264 that came with PyAV.
-
-    Returns
-    -------
-    Path
-        Shared library of build 165.
-
-    Raises
-    ------
-    ConfigError
-        If there is none, or it is of another build.
-    """
+    """Find the libx264 that came with PyAV."""
     import av
 
     folder = Path(av.__file__).parent.parent / "av.libs"
@@ -240,11 +203,7 @@ class _Library:
 
 
 def _set_no_range(library: _Library, encoder: int, size: tuple[int, int]) -> None:
-    """Overwrite the search range of an open encoder, once it is sure where that is.
-
-    What `x264_encoder_open` returns begins with a pointer to the encoder proper, which begins with its
-    parameters.
-    """
+    """Overwrite the search range of an open encoder, once it is sure where that is."""
     before = library.read_back(encoder)
     if before[_GEOMETRY].tolist()[:3] != [*size, _GREY]:
         raise ConfigError("zero motion: the open encoder has other parameters than it was given")

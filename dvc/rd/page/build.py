@@ -51,30 +51,7 @@ def write_page(
     drawn: dict[str, dict[str, bytes]] | None = None,
     judged: Sequence[Verdict] | None = None,
 ) -> None:
-    """Write the report as one HTML file, which needs no other file and no network.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured; names of pictures are absolute, as `dvc.rd.results.read_folders` makes them.
-    path : Path
-        The file.
-    anchor : str, optional
-        Label of the curve that the first table compares with.
-    notes : sequence of str, optional
-        What a reader must know besides what the results tell.
-    pictures : bool, optional
-        Whether to show decoded frames, where the results have any.
-    drawn : dict of str to dict, optional
-        Curves by slug, as `dvc.rd.plots.render_experiment` draws them, if that has been done already.
-    judged : sequence of Verdict, optional
-        What `verdicts` says of them, if that has been found already.
-
-    Raises
-    ------
-    DvcError
-        If it cannot be written.
-    """
+    """Write the report as one HTML file, which needs no other file and no network."""
     found = experiments(results)
     styles = curve_styles(found)
     drawn = drawn or {one.slug: render_experiment(one, styles, (".svg",), anchor) for one in found}

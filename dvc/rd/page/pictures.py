@@ -22,25 +22,14 @@ Picture = NDArray[np.uint8]
 
 @dataclass
 class Gallery:
-    """Pictures of a report.
+    """Pictures of a report."""
 
-    Attributes
-    ----------
-    sources : list of str
-        Data URIs, each once.
-    shown : dict of str to list of dict
-        By slug of the experiment: ``label`` and ``point`` of the curve, ``index`` of the frame, and where its
-        ``original``, ``decoded`` and ``noise`` (or None) stand in `sources`.
-    num_left_out : int
-        Points whose pictures have no room.
-    num_missing : int
-        Points whose pictures are damaged or not there.
-    """
-
-    sources: list[str] = field(default_factory=list)
+    sources: list[str] = field(default_factory=list)  # data URIs, each once
+    # by slug of the experiment: ``label`` and ``point`` of the curve, ``index`` of the frame, and where its
+    # ``original``, ``decoded`` and ``noise`` (or None) stand in `sources`
     shown: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    num_left_out: int = 0
-    num_missing: int = 0
+    num_left_out: int = 0  # points whose pictures have no room
+    num_missing: int = 0  # points whose pictures are damaged or not there
 
     @property
     def num_points(self) -> int:
@@ -49,20 +38,7 @@ class Gallery:
 
 
 def build_gallery(found: Sequence[Experiment], max_bytes: int) -> Gallery:
-    """Encode the pictures of a few points of every curve.
-
-    Parameters
-    ----------
-    found : sequence of Experiment
-        The curves.
-    max_bytes : int
-        Room for all data URIs.
-
-    Returns
-    -------
-    Gallery
-        Of the point in the middle of every curve, then the lowest and the highest, as long as there is room.
-    """
+    """Encode the pictures of a few points of every curve."""
     wanted = list(_by_importance(found))
     chosen = wanted[:MAX_POINTS]
     for quality in range(WEBP_QUALITY, MIN_QUALITY - 1, -10):

@@ -23,39 +23,16 @@ SHARE_TITLES = {
 
 @dataclass(frozen=True)
 class Table:
-    """A table whose first columns name its rows.
+    """A table whose first columns name its rows."""
 
-    Attributes
-    ----------
-    caption : str
-        What it shows.
-    head : tuple of str
-        Titles.
-    rows : tuple of tuple of str
-        Cells.
-    num_names : int
-        Columns that name a row.
-    """
-
-    caption: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    num_names: int = 1
+    caption: str  # what it shows
+    head: tuple[str, ...]  # titles
+    rows: tuple[tuple[str, ...], ...]  # cells
+    num_names: int = 1  # columns that name a row
 
 
 def side_information_table(found: Sequence[Experiment]) -> Table | None:
-    """Return the mean PSNR of the side information by sequence and codec.
-
-    Parameters
-    ----------
-    found : sequence of Experiment
-        The curves.
-
-    Returns
-    -------
-    Table or None
-        At lossless key frames where there are such points, else at each preset; None without any.
-    """
+    """Return the mean PSNR of the side information by sequence and codec."""
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for one in found:
         points = [(curve.label, point) for curve in one.curves for point in curve.points]
@@ -76,18 +53,7 @@ def side_information_table(found: Sequence[Experiment]) -> Table | None:
 
 
 def cost_table(found: Sequence[Experiment]) -> Table:
-    """Return what encoding and decoding cost.
-
-    Parameters
-    ----------
-    found : sequence of Experiment
-        The curves.
-
-    Returns
-    -------
-    Table
-        Means over the points of each curve, CPU time of one core.
-    """
+    """Return what encoding and decoding cost."""
     rows = []
     for one in found:
         anchor = one.anchor(ANCHOR_LABEL)
@@ -115,37 +81,13 @@ def cost_table(found: Sequence[Experiment]) -> Table:
 
 
 def rate_cost_table(points: Sequence[RateCost], reference: str) -> Table:
-    """Return rate against cost.
-
-    Parameters
-    ----------
-    points : sequence of RateCost
-        All codecs.
-    reference : str
-        Label of the one that they are compared with.
-
-    Returns
-    -------
-    Table
-        A row for each codec.
-    """
+    """Return rate against cost."""
     head, rows = rate_cost_cells(points, reference)
     return Table(CAPTION, tuple(head), tuple(map(tuple, rows)))
 
 
 def shares(curve: Curve) -> list[dict[str, Any]]:
-    """Return what the bits of each point of a curve are for.
-
-    Parameters
-    ----------
-    curve : Curve
-        The curve.
-
-    Returns
-    -------
-    list of dict
-        ``name`` of the point, ``text`` for those who cannot see a bar, and ``parts``: kind and per cent.
-    """
+    """Return what the bits of each point of a curve are for."""
     rows = []
     for point in curve.points:
         parts = point.bit_shares
@@ -155,18 +97,7 @@ def shares(curve: Curve) -> list[dict[str, Any]]:
 
 
 def chart_points(curve: Curve) -> list[dict[str, Any]]:
-    """Return the points of a curve as charts need them.
-
-    Parameters
-    ----------
-    curve : Curve
-        The curve.
-
-    Returns
-    -------
-    list of dict
-        JSON-safe: ``name``, ``level`` (preset, quality), ``rate`` in kbit/s, ``psnr`` in dB, ``frames``.
-    """
+    """Return the points of a curve as charts need them."""
     return [
         {
             "name": point.label,

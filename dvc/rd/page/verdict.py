@@ -14,84 +14,39 @@ MIN_PERCENT = 0.05
 
 @dataclass(frozen=True)
 class Row:
-    """One curve against the anchor on one sequence, as text.
+    """One curve against the anchor on one sequence, as text."""
 
-    Attributes
-    ----------
-    sequence, codec : str
-        What is compared.
-    rate, psnr : str
-        BD-rate and BD-PSNR, or why there is none.
-    overlap, points : str
-        What the figure rests on.
-    where : str
-        At which rates the codec is better.
-    verdict : str
-        ``better``, ``worse`` or ``none``.
-    """
-
-    sequence: str
+    sequence: str  # what is compared
     codec: str
-    rate: str
+    rate: str  # BD-rate and BD-PSNR, or why there is none
     psnr: str
-    overlap: str
+    overlap: str  # what the figure rests on
     points: str
-    where: str
-    verdict: str
+    where: str  # at which rates the codec is better
+    verdict: str  # ``better``, ``worse`` or ``none``
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of the matrix of BD-rates.
+    """A cell of the matrix of BD-rates."""
 
-    Attributes
-    ----------
-    text : str
-        Such as ``−12.3 %``.
-    verdict : str
-        As in `Row`.
-    """
-
-    text: str
-    verdict: str
+    text: str  # such as ``−12.3 %``
+    verdict: str  # as in `Row`
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """All curves against one.
+    """All curves against one."""
 
-    Attributes
-    ----------
-    anchor : str
-        Its label.
-    codecs : tuple of str
-        Labels of the others, columns of the matrix.
-    matrix : tuple of (str, tuple of Cell)
-        Name and cells of each sequence; the means last, where there are several sequences.
-    rows : tuple of Row
-        The same with everything that it rests on.
-    """
-
-    anchor: str
-    codecs: tuple[str, ...]
+    anchor: str  # its label
+    codecs: tuple[str, ...]  # labels of the others, columns of the matrix
+    # name and cells of each sequence; the means last, where there are several sequences
     matrix: tuple[tuple[str, tuple[Cell, ...]], ...]
-    rows: tuple[Row, ...]
+    rows: tuple[Row, ...]  # the same with everything that it rests on
 
 
 def verdicts(found: Sequence[Experiment]) -> list[Verdict]:
-    """Compare every curve with every other of the same frames.
-
-    Parameters
-    ----------
-    found : sequence of Experiment
-        The curves.
-
-    Returns
-    -------
-    list of Verdict
-        One for every label that has somebody to be compared with; curves of lossless key frames, which tell
-        of side information, are left out.
-    """
+    """Compare every curve with every other of the same frames."""
     labels = {
         curve.label: curve.is_anchor for one in found for curve in one.curves if not curve.has_lossless_keys
     }
@@ -101,27 +56,7 @@ def verdicts(found: Sequence[Experiment]) -> list[Verdict]:
 
 
 def signed(value: float, decimals: int, unit: str) -> str:
-    """Write a difference with its sign.
-
-    Parameters
-    ----------
-    value : float
-        The difference.
-    decimals : int
-        Digits after the point.
-    unit : str
-        Of the value.
-
-    Returns
-    -------
-    str
-        With a true minus sign.
-
-    Examples
-    --------
-    >>> signed(-12.34, 1, "%")
-    '−12.3 %'
-    """
+    """Write a difference with its sign."""
     return f"{value:+.{decimals}f} {unit}".replace("-", "−")
 
 

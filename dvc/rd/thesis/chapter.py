@@ -10,68 +10,32 @@ from dvc.rd.specification import Sweep
 
 @dataclass(frozen=True)
 class Preset:
-    """How much is measured.
+    """How much is measured."""
 
-    Attributes
-    ----------
-    frames : int
-        Most frames of each sequence.
-    wz_q : tuple of int
-        Quantiser presets of the rate-distortion curves.
-    anchors : tuple of str
-        Codecs to compare with, by their names on the command line.
-    anchor_qp : tuple of int
-        QPs of the anchors beside those of the key frames.
-    scenes : tuple of str
-        Rendered sequences.
-    clips : tuple of str
-        Real sequences, of which those are taken that the folder of video files has.
-    """
-
-    frames: int
-    wz_q: tuple[int, ...]
-    anchors: tuple[str, ...]
-    anchor_qp: tuple[int, ...]
-    scenes: tuple[str, ...]
-    clips: tuple[str, ...]
+    frames: int  # most frames of each sequence
+    wz_q: tuple[int, ...]  # quantiser presets of the rate-distortion curves
+    anchors: tuple[str, ...]  # codecs to compare with, by their names on the command line
+    anchor_qp: tuple[int, ...]  # QPs of the anchors beside those of the key frames
+    scenes: tuple[str, ...]  # rendered sequences
+    clips: tuple[str, ...]  # real sequences, of which those are taken that the folder of video files has
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure or table of the thesis, and where it is here.
+    """One figure or table of the thesis, and where it is here."""
 
-    Attributes
-    ----------
-    number : str
-        Such as ``Figure 5.15``.
-    shows : str
-        What it shows.
-    place : str
-        Where to look for it, as Markdown; ``{page}`` stands for a link to the page.
-    """
-
-    number: str
-    shows: str
-    place: str
+    number: str  # such as ``Figure 5.15``
+    shows: str  # what it shows
+    place: str  # where to look for it, as Markdown; ``{page}`` stands for a link to the page
 
 
 @dataclass(frozen=True)
 class Chapter:
-    """What a chapter adds to the reproduction.
+    """What a chapter adds to the reproduction."""
 
-    Attributes
-    ----------
-    title : str
-        Its number and name.
-    sweeps : callable
-        From a preset and the names of sequences to the sweeps that it needs.
-    figures : tuple of Figure
-        Its figures and tables.
-    section : callable
-        From results, and a folder for pictures, to its section as Markdown without the title.
-    """
-
-    title: str
+    title: str  # its number and name
+    # from a preset and the names of sequences to the sweeps that it needs
     sweeps: Callable[[Preset, Sequence[str]], list[Sweep]]
-    figures: tuple[Figure, ...]
+    figures: tuple[Figure, ...]  # its figures and tables
+    # from results, and a folder for pictures, to its section as Markdown without the title
     section: Callable[[Sequence[PointResult], Path], str]

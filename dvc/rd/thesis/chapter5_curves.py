@@ -19,23 +19,13 @@ HIERARCHICAL = (("references", "hierarchical"),)
 
 @dataclass(frozen=True)
 class Method:
-    """One row of table 5.1.
+    """One row of table 5.1."""
 
-    Attributes
-    ----------
-    name : str
-        As the thesis calls it, or what is ours beside it.
-    codec : str
-        Of ours.
-    side_information : str or None
-        What the decoder is told to predict with; None for dense depth, or block motion in 2D.
-    thesis_db : tuple of float or None
-        What the thesis has for its street, stairway and statue; None where it has no such method.
-    """
-
-    name: str
-    codec: str
+    name: str  # as the thesis calls it, or what is ours beside it
+    codec: str  # of ours
+    # what the decoder is told to predict with; None for dense depth, or block motion in 2D
     side_information: str | None
+    # what the thesis has for its street, stairway and statue; None where it has no such method
     thesis_db: tuple[float, float, float] | None
 
     @property
@@ -44,18 +34,7 @@ class Method:
         return KEYS if self.codec in ("3d-td", "3d-te") else ()
 
     def made(self, point: PointResult) -> bool:
-        """Tell whether a point is of this method, with lossless key frames.
-
-        Parameters
-        ----------
-        point : PointResult
-            Any point.
-
-        Returns
-        -------
-        bool
-            True if it is.
-        """
+        """Tell whether a point is of this method, with lossless key frames."""
         options = point.data["options"]
         return (
             point.data["codec"] == self.codec
@@ -83,19 +62,11 @@ METHODS = (
 
 @dataclass(frozen=True)
 class Duel:
-    """Two curves of figure 5.15, and what the thesis says of them.
+    """Two curves of figure 5.15, and what the thesis says of them."""
 
-    Attributes
-    ----------
-    codec, reference : str
-        Names in `CURVES`.
-    thesis : str
-        Where the first is better.
-    """
-
-    codec: str
+    codec: str  # names in `CURVES`
     reference: str
-    thesis: str
+    thesis: str  # where the first is better
 
 
 CURVES: dict[str, Callable[[dict[str, Any]], bool]] = {
@@ -130,36 +101,17 @@ DUELS = (
 
 
 class ChapterPoints(NamedTuple):
-    """What the pictures and tables of a sequence are made from.
+    """What the pictures and tables of a sequence are made from."""
 
-    Attributes
-    ----------
-    lossless : dict of str to PointResult
-        Points of table 5.1 by name of the method, in the order of the table, as far as they are there.
-    lossy : dict of str to PointResult
-        Points of figure 5.13 by the QP of their key frames, the coarsest first, lossless last.
-    seen : PointResult or None
-        Point of figure 5.14: that whose key frames are nearest to `SEEN_QP`.
-    """
-
+    # points of table 5.1 by name of the method, in the order of the table, as far as they are there
     lossless: dict[str, PointResult]
+    # points of figure 5.13 by the QP of their key frames, the coarsest first, lossless last
     lossy: dict[str, PointResult]
-    seen: PointResult | None
+    seen: PointResult | None  # point of figure 5.14: that whose key frames are nearest to `SEEN_QP`
 
 
 def find_points(experiment: Experiment) -> ChapterPoints:
-    """Find the points that the chapter shows by themselves.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        What was measured on a sequence.
-
-    Returns
-    -------
-    ChapterPoints
-        As far as they are there.
-    """
+    """Find the points that the chapter shows by themselves."""
     points = [point for curve in experiment.curves for point in curve.points]
     made = {method.name: next((p for p in points if method.made(p)), None) for method in METHODS}
     lossless = {name: point for name, point in made.items() if point is not None}
@@ -173,20 +125,7 @@ def find_points(experiment: Experiment) -> ChapterPoints:
 
 
 def find_curve(experiment: Experiment, name: str) -> Curve | None:
-    """Find a curve of figure 5.15.
-
-    Parameters
-    ----------
-    experiment : Experiment
-        What was measured on a sequence.
-    name : str
-        Of `CURVES`.
-
-    Returns
-    -------
-    Curve or None
-        None if it was not measured.
-    """
+    """Find a curve of figure 5.15."""
     return next((curve for curve in experiment.curves if CURVES[name](curve.points[0].data)), None)
 
 

@@ -28,27 +28,7 @@ Panel = tuple[str, NDArray[np.int16]]
 
 
 def draw_pictures(points: ChapterPoints, folder: Path, stem: str) -> dict[str, str]:
-    """Draw figures 5.11 to 5.14 of a sequence, as far as there is anything to draw.
-
-    Parameters
-    ----------
-    points : ChapterPoints
-        Of the sequence.
-    folder : Path
-        Of the experiment, where the pictures of points lie, and where these go.
-    stem : str
-        What the names of these begin with.
-
-    Returns
-    -------
-    dict of str to str
-        Names of the pictures by the numbers of their figures.
-
-    Raises
-    ------
-    DvcError
-        If one cannot be written.
-    """
+    """Draw figures 5.11 to 5.14 of a sequence, as far as there is anything to draw."""
     names = {number: f"{stem}-{number}.png" for number in ("5.11", "5.12", "5.13", "5.14")}
     lossy = _lossy_lines(points.lossy.values())
     drawn = {

@@ -40,55 +40,18 @@ takes hours already.
 
 
 def chapters() -> tuple[Chapter, ...]:
-    """List the chapters that can be reproduced.
-
-    Returns
-    -------
-    tuple of Chapter
-        In the order of the thesis.
-    """
+    """List the chapters that can be reproduced."""
     return (CHAPTER_5,)
 
 
 def preset_sequences(preset: Preset, processes: ProcessGroup) -> tuple[str, ...]:
-    """List the sequences of a preset that are there.
-
-    Parameters
-    ----------
-    preset : Preset
-        The preset.
-    processes : ProcessGroup
-        Reads the catalogue.
-
-    Returns
-    -------
-    tuple of str
-        Its rendered scenes, and those of its real clips that the folder of video files has.
-    """
+    """List the sequences of a preset that are there."""
     available = available_clips(processes)
     return (*preset.scenes, *(name for name in preset.clips if name in available))
 
 
 def plan(preset: Preset, sequences: Sequence[str]) -> list[Point]:
-    """List the points that all chapters need.
-
-    Parameters
-    ----------
-    preset : Preset
-        How much is measured.
-    sequences : sequence of str
-        Names of the catalogue, or paths.
-
-    Returns
-    -------
-    list of Point
-        Each once.
-
-    Raises
-    ------
-    ConfigError
-        If there is no sequence.
-    """
+    """List the points that all chapters need."""
     if not sequences:
         raise ConfigError("there is no sequence to reproduce anything on")
     return expand([sweep for chapter in chapters() for sweep in chapter.sweeps(preset, sequences)])
@@ -97,29 +60,7 @@ def plan(preset: Preset, sequences: Sequence[str]) -> list[Point]:
 def write_reproduction(
     folder: Path, command: str, points: Sequence[Point], *, page: bool = True
 ) -> list[Path]:
-    """Write the report, the page and the document of the thesis from what has been measured.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the experiment.
-    command : str
-        What made the results, for the document.
-    points : sequence of Point
-        The plan; other results in the folder are left out.
-    page : bool, optional
-        Whether to write the page, too; else the document refers to the report instead.
-
-    Returns
-    -------
-    list of Path
-        The files that a reader opens: document, page, report.
-
-    Raises
-    ------
-    DvcError
-        If there are no results, or a file cannot be written.
-    """
+    """Write the report, the page and the document of the thesis from what has been measured."""
     from dvc.rd.reference_rows import reference_results
     from dvc.rd.report import write_reports
     from dvc.rd.results import read_folders
@@ -139,20 +80,7 @@ def write_reproduction(
 
 
 def planned_results(results: Sequence[PointResult], points: Sequence[Point]) -> list[PointResult]:
-    """Return the results of planned points.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        Any.
-    points : sequence of Point
-        The plan.
-
-    Returns
-    -------
-    list of PointResult
-        Those of the same sequence and options.
-    """
+    """Return the results of planned points."""
     wanted = {(source_name(point.sequence), values_digest([point.to_dict()])) for point in points}
     return [
         result
@@ -162,24 +90,7 @@ def planned_results(results: Sequence[PointResult], points: Sequence[Point]) -> 
 
 
 def document_text(results: Sequence[PointResult], folder: Path, command: str, *, page: bool = True) -> str:
-    """Return the document of the thesis; its pictures are written beside it.
-
-    Parameters
-    ----------
-    results : sequence of PointResult
-        What was measured.
-    folder : Path
-        Of the pictures.
-    command : str
-        What made the results.
-    page : bool, optional
-        Whether there is a page beside the report.
-
-    Returns
-    -------
-    str
-        Markdown.
-    """
+    """Return the document of the thesis; its pictures are written beside it."""
     there = f"[the page]({PAGE})" if page else f"[the report]({REPORT})"
     also = f", or [{REPORT}]({REPORT})" if page else ""
     parts = [

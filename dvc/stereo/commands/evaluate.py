@@ -19,13 +19,7 @@ EXAMPLES = """\
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("path", metavar="MAP.pfm", help="disparity map")
     add_truth_options(parser)
     thresholds = "pixels farther off are bad, in pixels; default: 0.5,1,2"
@@ -39,23 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_thresholds(text: str) -> tuple[float, ...]:
-    """Read thresholds.
-
-    Parameters
-    ----------
-    text : str
-        Numbers that are not negative, with commas between them.
-
-    Returns
-    -------
-    tuple of float
-        In the order given, each once.
-
-    Raises
-    ------
-    argparse.ArgumentTypeError
-        If it is something else.
-    """
+    """Read thresholds."""
     values = tuple(dict.fromkeys(cli.parse_number(part) for part in text.split(",")))
     if min(values) < 0.0:
         raise argparse.ArgumentTypeError(f"expected thresholds in pixels such as 0.5,1,2, got {text!r}")
@@ -63,18 +41,7 @@ def parse_thresholds(text: str) -> tuple[float, ...]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compare.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Compare."""
     import sys
     from pathlib import Path
 
@@ -99,18 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def evaluation_text(found: "Evaluation") -> str:
-    """Tell figures in one line.
-
-    Parameters
-    ----------
-    found : Evaluation
-        The figures.
-
-    Returns
-    -------
-    str
-        Such as "bad pixels: 6.02 % > 1 px; mean absolute error 0.413 px (87696 pixels)".
-    """
+    """Tell figures in one line."""
     bad = ", ".join(f"{percent:.2f} % > {threshold:g} px" for threshold, percent in found.bad_percent.items())
     error = "none" if found.mean_absolute_error_px is None else f"{found.mean_absolute_error_px:.3f} px"
     return f"bad pixels: {bad}; mean absolute error {error} ({found.num_pixels} pixels)"

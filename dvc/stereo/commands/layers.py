@@ -22,25 +22,13 @@ colour a pixel, from near to far. docs/layers.md describes the files.
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("path", metavar="DIR", help="folder that `dvc-stereo reconstruct` has written")
     add_output_options(parser)
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what is written.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of a command that merges surfaces.
-    """
+    """Add the options that say what is written."""
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     parser.add_argument("--json", metavar="FILE", help="write the counts; - is standard output")
     add_export_options(parser)
@@ -48,18 +36,7 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Merge.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Merge."""
     import sys
 
     from dvc.files import atomic_folder
@@ -92,18 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def counts_text(image: "LayeredDepthImage") -> str:
-    """Tell counts in one line.
-
-    Parameters
-    ----------
-    image : LayeredDepthImage
-        What to count.
-
-    Returns
-    -------
-    str
-        Such as "3 layers of 25 views: 126662 values in the frame of view (+14.5 %), 14202 beyond it".
-    """
+    """Tell counts in one line."""
     counts, canvas = image.counts(), image.canvas
     return (
         f"{counts['num_layers']} layers of {canvas.num_cameras} views: "

@@ -14,15 +14,7 @@ if TYPE_CHECKING:
 
 
 def add_truth_options(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
-    """Add the options that say what the truth is.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of a command that compares with it.
-    required : bool, optional
-        Whether it must be given.
-    """
+    """Add the options that say what the truth is."""
     parser.add_argument(
         "--truth", metavar="MAP", required=required, help="8-bit or 16-bit picture, or PFM file"
     )
@@ -38,20 +30,7 @@ def add_truth_options(parser: argparse.ArgumentParser, *, required: bool = True)
 def read_truth_of(
     arguments: argparse.Namespace,
 ) -> tuple["NDArray[np.float64]", "NDArray[np.bool_] | None"]:
-    """Read what the options of `add_truth_options` name.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With a truth.
-
-    Returns
-    -------
-    truth : ndarray of shape (H, W), float64
-        Disparities in pixels, NaN where they are unknown.
-    mask : ndarray of shape (H, W), bool, or None
-        Pixels that count; None: all.
-    """
+    """Read what the options of `add_truth_options` name."""
     from dvc.stereo.evaluation import read_mask, read_truth
 
     truth = read_truth(
@@ -61,35 +40,13 @@ def read_truth_of(
 
 
 def add_export_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options `--ply` and `--glb`.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of a command that finds surfaces.
-    """
+    """Add the options `--ply` and `--glb`."""
     parser.add_argument("--ply", metavar="FILE", help="mesh for other programs; needs the extra dvc3d[mesh]")
     parser.add_argument("--glb", metavar="FILE", help="the same for the web and for viewers")
 
 
 def check_export(arguments: argparse.Namespace) -> list[Path]:
-    """Return the files that are asked for, before any work is done.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With `ply` and `glb`.
-
-    Returns
-    -------
-    list of Path
-        To be given to `write_shape`.
-
-    Raises
-    ------
-    ConfigError
-        If a name has another ending, or trimesh is not installed.
-    """
+    """Return the files that are asked for, before any work is done."""
     asked = [(Path(name), f".{kind}") for kind in ("ply", "glb") if (name := getattr(arguments, kind))]
     for path, ending in asked:
         if path.suffix.lower() != ending:
@@ -102,25 +59,7 @@ def check_export(arguments: argparse.Namespace) -> list[Path]:
 
 
 def check_outputs(arguments: argparse.Namespace, inputs: Sequence[str | Path] = ()) -> list[Path]:
-    """Refuse folders and files that cannot be written, before any work is done.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With `out`, `json`, `ply` and `glb`.
-    inputs : sequence of str or Path, optional
-        Files that will be read.
-
-    Returns
-    -------
-    list of Path
-        Meshes that are asked for, to be given to `write_shape`.
-
-    Raises
-    ------
-    DvcError
-        If one cannot be written, or has the name of another file.
-    """
+    """Refuse folders and files that cannot be written, before any work is done."""
     from dvc.files import check_folder
 
     check_folder(arguments.out)

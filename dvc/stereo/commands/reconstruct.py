@@ -32,13 +32,7 @@ EXAMPLES = """\
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
     array_files.add_array_options(parser)
     array_files.add_camera_option(parser)
@@ -74,18 +68,7 @@ def _add_method(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Reconstruct.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Reconstruct."""
     from dvc.files import atomic_folder
     from dvc.stereo.output.report import check_views, reported, summary, write_previews
     from dvc.stereo.rectification.disparity_range import check_disparities

@@ -20,13 +20,7 @@ EXAMPLES = """\
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("paths", nargs="+", metavar="VIEW", help="picture of a camera")
     array_files.add_camera_option(parser, required=True)
     array_files.add_lattice_options(parser, "found from the cameras")
@@ -35,18 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Rectify.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Rectify."""
     from dvc.files import atomic_folder, check_folder
     from dvc.stereo.rectification.rectified_folder import write_rectified
 

@@ -16,13 +16,7 @@ SETS = ("tsukuba", "venus", "teddy", "cones")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     parser.add_argument("--data", metavar="DIR", required=True, help=f"with the folders {', '.join(SETS)}")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder to write, new or empty")
     cli.add_integer(parser, "--jobs", (1, 64), "processor cores that may be used", default=1)
@@ -30,18 +24,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Reproduce.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Reproduce."""
     from dvc.files import atomic_folder
     from dvc.stereo.thesis.reproduce import STEPS, reproduce
     from dvc.stereo.thesis.tables import markdown

@@ -25,31 +25,14 @@ files.
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the subcommand takes.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Of the subcommand.
-    """
+    """Add what the subcommand takes."""
     written = "folder that `dvc-stereo layers` or `dvc-stereo reconstruct` has written"
     parser.add_argument("path", metavar="DIR", help=written)
     add_output_options(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Cut.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        As parsed.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
+    """Cut."""
     import sys
 
     from dvc.files import atomic_folder

@@ -14,27 +14,7 @@ if TYPE_CHECKING:
 def rectified_views(
     arguments: argparse.Namespace, positions: Sequence["LatticePosition"] | None, with_matches: bool = False
 ) -> "RectifiedArray":
-    """Read pictures and rectify them.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With `paths`, `cameras`, `keep_cameras` and `quiet`.
-    positions : sequence of LatticePosition or None
-        Places of the cameras; found if None.
-    with_matches : bool, optional
-        Look for matches between the views even where points of the scene are known.
-
-    Returns
-    -------
-    RectifiedArray
-        The views.
-
-    Raises
-    ------
-    DvcError
-        If a file cannot be read, cameras are missing, or they do not stand in a plane.
-    """
+    """Read pictures and rectify them."""
     from dvc.calibration.camera_files import AUTO
     from dvc.stereo.rectification.rectified_array import rectified_array
 

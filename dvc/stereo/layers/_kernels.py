@@ -30,11 +30,7 @@ def judge(disparity, other, dm, dn, tolerance, verdict):
 
 @kernel
 def splat(disparity, votes, m, n, corner, shape, jump, camera, next_free, points, cameras):
-    """Enter the voting pixels of a surface at `next_free` of the cells of a canvas that they fall into.
-
-    Cells between neighbours of one surface that fall more than a cell apart are filled. Without `points`,
-    places are counted only.
-    """
+    """Enter the voting pixels of a surface at `next_free` of the cells of a canvas that they fall into."""
     height, width = disparity.shape
     x4, y4, d4 = np.empty(4), np.empty(4), np.empty(4)
     for y in range(height):
@@ -110,12 +106,7 @@ def sort_points(starts, points, cameras):
 
 @kernel
 def peel(points, cameras, levels, step, reach, baselines, owner, seen, alive, chosen):
-    """Choose the next value of a cell by (2.21), and remove from `alive` what cannot be another one.
-
-    `levels` are labels of `points`, from near to far; `baselines` tell how far each camera is from the
-    reference; `owner` is the camera that sees this value, so that nothing lies before it, and no other one,
-    or -1. `chosen` tells the points that stand for the value. Returns its disparity and votes.
-    """
+    """Choose the next value of a cell by (2.21), and remove from `alive` what cannot be another one."""
     seen[:] = False
     best, most, best_sum = 0, 0, 0.0
     level, run, total = 0, 0, 0.0
@@ -143,12 +134,7 @@ def peel(points, cameras, levels, step, reach, baselines, owner, seen, alive, ch
 
 @kernel
 def vote(starts, points, cameras, lowest, step, reach, positions, images, corner, shape, inside, layers):
-    """Peel the values of every cell, (2.21): disparity and votes, and the median colour of who votes.
-
-    `positions` are relative to the reference, whose number is `inside[4]`, and whose frame are the rows from
-    `inside[1]` to `inside[3]` and columns from `inside[0]` to `inside[2]`. `layers` are disparity, votes and
-    colour.
-    """
+    """Peel the values of every cell, (2.21): disparity and votes, and the median colour of who votes."""
     disparity, votes, colour = layers
     longest = 1
     for cell in range(starts.size - 1):
@@ -208,10 +194,7 @@ def _sample(image, x, y, sample):
 
 @kernel
 def reach(depth, alpha, mask, jump, order, entered):
-    """List the pixels that can be reached from those of a mask without a discontinuity, the mask's first.
-
-    `entered` is false at the start, and true where the list in `order` has been. Returns how many there are.
-    """
+    """List the pixels that can be reached from those of a mask without a discontinuity, the mask's first."""
     height, width = depth.shape
     count = 0
     for y in range(height):
@@ -249,11 +232,7 @@ def _beside(y, x, side):
 
 @kernel
 def likelihood(depth, mask, entered, order, smooth, jump, rho, max_sweeps, tolerance, messages):
-    """Pass messages of the transitions of (2.22) forth and back along `order`, and return the likelihoods.
-
-    `order` begins with the pixels of the mask, which speak once. `messages` has shape (H, W, 4): what each
-    pixel hears from its four sides, 1/2 at the start.
-    """
+    """Pass messages of the transitions of (2.22) forth and back along `order`, and return the likelihoods."""
     height, width = depth.shape
     first = 0
     while first < order.size and mask[order[first] // width, order[first] % width]:

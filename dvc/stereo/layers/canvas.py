@@ -15,19 +15,11 @@ DEPTH_RANGE = 20.0
 
 
 class Frame(NamedTuple):
-    """Where the reference view lies in a canvas.
+    """Where the reference view lies in a canvas."""
 
-    Attributes
-    ----------
-    left, top : int
-        Column and row of its first pixel.
-    width, height : int
-        Its size.
-    """
-
-    left: int
+    left: int  # column and row of its first pixel
     top: int
-    width: int
+    width: int  # its size
     height: int
 
     @property
@@ -37,71 +29,33 @@ class Frame(NamedTuple):
 
 
 class DepthScale(NamedTuple):
-    """Depth from disparity: ``scale / (disparity + shift)``.
+    """Depth from disparity: ``scale / (disparity + shift)``."""
 
-    Attributes
-    ----------
-    scale, shift : float
-        Of the formula; the shift is in pixels per unit of m.
-    """
-
-    scale: float
+    scale: float  # of the formula; the shift is in pixels per unit of m
     shift: float
 
     def depth(self, disparity: NDArray[np.floating]) -> Floats:
-        """Return depths.
-
-        Parameters
-        ----------
-        disparity : ndarray, float
-            In pixels per unit of m.
-
-        Returns
-        -------
-        ndarray of the same shape, float64
-            Distance from the plane of the cameras.
-        """
+        """Return depths."""
         return self.scale / (disparity.astype(np.float64) + self.shift)
 
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
-    """A canvas in the rectified space, that holds the reference view and what other cameras see around it.
+    """A canvas in the rectified space, that holds the reference view and what other cameras see around it."""
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Height and width.
-    frame : Frame
-        The reference view.
-    labels : DisparityLabels
-        Disparities that were tried.
-    resolution : float
-        Surfaces whose disparities differ by less are not told apart.
-    reference : str
-        Name of the reference view.
-    num_cameras : int
-        Number of views that were merged.
-    world_from_rectified : ndarray of shape (4, 4), float64, or None
-        Homography of space, inverse of (2.12), for ``(x, y, d, 1)`` with x and y in the reference view; None
-        where nothing is calibrated.
-    """
-
-    shape: tuple[int, int]
-    frame: Frame
-    labels: DisparityLabels
-    resolution: float
-    reference: str
-    num_cameras: int
+    shape: tuple[int, int]  # height and width
+    frame: Frame  # the reference view
+    labels: DisparityLabels  # disparities that were tried
+    resolution: float  # surfaces whose disparities differ by less are not told apart
+    reference: str  # name of the reference view
+    num_cameras: int  # number of views that were merged
+    # homography of space, inverse of (2.12), for ``(x, y, d, 1)`` with x and y in the reference view; None
+    # where nothing is calibrated
     world_from_rectified: Floats | None = None
 
     @property
     def depth_scale(self) -> DepthScale:
-        """Depth in the unit of the world; where nothing is calibrated, 1/d.
-
-        Disparities that are not positive, or too near to 0, are shifted there, for infinity may lie anywhere
-        below them.
-        """
+        """Depth in the unit of the world; where nothing is calibrated, 1/d."""
         if self.world_from_rectified is not None:
             plane = np.linalg.inv(self.world_from_rectified)[3]
             row = self.world_from_rectified[3]
@@ -114,19 +68,7 @@ class Canvas:
         return DepthScale(1.0, 0.0)
 
     def points(self, disparity: NDArray[np.floating]) -> Floats:
-        """Return points in space.
-
-        Parameters
-        ----------
-        disparity : ndarray of shape (H, W), float
-            Of each pixel of the canvas.
-
-        Returns
-        -------
-        ndarray of shape (H, W, 3), float64
-            In the world; where nothing is calibrated, as a camera whose focal length is the width of the view
-            sees them: x to the right, y down, z away from it.
-        """
+        """Return points in space."""
         y, x = np.indices(self.shape, np.float64)
         x, y = x - self.frame.left, y - self.frame.top
         if self.world_from_rectified is not None:

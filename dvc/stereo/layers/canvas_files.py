@@ -14,18 +14,7 @@ from dvc.stereo.layers.canvas import Canvas, Frame
 
 
 def canvas_values(canvas: Canvas) -> dict[str, Any]:
-    """Return what an index file tells of a canvas; inverse of `read_canvas`.
-
-    Parameters
-    ----------
-    canvas : Canvas
-        The canvas.
-
-    Returns
-    -------
-    dict
-        JSON-safe values.
-    """
+    """Return what an index file tells of a canvas; inverse of `read_canvas`."""
     homography = canvas.world_from_rectified
     return {
         "width": canvas.shape[1],
@@ -41,23 +30,7 @@ def canvas_values(canvas: Canvas) -> dict[str, Any]:
 
 
 def read_canvas(index: Entry) -> Canvas:
-    """Read a canvas from an index file; inverse of `canvas_values`.
-
-    Parameters
-    ----------
-    index : Entry
-        The object of the file.
-
-    Returns
-    -------
-    Canvas
-        The canvas.
-
-    Raises
-    ------
-    DvcError
-        If something is missing or makes no sense.
-    """
+    """Read a canvas from an index file; inverse of `canvas_values`."""
     shape = index.integer("height", 1, MAX_SIDE), index.integer("width", 1, MAX_SIDE)
     inner = index.entry("frame")
     left, top = inner.integer("left", 0, shape[1] - 1), inner.integer("top", 0, shape[0] - 1)
@@ -78,25 +51,7 @@ def read_canvas(index: Entry) -> Canvas:
 
 
 def read_disparity(path: Path, mask: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Read disparities that are known where there is something, and infinite elsewhere.
-
-    Parameters
-    ----------
-    path : Path
-        PFM file.
-    mask : ndarray of shape (H, W), bool
-        Where there is something.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float32
-        Disparities; 0 where there is nothing.
-
-    Raises
-    ------
-    DvcError
-        If the file is damaged, of another size, or does not fit the mask.
-    """
+    """Read disparities that are known where there is something, and infinite elsewhere."""
     disparity = read_pfm(path)
     if disparity.shape != mask.shape:
         found, expected = disparity.shape, mask.shape

@@ -99,40 +99,14 @@ class LayeredDepthImage:
 
 
 def resolution(array: CameraArray, labels: DisparityLabels) -> float:
-    """Return the difference of disparity above which surfaces are told apart.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The views.
-    labels : DisparityLabels
-        Disparities that were tried.
-
-    Returns
-    -------
-    float
-        One label, or what moves by a pixel between the outermost cameras, if that is more: an occlusion of
-        less is narrower than a pixel.
-    """
+    """Return the difference of disparity above which surfaces are told apart."""
     positions = np.array([view.position for view in array])
     span = float(np.ptp(positions, axis=0).max())
     return max(labels.step, 1.0 / span) if span > 0.0 else labels.step
 
 
 def unrefuted(reconstruction: Reconstruction) -> Masks:
-    """Tell which pixels of the surfaces are not refuted by neighbouring cameras, after (2.15).
-
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        Surfaces of all views.
-
-    Returns
-    -------
-    list of ndarray of shape (H, W), bool
-        For each view. False where, of the nearest cameras to the left and right, or above and below, none has
-        the same surface and one sees through it; a surface that they cannot see stays.
-    """
+    """Tell which pixels of the surfaces are not refuted by neighbouring cameras, after (2.15)."""
     array, surfaces = reconstruction.array, reconstruction.surfaces
     tolerance = 1.001 * resolution(array, reconstruction.labels)
     masks = []
@@ -151,10 +125,7 @@ def unrefuted(reconstruction: Reconstruction) -> Masks:
 
 
 def _neighbours(array: CameraArray, index: int) -> list[list[int]]:
-    """Return the nearest cameras to the left and right, and those above and below, where there are any.
-
-    In an array that is no lattice, cameras count whose direction is within 27 degrees of these.
-    """
+    """Return the nearest cameras to the left and right, and those above and below, where there are any."""
     nearest: dict[tuple[int, bool], tuple[float, int]] = {}
     for other in range(len(array)):
         if other != index:

@@ -20,15 +20,7 @@ FORMAT, VERSION = "dvc3d layers", 1
 
 
 def write_layers(folder: Path, image: LayeredDepthImage) -> None:
-    """Write a layered depth image; inverse of `read_layers`.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists.
-    image : LayeredDepthImage
-        What to write.
-    """
+    """Write a layered depth image; inverse of `read_layers`."""
     entries = []
     for layer, mask in enumerate(image.occupied):
         names = {
@@ -46,24 +38,7 @@ def write_layers(folder: Path, image: LayeredDepthImage) -> None:
 
 
 def read_layers(folder: str | Path) -> LayeredDepthImage:
-    """Read a folder that `write_layers` has written.
-
-    Parameters
-    ----------
-    folder : str or Path
-        With `layers.json`.
-
-    Returns
-    -------
-    LayeredDepthImage
-        What it holds.
-
-    Raises
-    ------
-    DvcError
-        If a file is missing, damaged, of another size, or lies outside the folder, or if layers do not lie
-        behind each other.
-    """
+    """Read a folder that `write_layers` has written."""
     index = read_index(Path(folder) / INDEX, FORMAT, VERSION, "dvc-stereo layers")
     canvas = read_canvas(index)
     entries = index.entries("layers", MAX_LAYERS)

@@ -124,10 +124,7 @@ class _Layers:
         self.source = np.broadcast_to(np.arange(len(self.alpha))[:, None, None], self.alpha.shape).copy()
 
     def take(self, layer: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Take the value in a layer (-1: none) of each pixel away, and move those behind it forward.
-
-        Returns the layers of the image that these values were in.
-        """
+        """Take the value in a layer (-1: none) of each pixel away, and move those behind it forward."""
         taken = np.full(layer.shape, -1)
         for index in range(len(self.alpha)):
             rows, columns = np.nonzero(layer == index)
@@ -224,22 +221,7 @@ def fused_mask(
     layer_alpha: Mask,
     settings: SpriteSettings = DEFAULT_SETTINGS,
 ) -> Mask:
-    """Fuse a sprite with a layer by (2.22), and infer which pixels belong to the sprite.
-
-    Parameters
-    ----------
-    depth, alpha : ndarray of shape (H, W), float64 and bool
-        The sprite, and where it is; depth in units of what is resolved.
-    layer_depth, layer_alpha : ndarray of shape (H, W), float64 and bool
-        The layer.
-    settings : SpriteSettings, optional
-        Transition likelihoods.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        Where the likelihood of belonging to the sprite is above one half; it holds the sprite.
-    """
+    """Fuse a sprite with a layer by (2.22), and infer which pixels belong to the sprite."""
     fused_alpha = alpha | layer_alpha
     fused_depth = np.where(alpha, depth, layer_depth)
     order, entered = np.empty(alpha.size, np.int64), np.zeros(alpha.shape, np.bool_)
@@ -270,22 +252,7 @@ def _cut(image: LayeredDepthImage, layer: NDArray[np.int64]) -> Sprite:
 
 
 def composite(sprites: SpriteSet) -> tuple[NDArray[np.uint8], NDArray[np.float32], Mask]:
-    """Draw all sprites on the canvas, the nearest on top.
-
-    Parameters
-    ----------
-    sprites : SpriteSet
-        What to draw.
-
-    Returns
-    -------
-    colour : ndarray of shape (H, W, 3), uint8
-        Red, green and blue; 0 where there is nothing.
-    disparity : ndarray of shape (H, W), float32
-        Of what is seen, in pixels per unit of m; 0 where there is nothing.
-    mask : ndarray of shape (H, W), bool
-        Where there is something.
-    """
+    """Draw all sprites on the canvas, the nearest on top."""
     colour = np.zeros((*sprites.canvas.shape, 3), np.uint8)
     disparity, mask = np.zeros(sprites.canvas.shape, np.float32), np.zeros(sprites.canvas.shape, np.bool_)
     for sprite in sprites.sprites:

@@ -21,15 +21,7 @@ MAX_SPRITES = 1 << 16
 
 
 def write_sprites(folder: Path, sprites: SpriteSet) -> None:
-    """Write sprites; inverse of `read_sprites`.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists.
-    sprites : SpriteSet
-        What to write.
-    """
+    """Write sprites; inverse of `read_sprites`."""
     scale = sprites.canvas.depth_scale
     entries = []
     for number, sprite in enumerate(sprites.sprites):
@@ -52,23 +44,7 @@ def write_sprites(folder: Path, sprites: SpriteSet) -> None:
 
 
 def read_sprites(folder: str | Path) -> SpriteSet:
-    """Read a folder that `write_sprites` has written.
-
-    Parameters
-    ----------
-    folder : str or Path
-        With `sprites.json`.
-
-    Returns
-    -------
-    SpriteSet
-        What it holds.
-
-    Raises
-    ------
-    DvcError
-        If a file is missing, damaged, of another size, or lies outside the folder.
-    """
+    """Read a folder that `write_sprites` has written."""
     index = read_index(Path(folder) / INDEX, FORMAT, VERSION, "dvc-stereo sprites")
     canvas = read_canvas(index)
     entries = index.entries("sprites", MAX_SPRITES)

@@ -24,39 +24,15 @@ _UPRIGHT = np.array([1.0, -1.0, -1.0])
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """Coloured points, and triangles between them.
+    """Coloured points, and triangles between them."""
 
-    Attributes
-    ----------
-    points : ndarray of shape (N, 3), float64
-        Positions.
-    colours : ndarray of shape (N, 3), uint8
-        Red, green and blue.
-    triangles : ndarray of shape (T, 3), int64
-        Numbers of points, counterclockwise for the camera; none for a point set.
-    """
-
-    points: Floats
-    colours: NDArray[np.uint8]
-    triangles: NDArray[np.int64]
+    points: Floats  # positions
+    colours: NDArray[np.uint8]  # red, green and blue
+    triangles: NDArray[np.int64]  # numbers of points, counterclockwise for the camera; none for a point set
 
 
 def points_of_disparity(disparity: NDArray[np.floating], lowest: float, highest: float) -> Floats:
-    """Return points in space where nothing is calibrated: z is 1/d, up to an unknown stretch.
-
-    Parameters
-    ----------
-    disparity : ndarray of shape (H, W), float
-        In pixels, within these bounds.
-    lowest, highest : float
-        Lowest and highest disparity that there can be. Where infinity could lie between them, or too near to
-        them, all disparities are shifted, for without calibration it may lie anywhere below the lowest.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), float64
-        As a camera with a horizontal field of view of 53 degrees sees them; z is from 1 to `DEPTH_RANGE`.
-    """
+    """Return points in space where nothing is calibrated: z is 1/d, up to an unknown stretch."""
     height, width = disparity.shape
     highest = max(highest, lowest + 1e-6)
     shift = max(0.0, (highest - DEPTH_RANGE * lowest) / (DEPTH_RANGE - 1.0))
@@ -69,24 +45,7 @@ def points_of_disparity(disparity: NDArray[np.floating], lowest: float, highest:
 def points_in_world(
     disparity: NDArray[np.floating], position: LatticePosition, rectification: Rectification
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return points in space where cameras are calibrated, by the homography of space (2.12).
-
-    Parameters
-    ----------
-    disparity : ndarray of shape (H, W), float
-        Of a rectified view, in pixels per unit of m.
-    position : LatticePosition
-        Of its camera.
-    rectification : Rectification
-        Of the array.
-
-    Returns
-    -------
-    points : ndarray of shape (H, W, 3), float64
-        In the units and axes of the cameras; 0 where there is none.
-    known : ndarray of shape (H, W), bool
-        Where the point is before the cameras, and not farther than `DEPTH_RANGE` times the nearest one.
-    """
+    """Return points in space where cameras are calibrated, by the homography of space (2.12)."""
     y, x = np.indices(disparity.shape, dtype=np.float64)
     d = disparity.astype(np.float64)
     rectified = np.stack([x + position.m * d, y + position.n * d, d, np.ones_like(d)], axis=-1)
@@ -105,26 +64,7 @@ def surface_shape(
     max_step_px: float,
     kept: NDArray[np.bool_] | None = None,
 ) -> Shape:
-    """Turn the surface that a camera sees into a mesh that is torn at discontinuities.
-
-    Parameters
-    ----------
-    points : ndarray of shape (H, W, 3), float64
-        Position of each pixel.
-    image : ndarray of shape (H, W, 3), uint8
-        Red, green and blue.
-    disparity : ndarray of shape (H, W), float
-        In pixels.
-    max_step_px : float
-        Pixels of a triangle differ at most that much in disparity.
-    kept : ndarray of shape (H, W), bool, optional
-        Pixels that have a surface; all by default.
-
-    Returns
-    -------
-    Shape
-        One point for each pixel that is kept, and two triangles for four neighbours.
-    """
+    """Turn the surface that a camera sees into a mesh that is torn at discontinuities."""
     kept = np.ones(disparity.shape, np.bool_) if kept is None else kept
     number = np.full(disparity.shape, -1, np.int64)
     number[kept] = np.arange(np.count_nonzero(kept))
@@ -139,20 +79,7 @@ def surface_shape(
 
 
 def write_shape(path: Path, shape: Shape) -> None:
-    """Write points or a mesh.
-
-    Parameters
-    ----------
-    path : Path
-        A name that ends in .ply or .glb.
-    shape : Shape
-        What to write.
-
-    Raises
-    ------
-    ConfigError
-        If trimesh is not installed.
-    """
+    """Write points or a mesh."""
     trimesh = _trimesh()
     kind = path.suffix.lower()[1:]
     points = shape.points * _UPRIGHT if kind == "glb" else shape.points
@@ -167,13 +94,7 @@ def write_shape(path: Path, shape: Shape) -> None:
 
 
 def require_trimesh() -> None:
-    """Make sure that `write_shape` will work.
-
-    Raises
-    ------
-    ConfigError
-        If trimesh is not installed.
-    """
+    """Make sure that `write_shape` will work."""
     _trimesh()
 
 

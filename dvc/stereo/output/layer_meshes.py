@@ -14,34 +14,12 @@ Surface = tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.bool_]]
 
 
 def layers_shape(image: LayeredDepthImage) -> Shape:
-    """Return the mesh of all layers.
-
-    Parameters
-    ----------
-    image : LayeredDepthImage
-        The layers.
-
-    Returns
-    -------
-    Shape
-        In the world, or as `Canvas.points` has it where nothing is calibrated.
-    """
+    """Return the mesh of all layers."""
     return _shape(image.canvas, zip(image.colour, image.disparity, image.occupied, strict=True))
 
 
 def sprites_shape(sprites: SpriteSet) -> Shape:
-    """Return the mesh of all sprites.
-
-    Parameters
-    ----------
-    sprites : SpriteSet
-        The sprites.
-
-    Returns
-    -------
-    Shape
-        In the world, or as `Canvas.points` has it where nothing is calibrated.
-    """
+    """Return the mesh of all sprites."""
     return _shape(sprites.canvas, _on_canvas(sprites))
 
 

@@ -15,18 +15,7 @@ MOST_SPRITES = 40
 
 
 def layers_gallery(image: LayeredDepthImage) -> Gallery:
-    """Make the page of a layered depth image.
-
-    Parameters
-    ----------
-    image : LayeredDepthImage
-        The layers.
-
-    Returns
-    -------
-    Gallery
-        Texture, disparity and votes of each layer, and values per pixel.
-    """
+    """Make the page of a layered depth image."""
     canvas, counts = image.canvas, image.counts()
     groups = []
     for number, mask in enumerate(image.occupied):
@@ -57,18 +46,7 @@ def layers_gallery(image: LayeredDepthImage) -> Gallery:
 
 
 def sprites_gallery(sprites: SpriteSet) -> Gallery:
-    """Make the page of sprites.
-
-    Parameters
-    ----------
-    sprites : SpriteSet
-        The sprites.
-
-    Returns
-    -------
-    Gallery
-        Texture and disparity of the largest ones.
-    """
+    """Make the page of sprites."""
     labels = sprites.canvas.labels
     largest = sorted(enumerate(sprites.sprites), key=lambda entry: -entry[1].num_values)[:MOST_SPRITES]
     groups = []

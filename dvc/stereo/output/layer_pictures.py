@@ -21,18 +21,7 @@ MOST_MAGNIFIED = 4.0
 
 
 def draw_layers(image: LayeredDepthImage) -> Picture:
-    """Draw textures and disparities of all layers, as figure 2.6.
-
-    Parameters
-    ----------
-    image : LayeredDepthImage
-        The layers.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        Textures above, disparities below.
-    """
+    """Draw textures and disparities of all layers, as figure 2.6."""
     textures, disparities = [], []
     for number, mask in enumerate(image.occupied):
         texture = np.where(mask[..., None], image.colour[number][:, :, ::-1], PAPER)
@@ -42,38 +31,12 @@ def draw_layers(image: LayeredDepthImage) -> Picture:
 
 
 def draw_values_per_pixel(image: LayeredDepthImage) -> Picture:
-    """Draw how many values pixels have, as figure 2.10: black none, white three or more.
-
-    Parameters
-    ----------
-    image : LayeredDepthImage
-        The layers.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        On the whole canvas.
-    """
+    """Draw how many values pixels have, as figure 2.10: black none, white three or more."""
     return colour_counts(image.values_per_pixel, MOST_VALUES)
 
 
 def draw_surfaces(image: LayeredDepthImage, lowest: float, highest: float, window: Window) -> Picture:
-    """Draw what lies in a range of disparity, whatever is before it, as figure 2.11.
-
-    Parameters
-    ----------
-    image : LayeredDepthImage
-        The layers.
-    lowest, highest : float
-        Disparities of the farthest and the nearest surface to draw, in pixels per unit of m.
-    window : tuple of two slices
-        Rows and columns of the reference view; what lies beyond it has negative numbers or is past its end.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        The nearest of these surfaces.
-    """
+    """Draw what lies in a range of disparity, whatever is before it, as figure 2.11."""
     frame, shape = image.canvas.frame, image.canvas.shape
     rows = np.arange(window[0].start, window[0].stop) + frame.top
     columns = np.arange(window[1].start, window[1].stop) + frame.left
@@ -87,22 +50,7 @@ def draw_surfaces(image: LayeredDepthImage, lowest: float, highest: float, windo
 
 
 def draw_sprites(sprites: SpriteSet, most: int = 24, columns: int = 4) -> Picture:
-    """Draw the largest sprites, each as large as a tile allows, as figure 2.7.
-
-    Parameters
-    ----------
-    sprites : SpriteSet
-        The sprites.
-    most : int, optional
-        How many to draw.
-    columns : int, optional
-        How many to put in a row.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        A contact sheet: of each sprite texture and disparity.
-    """
+    """Draw the largest sprites, each as large as a tile allows, as figure 2.7."""
     largest = sorted(sprites.sprites, key=lambda sprite: -sprite.num_values)[:most]
     return in_rows([_draw_sprite(sprite, sprites.canvas) for sprite in largest], columns)
 

@@ -25,40 +25,14 @@ THRESHOLDS_PX = (0.5, 1.0, 2.0)
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What is known of the reference view.
+    """What is known of the reference view."""
 
-    Attributes
-    ----------
-    disparity : ndarray of shape (H, W), float64
-        In pixels per unit of m; NaN where it is unknown.
-    mask : ndarray of shape (H, W), bool, or None
-        Pixels that count; None: all.
-    """
-
-    disparity: NDArray[np.float64]
-    mask: NDArray[np.bool_] | None = None
+    disparity: NDArray[np.float64]  # in pixels per unit of m; NaN where it is unknown
+    mask: NDArray[np.bool_] | None = None  # pixels that count; None: all
 
 
 def check_views(array: CameraArray, labels: DisparityLabels) -> list[str]:
-    """Look for views that cannot be what was meant.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The views.
-    labels : DisparityLabels
-        Disparities to try.
-
-    Returns
-    -------
-    list of str
-        Warnings.
-
-    Raises
-    ------
-    ConfigError
-        If a view has one colour everywhere, or two are identical and the range excludes a disparity of 0.
-    """
+    """Look for views that cannot be what was meant."""
     for view in array:
         if (view.image == view.image[:1, :1]).all():
             raise ConfigError(f"view {view.name} has one colour everywhere: there is nothing to match")
@@ -78,22 +52,7 @@ def check_views(array: CameraArray, labels: DisparityLabels) -> list[str]:
 def reported(
     reconstruction: Reconstruction, truth: Truth | None = None, warnings: Sequence[str] = ()
 ) -> Reconstruction:
-    """Add figures of every surface, what is to be warned of, and how far off the reference view is.
-
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        What was found.
-    truth : Truth, optional
-        Of the reference view.
-    warnings : sequence of str, optional
-        What is known already.
-
-    Returns
-    -------
-    Reconstruction
-        With `surfaces`, `warnings` and, with a truth, `evaluation` in its figures.
-    """
+    """Add figures of every surface, what is to be warned of, and how far off the reference view is."""
     array, labels = reconstruction.array, reconstruction.labels
     surfaces = [
         {"name": view.name, **_surface_figures(view, surface, labels)}
@@ -111,18 +70,7 @@ def reported(
 
 
 def summary(reconstruction: Reconstruction) -> str:
-    """Tell the figures that `reported` has added.
-
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-        With these figures.
-
-    Returns
-    -------
-    str
-        A line for each view, and one for the evaluation.
-    """
+    """Tell the figures that `reported` has added."""
     lines = [
         f"{one['name']}: disparities {_rounded(one['lowest_px'])} to {_rounded(one['highest_px'])} px, "
         f"{one['occluded_percent']:.1f} % seen in no other view"
@@ -143,19 +91,7 @@ def _rounded(disparity: float) -> str:
 def write_previews(
     folder: Path, reconstruction: Reconstruction, truth: Truth | None = None, jobs: int = 1
 ) -> None:
-    """Write pictures beside the data, and the page that shows them all.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists; files become `preview-<view>.png`, `error-<view>.png` and `index.html`.
-    reconstruction : Reconstruction
-        As `reported` returns it.
-    truth : Truth, optional
-        Of the reference view.
-    jobs : int, optional
-        Threads.
-    """
+    """Write pictures beside the data, and the page that shows them all."""
     array, labels = reconstruction.array, reconstruction.labels
     legend = disparity_legend(array.shape[1], labels.lowest, labels.highest)
 

@@ -30,18 +30,10 @@ _MAX_PARTNERS = 8
 
 @dataclass(frozen=True, eq=False)
 class RowMatches:
-    """Points that the reference view and others share.
+    """Points that the reference view and others share."""
 
-    Attributes
-    ----------
-    disparities : ndarray of shape (N,), float64
-        Of matches that agree with (2.5), in pixels per unit of m.
-    residuals_px : ndarray of shape (N,), float64
-        How far across the direction of parallax they lie from where (2.5) has them.
-    """
-
-    disparities: Floats
-    residuals_px: Floats
+    disparities: Floats  # of matches that agree with (2.5), in pixels per unit of m
+    residuals_px: Floats  # how far across the direction of parallax they lie from where (2.5) has them
 
     @property
     def rms_px(self) -> float | None:
@@ -50,56 +42,19 @@ class RowMatches:
 
 
 def range_of_matches(matches: RowMatches) -> tuple[float, float] | None:
-    """Return the range of the disparities of matches.
-
-    Parameters
-    ----------
-    matches : RowMatches
-        Between views.
-
-    Returns
-    -------
-    (float, float) or None
-        As `range_of`; None for fewer than `MIN_MATCHES`.
-    """
+    """Return the range of the disparities of matches."""
     return range_of(matches.disparities) if len(matches.disparities) >= MIN_MATCHES else None
 
 
 def found_labels(array: CameraArray) -> DisparityLabels | None:
-    """Return the disparities to try for views that are rectified already, from points that they share.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The views.
-
-    Returns
-    -------
-    DisparityLabels or None
-        None if too few points match.
-    """
+    """Return the disparities to try for views that are rectified already, from points that they share."""
     positions, features = [view.position for view in array], [Features(view.image) for view in array]
     found = range_of_matches(row_matches(positions, features))
     return None if found is None else suggested_labels(*found)
 
 
 def check_disparities(array: CameraArray, labels: DisparityLabels, jobs: int = 1) -> None:
-    """Compare disparities to try with those of points that the reference view and its neighbours share.
-
-    Parameters
-    ----------
-    array : CameraArray
-        Views that are rectified already.
-    labels : DisparityLabels
-        Disparities to try.
-    jobs : int, optional
-        Threads.
-
-    Raises
-    ------
-    ConfigError
-        If nearly all points lie outside the range, as where views are in the wrong order, or mirrored.
-    """
+    """Compare disparities to try with those of points that the reference view and its neighbours share."""
     reference = array.reference
     near = neighbours(array, reference).all
     with ThreadPoolExecutor(jobs) as pool:
@@ -122,36 +77,13 @@ def check_disparities(array: CameraArray, labels: DisparityLabels, jobs: int = 1
 
 
 def range_of(disparities: Floats) -> tuple[float, float]:
-    """Return the range of known disparities.
-
-    Parameters
-    ----------
-    disparities : ndarray of shape (N,), float64
-        At least one.
-
-    Returns
-    -------
-    lowest, highest : float
-        Quantiles `QUANTILES`: a few wrong ones do not stretch it.
-    """
+    """Return the range of known disparities."""
     lowest, highest = np.quantile(disparities, QUANTILES)
     return float(lowest), float(highest)
 
 
 def suggested_labels(lowest: float, highest: float) -> DisparityLabels:
-    """Return disparities to try where those of some points are known.
-
-    Parameters
-    ----------
-    lowest, highest : float
-        Range of the known ones.
-
-    Returns
-    -------
-    DisparityLabels
-        With margins on both sides, in steps of 1 px, or of the
-        largest power of 1/2 that gives `MIN_LABELS` disparities.
-    """
+    """Return disparities to try where those of some points are known."""
     low = lowest - FAR_MARGIN * (highest - lowest) - MARGIN_PX
     high = highest + NEAR_MARGIN * (highest - lowest) + MARGIN_PX
     step = min(1.0, 2.0 ** math.floor(math.log2((high - low) / MIN_LABELS)))
@@ -165,22 +97,7 @@ def row_matches(
     features: Sequence[Features],
     placed: Callable[[int, Floats], Floats] = lambda _, points: points,
 ) -> RowMatches:
-    """Match the reference view with those nearest to it.
-
-    Parameters
-    ----------
-    positions : sequence of LatticePosition
-        Of the views.
-    features : sequence of Features
-        Of their pictures.
-    placed : callable, optional
-        Takes the number of a view and points (N, 2) of its picture, returns them in the rectified one.
-
-    Returns
-    -------
-    RowMatches
-        Matches within `ROW_TOLERANCE_PX` of (2.5).
-    """
+    """Match the reference view with those nearest to it."""
     places = np.array(positions)
     distance = np.linalg.norm(places, axis=1)
     reference = int(distance.argmin())

@@ -27,33 +27,19 @@ _NUM_CANDIDATES = 8
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """How the cameras look, on the mean: unit vectors in the world.
+    """How the cameras look, on the mean: unit vectors in the world."""
 
-    Attributes
-    ----------
-    right, down, forward : ndarray of shape (3,), float64
-        Along rows and columns of the pictures, and the optical axis.
-    """
-
-    right: Floats
+    right: Floats  # along rows and columns of the pictures, and the optical axis
     down: Floats
     forward: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Where the cameras of an array stand (2.3).
+    """Where the cameras of an array stand (2.3)."""
 
-    Attributes
-    ----------
-    origin : ndarray of shape (3,), float64
-        Centre of the camera (0, 0), in units of the world.
-    v1, v2 : ndarray of shape (3,), float64
-        Steps to the cameras (1, 0) and (0, 1).
-    """
-
-    origin: Floats
-    v1: Floats
+    origin: Floats  # centre of the camera (0, 0), in units of the world
+    v1: Floats  # steps to the cameras (1, 0) and (0, 1)
     v2: Floats
 
     @property
@@ -64,46 +50,12 @@ class Lattice:
         return np.column_stack([self.v1, self.v2, normal / math.sqrt(area)])
 
     def coordinates(self, points: Floats) -> Floats:
-        """Return ``V^-1 (X - origin)``: m, n and the distance from the plane in units of v3.
-
-        Parameters
-        ----------
-        points : ndarray of shape (N, 3), float64
-            Points of the world.
-
-        Returns
-        -------
-        ndarray of shape (N, 3), float64
-            Lattice coordinates; (m, n, 0) of the centre of a camera (m, n).
-        """
+        """Return ``V^-1 (X - origin)``: m, n and the distance from the plane in units of v3."""
         return np.asarray(np.linalg.solve(self.basis, (points - self.origin).T).T)
 
 
 def fit_lattice(centres: Floats, positions: Floats, orientation: Orientation) -> Lattice:
-    """Fit a lattice to centres whose places are known, by least squares (2.6).
-
-    Of cameras on a line, one vector is found, and the other is perpendicular to it and to the mean optical
-    axis, and as long. A single camera has steps of one unit along its picture.
-
-    Parameters
-    ----------
-    centres : ndarray of shape (N, 3), float64
-        Camera centres in the world.
-    positions : ndarray of shape (N, 2), float64
-        Their (m, n).
-    orientation : Orientation
-        How the cameras look; used where the centres do not say it.
-
-    Returns
-    -------
-    Lattice
-        As the positions have it; `upright` turns it to the scene.
-
-    Raises
-    ------
-    ConfigError
-        If the centres span less than the positions do.
-    """
+    """Fit a lattice to centres whose places are known, by least squares (2.6)."""
     place, middle = positions.mean(axis=0), centres.mean(axis=0)
     shift, offset = positions - place, centres - middle
     _, extent, directions = np.linalg.svd(shift, full_matrices=True)
@@ -136,24 +88,7 @@ def _across(along: Floats, forward: Floats) -> Floats:
 
 
 def upright(lattice: Lattice, positions: Floats, orientation: Orientation) -> tuple[Lattice, Floats]:
-    """Turn a lattice so that ``v1 x v2`` points to the scene and v1 to the right.
-
-    Parameters
-    ----------
-    lattice : Lattice
-        Any lattice.
-    positions : ndarray of shape (N, 2), float64
-        Places of cameras on it.
-    orientation : Orientation
-        How the cameras look.
-
-    Returns
-    -------
-    lattice : Lattice
-        With v1 or v2 or both turned round.
-    positions : ndarray of shape (N, 2), float64
-        With m or n or both negated likewise.
-    """
+    """Turn a lattice so that ``v1 x v2`` points to the scene and v1 to the right."""
     faces = float(np.cross(lattice.v1, lattice.v2) @ orientation.forward) >= 0.0
     n_sign = 1 if faces else -1
     turn = 1 if lattice.v1 @ orientation.right >= 0.0 else -1
@@ -163,31 +98,7 @@ def upright(lattice: Lattice, positions: Floats, orientation: Orientation) -> tu
 
 
 def assign_positions(centres: Floats, orientation: Orientation) -> tuple[Lattice, Floats]:
-    """Find the places of cameras that are given none.
-
-    Whole numbers where the centres nearly form a lattice; else real numbers. Then a unit is, in a row or
-    column of cameras, the median distance of successive ones; in a plane, the median distance of nearest
-    neighbours, with v1 and v2 perpendicular. Position (0, 0) is at the camera nearest to the middle.
-
-    Parameters
-    ----------
-    centres : ndarray of shape (N, 3), float64
-        Camera centres in the world, at least two.
-    orientation : Orientation
-        How the cameras look.
-
-    Returns
-    -------
-    lattice : Lattice
-        Upright.
-    positions : ndarray of shape (N, 2), float64
-        Places (m, n) of the cameras; `snapped` tells whether they stand there.
-
-    Raises
-    ------
-    ConfigError
-        If all stand at one place, or one behind the other.
-    """
+    """Find the places of cameras that are given none."""
     offset = centres - centres.mean(axis=0)
     _, spread, axes = np.linalg.svd(offset, full_matrices=True)
     normal = axes[2] * (1.0 if axes[2] @ orientation.forward >= 0.0 else -1.0)
@@ -208,41 +119,13 @@ def assign_positions(centres: Floats, orientation: Orientation) -> tuple[Lattice
 
 
 def snapped(lattice: Lattice, centres: Floats, positions: Floats, tolerance: float) -> Floats:
-    """Return where cameras really stand: their places if they are there, else real-valued ones.
-
-    Parameters
-    ----------
-    lattice : Lattice
-        The lattice.
-    centres : ndarray of shape (N, 3), float64
-        Camera centres.
-    positions : ndarray of shape (N, 2), float64
-        Places that they should have.
-    tolerance : float
-        How far from them they may stand, in units of m and n.
-
-    Returns
-    -------
-    ndarray of shape (N, 2), float64
-        These places if all stand near them, else the projections of the centres on the plane.
-    """
+    """Return where cameras really stand: their places if they are there, else real-valued ones."""
     found = lattice.coordinates(centres)[:, :2]
     return positions if np.abs(found - positions).max() <= tolerance else found
 
 
 def as_positions(places: Floats) -> tuple[LatticePosition, ...]:
-    """Return places as positions.
-
-    Parameters
-    ----------
-    places : ndarray of shape (N, 2), float64
-        (m, n) of cameras.
-
-    Returns
-    -------
-    tuple of LatticePosition
-        The same numbers.
-    """
+    """Return places as positions."""
     return tuple(LatticePosition(float(m), float(n)) for m, n in places)
 
 

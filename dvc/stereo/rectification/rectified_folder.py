@@ -26,15 +26,7 @@ _COLOURS = ((0, 255, 255), (255, 255, 0))
 
 
 def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
-    """Write pictures and masks of all views, `views.csv`, `rectification.json` and `preview.png`.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists.
-    rectified : RectifiedArray
-        What to write.
-    """
+    """Write pictures and masks of all views, `views.csv`, `rectification.json` and `preview.png`."""
     rows = ["file,m,n"]
     for view in rectified.array:
         write_png(folder / f"view-{view.name}.png", view.image[:, :, ::-1])
@@ -46,18 +38,7 @@ def write_rectified(folder: Path, rectified: RectifiedArray) -> None:
 
 
 def rectification_index(rectified: RectifiedArray) -> dict[str, Any]:
-    """Return the homographies, the range of disparities, and how well views agree.
-
-    Parameters
-    ----------
-    rectified : RectifiedArray
-        What to tell of.
-
-    Returns
-    -------
-    dict
-        JSON-safe.
-    """
+    """Return the homographies, the range of disparities, and how well views agree."""
     labels, matches = rectified.labels, rectified.matches
     return {
         "disparities": None if labels is None else labels._asdict(),
@@ -70,18 +51,7 @@ def rectification_index(rectified: RectifiedArray) -> dict[str, Any]:
 
 
 def preview(array: CameraArray) -> NDArray[np.uint8]:
-    """Draw views beside each other, with lines along which their rows and columns must agree.
-
-    Parameters
-    ----------
-    array : CameraArray
-        Rectified views; of many, some are shown.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        Blue, green, red.
-    """
+    """Draw views beside each other, with lines along which their rows and columns must agree."""
     order = sorted(range(len(array)), key=lambda index: array[index].position[::-1])
     shown = [order[k * len(order) // min(len(order), _MAX_SHOWN)] for k in range(min(len(order), _MAX_SHOWN))]
     across = 2 if len(shown) == 2 else math.ceil(math.sqrt(len(shown)))
@@ -105,21 +75,7 @@ def _lined(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def write_original_views(folder: Path, reconstruction: Reconstruction, rectification: Rectification) -> None:
-    """Write the depth of every original picture, and what else rectification has moved.
-
-    Files are `depth-STEM.pfm` (units of the cameras, along the optical axis; inf: infinitely far),
-    `original-disparity-STEM.pfm` (pixels per unit of m in the rectified pictures) and
-    `original-occluded-STEM.png`.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists.
-    reconstruction : Reconstruction
-        Surfaces of the rectified views.
-    rectification : Rectification
-        Of the same views.
-    """
+    """Write the depth of every original picture, and what else rectification has moved."""
     moved = not rectification.is_identity
     pairs = zip(reconstruction.array, reconstruction.surfaces, strict=True)
     for index, (view, surface) in enumerate(pairs):

@@ -33,53 +33,18 @@ _BORDER_POINTS = 17
 
 
 def shared_intrinsics(focal_length_px: float) -> Floats:
-    """Return the intrinsics of all rectified cameras (2.7).
-
-    Parameters
-    ----------
-    focal_length_px : float
-        Mean focal length of the real cameras.
-
-    Returns
-    -------
-    ndarray of shape (3, 3), float64
-        With the principal point at 0.
-    """
+    """Return the intrinsics of all rectified cameras (2.7)."""
     return np.diag([focal_length_px, focal_length_px, 1.0])
 
 
 def rectified_projection(position: LatticePosition) -> Floats:
-    """Return the projection from the rectified space to a picture (2.4).
-
-    Parameters
-    ----------
-    position : LatticePosition
-        Of its camera.
-
-    Returns
-    -------
-    ndarray of shape (3, 4), float64
-        To be applied to (x, y, d, 1).
-    """
+    """Return the projection from the rectified space to a picture (2.4)."""
     m, n = position
     return np.array([[1.0, 0, -m, 0], [0, 1.0, -n, 0], [0, 0, 0, 1.0]])
 
 
 def first_homography(lattice: Lattice, focal_length_px: float) -> Floats:
-    """Return H1 of (2.8).
-
-    Parameters
-    ----------
-    lattice : Lattice
-        Of the cameras.
-    focal_length_px : float
-        Of the rectified ones.
-
-    Returns
-    -------
-    ndarray of shape (4, 4), float64
-        To be applied to (X, 1).
-    """
+    """Return H1 of (2.8)."""
     upper = shared_intrinsics(focal_length_px) @ np.linalg.inv(lattice.basis)
     homography = np.zeros((4, 4))
     homography[:3, :3], homography[:3, 3], homography[3, 3] = upper, -upper @ lattice.origin, focal_length_px
@@ -87,22 +52,7 @@ def first_homography(lattice: Lattice, focal_length_px: float) -> Floats:
 
 
 def image_homography(camera: Camera, lattice: Lattice, focal_length_px: float) -> Floats:
-    """Return the homography that rectifies a picture (2.11).
-
-    Parameters
-    ----------
-    camera : Camera
-        Its camera.
-    lattice : Lattice
-        Of all cameras.
-    focal_length_px : float
-        Of the rectified ones.
-
-    Returns
-    -------
-    ndarray of shape (3, 3), float64
-        From undistorted pixels to the frame of the equations.
-    """
+    """Return the homography that rectifies a picture (2.11)."""
     directions = np.linalg.inv(lattice.basis) @ camera.R.T @ np.linalg.inv(camera.K)
     homography: Floats = shared_intrinsics(focal_length_px) @ directions
     return homography
@@ -110,50 +60,19 @@ def image_homography(camera: Camera, lattice: Lattice, focal_length_px: float) -
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """How pictures of calibrated cameras become views of a planar array.
+    """How pictures of calibrated cameras become views of a planar array."""
 
-    Attributes
-    ----------
-    cameras : tuple of Camera
-        The cameras.
-    lattice : Lattice
-        On which they stand.
-    positions : tuple of LatticePosition
-        Where on it.
-    focal_length_px : float
-        Of the rectified cameras.
-    middle_disparity : float
-        What cameras off the plane are scaled for, in the frame of the equations.
-    offset : tuple of float
-        Added to (x, y) of the frame of the equations, in pixels.
-    disparity_shift : float
-        Taken from its disparities.
-    size : tuple of int
-        Width and height of the rectified pictures.
-    """
-
-    cameras: tuple[Camera, ...]
-    lattice: Lattice
-    positions: tuple[LatticePosition, ...]
-    focal_length_px: float
-    middle_disparity: float
-    offset: tuple[float, float] = (0.0, 0.0)
-    disparity_shift: float = 0.0
-    size: tuple[int, int] = (0, 0)
+    cameras: tuple[Camera, ...]  # the cameras
+    lattice: Lattice  # on which they stand
+    positions: tuple[LatticePosition, ...]  # where on it
+    focal_length_px: float  # of the rectified cameras
+    middle_disparity: float  # what cameras off the plane are scaled for, in the frame of the equations
+    offset: tuple[float, float] = (0.0, 0.0)  # added to (x, y) of the frame of the equations, in pixels
+    disparity_shift: float = 0.0  # taken from its disparities
+    size: tuple[int, int] = (0, 0)  # width and height of the rectified pictures
 
     def rectified_from_view(self, index: int) -> Floats:
-        """Return the homography of a picture (2.11), with the common offset and shift.
-
-        Parameters
-        ----------
-        index : int
-            Number of the view.
-
-        Returns
-        -------
-        ndarray of shape (3, 3), float64
-            From its undistorted pixels to those of the rectified picture.
-        """
+        """Return the homography of a picture (2.11), with the common offset and shift."""
         camera, (m, n) = self.cameras[index], self.positions[index]
         height = self.lattice.coordinates(camera.centre[None])[0, 2]
         scale = 1.0 - height * self.middle_disparity / self.focal_length_px
@@ -181,76 +100,25 @@ class Rectification:
         return np.asarray(np.linalg.inv(self.rectified_from_world), dtype=np.float64)
 
     def disparities(self, points: Floats) -> Floats:
-        """Return the disparities of points of the scene.
-
-        Parameters
-        ----------
-        points : ndarray of shape (N, 3), float64
-            In the world.
-
-        Returns
-        -------
-        ndarray of shape (N,), float64
-            In pixels per unit of m, in the frame of the pictures; not finite in the plane of the cameras.
-        """
+        """Return the disparities of points of the scene."""
         distance = self.lattice.coordinates(points)[:, 2]
         with np.errstate(divide="ignore"):
             return np.asarray(self.focal_length_px / distance - self.disparity_shift)
 
     def rectified_points(self, index: int, points: Floats) -> Floats:
-        """Return where points of a picture lie in its rectified one.
-
-        Parameters
-        ----------
-        index : int
-            Number of the view.
-        points : ndarray of shape (N, 2), float64
-            Pixels (x, y) of the picture, as it was taken.
-
-        Returns
-        -------
-        ndarray of shape (N, 2), float64
-            Pixels of the rectified picture.
-        """
+        """Return where points of a picture lie in its rectified one."""
         return _applied(self.rectified_from_view(index), self.cameras[index].undistorted(points))
 
     def view_points(self, index: int, points: Floats) -> Floats:
         """Return where points of a rectified picture lie in the original one; inverse of `rectified_points`.
-
-        Parameters
-        ----------
-        index : int
-            Number of the view.
-        points : ndarray of shape (N, 2), float64
-            Pixels (x, y) of the rectified picture.
-
-        Returns
-        -------
-        ndarray of shape (N, 2), float64
-            Pixels of the original one; not finite where it cannot see.
+        Return where points of a rectified picture lie in the original one; inverse of `rectified_points`.
         """
         homography = np.linalg.inv(self.rectified_from_view(index))
         homography = homography * np.sign(np.linalg.det(homography))
         return self.cameras[index].distorted(_applied(homography, points))
 
     def border(self, index: int) -> Floats:
-        """Return the border of a picture after rectification.
-
-        Parameters
-        ----------
-        index : int
-            Number of the view.
-
-        Returns
-        -------
-        ndarray of shape (N, 2), float64
-            Pixels of the rectified picture.
-
-        Raises
-        ------
-        ConfigError
-            If the camera looks along the plane of the cameras.
-        """
+        """Return the border of a picture after rectification."""
         camera = self.cameras[index]
         width, height = camera.size
         x, y = np.linspace(0, width - 1, _BORDER_POINTS), np.linspace(0, height - 1, _BORDER_POINTS)
@@ -277,18 +145,7 @@ class Rectification:
         return True
 
     def off_plane_px(self, lowest: float, highest: float) -> Floats:
-        """Return how far at most (2.5) fails because cameras do not stand in one plane.
-
-        Parameters
-        ----------
-        lowest, highest : float
-            Disparities of the scene, in the frame of the pictures.
-
-        Returns
-        -------
-        ndarray of shape (N,), float64
-            For each camera, in pixels, at the corner farthest from the foot of the normal.
-        """
+        """Return how far at most (2.5) fails because cameras do not stand in one plane."""
         ends = np.array([lowest, highest]) + self.disparity_shift - self.middle_disparity
         worst = np.abs(ends).max() / self.focal_length_px
         centres = np.stack([camera.centre for camera in self.cameras])

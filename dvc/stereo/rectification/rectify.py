@@ -86,23 +86,7 @@ def _check_apart(cameras: Sequence[Camera], places: Floats, message: str) -> Non
 
 
 def mean_orientation(cameras: Sequence[Camera]) -> Orientation:
-    """Return how cameras look, on the mean.
-
-    Parameters
-    ----------
-    cameras : sequence of Camera
-        At least one.
-
-    Returns
-    -------
-    Orientation
-        Means of their axes.
-
-    Raises
-    ------
-    ConfigError
-        If they look in opposite directions.
-    """
+    """Return how cameras look, on the mean."""
     axes = np.mean([camera.R for camera in cameras], axis=0)
     lengths = np.linalg.norm(axes, axis=1)
     if lengths.min() < 0.2:
@@ -124,20 +108,7 @@ def _disparity_range(
 
 
 def usual_disparity(positions: Sequence[LatticePosition], width: int) -> float:
-    """Return the disparity at which the farthest cameras see a parallax of `USUAL_PARALLAX`.
-
-    Parameters
-    ----------
-    positions : sequence of LatticePosition
-        Of at least two cameras.
-    width : int
-        Of the pictures.
-
-    Returns
-    -------
-    float
-        In pixels per unit of m.
-    """
+    """Return the disparity at which the farthest cameras see a parallax of `USUAL_PARALLAX`."""
     extent = np.ptp(np.array(positions), axis=0)
     return USUAL_PARALLAX * width / float(np.hypot(*extent))
 

@@ -29,23 +29,7 @@ _MAX_SIGMAS = 6.0
 
 
 def refined_pair(cameras: Sequence[Camera], first: Floats, second: Floats) -> tuple[Camera, ...]:
-    """Tilt and roll two cameras, and balance their focal lengths, until the rows of matches agree.
-
-    Nothing is turned about the vertical axes of the cameras, which rows hardly tell, so that the depth of
-    the scene stays.
-
-    Parameters
-    ----------
-    cameras : sequence of two Camera
-        Of both pictures.
-    first, second : ndarray of shape (N, 2), float64
-        Matches, some of them wrong.
-
-    Returns
-    -------
-    tuple of two Camera
-        As given where rows agree already, or matches do not tell better.
-    """
+    """Tilt and roll two cameras, and balance their focal lengths, until the rows of matches agree."""
     inliers = _consistent(first, second)
     if np.count_nonzero(inliers) < MIN_MATCHES:
         return tuple(cameras)

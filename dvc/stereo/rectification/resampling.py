@@ -14,24 +14,7 @@ _DEPTH_EDGE_PX = 1.0
 def resample(
     rectification: Rectification, index: int, picture: NDArray[np.uint8]
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Rectify a picture, by Lanczos interpolation.
-
-    Parameters
-    ----------
-    rectification : Rectification
-        The rectified space.
-    index : int
-        Number of the view.
-    picture : ndarray of shape (H, W, 3), uint8
-        As it was taken.
-
-    Returns
-    -------
-    rectified : ndarray of shape (H', W', 3), uint8
-        Black where nothing was seen.
-    valid : ndarray of shape (H', W'), bool
-        Where something was.
-    """
+    """Rectify a picture, by Lanczos interpolation."""
     place = rectification.view_points(index, _grid(rectification.size)).reshape(*rectification.size[::-1], 2)
     height, width = picture.shape[:2]
     slack = 1e-3
@@ -52,24 +35,7 @@ def _grid(size: tuple[int, int]) -> Floats:
 def to_original_view(
     rectification: Rectification, index: int, plane: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Bring disparities of a rectified picture to the pixels of the original one.
-
-    Parameters
-    ----------
-    rectification : Rectification
-        The rectified space.
-    index : int
-        Number of the view.
-    plane : ndarray of shape (H', W'), float32
-        Disparities of every pixel of the rectified picture.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float32
-        The same disparities, pixels per unit of m in the rectified pictures; interpolated on surfaces, the
-        nearest at discontinuities. Pixels that the crop left out have the disparity of the nearest one that
-        it kept.
-    """
+    """Bring disparities of a rectified picture to the pixels of the original one."""
     width, height = rectification.cameras[index].size
     place = rectification.rectified_points(index, _grid((width, height)))
     rows, columns = plane.shape
@@ -90,22 +56,7 @@ def to_original_view(
 def metric_depth(
     rectification: Rectification, index: int, disparity: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Return the depth along the optical axis of every pixel of an original picture, by (2.12).
-
-    Parameters
-    ----------
-    rectification : Rectification
-        The rectified space.
-    index : int
-        Number of the view.
-    disparity : ndarray of shape (H, W), float32
-        From `to_original_view`.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float32
-        In units of the world; inf where the disparity is that of infinity or beyond.
-    """
+    """Return the depth along the optical axis of every pixel of an original picture, by (2.12)."""
     camera, position = rectification.cameras[index], rectification.positions[index]
     place = rectification.rectified_points(index, _grid(camera.size))
     d = disparity.astype(np.float64).ravel()

@@ -30,26 +30,7 @@ def continued(
     image: NDArray[np.uint8],
     fineness: float,
 ) -> Floats:
-    """Continue the supported surfaces of a camera over the rest of its view.
-
-    Parameters
-    ----------
-    own, other : Occupancy
-        Of the camera, and of a neighbour: what that looks through is not continued to there.
-    labels : DisparityLabels
-        Disparities of the labels.
-    positions : tuple of two LatticePosition
-        Of both cameras.
-    image : ndarray of shape (H, W, 3), uint8
-        What the camera sees; surfaces end at its edges rather than elsewhere.
-    fineness : float
-        Labels per pixel of parallax.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Labels; whole numbers where they are supported.
-    """
+    """Continue the supported surfaces of a camera over the rest of its view."""
     warps = _warp(labels, *positions), _warp(labels, *positions[::-1])
     slopes = Slopes(SLOPE_RADIUS_PX, SLOPE_LIMIT * fineness, REACH_PX, SLOPE_SPACING_PX)
     red, green, blue = np.moveaxis(image.astype(np.float64), 2, 0)

@@ -18,17 +18,7 @@ MAX_VIEWS = 1 << 15
 
 
 def write_reconstruction(folder: Path, reconstruction: Reconstruction, jobs: int = 1) -> None:
-    """Write `stereo.json` and, of each view, its picture, disparity, occlusions and confidence.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists.
-    reconstruction : Reconstruction
-        What to write.
-    jobs : int, optional
-        Threads.
-    """
+    """Write `stereo.json` and, of each view, its picture, disparity, occlusions and confidence."""
     array, labels = reconstruction.array, reconstruction.labels
 
     def _write_view(view: ArrayView, surface: Surface) -> None:
@@ -55,23 +45,7 @@ def write_reconstruction(folder: Path, reconstruction: Reconstruction, jobs: int
 
 
 def read_reconstruction(folder: str | Path) -> Reconstruction:
-    """Read a folder that `write_reconstruction` has written.
-
-    Parameters
-    ----------
-    folder : str or Path
-        With `stereo.json`.
-
-    Returns
-    -------
-    Reconstruction
-        What it holds.
-
-    Raises
-    ------
-    DvcError
-        If a file is missing, damaged, of another size, or lies outside the folder.
-    """
+    """Read a folder that `write_reconstruction` has written."""
     index = read_index(Path(folder) / INDEX, FORMAT, VERSION, "dvc-stereo reconstruct")
     labels = read_labels(index.entry("disparities"))
     shape = index.integer("height", 1, MAX_SIDE), index.integer("width", 1, MAX_SIDE)

@@ -17,27 +17,7 @@ FUSION_ROUNDS = 2
 
 
 def fused(array: CameraArray, labels: DisparityLabels, maps: Sequence[Floats], index: int) -> Floats:
-    """Bring the surface of a camera together with those of all others.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The cameras.
-    labels : DisparityLabels
-        Disparities of the labels.
-    maps : sequence of ndarray of shape (H, W), float64
-        Labels of all cameras, or values between them.
-    index : int
-        The camera.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        The median of the own label and of those that others have at the same point, within `tolerance`; of
-        two in the middle the nearer one to the own. Where more cameras look through the point than have it,
-        the own one included, the label behind it that most have, if these are more. Those of two cameras
-        stay as they are.
-    """
+    """Bring the surface of a camera together with those of all others."""
     here = array[index].position
     moved = np.stack([shifts(labels, here, view.position) for view in array])
     seen = np.stack([view.seen for view in array])

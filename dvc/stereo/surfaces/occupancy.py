@@ -25,30 +25,16 @@ MIN_REGION_PX = 40
 
 
 class Occupancy(NamedTuple):
-    """Surface of a camera as labels.
+    """Surface of a camera as labels."""
 
-    Attributes
-    ----------
-    label : ndarray of shape (H, W), int64
-        Of every pixel.
-    supported : ndarray of shape (H, W), bool
-        Where its voxel is occupied: other cameras agree (2.15).
-    """
-
-    label: Labels
-    supported: Mask
+    label: Labels  # of every pixel
+    supported: Mask  # where its voxel is occupied: other cameras agree (2.15)
 
 
 class Neighbours(NamedTuple):
-    """Cameras next to one, in the same row and in the same column of the array.
+    """Cameras next to one, in the same row and in the same column of the array."""
 
-    Attributes
-    ----------
-    horizontal, vertical : tuple of int
-        Indices of the nearest on each side, if there are any.
-    """
-
-    horizontal: tuple[int, ...]
+    horizontal: tuple[int, ...]  # indices of the nearest on each side, if there are any
     vertical: tuple[int, ...]
 
     @property
@@ -58,20 +44,7 @@ class Neighbours(NamedTuple):
 
 
 def neighbours(array: CameraArray, index: int) -> Neighbours:
-    """Find the neighbours of a camera.
-
-    Parameters
-    ----------
-    array : CameraArray
-        All cameras; off a lattice a neighbour lies less than 45 degrees from the row or column.
-    index : int
-        One of them.
-
-    Returns
-    -------
-    Neighbours
-        The nearest to the left and right, and up and down.
-    """
+    """Find the neighbours of a camera."""
     here = array[index].position
     nearest: dict[tuple[bool, bool], tuple[float, int]] = {}
     for other, view in enumerate(array):
@@ -91,20 +64,7 @@ def neighbours(array: CameraArray, index: int) -> Neighbours:
 
 
 def fineness(array: CameraArray, labels: DisparityLabels) -> float:
-    """Return how many labels there are to a pixel of parallax between neighbours.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The cameras.
-    labels : DisparityLabels
-        Disparities of the labels.
-
-    Returns
-    -------
-    float
-        1 at least, and `MAX_LABELS` at most.
-    """
+    """Return how many labels there are to a pixel of parallax between neighbours."""
     places = np.array([view.position for view in array])
     apart = np.abs(places[:, None] - places[None]).max(axis=2)
     nearest = np.where(apart > 0.0, apart, np.inf).min(axis=1)
@@ -112,59 +72,22 @@ def fineness(array: CameraArray, labels: DisparityLabels) -> float:
 
 
 def shifts(labels: DisparityLabels, view: LatticePosition, other: LatticePosition) -> Labels:
-    """Return by how many whole pixels each label moves a point from one view to another (2.5).
-
-    Parameters
-    ----------
-    labels : DisparityLabels
-        Disparities.
-    view, other : LatticePosition
-        Of the cameras.
-
-    Returns
-    -------
-    ndarray of shape (labels, 2), int64
-        Columns and rows.
-    """
+    """Return by how many whole pixels each label moves a point from one view to another (2.5)."""
     return np.floor(offsets(labels, view, other) + 0.5).astype(np.int64)
 
 
 class Agreement(NamedTuple):
-    """What another camera says of a camera's surface.
+    """What another camera says of a camera's surface."""
 
-    Attributes
-    ----------
-    agreeing : ndarray of shape (H, W), bool
-        Where its label at the same point is the own one, within `tolerance`.
-    looking : ndarray of shape (H, W), bool
-        Where it sees anything at that point: this lies inside its view, and that is not empty there.
-    """
-
-    agreeing: Mask
+    agreeing: Mask  # where its label at the same point is the own one, within `tolerance`
+    # where it sees anything at that point: this lies inside its view, and that is not empty there
     looking: Mask
 
 
 def agreement(
     array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], pair: tuple[int, int]
 ) -> Agreement:
-    """Tell where two cameras see one surface.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The cameras.
-    labels : DisparityLabels
-        Disparities of the labels.
-    maps : sequence of ndarray of shape (H, W), int64
-        Labels of all cameras.
-    pair : tuple of two int
-        In whose frame, and the other.
-
-    Returns
-    -------
-    Agreement
-        In that frame.
-    """
+    """Tell where two cameras see one surface."""
     own, other = pair
     found = Agreement(np.empty(array.shape, np.bool_), np.empty(array.shape, np.bool_))
     moved = shifts(labels, array[own].position, array[other].position)
@@ -174,25 +97,7 @@ def agreement(
 
 
 def supported(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Mask:
-    """Keep the voxels of a camera that a horizontal and a vertical neighbour have, too (2.15).
-
-    Parameters
-    ----------
-    array : CameraArray
-        The cameras.
-    labels : DisparityLabels
-        Disparities of the labels.
-    maps : sequence of ndarray of shape (H, W), int64
-        Labels of all cameras.
-    index : int
-        The camera.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        A direction from which no neighbour looks at a point asks for nothing, as long as the other one does;
-        speckles are left out.
-    """
+    """Keep the voxels of a camera that a horizontal and a vertical neighbour have, too (2.15)."""
     kept, found = array[index].seen, np.zeros(array.shape, np.bool_)
     for direction in neighbours(array, index):
         if direction:
@@ -207,24 +112,7 @@ def supported(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels
 
 
 def seen_elsewhere(array: CameraArray, labels: DisparityLabels, maps: Sequence[Labels], index: int) -> Mask:
-    """Tell which points of a camera's surface any other camera sees.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The cameras.
-    labels : DisparityLabels
-        Disparities of the labels.
-    maps : sequence of ndarray of shape (H, W), int64
-        Labels of all cameras.
-    index : int
-        The camera.
-
-    Returns
-    -------
-    ndarray of shape (H, W), bool
-        True where another camera agrees.
-    """
+    """Tell which points of a camera's surface any other camera sees."""
     found = np.zeros(array.shape, np.bool_)
     for other in range(len(array)):
         if other != index:

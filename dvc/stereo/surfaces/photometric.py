@@ -31,27 +31,12 @@ UNDEFINED_SHARE = 0.1
 
 @dataclass(frozen=True)
 class Comparison:
-    """How views are compared.
+    """How views are compared."""
 
-    Attributes
-    ----------
-    array : CameraArray
-        The cameras.
-    labels : DisparityLabels
-        Disparities to try.
-    cost : MatchingCost
-        Of two views.
-    smaller_of_opposite : bool
-        Whether the smaller cost of opposite neighbours counts (2.18), or their mean.
-
-    Notes
-    -----
-    A surface must be nearer by more than `tolerance` to hide: that of an inclined one varies between pixels.
-    """
-
-    array: CameraArray
-    labels: DisparityLabels
-    cost: MatchingCost
+    array: CameraArray  # the cameras
+    labels: DisparityLabels  # disparities to try
+    cost: MatchingCost  # of two views
+    # whether the smaller cost of opposite neighbours counts (2.18), or their mean
     smaller_of_opposite: bool = True
 
     @cached_property
@@ -62,24 +47,12 @@ class Comparison:
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """What costs are summed over.
+    """What costs are summed over."""
 
-    Attributes
-    ----------
-    arms : sequence of ndarray of shape (H, W, 4), int16
-        Arms of each window; none: every pixel by itself.
-    windows : sequence of Window
-        The windows; their means count alike.
-    base : ndarray of shape (H, W), int64
-        Labels of the surface that they follow.
-    band : Band
-        Labels that are tried.
-    """
-
-    arms: Sequence[Arms]
-    windows: Sequence[Window]
-    base: Labels
-    band: Band
+    arms: Sequence[Arms]  # arms of each window; none: every pixel by itself
+    windows: Sequence[Window]  # the windows; their means count alike
+    base: Labels  # labels of the surface that they follow
+    band: Band  # labels that are tried
 
 
 def photometric_cost(
@@ -90,28 +63,7 @@ def photometric_cost(
     occupancy: Sequence[Occupancy] | None,
     rows: slice,
 ) -> Volume:
-    """Compute the photometric cost volume of a camera (2.20), some rows of it.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        How views are compared.
-    index : int
-        The camera.
-    near : Neighbours
-        Whom it is compared with.
-    regions : Regions
-        What costs are summed over.
-    occupancy : sequence of Occupancy or None
-        Surfaces of all cameras; None before there are any: everything is visible.
-    rows : slice
-        Rows of the camera's view.
-
-    Returns
-    -------
-    ndarray of shape (rows, W, labels), float32
-        Defined everywhere.
-    """
+    """Compute the photometric cost volume of a camera (2.20), some rows of it."""
     join = smaller_costs if comparison.smaller_of_opposite else mean_costs
 
     def _costs(other: int) -> WeightedCosts:

@@ -106,22 +106,7 @@ def reconstruct(
 
 
 def most_steps(array: CameraArray, labels: DisparityLabels, settings: StereoSettings) -> int:
-    """Return how many views of iterations `reconstruct` finishes if none ends early.
-
-    Parameters
-    ----------
-    array : CameraArray
-        The views.
-    labels : DisparityLabels
-        Disparities to try.
-    settings : StereoSettings
-        How.
-
-    Returns
-    -------
-    int
-        Counted for views of half the size as well, where these come first.
-    """
+    """Return how many views of iterations `reconstruct` finishes if none ends early."""
     (height, width), num_labels = array.shape, labels.num_labels
     iterations = settings.max_iterations
     while _is_large((height, width), num_labels):
@@ -131,21 +116,7 @@ def most_steps(array: CameraArray, labels: DisparityLabels, settings: StereoSett
 
 
 class _Solver:
-    """The loop over all cameras of one array.
-
-    Parameters
-    ----------
-    array : CameraArray
-        Views of equal exposure.
-    labels : DisparityLabels
-        Disparities to try.
-    settings : StereoSettings
-        How.
-    pool : ThreadPoolExecutor
-        Who does the work.
-    advance : callable
-        Told the number of views that have just been finished.
-    """
+    """The loop over all cameras of one array."""
 
     def __init__(
         self,

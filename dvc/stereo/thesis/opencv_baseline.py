@@ -10,28 +10,15 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class SemiGlobalSettings:
-    """Settings of `cv2.StereoSGBM`, by its names.
+    """Settings of `cv2.StereoSGBM`, by its names."""
 
-    Attributes
-    ----------
-    block_size : int
-        Side of the window in pixels.
-    p1, p2 : int
-        Penalties of steps of one disparity and of more: 8 and 32 times 3 channels times the window.
-    uniqueness_ratio : int
-        By how many per cent the best disparity must beat others.
-    disp12_max_diff : int
-        Largest difference between both views.
-    speckle_window_size, speckle_range : int
-        Smaller regions are removed.
-    """
-
-    block_size: int = 3
+    block_size: int = 3  # side of the window in pixels
+    # penalties of steps of one disparity and of more: 8 and 32 times 3 channels times the window
     p1: int = 8 * 3 * 3**2
     p2: int = 32 * 3 * 3**2
-    uniqueness_ratio: int = 10
-    disp12_max_diff: int = 1
-    speckle_window_size: int = 100
+    uniqueness_ratio: int = 10  # by how many per cent the best disparity must beat others
+    disp12_max_diff: int = 1  # largest difference between both views
+    speckle_window_size: int = 100  # smaller regions are removed
     speckle_range: int = 2
 
     def __str__(self) -> str:
@@ -45,24 +32,7 @@ BASELINE = SemiGlobalSettings()
 def semi_global_baseline(
     left: NDArray[np.uint8], right: NDArray[np.uint8], highest: float, settings: SemiGlobalSettings = BASELINE
 ) -> NDArray[np.float64]:
-    """Match a rectified pair by OpenCV, and fill what it leaves open.
-
-    Parameters
-    ----------
-    left, right : ndarray of shape (H, W, 3), uint8
-        Views.
-    highest : float
-        Highest disparity to try; they are tried from 0 to the next multiple of 16, without the last.
-    settings : SemiGlobalSettings, optional
-        Of the matcher.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Disparities of the left view in pixels, everywhere. Both views are continued to the left, so that
-        columns whose match may lie outside are tried too; holes take the smaller of the disparities beside
-        them in their row.
-    """
+    """Match a rectified pair by OpenCV, and fill what it leaves open."""
     num_disparities = 16 * (int(highest) // 16 + 1)
     names: dict[str, Any] = {
         "blockSize": settings.block_size,
@@ -84,18 +54,7 @@ def semi_global_baseline(
 
 
 def fill_holes(disparity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give unknown pixels the smaller of the nearest known disparities to their left and right.
-
-    Parameters
-    ----------
-    disparity : ndarray of shape (H, W), float64
-        NaN where it is unknown.
-
-    Returns
-    -------
-    ndarray of shape (H, W), float64
-        Rows without any value become 0.
-    """
+    """Give unknown pixels the smaller of the nearest known disparities to their left and right."""
     height, width = disparity.shape
     known = np.isfinite(disparity)
     columns, rows = np.arange(width), np.arange(height)[:, None]

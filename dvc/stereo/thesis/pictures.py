@@ -16,18 +16,7 @@ Floats = NDArray[np.floating]
 
 
 def view_panel(view: ArrayView) -> Picture:
-    """Draw a view with its position.
-
-    Parameters
-    ----------
-    view : ArrayView
-        The view.
-
-    Returns
-    -------
-    ndarray of shape (h, W, 3), uint8
-        The picture.
-    """
+    """Draw a view with its position."""
     title = f"view ({view.position.m:g}, {view.position.n:g})"
     return with_title(np.ascontiguousarray(view.image[:, :, ::-1]), title)
 
@@ -39,24 +28,7 @@ def disparity_panels(
     title: str,
     mask: NDArray[np.bool_] | None = None,
 ) -> list[Picture]:
-    """Draw a disparity map and its errors.
-
-    Parameters
-    ----------
-    disparity, truth : ndarray of shape (H, W), float
-        In pixels; NaN in the truth: unknown.
-    labels : DisparityLabels
-        For the range of the colours.
-    title : str
-        What was done.
-    mask : ndarray of shape (H, W), bool, optional
-        Pixels that count.
-
-    Returns
-    -------
-    list of ndarray of shape (h, W, 3), uint8
-        Two pictures.
-    """
+    """Draw a disparity map and its errors."""
     error, counted = disparity_error(disparity, truth, mask)
     bad = 100.0 * float(np.mean(error[counted] > 1.0))
     return [
@@ -73,28 +45,7 @@ def pair_group(
     labels: DisparityLabels,
     methods: Mapping[str, Floats],
 ) -> Group:
-    """Collect what several methods make of a pair, to be laid over each other.
-
-    Parameters
-    ----------
-    name : str
-        The set.
-    view : ArrayView
-        Reference view.
-    truth : ndarray of shape (H, W), float
-        True disparity of it; NaN: unknown.
-    mask : ndarray of shape (H, W), bool
-        Pixels that count.
-    labels : DisparityLabels
-        For the range of the colours.
-    methods : mapping of str to ndarray of shape (H, W), float
-        Disparities by method.
-
-    Returns
-    -------
-    Group
-        View, truth, and disparities and errors of each method.
-    """
+    """Collect what several methods make of a pair, to be laid over each other."""
     shown = [
         Shown("view", np.ascontiguousarray(view.image[:, :, ::-1])),
         Shown("truth", colour_disparity(truth, labels.lowest, labels.highest)),
@@ -108,20 +59,7 @@ def pair_group(
 
 
 def figure_2_4(truth: Sequence[Floats], by_iteration: Mapping[int, Reconstruction]) -> Picture:
-    """Draw how the occlusion model works: views, then disparities and errors after each iteration.
-
-    Parameters
-    ----------
-    truth : sequence of ndarray of shape (H, W), float
-        Disparity of each view.
-    by_iteration : mapping of int to Reconstruction
-        What was found with so many iterations, in order.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        The figure, twice as large as the views.
-    """
+    """Draw how the occlusion model works: views, then disparities and errors after each iteration."""
     first = next(iter(by_iteration.values()))
     rows = [[_enlarged(np.ascontiguousarray(view.image[:, :, ::-1]), view.name) for view in first.array]]
     for iteration, found in by_iteration.items():

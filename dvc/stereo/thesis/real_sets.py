@@ -15,30 +15,14 @@ from dvc.stereo.evaluation import MASKS, Evaluation, evaluate, read_mask, read_t
 
 @dataclass(frozen=True)
 class RealSet:
-    """A set of views in a folder of its name.
+    """A set of views in a folder of its name."""
 
-    Attributes
-    ----------
-    name : str
-        Of the folder.
-    reference : str
-        File of the view whose truth is known.
-    right : str
-        File of the right view of the pair.
-    disparities : str
-        Range as commands take it.
-    truth : str
-        File of the true disparities.
-    scale : float
-        Disparity is value / scale.
-    """
-
-    name: str
-    reference: str
-    right: str
-    disparities: str
-    truth: str
-    scale: float = 1.0
+    name: str  # of the folder
+    reference: str  # file of the view whose truth is known
+    right: str  # file of the right view of the pair
+    disparities: str  # range as commands take it
+    truth: str  # file of the true disparities
+    scale: float = 1.0  # disparity is value / scale
 
     @property
     def labels(self) -> DisparityLabels:
@@ -46,42 +30,11 @@ class RealSet:
         return parse_disparities(self.disparities)
 
     def pair_files(self, data: Path) -> list[Path]:
-        """Return the files of the left and the right view.
-
-        Parameters
-        ----------
-        data : Path
-            Folder of the sets.
-
-        Returns
-        -------
-        list of Path
-            Two files.
-        """
+        """Return the files of the left and the right view."""
         return [data / self.name / self.reference, data / self.name / self.right]
 
     def array_files(self, data: Path, num_cameras: int) -> tuple[list[Path], list[LatticePosition]]:
-        """Return files and positions of cameras around the reference.
-
-        Parameters
-        ----------
-        data : Path
-            Folder of the sets.
-        num_cameras : int
-            2: the reference and its neighbour to the right; 5: with all four neighbours; else all there are.
-
-        Returns
-        -------
-        files : list of Path
-            Of the views.
-        positions : list of LatticePosition
-            Of the cameras.
-
-        Raises
-        ------
-        ConfigError
-            If there are not that many.
-        """
+        """Return files and positions of cameras around the reference."""
         table = read_positions(data / self.name / "views.csv")
         step = min(position.m for position in table.values() if position.m > 0.0)
         chosen = {
@@ -95,71 +48,21 @@ class RealSet:
         return [data / self.name / file for file in chosen], list(chosen.values())
 
     def pair(self, data: Path) -> CameraArray:
-        """Read the pair, whose left view is at (0, 0) and whose right one is at (1, 0).
-
-        Parameters
-        ----------
-        data : Path
-            Folder of the sets.
-
-        Returns
-        -------
-        CameraArray
-            Two views.
-        """
+        """Read the pair, whose left view is at (0, 0) and whose right one is at (1, 0)."""
         return load_array(self.pair_files(data), None)
 
     def array(self, data: Path, num_cameras: int) -> CameraArray:
-        """Read cameras around the reference, as `array_files` chooses them.
-
-        Parameters
-        ----------
-        data : Path
-            Folder of the sets.
-        num_cameras : int
-            How many.
-
-        Returns
-        -------
-        CameraArray
-            The views.
-        """
+        """Read cameras around the reference, as `array_files` chooses them."""
         return load_array(*self.array_files(data, num_cameras))
 
     def true_disparity(self, data: Path) -> NDArray[np.float64]:
-        """Read the truth of the reference view.
-
-        Parameters
-        ----------
-        data : Path
-            Folder of the sets.
-
-        Returns
-        -------
-        ndarray of shape (H, W), float64
-            NaN where it is unknown.
-        """
+        """Read the truth of the reference view."""
         return read_truth(data / self.name / self.truth, self.scale)
 
     def evaluate(
         self, data: Path, disparity: NDArray[np.floating], thresholds: Sequence[float] = (1.0,)
     ) -> dict[str, Evaluation]:
-        """Evaluate disparities of the reference view with every mask there is.
-
-        Parameters
-        ----------
-        data : Path
-            Folder of the sets.
-        disparity : ndarray of shape (H, W), float
-            What was found.
-        thresholds : sequence of float, optional
-            For bad pixels.
-
-        Returns
-        -------
-        dict of str to Evaluation
-            By "nonocc", "all" and "disc"; "all" alone where there are no masks.
-        """
+        """Evaluate disparities of the reference view with every mask there is."""
         truth = self.true_disparity(data)
         paths = {name: data / self.name / f"{name}.png" for name in MASKS}
         masks = {name: read_mask(path) if path.exists() else None for name, path in paths.items()}

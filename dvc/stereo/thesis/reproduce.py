@@ -69,74 +69,26 @@ TITLES = {
 
 @dataclass
 class Chapter:
-    """What is made of the chapter, step by step.
+    """What is made of the chapter, step by step."""
 
-    Attributes
-    ----------
-    data : Path
-        Folder of the real sets.
-    jobs : int
-        Processor cores that may be used.
-    tables : list of Table
-        Tables of the thesis.
-    figures : dict of str to ndarray
-        Pictures by number of the figure.
-    groups : list of Group
-        Pictures of the pairs, to be compared.
-    values : dict
-        Numbers behind the tables, JSON-safe.
-    """
-
-    data: Path
-    jobs: int = 1
-    tables: list[Table] = field(default_factory=list)
-    figures: dict[str, Picture] = field(default_factory=dict)
-    groups: list[Group] = field(default_factory=list)
-    values: dict[str, Any] = field(default_factory=dict)
+    data: Path  # folder of the real sets
+    jobs: int = 1  # processor cores that may be used
+    tables: list[Table] = field(default_factory=list)  # tables of the thesis
+    figures: dict[str, Picture] = field(default_factory=dict)  # pictures by number of the figure
+    groups: list[Group] = field(default_factory=list)  # pictures of the pairs, to be compared
+    values: dict[str, Any] = field(default_factory=dict)  # numbers behind the tables, JSON-safe
 
     def surfaces(
         self, array: CameraArray, labels: DisparityLabels, settings: StereoSettings | None = None
     ) -> Reconstruction:
-        """Reconstruct.
-
-        Parameters
-        ----------
-        array : CameraArray
-            The views.
-        labels : DisparityLabels
-            Disparities to try.
-        settings : StereoSettings, optional
-            How; the default settings if None.
-
-        Returns
-        -------
-        Reconstruction
-            Surfaces of all views.
-        """
+        """Reconstruct."""
         return reconstruct(array, labels, settings or StereoSettings(), jobs=self.jobs)
 
 
 def reproduce(
     data: Path, folder: Path, jobs: int = 1, advance: Callable[[int], None] = lambda _: None
 ) -> list[Table]:
-    """Measure the tables and draw the figures of chapter 2.
-
-    Parameters
-    ----------
-    data : Path
-        Folder with the sets tsukuba, venus, teddy and cones.
-    folder : Path
-        A folder that exists: `chapter2.md`, `chapter2.json`, `figure-2.N.png` and `index.html` are written.
-    jobs : int, optional
-        Processor cores that may be used.
-    advance : callable, optional
-        Told the number of steps that have just been finished; there are `len(STEPS)`.
-
-    Returns
-    -------
-    list of Table
-        The tables.
-    """
+    """Measure the tables and draw the figures of chapter 2."""
     chapter = Chapter(data, jobs)
     for step in STEPS:
         step(chapter)
@@ -146,15 +98,7 @@ def reproduce(
 
 
 def write_chapter(folder: Path, chapter: Chapter) -> None:
-    """Write tables, figures and numbers, and a page of them.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists.
-    chapter : Chapter
-        What was made.
-    """
+    """Write tables, figures and numbers, and a page of them."""
     for number, picture in chapter.figures.items():
         write_png(folder / f"figure-{number}.png", picture)
     lines = [f"The baseline is {BASELINE_SETTINGS}.\n", *map(markdown, chapter.tables)]

@@ -30,18 +30,7 @@ Percent = Mapping[str, float]
 
 
 def table_2_1(measured: Mapping[str, Mapping[str, Percent]]) -> Table:
-    """Make table 2.1.
-
-    Parameters
-    ----------
-    measured : mapping
-        Bad pixels beyond 1 px, in per cent, by method, set and mask.
-
-    Returns
-    -------
-    Table
-        The rows of the thesis first; of ours pixels that are not occluded and those near discontinuities too.
-    """
+    """Make table 2.1."""
     head = ("bad pixels, all [%]", *SETS, "mean")
     rows = [(name, *_cells(values)) for name, values in THESIS_2_1.items()]
     for method, by_set in measured.items():
@@ -54,18 +43,7 @@ def table_2_1(measured: Mapping[str, Mapping[str, Percent]]) -> Table:
 
 
 def table_2_2(measured: Mapping[int, Percent]) -> Table:
-    """Make table 2.2.
-
-    Parameters
-    ----------
-    measured : mapping
-        Bad pixels beyond 1 px in per cent, by number of cameras and mask.
-
-    Returns
-    -------
-    Table
-        Of each number of cameras ours, then those of the thesis.
-    """
+    """Make table 2.2."""
     rows = []
     for cameras, percent in measured.items():
         rows.append((f"{cameras} cameras: {OURS}", f"{percent['all']:.2f}"))
@@ -77,20 +55,7 @@ def table_2_2(measured: Mapping[int, Percent]) -> Table:
 
 
 def table_2_3(num_pixels: int, measured: Mapping[int, tuple[int, int, int]]) -> Table:
-    """Make table 2.3.
-
-    Parameters
-    ----------
-    num_pixels : int
-        Of one disparity map.
-    measured : mapping
-        Values inside the reference frame, values beyond it, and layers, by number of cameras.
-
-    Returns
-    -------
-    Table
-        Beside the values of the thesis.
-    """
+    """Make table 2.3."""
     rows = [("disparity map", str(num_pixels), "0.0 %", "1", "–", *_thesis_2_3(1))]
     for cameras, (inside, beyond, layers) in measured.items():
         more = f"+{100.0 * (inside / num_pixels - 1.0):.1f} %"
@@ -101,18 +66,7 @@ def table_2_3(num_pixels: int, measured: Mapping[int, tuple[int, int, int]]) -> 
 
 
 def markdown(table: Table) -> str:
-    """Write a table for documents.
-
-    Parameters
-    ----------
-    table : Table
-        Cells without vertical bars.
-
-    Returns
-    -------
-    str
-        Lines of Markdown, with heading and caption.
-    """
+    """Write a table for documents."""
     rule = ["---"] * table.num_names + ["---:"] * (len(table.head) - table.num_names)
     lines = [table.head, rule, *table.rows]
     body = "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -10,18 +10,7 @@ from dvc.stereo.rectification.rectified_array import RectifiedArray, rectified_a
 
 
 def rectified_toy() -> RectifiedArray:
-    """Render the views in a process of its own, and rectify them by their cameras.
-
-    Returns
-    -------
-    RectifiedArray
-        Four views.
-
-    Raises
-    ------
-    DvcError
-        If they cannot be rendered.
-    """
+    """Render the views in a process of its own, and rectify them by their cameras."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "toy"
         command = [sys.executable, "-m", "sequences", "render", "toy", "--out", str(folder)]

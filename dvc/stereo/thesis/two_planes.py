@@ -15,15 +15,7 @@ _BACKGROUND, _SQUARE, _TEXTURE = 200.0, 60.0, 18.0
 
 
 def two_planes() -> tuple[CameraArray, list[NDArray[np.float64]]]:
-    """Make the three views.
-
-    Returns
-    -------
-    array : CameraArray
-        At m = -1, 0 and 1.
-    truth : list of ndarray of shape (H, W), float64
-        Disparity of every view.
-    """
+    """Make the three views."""
     rng = np.random.default_rng(24)
     far = np.clip(rng.normal(_BACKGROUND, _TEXTURE, (HEIGHT, WIDTH + 2 * FAR)), 0, 255).astype(np.uint8)
     near = np.clip(rng.normal(_SQUARE, _TEXTURE, (SIDE, SIDE)), 0, 255).astype(np.uint8)

@@ -36,82 +36,40 @@ _LIMIT = 1e4
 
 
 class Motion(NamedTuple):
-    """What both ends know of tracks in one direction of time, before an instant.
+    """What both ends know of tracks in one direction of time, before an instant."""
 
-    Attributes
-    ----------
-    first : ndarray of shape (N, 2), float64
-        Where the tracks begin.
-    place, velocity : ndarray of shape (N, 2), float64
-        Filtered position, and motion from the instant before.
-    magnitude : ndarray of shape (N,), float64
-        Of the residuals to expect.
-    neighbours : ndarray of shape (N, 8), int64
-        Nearest tracks before each one; -1: none.
-    weights : ndarray of shape (N, 8), float64
-        How much each of them tells.
-    learned : ndarray of shape (12,), float64
-        Mean magnitude of residuals, and squares of the coefficients of motion.
-    """
-
-    first: NDArray[np.float64]
-    place: NDArray[np.float64]
+    first: NDArray[np.float64]  # where the tracks begin
+    place: NDArray[np.float64]  # filtered position, and motion from the instant before
     velocity: NDArray[np.float64]
-    magnitude: NDArray[np.float64]
-    neighbours: NDArray[np.int64]
-    weights: NDArray[np.float64]
-    learned: NDArray[np.float64]
+    magnitude: NDArray[np.float64]  # of the residuals to expect
+    neighbours: NDArray[np.int64]  # nearest tracks before each one; -1: none
+    weights: NDArray[np.float64]  # how much each of them tells
+    learned: NDArray[np.float64]  # mean magnitude of residuals, and squares of the coefficients of motion
 
 
 class Instant(NamedTuple):
-    """What is found while an instant is coded.
+    """What is found while an instant is coded."""
 
-    Attributes
-    ----------
-    features : ndarray of shape (N, 10), float64
-        Of each track, before the instant.
-    starts, fits, predictions : ndarray of shape (N, 2), float64
-        Where the track would be under no new motion, under the motion that was found before it, and where it
-        is expected.
-    sizes : ndarray of shape (N,), float64
-        Magnitude of its residual.
-    known : ndarray of shape (N,), bool
-        Whether it is known at the instant.
-    coefficients : ndarray of shape (10, 2), float64
-        The new motion.
-    covariance : ndarray of shape (10 * 12,), float64
-        How uncertain it is, row by row; a row ends with two zeros.
-    gain : ndarray of shape (12,), float64
-        Covariance times the features of one track, and two zeros; room that is used again.
-    """
-
-    features: NDArray[np.float64]
+    features: NDArray[np.float64]  # of each track, before the instant
+    # where the track would be under no new motion, under the motion that was found before it, and where it is
+    # expected
     starts: NDArray[np.float64]
     fits: NDArray[np.float64]
     predictions: NDArray[np.float64]
-    sizes: NDArray[np.float64]
-    known: NDArray[np.bool_]
-    coefficients: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    sizes: NDArray[np.float64]  # magnitude of its residual
+    known: NDArray[np.bool_]  # whether it is known at the instant
+    coefficients: NDArray[np.float64]  # the new motion
+    covariance: NDArray[np.float64]  # how uncertain it is, row by row; a row ends with two zeros
+    # covariance times the features of one track, and two zeros; room that is used again
     gain: NDArray[np.float64]
 
 
 class Models(NamedTuple):
-    """Probabilities that adapt.
+    """Probabilities that adapt."""
 
-    Attributes
-    ----------
-    curves : ndarray of shape (5, 25), float64
-        Probability of a 1 in each stage by the one that was computed.
-    tables : ndarray of shape (3, 4096), float64
-        As `dvc.entropy.mixing.logistic_tables` returns them.
-    losses : ndarray of shape (3, 2), float64
-        Tracks that were lost, and all, in each context.
-    """
-
-    curves: NDArray[np.float64]
-    tables: NDArray[np.float64]
-    losses: NDArray[np.float64]
+    curves: NDArray[np.float64]  # probability of a 1 in each stage by the one that was computed
+    tables: NDArray[np.float64]  # as `dvc.entropy.mixing.logistic_tables` returns them
+    losses: NDArray[np.float64]  # tracks that were lost, and all, in each context
 
 
 # ---- first positions ----
@@ -166,11 +124,7 @@ def occupy(free, x, y, distance):
 
 @kernel
 def code_occupancy(coder, points, free, distance, told):
-    """Code points in column scan, cell by cell: whether there is one in each of the `free` cells.
-
-    `distance` of at least 1 is what all pairs keep; `told` (classes, 2) counts points found and expected, by
-    how many points are near. When reading, `points` (N, 2) receives them. Return whether there is room.
-    """
+    """Code points in column scan, cell by cell: whether there is one in each of the `free` cells."""
     count, k = points.shape[0], 0
     num_free = np.int64(free.sum())
     near = np.zeros(free.shape, np.uint8)
@@ -574,12 +528,7 @@ def code_instant(coder, models, motion, instant, units, t, num_given, sides, pix
 
 @kernel
 def code_instants(coder, models, motion, units, begin, num_given, sides, pixel):
-    """Code the tracks (N, T, 2) at the instants from `begin` on: all those before are known.
-
-    The first `num_given` are known to both sides: they only help to predict. When reading, `units` receives
-    the others. Return the instant up to which they are coded, as far as there is room for its symbols and the
-    data are not damaged; `OUTSIDE` if a track leaves the frame.
-    """
+    """Code the tracks (N, T, 2) at the instants from `begin` on: all those before are known."""
     instant = new_instant(units.shape[0])
     most = units.shape[0] * MAX_SYMBOLS
     for t in range(begin, units.shape[1]):

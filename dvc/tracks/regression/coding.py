@@ -44,28 +44,7 @@ _MAX_GUARD = 256
 def code_tracks(
     coder: RangeCoder, forward: Integers, backward: Integers, config: CodecConfig
 ) -> tuple[Integers, Integers]:
-    """Code tracks, each in its own direction of time.
-
-    Parameters
-    ----------
-    coder : RangeCoder
-        Where to write or to read.
-    forward, backward : ndarray of shape (N, T, 2), int64
-        Tracks in units of the last digit, in column scan of where they start; `LOST` where they are lost.
-        When reading, as many as there can be, of no meaning.
-    config : CodecConfig
-        Configuration of the stream.
-
-    Returns
-    -------
-    forward, backward : ndarray of shape (N, T, 2), int64
-        The tracks as they were coded; `LOST` where they are lost.
-
-    Raises
-    ------
-    BitstreamError
-        If the data are damaged.
-    """
+    """Code tracks, each in its own direction of time."""
     bound = config.tracks.num_points + 1
     num_forward, num_backward = (coder.uniform(bound, len(tracks)) for tracks in (forward, backward))
     models = _models()

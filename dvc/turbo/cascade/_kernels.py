@@ -59,10 +59,7 @@ def _is_odd(prefix, order, start, end):
 
 @kernel
 def _pass_range(orders, ranks, last, prefix, prior, messages, pending, order, span, num_orders, work):
-    """Bring the messages of one range, ``span = (start, end)``, up to date; mark what depends on them.
-
-    `work` is (3, N) float64. Returns the errors that are expected in the range by the other orders.
-    """
+    """Bring the messages of one range, ``span = (start, end)``, up to date; mark what depends on them."""
     start, end = span
     odds, soft, others = work[0], work[1], work[2]
     behind = -1.0 if _is_odd(prefix, order, start, end) else 1.0
@@ -202,10 +199,7 @@ def find_divisions(orders, prefix, last, prior, messages, stale, num_orders, div
 
 @kernel
 def choose_divisions(last, order, division, bias, max_bias, positions):
-    """Collect the divisions of an order with at most this bias; return how many, and what they tell.
-
-    What an answer tells is counted as 4 p (1 - p), near to its entropy.
-    """
+    """Collect the divisions of an order with at most this bias; return how many, and what they tell."""
     count, told = 0, 0.0
     start = 0
     while start < last.shape[1]:
@@ -234,10 +228,7 @@ def least_bias(last, bias, num_orders):
 
 @kernel
 def lay_out(orders, order, odds, max_bias, positions):
-    """Divide an order into ranges, each with as many bits as bring 1 - 2 P(odd) down to `max_bias`.
-
-    Returns how many divisions there are; a range that is left over is joined with the one before.
-    """
+    """Divide an order into ranges, each with as many bits as bring 1 - 2 P(odd) down to `max_bias`."""
     count, bias = 0, 1.0
     for j in range(odds.size):
         x = odds[orders[order, j]]
@@ -290,10 +281,7 @@ def range_keys(orders, last, num_orders, keys):
 
 @kernel
 def pair_odds(by_key, keys, prior, odds):
-    """Add up the odds of all pairs of further errors that no parity shows: both bits in the same ranges.
-
-    by_key : (N,) int64, bits in order of their keys.
-    """
+    """Add up the odds of all pairs of further errors that no parity shows: both bits in the same ranges."""
     total, single, squares = 0.0, 0.0, 0.0
     for i in range(by_key.size):
         bit = by_key[i]
@@ -319,9 +307,7 @@ def expected_errors(odds):
 @kernel
 def add_neighbours(deviation, alone, shift, slope, surprise, widening, weights, causal, llr):
     """Write LLRs with what is believed of neighbours added; all (rows, columns) float64 but `weights` (3,).
-
-    deviation : probability of a 1, beyond that of the bit alone.
-    causal : whether only the neighbours to the left and above are known.
+    Write LLRs with what is believed of neighbours added; all (rows, columns) float64 but `weights` (3,).
     """
     rows, columns = alone.shape
     for r in range(rows):

@@ -16,33 +16,17 @@ Bits = NDArray[np.uint8]
 @dataclass(frozen=True)
 class NeighbourCoupling:
     """A plane as an Ising model: a bit says by how much its neighbours are shifted, and how far they spread.
-
-    Each bit has an LLR alone. What is believed of its neighbours beyond theirs is added, in first order: a
-    mean field.
-
-    Attributes
-    ----------
-    alone : ndarray of shape (rows, columns), float64
-        LLR log p(0) / p(1) of each bit where nothing is known of its neighbours.
-    shift : ndarray of shape (rows, columns), float64
-        What a bit of 1, in place of 0, tells of the values of its neighbours.
-    slope : ndarray of shape (rows, columns), float64
-        By how much the LLR changes with what neighbours tell so.
-    energy : ndarray of shape (rows, columns), float64
-        Square of what a bit tells so of its own value, in squared scales; where there is more of it than was
-        to be expected, values of neighbours spread further.
-    widening : ndarray of shape (rows, columns), float64
-        By how much the LLR changes with the energy of neighbours beyond what was expected.
-    weights : ndarray of shape (3,), float64
-        Of shifts from the sides, of those from above and below, and of energies.
+    A plane as an Ising model: a bit says by how much its neighbours are shifted, and how far they spread.
     """
 
-    alone: Array
-    shift: Array
-    slope: Array
+    alone: Array  # LLR log p(0) / p(1) of each bit where nothing is known of its neighbours
+    shift: Array  # what a bit of 1, in place of 0, tells of the values of its neighbours
+    slope: Array  # by how much the LLR changes with what neighbours tell so
+    # square of what a bit tells so of its own value, in squared scales; where there is more of it than was to
+    # be expected, values of neighbours spread further
     energy: Array
-    widening: Array
-    weights: Array
+    widening: Array  # by how much the LLR changes with the energy of neighbours beyond what was expected
+    weights: Array  # of shifts from the sides, of those from above and below, and of energies
 
     @cached_property
     def probability_alone(self) -> Array:
@@ -58,33 +42,11 @@ class NeighbourCoupling:
         return self.energy * (1.0 - 2.0 * self.probability_alone)
 
     def llr_given(self, probability: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Return the LLR of each bit, given what is believed of its neighbours.
-
-        Parameters
-        ----------
-        probability : ndarray of shape (N,), float
-            Of a 1, for each bit.
-
-        Returns
-        -------
-        ndarray of shape (N,), float32
-            LLR log p(0) / p(1).
-        """
+        """Return the LLR of each bit, given what is believed of its neighbours."""
         return self._llr(probability, causal=False)
 
     def llr_in_sequence(self, bits: Bits) -> NDArray[np.float32]:
-        """Return the LLR of each bit, given those before it in raster order: such that they make a code.
-
-        Parameters
-        ----------
-        bits : ndarray of shape (N,), uint8
-            The plane.
-
-        Returns
-        -------
-        ndarray of shape (N,), float32
-            LLR log p(0) / p(1).
-        """
+        """Return the LLR of each bit, given those before it in raster order: such that they make a code."""
         return self._llr(bits, causal=True)
 
     def _llr(self, probability: NDArray[np.floating] | Bits, causal: bool) -> NDArray[np.float32]:

@@ -23,34 +23,13 @@ SEARCH_BITS = 6
 
 
 def joint_check(checks: Bits | NDArray[np.uint64]) -> Bits:
-    """Return check bits of several planes together.
-
-    Parameters
-    ----------
-    checks : ndarray of shape (planes, crc_bits), uint8 or uint64
-        Check bits of each plane.
-
-    Returns
-    -------
-    ndarray of shape (crc_bits,), uint8
-        Check bits of these, one plane after the other; the same error in two planes does not cancel out.
-    """
+    """Return check bits of several planes together."""
     words = checks.astype(np.uint64, copy=False).ravel()
     return crc_words(words, checks.shape[1]).astype(np.uint8)
 
 
 class CascadeDecoder:
-    """Decodes the planes of one frame after another.
-
-    Parameters
-    ----------
-    settings : CascadeSettings
-        How sure to be of a frame.
-    num_bits : int
-        Length N of the planes.
-    seed : int
-        Seed of the orders that encoder and decoder share.
-    """
+    """Decodes the planes of one frame after another."""
 
     cost = PlaneCost(1.06, 6.0)
 
@@ -65,50 +44,14 @@ class CascadeDecoder:
         place: tuple[int, int] = (0, 0),
         coupling: NeighbourCoupling | None = None,
     ) -> PlaneCoroutine:
-        """Decode a plane as a coroutine: it yields requests and is sent the bits.
-
-        Parameters
-        ----------
-        llr_ch : ndarray of shape (N,), float
-            Side information as LLR log p(0) / p(1) of every bit.
-        place : tuple of two int, optional
-            Numbers of the frame, and of the plane in it.
-        coupling : NeighbourCoupling, optional
-            How bits depend on each other, where they do.
-
-        Yields
-        ------
-        ParityRequest
-            Wanted bits.
-
-        Returns
-        -------
-        PlaneResult
-            The plane, most likely right.
-        """
+        """Decode a plane as a coroutine: it yields requests and is sent the bits."""
         plane = PlaneReconciliation(llr_ch, self._settings, place, coupling)
         result = yield from plane.decode(self._posterior)
         self._planes[place[1]] = plane, result
         return result
 
     def check(self, frame: int = 0) -> Generator[ParityRequest, Bits, FrameCheck]:
-        """Check all planes since the last check together, and correct those that are wrong.
-
-        Parameters
-        ----------
-        frame : int, optional
-            Number of the frame.
-
-        Yields
-        ------
-        ParityRequest
-            Wanted bits.
-
-        Returns
-        -------
-        FrameCheck
-            The planes that were wrong, and what it cost.
-        """
+        """Check all planes since the last check together, and correct those that are wrong."""
         planes, self._planes = self._planes, {}
         if not planes:
             return FrameCheck()

@@ -28,18 +28,7 @@ SCALE_STRENGTH = 5.0
 
 
 class RangePosterior:
-    """Beliefs of errors, by the prior and by what was answered so far.
-
-    The errors of one order alone, in ranges of known parity, are a Markov chain of two states, so that their
-    beliefs are exact; between orders they are passed on as in the decoding of sparse parity checks.
-
-    Parameters
-    ----------
-    num_bits : int
-        Length N of the planes.
-    seed : int
-        Seed of the orders that encoder and decoder share.
-    """
+    """Beliefs of errors, by the prior and by what was answered so far."""
 
     def __init__(self, num_bits: int, seed: int) -> None:
         self._orders, self._ranks = bit_orders(num_bits, seed)
@@ -86,15 +75,7 @@ class RangePosterior:
         return float(_kernels.expected_errors(self._all_odds())[1])
 
     def start(self, llr_ch: NDArray[np.float32], coupling: NeighbourCoupling | None = None) -> None:
-        """Begin a new plane.
-
-        Parameters
-        ----------
-        llr_ch : ndarray of shape (N,), float32
-            Side information as LLR log p(0) / p(1) of every bit, less than 80 in magnitude.
-        coupling : NeighbourCoupling, optional
-            How bits depend on each other, where they do.
-        """
+        """Begin a new plane."""
         self._first_decisions = (llr_ch < 0).astype(np.uint8)
         self._coupling = coupling
         self._llr = llr_ch
@@ -116,17 +97,7 @@ class RangePosterior:
         return wrong.astype(np.float64) / right
 
     def add_answers(self, order: int, positions: Positions, bits: Bits) -> None:
-        """Take in parities.
-
-        Parameters
-        ----------
-        order : int
-            Their order: one that was used before, or the next one.
-        positions : ndarray of shape (n,), int64
-            Increasing positions.
-        bits : ndarray of shape (n,), uint8
-            Parity of the plane's bits up to, and including, each position of the order.
-        """
+        """Take in parities."""
         if order == self.num_orders:
             self.num_orders += 1
             self._prefix[order, -1] = self._prefix[0, -1]  # every order ends with the parity of the plane
@@ -141,20 +112,7 @@ class RangePosterior:
         )  # fmt: skip
 
     def propagate(self, max_sweeps: int, share: float) -> int:
-        """Pass beliefs between bits and ranges until nothing changes any more.
-
-        Parameters
-        ----------
-        max_sweeps : int
-            Most sweeps over all ranges with changes.
-        share : float
-            Change of the errors expected in a range, as a share of them, from which on it is passed on.
-
-        Returns
-        -------
-        int
-            Sweeps done.
-        """
+        """Pass beliefs between bits and ranges until nothing changes any more."""
         sweeps = _kernels.propagate(
             self._orders, self._ranks, self._last, self._prefix, self._prior, self._messages,
             self._pending, self._mass, self._stale, self.num_orders, max_sweeps, share, self._work,
@@ -170,13 +128,7 @@ class RangePosterior:
         return self._odds
 
     def rescale(self) -> bool:
-        """Let the prior expect as many errors as the beliefs do, all of its odds by the same factor.
-
-        Returns
-        -------
-        bool
-            Whether that was worth doing; beliefs have to be passed on again then.
-        """
+        """Let the prior expect as many errors as the beliefs do, all of its odds by the same factor."""
         found = float(_kernels.expected_errors(self._all_odds())[0])
         scale = (found + SCALE_STRENGTH) / (self._expected + SCALE_STRENGTH)
         change = scale / self._scale
@@ -188,18 +140,7 @@ class RangePosterior:
         return True
 
     def couple(self, max_llr: float) -> bool:
-        """Let the prior of each bit follow from what is believed of its neighbours.
-
-        Parameters
-        ----------
-        max_llr : float
-            Bound on the magnitude of its LLR.
-
-        Returns
-        -------
-        bool
-            Whether that was worth doing; beliefs have to be passed on again then.
-        """
+        """Let the prior of each bit follow from what is believed of its neighbours."""
         if self._coupling is None:
             return False
         odds = self._all_odds()
@@ -227,18 +168,7 @@ class RangePosterior:
         self._stale[: self.num_orders] = 1
 
     def divisions(self, max_bias: float) -> tuple[int, Positions] | None:
-        """Choose what to ask next of an order that is in use.
-
-        Parameters
-        ----------
-        max_bias : float
-            Greatest 2 |p - 1/2| of an answer that is worth its bit.
-
-        Returns
-        -------
-        tuple of int and ndarray of shape (n,), int64, or None
-            The order whose answers tell most, and positions, one in each of its ranges that is worth it.
-        """
+        """Choose what to ask next of an order that is in use."""
         self._find_divisions()
         best, chosen = 0.0, None
         for order in range(self.num_orders):
@@ -252,26 +182,7 @@ class RangePosterior:
     def batch(
         self, share: float, surplus_bits: float, max_bias: float, new_bias: float
     ) -> list[tuple[int, Positions]]:
-        """Choose what to ask next at once, of several orders.
-
-        Parameters
-        ----------
-        share : float
-            What the answers are to tell, as a share of what is not known.
-        surplus_bits : float
-            Bits that they are to tell beyond that; above 0, where orders in use do not tell enough, the next
-            one is laid out too, if that is not more than enough.
-        max_bias : float
-            Greatest 2 |p - 1/2| of an answer that is worth its bit.
-        new_bias : float
-            As `new_order` takes it, for an order that is laid out; without surplus bits none is as long as
-            a range of an order in use is worth dividing.
-
-        Returns
-        -------
-        list of (int, ndarray of shape (n,), int64)
-            Orders, in order, and positions, as from `divisions`; empty if nothing is worth it.
-        """
+        """Choose what to ask next at once, of several orders."""
         unknown = float(_kernels.remaining_entropy(self._all_odds()))
         wanted = max(share * unknown + surplus_bits, MIN_BATCH)
         found, told = self._divisions_that_tell(wanted, max_bias)
@@ -310,13 +221,7 @@ class RangePosterior:
         return found, float(told[count - 1]) if count else 0.0
 
     def best_divisions(self) -> tuple[int, Positions] | None:
-        """Choose what to ask where nothing tells much: all that tells at least half as much as the best.
-
-        Returns
-        -------
-        tuple of int and ndarray of shape (n,), int64, or None
-            As from `divisions`; none if nothing tells anything.
-        """
+        """Choose what to ask where nothing tells much: all that tells at least half as much as the best."""
         self._find_divisions()
         bias, _ = _kernels.least_bias(self._last, self._bias, self.num_orders)
         return None if bias >= CERTAIN else self.divisions(math.sqrt(0.5 + 0.5 * bias * bias))
@@ -328,18 +233,7 @@ class RangePosterior:
         )  # fmt: skip
 
     def new_order(self, max_bias: float) -> tuple[int, Positions] | None:
-        """Choose what to ask of the next order.
-
-        Parameters
-        ----------
-        max_bias : float
-            Ranges have as many bits as bring 2 |p - 1/2| of their parity down to this.
-
-        Returns
-        -------
-        tuple of int and ndarray of shape (n,), int64, or None
-            The order and positions; none if there is no order left or one range would be all.
-        """
+        """Choose what to ask of the next order."""
         return self._lay_out(self.num_orders, max_bias) if self.orders_left else None
 
     def _lay_out(self, order: int, max_bias: float) -> tuple[int, Positions] | None:
@@ -351,16 +245,7 @@ class RangePosterior:
 
     def partition(self, num_ranges: int) -> tuple[int, Positions] | None:
         """Divide the next order, or once all are in use the last one, evenly: that shows errors of any kind.
-
-        Parameters
-        ----------
-        num_ranges : int
-            Ranges of a new order; the last one gets twice as many as it has.
-
-        Returns
-        -------
-        tuple of int and ndarray of shape (n,), int64, or None
-            The order and the positions; none if all is known.
+        Divide the next order, or once all are in use the last one, evenly: that shows errors of any kind.
         """
         order = min(self.num_orders, len(self._orders) - 1)
         if order == self.num_orders:
@@ -374,26 +259,13 @@ class RangePosterior:
         return (order, positions) if positions.size else None
 
     def is_satisfied(self) -> bool:
-        """Say whether the decisions agree with all parities.
-
-        Returns
-        -------
-        bool
-            Whether they do.
-        """
+        """Say whether the decisions agree with all parities."""
         return not _kernels.num_unsatisfied(
             self._orders, self._last, self._prefix, self._all_odds(), self.num_orders
         )
 
     def doubt(self) -> float:
-        """Return the odds against decisions that agree with all parities.
-
-        Returns
-        -------
-        float
-            Odds of further errors by the beliefs, and of pairs of errors that no parity shows: beliefs that
-            go round in circles of ranges make too little of those.
-        """
+        """Return the odds against decisions that agree with all parities."""
         if not self.num_orders:
             return self.expected_errors
         _kernels.range_keys(self._orders, self._last, self.num_orders, self._keys)

@@ -63,24 +63,7 @@ Question = list[tuple[int, Positions]]
 
 
 class PlaneReconciliation:
-    """State of one plane while it is decoded, and for as long as it may turn out to be wrong.
-
-    Parameters
-    ----------
-    llr_ch : ndarray of shape (N,), float
-        Side information as LLR log p(0) / p(1) of every bit.
-    settings : CascadeSettings
-        How sure to be.
-    place : tuple of two int, optional
-        Numbers of the frame, and of the plane in it, which requests carry.
-    coupling : NeighbourCoupling, optional
-        How bits depend on each other, where they do.
-
-    Raises
-    ------
-    ValueError
-        If the LLRs are not numbers.
-    """
+    """State of one plane while it is decoded, and for as long as it may turn out to be wrong."""
 
     def __init__(
         self,
@@ -106,46 +89,14 @@ class PlaneReconciliation:
         self._surprises = 0
 
     def decode(self, posterior: RangePosterior) -> PlaneCoroutine:
-        """Decode the plane as a coroutine: it yields requests and is sent the bits.
-
-        Parameters
-        ----------
-        posterior : RangePosterior
-            Beliefs, to be used for this plane until it is decoded.
-
-        Yields
-        ------
-        ParityRequest
-            Wanted bits; the coroutine must be sent a uint8 array of `count` bits.
-
-        Returns
-        -------
-        PlaneResult
-            The plane.
-        """
+        """Decode the plane as a coroutine: it yields requests and is sent the bits."""
         if self._entropy_bits >= self._settings.uncoded_entropy * self._llr.size:
             return (yield from self._fetch())
         posterior.start(self._llr, self._coupling)
         return (yield from self._go_on(posterior, math.ceil(self._settings.error_exponent)))
 
     def correct(self, posterior: RangePosterior) -> PlaneCoroutine:
-        """Decode the plane again, and let all check bits confirm it; nothing is asked for twice.
-
-        Parameters
-        ----------
-        posterior : RangePosterior
-            Beliefs, to be used for this plane until it is decoded.
-
-        Yields
-        ------
-        ParityRequest
-            Wanted bits.
-
-        Returns
-        -------
-        PlaneResult
-            The plane, with all that it has cost.
-        """
+        """Decode the plane again, and let all check bits confirm it; nothing is asked for twice."""
         posterior.start(self._llr, self._coupling)
         for order, positions, bits in self._answers:
             posterior.add_answers(order, positions, bits)

@@ -105,11 +105,7 @@ def _separate_all(line, shift, start, orders, num_thrice, sums):
 
 @kernel
 def add_orders(row, shifts, starts, bits, num_thrice, folded, sums):
-    """Add planes of a row of words to the syndrome as if no two places of a bit met.
-
-    All of them stand in the same orders: they are brought there together, and each is then added from its own
-    start on.
-    """
+    """Add planes of a row of words to the syndrome as if no two places of a bit met."""
     last, eight = bits.shape[0] - 1, np.empty(folded.size, np.uint8)
     for j in range(bits.shape[0]):
         _fold(row, bits[j], num_thrice if j == last else row.size, folded)
@@ -167,10 +163,7 @@ def _receive(messages, first_bit, n, received):
 
 @kernel
 def from_numbers(lowest, probabilities, count, depth, outliers, received, odds):
-    """Turn odds of the bits of one number into odds by these and by the prior of the number.
-
-    The number lies among `count` candidates from `lowest` up, or, with probability `outliers`, anywhere.
-    """
+    """Turn odds of the bits of one number into odds by these and by the prior of the number."""
     anywhere = outliers
     for q in range(depth):
         anywhere *= 0.5 * (1.0 + received[q])
@@ -192,10 +185,7 @@ def from_numbers(lowest, probabilities, count, depth, outliers, received, odds):
 
 @kernel
 def update_numbers(lowest, counts, probabilities, first_bit, outliers, messages, certainties, odds):
-    """Update all bits of a band: `odds` of a one, and what each tells its syndrome bits (`certainties`).
-
-    Bit q of number n is `first_bit[q] + n`; `messages` are the odds that its syndrome bits tell it.
-    """
+    """Update all bits of a band: `odds` of a one, and what each tells its syndrome bits (`certainties`)."""
     depth, num_edges = first_bit.size, messages.shape[1]
     received, found = np.empty(depth), np.empty(depth)
     for n in range(lowest.size):

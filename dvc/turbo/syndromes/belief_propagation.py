@@ -31,41 +31,16 @@ _PROGRESS = 0.98
 
 @dataclass(frozen=True, eq=False)
 class NumberPriors:
-    """Where the numbers of a band are likely to be.
+    """Where the numbers of a band are likely to be."""
 
-    Attributes
-    ----------
-    depth : int
-        Bits of each number, at least 1.
-    lowest : ndarray of shape (N,), int64
-        The least candidate of each number.
-    counts : ndarray of shape (N,), int64
-        How many candidates follow one another from there.
-    probabilities : ndarray of shape (N, K), float32
-        Of the candidates; they add up to 1 - `outliers`.
-    outliers : float
-        Probability that a number is none of these; then all are equally likely.
-    """
-
-    depth: int
-    lowest: NDArray[np.int64]
-    counts: NDArray[np.int64]
-    probabilities: NDArray[np.float32]
-    outliers: float
+    depth: int  # bits of each number, at least 1
+    lowest: NDArray[np.int64]  # the least candidate of each number
+    counts: NDArray[np.int64]  # how many candidates follow one another from there
+    probabilities: NDArray[np.float32]  # of the candidates; they add up to 1 - `outliers`
+    outliers: float  # probability that a number is none of these; then all are equally likely
 
     def ideal_bits(self, numbers: NDArray[np.int64]) -> float:
-        """Return the ideal code length of numbers.
-
-        Parameters
-        ----------
-        numbers : ndarray of shape (N,), int64
-            The numbers.
-
-        Returns
-        -------
-        float
-            In bits.
-        """
+        """Return the ideal code length of numbers."""
         places = numbers - self.lowest
         among = (places >= 0) & (places < self.counts)
         likely = self.probabilities[np.arange(numbers.size), np.where(among, places, 0)]
@@ -75,23 +50,12 @@ class NumberPriors:
 
 @dataclass(frozen=True, eq=False)
 class DecodedBlock:
-    """What decoding of a block found.
+    """What decoding of a block found."""
 
-    Attributes
-    ----------
-    bits : ndarray of shape (P, N), uint8
-        Its planes.
-    success : bool
-        Whether they have the syndrome that was sent.
-    num_iterations : int
-        Iterations of belief propagation.
-    beliefs : tuple of ndarray of shape (N, K), float32
-        Without success, the probabilities of the candidates of each band by its last priors and the syndrome.
-    """
-
-    bits: Bits
-    success: bool
-    num_iterations: int
+    bits: Bits  # its planes
+    success: bool  # whether they have the syndrome that was sent
+    num_iterations: int  # iterations of belief propagation
+    # without success, the probabilities of the candidates of each band by its last priors and the syndrome
     beliefs: tuple[NDArray[np.float32], ...] = ()
 
 
@@ -102,30 +66,7 @@ Learn = Callable[[Sequence[NDArray[np.float32]]], Sequence[NumberPriors]]
 def decode_block(
     graph: SyndromeGraph, syndrome: Bits, bands: Sequence[NumberPriors], learn: Learn | None = None
 ) -> DecodedBlock:
-    """Find the likely planes that have a syndrome.
-
-    Parameters
-    ----------
-    graph : SyndromeGraph
-        The code.
-    syndrome : ndarray of shape (M,), uint8
-        What was received.
-    bands : sequence of NumberPriors
-        Priors of the bands of the block; their planes follow one another as in the block, most significant
-        first.
-    learn : callable, optional
-        Makes better priors of beliefs, every `LEARNING_PERIOD` iterations.
-
-    Returns
-    -------
-    DecodedBlock
-        The planes.
-
-    Raises
-    ------
-    ValueError
-        If the bands have not as many planes as the block, or the syndrome is not as long as it says.
-    """
+    """Find the likely planes that have a syndrome."""
     if sum(band.depth for band in bands) != len(graph.planes) or syndrome.size != graph.num_checks:
         raise ValueError(
             f"{len(graph.planes)} planes with a syndrome of {graph.num_checks} bits, got priors of "

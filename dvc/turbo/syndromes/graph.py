@@ -28,21 +28,10 @@ NUM_EDGES = 3
 
 
 class Sparsity(NamedTuple):
-    """How many bits of a block take part in two bits of the syndrome only, by the rate of its code.
+    """How many bits of a block take part in two bits of the syndrome only, by the rate of its code."""
 
-    They are what makes codes of high rate good, most where planes of one band tell of each other besides; two
-    with the same syndrome bits cannot be told apart, of which there are many at low rates.
-
-    Attributes
-    ----------
-    max_share : float
-        Greatest share of bits, in [0, 1].
-    rates : tuple of two float
-        Bits of the syndrome for each bit of the block, from which on some do, and from which on as many as
-        may.
-    """
-
-    max_share: float
+    max_share: float  # greatest share of bits, in [0, 1]
+    # bits of the syndrome for each bit of the block, from which on some do, and from which on as many as may
     rates: tuple[float, float]
 
 
@@ -52,27 +41,13 @@ MIXED = Sparsity(0.5, (0.03, 0.10))
 
 @dataclass(frozen=True)
 class SyndromeGraph:
-    """The code of one block.
+    """The code of one block."""
 
-    Attributes
-    ----------
-    num_bits : int
-        Length N of a plane.
-    planes : tuple of int
-        Numbers of the planes of the block in their frame, in decoding order.
-    num_checks : int
-        Length M of the syndrome.
-    seed : int
-        Seed that encoder and decoder share.
-    sparsity : Sparsity
-        How many of its bits take part in two syndrome bits only.
-    """
-
-    num_bits: int
-    planes: tuple[int, ...]
-    num_checks: int
-    seed: int
-    sparsity: Sparsity = MIXED
+    num_bits: int  # length N of a plane
+    planes: tuple[int, ...]  # numbers of the planes of the block in their frame, in decoding order
+    num_checks: int  # length M of the syndrome
+    seed: int  # seed that encoder and decoder share
+    sparsity: Sparsity = MIXED  # how many of its bits take part in two syndrome bits only
 
     def __post_init__(self) -> None:
         """Refuse blocks without bits, and syndromes of which no bit could take part in several."""
@@ -101,13 +76,7 @@ class SyndromeGraph:
         return (keys % np.uint64(self.num_checks)).astype(np.int64)
 
     def edges(self) -> NDArray[np.int32]:
-        """List the syndrome bits of every bit.
-
-        Returns
-        -------
-        ndarray of shape (len(planes), N, NUM_EDGES), int32
-            Numbers of syndrome bits, all of a bit distinct; -1 for the third where there are two.
-        """
+        """List the syndrome bits of every bit."""
         edges = np.empty((len(self.planes), self.num_bits, NUM_EDGES), np.int32)
         places = bit_places(self.num_bits, self.seed)
         _kernels.list_edges(places, self.starts, self.num_thrice, self.num_checks, edges)
@@ -122,62 +91,26 @@ def _start_keys(seed: int, num_rows: int) -> NDArray[np.uint64]:
 
 @lru_cache(maxsize=8)
 def bit_places(num_bits: int, seed: int) -> NDArray[np.int32]:
-    """Return where each bit of a plane stands in the orders in which they meet syndrome bits.
-
-    Parameters
-    ----------
-    num_bits : int
-        Length N of the plane.
-    seed : int
-        Seed that encoder and decoder share.
-
-    Returns
-    -------
-    ndarray of shape (N, NUM_EDGES), int32
-        Place in each order; read-only.
-    """
+    """Return where each bit of a plane stands in the orders in which they meet syndrome bits."""
     places = np.stack([random_permutation((seed << 8) + j, num_bits) for j in range(NUM_EDGES)], axis=1)
     places.flags.writeable = False
     return places
 
 
 class BitOrders(NamedTuple):
-    """The orders in which bits of a plane meet syndrome bits, and which bits may meet one twice.
+    """The orders in which bits of a plane meet syndrome bits, and which bits may meet one twice."""
 
-    Attributes
-    ----------
-    places : ndarray of shape (N, NUM_EDGES), int32
-        Place of each bit in each order.
-    bits : ndarray of shape (NUM_EDGES, N), int32
-        Bit at each place.
-    by_difference : ndarray of shape (NUM_EDGES, N), int32
-        Bits by the difference of their places in the first and the second order of each of `PAIRS`.
-    first : ndarray of shape (NUM_EDGES, 2 * N), int32
-        Those of difference d are at ``first[d + N - 1]`` and the following, up to ``first[d + N]``.
-    """
-
-    places: NDArray[np.int32]
-    bits: NDArray[np.int32]
+    places: NDArray[np.int32]  # place of each bit in each order
+    bits: NDArray[np.int32]  # bit at each place
+    # bits by the difference of their places in the first and the second order of each of `PAIRS`
     by_difference: NDArray[np.int32]
+    # those of difference d are at ``first[d + N - 1]`` and the following, up to ``first[d + N]``
     first: NDArray[np.int32]
 
 
 @lru_cache(maxsize=8)
 def bit_orders(num_bits: int, seed: int) -> BitOrders:
-    """Return the orders in which bits of a plane meet syndrome bits.
-
-    Parameters
-    ----------
-    num_bits : int
-        Length N of the plane.
-    seed : int
-        Seed that encoder and decoder share.
-
-    Returns
-    -------
-    BitOrders
-        What `bit_places` tells, and what follows from it.
-    """
+    """Return the orders in which bits of a plane meet syndrome bits."""
     places = bit_places(num_bits, seed)
     differences = (places[:, _kernels.PAIRS[:, 0]] - places[:, _kernels.PAIRS[:, 1]]).T
     by_difference = differences.argsort(axis=1, kind="stable").astype(np.int32)
@@ -187,20 +120,7 @@ def bit_orders(num_bits: int, seed: int) -> BitOrders:
 
 
 def syndrome(words: Words, graph: SyndromeGraph) -> Bits:
-    """Add up bits of a block, modulo 2.
-
-    Parameters
-    ----------
-    words : ndarray of shape (W, N), uint64
-        Bit planes of a frame: plane p stands in bit 63 - p % 64 of row p // 64.
-    graph : SyndromeGraph
-        Which bits are added up.
-
-    Returns
-    -------
-    ndarray of shape (graph.num_checks,), uint8
-        The syndrome.
-    """
+    """Add up bits of a block, modulo 2."""
     sums = np.empty(graph.num_checks, np.uint8)
     orders = bit_orders(graph.num_bits, graph.seed)
     _kernels.add_planes(words, np.array(graph.planes), orders, graph.starts, graph.num_thrice, sums)

@@ -15,10 +15,7 @@ _CRC, _PARITY, _JOINT = (KINDS.index(kind) for kind in ("crc", "parity", "joint"
 
 @kernel
 def _place_to_take(first, owners, last_use, now, patience):
-    """Return a place for parity: from `first` on, below which all are in use, one free or long out of use.
-
-    Else it is one of the frame that was asked for longest ago, or -1 if all frames are asked for now.
-    """
+    """Return a place for parity: from `first` on, below which all are in use, one free or long out of use."""
     for place in range(first, owners.shape[0]):
         slot = owners[place, 0]
         if slot < 0 or last_use[slot] < now - patience:
@@ -34,14 +31,7 @@ def _place_to_take(first, owners, last_use, now, patience):
 def _missing_parity(
     rows, positions, first_row, num_bits, num_planes, places, owners, last_use, now, patience, missing
 ):
-    """List the parity that requests from `first_row` on need and that is not known; return how much.
-
-    Return also the first request whose parity is not there then: none, unless a plane is none of its
-    frame's, or no place is left. By slot: `num_planes` (S,); `places` (S, W, C) of parity by row of words
-    and code, -1: not known; `last_use` (S,) of parity. By place: `owners` (P, 3), slot, row and code, -1:
-    none. All but the first are brought up to date. `now` counts calls; places of frames that were not used
-    in `patience` of them may be taken. `missing` receives slot, row, code and place of each.
-    """
+    """List the parity that requests from `first_row` on need and that is not known; return how much."""
     count, place = 0, -1
     start = rows[first_row - 1, LAST] if first_row > 0 else 0
     for n in range(first_row, rows.shape[0]):
@@ -96,9 +86,7 @@ def answer_requests(
     rows, positions, first_row, last_row, words, checks, places, parity, polynomial, written, packed
 ):
     """Write the bits that requests before `last_row` want behind those `written`; return how many there are.
-
-    By slot: `words` (S, W, N), the planes, `checks` (S, W, crc bits) and `places` (S, W, C) of parity. By
-    place: `parity` (P, N).
+    Write the bits that requests before `last_row` want behind those `written`; return how many there are.
     """
     one, num_bits = np.uint64(1), words.shape[2]
     begin = rows[first_row - 1, LAST] if first_row > 0 else 0
@@ -135,11 +123,7 @@ def answer_known(
     rows, positions, first_row, num_planes, places, owners, last_use, now, patience, missing, words, checks,
     parity, polynomial, written, packed,
 ):  # fmt: skip
-    """Answer requests from `first_row` on; where parity is missing, list it instead, and write nothing.
-
-    Returns how much is missing, the first request that was left, and the number of bits written; all else as
-    in `_missing_parity` and `answer_requests`.
-    """
+    """Answer requests from `first_row` on; where parity is missing, list it instead, and write nothing."""
     count, last_row = _missing_parity(
         rows, positions, first_row, words.shape[2], num_planes, places, owners, last_use, now, patience,
         missing,

@@ -21,20 +21,7 @@ asked for longest ago gives way, and is computed again when it is needed."""
 
 
 class OpenFrames:
-    """Frames of which bits may be asked for; parity of a code is computed when it is first asked for.
-
-    Many frames may be open, but decoders work at few of them at a time: only these keep their parity, and
-    no more of it than `MAX_PARITY_BYTES`.
-
-    Parameters
-    ----------
-    layout : FrameLayout
-        Layout of the frames.
-    encoders : sequence of callable
-        What computes the parity of each code, from `turbo.parity_encoders`.
-    num_slots : int
-        Places for frames, which take memory once they are used.
-    """
+    """Frames of which bits may be asked for; parity of a code is computed when it is first asked for."""
 
     def __init__(self, layout: FrameLayout, encoders: Sequence[turbo.ParityEncoder], num_slots: int) -> None:
         self._encoders = encoders
@@ -53,15 +40,7 @@ class OpenFrames:
         self._num_passes = 0
 
     def enter(self, slot: int, frame: EncodedFrame) -> None:
-        """Hold a frame, in place of any other that was held there.
-
-        Parameters
-        ----------
-        slot : int
-            Where.
-        frame : EncodedFrame
-            The frame.
-        """
+        """Hold a frame, in place of any other that was held there."""
         num_rows = len(frame.words)
         self._num_planes[slot] = frame.quantization.num_planes
         self._words[slot, :num_rows] = frame.words
@@ -71,23 +50,7 @@ class OpenFrames:
         places[:] = -1
 
     def answer(self, table: turbo.RequestTable) -> bytes:
-        """Return the bits that requests ask for.
-
-        Parameters
-        ----------
-        table : RequestTable
-            The requests, in bounds for all frames of the layout, with the slots of their frames.
-
-        Returns
-        -------
-        bytes
-            The bits, one request's after the other's, filled up to a byte with zeros.
-
-        Raises
-        ------
-        ValueError
-            If a frame has fewer planes.
-        """
+        """Return the bits that requests ask for."""
         rows, positions, num_bits = table
         packed = np.empty(-(-num_bits // 8), np.uint8)
         done = written = 0

@@ -56,10 +56,7 @@ def test_many_answers_are_those_of_the_buffered_form(
     seed: int,
     data: st.DataObject,
 ) -> None:
-    """Any requests for two frames, together, get the bits that buffered payloads have for each.
-
-    It is the same where there is room for the parity of one frame alone.
-    """
+    """Any requests for two frames, together, get the bits that buffered payloads have for each."""
     monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", max_parity_bytes)
     frames = [encoded_frame(layout, seed + number, family=family) for number in range(2)]
     codes = turbo.num_codes(family)

@@ -54,27 +54,13 @@ FIGURE_TITLES = {
 
 @dataclass
 class MaterialResult:
-    """What was measured on a map and its picture.
+    """What was measured on a map and its picture."""
 
-    Attributes
-    ----------
-    material : Material
-        On what.
-    rates : list of float
-        Of the map's points, as they were asked for.
-    curves : dict of str to list of MapPoint
-        By transform.
-    picture_points : list of PicturePoint
-        None without a picture.
-    bands : dict of str to HighBands
-        By transform.
-    """
-
-    material: Material
-    rates: list[float]
-    curves: dict[str, list[MapPoint]]
-    picture_points: list[PicturePoint] = field(default_factory=list)
-    bands: dict[str, HighBands] = field(default_factory=dict)
+    material: Material  # on what
+    rates: list[float]  # of the map's points, as they were asked for
+    curves: dict[str, list[MapPoint]]  # by transform
+    picture_points: list[PicturePoint] = field(default_factory=list)  # none without a picture
+    bands: dict[str, HighBands] = field(default_factory=dict)  # by transform
 
     @property
     def middle(self) -> int:
@@ -88,13 +74,7 @@ class MaterialResult:
         return self.curves[SHAPE_ADAPTIVE][self.middle].edges
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers.
-
-        Returns
-        -------
-        dict
-            JSON-safe.
-        """
+        """Return the numbers."""
         gain_db, rate_bpp = largest_gain(self.curves)
         return {
             "peak": self.material.peak,
@@ -117,18 +97,7 @@ class MaterialResult:
 
 
 def num_steps(num_rates: int | None = None) -> int:
-    """Return how often `measure_material` advances.
-
-    Parameters
-    ----------
-    num_rates : int, optional
-        Points of a curve of the map.
-
-    Returns
-    -------
-    int
-        For one map.
-    """
+    """Return how often `measure_material` advances."""
     return len(TRANSFORMS) * (num_rates or len(MAP_RATES)) + 1
 
 
@@ -137,22 +106,7 @@ def measure_material(
     rates: Sequence[float] | None = None,
     advance: Callable[[int], None] = lambda _: None,
 ) -> MaterialResult:
-    """Measure the chapter on a map and its picture.
-
-    Parameters
-    ----------
-    material : Material
-        On what.
-    rates : sequence of float, optional
-        Bits per pixel of the map's files.
-    advance : callable, optional
-        Told 1 as often as `num_steps` says.
-
-    Returns
-    -------
-    MaterialResult
-        All of it.
-    """
+    """Measure the chapter on a map and its picture."""
     chosen = sorted(rates or MAP_RATES)
     result = MaterialResult(material, chosen, map_curves(material, chosen, advance))
     edges = result.edges
@@ -193,18 +147,7 @@ def _plotted(result: MaterialResult) -> dict[str, dict[str, bytes]]:
 
 
 def all_tables(results: Sequence[MaterialResult]) -> list[Table]:
-    """Make the tables of all maps.
-
-    Parameters
-    ----------
-    results : sequence of MaterialResult
-        What was measured.
-
-    Returns
-    -------
-    list of Table
-        Those of maps first.
-    """
+    """Make the tables of all maps."""
     found = []
     for one in results:
         found.append(tables.map_table(one.material.name, one.rates, one.curves))
@@ -216,21 +159,7 @@ def all_tables(results: Sequence[MaterialResult]) -> list[Table]:
 
 
 def write_chapter(folder: Path, results: Sequence[MaterialResult]) -> list[Table]:
-    """Write tables, plots, pictures and numbers, and a page of them.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder that exists: `chapter4.md`, `chapter4.json`, `index.html`, ``figure-4.3`` and
-        ``figure-4.N-NAME`` as PNG, plots as SVG too.
-    results : sequence of MaterialResult
-        What was measured.
-
-    Returns
-    -------
-    list of Table
-        The tables.
-    """
+    """Write tables, plots, pictures and numbers, and a page of them."""
     lines, groups, compared = [], [], []
     for one in results:
         drawn = _write_figures(folder, one)
@@ -251,18 +180,7 @@ def write_chapter(folder: Path, results: Sequence[MaterialResult]) -> list[Table
 
 
 def values(results: Sequence[MaterialResult]) -> dict[str, Any]:
-    """Return all numbers.
-
-    Parameters
-    ----------
-    results : sequence of MaterialResult
-        What was measured.
-
-    Returns
-    -------
-    dict
-        JSON-safe: by name of the map, and the largest coefficients of the signal of figure 4.3.
-    """
+    """Return all numbers."""
     bands = signal_bands()
     signal = {
         STANDARD: largest_high(bands.standard),

@@ -16,38 +16,16 @@ STEP = 1 / 64
 
 
 class HighBands(NamedTuple):
-    """The high bands of a map.
+    """The high bands of a map."""
 
-    Attributes
-    ----------
-    absolute : ndarray of shape (H, W), float64
-        Absolute coefficients where bands are usually drawn, the coarsest at the top left; the low band is 0.
-    entropy_bpp : float
-        Of the quantised high bands, each by itself, in bits per pixel of the map.
-    nonzero_share : float
-        Of the coefficients of high bands that are not quantised to zero.
-    """
-
+    # absolute coefficients where bands are usually drawn, the coarsest at the top left; the low band is 0
     absolute: Plane
-    entropy_bpp: float
-    nonzero_share: float
+    entropy_bpp: float  # of the quantised high bands, each by itself, in bits per pixel of the map
+    nonzero_share: float  # of the coefficients of high bands that are not quantised to zero
 
 
 def high_bands(depth: Plane, edges: EdgeMaps | None = None) -> HighBands:
-    """Transform a map as the encoder does.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (H, W), float64
-        The map.
-    edges : EdgeMaps, optional
-        Where the transform stops; nowhere by default.
-
-    Returns
-    -------
-    HighBands
-        Coefficients in units of the map.
-    """
+    """Transform a map as the encoder does."""
     num_levels = min(DepthOptions.num_levels, most_levels((depth.shape[0], depth.shape[1])))
     pyramid = Transform(num_levels, DepthOptions.wavelet, edges, DepthOptions.order).analyse(depth)
     step = STEP * float(np.ptp(depth))

@@ -28,30 +28,14 @@ PICTURE_RATES = 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0
 
 @dataclass(frozen=True, eq=False)
 class MapPoint:
-    """A map in a file, decoded.
+    """A map in a file, decoded."""
 
-    Attributes
-    ----------
-    num_bytes : int
-        Of the file.
-    part_bytes : dict of str to int
-        Of `header`, `edges` and `depth`.
-    psnr_db : float
-        All pixels.
-    rate_bpp : float
-        Of the whole file.
-    depth : ndarray of shape (H, W), float64
-        The decoded map.
-    edges : EdgeMaps
-        Where the transform stopped.
-    """
-
-    num_bytes: int
-    part_bytes: dict[str, int]
-    psnr_db: float
-    rate_bpp: float
-    depth: Plane
-    edges: EdgeMaps
+    num_bytes: int  # of the file
+    part_bytes: dict[str, int]  # of `header`, `edges` and `depth`
+    psnr_db: float  # all pixels
+    rate_bpp: float  # of the whole file
+    depth: Plane  # the decoded map
+    edges: EdgeMaps  # where the transform stopped
 
     @property
     def edges_bpp(self) -> float:
@@ -59,13 +43,7 @@ class MapPoint:
         return 8.0 * self.part_bytes["edges"] / self.depth.size
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers.
-
-        Returns
-        -------
-        dict
-            JSON-safe.
-        """
+        """Return the numbers."""
         bits = {name: 8 * size for name, size in self.part_bytes.items()}
         return {
             "bytes": self.num_bytes,
@@ -78,22 +56,12 @@ class MapPoint:
 
 @dataclass(frozen=True)
 class PicturePoint:
-    """A picture in as many bits of coefficients by all transforms.
+    """A picture in as many bits of coefficients by all transforms."""
 
-    Attributes
-    ----------
-    rate_bpp : float
-        Bits of coefficients per pixel.
-    standard_db, shape_adaptive_db : float
-        PSNR without edges, and with those of the map.
-    chosen_db : float
-        PSNR of what the encoder writes, which leaves edges out where they do not help.
-    """
-
-    rate_bpp: float
-    standard_db: float
+    rate_bpp: float  # bits of coefficients per pixel
+    standard_db: float  # PSNR without edges, and with those of the map
     shape_adaptive_db: float
-    chosen_db: float
+    chosen_db: float  # PSNR of what the encoder writes, which leaves edges out where they do not help
 
     @property
     def gain_db(self) -> float:
@@ -102,22 +70,7 @@ class PicturePoint:
 
 
 def map_point(material: Material, rate_bpp: float, transform: str = SHAPE_ADAPTIVE) -> MapPoint:
-    """Write a map as a file of a rate, and decode it.
-
-    Parameters
-    ----------
-    material : Material
-        The map.
-    rate_bpp : float
-        Bits of the whole file per pixel, at most.
-    transform : str, optional
-        One of `TRANSFORMS`; edges of the shape-adaptive one are chosen by the encoder.
-
-    Returns
-    -------
-    MapPoint
-        What came out.
-    """
+    """Write a map as a file of a rate, and decode it."""
     none = code_edges(EdgeMaps.none((material.depth.shape[0], material.depth.shape[1])))
     edges = None if transform == SHAPE_ADAPTIVE else none
     max_bytes = int(rate_bpp * material.num_pixels / 8.0)
@@ -137,22 +90,7 @@ def map_point(material: Material, rate_bpp: float, transform: str = SHAPE_ADAPTI
 def map_curves(
     material: Material, rates: Sequence[float], advance: Callable[[int], None] = lambda _: None
 ) -> dict[str, list[MapPoint]]:
-    """Measure figure 4.8a.
-
-    Parameters
-    ----------
-    material : Material
-        The map.
-    rates : sequence of float
-        Bits of whole files per pixel.
-    advance : callable, optional
-        Told 1 for each point.
-
-    Returns
-    -------
-    dict of str to list of MapPoint
-        By transform.
-    """
+    """Measure figure 4.8a."""
     curves: dict[str, list[MapPoint]] = {name: [] for name in TRANSFORMS}
     for rate, name in product(rates, TRANSFORMS):
         curves[name].append(map_point(material, rate, name))
@@ -163,24 +101,7 @@ def map_curves(
 def picture_points(
     picture: Picture, edges: EdgeMaps, rates: Sequence[float], order: int = 0
 ) -> Iterator[PicturePoint]:
-    """Measure figure 4.8b: the bits of the edges count with the map.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W), uint8
-        Luma.
-    edges : EdgeMaps
-        Of its map.
-    rates : sequence of float
-        Bits of coefficients per pixel.
-    order : int, optional
-        Of the extrapolation at edges.
-
-    Yields
-    ------
-    PicturePoint
-        One for each rate.
-    """
+    """Measure figure 4.8b: the bits of the edges count with the map."""
     num_levels = min(DepthOptions.num_levels, most_levels((picture.shape[0], picture.shape[1])))
     options = DepthOptions(num_levels=num_levels)
     for rate in rates:
@@ -194,36 +115,12 @@ def picture_points(
 
 
 def coded_edges(point: MapPoint) -> CodedEdges:
-    """Return the edges of a file as an encoder takes them.
-
-    Parameters
-    ----------
-    point : MapPoint
-        The file.
-
-    Returns
-    -------
-    CodedEdges
-        Its edges.
-    """
+    """Return the edges of a file as an encoder takes them."""
     return code_edges(point.edges)
 
 
 def largest_gain(curves: dict[str, list[MapPoint]]) -> tuple[float, float]:
-    """Return how much the shape-adaptive transform gains at most.
-
-    Parameters
-    ----------
-    curves : dict of str to list of MapPoint
-        Of `map_curves`.
-
-    Returns
-    -------
-    gain_db : float
-        The largest difference of PSNRs at one rate.
-    rate_bpp : float
-        Where it is.
-    """
+    """Return how much the shape-adaptive transform gains at most."""
     gains = [
         (ours.psnr_db - theirs.psnr_db, ours.rate_bpp)
         for ours, theirs in zip(curves[SHAPE_ADAPTIVE], curves[STANDARD], strict=True)
@@ -237,16 +134,5 @@ def _options(material: Material) -> DepthOptions:
 
 
 def rounded_psnr(value: float) -> float | None:
-    """Return a PSNR as JSON can have it.
-
-    Parameters
-    ----------
-    value : float
-        Decibels.
-
-    Returns
-    -------
-    float or None
-        None where it is infinite.
-    """
+    """Return a PSNR as JSON can have it."""
     return value if np.isfinite(value) else None

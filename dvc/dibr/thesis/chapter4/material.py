@@ -23,24 +23,12 @@ MOTORCYCLE = "motorcycle"
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A map, with its picture or without.
+    """A map, with its picture or without."""
 
-    Attributes
-    ----------
-    name : str
-        Of the scene.
-    depth : ndarray of shape (H, W), float64
-        Disparities or depth, holes filled.
-    peak : float
-        Of PSNRs, in the map's own units.
-    picture : ndarray of shape (H, W), uint8, or None
-        Luma.
-    """
-
-    name: str
-    depth: Plane
-    peak: float
-    picture: Picture | None = None
+    name: str  # of the scene
+    depth: Plane  # disparities or depth, holes filled
+    peak: float  # of PSNRs, in the map's own units
+    picture: Picture | None = None  # luma
 
     def __post_init__(self) -> None:
         if self.picture is not None and self.picture.shape != self.depth.shape:
@@ -58,42 +46,13 @@ class Material:
         return self.depth.size
 
     def psnr_db(self, found: Plane) -> float:
-        """Return how near a map is, all pixels counted.
-
-        Parameters
-        ----------
-        found : ndarray of shape (H, W), float64
-            A decoded map.
-
-        Returns
-        -------
-        float
-            Decibels; infinite where there is no error.
-        """
+        """Return how near a map is, all pixels counted."""
         mse = float(np.mean((found - self.depth) ** 2))
         return float(10.0 * np.log10(self.peak**2 / mse)) if mse else np.inf
 
 
 def material_of_files(map_path: str | Path, image_path: str | Path | None) -> Material:
-    """Read a map and its picture.
-
-    Parameters
-    ----------
-    map_path : str or Path
-        Grey picture of 8 or 16 bits, whose holes are 0, or PFM.
-    image_path : str, Path or None
-        The picture.
-
-    Returns
-    -------
-    Material
-        Of the name of the map; its peak is the range of the map.
-
-    Raises
-    ------
-    DvcError
-        If a file cannot be read, or the map is constant.
-    """
+    """Read a map and its picture."""
     depth = read_depth_map(map_path, default_hole(map_path)).depth
     if not np.ptp(depth):
         raise DvcError(f"{map_path}: the map is constant")
@@ -102,20 +61,7 @@ def material_of_files(map_path: str | Path, image_path: str | Path | None) -> Ma
 
 
 def material_of_set(name: str, data: Path) -> Material:
-    """Read the reference view of a real set and its true disparities.
-
-    Parameters
-    ----------
-    name : str
-        Of the set.
-    data : Path
-        Folder of the sets.
-
-    Returns
-    -------
-    Material
-        Holes are filled; the peak is that of the thesis, or the range of the map.
-    """
+    """Read the reference view of a real set and its true disparities."""
     one = PAIRS[name]
     path = data / name / one.truth
     depth = read_depth_map(path, default_hole(path)).depth / one.scale
@@ -124,18 +70,7 @@ def material_of_set(name: str, data: Path) -> Material:
 
 
 def motorcycle() -> Material:
-    """Return what scikit-image brings along.
-
-    Returns
-    -------
-    Material
-        The left view of Motorcycle and its disparities, holes filled.
-
-    Raises
-    ------
-    DvcError
-        If it is not there, and cannot be loaded.
-    """
+    """Return what scikit-image brings along."""
     from skimage.data import stereo_motorcycle
 
     try:
@@ -147,25 +82,7 @@ def motorcycle() -> Material:
 
 
 def load_material(data: Path | None, names: Sequence[str] | None) -> list[Material]:
-    """Load material by name.
-
-    Parameters
-    ----------
-    data : Path or None
-        Folder of the real sets.
-    names : sequence of str or None
-        Wanted sets; None: `USUAL_SETS` of `data`, or without that the one that needs no data.
-
-    Returns
-    -------
-    list of Material
-        In the order of the names.
-
-    Raises
-    ------
-    ConfigError
-        If one is not there.
-    """
+    """Load material by name."""
     if names is None:
         names = (MOTORCYCLE,) if data is None else USUAL_SETS
     for name in names:

@@ -26,20 +26,7 @@ BRIGHTEST = 1 / 16
 
 
 def with_edges(picture: NDArray[np.uint8], edges: EdgeMaps) -> Picture:
-    """Draw edges over a picture, enlarged.
-
-    Parameters
-    ----------
-    picture : ndarray of shape (H, W) or (H, W, 3), uint8
-        Grey levels, or blue, green and red.
-    edges : EdgeMaps
-        Edges.
-
-    Returns
-    -------
-    ndarray of shape (2 H, 2 W, 3), uint8
-        Blue, green and red.
-    """
+    """Draw edges over a picture, enlarged."""
     colour = np.repeat(picture[:, :, np.newaxis], 3, axis=2) if picture.ndim == 2 else picture
     large = colour.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
     marked = np.zeros(large.shape[:2], np.bool_)
@@ -52,38 +39,12 @@ def with_edges(picture: NDArray[np.uint8], edges: EdgeMaps) -> Picture:
 
 
 def coloured(depth: Plane, material: Material) -> Picture:
-    """Colour a map by the range of what was coded.
-
-    Parameters
-    ----------
-    depth : ndarray of shape (H, W), float64
-        As it was, or decoded.
-    material : Material
-        What was coded.
-
-    Returns
-    -------
-    ndarray of shape (H, W, 3), uint8
-        Blue, green and red.
-    """
+    """Colour a map by the range of what was coded."""
     return colour_disparity(depth, float(material.depth.min()), float(material.depth.max()))
 
 
 def input_data(material: Material, edges: EdgeMaps) -> Picture:
-    """Draw figure 4.1: the map and the picture with shared edges.
-
-    Parameters
-    ----------
-    material : Material
-        What is coded.
-    edges : EdgeMaps
-        Edges.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        Beside each other.
-    """
+    """Draw figure 4.1: the map and the picture with shared edges."""
     told = f"depth map, {edges.count()} edges"
     panels = [with_title(with_edges(coloured(material.depth, material), edges), told)]
     if material.picture is not None:
@@ -92,20 +53,7 @@ def input_data(material: Material, edges: EdgeMaps) -> Picture:
 
 
 def coefficient_maps(bands: Mapping[str, HighBands], extent: float) -> Picture:
-    """Draw figure 4.6: absolute values of high-pass coefficients.
-
-    Parameters
-    ----------
-    bands : mapping of str to HighBands
-        By transform.
-    extent : float
-        Range of the map.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        Black where they are zero.
-    """
+    """Draw figure 4.6: absolute values of high-pass coefficients."""
     panels = []
     for name, found in bands.items():
         bright = np.clip(found.absolute / (BRIGHTEST * extent), 0.0, 1.0)
@@ -115,20 +63,7 @@ def coefficient_maps(bands: Mapping[str, HighBands], extent: float) -> Picture:
 
 
 def decoded_maps(material: Material, points: Mapping[str, MapPoint]) -> Picture:
-    """Draw figure 4.7: decoded maps, and below each its magnified middle.
-
-    Parameters
-    ----------
-    material : Material
-        What was coded.
-    points : mapping of str to MapPoint
-        By transform.
-
-    Returns
-    -------
-    ndarray of shape (h, w, 3), uint8
-        The original first.
-    """
+    """Draw figure 4.7: decoded maps, and below each its magnified middle."""
     maps = {"original": material.depth}
     maps |= {f"{name}: {point.psnr_db:.2f} dB": point.depth for name, point in points.items()}
     tops = [with_title(coloured(depth, material), told) for told, depth in maps.items()]
@@ -144,18 +79,7 @@ def _middle(picture: Picture) -> Picture:
 
 
 def signal_plot(bands: SignalBands) -> dict[str, bytes]:
-    """Draw figure 4.3: the signal with its edges, and its high bands by both transforms.
-
-    Parameters
-    ----------
-    bands : SignalBands
-        Signal and coefficients.
-
-    Returns
-    -------
-    dict of str to bytes
-        Files by suffix.
-    """
+    """Draw figure 4.3: the signal with its edges, and its high bands by both transforms."""
     with new_figure((9.0, 6.5)) as figure:
         grid = figure.add_gridspec(
             len(bands.standard) + 1, 2, height_ratios=[2.0] + [1.0] * len(bands.standard)

@@ -18,29 +18,16 @@ EDGES = 79, 160, 241
 
 
 class SignalBands(NamedTuple):
-    """A signal and its coefficients.
+    """A signal and its coefficients."""
 
-    Attributes
-    ----------
-    signal : ndarray of shape (n,), float64
-        Samples.
-    standard, shape_adaptive : list of ndarray of shape (n / 2^j,), float64
-        High bands, the finest first, by the 9/7 with symmetric extension, and with cubic extension at edges.
-    """
-
-    signal: Samples
+    signal: Samples  # samples
+    # high bands, the finest first, by the 9/7 with symmetric extension, and with cubic extension at edges
     standard: list[Samples]
     shape_adaptive: list[Samples]
 
 
 def piecewise_signal() -> Samples:
-    """Return a signal of constant, linear, cubic and again constant pieces.
-
-    Returns
-    -------
-    ndarray of shape (320,), float64
-        From 0 to 1.
-    """
+    """Return a signal of constant, linear, cubic and again constant pieces."""
     t = np.linspace(0.0, 1.0, NUM_SAMPLES)
     pieces = (
         np.full_like(t, 0.25),
@@ -52,13 +39,7 @@ def piecewise_signal() -> Samples:
 
 
 def signal_bands() -> SignalBands:
-    """Transform the signal by both.
-
-    Returns
-    -------
-    SignalBands
-        High bands.
-    """
+    """Transform the signal by both."""
     column = piecewise_signal()[:, np.newaxis]
     below = np.zeros(column.shape, np.uint8)
     below[list(EDGES)] = 1
@@ -74,16 +55,5 @@ def signal_bands() -> SignalBands:
 
 
 def largest_high(bands: list[Samples]) -> list[float]:
-    """Return the largest coefficient of each band.
-
-    Parameters
-    ----------
-    bands : list of ndarray
-        High bands.
-
-    Returns
-    -------
-    list of float
-        Absolute values.
-    """
+    """Return the largest coefficient of each band."""
     return [float(np.abs(band).max()) for band in bands]

@@ -12,22 +12,7 @@ THESIS_MAP_DB = {("teddy", 0.04): (36.21, 39.86)}
 
 
 def map_table(name: str, rates: Sequence[float], curves: Mapping[str, Sequence[MapPoint]]) -> Table:
-    """List the points of figure 4.8a.
-
-    Parameters
-    ----------
-    name : str
-        The scene.
-    rates : sequence of float
-        That were asked for.
-    curves : mapping of str to sequence of MapPoint
-        By transform.
-
-    Returns
-    -------
-    Table
-        One row for each rate.
-    """
+    """List the points of figure 4.8a."""
     head = (
         "rate [bpp]",
         "standard [dB]",
@@ -48,22 +33,7 @@ def map_table(name: str, rates: Sequence[float], curves: Mapping[str, Sequence[M
 
 
 def picture_table(name: str, points: Sequence[PicturePoint], edges_bpp: float) -> Table:
-    """List the points of figure 4.8b.
-
-    Parameters
-    ----------
-    name : str
-        The scene.
-    points : sequence of PicturePoint
-        By rate.
-    edges_bpp : float
-        Bits of the edges per pixel, which count with the map.
-
-    Returns
-    -------
-    Table
-        One row for each rate.
-    """
+    """List the points of figure 4.8b."""
     head = (
         "coefficients [bpp]",
         "no edges [dB]",
@@ -89,18 +59,7 @@ def picture_table(name: str, points: Sequence[PicturePoint], edges_bpp: float) -
 
 
 def entropy_table(by_scene: Mapping[str, Mapping[str, HighBands]]) -> Table:
-    """List the entropies of figure 4.6.
-
-    Parameters
-    ----------
-    by_scene : mapping
-        High bands by transform, by scene.
-
-    Returns
-    -------
-    Table
-        One row for each.
-    """
+    """List the entropies of figure 4.6."""
     rows = [
         (scene, name, f"{found.entropy_bpp:.3f}", f"{100.0 * found.nonzero_share:.2f}")
         for scene, bands in by_scene.items()
@@ -112,18 +71,7 @@ def entropy_table(by_scene: Mapping[str, Mapping[str, HighBands]]) -> Table:
 
 
 def signal_table(bands: SignalBands) -> Table:
-    """List the largest coefficients of figure 4.3.
-
-    Parameters
-    ----------
-    bands : SignalBands
-        High bands by both transforms.
-
-    Returns
-    -------
-    Table
-        One row for each scale.
-    """
+    """List the largest coefficients of figure 4.3."""
     pairs = zip(largest_high(bands.standard), largest_high(bands.shape_adaptive), strict=True)
     rows = [(str(scale), f"{theirs:.3f}", f"{ours:.1e}") for scale, (theirs, ours) in enumerate(pairs, 1)]
     caption = (
