@@ -1,0 +1,145 @@
+"""What the encoder makes of small clips, and what is decoded of it, stays the same but for a little.
+
+Frozen streams hold for the decoder; these hold for decisions of the encoder. `make canaries` stores what is
+found anew, where a change is meant.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import decoder.__main__ as decoder
+import encoder.__main__ as encoder
+from dvc.multiview.cameras import PixelFrame
+from dvc.video import Frame
+from tests.clips import moving_texture, write_clip
+from tests.scenes_3d import render
+
+FOLDER = Path(__file__).parent / "golden" / "canaries"
+RECORDS = FOLDER / "records.json"
+BYTES_TOLERANCE, PSNR_TOLERANCE_DB = 0.01, 0.05
+
+
+class Canary(NamedTuple):
+    """A clip, and how it is coded."""
+
+    clip: str
+    coding: str
+
+    @property
+    def name(self) -> str:
+        """Return by what it is recorded."""
+        return f"{self.clip} {self.coding}"
+
+
+def wall() -> list[Frame]:
+    """Return a board before a slanted wall, of which more and more comes into view."""
+    return [Frame(render(time, PixelFrame(104, 88))[0]) for time in np.linspace(0.0, 1.6, 11)]
+
+
+def jolt() -> list[Frame]:
+    """Return a texture under the noise of a sensor, which moves faster from the middle on."""
+    slow, fast = moving_texture(5, 80, 96, (0.25, 0.5)), moving_texture(5, 80, 96, (1.0, 3.0))
+    rng = np.random.default_rng(5)
+    noisy = (frame.luma + rng.normal(0.0, 2.0, frame.luma.shape) for frame in (*slow, *fast[1:]))
+    return [Frame(np.clip(np.round(luma), 0, 255).astype(np.uint8)) for luma in noisy]
+
+
+MADE: dict[str, Callable[[], Sequence[Frame]]] = {
+    "wall": wall,
+    "jolt": jolt,
+    "pan": lambda: moving_texture(9, 96, 80, (0.5, 1.5)),
+}
+"""Clips that cost little to make; the others are stored, 128x96 samples of the rendered scenes."""
+CODINGS = {
+    "street": "--qp 30 --gop 4",
+    "stairway": "--qp 26 --gop 4 --luma-only",
+    "statue": "--qp 36 --gop 8 --luma-only",
+    "wall": "--qp 28 --gop 5 --luma-only",
+    "jolt": "--qp 32 --gop 4 --luma-only",
+    "pan": "--qp 24",
+}
+"""Of the clips: the default codec at several qualities."""
+CANARIES = [
+    *(Canary(clip, coding) for clip, coding in CODINGS.items()),
+    *(Canary(clip, f"{coding} --no-feedback") for clip, coding in CODINGS.items()),
+    Canary("pan", "--codec 2d --wz-q 5 --luma-only"),
+    Canary("wall", "--codec 3d --gop 5 --qp 30 --luma-only"),
+    Canary("wall", "--codec 3d-td --gop 5 --qp 30 --luma-only"),
+]
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return a function that finds a clip, or makes it."""
+    folder = tmp_path_factory.mktemp("clips")
+
+    def find(name: str) -> Path:
+        if name not in MADE:
+            return FOLDER / f"{name}.mkv"
+        path = folder / f"{name}.y4m"
+        return path if path.exists() else write_clip(path, MADE[name]())
+
+    return find
+
+
+def decoded(folder: Path, clip: Path, *source: object) -> dict[str, Any]:
+    """Decode; return bytes and PSNR, and which frames are key frames."""
+    outputs = [folder / "video.y4m", "--json", folder / "report.json", "--reference", clip, "--quiet"]
+    assert decoder.main([*map(str, source), *map(str, outputs)]) == 0
+    report = json.loads((folder / "report.json").read_text())
+    return {
+        "bytes": report["stream_bytes"],
+        "psnr_y_db": round(report["psnr_y_db"], 4),
+        "types": "".join(frame["type"][0] for frame in report["per_frame"]),
+    }
+
+
+def check(found: dict[str, Any], name: str) -> None:
+    """Compare with what is stored."""
+    stored = json.loads(RECORDS.read_text())[name]
+    assert found["types"] == stored["types"]
+    assert found["bytes"] == pytest.approx(stored["bytes"], rel=BYTES_TOLERANCE)
+    assert found["psnr_y_db"] == pytest.approx(stored["psnr_y_db"], abs=PSNR_TOLERANCE_DB)
+
+
+@pytest.mark.parametrize("canary", CANARIES, ids=lambda canary: canary.name)
+def test_bytes_and_psnr_are_as_before(canary: Canary, clips: Callable[[str], Path], tmp_path: Path) -> None:
+    """Of what the decoder needs of a parity buffer, and of streams that nobody asks for more."""
+    clip, stream, needed = clips(canary.clip), tmp_path / "stream.dvc", tmp_path / "needed.dvc"
+    assert encoder.main([str(clip), str(stream), *canary.coding.split(), "--quiet"]) == 0
+    estimated = "--no-feedback" in canary.coding
+    found = decoded(tmp_path, clip, stream, *([] if estimated else ["--punctured", needed]))
+    assert found["bytes"] == (stream if estimated else needed).stat().st_size
+    if os.environ.get("DVC_REGENERATE") == "1":
+        kept = json.loads(RECORDS.read_text()) if RECORDS.exists() else {}
+        kept[canary.name] = found
+        named = {one.name: kept[one.name] for one in CANARIES if one.name in kept}
+        RECORDS.write_text(json.dumps(named, indent=1) + "\n")
+    check(found, canary.name)
+
+
+def test_live_runs_cost_the_same(clips: Callable[[str], Path], tmp_path: Path) -> None:
+    """A decoder that asks another process gets the same frames for the same bytes."""
+    clip = clips("jolt")
+    command = [sys.executable, "-m", "encoder", clip, *CODINGS["jolt"].split(), "--serve", "127.0.0.1:0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        port = int(process.stderr.readline().rsplit(":", 1)[1])
+        found = decoded(tmp_path, clip, "--connect", f"127.0.0.1:{port}")
+        process.communicate(timeout=60)
+    assert process.returncode == 0
+    check(found, CANARIES[list(CODINGS).index("jolt")].name)
+
+
+def test_nothing_else_is_stored() -> None:
+    """Neither clips nor numbers that nothing compares with."""
+    assert list(json.loads(RECORDS.read_text())) == [canary.name for canary in CANARIES]
+    assert {path.stem for path in FOLDER.glob("*.mkv")} == set(CODINGS) - set(MADE)
