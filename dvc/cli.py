@@ -6,16 +6,20 @@ import json
 import logging
 import math
 import re
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
+from types import FrameType
 from typing import Any, NoReturn
 
 from dvc.errors import ConfigError, DvcError
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
 
 
 class ArgumentParser(argparse.ArgumentParser):
@@ -42,17 +46,43 @@ def one_line(text: object) -> str:
     return " ".join(str(text).split())
 
 
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: like an interrupt, but from elsewhere than the terminal."""
+
+
+def _terminate(_number: int, _frame: FrameType | None) -> NoReturn:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # what is open is being removed
+    raise Terminated
+
+
+@contextlib.contextmanager
+def _cleaning_up_when_terminated() -> Iterator[None]:
+    """Let SIGTERM end a block as an exception does, so that no temporary file is left."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def run(prog: str, command: Callable[[], int]) -> int:
     """Run a command; expected failures become one line on stderr and an exit status."""
     logging.basicConfig(level=logging.WARNING, format=f"{prog}: %(message)s", stream=sys.stderr)
     try:
-        return command()
+        with _cleaning_up_when_terminated():
+            return command()
     except DvcError as err:
         message = one_line(err)
     except OSError as err:
         message = one_line(f"{err.filename}: {err.strerror}" if err.filename else err)
     except MemoryError:
         message = "out of memory"
+    except Terminated:
+        sys.stderr.write(f"{prog}: terminated\n")
+        return EXIT_TERMINATED
     except KeyboardInterrupt:
         sys.stderr.write(f"{prog}: interrupted\n")
         return EXIT_INTERRUPTED

@@ -1,13 +1,16 @@
 """Files that appear complete or not at all, and files that keep what was finished of them."""
 
 import errno
+import fcntl
 import io
 import os
 import secrets
 import shutil
+import zlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -18,7 +21,10 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 PARTIAL_SUFFIX = ".part"
+MAX_NAME_BYTES = 200
+"""Longer names are shortened for the time of writing, which takes some more characters."""
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+_CANNOT_LOCK = frozenset({errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP})  # some network file systems
 _CANNOT_SYNC = frozenset({errno.EINVAL, errno.ENOSYS, errno.ENOTSUP})  # pipes and some file systems
 
 
@@ -67,12 +73,12 @@ def growing_output(path: Path) -> Iterator[SyncedFile]:
     partial = path.with_name(path.name + PARTIAL_SUFFIX)
     try:
         with SyncedFile(partial, "x") as file:
-            _sync_folder(path.parent)
+            sync(path.parent)
             yield file
         if path.exists():
             raise DvcError(f"cannot finish {path}: it exists; what was written is {partial}")
         os.rename(partial, path)
-        _sync_folder(path.parent)
+        sync(path.parent)
     except OSError as err:
         if _concerns(err, partial):
             raise DvcError(f"cannot write {partial}: {err.strerror}") from err
@@ -84,9 +90,9 @@ def _concerns(err: OSError, temporary: Path) -> bool:
     return err.errno in _NO_ROOM or str(temporary) in (err.filename, err.filename2)
 
 
-def _sync_folder(folder: Path) -> None:
-    """Wait until the disk has the names of a folder."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+def sync(path: Path) -> None:
+    """Wait until the disk has a file, or the names of a folder."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
     except OSError as err:
@@ -96,21 +102,112 @@ def _sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def temporary_sibling(path: Path, error: type[DvcError] = DvcError, *, visible: bool = False) -> Path:
-    """Create an empty file of a fresh name in the folder of `path`, from which it can be renamed into place.
-    Create an empty file of a fresh name in the folder of `path`, from which it can be renamed into place.
+class OutputFile:
+    """A file that is written under another name in its folder; while it is, nobody else can write it.
+
+    The other name is hidden, or shows (`path` with ``.part`` after it) where what is left of it is of use:
+    then the remains of an earlier run are kept under a name of their own.
     """
-    if path.is_dir():
-        raise error(f"cannot write {path}: it is a folder")
-    if not path.parent.is_dir():
-        raise error(f"cannot write {path}: the folder {path.parent} does not exist")
-    fresh = f"{path.name[:100]}.{secrets.token_hex(4)}"
-    temporary = path.with_name(f"{fresh}{PARTIAL_SUFFIX}" if visible else f".{fresh}.tmp")
+
+    def __init__(self, path: str | Path, error: type[DvcError] = DvcError, *, visible: bool = False) -> None:
+        self._named, self._error = path, error
+        self._target = Path(os.path.realpath(path))
+        name = self._target.name
+        if self._target.is_dir():
+            raise error(f"cannot write {path}: it is a folder")
+        if not self._target.parent.is_dir():
+            raise error(f"cannot write {path}: the folder {self._target.parent} does not exist")
+        self.partial = self._target.with_name(name + PARTIAL_SUFFIX)
+        self.temporary = self.partial if visible else self._target.with_name(f".{_shortened(name)}.tmp")
+        with self.naming():
+            self._descriptor = self._locked()
+
+    def _locked(self) -> int:
+        """Create the temporary file and lock it; a lock ends with its owner, however that ends."""
+        while True:
+            descriptor = os.open(self.temporary, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+            try:
+                _lock(descriptor)
+                if _is_still(descriptor, self.temporary):
+                    if self.temporary != self.partial or os.fstat(descriptor).st_size == 0:
+                        os.ftruncate(descriptor, 0)
+                        return descriptor
+                    _put_aside(self.partial)
+            except BlockingIOError:
+                os.close(descriptor)
+                raise self._error(f"cannot write {self._named}: another program is writing it") from None
+            except BaseException:
+                os.close(descriptor)
+                raise
+            os.close(descriptor)
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """Name the file in errors of the system that are about it."""
+        try:
+            yield
+        except OSError as err:
+            if _concerns(err, self.temporary):
+                raise self._error(f"cannot write {self._named}: {err.strerror}") from err
+            raise
+
+    def commit(self) -> None:
+        """Rename the file into place once the disk has it."""
+        self._rename(self._target)
+
+    def keep(self) -> None:
+        """Let what was written stay, under the name that shows."""
+        self._rename(self.partial)
+
+    def _rename(self, name: Path) -> None:
+        with self.naming():
+            sync(self.temporary)
+            os.replace(self.temporary, name)
+            sync(name.parent)
+        self._release()
+
+    def discard(self) -> None:
+        """Remove the file, unless it has been renamed."""
+        if self._descriptor >= 0:
+            with suppress(OSError):
+                self.temporary.unlink()
+            self._release()
+
+    def _release(self) -> None:
+        descriptor, self._descriptor = self._descriptor, -1
+        os.close(descriptor)
+
+
+def _shortened(name: str) -> str:
+    """Return a name that leaves room for more characters."""
+    if len(os.fsencode(name)) <= MAX_NAME_BYTES:
+        return name
+    return f"{name[: MAX_NAME_BYTES // 8]}.{zlib.crc32(os.fsencode(name)):08x}"
+
+
+def _lock(descriptor: int) -> None:
     try:
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as err:
-        raise error(f"cannot write {path}: {err.strerror}") from err
-    return temporary
+        if err.errno not in _CANNOT_LOCK:
+            raise
+
+
+def _is_still(descriptor: int, path: Path) -> bool:
+    """Tell whether a name leads to an open file, and no other process has renamed or removed it."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _put_aside(partial: Path) -> None:
+    """Rename what an earlier run has left."""
+    for number in count(1):
+        aside = partial.with_name(f"{partial.stem}.{number}{PARTIAL_SUFFIX}")
+        if not aside.exists():
+            partial.rename(aside)
+            return
 
 
 @contextmanager
@@ -120,18 +217,13 @@ def atomic_output(path: str | Path, *, visible: bool = False) -> Iterator[Path]:
     if path.exists() and not path.is_file() and not path.is_dir():
         yield path
         return
-    target = Path(os.path.realpath(path))
-    temporary = temporary_sibling(target, visible=visible)
+    output = OutputFile(path, visible=visible)
     try:
-        yield temporary
-        os.replace(temporary, target)
-    except OSError as err:
-        if _concerns(err, temporary):
-            raise DvcError(f"cannot write {path}: {err.strerror}") from err
-        raise
+        with output.naming():
+            yield output.temporary
+        output.commit()
     finally:
-        with suppress(OSError):
-            temporary.unlink()
+        output.discard()
 
 
 def check_folder(path: str | Path) -> None:

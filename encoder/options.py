@@ -177,7 +177,7 @@ def parser() -> argparse.ArgumentParser:
         "output",
         metavar="OUTPUT",
         nargs="?",
-        help="stream to write (.dvc), complete or not at all; what a kill leaves is OUTPUT.*.part, for"
+        help="stream to write (.dvc), complete or not at all; what a kill leaves is OUTPUT.part, for"
         " `dvc-decode --unfinished`",
     )
     _add_coding(top.add_argument_group("coding"))

@@ -2,6 +2,11 @@
 
 import errno
 import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -39,9 +44,92 @@ def test_failure_leaves_nothing(tmp_path: Path, error: type[BaseException]) -> N
 def test_visible_output_shows_while_it_is_written(tmp_path: Path) -> None:
     """What a killed process leaves has a name that shows and says of what it is a part."""
     with atomic_output(tmp_path / "out.dvc", visible=True) as temporary:
-        assert temporary.name.startswith("out.dvc.")
-        assert temporary.suffix == ".part"
+        assert temporary == tmp_path / "out.dvc.part"
     assert os.listdir(tmp_path) == ["out.dvc"]
+
+
+_WRITER = """
+import sys, time
+from dvc import cli
+from dvc.files import atomic_output
+def work():
+    with atomic_output(sys.argv[1], visible=len(sys.argv) > 2) as temporary:
+        temporary.write_bytes(b"half")
+        print(flush=True)
+        time.sleep(60)
+sys.exit(cli.run("writer", work))
+"""
+
+
+@contextmanager
+def another_writer(*arguments: object) -> Iterator[subprocess.Popen[str]]:
+    """Start a program that is in the middle of writing a file."""
+    command = [sys.executable, "-c", _WRITER, *map(str, arguments)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as process:  # type: ignore[call-overload]
+        assert process.stdout.readline() == "\n"
+        yield process
+        process.kill()
+
+
+@pytest.mark.parametrize("visible", [(), ("visible",)])
+def test_termination_leaves_nothing(tmp_path: Path, visible: tuple[str, ...]) -> None:
+    """SIGTERM removes what is being written, and has a line and a status of its own."""
+    with another_writer(tmp_path / "out.bin", *visible) as process:
+        assert len(os.listdir(tmp_path)) == 1
+        process.send_signal(signal.SIGTERM)
+        _, stderr = process.communicate(timeout=60)
+    assert (process.returncode, stderr) == (143, "writer: terminated\n")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("visible", [False, True])
+def test_second_writer_is_refused(tmp_path: Path, visible: bool) -> None:
+    """While somebody writes a file nobody else does, and the first goes on undisturbed."""
+    target = tmp_path / "out.bin"
+
+    def write() -> None:
+        with atomic_output(target, visible=visible) as temporary:
+            temporary.write_bytes(b"second")
+
+    with atomic_output(target, visible=visible) as temporary:
+        temporary.write_bytes(b"first")
+        with pytest.raises(DvcError, match=r"cannot write .*out\.bin: another program is writing it"):
+            write()
+    assert target.read_bytes() == b"first"
+    write()
+    assert target.read_bytes() == b"second"
+
+
+def test_dead_writers_are_in_nobodys_way(tmp_path: Path) -> None:
+    """What a kill leaves is hidden and written over, or shows and is kept under a name of its own."""
+    target = tmp_path / "out.bin"
+    for visible in ((), ("visible",), ("visible",)):
+        with another_writer(target, *visible) as process:
+            process.kill()
+        with atomic_output(target, visible=bool(visible)) as temporary:
+            assert temporary.read_bytes() == b""
+    assert sorted(os.listdir(tmp_path)) == ["out.bin", "out.bin.1.part", "out.bin.2.part"]
+    assert (tmp_path / "out.bin.2.part").read_bytes() == b"half"
+
+
+def test_disk_has_a_file_before_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A power cut after the renaming finds all of the file under its name."""
+    steps: list[object] = []
+    for name in ("fsync", "replace"):
+        work = getattr(os, name)
+        monkeypatch.setattr(os, name, lambda *given, name=name, work=work: (steps.append(name), work(*given)))
+    with atomic_output(tmp_path / "out.bin") as temporary:
+        temporary.write_bytes(b"data")
+    assert steps == ["fsync", "replace", "fsync"]
+
+
+def test_long_names_are_written(tmp_path: Path) -> None:
+    """Names as long as the file system takes do not fail for the time of writing, nor meet each other."""
+    names = ["x" * 250 + end for end in ("a.bin", "b.bin")]
+    with atomic_output(tmp_path / names[0]) as first, atomic_output(tmp_path / names[1]) as second:
+        assert first != second
+    assert sorted(os.listdir(tmp_path)) == names
 
 
 def test_growing_file_is_renamed_when_it_is_finished(tmp_path: Path) -> None:

@@ -1,12 +1,14 @@
 """Encoder and decoder as real processes: files, pipes of one machine, failing disks and failing peers."""
 
 import json
+import os
 import resource
 import signal
 import socket
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from copy import deepcopy
 from dataclasses import dataclass
@@ -312,6 +314,28 @@ def test_interrupt_leaves_nothing(tmp_path: Path, clip: Path) -> None:
         status, stderr = finish(encoder)
     assert (status, stderr) == (130, "dvc-encode: interrupted\n")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_termination_leaves_nothing(tmp_path: Path, stream: Path) -> None:
+    """A decoder that is ended in the middle of a stream removes what it has written."""
+    (tmp_path / "out").mkdir()
+    os.mkfifo(tmp_path / "pipe.dvc")
+    decoder = start("decoder", tmp_path / "pipe.dvc", tmp_path / "out" / "out.mkv")
+    with decoder, (tmp_path / "pipe.dvc").open("wb") as pipe:
+        pipe.write(stream.read_bytes()[:-40])
+        pipe.flush()
+        wait_for(lambda: any((tmp_path / "out").iterdir()))
+        decoder.send_signal(signal.SIGTERM)
+        status, stderr = finish(decoder)
+    assert (status, stderr) == (143, "dvc-decode: terminated\n")
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Write videos: y4m and FFV1 without loss, H.264 for looking at."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from fractions import Fraction
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol, Self, cast
 import numpy as np
 
 from dvc.errors import VideoError
-from dvc.files import temporary_sibling
+from dvc.files import OutputFile
 from dvc.video.frames import Frame, Plane, VideoWriter, check_size, exact_frame_rate
 from dvc.video.pixels import picture_from_frame
 
@@ -37,9 +36,9 @@ class _Sink(Protocol):
 class _AtomicWriter:
     """The one `VideoWriter`: checks frames, hands them to a sink, renames the file or removes it."""
 
-    def __init__(self, path: Path, temporary: Path, sink: _Sink, size: tuple[int, int]) -> None:
+    def __init__(self, path: str | Path, output: OutputFile, sink: _Sink, size: tuple[int, int]) -> None:
         self._path = path
-        self._temporary = temporary
+        self._output = output
         self._sink = sink
         self._size = size
         self._open = True
@@ -63,7 +62,7 @@ class _AtomicWriter:
             if self._num_frames == 0:
                 raise VideoError(f"cannot write {self._path}: there are no frames")
             self._sink.finish()
-            os.replace(self._temporary, self._path)
+            self._output.commit()
         self._open = False
 
     def abort(self) -> None:
@@ -73,8 +72,7 @@ class _AtomicWriter:
         self._open = False
         with suppress(OSError):
             self._sink.discard()
-        with suppress(OSError):
-            self._temporary.unlink()
+        self._output.discard()
 
     @contextmanager
     def _cleaning_up(self) -> Iterator[None]:
@@ -166,22 +164,26 @@ def create_video(
     suffix = path.suffix.lower()
     check_size(*size, str(path))
     rate = exact_frame_rate(frame_rate)
-    target = Path(os.path.realpath(path))
-    temporary = temporary_sibling(target, VideoError)
+    output = OutputFile(path, VideoError)
     try:
         sink: _Sink
         if suffix == ".y4m":
-            sink = _Y4mSink(temporary, size, rate, luma_only=luma_only, full_range=full_range)
+            sink = _Y4mSink(output.temporary, size, rate, luma_only=luma_only, full_range=full_range)
         else:
             sink = _FfmpegSink(
-                temporary, size, rate, luma_only=luma_only, full_range=full_range, lossless=suffix == ".mkv"
+                output.temporary,
+                size,
+                rate,
+                luma_only=luma_only,
+                full_range=full_range,
+                lossless=suffix == ".mkv",
             )
     except BaseException as err:
-        temporary.unlink()
+        output.discard()
         if isinstance(err, OSError):
             raise VideoError(f"cannot write {path}: {err.strerror}") from err
         raise
-    return _AtomicWriter(target, temporary, sink, size)
+    return _AtomicWriter(path, output, sink, size)
 
 
 class _Y4mSink:
