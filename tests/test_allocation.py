@@ -23,8 +23,9 @@ from encoder.options import parser, session
 
 
 def test_slope_doubles_every_three_qps() -> None:
-    """As that of H.264 does; key frames have the QP itself."""
+    """As that of H.264 does, of which it is four times; key frames have the QP itself."""
     fine, coarse = allocation(24), allocation(27)
+    assert fine.wyner_ziv.slope == pytest.approx(4.0 * 0.85 * 2.0**4)
     assert (fine.key_qp, coarse.key_qp) == (24, 27)
     assert coarse.wyner_ziv.slope == pytest.approx(2 * fine.wyner_ziv.slope)
     assert coarse.step(2) == pytest.approx(2**0.5 * fine.step(2))

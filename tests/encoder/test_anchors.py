@@ -49,6 +49,35 @@ def test_shares_grow_with_motion_parallax_and_loss() -> None:
     assert anchor_share(FieldOfMotion(10.0, 0.0, 0.0), 704) == shares[1]
 
 
+def moved(speed_px: float, parallax_px: float, num_lost: int) -> Group:
+    """Return a group of two frames in a picture of 1000 pixels whose points move, apart, and are lost."""
+    positions = np.zeros((16, 3, 2))
+    positions[:, :, 0] = speed_px * np.arange(3)
+    positions[:, 2, 1] = parallax_px * np.tile([-1.0, 1.0], 8)
+    positions[:num_lost, 2] = np.nan
+    frame = Frame(np.zeros((16, 1000), np.uint8), None)
+    return Group((frame,), frame, PointTracks(positions))
+
+
+@pytest.mark.parametrize(
+    ("asked", "parallax_px", "num_lost"), [(True, 10.3, 6), (False, 4.0, 2)], ids=["feedback", "estimated"]
+)
+def test_as_much_parallax_and_loss_is_spared_as_was_measured(
+    asked: bool, parallax_px: float, num_lost: int
+) -> None:
+    """Up to some pixels of parallax, or of sixteen points lost; more, and there is a key frame."""
+    gop = GopConfig(2, "hierarchical", anchor_distance=2, intra_period=99)
+    for group, needed in (
+        (moved(0.0, parallax_px, 0), False),
+        (moved(0.0, parallax_px + 0.4, 0), True),
+        (moved(0.0, 0.0, num_lost), False),
+        (moved(0.0, 0.0, num_lost + 1), True),
+    ):
+        spacing = KeyFrameSpacing(gop, asked)
+        spacing.needs_key(Group((), FRAME))
+        assert spacing.needs_key(group) is needed
+
+
 def test_key_frames_stay_near_enough() -> None:
     """The first group needs one; then those in which nothing changes do without, as long as they may."""
     spacing = KeyFrameSpacing(GOP)

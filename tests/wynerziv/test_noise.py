@@ -149,6 +149,24 @@ def test_coefficient_scale_raises_unusual_blocks() -> None:
     assert np.unique(np.delete(scale.ravel(), 44)).size == 1
 
 
+def test_local_scale_spreads_to_neighbours() -> None:
+    """Beside an unusual block scales are larger by a share of it, elsewhere by that of the band alone."""
+    residual = np.zeros((1, 9, 9))
+    residual[0, 4, 4] = 81.0
+    scale = noise.MODELS["local"](residual)[0] - noise.MIN_SCALE
+    assert scale[0, 0] == pytest.approx(0.3)
+    assert scale[3, 5] == pytest.approx(0.3 + 0.5 * 9.0)
+    assert scale[4, 4] == pytest.approx(0.3 + 0.5 * 9.0 + 0.3 * 81.0)
+
+
+def test_scales_grow_with_the_fourth_root_of_texture() -> None:
+    """And with the root of the error that is expected."""
+    texture, expected = np.array([[16.0, 81.0]]), np.array([[1.0, 4.0]])
+    for error, ratio in ((None, 1.5), (expected, 3.0)):
+        first, second = noise.shaped(np.full((1, 2), 5.0), texture, error)[0]
+        assert second / first == pytest.approx(ratio)
+
+
 def test_shape_moves_scale_to_texture_and_expected_error_and_keeps_the_mean() -> None:
     """Blocks with detail and blocks expected to be wrong take scale from the others."""
     bands = np.zeros((16, 4, 6))

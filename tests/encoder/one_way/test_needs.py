@@ -1,5 +1,7 @@
 """What is sent: more where more is left to be told, and never more than there is."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,41 @@ def test_larger_errors_need_more() -> None:
     assert found == sorted(found)
     assert found[1][1] < found[2][1] < found[3][1]
     assert sizes(chosen(errors(20.0, 40.0))) > found[1]
+
+
+CHOICES = {
+    (7.0, 2): (0, 0, 0, 0),
+    (8.0, 2): (3, 0, 1536, 0),
+    (9.0, 2): (4, 0, 3072, 0),
+    (10.0, 2): (4, 45, 3456, 960),
+    (16.0, 2): (5, 30, 10752, 960),
+    (24.0, 2): (5, 30, 15360, 960),
+    (64.0, 2): (5, 75, 27648, 147456),
+    (5.0, 8): (4, 0, 1920, 0),
+    (6.0, 8): (4, 60, 2304, 1024),
+    (8.0, 8): (5, 0, 5376, 0),
+    (9.0, 8): (5, 45, 5888, 1024),
+    (20.0, 8): (5, 30, 13312, 1024),
+    (24.0, 8): (5, 75, 15872, 147456),
+    (16.0, 16): (5, 45, 11264, 17408),
+}
+"""By residual and distance of the references: planes of DC and of the others, and bits of their syndromes."""
+
+
+@pytest.mark.parametrize(("residual", "distance"), CHOICES)
+def test_choices_are_those_that_were_measured(residual: float, distance: int) -> None:
+    """What pays, and how much margin what predicts others gets, is as it was when rates were measured."""
+    sent = chosen(errors(residual), distance=distance).sent
+    lengths = tuple(map(syndrome_length, sent.length_codes))
+    assert (sent.depths[0], sum(sent.depths[1:]), *lengths) == CHOICES[residual, distance]
+
+
+def test_coarse_errors_cost_a_bit_for_each_doubling() -> None:
+    """Of each coefficient, beyond the octaves at which bits were measured."""
+    roots = 2000.0, 4000.0, 8000.0
+    costs = [frame_costs(QUANTIZATION, errors(root), LAYOUT.num_bits).costs[0, 0] for root in roots]
+    for fewer, more in pairwise(costs):
+        np.testing.assert_allclose((more - fewer)[-2:] / LAYOUT.num_bits, 1.0, rtol=0.01)
 
 
 def test_margins_lengthen_syndromes_alone() -> None:

@@ -88,11 +88,14 @@ def test_tracks_that_end_have_no_part_in_the_path() -> None:
 
 
 def test_jerky_path_is_hardly_harmed_by_a_moderate_weight() -> None:
-    """Jerks of many pixels cost less than half the error that noise makes."""
+    """Jerks of many pixels cost little of the error that noise makes, nor much with a large weight."""
     scene = two_views(40, seed=2)
     instants = tracks(scene, jerky)
-    alone, together = (error_px(scene, regular_cameras(scene.model, instants, w), jerky) for w in (0.0, 0.03))
-    assert together < 1.5 * alone
+    alone, moderate, large = (
+        error_px(scene, regular_cameras(scene.model, instants, w), jerky) for w in (0.0, 0.03, 0.1)
+    )
+    assert moderate < 1.15 * alone
+    assert large < 2.0 * alone
 
 
 def test_no_weight_is_no_path() -> None:

@@ -68,11 +68,18 @@ def test_depths_in_order_are_left_alone(angle_deg: float) -> None:
         assert rigid_order(none) is None
 
 
-def test_a_rigid_motion_that_few_points_agree_with_is_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where less than the share that is asked lies before both cameras, the model stays."""
-    wrong = turned_over(orbit(8.0), 0.5)
-    monkeypatch.setattr(depth_order, "MIN_SHARE_AHEAD", 1.01)
-    assert rigid_order(wrong) is None
+@pytest.mark.parametrize(("num_behind", "believed"), [(54, True), (66, False)])
+def test_a_rigid_motion_needs_four_fifths_of_the_points(
+    num_behind: int, believed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where less of them lie before both cameras the model stays as it is."""
+    monkeypatch.setattr(depth_order, "FOCAL_LENGTHS", (1.2,))
+    truth = orbit(8.0)
+    behind = truth.points[:num_behind] * [-1.0, -1.0, -1.0, 1.0]
+    second = truth.correspondences.second.copy()
+    second[:num_behind] = FRAME.to_pixels(project(truth.second_camera, behind)[0])
+    seen = replace(truth.correspondences, second=second)
+    assert is_reversed(turned_over(replace(truth, correspondences=seen), 0.5)) is believed
 
 
 @pytest.mark.parametrize("angle_deg", ORBITS_DEG)
