@@ -1,8 +1,9 @@
-"""Command ``dvc-sequences``: list the test material, tell about it, render scenes."""
+"""Command ``dvc-sequences``: list the test material, tell about it, render scenes, fetch real clips."""
 
 import argparse
 import json
 import sys
+from pathlib import Path
 
 from dvc import cli
 
@@ -15,13 +16,19 @@ EXAMPLES = """\
   dvc-sequences render statue --out statue.y4m --size 176x144 --frames 25 --noise 1.5
   dvc-sequences render toy --out toy
   dvc-sequences render stairway --out s.mkv --depth s_depth --cameras s_cameras.json --jobs 4
+  dvc-sequences fetch box river --out clips
+"""
+FETCH_EXAMPLES = """\
+  dvc-sequences fetch box river --out clips
+  dvc-sequences fetch --from http://127.0.0.1:8000 --out clips
+  dvc-sequences fetch box --from downloads --out clips
 """
 
 
 def _parser() -> argparse.ArgumentParser:
     description = "Test material: rendered scenes with exact geometry, and the video files of $DVC_DATA."
     parser = cli.ArgumentParser(PROG, description, EXAMPLES)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="{list,info,render}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="{list,info,render,fetch}")
 
     def command(name: str, text: str) -> argparse.ArgumentParser:
         description = f"{text[0].upper()}{text[1:]}."
@@ -33,7 +40,22 @@ def _parser() -> argparse.ArgumentParser:
     for asking in (listing, info):
         asking.add_argument("--json", action="store_true", help="write JSON")
     _add_render(command("render", "render a scene to a video file"))
+    _add_fetch(command("fetch", "make the real test clips from their public sources"))
     return parser
+
+
+def _add_fetch(fetch: argparse.ArgumentParser) -> None:
+    from sequences.sources import GITHUB, NOT_REPEATABLE, SOURCES
+
+    lines = [f"{name}: {source.uncertain}" for name, source in SOURCES.items() if source.uncertain]
+    lines += [f"{name} cannot be made: {why}" for name, why in NOT_REPEATABLE.items()]
+    known = "\n".join(f"  {line}" for line in lines)
+    fetch.epilog = f"what is known of the sources:\n{known}\n\nexamples:\n{FETCH_EXAMPLES}"
+    names = f"any of {', '.join(SOURCES)}; default: all"
+    fetch.add_argument("names", nargs="*", metavar="NAME", help=names)
+    origin = f"address or folder of REPOSITORY/COMMIT/PATH (of a folder also PATH alone); default: {GITHUB}"
+    fetch.add_argument("--from", dest="origin", default=GITHUB, metavar="URL", help=origin)
+    fetch.add_argument("--out", required=True, metavar="DIR", help="folder for the clips NAME.mkv (FFV1)")
 
 
 def _add_render(render: argparse.ArgumentParser) -> None:
@@ -136,8 +158,25 @@ def _check_array_options(arguments: argparse.Namespace) -> None:
         )
 
 
+def _fetch(arguments: argparse.Namespace) -> int:
+    """Make clips; those that fail are a line each, and the others are made nevertheless."""
+    from dvc.errors import DvcError
+    from sequences.fetch import chosen, fetch
+
+    status, out = 0, Path(arguments.out)
+    names = chosen(arguments.names)
+    out.mkdir(exist_ok=True)
+    for name in names:
+        try:
+            sys.stdout.write(f"{fetch(name, arguments.origin, out, cli.progress_bar)}\n")
+        except DvcError as err:
+            status = cli.EXIT_BAD_INPUT
+            sys.stderr.write(f"{PROG}: {cli.one_line(err)}\n")
+    return status
+
+
 def _work(arguments: argparse.Namespace) -> int:
-    return {"list": _list, "info": _info, "render": _render}[arguments.command](arguments)
+    return {"list": _list, "info": _info, "render": _render, "fetch": _fetch}[arguments.command](arguments)
 
 
 main = cli.command(PROG, _parser, _work, has_subcommands=True)

@@ -1,0 +1,201 @@
+"""Test clips made from their sources: from a local server or folder, checked by their digests."""
+
+import functools
+import http.server
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from dvc.video import Frame, create_video, open_video
+from sequences import fetch as fetching
+from sequences.__main__ import main
+from sequences.sources import NOT_REPEATABLE, SOURCES, Source
+
+CLIP = Source("some/where", "abc", "clip.mkv", 1, 2, (400, 320), (20, 10, 360, 300), Fraction(25), "")
+IMAGES = replace(CLIP, path="in/image_%02d.png", first=3)
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """A server of a folder that writes no log."""
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Sources laid out as GitHub has them: a video of four frames, and images."""
+    root = tmp_path / "tree"
+    folder = root / CLIP.repository / CLIP.commit
+    (folder / "in").mkdir(parents=True)
+    rng = np.random.default_rng(1)
+    with create_video(folder / CLIP.path, CLIP.size, CLIP.frame_rate) as writer:
+        for _ in range(4):
+            luma = rng.integers(16, 236, (320, 400), np.uint8)
+            chroma = rng.integers(16, 241, (2, 160, 200), np.uint8)
+            writer.write(Frame(luma, (chroma[0], chroma[1])))
+    for index in range(3, 5):
+        colours = np.broadcast_to(np.array([200, 30, 60 + index], np.uint8), (320, 400, 3))
+        with av.open(str(folder / (IMAGES.path % index)), "w", format="image2") as container:
+            stream = container.add_stream(
+                "png", width=400, height=320, pix_fmt="rgb24", options={"update": "1"}
+            )
+            picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(colours), "rgb24")
+            container.mux([*stream.encode(picture), *stream.encode(None)])
+    monkeypatch.setitem(SOURCES, "clip", CLIP)
+    monkeypatch.setitem(SOURCES, "images", IMAGES)
+    return root
+
+
+@pytest.fixture
+def server(tree: Path) -> Iterator[str]:
+    """The address of a local server of the sources."""
+    handler = functools.partial(Quiet, directory=str(tree))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as running:
+        thread = threading.Thread(target=running.serve_forever)
+        thread.start()
+        yield f"http://127.0.0.1:{running.server_port}"
+        running.shutdown()
+        thread.join()
+
+
+def accept(monkeypatch: pytest.MonkeyPatch, name: str, clip: Path) -> None:
+    """Take the digest of a clip for the right one."""
+    monkeypatch.setitem(SOURCES, name, replace(SOURCES[name], digest=fetching.digest(clip)))
+
+
+def test_clip_is_cropped_and_scaled(server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planes are means over areas of the crop; with the right digest the clip gets its name, and stays."""
+    out = tmp_path / "clips"
+    assert main(["fetch", "clip", "--from", server, "--out", str(out)]) == 2
+    accept(monkeypatch, "clip", out / "clip-unchecked.mkv")
+    assert main(["fetch", "clip", "--from", server, "--out", str(out)]) == 0
+    assert [path.name for path in out.iterdir()] == ["clip.mkv"]
+    with open_video(out / "clip.mkv") as made:
+        assert (made.info.size, made.info.frame_rate) == ((352, 288), 25)
+        frames = list(made)
+    with open_video(tmp_path / "tree" / "some" / "where" / "abc" / "clip.mkv") as original:
+        sources = list(original)[1:3]
+    for frame, source in zip(frames, sources, strict=True):
+        assert frame.chroma is not None
+        assert source.chroma is not None
+        for plane, cut in (
+            (frame.luma, source.luma[10:310, 20:380]),
+            (frame.chroma[1], source.chroma[1][5:155, 10:190]),
+        ):
+            rows, columns = (areas(n, m) for n, m in zip(cut.shape, plane.shape, strict=True))
+            assert np.abs(rows @ cut.astype(float) @ columns.T - plane).max() < 0.51
+    assert main(["fetch", "clip", "--from", "http://127.0.0.1:1", "--out", str(out)]) == 0
+
+
+def areas(size: int, target: int) -> np.ndarray:
+    """Share of each sample in each of the fewer ones that replace them."""
+    edges = np.arange(target + 1) * size / target
+    low, high = np.arange(size), np.arange(size) + 1
+    covered = np.minimum(edges[1:, None], high) - np.maximum(edges[:-1, None], low)
+    return np.maximum(covered, 0) * target / size
+
+
+def test_images_are_converted(tree: Path, tmp_path: Path) -> None:
+    """Numbered RGB images of a folder become BT.601 limited range."""
+    assert main(["fetch", "images", "--from", str(tree), "--out", str(tmp_path / "out")]) == 2
+    with open_video(tmp_path / "out" / "images-unchecked.mkv") as made:
+        frames = [frame.with_chroma() for frame in made]
+    assert len(frames) == 2
+    red, green, blue = 200, 30, 63
+    luma = 16 + (65.481 * red + 128.553 * green + 24.966 * blue) / 255
+    assert np.abs(frames[0].luma - luma).max() <= 1
+    assert frames[0].chroma is not None
+    cr = 128 + (112.0 * red - 93.786 * green - 18.214 * blue) / 255
+    assert np.abs(frames[0].chroma[1] - cr).max() <= 1
+
+
+def test_other_digest_is_told(
+    tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A clip that differs is one line and status 2, no file of its name; the others are made."""
+    out = tmp_path / "clips"
+    arguments = ["fetch", "images", "clip", "--from", str(tree), "--out", str(out)]
+    assert main(arguments) == 2
+    accept(monkeypatch, "clip", out / "clip-unchecked.mkv")
+    capsys.readouterr()
+    assert main(arguments) == 2
+    shown = capsys.readouterr()
+    assert shown.out.split() == [str(out / "clip.mkv")]
+    assert len(shown.err.splitlines()) == 1
+    assert "not the clip that results were measured on" in shown.err
+    assert not (out / "images.mkv").exists()
+
+
+def test_file_names_alone_serve_in_a_folder(tree: Path, tmp_path: Path) -> None:
+    """A file that was downloaded by hand is found by its name."""
+    folder = tree / CLIP.repository / CLIP.commit
+    assert main(["fetch", "clip", "--from", str(folder), "--out", str(tmp_path / "out")]) == 2
+    assert (tmp_path / "out" / "clip-unchecked.mkv").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["foreman_qcif15"], "cannot be made"),
+        (["beach"], "no clip is called 'beach'"),
+        (["clip", "--from", "{server}/other"], "404"),
+        (["clip", "--from", "http://127.0.0.1:1"], "refused"),
+        (["clip", "--from", "file:///etc"], "only http and https"),
+        (["clip", "--from", "nowhere"], "neither clip.mkv nor"),
+        (["box", "--from", "{tree}"], "neither data/box.mp4"),
+    ],
+)
+def test_wrong_input_is_one_line(
+    arguments: list[str],
+    told: str,
+    server: str,
+    tree: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """What cannot be had is one line with the reason and status 2, and leaves nothing."""
+    given = [argument.format(server=server, tree=tree) for argument in arguments]
+    assert main(["fetch", *given, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert told in error
+    assert len(error.splitlines()) == 1
+    assert not list(tmp_path.glob("out/*"))
+
+
+def test_downloads_are_bounded(
+    server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A file that is too large is not taken to its end."""
+    monkeypatch.setattr(fetching, "_CHUNK_BYTES", 2**10)
+    monkeypatch.setattr(fetching, "MAX_FILE_BYTES", 2**12)
+    assert main(["fetch", "clip", "--from", server, "--out", str(tmp_path / "out")]) == 2
+    assert "larger than" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "source", [replace(CLIP, size=(400, 300)), replace(CLIP, first=3)], ids=["size", "end"]
+)
+def test_other_sources_are_refused(
+    source: Source, tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A source of another size, or that ends too early, gives no clip."""
+    monkeypatch.setitem(SOURCES, "clip", source)
+    assert main(["fetch", "clip", "--from", str(tree), "--out", str(tmp_path / "out")]) == 2
+    assert not list(tmp_path.glob("out/*"))
+
+
+def test_help_tells_what_is_uncertain(capsys: pytest.CaptureFixture[str]) -> None:
+    """What was not recorded of a source is said in the help, beside examples."""
+    with pytest.raises(SystemExit):
+        main(["fetch", "--help"])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "examples:" in shown
+    assert all(f"{name} cannot be made" in shown for name in NOT_REPEATABLE)
+    assert all(source.uncertain in shown for source in SOURCES.values())
