@@ -1,0 +1,1 @@
+"""How many small changes of the packages their tests notice: `python -m benchmarks.mutants`."""

@@ -1,0 +1,51 @@
+"""Constants and terms whose change has to be noticed: what decides rates and cameras."""
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+from benchmarks.mutants.operators import Change
+
+
+class Named(NamedTuple):
+    """A change told by what stands there."""
+
+    package: str
+    line: str  # the beginning of one line of the package, without indent
+    before: str  # in that line
+    after: str
+
+
+NAMED = (
+    Named("encoder", "_LOSS_WEIGHT = 2.0", "2.0", "1.0"),
+    Named("encoder", "_PARALLAX_WEIGHT =", "0.08", "0.02"),
+    Named("encoder", "PAYS =", "1.5", "2.0"),
+    Named("encoder", "BITS_PER_BIT =", "1.6", "1.3"),
+    Named("encoder", "REFERENCE_MARGIN =", "0.15", "0.3"),
+    Named("encoder", "beyond =", "0.5", "0.25"),
+    Named("dvc/config", "SLOPE_PER_KEY_SLOPE =", "4.0", "8.0"),
+    Named(
+        "dvc/wynerziv", "return MIN_SCALE + 0.3 * band + 0.5 * neighbourhood", " + 0.5 * neighbourhood", ""
+    ),
+    Named(
+        "dvc/wynerziv",
+        "shape = scale * np.sqrt(np.sqrt(texture",
+        "np.sqrt(np.sqrt(texture",
+        "np.sqrt((texture",
+    ),
+    Named("sfm", "TUKEY_TUNING =", "5.5", "11.0"),
+    Named("sfm", "JERK_PX =", "1.0", "4.0"),
+    Named("sfm", "MIN_SHARE_AHEAD =", "0.8", "0.5"),
+)
+
+
+def named_change(named: Named, root: Path) -> Change:
+    """Find where a named change applies."""
+    found = []
+    for path in sorted((root / named.package).rglob("*.py")):
+        for number, line in enumerate(path.read_bytes().splitlines(), 1):
+            if re.match(rb"\s*" + re.escape(named.line.encode()), line):
+                found.append((path.relative_to(root).as_posix(), number, line.find(named.before.encode())))
+    if len(found) != 1 or found[0][2] < 0:
+        raise LookupError(f"{named.line!r} begins {len(found)} lines of {named.package}: see {__name__}")
+    return Change("named", *found[0], named.before, named.after)
