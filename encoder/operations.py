@@ -135,14 +135,15 @@ def regression(num_positions: float) -> Operations:
     """Count prediction of positions by recursive least squares, and what is learnt from each."""
     products = Operations(multiplies=1, adds=1, bytes=2 * 8)
     gain = products.times((ROW_FEATURES + 1) * NUM_FEATURES) + Operations(compares=1, bytes=8 * ROW_FEATURES)
+    bounded = Operations(multiplies=2, compares=1, bytes=3 * 8).times(NUM_FEATURES)
     limited = Operations(multiplies=1, adds=1, compares=2, bytes=2 * 8).times(2)
     coefficients = (Operations(multiplies=1, bytes=8) + limited).times(NUM_FEATURES)
     covariance = Operations(multiplies=2, adds=1, bytes=4 * 8).times(ROW_FEATURES * NUM_FEATURES)
     neighbours = (fit() + Operations(adds=6, multiplies=3, bytes=33)).times(NUM_NEIGHBOURS)
     features = Operations(adds=4, multiplies=7, bytes=7 * 8 + 3 * 7 * 8)
     prediction = Operations(adds=9, multiplies=7, compares=4, bytes=12 * 8)
-    learning = Operations(adds=11, multiplies=10, compares=5, bytes=13 * 8 + 1)
-    once = gain + coefficients + covariance + neighbours + fit() + features + prediction + learning
+    learning = Operations(adds=11, multiplies=11, compares=6, bytes=13 * 8 + 1)
+    once = gain + bounded + coefficients + covariance + neighbours + fit() + features + prediction + learning
     return once.times(num_positions)
 
 

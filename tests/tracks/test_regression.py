@@ -106,18 +106,27 @@ def test_trailing_bytes_are_refused(trailer: bytes) -> None:
             decode_tracks(payload + trailer, 6, config)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_wild_tracks_come_back(seed: int) -> None:
-    """Points that leap from one end of the widest frame to the other for the longest group are coded, too."""
-    config = regression_config(16384, 1024, 40, 3)
+def wild_tracks(seed: int, config: CodecConfig) -> PointTracks:
+    """Return tracks that leap between the corners of the frame, of which some rest or go anywhere."""
     rng = np.random.default_rng(seed)
-    ends = np.array([0, 16383]), np.array([0, 1023])
-    positions = np.stack([rng.choice(end, (40, 257)) for end in ends], axis=-1).astype(np.float64)
-    positions[:20, 1::2] = positions[:20, :1]
-    tracks = PointTracks(positions, 10)
-    decoded = decode_tracks(encode_tracks(tracks, config), 257, config)
-    assert rows_of(decoded.forward) == rows_of(tracks.forward)
-    assert rows_of(decoded.backward) == rows_of(tracks.backward)
+    count, num_instants = int(rng.integers(1, 24)), int(rng.choice([2, 5, 30, 120]))
+    ends = np.array([config.video.width - 1, config.video.height - 1])
+    positions = rng.integers(0, 2, (count, num_instants, 1 + seed % 2)) * ends.astype(np.float64)
+    rests, strays = rng.random(count) < 0.2, rng.random(count) < 0.2 * (seed % 3)
+    positions[rests, 1:] = positions[rests, :1]
+    positions[strays] = np.round(rng.uniform(size=(int(strays.sum()), num_instants, 2)) * ends)
+    return PointTracks(positions, int(rng.integers(0, count + 1)))
+
+
+@pytest.mark.parametrize("size", [(3840, 2160), (640, 480), (16384, 1024), (4, 16384)])
+def test_wild_tracks_come_back(size: tuple[int, int]) -> None:
+    """Whatever the motion, legal tracks are coded, and none diverges."""
+    for seed in range(250):
+        config = regression_config(*size, 24, seed % 4)
+        tracks = wild_tracks(seed, config)
+        decoded = decode_tracks(encode_tracks(tracks, config), tracks.num_instants, config)
+        assert rows_of(decoded.forward) == rows_of(tracks.forward)
+        assert rows_of(decoded.backward) == rows_of(tracks.backward)
 
 
 @pytest.mark.nojit

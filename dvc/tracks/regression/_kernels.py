@@ -33,6 +33,7 @@ NODE_STEP = 0.73
 NODE_LIMIT = 8.4
 _RATE = 0.02
 _LIMIT = 1e4
+_LEAST_NOISE = 2.0**-40  # of the variance, so that no rounding takes all of a coefficient's variance
 
 
 class Motion(NamedTuple):
@@ -275,7 +276,7 @@ def code_residual(coder, models, nearest, offset, scale, residual):
 def set_features(motion, instant, i, t, sides):
     """Features (10,) of a track before instant `t`: place, motion since the first and the last, squares."""
     features = instant.features
-    scale = 2.8 / sides[0]
+    scale = 2.8 / max(sides[0], sides[1])
     features[i, 0] = 1.0
     for axis in range(2):
         features[i, 1 + axis] = (motion.place[i, axis] - 0.5 * sides[axis]) * scale
@@ -338,7 +339,12 @@ def set_gain(instant, i):
     variance = 0.0
     for k in range(NUM_FEATURES):
         variance += features[i, k] * gain[k]
-    return max(variance, 0.0)
+    variance = max(variance, 0.0)
+    for k in range(NUM_FEATURES):  # by Cauchy and Schwarz, which rounding must not break under wild motion
+        square = covariance[k * (STRIDE + 1)] * variance
+        if gain[k] * gain[k] > square:
+            gain[k] = np.sqrt(square) if gain[k] > 0.0 else -np.sqrt(square)
+    return variance
 
 
 @inlined_kernel
@@ -349,6 +355,7 @@ def learn_motion(instant, error_x, error_y, variance, noise):
     limit = 8.0 * (noise + variance)
     if square > limit:
         noise *= square / limit
+    noise = max(noise, _LEAST_NOISE * variance)
     quotient = 1.0 / (noise + variance)
     for k in range(NUM_FEATURES):
         share = gain[k] * quotient
@@ -446,7 +453,7 @@ def learn(motion, instant, units, i, t, size, scale, variance):
 
 
 @inlined_kernel
-def finish_instant(motion, instant, units, t):
+def finish_instant(motion, instant, units, t, sides):
     """Learn how large residuals and coefficients are; filter places and velocities."""
     known = instant.known
     count = known.sum()
@@ -458,21 +465,22 @@ def finish_instant(motion, instant, units, t):
             x, y = instant.coefficients[k, 0], instant.coefficients[k, 1]
             square = 0.5 * (x * x + y * y) + max(instant.covariance[k * (STRIDE + 1)], 0.0)
             motion.learned[SQUARES + k] = 0.8 * motion.learned[SQUARES + k] + square
-    share = 1.0 if t == 1 else 0.33
     for i in range(known.size):
         if known[i]:
             x, y = fitted(instant, i)
-            follow(motion, instant, units, i, t, 0, x, share)
-            follow(motion, instant, units, i, t, 1, y, share)
+            follow(motion, instant, units, i, t, 0, x, sides)
+            follow(motion, instant, units, i, t, 1, y, sides)
 
 
 @inlined_kernel
-def follow(motion, instant, units, i, t, axis, fitted_last, share):
-    """Filter the place and the velocity of a track in one direction."""
+def follow(motion, instant, units, i, t, axis, fitted_last, sides):
+    """Filter the place and the velocity of a track in one direction, within a frame around the frame."""
+    share = 1.0 if t == 1 else 0.33
     fit = 0.5 * (fitted_last + instant.predictions[i, axis])
     error = units[i, t, axis] - fit
-    motion.velocity[i, axis] = fit - motion.place[i, axis] + share * error
-    motion.place[i, axis] = fit + 0.75 * error
+    velocity, place, side = fit - motion.place[i, axis] + share * error, fit + 0.75 * error, sides[axis]
+    motion.velocity[i, axis] = min(max(velocity, -side), side)
+    motion.place[i, axis] = min(max(place, -side), 2.0 * side)
 
 
 @inlined_kernel
@@ -522,7 +530,7 @@ def code_instant(coder, models, motion, instant, units, t, num_given, sides, pix
             if not (0 <= units[i, t, 0] < sides[0] and 0 <= units[i, t, 1] < sides[1]):
                 return False
         learn(motion, instant, units, i, t, size, scale, variance)
-    finish_instant(motion, instant, units, t)
+    finish_instant(motion, instant, units, t, sides)
     return True
 
 
