@@ -25,7 +25,7 @@ from decoder.session import stream_tasks
 from decoder.tasks import GroupTask, following
 from decoder.wyner_ziv import REQUESTS
 from dvc import turbo
-from dvc.config import TURBO_FAMILIES, WynerZivConfig
+from dvc.config import TURBO_FAMILIES
 from dvc.stream import Form, StreamReader
 from dvc.turbo.results import PlaneCoroutine
 from dvc.wynerziv import priors
@@ -82,7 +82,7 @@ def _recording() -> Iterator[list[_Recorder]]:
 
 
 def _ideal_bits(llr: NDArray[np.floating], bits: Bits) -> float:
-    bounded = np.clip(llr.astype(np.float64), -WynerZivConfig.max_llr, WynerZivConfig.max_llr)
+    bounded = np.clip(llr.astype(np.float64), -REQUESTS.max_prior_llr, REQUESTS.max_prior_llr)
     return float(np.logaddexp(0.0, np.where(bits == 1, bounded, -bounded)).sum() / np.log(2.0))
 
 

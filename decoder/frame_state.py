@@ -13,6 +13,8 @@ from dvc.wynerziv.layout import FrameLayout
 
 Array = NDArray[np.float64]
 
+INITIAL_GAIN = 1.3
+"""Factor on the scale of the correlation noise before anything of a frame is decoded."""
 ERROR_FLOOR = 0.15
 """Share of the bin width that counts as error even where the reconstruction agrees with the prediction."""
 
@@ -44,11 +46,11 @@ class KnownBand:
 class FrameState:
     """The frame as far as it is decoded: prediction, noise model, known bands."""
 
-    def __init__(self, layout: FrameLayout, prediction: Prediction, model: str, initial_gain: float) -> None:
+    def __init__(self, layout: FrameLayout, prediction: Prediction, model: str) -> None:
         self._layout = layout
         self._model = model
         self.known: dict[int, KnownBand] = {}
-        self.gain = initial_gain
+        self.gain = INITIAL_GAIN
         self._first = [transform.forward(luma) for luma in (prediction.luma, *prediction.alternatives)]
         self.expected_error = None
         if prediction.expected_error is not None:

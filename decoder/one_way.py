@@ -1,9 +1,9 @@
 """Decoding of one Wyner-Ziv frame of which an encoder without feedback has sent syndromes.
 
 The planes of a block of bands are decoded together: DC first, which refines the prediction of the others. A
-block whose syndrome is too short is concealed: what it makes likely serves in place of what it should tell
-(in older streams its bands stay as predicted), and whatever is decoded later rests on that. So does one that
-has its syndrome but not its check, of which a few bits are wrong.
+block whose syndrome is too short is concealed: what it makes likely serves in place of what it should tell,
+and whatever is decoded later rests on that. So does one that has its syndrome but not its check, of which a
+few bits are wrong.
 """
 
 from collections.abc import Sequence
@@ -46,7 +46,7 @@ class OneWayDecoder:
             raise BitstreamError("a one-way stream has nested bins")
         settings = self._config.wyner_ziv
         received = OneWayFrame.read(self._layout, payload, self._config.turbo)
-        state = FrameState(self._layout, prediction, settings.noise_model, settings.initial_gain)
+        state = FrameState(self._layout, prediction, settings.noise_model)
         num_failed, costs = 0, []
         for number, block in enumerate(received.blocks):
             if block is not None:
@@ -81,10 +81,7 @@ class OneWayDecoder:
         bands = [band for band in BLOCKS[number] if depths[band]]
         scales = {band: state.scale(band) for band in bands}
         promised = [_promised(band, scales[band], received, state) for band in bands]
-        old = self._config.turbo.syndromes == "mixed"
-        decoded, priors, known = _decode(block, promised, START_GAINS[: 1 if old else None])
-        if old and not known:
-            return []
+        decoded, priors, known = _decode(block, promised)
         ideal_bits, first = [], 0
         for place, (band, prior) in enumerate(zip(bands, priors, strict=True)):
             edges, planes = quantization.edges(band), quantization.planes[band]
@@ -122,12 +119,10 @@ def _promised(band: int, scale: Array, received: OneWayFrame, state: FrameState)
     )
 
 
-def _decode(
-    block: SentBlock, promised: list[LearnedBand], gains: Sequence[float]
-) -> tuple[DecodedBlock, list[NumberPriors], bool]:
+def _decode(block: SentBlock, promised: list[LearnedBand]) -> tuple[DecodedBlock, list[NumberPriors], bool]:
     """Decode the planes of a block, from one gain of the scales after the other until they have its check."""
     nearest = None
-    for gain in gains:
+    for gain in START_GAINS:
         bands = [replace(band, scale=gain * band.scale) for band in promised]
         decoded, priors = _learning(block, bands)
         if decoded.success and _checks(decoded.bits, block):

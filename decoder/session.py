@@ -33,17 +33,7 @@ def decode_stream(
     -------
     iterator of DecodedGroup
         In display order; it raises `BitstreamError` where the stream is damaged, after all groups before.
-
-    Raises
-    ------
-    BitstreamError
-        If the stream cannot be decoded on any processor alike.
     """
-    if reader.version == 1 and reader.form is Form.PUNCTURED and config.codec != "2d":
-        raise BitstreamError(
-            "a punctured stream of format version 1 with 3D side information decodes only on processors like"
-            " that it was made with; decode the buffered stream, or encode the video again"
-        )
     return decode_groups(stream_tasks(config, reader, frames), jobs)
 
 

@@ -27,6 +27,8 @@ from dvc.wynerziv.refinement import Refinement, expected_refinement
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
 
+REFINE_AFTER = frozenset((0, 1, 2, 3, 4, 6, 8, 10))
+"""Positions of bands in coding order after which the side information is refined, beside the last one."""
 REFINING_WIDTH = 4.0
 """Mean interval of the first band, in scales, below which each of its planes refines the side information."""
 NUM_FITTED_PLANES = 5
@@ -72,9 +74,6 @@ class WynerZivDecoder:
         self._settings = replace(
             REQUESTS,
             family=config.turbo.family,
-            crc_bits=config.turbo.crc_bits,
-            first_crc_bits=config.turbo.first_crc_bits,
-            max_prior_llr=config.wyner_ziv.max_llr,
             batch=config.turbo.batch_percent / 100,
             batch_bits=config.turbo.batch_bits,
         )
@@ -116,7 +115,7 @@ class _Frame:
 
     def decode(self, quantization: Quantization, prediction: Prediction, slope: float) -> FrameCoroutine:
         settings = self.config.wyner_ziv
-        state = FrameState(self.layout, prediction, settings.noise_model, settings.initial_gain)
+        state = FrameState(self.layout, prediction, settings.noise_model)
         decoded: dict[int, list[turbo.PlaneResult]] = {}
         check = turbo.FrameCheck()
         last = len(quantization.bands) - 1
@@ -125,7 +124,7 @@ class _Frame:
             if position == last:
                 check = yield from self.plane_decoder.check(self.index)
                 self._correct(check, decoded, quantization, state)
-            if position in settings.refine_after or position == last:
+            if position in REFINE_AFTER or position == last:
                 state.refine()
         results = [result for planes in decoded.values() for result in planes]
         refiner = state.prediction.refiner
@@ -150,7 +149,7 @@ class _Frame:
     ) -> Generator[turbo.ParityRequest, Bits, list[turbo.PlaneResult]]:
         edges = quantization.edges(band)
         planes, shape = quantization.planes[band], self.layout.band_shape
-        refined = not state.known and 0 in self.config.wyner_ziv.refine_after
+        refined = not state.known
         predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
         prefix = np.zeros(self.layout.num_bits, dtype=np.int64)
         lower, upper = bitplanes.prefix_borders(prefix, planes, edges)

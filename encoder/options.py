@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dvc import cli
 from dvc.config import (
     ALLOCATED_FAMILY,
-    ALLOCATED_TRACK_CODING,
     ANCHOR_DISTANCE,
     DEFAULT_CODEC,
     DEFAULT_QP,
@@ -404,8 +403,6 @@ def _configuration(
 ) -> CodecConfig:
     rate, variant = info.frame_rate, VARIANTS[arguments.codec]
     tracks = _given(num_points=arguments.points, subpixel_bits=arguments.subpixel)
-    if shared is not None and variant.tracks.kind == "encoder":
-        tracks["coding"] = ALLOCATED_TRACK_CODING
     gop = _gop(arguments, shared)
     return CodecConfig.preset(
         arguments.codec,
@@ -442,8 +439,7 @@ def _turbo(arguments: argparse.Namespace, shared: Allocation | None) -> TurboCon
     family = usual if arguments.turbo is None else str(arguments.turbo)
     if arguments.long_delay and family != ALLOCATED_FAMILY:
         raise ConfigError(f"--long-delay is for --turbo {ALLOCATED_FAMILY}, not for {family}")
-    syndromes = "sparse" if arguments.no_feedback else TurboConfig.syndromes
-    config = TurboConfig(family, arguments.seed, syndromes=syndromes)
+    config = TurboConfig(family, arguments.seed)
     if not arguments.long_delay:
         return config
     return replace(config, batch_percent=LONG_DELAY_PERCENT, batch_bits=LONG_DELAY_BITS)

@@ -9,6 +9,7 @@ from typing import Any
 from dvc._jit import loaded_bytes, loading_time_s
 from dvc.config import CodecConfig
 from dvc.memory import peak_resident_bytes
+from dvc.turbo import CRC_BITS
 from dvc.video import Frame
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.transform import NUM_BANDS, band_shape
@@ -164,7 +165,7 @@ class EncoderStatistics:
             num_coded_bands=self.num_coded_bands,
             num_words=places * self.num_rows,
             num_rows=self.num_rows,
-            crc_bits=config.turbo.crc_bits,
+            crc_bits=CRC_BITS,
             num_blocks=num_large,
             num_quarter_blocks=self.num_sad_blocks - num_large,
             num_pairs=self.num_pairs,

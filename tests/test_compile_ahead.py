@@ -14,17 +14,16 @@ import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 from dvc import compile_ahead
 from dvc.compile_ahead import Kernel, compile_part, compiling_ahead, listed
-from dvc.stream.records import FORMAT_VERSION
-from tests.test_golden import GOLDEN, Golden, digest, name_of, records, source
+from tests.golden_streams import GOLDEN, Golden, digest, records, source
 
 NAMES = (
     "2d-colour",
     "3d-fused",
-    "3d-td-both-depths",
+    "3d-td-all",
     "3d-te-odd",
-    "2d-learned",
-    "3d-te-learned",
-    "3d-te-anchors",
+    "2d-qp",
+    "3d-te-qp",
+    "3d-te-p-type",
 )
 CODECS = [golden for name in NAMES for golden in GOLDEN if golden.name == name]
 LISTS = {"decoder": decoder.KERNELS, "encoder": encoder.KERNELS}
@@ -42,7 +41,7 @@ def calls(program: str, codecs: Sequence[Golden], folder: Path) -> list[str]:
     arguments: list[object] = []
     for golden in codecs:
         if program == "decoder":
-            arguments += ["--", golden.path(FORMAT_VERSION, "buffered")]
+            arguments += ["--", golden.path("buffered")]
         else:
             (folder / golden.name).mkdir()
             arguments += ["--", source(golden, folder / golden.name), *golden.coding.split()]
@@ -175,7 +174,7 @@ def test_decoding_is_not_harmed(killed: bool, tmp_path: Path, monkeypatch: pytes
         return process
 
     monkeypatch.setattr(compile_ahead, "_start", start_and_kill)
-    path, video = CODECS[0].path(FORMAT_VERSION, "buffered"), tmp_path / "video.y4m"
+    path, video = CODECS[0].path("buffered"), tmp_path / "video.y4m"
     assert decoder.main([str(path), str(video), "--quiet"]) == 0
-    assert digest(video) == records()[name_of(path)]["video_sha256"]
+    assert digest(video) == records()[path.name]["video_sha256"]
     assert [process.returncode is not None for process in started] == [True]

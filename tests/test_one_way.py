@@ -1,8 +1,6 @@
 """Streams without a feedback channel, from command to command."""
 
-import hashlib
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,8 +16,6 @@ from dvc.video import Frame
 from tests.clips import write_clip
 from tests.scenes_3d import render
 
-FROZEN = Path(__file__).parent / "golden" / "one_way"
-"""Streams of this form by how their syndromes are made, and what they decode to."""
 SIZE = (104, 88)
 
 
@@ -140,20 +136,3 @@ def test_a_cut_stream_is_told(clip: Path, tmp_path: Path, capsys: pytest.Capture
         assert decoder.main([str(tmp_path / "cut.dvc"), str(tmp_path / "v.y4m"), "--quiet"]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
         assert not (tmp_path / "v.y4m").exists()
-
-
-@pytest.mark.parametrize("name", ["mixed", "sparse"])
-def test_frozen_streams_decode_to_the_frozen_frames(clip: Path, tmp_path: Path, name: str) -> None:
-    """Those of the day they were made (`DVC_REGENERATE=1` makes what encoders write today anew)."""
-    stream, frozen = FROZEN / f"{name}.dvc", FROZEN / f"{name}.json"
-    if os.environ.get("DVC_REGENERATE") == "1" and name == "sparse":
-        encoded(clip, stream, "--margin", "100")
-    report, video = decoded(stream, tmp_path)
-    found = {
-        "video_sha256": hashlib.sha256(video).hexdigest(),
-        "num_failed_planes": report["num_failed_planes"],
-        "methods": sorted({row["side_information"] for row in report["per_frame"] if row["type"] == "wz"}),
-    }
-    if os.environ.get("DVC_REGENERATE") == "1" and name == "sparse":
-        frozen.write_text(json.dumps(found, indent=1) + "\n")
-    assert found == json.loads(frozen.read_text())

@@ -142,8 +142,6 @@ CLAIMS = (
         "docs/scene.md",
         "tracks/depth-blocks",
         "tracks/depth-blocks-mean",
-        "tracks/te-depths",
-        "tracks/te-depths-mean",
     ),
     _claim(
         "The scene without tracks predicts no worse than block motion.",

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from dvc.config import (
     ALLOCATED_FAMILY,
-    ALLOCATED_TRACK_CODING,
     CodecConfig,
     GopConfig,
     KeyFrameConfig,
@@ -91,7 +90,6 @@ def tracked_material(codec: str, allocated: bool = False) -> tuple[bytes, list[l
             gop=replace(gop, anchor_distance=2, intra_period=6),
             wyner_ziv=shared.wyner_ziv,
             turbo=TurboConfig(ALLOCATED_FAMILY),
-            tracks=replace(config.tracks, coding=ALLOCATED_TRACK_CODING),
             side_information=replace(config.side_information, fallback="tracks"),
         )
     file = io.BytesIO()

@@ -17,7 +17,6 @@ from decoder.side_information.block_motion.interpolation import BlockMotionInter
 from decoder.side_information.methods import INTERPOLATORS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from dvc import cli
-from dvc.config import SideInformationConfig
 from dvc.metrics import psnr_db
 from dvc.multiview.depth_maps import estimate_depths
 from dvc.video import Frame, open_video
@@ -103,7 +102,7 @@ def _interpolations(model: Model, first: Luma, second: Luma) -> dict[str, Interp
 
 def _block_motion(first: Luma, second: Luma) -> Floats:
     keys = [ReferenceFrame(0, Frame(first, None)), ReferenceFrame(GOP, Frame(second, None))]
-    [prediction] = BlockMotionInterpolation(SideInformationConfig()).predict(keys, None, [GOP // 2])
+    [prediction] = BlockMotionInterpolation().predict(keys, None, [GOP // 2])
     return prediction.luma
 
 
@@ -116,7 +115,7 @@ def _motion_norms(found: Reconstruction, first: Luma, second: Luma) -> Picture:
     for name, rendered in _interpolations(found.model, first, second).items():
         motion = rendered.positions[1] - rendered.positions[0]
         norms[f"3D {name}"] = np.hypot(motion[..., 0], motion[..., 1])
-    field = estimate_motion(first, second, Fraction(1, 2), SideInformationConfig()) / 4.0
+    field = estimate_motion(first, second, Fraction(1, 2)) / 4.0
     norms["2D block motion"] = np.kron(np.hypot(field[..., 0], field[..., 1]), np.ones((8, 8)))
     highest = float(np.percentile(norms["3D depth"], 99.5))
     height, width = first.shape

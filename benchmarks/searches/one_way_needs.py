@@ -76,7 +76,7 @@ class KnowingDecoder(OneWayDecoder):
         """Decode one frame; see `OneWayDecoder.decode`."""
         settings = self._config.wyner_ziv
         record = self._known[index]
-        state = FrameState(self._layout, prediction, settings.noise_model, settings.initial_gain)
+        state = FrameState(self._layout, prediction, settings.noise_model)
         truth = transform.forward(record.luma)
         for block in BLOCKS:
             bands = [band for band in block if record.encoded.quantization.planes[band]]

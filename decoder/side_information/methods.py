@@ -1,22 +1,20 @@
 """The methods: what `--side-information` and the configuration may name."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.protocol import SceneInterpolatorType, SideInformationMethod
 from decoder.side_information.scene.averaged_depth import AveragedDepthInterpolator
 from decoder.side_information.scene.blocks import BlockInterpolator
-from decoder.side_information.scene.depth import DepthInterpolator
 from decoder.side_information.scene.fused import FusedInterpolator
 from decoder.side_information.scene.mesh import MeshInterpolator
 from decoder.side_information.scene.tracked import TrackedSceneInterpolation
 from decoder.side_information.scene.untracked import SceneInterpolation
-from dvc.config import CodecConfig, SideInformationConfig
+from dvc.config import CodecConfig
 
 INTERPOLATORS: dict[str, SceneInterpolatorType] = {
-    DepthInterpolator.name: DepthInterpolator,
+    AveragedDepthInterpolator.name: AveragedDepthInterpolator,
     BlockInterpolator.name: BlockInterpolator,
     MeshInterpolator.name: MeshInterpolator,
     FusedInterpolator.name: FusedInterpolator,
@@ -24,19 +22,13 @@ INTERPOLATORS: dict[str, SceneInterpolatorType] = {
 """How the motion between key frames is modelled from a scene, by the name of the method."""
 
 
-def interpolator_of(config: SideInformationConfig) -> SceneInterpolatorType:
-    """Choose how the motion between key frames is modelled."""
-    if config.method == DepthInterpolator.name and config.depth_costs == "both":
-        return AveragedDepthInterpolator
-    return INTERPOLATORS[config.method]
-
-
 def _block_motion(config: CodecConfig) -> SideInformationMethod:
-    return BlockMotionInterpolation(config.side_information)
+    del config
+    return BlockMotionInterpolation()
 
 
 def _scene(method: str, config: CodecConfig) -> SideInformationMethod:
-    interpolator = interpolator_of(replace(config.side_information, method=method))
+    interpolator = INTERPOLATORS[method]
     if interpolator is FusedInterpolator and config.codec == "2d":
         return _block_motion(config)  # nothing to fuse it with
     if config.tracks.kind == "none":

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.block_motion.compensation import compensate, phase_planes
-from decoder.side_information.block_motion.interpolation import estimate_motion, split_field
+from decoder.side_information.block_motion.interpolation import BLOCK_PX, estimate_motion, split_field
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.tracked_warp import TrackedWarp, warp_by_tracks
 from decoder.side_information.weighting import neighbourhood
-from dvc.config import SideInformationConfig
 from dvc.wynerziv.transform import to_uint8
 
 Floats = NDArray[np.float64]
@@ -54,7 +53,6 @@ def interpolate_by_tracks(
     around: tuple[ReferenceFrame, ReferenceFrame],
     instant: int,
     points: tuple[Floats, Floats, Floats],
-    settings: SideInformationConfig,
 ) -> Interpolation:
     """Predict a frame between two references."""
     before, wanted, after = points
@@ -67,7 +65,7 @@ def interpolate_by_tracks(
     both = np.minimum(warps[0].coverage, warps[1].coverage)
     aligned = _filled(*warps), _filled(*warps[::-1])
     warped = _weighted(aligned, warps, shares)
-    moved = _weighted(_block_motion(aligned, warps, distances, settings), warps, shares)
+    moved = _weighted(_block_motion(aligned, warps, distances), warps, shares)
     misfit = USUAL_MISFIT * moved.difference + NOISE
     share = np.floor(both) * np.maximum(1.0 - misfit / np.maximum(warped.difference, NOISE), 0.0)
     luma = warped.luma + share * (moved.luma - warped.luma)
@@ -115,7 +113,6 @@ def _block_motion(
     aligned: tuple[Floats, Floats],
     warps: tuple[TrackedWarp, TrackedWarp],
     distances: tuple[int, int],
-    settings: SideInformationConfig,
 ) -> tuple[Floats, Floats]:
     """Compensate what is left of the motion: the farther a reference is, the more of it is that one's."""
     paces = [
@@ -125,9 +122,9 @@ def _block_motion(
     step = round(POSITION_STEPS * paces[0] / (paces[0] + paces[1]))
     position = Fraction(min(max(step, 1), POSITION_STEPS - 1), POSITION_STEPS)
     first, second = to_uint8(aligned[0]), to_uint8(aligned[1])
-    field = estimate_motion(first, second, position, settings)
+    field = estimate_motion(first, second, position)
     weights = [np.ones(field.shape[:2])] * 2
     planes = [phase_planes(first), phase_planes(second)]
     offsets = list(split_field(field, position))
-    _, compensated = compensate(planes, offsets, weights, settings.block_size, first.shape)
+    _, compensated = compensate(planes, offsets, weights, BLOCK_PX, first.shape)
     return compensated[0], compensated[1]

@@ -2,7 +2,6 @@
 
 from dvc.config.allocation import (
     ALLOCATED_FAMILY,
-    ALLOCATED_TRACK_CODING,
     ANCHOR_DISTANCE,
     DEFAULT_QP,
     INTRA_PERIOD,
@@ -21,7 +20,6 @@ from dvc.config.header import (
     encode_config,
 )
 from dvc.config.sections import (
-    CRC_BITS,
     FALLBACKS,
     MAX_AREA_PX,
     MAX_BAND_PLANES,
@@ -38,7 +36,6 @@ from dvc.config.sections import (
     QUANTIZERS,
     REFERENCES,
     SFM_BACKENDS,
-    SYNDROMES,
     TRACK_CODINGS,
     TRACKS_KINDS,
     TURBO_FAMILIES,
@@ -69,9 +66,7 @@ from dvc.config.variants import (
 
 __all__ = [
     "ALLOCATED_FAMILY",
-    "ALLOCATED_TRACK_CODING",
     "ANCHOR_DISTANCE",
-    "CRC_BITS",
     "DEFAULT_CODEC",
     "DEFAULT_QP",
     "FALLBACKS",
@@ -98,7 +93,6 @@ __all__ = [
     "QUANTIZERS",
     "REFERENCES",
     "SFM_BACKENDS",
-    "SYNDROMES",
     "TRACKS_KINDS",
     "TRACK_CODINGS",
     "TURBO_FAMILIES",

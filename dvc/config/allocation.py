@@ -9,8 +9,6 @@ MAX_QP = 51
 DEFAULT_QP = 30
 ALLOCATED_FAMILY = "cascade"
 """Codes of the bit planes: those that cost the least."""
-ALLOCATED_TRACK_CODING = "regression"
-"""The same of tracks."""
 ANCHOR_DISTANCE = 8
 """Most frames from one anchor to the next."""
 INTRA_PERIOD = 96

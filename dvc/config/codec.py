@@ -71,7 +71,6 @@ class CodecConfig(Section):
         own = {
             "gop": variant.gop(),
             "side_information": variant.side_information,
-            "geometry": variant.geometry,
             "tracks": variant.tracks,
         }
         return cls(codec, video, **(own | sections))

@@ -10,11 +10,9 @@ from dvc.errors import ConfigError
 REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
 TRACK_CODINGS = ("filter", "regression")
-DEPTH_COSTS = ("gradient", "both")
 FALLBACKS = ("block-motion", "tracks")
 SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical", "cascade")
-SYNDROMES = ("mixed", "sparse")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
 QUANTIZERS = ("range", "nested")
 PRIORS = ("laplacian", "learned", "by-level")
@@ -24,7 +22,6 @@ MAX_AREA_PX = 2**24
 MAX_GOP_LENGTH = 256
 MAX_INTRA_PERIOD = 1024
 MAX_POINTS = 1024
-CRC_BITS = (8, 12, 16, 24, 32)
 MAX_PARAMETER_SETS_BYTES = 1024
 MAX_SLOPE = 1e6
 MAX_HIERARCHY = 8
@@ -120,12 +117,7 @@ class WynerZivConfig(Section):
     levels: tuple[int, ...] = tuple(
         PRESET_LEVELS[3][position] for position in ZIGZAG
     )  # per band, zigzag order
-    # Positions in coding order of the bands after which the side information is refined; after the last one
-    # it always is.
-    refine_after: tuple[int, ...] = (0, 1, 2, 3, 4, 6, 8, 10)
-    max_llr: float = 9.0  # bound on the magnitude of the prior LLR of a bit
     noise_model: str = "local"  # how the scale of the correlation noise follows from the references
-    initial_gain: float = 1.3  # factor on that scale before anything of a frame is decoded
     # Bins: `levels` that share the range of a band in its frame; or nested ones, whose step the frame tells.
     quantizer: str = "range"
     # Squared error that a bit must save, or its plane is not asked for; 0: all planes are.
@@ -146,14 +138,7 @@ class WynerZivConfig(Section):
                 raise ConfigError(f"`levels` must hold 0 or powers of two from 2 to 256, got {shown(number)}")
         if not any(self.levels):
             raise ConfigError("`levels` must send at least one band")
-        if len(self.refine_after) > NUM_BANDS or any(not 0 <= n < NUM_BANDS for n in self.refine_after):
-            raise ConfigError(f"`refine_after` must hold numbers of bands below {NUM_BANDS}")
-        if any(b <= a for a, b in zip(self.refine_after, self.refine_after[1:], strict=False)):
-            raise ConfigError(f"`refine_after` must increase, got {shown(self.refine_after)}")
-        if not 0 < self.max_llr <= 100:
-            raise ConfigError(f"`max_llr` must be above 0 and at most 100, got {self.max_llr}")
         check_choice("noise_model", self.noise_model, NOISE_MODELS)
-        check_range("initial_gain", self.initial_gain, 0.01, 100.0)
         check_choice("quantizer", self.quantizer, QUANTIZERS)
         check_choice("priors", self.priors, PRIORS)
         check_range("slope", self.slope, 0.0, MAX_SLOPE)
@@ -214,26 +199,17 @@ class TurboConfig(Section):
 
     family: str = "adaptive"  # set of turbo codes that the decoder chooses from, or parities of ranges
     interleaver_seed: int = 1
-    crc_bits: int = 16  # length of the checksum that the encoder computes for each bit plane
-    first_crc_bits: int = 8  # of these, how many the decoder asks for at once; more only where it is in doubt
     # With parities of ranges, what the answers to a request are to tell, in percent of what is not known of
     # the plane; 0: as little as costs the fewest bits, in the most requests.
     batch_percent: int = 0
     # Bits that they are to tell beyond that share; above 0, orders that are not in use yet help with it.
     batch_bits: int = 0
-    # Without feedback, how many bits of a block take part in two syndrome bits only, the rest in three: up to
-    # half of them; or more, from lower rates on, and then a block that is short serves as far as it goes.
-    syndromes: str = "mixed"
 
     def _check_values(self) -> None:
         check_choice("family", self.family, TURBO_FAMILIES)
         check_range("interleaver_seed", self.interleaver_seed, 0, 2**31 - 1)
-        if self.crc_bits not in CRC_BITS:
-            raise ConfigError(f"`crc_bits` must be one of {CRC_BITS}, got {shown(self.crc_bits)}")
-        check_range("first_crc_bits", self.first_crc_bits, 1, self.crc_bits)
         check_range("batch_percent", self.batch_percent, 0, 100)
         check_range("batch_bits", self.batch_bits, 0, 1000 if self.batch_percent else 0)
-        check_choice("syndromes", self.syndromes, SYNDROMES)
         if self.batch_percent and self.family != "cascade":
             raise ConfigError("`batch_percent` is for parities of ranges, family `cascade`")
 
@@ -243,13 +219,7 @@ class SideInformationConfig(Section):
     """Prediction of the Wyner-Ziv frames at the decoder."""
 
     method: str = "mci"  # name of the method; the decoder knows which there are
-    block_size: int = 8  # side of a block in pixels: 4, 8 or 16
-    search_radius: int = 16  # of the motion search, in pixels of the coarsest level
-    smoothness: int = 6  # weight of smooth motion against matching blocks
     track_corrections: bool = False  # move what is rendered to where neighbouring tracks agree that it is
-    # What method `depth` compares key frames by: levels and gradients; or also, for a second depth, levels
-    # and census bits: the two predictions are averaged.
-    depth_costs: str = "gradient"
     # What serves beside a model of the scene, and alone where there is none, if points are sent: block motion
     # after that of the whole frame; or references that are warped by the points, pixel by pixel.
     fallback: str = "block-motion"
@@ -259,11 +229,6 @@ class SideInformationConfig(Section):
             raise ConfigError(
                 f"`method` must be 1 to 32 of the characters a-z 0-9 _ -, got {shown(self.method)}"
             )
-        if self.block_size not in (4, 8, 16):
-            raise ConfigError(f"`block_size` must be 4, 8 or 16, got {shown(self.block_size)}")
-        check_range("search_radius", self.search_radius, 0, 64)
-        check_range("smoothness", self.smoothness, 0, 1000)
-        check_choice("depth_costs", self.depth_costs, DEPTH_COSTS)
         check_choice("fallback", self.fallback, FALLBACKS)
 
 
@@ -273,7 +238,6 @@ class GeometryConfig(Section):
 
     backend: str = "native"  # whose estimators: the project's own, or COLMAP's
     path_regularity: float = 0.0  # weight of second differences of the camera's path, with respect to tracks
-    rigid_order: bool = False  # order depths as a rigid motion sees them, not as the self-calibration may
 
     def _check_values(self) -> None:
         check_choice("backend", self.backend, SFM_BACKENDS)
@@ -289,7 +253,7 @@ class TracksConfig(Section):
     subpixel_bits: int = 0  # binary digits of their coordinates after the point
     # How tracks are predicted: each by its past and its neighbours; or by the motion of all tracks that were
     # coded before it at the same instant.
-    coding: str = "filter"
+    coding: str = "regression"
 
     def _check_values(self) -> None:
         check_choice("kind", self.kind, TRACKS_KINDS)

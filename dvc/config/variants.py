@@ -1,10 +1,9 @@
-# ruff: noqa: RUF009 -- sections are frozen, so that they may be shared
 """Variants of the codec: how each predicts, what it sends of the geometry, and its groups of pictures."""
 
 from dataclasses import dataclass
 
 from dvc.config.fields import check_choice
-from dvc.config.sections import GeometryConfig, GopConfig, SideInformationConfig, TracksConfig
+from dvc.config.sections import GopConfig, SideInformationConfig, TracksConfig
 from dvc.errors import ConfigError
 
 KEY_FRAME_CHOICES = ("tracks", "rate")
@@ -75,8 +74,6 @@ class CodecVariant:
     groups_without_feedback : GroupPreset or None
         Those where no decoder asks; None: the same. Frames far from key frames need the most bits, and these
         can only be estimated: key frames pay earlier.
-    geometry : GeometryConfig
-        How the decoder reconstructs the scene.
     """
 
     summary: str
@@ -86,7 +83,6 @@ class CodecVariant:
     usual_groups: GroupPreset
     groups_of_keys: GroupPreset | None = None
     groups_without_feedback: GroupPreset | None = None
-    geometry: GeometryConfig = GeometryConfig()
 
     def groups(self, references: str | None = None, feedback: bool = True) -> GroupPreset:
         """Return the groups of pictures that suit what frames are predicted from.
@@ -133,8 +129,7 @@ class CodecVariant:
         return GopConfig(usual if length is None else length, references or self.references)
 
 
-_DEPTH = SideInformationConfig("depth", depth_costs="both")
-_GEOMETRY = GeometryConfig(rigid_order=True)
+_DEPTH = SideInformationConfig("depth")
 
 VARIANTS = {
     "2d": CodecVariant(
@@ -150,7 +145,6 @@ VARIANTS = {
         tracks=TracksConfig("none"),
         references="keys",
         usual_groups=GroupPreset(2),
-        geometry=_GEOMETRY,
     ),
     "3d-td": CodecVariant(
         summary="the scene, with cameras from corners of every frame, which the decoder matches",
@@ -158,7 +152,6 @@ VARIANTS = {
         tracks=TracksConfig("decoder", num_points=176),  # of each frame, as many as there are in the thesis
         references="hierarchical",
         usual_groups=GroupPreset(10),
-        geometry=_GEOMETRY,
     ),
     "3d-te": CodecVariant(
         summary="the scene, with cameras from points that the encoder tracks, which set the key frames, too",
@@ -171,7 +164,6 @@ VARIANTS = {
         groups_without_feedback=GroupPreset(
             16, KeyFrameRule(longest_track_px=40.0, lost_share=0.4, hierarchical=True)
         ),
-        geometry=_GEOMETRY,
     ),
 }
 """All variants by name, from the simplest to the best."""

@@ -12,7 +12,7 @@ import numpy as np
 from dvc.config import CodecConfig
 from dvc.feedback import _kernels
 from dvc.feedback.messages import MAX_ANSWER_BITS
-from dvc.turbo import CASCADE, KINDS, RequestTable, num_codes
+from dvc.turbo import CASCADE, CRC_BITS, KINDS, RequestTable, num_codes
 from dvc.turbo.requests import SLOT
 
 MAX_OPEN_GOPS = 32
@@ -54,7 +54,7 @@ class Ledger:
         self._gop_length = config.gop.length
         self._has_anchors = config.gop.anchor_distance > 0
         self._num_codes = num_codes(config.turbo.family)
-        self._crc_bits = config.turbo.crc_bits
+        self._crc_bits = CRC_BITS
         num_planes = sum(config.wyner_ziv.max_planes)
         by_positions = config.turbo.family == CASCADE
         limits = {

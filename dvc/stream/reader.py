@@ -13,9 +13,9 @@ from dvc.stream.gop import GopRecord, decode_gop, decode_head
 from dvc.stream.index import SIZE_BYTES, TRAILER_BYTES, IndexEntry, StreamIndex, decode_end
 from dvc.stream.records import (
     CRC_BYTES,
+    FORMAT_VERSION,
     MAGIC,
     MAX_GOPS,
-    READABLE_VERSIONS,
     Form,
     Place,
     RecordType,
@@ -122,7 +122,6 @@ class StreamReader(Closing):
 
     config: CodecConfig
     form: Form
-    version: int
     missing: str | None  # what an unfinished stream lacks, once that was met
 
     def __init__(self, source: BinaryIO | str | os.PathLike[str], *, unfinished: bool = False) -> None:
@@ -144,16 +143,14 @@ class StreamReader(Closing):
         if self._source.read(len(MAGIC)) != MAGIC:
             raise BitstreamError("not a dvc3d stream")
         version = self._source.read(1)
-        self.version = version[0] if version else 0
-        if self.version not in READABLE_VERSIONS:
-            readable = " and ".join(map(str, READABLE_VERSIONS))
-            found = self.version if version else "missing"
-            raise BitstreamError(f"format version {found}; this program reads versions {readable}")
+        if version != bytes([FORMAT_VERSION]):
+            found = version[0] if version else "missing"
+            raise BitstreamError(f"format version {found}; this program reads version {FORMAT_VERSION}")
         place, payload = self._source.read_record(0)
         if place.type is not RecordType.CONFIGURATION:
             raise place.error("the first record must be the configuration")
         try:
-            self.config, self.form = decode_configuration(payload, self.version)
+            self.config, self.form = decode_configuration(payload)
         except BitstreamError as err:
             raise place.error(str(err)) from err
 
@@ -189,7 +186,7 @@ class StreamReader(Closing):
             raise BitstreamError("the configuration must come first and once")
         if len(self._seen) == MAX_GOPS:
             raise BitstreamError(f"more than {MAX_GOPS} groups of pictures")
-        record = decode_gop(payload, self.version > 1 and self.form is Form.PUNCTURED)
+        record = decode_gop(payload, self.form is Form.PUNCTURED)
         limit = self.config.gop.length if self._seen else 1
         if record.num_frames > limit:
             raise BitstreamError(f"{record.num_frames} frames where at most {limit} are allowed")

@@ -1,7 +1,7 @@
 """Framing: how records lie in a stream, their checksums, and the first record, the configuration."""
 
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 
 from dvc.bits import encode_varint
@@ -9,8 +9,7 @@ from dvc.config import CodecConfig, decode_config, encode_config
 from dvc.errors import BitstreamError
 
 MAGIC = b"DV3D"
-FORMAT_VERSION = 2
-READABLE_VERSIONS = (1, FORMAT_VERSION)
+FORMAT_VERSION = 1
 MAX_RECORD_BYTES = 64 * 2**20
 MAX_GOPS = 2**20
 CRC_BYTES = 4
@@ -93,11 +92,8 @@ def encode_configuration(config: CodecConfig, form: Form) -> bytes:
     return bytes([_FORM_BYTES[form]]) + encode_config(config)
 
 
-def decode_configuration(payload: bytes, version: int = FORMAT_VERSION) -> tuple[CodecConfig, Form]:
+def decode_configuration(payload: bytes) -> tuple[CodecConfig, Form]:
     """Read the payload of the configuration record; inverse of `encode_configuration`."""
     if not payload or payload[0] not in _FORMS:
         raise BitstreamError("a stream has no form of this number; it is buffered, punctured or one-way")
-    config = decode_config(payload[1:])
-    if version == 1 and config.side_information.method == "mesh":  # its name before there was another mesh
-        config = replace(config, side_information=replace(config.side_information, method="depth"))
-    return config, _FORMS[payload[0]]
+    return decode_config(payload[1:]), _FORMS[payload[0]]

@@ -3,7 +3,7 @@
 from dvc.turbo.cascade.coupling import NeighbourCoupling
 from dvc.turbo.cascade.frame import joint_check
 from dvc.turbo.codes import CASCADE, TurboCode, choose_code, family, num_codes
-from dvc.turbo.crc import crc, crc_words
+from dvc.turbo.crc import CRC_BITS, crc, crc_words
 from dvc.turbo.decoder import TurboDecoder
 from dvc.turbo.encoder import encode_planes, encode_words
 from dvc.turbo.families import ParityEncoder, PlaneDecoder, parity_encoders, plane_decoder
@@ -13,6 +13,7 @@ from dvc.turbo.slepian_wolf import SlepianWolfSettings, decode_plane
 
 __all__ = [
     "CASCADE",
+    "CRC_BITS",
     "KINDS",
     "Answer",
     "FrameCheck",

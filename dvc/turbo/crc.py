@@ -8,6 +8,8 @@ from dvc.turbo.encoder import by_words
 
 POLYNOMIALS = {8: 0x07, 12: 0x80F, 16: 0x1021, 24: 0x864CFB, 32: 0x04C11DB7}
 """Generator without its leading term, by number of check bits; registers start at zero."""
+CRC_BITS = 16
+"""Check bits of every plane that encoders compute."""
 divide_words = _kernels.crc_words
 """What `crc_words` calls, for compiled callers: words, a polynomial and its number of bits, the result."""
 

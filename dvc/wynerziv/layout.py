@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dvc.bits import BitReader, pack_digits
 from dvc.config import MAX_BAND_PLANES, CodecConfig
 from dvc.errors import BitstreamError
+from dvc.turbo import CRC_BITS
 from dvc.wynerziv import quantizer, transform
 
 _PLANE_COUNT_BITS = 4
@@ -79,7 +80,7 @@ class FrameLayout:
         """Return the layout of a configuration."""
         video, quantised = config.video, config.wyner_ziv
         nested = quantised.quantizer == "nested"
-        return cls(video.height, video.width, nested, quantised.max_planes, config.turbo.crc_bits)
+        return cls(video.height, video.width, nested, quantised.max_planes, CRC_BITS)
 
     @cached_property
     def band_shape(self) -> tuple[int, int]:

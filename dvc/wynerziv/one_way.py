@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dvc.bits import BitReader, pack_bits
 from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
-from dvc.turbo.syndromes.graph import MIXED, Sparsity, SyndromeGraph, syndrome
+from dvc.turbo.syndromes.graph import Sparsity, SyndromeGraph, syndrome
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.layout import FrameLayout, Quantization, plane_digits, read_planes
 
@@ -24,8 +24,8 @@ Bits = NDArray[np.uint8]
 
 BLOCKS = (range(1), range(1, 16))
 """Bands whose planes have one syndrome: DC first, so that it can refine the prediction of the others."""
-SPARSITY = {"mixed": (MIXED, MIXED), "sparse": (Sparsity(0.8, (0.02, 0.06)), Sparsity(0.5, (0.02, 0.06)))}
-"""Of the code of each block, by the name that the configuration uses."""
+SPARSITY = Sparsity(0.8, (0.02, 0.06)), Sparsity(0.5, (0.02, 0.06))
+"""Of the code of each block."""
 LENGTH_CODE_BITS = 8
 MAX_BLOCK_BITS = 1 << 25
 """Bits of the planes of a block: belief propagation takes some hundred bytes of memory for each."""
@@ -71,8 +71,7 @@ class SentPlanes:
         length = syndrome_length(self.length_codes[block])
         if not (length and planes):
             return None
-        sparsity = SPARSITY[settings.syndromes][block]
-        return SyndromeGraph(num_bits, planes, length, settings.interleaver_seed, sparsity)
+        return SyndromeGraph(num_bits, planes, length, settings.interleaver_seed, SPARSITY[block])
 
 
 def encode_payload(frame: EncodedFrame, sent: SentPlanes, settings: TurboConfig) -> bytes:

@@ -8,7 +8,7 @@ import pytest
 from decoder.one_way import OneWayDecoder
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame
-from dvc.config import CodecConfig, GopConfig, TurboConfig, VideoConfig, allocation
+from dvc.config import CodecConfig, GopConfig, VideoConfig, allocation
 from dvc.metrics import psnr_db
 from dvc.wynerziv import one_way, quantizer
 from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
@@ -22,7 +22,6 @@ CONFIG = CodecConfig(
     VideoConfig(WIDTH, HEIGHT, 25, 1, luma_only=True),
     GopConfig(4, "hierarchical"),
     wyner_ziv=allocation(32).wyner_ziv,
-    turbo=TurboConfig(syndromes="sparse"),
 )
 LAYOUT = FrameLayout.of(CONFIG)
 LUMA = next(iter(moving_texture(1, HEIGHT, WIDTH))).luma

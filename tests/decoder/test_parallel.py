@@ -20,7 +20,7 @@ from decoder.session import decode_stream, stream_tasks
 from dvc.errors import DvcError
 from dvc.stream import StreamReader
 
-STREAM = Path(__file__).parents[1] / "golden" / "streams" / "version_2" / "3d-td-all-punctured.dvc"
+STREAM = Path(__file__).parents[1] / "golden" / "streams" / "3d-td-all-punctured.dvc"
 
 PROGRAM = """
 import numpy as np

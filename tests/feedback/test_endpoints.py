@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc.config import CodecConfig, GopConfig, TurboConfig, VideoConfig, encode_config
+from dvc.config import CodecConfig, GopConfig, VideoConfig, encode_config
 from dvc.errors import FeedbackError
 from dvc.feedback import (
     KEEP_ALIVE,
@@ -42,7 +42,7 @@ from dvc.feedback.messages import (
 from dvc.stream import GopRecord
 from dvc.turbo import ParityRequest, RequestTable
 
-CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4), turbo=TurboConfig(crc_bits=16))
+CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4))
 NUM_BITS = 1584
 NUM_CRC_BITS = 16
 RECORDS = [

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.bits import encode_varint
-from dvc.config import CodecConfig, GopConfig, SideInformationConfig, VideoConfig
+from dvc.config import CodecConfig, GopConfig, VideoConfig
 from dvc.errors import BitstreamError
 from dvc.stream import (
     Form,
@@ -305,17 +305,6 @@ def test_messages_name_record_type_and_offset() -> None:
     assert read_before_error(data + b"!")[1].endswith("bytes follow the end record")
 
 
-def test_method_mesh_of_version_1_is_read_as_depth() -> None:
-    """Only the name of dense depth has changed: `mesh` of today is another method, all else stays."""
-    for method, old in (("mesh", "depth"), ("blocks", "blocks")):
-        config = replace(CONFIG, side_information=SideInformationConfig(method))
-        data = write("buffered", RECORDS, config)
-        assert StreamReader(io.BytesIO(data)).config == config
-        reader = StreamReader(io.BytesIO(data[:4] + b"\x01" + data[5:]))
-        assert reader.config == replace(CONFIG, side_information=SideInformationConfig(old))
-        assert list(reader) == RECORDS
-
-
 def head(form: Form) -> bytes:
     """Return the beginning of a stream, up to its first GOP record."""
     data = write(form, [])
@@ -330,7 +319,7 @@ def head(form: Form) -> bytes:
         (lambda start, gop, end: start[:4], "format version missing"),
         (
             lambda start, gop, end: start[:4] + b"\x09" + start[5:],
-            "format version 9; this program reads versions 1 and 2",
+            "format version 9; this program reads version 1",
         ),
         (
             lambda start, gop, end: start[:5] + gop + end,

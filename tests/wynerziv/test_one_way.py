@@ -22,7 +22,7 @@ from dvc.wynerziv.one_way import (
     syndrome_length,
 )
 
-SETTINGS = TurboConfig(syndromes="sparse")
+SETTINGS = TurboConfig()
 LAYOUT = FrameLayout(24, 32, True, (0,) * 16, 16)
 LUMA = np.random.default_rng(1).integers(0, 256, (24, 32), dtype=np.uint8)
 QUANTIZATION, WORDS = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(20.0))

@@ -4,7 +4,6 @@ import filecmp
 import os
 import tempfile
 import time
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -25,9 +24,8 @@ from benchmarks.figures.harness import (
 )
 from benchmarks.figures.rates import measured
 from benchmarks.figures.tracks.points import QUANTISER, Quality, side_information_quality
-from decoder.side_information.methods import interpolator_of
+from decoder.side_information.methods import INTERPOLATORS
 from decoder.side_information.protocol import SceneInterpolatorType
-from dvc.config import VARIANTS
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.triangulation import triangulate_depth
@@ -47,7 +45,7 @@ Floats = NDArray[np.float64]
 
 
 def _build(name: str) -> SceneInterpolatorType:
-    return interpolator_of(replace(VARIANTS["3d"].side_information, method=name))
+    return INTERPOLATORS[name]
 
 
 @cache

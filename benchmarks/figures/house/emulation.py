@@ -33,11 +33,9 @@ def emulated_streams(setting: Setting, _clip: str) -> Measured:
     emulator = shutil.which("qemu-x86_64")
     if emulator is None:
         raise DvcError("no qemu-x86_64: install Debian's package qemu-user")
-    paths = [
-        STREAMS / "version_2" / f"{name}-punctured.dvc" for name in DECODED[-1 if setting.quick else 0 :]
-    ]
+    paths = [STREAMS / f"{name}-punctured.dvc" for name in DECODED[-1 if setting.quick else 0 :]]
     records = json.loads((STREAMS / "records.json").read_text())
-    frozen = [records[path.relative_to(STREAMS).as_posix()]["video_sha256"] for path in paths]
+    frozen = [records[path.name]["video_sha256"] for path in paths]
     with tempfile.TemporaryDirectory() as folder:
         _digests(Path(folder), "", paths)  # compiles, so that the emulator need not
         found = {name: _digests(Path(folder), f"{emulator} -cpu {name} ", paths) for name in PROCESSORS}

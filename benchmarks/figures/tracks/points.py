@@ -5,7 +5,6 @@ from functools import cache
 
 from benchmarks.figures import rates as rd_figures
 from benchmarks.figures.harness import Setting
-from benchmarks.figures.tracks.prediction import frame_results
 from benchmarks.figures.tracks.runs import BLOCK_MOTION, GOP, Run, Way
 from dvc.rd.point_result import PointResult
 from dvc.rd.points import Point
@@ -54,10 +53,6 @@ def _decoder_options(way: Way) -> tuple[tuple[str, str], ...]:
 @cache
 def quality(setting: Setting, run: Run) -> Quality:
     """Read the side information of a run from the file of its point, which is measured if there is none."""
-    if run.way.single_depth:
-        frames = frame_results(run, setting.folder)
-        predicted_db = sum(frame.psnr_db for frame in frames) / len(frames)
-        return Quality(predicted_db, None, sum(frame.success for frame in frames), len(frames))
     [result] = rd_figures.measured(setting, run.clip, [point_of(run)])
     return side_information_quality(result)
 

@@ -21,6 +21,7 @@ from dvc import cli
 from dvc.config import (
     VARIANTS,
     CodecConfig,
+    GeometryConfig,
     GopConfig,
     KeyFrameConfig,
     KeyFrameRule,
@@ -134,10 +135,7 @@ def _prediction_configuration(way: Way, video: VideoConfig) -> CodecConfig:
     side_information = replace(
         variant.side_information, method=way.method, track_corrections=way.track_corrections
     )
-    geometry = replace(variant.geometry, path_regularity=way.path_regularity)
-    if way.single_depth:
-        side_information = replace(side_information, depth_costs="gradient")
-        geometry = replace(geometry, rigid_order=False)
+    geometry = GeometryConfig(path_regularity=way.path_regularity)
     return CodecConfig.preset(
         way.codec, video, gop=GopConfig(), side_information=side_information, geometry=geometry
     )

@@ -46,7 +46,6 @@ class Comparison:
 TE_ADAPTIVE = Comparison(BLOCK_MOTION, TE_DEPTH, adaptive=True)
 TE_FIXED = Comparison(BLOCK_MOTION, TE_DEPTH)
 TD_FIXED = Comparison(BLOCK_MOTION, TD_DEPTH)
-SINGLE_TO_BOTH_DEPTHS = Comparison(Way("3d-te", "depth", single_depth=True), TE_DEPTH)
 BLOCKS_TO_DEPTH = Comparison(TE_BLOCKS, TE_DEPTH)
 BLOCKS_TO_MESH = Comparison(TE_BLOCKS, TE_MESH)
 
@@ -125,21 +124,6 @@ def _option_figures(name: str) -> tuple[Figure, Figure]:
 
 
 FIGURES = (
-    Figure(
-        AREA,
-        "te-depths",
-        _BOTH,
-        "none below −0.1 dB",
-        partial(gain, comparison=SINGLE_TO_BOTH_DEPTHS, least_db=-0.1),
-        (*REAL_CLIPS, *SCENES),
-    ),
-    Figure(
-        AREA,
-        "te-depths-mean",
-        "the same, mean over these",
-        "≥ +0.5 dB",
-        partial(mean_gain, comparison=SINGLE_TO_BOTH_DEPTHS, clips=(*REAL_CLIPS, *SCENES), least_db=0.5),
-    ),
     Figure(
         AREA, "te", _TE_ADAPTIVE, _NOT_BELOW, partial(gain, comparison=TE_ADAPTIVE, least_db=0.0), REAL_CLIPS
     ),

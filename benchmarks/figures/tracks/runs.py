@@ -23,8 +23,6 @@ class Way:
     track_corrections: bool = False  # whether tracks correct what is rendered
     path_regularity: float = 0.0  # weight of second differences of the camera's path
     subpixel_bits: int | None = None  # precision of the tracks; None: the encoder's default
-    # whether depth is found once, by gradients, in the order that self-calibration gives it
-    single_depth: bool = False
 
     @property
     def name(self) -> str:
@@ -67,5 +65,4 @@ class Run:
         parts = [self.clip, way.codec, way.method, keys, quality, self.num_frames, self.every]
         if replace(way, codec=BLOCK_MOTION.codec, method=BLOCK_MOTION.method) != BLOCK_MOTION:
             parts += [int(way.track_corrections), way.path_regularity, way.subpixel_bits]
-            parts += ["single"] * way.single_depth
         return "_".join(map(str, parts))

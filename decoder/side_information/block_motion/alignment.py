@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.protocol import Prediction, ReferenceFrame
-from dvc.config import SideInformationConfig
 from dvc.multiview.cameras import homogeneous
 from dvc.multiview.sampling import sample
 from dvc.video import Frame
@@ -102,8 +101,8 @@ def _warp(plane: Luma, homography: Floats) -> Luma:
 class AlignedBlockMotion:
     """Block-motion interpolation between references that tracked points have brought into place."""
 
-    def __init__(self, settings: SideInformationConfig) -> None:
-        self._block_motion = BlockMotionInterpolation(settings)
+    def __init__(self) -> None:
+        self._block_motion = BlockMotionInterpolation()
 
     def predict(
         self,

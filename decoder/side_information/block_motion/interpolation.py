@@ -36,19 +36,21 @@ from decoder.side_information.protocol import (
     references_around,
     temporal_position,
 )
-from dvc.config import SideInformationConfig
 from dvc.tracks import FeaturePoints, PointTracks
 
 NUM_COARSE_LEVELS = 2
+BLOCK_PX = 8
+"""Side of the blocks that move."""
+SEARCH_RADIUS_PX = 16
+"""Of the motion search, at the coarsest level."""
+SMOOTHNESS = 6
+"""Weight of smooth motion against matching blocks."""
 
 
 class BlockMotionInterpolation:
     """Block-motion interpolation between the two references around each instant."""
 
     name = "mci"
-
-    def __init__(self, settings: SideInformationConfig) -> None:
-        self._settings = settings
 
     def predict(
         self,
@@ -62,47 +64,39 @@ class BlockMotionInterpolation:
 
     def _predict_one(self, before: ReferenceFrame, after: ReferenceFrame, instant: int) -> Prediction:
         position = temporal_position(before, after, instant)
-        block = self._settings.block_size
-        field = estimate_motion(before.frame.luma, after.frame.luma, position, self._settings)
+        field = estimate_motion(before.frame.luma, after.frame.luma, position)
         offsets = list(split_field(field, position))
         shape = before.frame.luma.shape
         weights = [np.full(field.shape[:2], weight) for weight in (1.0 - float(position), float(position))]
         frames = [before.frame, after.frame]
         planes = [phase_planes(frame.luma) for frame in frames]
-        luma, compensated = compensate(planes, offsets, weights, block, shape)
-        chroma = compensate_chroma(frames, offsets, weights, block)
+        luma, compensated = compensate(planes, offsets, weights, BLOCK_PX, shape)
+        chroma = compensate_chroma(frames, offsets, weights, BLOCK_PX)
         rows, columns = -(-shape[0] // BLOCK), -(-shape[1] // BLOCK)
-        fine = [resize_field(offset, rows, columns, block // BLOCK) for offset in offsets]
+        fine = [resize_field(offset, rows, columns, BLOCK_PX // BLOCK) for offset in offsets]
         return Prediction(
             luma, chroma, tuple(compensated), self.name, refiner=BlockRefiner(frames, fine, self.name)
         )
 
 
-def estimate_motion(
-    before: Luma, after: Luma, position: Fraction, settings: SideInformationConfig
-) -> Offsets:
+def estimate_motion(before: Luma, after: Luma, position: Fraction) -> Offsets:
     """Estimate the block motion between two frames, on the grid of a frame between them."""
     pyramid = [(low_pass(before), low_pass(after))]
     for _ in range(NUM_COARSE_LEVELS):
         pyramid.append((halve(pyramid[-1][0]), halve(pyramid[-1][1])))
     planes = [(phase_planes(first), phase_planes(second)) for first, second in pyramid]
     search = _LevelSearch(position)
-    field = _forward_field(*planes[-1], pyramid[-1][0].shape, settings.search_radius)
+    field = _forward_field(*planes[-1], pyramid[-1][0].shape, SEARCH_RADIUS_PX)
     for level in range(NUM_COARSE_LEVELS, 0, -1):
-        field = search.run(
-            *planes[level], field, block=8, window=16, step=4, smoothness=4 * settings.smoothness
-        )
+        field = search.run(*planes[level], field, block=8, window=16, step=4, smoothness=4 * SMOOTHNESS)
         finer = pyramid[level - 1][0].shape
         side = 8 if level > 1 else 16
         field = resize_field(2 * field, -(-finer[0] // side), -(-finer[1] // side), 2 if level > 1 else 1)
-    field = search.run(*planes[0], field, block=16, window=24, step=2, smoothness=4 * settings.smoothness)
-    block = settings.block_size
-    rows, columns = -(-before.shape[0] // block), -(-before.shape[1] // block)
-    field = resize_field(field, rows, columns, 16 // block)
+    field = search.run(*planes[0], field, block=16, window=24, step=2, smoothness=4 * SMOOTHNESS)
+    rows, columns = -(-before.shape[0] // BLOCK_PX), -(-before.shape[1] // BLOCK_PX)
+    field = resize_field(field, rows, columns, 16 // BLOCK_PX)
     for step in (2, 1):
-        field = search.run(
-            *planes[0], field, block, window=block + 4, step=step, smoothness=settings.smoothness
-        )
+        field = search.run(*planes[0], field, BLOCK_PX, window=BLOCK_PX + 4, step=step, smoothness=SMOOTHNESS)
     return vector_median(field)
 
 

@@ -80,7 +80,6 @@ def estimate_geometry(
     points: PointTracks | FeaturePoints,
     first_index: int,
     path_regularity: float = 0.0,
-    rigid: bool = False,
 ) -> GroupGeometry:
     """Find the cameras of a group of pictures."""
     from decoder.tracking import match_points
@@ -110,7 +109,7 @@ def estimate_geometry(
         ("", *reasons, ""),
         True,
     )
-    return in_rigid_order(geometry) if rigid else geometry
+    return in_rigid_order(geometry)
 
 
 def in_rigid_order(geometry: GroupGeometry) -> GroupGeometry:

@@ -66,7 +66,7 @@ class TrackedSceneInterpolation:
         self._build = interpolator
         self._geometry_config, self._seed = config.geometry, config.seed
         self._settings = config.side_information
-        self._aligned = AlignedBlockMotion(config.side_information)
+        self._aligned = AlignedBlockMotion()
         self._untracked = SceneInterpolation(interpolator, config)
         self._corrects = config.side_information.track_corrections
         self._remembers = config.gop.references == "all"
@@ -108,8 +108,7 @@ class TrackedSceneInterpolation:
         keys = ends[0].frame.luma, ends[1].frame.luma
         how = self._geometry_config
         reconstruction = reconstruct(*keys, backend=how.backend, seed=self._seed)
-        path = how.path_regularity, how.rigid_order
-        geometry = estimate_geometry(reconstruction, keys, points, ends[0].index, *path)
+        geometry = estimate_geometry(reconstruction, keys, points, ends[0].index, how.path_regularity)
         group = _Group(ends, geometry, {})
         self._groups[ends[0].index, ends[1].index] = group
         return group
@@ -142,7 +141,7 @@ class TrackedSceneInterpolation:
         """Predict a frame from tracks alone."""
         if self._settings.fallback == "block-motion":
             return self._aligned.predict(around, instant, tracks)
-        warped = interpolate_by_tracks(around, instant, tracks, self._settings)
+        warped = interpolate_by_tracks(around, instant, tracks)
         prediction = Prediction(
             warped.luma,
             None,

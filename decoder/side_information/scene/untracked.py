@@ -55,7 +55,7 @@ class SceneInterpolation:
         self.name = interpolator.name
         self._build = interpolator
         self._geometry_config, self._seed = config.geometry, config.seed
-        self._block_motion = BlockMotionInterpolation(config.side_information)
+        self._block_motion = BlockMotionInterpolation()
         self._scene: _Scene | None = None
 
     def predict(
@@ -102,7 +102,7 @@ class SceneInterpolation:
         if found.model is None or not found.success:
             self._scene = _Scene(before, after, None, None, None, found.reason)
         else:
-            ordered = rigid_order(found.model) if self._geometry_config.rigid_order else None
+            ordered = rigid_order(found.model)
             interpolator = self._build(ordered.model if ordered else found.model, first, second)
             self._scene = _Scene(before, after, found.model, ordered, interpolator, "")
         return self._scene

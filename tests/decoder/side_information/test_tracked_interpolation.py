@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from decoder.side_information.block_motion.alignment import AlignedBlockMotion
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.tracked_interpolation import interpolate_by_tracks
-from dvc.config import SideInformationConfig
 from dvc.metrics import psnr_db
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
@@ -15,7 +14,6 @@ from tests.scenes_3d import texture
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
-SETTINGS = SideInformationConfig()
 WIDTH, HEIGHT = 176, 144
 POINTS = np.random.default_rng(5).uniform([30, 8], [146, 136], (90, 2))
 
@@ -36,8 +34,8 @@ def predicted(before: Luma, after: Luma, shifts: tuple[float, float]) -> tuple[I
     """Predict the view of no pan from views of two, and return aligned block motion as well."""
     around = reference(4, before), reference(8, after)
     points = POINTS - [shifts[0], 0.0], POINTS, POINTS - [shifts[1], 0.0]
-    old = AlignedBlockMotion(SETTINGS).predict(around, 6, points)
-    return interpolate_by_tracks(around, 6, points, SETTINGS), to_uint8(old.luma)
+    old = AlignedBlockMotion().predict(around, 6, points)
+    return interpolate_by_tracks(around, 6, points), to_uint8(old.luma)
 
 
 def test_what_one_reference_does_not_cover_is_taken_from_the_other() -> None:
@@ -92,7 +90,7 @@ def test_any_points_give_a_frame(kind: str) -> None:
     if kind == "far away":
         points[0] += 1e6
     around = reference(0, view(-3.0)), reference(5, view(3.0))
-    found = interpolate_by_tracks(around, 1, (points[0], points[1], points[2]), SETTINGS)
+    found = interpolate_by_tracks(around, 1, (points[0], points[1], points[2]))
     for plane in (found.luma, *found.compensated, *found.hypotheses):
         assert plane.shape == (HEIGHT, WIDTH)
         assert (plane >= -1e-6).all()

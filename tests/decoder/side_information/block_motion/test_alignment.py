@@ -6,7 +6,6 @@ import pytest
 from decoder.side_information.block_motion.alignment import AlignedBlockMotion, warp_frame, whole_frame_motion
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.protocol import ReferenceFrame
-from dvc.config import SideInformationConfig
 from dvc.metrics import psnr_db
 from dvc.video import Frame
 from dvc.wynerziv.transform import to_uint8
@@ -89,8 +88,8 @@ def test_uneven_motion_is_followed() -> None:
     around = ReferenceFrame(0, frames[0]), ReferenceFrame(2, frames[2])
     first = points(40)
     seen = tuple(first - np.array(place) for place in places)
-    aligned = AlignedBlockMotion(SideInformationConfig()).predict(around, 1, (seen[0], seen[1], seen[2]))
-    [plain] = BlockMotionInterpolation(SideInformationConfig()).predict(around, None, [1])
+    aligned = AlignedBlockMotion().predict(around, 1, (seen[0], seen[1], seen[2]))
+    [plain] = BlockMotionInterpolation().predict(around, None, [1])
     inner = np.s_[12:-12, 12:-12]
     gain = [psnr_db(to_uint8(p.luma)[inner], frames[1].luma[inner]) for p in (aligned, plain)]
     assert gain[0] > gain[1] + 6.0

@@ -14,19 +14,16 @@ from decoder.side_information.block_motion.interpolation import (
     vector_median,
 )
 from decoder.side_information.protocol import ReferenceFrame
-from dvc.config import SideInformationConfig
 from dvc.metrics import psnr_db
 from dvc.wynerziv.transform import to_uint8
 from tests.clips import moving_texture
-
-SETTINGS = SideInformationConfig()
 
 
 @pytest.mark.parametrize("motion_px", [(0.0, 0.0), (1.0, -2.0), (0.5, 1.25), (-2.0, 3.0)])
 def test_translation_is_recovered(motion_px: tuple[float, float]) -> None:
     """Nearly all blocks of a translated texture get its displacement, to a quarter sample."""
     frames = moving_texture(3, 64, 80, motion_px)
-    field = estimate_motion(frames[0].luma, frames[2].luma, Fraction(1, 2), SETTINGS)
+    field = estimate_motion(frames[0].luma, frames[2].luma, Fraction(1, 2))
     expected = np.round(8.0 * np.array(motion_px))
     error = np.abs(field[1:-1, 1:-1] - expected).max(axis=-1)
     assert (error <= 1).mean() > 0.95
@@ -37,7 +34,7 @@ def test_prediction_resembles_the_missing_frame(instant: int, min_psnr_db: float
     """Away from the border, any instant between the references is predicted well."""
     frames = moving_texture(5, 64, 80, (0.75, -1.5))
     references = [ReferenceFrame(index, frames[index]) for index in (0, 4)]
-    [prediction] = BlockMotionInterpolation(SETTINGS).predict(references, None, [instant])
+    [prediction] = BlockMotionInterpolation().predict(references, None, [instant])
     inside = np.s_[12:-12, 12:-12]
     assert psnr_db(to_uint8(prediction.luma)[inside], frames[instant].luma[inside]) > min_psnr_db
     assert prediction.chroma is not None
@@ -47,7 +44,7 @@ def test_closest_references_are_used() -> None:
     """Of many references, the two around the instant serve it."""
     frames = moving_texture(5, 16, 24)
     many = [ReferenceFrame(index, frames[index]) for index in (0, 1, 3, 4)]
-    method = BlockMotionInterpolation(SETTINGS)
+    method = BlockMotionInterpolation()
     [wide], [narrow] = method.predict(many, None, [2]), method.predict(many[1:3], None, [2])
     np.testing.assert_array_equal(wide.luma, narrow.luma)
 

@@ -1,11 +1,8 @@
 """The mean of two predictions by depths that were found in different ways."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from decoder.side_information.methods import INTERPOLATORS, interpolator_of
 from decoder.side_information.protocol import Interpolation
 from decoder.side_information.scene import averaged_depth
 from decoder.side_information.scene.averaged_depth import (
@@ -14,8 +11,6 @@ from decoder.side_information.scene.averaged_depth import (
     relative_parallax,
 )
 from decoder.side_information.scene.depth import DepthInterpolator
-from dvc.config import VARIANTS, SideInformationConfig
-from dvc.errors import ConfigError
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
 from dvc.multiview.plane_sweep import CENSUS_SWEEP
@@ -68,19 +63,3 @@ def test_one_depth_is_enough_where_parallax_is_small(monkeypatch: pytest.MonkeyP
     found = AveragedDepthInterpolator(MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
     expected = DepthInterpolator(MODEL, FIRST, SECOND).interpolate(camera_at(0.5), 0.5)
     np.testing.assert_array_equal(found.luma, expected.luma)
-
-
-def test_the_configuration_chooses_it_for_depth_alone() -> None:
-    """Streams that do not name it keep the single depth; other methods know nothing of it."""
-    both = VARIANTS["3d-te"].side_information
-    assert interpolator_of(both) is AveragedDepthInterpolator
-    assert interpolator_of(SideInformationConfig("depth")) is DepthInterpolator
-    for name in INTERPOLATORS:
-        if name != "depth":
-            assert interpolator_of(replace(both, method=name)) is INTERPOLATORS[name]
-
-
-def test_other_costs_are_refused() -> None:
-    """What there is is named."""
-    with pytest.raises(ConfigError, match="gradient, both"):
-        SideInformationConfig("depth", depth_costs="census")

@@ -28,7 +28,7 @@ def test_the_scene_serves(name: str, backend: str) -> None:
     """A static scene is predicted by the method that was asked for, better than by block motion."""
     config = CodecConfig("3d", CONFIG.video, geometry=GeometryConfig(backend))
     predictions = SceneInterpolation(INTERPOLATORS[name], config).predict(REFERENCES, None, [9, 10, 11])
-    others = BlockMotionInterpolation(CONFIG.side_information).predict(REFERENCES, None, [9, 10, 11])
+    others = BlockMotionInterpolation().predict(REFERENCES, None, [9, 10, 11])
     for prediction, other, frame in zip(predictions, others, FRAMES[1:4], strict=True):
         assert (prediction.method, prediction.success, prediction.reason) == (name, True, "")
         assert prediction.chroma is not None
@@ -41,7 +41,7 @@ def test_block_motion_serves_where_there_is_no_scene(name: str) -> None:
     """Without a model the prediction is that of block motion, to the bit, and the reason is told."""
     cut = [REFERENCES[0], ReferenceFrame(12, Frame(np.zeros((144, 176), np.uint8), CHROMA))]
     [prediction] = SceneInterpolation(INTERPOLATORS[name], CONFIG).predict(cut, None, [10])
-    [block_motion] = BlockMotionInterpolation(CONFIG.side_information).predict(cut, None, [10])
+    [block_motion] = BlockMotionInterpolation().predict(cut, None, [10])
     assert prediction.method == "mci"
     assert not prediction.success
     assert prediction.reason
