@@ -10,7 +10,7 @@ PACKAGES := dvc encoder decoder sequences sfm
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help venv browser demo test test-slow test-nojit canaries mutants check bench figures reproduce pictures format clean
+.PHONY: help venv browser demo test test-slow test-nojit canaries streams mutants check bench figures reproduce pictures format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -40,6 +40,9 @@ test-nojit: $(INSTALLED)  ## run the tests of the kernels as plain Python
 
 canaries: $(INSTALLED)  ## store bytes and PSNR of small encodings anew, after a change of the encoder that is meant
 	DVC_REGENERATE=1 $(BIN)/python -m pytest -q tests/test_canaries.py
+
+streams: $(INSTALLED)  ## make the frozen streams of tests/golden/streams anew, after a change of the format that is meant
+	$(BIN)/python -m tests.golden_streams
 
 mutants: $(INSTALLED)  ## change the packages here and there, and list what no test notices (hours; goes on where it ended)
 	$(BIN)/python -m benchmarks.mutants --jobs $(JOBS)
