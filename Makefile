@@ -47,7 +47,7 @@ streams: $(INSTALLED)  ## make the frozen streams of tests/golden/streams anew, 
 mutants: $(INSTALLED)  ## change the packages here and there, and list what no test notices (hours; goes on where it ended)
 	$(BIN)/python -m benchmarks.mutants --jobs $(JOBS)
 
-check: $(INSTALLED)  ## check format, lint, types, layers, docstrings and spelling
+check: $(INSTALLED)  ## check format, lint, types, layers and spelling (docstrings are tested by make test)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
