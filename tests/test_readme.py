@@ -112,19 +112,16 @@ def test_documents_name_modules_that_exist(document: Path) -> None:
     assert missing == []
 
 
-def test_structure_has_every_room() -> None:
-    """Every folder of the packages is a row of docs/structure.md that names its public modules, no others."""
+def test_structure_has_every_package() -> None:
+    """Every package, and every one in it, is a row of docs/structure.md, and no others are."""
     text = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")
-    rooms = {
-        room: set(re.findall(r"`(\w+\.py)`", modules))
-        for room, modules in re.findall(r"^\| `([\w/]+)/` \| (.*) \|$", text, flags=re.MULTILINE)
+    rows = re.findall(r"^\| `([\w/]+)/` \|", text, flags=re.MULTILINE)
+    folders = {
+        "/".join(path.relative_to(ROOT).parts[:-1][:2])
+        for package in ("dvc", "encoder", "decoder", "sfm", "sequences", "benchmarks")
+        for path in (ROOT / package).rglob("*.py")
     }
-    found: dict[str, set[str]] = {}
-    for package in ("dvc", "encoder", "decoder", "sfm", "sequences", "benchmarks"):
-        for path in (ROOT / package).rglob("*.py"):
-            room = found.setdefault(path.parent.relative_to(ROOT).as_posix(), set())
-            room |= set() if path.name.startswith("_") and path.name != "_jit.py" else {path.name}
-    assert rooms == {room: modules for room, modules in found.items() if modules}
+    assert sorted(rows) == sorted(folders)
 
 
 def test_keys_of_references_are_listed() -> None:
