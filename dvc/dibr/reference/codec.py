@@ -178,11 +178,13 @@ def decode(
         raise ValueError(
             f"`num_skipped_levels` must be from 0 to {header.num_levels}, got {num_skipped_levels}"
         )
+    if not data or not header.num_bit_planes:
+        return _without_coefficients(header, shape, num_skipped_levels)
     bands, known = _read(header, data, shape, mask)
     points = tuple((point + _FIRST_POINT) * _POINT_STEP for point in header.points)
 
     def _coefficients(band: Band) -> NDArray[np.float64]:
-        if 0 < band.level <= num_skipped_levels:
+        if band.kind and band.level <= num_skipped_levels:
             return np.zeros((0, 0))
         found = known.part(band).reconstruct((points[0], points[1]))
         return np.multiply(found, STEP, out=found)
@@ -190,6 +192,15 @@ def decode(
     transform = Transform(header.num_levels, header.wavelet, edges, order, mask)
     planes = _synthesised(scatter(bands, _coefficients), transform, header.colour, shape, num_skipped_levels)
     return DecodedReference(planes, significance_maps(bands, known, shape, most_levels(shape)))
+
+
+def _without_coefficients(header: ReferenceHeader, shape: Shape, num_skipped_levels: int) -> DecodedReference:
+    """Return what decoding gives where nothing is significant; planes take no memory."""
+    middles = np.array([middle for middle, _ in _SCALES[: 3 if header.colour else 1]])
+    size = scale_shapes(shape, num_skipped_levels)[-1]
+    planes = np.broadcast_to(middles[:, None, None], (len(middles), *size))
+    shapes = scale_shapes(shape, most_levels(shape))[1:]
+    return DecodedReference(planes, [np.full(each, k >= header.num_levels) for k, each in enumerate(shapes)])
 
 
 def _read(
