@@ -148,8 +148,12 @@ def _next_state(header: Header, before: _State | None, part: PairLayer) -> _Stat
     reference = ReferenceHeader.from_bytes(part.picture)
     if before is not None and replace(reference, points=before.reference.points) != before.reference:
         raise BitstreamError("its picture is coded in another way than that of the layer before")
-    data = (b"" if before is None else before.data) + part.picture[ReferenceHeader.SIZE :]
-    decoded = reference_codec.decode(reference, data, header.shape)
+    added = part.picture[ReferenceHeader.SIZE :]
+    if before is not None and not added and reference == before.reference:
+        data, decoded = before.data, before.decoded
+    else:
+        data = (b"" if before is None else before.data) + added
+        decoded = reference_codec.decode(reference, data, header.shape)
     classes = significance_classes(decoded)
     previous = before.found if before is not None and codec.layered else None
     found = codec.decode(part.disparity, header.shape, header.labels.num_labels, classes, previous)

@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_folder(arguments.out)
     truths = [path for path in (arguments.truth_depth, arguments.truth_image) if path is not None]
     cli.check_outputs([arguments.path, *truths], json_files(arguments))
-    stream = read_stream(arguments.path)
+    stream = read_stream(arguments.path, arguments.max_memory)
     figures = _write(arguments, stream)
     warn(arguments.path, figures["damage"])
     if arguments.json is not None:

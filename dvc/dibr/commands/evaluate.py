@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dvc import array_files, cli
 from dvc.dibr.commands import evaluate_streams
-from dvc.dibr.commands.options import add_json, json_files, parse_slope
+from dvc.dibr.commands.options import add_json, add_memory, json_files, parse_slope
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -65,6 +65,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", metavar="DIR", help="folder to write, new or empty; with --streams if wanted"
     )
+    add_memory(parser)
     add_json(parser)
     parser.add_argument("--quiet", action="store_true", help="show no progress and print no tables")
 

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> int:
         folder = stack.enter_context(atomic_folder(arguments.out)) if out else None
         told = {}
         for path in arguments.streams:
-            told[path] = stream_quality(path, arguments.truth_depth, arguments.truth_image)
+            told[path] = stream_quality(path, arguments)
             warn(path, told[path]["damage"])
         if folder is not None:
             write_page(folder, told, _table(told))
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) -> dict[str, Any]:
+def stream_quality(path: str, arguments: argparse.Namespace) -> dict[str, Any]:
     """Decode a stream and tell what it takes and how good it is."""
     from dvc.dibr.codec.views import luma
     from dvc.dibr.commands.depth_images import quality
@@ -55,7 +55,8 @@ def stream_quality(path: str, truth_depth: str | None, truth_image: str | None) 
     from dvc.dibr.stream.layers import Stream
     from dvc.metrics import psnr_db
 
-    stream = read_stream(path)
+    truth_depth, truth_image = arguments.truth_depth, arguments.truth_image
+    stream = read_stream(path, arguments.max_memory)
     with naming(path):
         figures = stream_figures(stream, Path(path).stat().st_size)
     shape = figures["height"], figures["width"]

@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     from pathlib import Path
 
     cli.check_outputs([arguments.path], json_files(arguments))
-    stream = read_stream(arguments.path)
+    stream = read_stream(arguments.path, arguments.max_memory)
     with naming(arguments.path):
         figures = stream_figures(stream, Path(arguments.path).stat().st_size)
         _, text = _figures_and_text(stream)

@@ -27,6 +27,8 @@ DEPTH_IMAGE_VERSION, LAYERED_VERSION = 3, 4
 """As in the rooms of these streams, which are loaded where they are needed."""
 MAX_LAYERS = 32
 """As in `dvc.dibr.stream.header`, which is not loaded for help."""
+MAX_MIB = 2048
+"""As in `dvc.dibr.stream.limits`."""
 SLOPES = 1e-8, 10.0
 """As in `dvc.dibr.reference.codec`, flattest and steepest."""
 
@@ -34,6 +36,15 @@ SLOPES = 1e-8, 10.0
 def add_stream(parser: argparse.ArgumentParser) -> None:
     """Add the stream that a subcommand reads."""
     parser.add_argument("path", metavar="IN.dibr", help="stream, whole or cut")
+    add_memory(parser)
+
+
+def add_memory(parser: argparse.ArgumentParser) -> None:
+    """Add the option that bounds what decoding takes."""
+    text = (
+        f"memory that decoding may take; default: {MAX_MIB}, and pixels in proportion to the stream's bytes"
+    )
+    cli.add_integer(parser, "--max-memory", (1, 2**20), text, metavar="MIB")
 
 
 def add_layers(parser: argparse.ArgumentParser) -> None:
@@ -98,7 +109,7 @@ def naming(path: str) -> Iterator[None]:
         raise BitstreamError(f"{path}: {err}") from None
 
 
-def read_stream(path: str) -> "Stream | DepthImageStream | LayeredStream":
+def read_stream(path: str, max_mib: int | None = None) -> "Stream | DepthImageStream | LayeredStream":
     """Read a stream of any kind."""
     from dvc.dibr.stream.header import MAGIC
     from dvc.dibr.stream.layers import decode_stream
@@ -109,21 +120,22 @@ def read_stream(path: str) -> "Stream | DepthImageStream | LayeredStream":
         if version == DEPTH_IMAGE_VERSION:
             from dvc.dibr.depth_image import stream as depth_image
 
-            return depth_image.decode_stream(data)
+            return depth_image.decode_stream(data, max_mib)
         if version == LAYERED_VERSION:
             from dvc.dibr.layered import stream as layered
 
-            return layered.decode_stream(data)
-        return decode_stream(data)
+            return layered.decode_stream(data, max_mib)
+        return decode_stream(data, max_mib)
 
 
-def decode_views(path: str, num_layers: int | None, resolution: int = 0) -> "DecodedViews | DecodedPieces":
+def decode_views(arguments: argparse.Namespace, resolution: int = 0) -> "DecodedViews | DecodedPieces":
     """Decode a stream of any kind, to be rendered."""
     from dvc.dibr.codec.decoder import decode
     from dvc.dibr.depth_image.stream import DepthImageStream
     from dvc.dibr.stream.layers import Stream
 
-    stream = read_stream(path)
+    path, num_layers = arguments.path, arguments.quality_layers
+    stream = read_stream(path, arguments.max_memory)
     if isinstance(stream, Stream):
         with naming(path):
             return decode(stream, num_layers, resolution)

@@ -65,7 +65,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Render."""
     _check(arguments)
-    decoded = decode_views(arguments.path, arguments.quality_layers)
+    decoded = decode_views(arguments)
     height, width = shape_of(decoded)
     figures: dict[str, Any] = {"width": width, "height": height}
     if arguments.route is None:

@@ -9,6 +9,7 @@ from dvc import cli
 from dvc.dibr.commands.options import (
     add_json,
     add_layers,
+    add_memory,
     decode_views,
     json_files,
     parse_view,
@@ -48,6 +49,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the subcommand takes."""
     parser.add_argument("path", metavar="SCENE", help="stream, whole or cut, or folder of layers or sprites")
     parser.add_argument("--out", metavar="PAGE.html", required=True, help="the page")
+    add_memory(parser)
     add_layers(parser)
     truth = (
         "pictures taken at the views of the stream, in their order, or with the place before them: the page "
@@ -106,7 +108,7 @@ def _stream(
     from dvc.dibr.commands.render import shape_of
     from dvc.dibr.viewer.page import Caption
 
-    decoded = decode_views(arguments.path, arguments.quality_layers)
+    decoded = decode_views(arguments)
     scene, halvings = _scene_of(arguments, decoded)
     known = _qualities(decoded, _placed(decoded.viewpoints, truths), arguments.quiet)
     others = [viewpoint for viewpoint, _ in known if viewpoint not in scene.viewpoints]
@@ -143,7 +145,7 @@ def _scene_of(arguments: argparse.Namespace, decoded: "DecodedViews | DecodedPie
         return scene, 0
     halvings = _halvings(decoded)
     if halvings:
-        shown = decode_views(arguments.path, arguments.quality_layers, halvings)
+        shown = decode_views(arguments, halvings)
         assert not isinstance(shown, DecodedPieces)
         decoded = shown
     return scene_of_stream(decoded), halvings

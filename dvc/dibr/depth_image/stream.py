@@ -17,6 +17,7 @@ from dvc.dibr.depth_image.depth_scale import DepthScale, decode_extent, encode_e
 from dvc.dibr.edges.chain_code import EdgeCode
 from dvc.dibr.reference.header import ReferenceHeader
 from dvc.dibr.stream.header import MAGIC, MAX_NUMBER, MAX_PIXELS
+from dvc.dibr.stream.limits import Extent, check_extent
 from dvc.errors import BitstreamError
 
 FORMAT_VERSION = 3
@@ -76,9 +77,11 @@ def encode_stream(stream: DepthImageStream) -> bytes:
     return data + zlib.crc32(data).to_bytes(_CHECK_BYTES, "little")
 
 
-def decode_stream(data: bytes) -> DepthImageStream:
+def decode_stream(data: bytes, max_mib: float | None = None) -> DepthImageStream:
     """Read a stream, or the beginning of one."""
     stream, sizes, position = _decode_header(data)
+    size = stream.shape[0] * stream.shape[1]
+    check_extent(Extent(size, size, size * (1 + (stream.picture is not None))), len(data), max_mib)
     num_edges, num_depth, num_picture = sizes
     end = position + num_edges + num_depth + num_picture
     if len(data) < position + num_edges:

@@ -24,6 +24,7 @@ from dvc.errors import BitstreamError, ConfigError
 
 _WEIGHT = 0.4
 _LENGTH_BITS = 24
+_CHAINS_PER_BYTE, _FREE_CHAINS = 4, 64  # a chain has two bits at least, and zeros at the end are not written
 _SIGN, _ZERO, _EXPONENTS = 0, 1, 2
 _NUM_COUNTS = 2 + 2 * NUM_EXPONENTS
 
@@ -40,7 +41,7 @@ def encode(chains: Chains, code: EdgeCode, mask: Mask | None = None) -> bytes:
     if not fits(chains, code):
         raise ConfigError(f"code words take at most 2^{_LENGTH_BITS} - 1 chains, and as many edges to each")
     coder = RangeCoder.writer()
-    edges = _CODES[code](coder, chains)
+    edges = _CODES[code](coder, chains, len(chains.starts))
     if mask is not None:
         code_mask(coder, edges, mask)
     return coder.to_bytes(shortest=True)
@@ -54,7 +55,7 @@ def fits(chains: Chains, code: EdgeCode) -> bool:
 
 def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
     """Read the edges of chains."""
-    edges = _read(RangeCoder.reader(data), shape, code)
+    edges = _read(RangeCoder.reader(data), shape, code, len(data))
     if not edges.count():
         raise BitstreamError("the edges are damaged: there are none")
     return edges
@@ -63,13 +64,14 @@ def decode(data: bytes, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
 def decode_masked(data: bytes, shape: tuple[int, int], code: EdgeCode) -> tuple[EdgeMaps, Mask]:
     """Read the edges of chains, and the mask whose border is among them."""
     coder = RangeCoder.reader(data)
-    edges = _read(coder, shape, code)
+    edges = _read(coder, shape, code, len(data))
     return edges, code_mask(coder, edges)
 
 
-def _read(coder: RangeCoder, shape: tuple[int, int], code: EdgeCode) -> EdgeMaps:
+def _read(coder: RangeCoder, shape: tuple[int, int], code: EdgeCode, num_bytes: int) -> EdgeMaps:
     nothing = np.zeros(0, np.int64)
-    edges = _CODES[code](coder, Chains(shape, nothing, nothing, np.zeros(0, np.int8)))
+    most = _CHAINS_PER_BYTE * num_bytes + _FREE_CHAINS
+    edges = _CODES[code](coder, Chains(shape, nothing, nothing, np.zeros(0, np.int8)), most)
     coder.check()
     return edges
 
@@ -80,14 +82,14 @@ def _field_bits(shape: tuple[int, int], chains: Chains) -> tuple[int, int, int]:
     return shape[0].bit_length(), shape[1].bit_length(), longest.bit_length()
 
 
-def _code_fixed(coder: RangeCoder, chains: Chains) -> EdgeMaps:
+def _code_fixed(coder: RangeCoder, chains: Chains, most: int) -> EdgeMaps:
     """Write or read chains by code words."""
     edges = EdgeMaps.none(chains.shape)
     height, width = chains.shape
     row_bits, column_bits, length_bits = _field_bits(chains.shape, chains)
     number = coder.uniform(2**_LENGTH_BITS, len(chains.starts))
     length_bits = coder.uniform(32, length_bits)
-    if length_bits > _LENGTH_BITS:
+    if length_bits > _LENGTH_BITS or number > most:
         raise BitstreamError("the edges are damaged")
     parts = chains.parts() if len(chains.starts) else []
     for k in range(number):
@@ -108,12 +110,14 @@ def _code_fixed(coder: RangeCoder, chains: Chains) -> EdgeMaps:
     return edges
 
 
-def _code_adaptive(coder: RangeCoder, chains: Chains) -> EdgeMaps:
+def _code_adaptive(coder: RangeCoder, chains: Chains, most: int) -> EdgeMaps:
     """Write or read chains in contexts."""
     edges = EdgeMaps.none(chains.shape)
     height, width = chains.shape
     counts = context_counts(np.full(_NUM_COUNTS, 50))
     number = _code_number(coder, counts, len(chains.starts))
+    if number > most:
+        raise BitstreamError("the edges are damaged")
     counts = context_counts(np.full(_NUM_COUNTS, 50))
     mixture = new_mixture(kernels.NUM_CONTEXTS, kernels.NUM_MIXTURES, _WEIGHT)
     room = np.zeros(2 * height * width, np.int8)

@@ -4,6 +4,7 @@ Streams of pieces are those of `dvc.dibr.depth_image.stream`, masked, without wh
 magic, version and size. They are in the order of the pieces, so a stream that is cut gives the first ones.
 """
 
+import math
 import struct
 import zlib
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from dvc.dibr.depth_image import stream as depth_image
 from dvc.dibr.depth_image.stream import DepthImageStream
 from dvc.dibr.layered.pieces import Kind
 from dvc.dibr.stream.header import MAGIC, MAX_PIXELS
+from dvc.dibr.stream.limits import Extent, check_extent
 from dvc.errors import BitstreamError, ConfigError, DvcError
 from dvc.index_files import Entry
 from dvc.multiview.camera_array import DisparityLabels
@@ -98,9 +100,13 @@ def encode_header(canvas: Canvas, kind: Kind, places: Sequence[Place], sizes: Se
     return data + zlib.crc32(data).to_bytes(_CHECK_BYTES, "little")
 
 
-def decode_stream(data: bytes) -> LayeredStream:
+def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
     """Read a stream, or the beginning of one."""
     canvas, kind, places, sizes, start = _decode_header(data)
+    size = canvas.shape[0] * canvas.shape[1]
+    held = sum(place.width * place.height for place in places)
+    held = size * len(places) if kind is Kind.LAYERS else held  # layers are written as large as the canvas
+    check_extent(Extent(size, held, size + held), len(data), max_mib)
     pieces: list[DepthImageStream | None] = []
     position, damage = start, None
     for number, (place, size) in enumerate(zip(places, sizes, strict=True), 1):
@@ -111,7 +117,7 @@ def decode_stream(data: bytes) -> LayeredStream:
             continue
         prefix = MAGIC + bytes([depth_image.FORMAT_VERSION]) + part[:1]
         try:
-            piece = depth_image.decode_stream(prefix + _SIZE.pack(*place[2:]) + part[1:])
+            piece = depth_image.decode_stream(prefix + _SIZE.pack(*place[2:]) + part[1:], math.inf)
             if not piece.masked or piece.picture is None:
                 raise BitstreamError("no mask or no picture")
         except BitstreamError as err:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from dvc.bits import decode_varint, encode_varint
 from dvc.dibr.stream.header import Header, decode_header, encode_header
+from dvc.dibr.stream.limits import Extent, check_extent
 from dvc.errors import BitstreamError
 
 _CRC_BYTES = 4
@@ -41,7 +42,7 @@ def encode_layer(layer: Layer) -> bytes:
     return data + zlib.crc32(data).to_bytes(_CRC_BYTES, "little")
 
 
-def decode_stream(data: bytes) -> Stream:
+def decode_stream(data: bytes, max_mib: float | None = None) -> Stream:
     """Read a stream; layers that are cut or damaged are left out, with all after them."""
     header, position = decode_header(data)
     layers: list[Layer] = []
@@ -56,6 +57,9 @@ def decode_stream(data: bytes) -> Stream:
         raise BitstreamError(str(damage))
     if damage is None and position != len(data):
         damage = f"{len(data) - position} bytes follow the last layer"
+    size = header.shape[0] * header.shape[1]
+    held = size * len(header.references)
+    check_extent(Extent(size, held, held * len(layers)), len(data), max_mib)
     return Stream(header, tuple(layers), damage)
 
 

@@ -6,11 +6,11 @@ import pytest
 
 from dvc.dibr.commands import options
 from dvc.dibr.reference import codec
-from dvc.dibr.stream import header
+from dvc.dibr.stream import header, limits
 
 
 def test_limits_are_those_of_the_codec():
-    assert options.MAX_LAYERS == header.MAX_LAYERS
+    assert (options.MAX_LAYERS, options.MAX_MIB) == (header.MAX_LAYERS, limits.MAX_MIB)
     assert (codec.FLATTEST, codec.STEEPEST) == options.SLOPES
 
 
