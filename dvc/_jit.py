@@ -6,11 +6,14 @@ import fcntl
 import threading
 import time
 from collections.abc import Callable, Iterator
+from functools import cache as cached
+from hashlib import sha1
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 
 from dvc.memory import resident_bytes
 
@@ -97,14 +100,29 @@ def _time_loading(compiled: Any) -> None:
 
 
 def _stamp_cache(cache: Any, function: Callable[..., Any]) -> None:
-    """Let edits of the kernels that a kernel calls outdate its code, too: numba looks at one file alone."""
-    file = cache._cache_file
-    stamps = {file._source_stamp}
-    for name in function.__code__.co_names:
-        called: Any = getattr(function.__globals__.get(name), "_cache", None)
+    """Let machine code serve as long as its source, constants, and kernels that it calls read the same.
+
+    Numba would look at the time of one file alone: an edit of a kernel that is called went unnoticed, and a
+    copy of the tree would be compiled anew.
+    """
+    file, code = cache._cache_file, function.__code__
+    stamps = {_digest(code.co_filename)}
+    for name in code.co_names:
+        value: Any = function.__globals__.get(name)
+        called: Any = getattr(value, "_cache", None)
         if hasattr(called, "_cache_file"):
             stamps.update(called._cache_file._source_stamp)
+        elif isinstance(value, bool | int | float | tuple):
+            stamps.add(f"{name} = {value!r}")
+        elif isinstance(value, np.ndarray):
+            stamps.add(f"{name} = {sha1(value.tobytes()).hexdigest()}")
     file._source_stamp = sorted(stamps)
+
+
+@cached
+def _digest(path: str) -> str:
+    """Return a digest of a source."""
+    return sha1(Path(path).read_bytes()).hexdigest()
 
 
 def _lock_cache(cache: Any) -> None:

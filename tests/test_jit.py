@@ -1,6 +1,7 @@
 """Compiled kernels: an edit of any kernel that one calls outdates its code on disk."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +41,30 @@ def test_an_edit_of_a_callee_is_noticed(tmp_path: Path, middle: str) -> None:
         ["1", "1"],
         ["2", "0"],
     ]
+
+
+def test_a_copy_is_not_compiled_again(tmp_path: Path) -> None:
+    """Elsewhere and at another time the code on disk serves; not with another constant of another module."""
+    (tmp_path / "made").mkdir()
+    code = KERNEL.format("from numbers_of import STEP", "kernel", "caller", "x + STEP")
+    (tmp_path / "made" / "caller.py").write_text(code)
+    command = [
+        sys.executable,
+        "-c",
+        "from caller import caller; print(caller(0), len(caller.stats.cache_hits))",
+    ]
+    environment = {**os.environ, "NUMBA_DISABLE_JIT": "0", "PYTHONDONTWRITEBYTECODE": "1"}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    told = []
+    for before, folder, step in (("made", "first", 2), ("first", "second", 2), ("first", "third", 3)):
+        shutil.copytree(tmp_path / before, tmp_path / folder, copy_function=shutil.copy)
+        (tmp_path / folder / "numbers_of.py").write_text(f"STEP = {step}\n")
+        path = os.pathsep.join([str(tmp_path / folder), str(Path(__file__).resolve().parents[1])])
+        run = subprocess.run(
+            command, env=environment | {"PYTHONPATH": path}, capture_output=True, text=True, check=True
+        )
+        told.append(run.stdout.split())
+    assert told == [["2", "0"], ["2", "1"], ["3", "0"]]
 
 
 def test_loading_and_compiling_are_told_apart_from_running(tmp_path: Path) -> None:
