@@ -10,7 +10,7 @@ PACKAGES := dvc encoder decoder sequences sfm
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help venv browser demo test test-slow test-nojit canaries streams mutants check bench figures reproduce pictures format clean
+.PHONY: help venv browser demo kernels test test-all test-nojit canaries streams mutants check bench figures reproduce pictures format clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -29,11 +29,15 @@ demo: $(INSTALLED)  ## render a moving camera, code it between two processes, sh
 browser: $(INSTALLED)  ## find a browser for the tests of the report page, or install one (tests do it)
 	$(BIN)/python -m tests.browser
 
-test: browser  ## run the tests
-	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --dist worksteal
+kernels: $(INSTALLED)  ## compile the kernels, or take them from where an earlier clone has kept them
+	$(BIN)/python -m tests.kernels fetch $(JOBS)
 
-test-slow: browser  ## run the long studies too
-	$(BIN)/python -m pytest
+test: browser kernels  ## run the tests; what they compile is kept in the user's cache folder
+	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --dist worksteal
+	$(BIN)/python -m tests.kernels keep
+
+test-all: browser kernels  ## run the long studies too, and every frozen stream on every emulated processor
+	DVC_ALL_PROCESSORS=1 $(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 test-nojit: $(INSTALLED)  ## run the tests of the kernels as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m nojit
