@@ -49,7 +49,6 @@ FIELD_NUMBERS = {
     "tracks.kind": 80,
     "tracks.num_points": 81,
     "tracks.subpixel_bits": 82,
-    "tracks.coding": 83,
 }
 """Number of every field in a stream header; numbers are never used again for something else."""
 

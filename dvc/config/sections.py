@@ -9,7 +9,6 @@ from dvc.errors import ConfigError
 
 REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
-TRACK_CODINGS = ("filter", "regression")
 FALLBACKS = ("block-motion", "tracks")
 SFM_BACKENDS = ("native", "colmap")
 TURBO_FAMILIES = ("adaptive", "classical", "cascade")
@@ -251,15 +250,11 @@ class TracksConfig(Section):
     kind: str = "none"  # nothing; tracks of points of the key frame; or points, to be matched at the decoder
     num_points: int = 128  # most of them: tracks that begin with a group, or points of a frame
     subpixel_bits: int = 0  # binary digits of their coordinates after the point
-    # How tracks are predicted: each by its past and its neighbours; or by the motion of all tracks that were
-    # coded before it at the same instant.
-    coding: str = "regression"
 
     def _check_values(self) -> None:
         check_choice("kind", self.kind, TRACKS_KINDS)
         check_range("num_points", self.num_points, 1, MAX_POINTS)
         check_range("subpixel_bits", self.subpixel_bits, 0, 3)
-        check_choice("coding", self.coding, TRACK_CODINGS)
 
 
 def _check_preset(q: int) -> None:

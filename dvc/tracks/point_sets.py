@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.config import CodecConfig
 from dvc.entropy import RangeCoder
 from dvc.errors import BitstreamError
 from dvc.tracks import _kernels
@@ -54,6 +55,12 @@ class SamplingGrid:
     def grid_rows(self) -> int:
         """Rows of the grid."""
         return (self.num_rows - 1 >> self.grid_exponent) + 1
+
+
+def num_positions(config: CodecConfig) -> tuple[int, int]:
+    """Return how many positions a point has in x and y."""
+    bits = config.tracks.subpixel_bits
+    return (config.video.width - 1 << bits) + 1, (config.video.height - 1 << bits) + 1
 
 
 def column_scan(points: NDArray[np.float64] | Integers) -> NDArray[np.intp]:

@@ -146,7 +146,7 @@ def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame])
     """A chain is decoded in order, beside others, to what it is decoded to from a file."""
     config = configuration(anchor_distance=2, intra_period=12)
     config = replace(config, codec="3d-te", side_information=replace(config.side_information, method="depth"))
-    config = replace(config, tracks=replace(config.tracks, kind="encoder", coding="regression"))
+    config = replace(config, tracks=replace(config.tracks, kind="encoder"))
     still = [frames[0]] * 14
     file = io.BytesIO()
     session(config).write(still, file, lambda _: None)

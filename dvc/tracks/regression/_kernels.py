@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from dvc._jit import inlined_kernel, kernel
 from dvc.entropy.mixing import SQUASH, STRETCH, STRETCH_LIMIT, TABLE_SIZE
 from dvc.entropy.range_coder import FAILED, code_decision, has_room
+from dvc.tracks._kernels import LOST
 
-LOST = -1
 OUTSIDE = -1
 NUM_FEATURES = 10
 NUM_NEIGHBOURS = 8

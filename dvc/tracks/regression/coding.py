@@ -19,9 +19,10 @@ from dvc.config import CodecConfig
 from dvc.entropy import RangeCoder
 from dvc.entropy.mixing import SQUASH, STRETCH_LIMIT, TABLE_SIZE, logistic_tables
 from dvc.errors import BitstreamError
-from dvc.tracks.point_sets import SamplingGrid, code_points
+from dvc.tracks._kernels import LOST
+from dvc.tracks.point_sets import SamplingGrid, code_points, num_positions
 from dvc.tracks.regression import _kernels
-from dvc.tracks.regression._kernels import LOST, Models, Motion
+from dvc.tracks.regression._kernels import Models, Motion
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -72,7 +73,7 @@ def _code_direction(
     """Code tracks after others that are given, and return those that were coded."""
     if len(tracks) == 0:
         return tracks
-    sides = _sides(config)
+    sides = num_positions(config)
     first = _code_first(coder, tracks[:, 0], np.ascontiguousarray(given[:, 0]), sides)
     order = _kernels.spread_order(len(tracks))
     units = np.concatenate([given, tracks[order]])
@@ -124,9 +125,3 @@ def _start(first: Integers, sides: tuple[int, int]) -> Motion:
     learned[_kernels.LEVEL] = _LEVEL
     still, magnitude = np.zeros((count, 2)), np.full(count, _LEVEL)
     return Motion(places, places.copy(), still, magnitude, neighbours, weights, learned)
-
-
-def _sides(config: CodecConfig) -> tuple[int, int]:
-    """Return the places for a point in x and y."""
-    bits = config.tracks.subpixel_bits
-    return (config.video.width - 1 << bits) + 1, (config.video.height - 1 << bits) + 1
