@@ -100,12 +100,6 @@ CLAIMS = (
         "tracks/td-overhead",
     ),
     _claim(
-        "By regression the same tracks cost less than by filters.",
-        "docs/tracks.md",
-        "tracks/track-bits",
-        "tracks/track-bits-mean",
-    ),
-    _claim(
         "A decoder needs seconds for a frame, and two jobs are nearly twice as fast.",
         "docs/results.md",
         "codec/decode-time-cif",

@@ -1,4 +1,4 @@
-"""Compiled loops of the coding of points, in whole numbers so that both ends agree; described by their callers."""
+"""Compiled loops of the coding of points, in whole numbers so that both ends agree."""
 
 import numpy as np
 
@@ -70,7 +70,7 @@ def free_rows(points, k, distance, free):
 
 @kernel
 def code_points(coder, points, num_columns, num_rows, distance):
-    """Code points in column scan: steps to the next column and points, then rows among those that are free."""
+    """Code points in column scan: steps to the next column and points, then rows among the free ones."""
     count, column = points.shape[0], 0
     for k in range(count):
         steps_left = num_columns - 1 - column

@@ -3,27 +3,22 @@
 import statistics
 import tempfile
 import time
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from benchmarks.figures.codec import FINEST, encode
 from benchmarks.figures.harness import (
     SCENES,
-    STATIC_CLIPS,
     Figure,
     Measured,
     Setting,
     clip_source,
-    mean_over_clips,
     run_module,
 )
 from benchmarks.figures.tracks.prediction import received_groups
 from benchmarks.figures.tracks.quality import AREA, QUICK_FRAMES, REAL_CLIPS
 from benchmarks.figures.tracks.runs import GOP, TD_DEPTH, TE_DEPTH, Run, Way
 from dvc.config import (
-    MAX_TRACKS_BPP,
-    TRACK_CODINGS,
     CodecConfig,
     KeyFrameConfig,
     VideoConfig,
@@ -32,15 +27,12 @@ from dvc.config import (
 )
 from dvc.errors import DvcError
 from dvc.keyframes import KeyFrameEncoder
-from dvc.tracks import decode_tracks, encode_tracks
 from dvc.video import Frame, open_video
 from encoder.session import EncoderSession
-from encoder.track_budget import encode_within_budget
 
 SEARCH_REACHES_PX = (16, 7)
 """Reaches of a full search to compare with: that of most block-motion coders, and a small one."""
 MOST_SHARE = 0.08
-MOST_CODING_SHARE = 0.6
 MOST_DECODING_S = 90.0
 
 
@@ -59,41 +51,6 @@ def overhead(setting: Setting, clip: str, way: Way, most_bpp: float) -> Measured
     bpp, points = bits / (num_frames * num_pixels), statistics.fmean(num_points)
     values = {"tracks_bpp": bpp, "mean_points": points, "num_frames": num_frames}
     return Measured(f"{bpp:.4f} b/px ({points:.0f} points a frame)", bpp < most_bpp, values)
-
-
-def coding_share(setting: Setting, clip: str) -> Measured:
-    """Code the tracks that 3d-te sends both ways: by regression, and each by its own filter."""
-    bits, num_frames = _bits_both_ways(setting, clip)
-    share = bits["regression"] / bits["filter"]
-    return Measured(f"{share:.3f}", None, {"bits": bits, "num_frames": num_frames})
-
-
-def mean_coding_share(setting: Setting, clip: str) -> Measured:
-    """Average the share of bits of coding by regression over clips."""
-    del clip
-
-    def share(name: str) -> float:
-        bits, _ = _bits_both_ways(setting, name)
-        return bits["regression"] / bits["filter"]
-
-    return mean_over_clips(setting, _CODED_CLIPS, share, "{:.3f}", lambda mean: mean <= MOST_CODING_SHARE)
-
-
-def _bits_both_ways(setting: Setting, clip: str) -> tuple[dict[str, int], int]:
-    """Return the bits of the tracks of a clip by coding, and the number of frames."""
-    frames = _grey_frames(clip, setting.choose(49, QUICK_FRAMES))
-    session = encoder_session(frames)
-    bits = dict.fromkeys(TRACK_CODINGS, 0)
-    for group in session.groups(frames):
-        if group.tracks is None or not len(group.tracks):
-            continue
-        config = session.config
-        payload = encode_within_budget(group.tracks, config, MAX_TRACKS_BPP)
-        sent = decode_tracks(payload, group.tracks.num_instants, config)
-        for coding in TRACK_CODINGS:
-            other = replace(config, tracks=replace(config.tracks, coding=coding))
-            bits[coding] += 8 * len(encode_tracks(sent, other))
-    return bits, len(frames)
 
 
 def encoder_session(frames: list[Frame]) -> EncoderSession:
@@ -178,7 +135,6 @@ def decoding_time(setting: Setting, clip: str) -> Measured:
 
 
 _CLIPS = (*REAL_CLIPS, *SCENES)
-_CODED_CLIPS = (*STATIC_CLIPS, "street", "statue")
 FIGURES = (
     Figure(
         AREA,
@@ -188,21 +144,6 @@ FIGURES = (
         partial(overhead, way=TE_DEPTH, most_bpp=0.01),
         _CLIPS,
         "< 0.01 b/px",
-    ),
-    Figure(
-        AREA,
-        "track-bits",
-        "bits of the same tracks by regression over bits by filters, TE, 49 frames",
-        "the true figure",
-        coding_share,
-        _CODED_CLIPS,
-    ),
-    Figure(
-        AREA,
-        "track-bits-mean",
-        "the same, mean over these",
-        "≤ 0.60",
-        mean_coding_share,
     ),
     Figure(
         AREA,
