@@ -22,7 +22,7 @@ STREAMS = [
     pytest.param(golden, form, id=f"{golden.name}-{form}") for golden in GOLDEN for form in golden.forms
 ]
 ALL_PROCESSORS = os.environ.get("DVC_ALL_PROCESSORS") == "1"
-"""Whether all frozen streams are decoded on every processor, as in continuous integration, or one a codec."""
+"""Whether all frozen streams are decoded on every processor, or one a codec on one of them."""
 _OF_EACH_CODEC = ("2d-colour", "3d-fused", "3d-td-all", "3d-te-odd")
 CARRIED = [golden for golden in GOLDEN if ALL_PROCESSORS or golden.name in _OF_EACH_CODEC]
 PROCESSORS = {
@@ -31,9 +31,9 @@ PROCESSORS = {
         "NPY_DISABLE_CPU_FEATURES": "X86_V3",
         "OPENCV_CPU_DISABLE": "AVX2,FMA3",
         "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA",
-        "NUMBA_CPU_NAME": "generic",
         **SINGLE_THREADED,
     },
+    "generic": {"NUMBA_CPU_NAME": "generic", **SINGLE_THREADED},
     "two-threads": {"OPENBLAS_CORETYPE": "Haswell", **dict.fromkeys(SINGLE_THREADED, "2")},
 }
 """What makes libraries believe that they run on another processor than this one."""
