@@ -75,8 +75,7 @@ def slice_qp(parameter_sets: bytes, data: bytes) -> int:
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("luma_only", [False, True])
-@pytest.mark.parametrize("qp", [22, 40, "lossless"])
+@pytest.mark.parametrize(("luma_only", "qp"), [(False, 22), (True, 40), (False, "lossless")])
 def test_fresh_decoders_agree_with_the_encoder(
     moving_frames: MakeFrames, size: tuple[int, int], luma_only: bool, qp: Qp
 ) -> None:

@@ -485,13 +485,13 @@ def mutate(turns: list[bytes], rng: np.random.Generator) -> list[bytes]:
     return turns
 
 
-def test_ten_thousand_mutations_raise_only_feedback_errors() -> None:
+def test_mutations_raise_only_feedback_errors() -> None:
     """Whatever a peer sends, an endpoint raises nothing but `FeedbackError`."""
     rng = np.random.default_rng(5)
     down, up = transcript()
     ends: list[tuple[Callable[[], Encoder | Decoder], list[bytes]]] = [(short_encoder, up), (Decoder, down)]
     num_refused = 0
-    for trial in range(10000):
+    for trial in range(2000):
         make, turns = ends[trial % 2]
         end = make()
         try:
@@ -500,7 +500,7 @@ def test_ten_thousand_mutations_raise_only_feedback_errors() -> None:
                 end.endpoint.bytes_to_send()
         except FeedbackError:
             num_refused += 1
-    assert num_refused > 3000
+    assert num_refused > 600
 
 
 @given(st.lists(st.binary(max_size=30), max_size=8))

@@ -431,10 +431,10 @@ def test_unreadable_files_are_bitstream_errors(tmp_path: Path) -> None:
 
 
 def test_random_mutations_raise_only_bitstream_errors() -> None:
-    """Ten thousand random changes, cuts and insertions never raise anything else."""
+    """Random changes, cuts and insertions never raise anything else."""
     rng = np.random.default_rng(20)
     streams = [write(form, RECORDS) for form in Form]
-    for trial in range(10000):
+    for trial in range(2000):
         data = bytearray(streams[trial % 2])
         for _ in range(rng.integers(1, 4)):
             first, last = sorted(rng.integers(0, len(data) + 1, 2))
