@@ -24,10 +24,10 @@ from decoder.report import PLANE_CLASSES
 from decoder.session import stream_tasks
 from decoder.tasks import GroupTask, following
 from decoder.wyner_ziv import REQUESTS
-from dvc import turbo
+from dvc import slepian_wolf
 from dvc.config import TURBO_FAMILIES
+from dvc.slepian_wolf.results import PlaneCoroutine
 from dvc.stream import Form, StreamReader
-from dvc.turbo.results import PlaneCoroutine
 from dvc.wynerziv import priors
 from dvc.wynerziv.layout import FrameLayout
 
@@ -39,11 +39,11 @@ SEED = 1
 class _Recorder:
     """Decodes planes as another decoder does, and keeps them."""
 
-    inner: turbo.PlaneDecoder
+    inner: slepian_wolf.PlaneDecoder
     planes: dict[tuple[int, int], tuple[NDArray[np.float32], Bits]] = field(default_factory=dict)
 
     @property
-    def cost(self) -> turbo.PlaneCost:
+    def cost(self) -> slepian_wolf.PlaneCost:
         """What planes are expected to cost."""
         return self.inner.cost
 
@@ -51,7 +51,7 @@ class _Recorder:
         self,
         llr_ch: NDArray[np.floating],
         place: tuple[int, int],
-        coupling: turbo.NeighbourCoupling | None = None,
+        coupling: slepian_wolf.NeighbourCoupling | None = None,
     ) -> PlaneCoroutine:
         result = yield from self.inner.decode(llr_ch, place, coupling)
         self.planes[place] = np.asarray(llr_ch, np.float32), result.bits
@@ -68,17 +68,17 @@ class _Recorder:
 def _recording() -> Iterator[list[_Recorder]]:
     """Let all decoders of planes that are made keep what they decode."""
     made: list[_Recorder] = []
-    original = turbo.plane_decoder
+    original = slepian_wolf.plane_decoder
 
-    def _make(settings: turbo.SlepianWolfSettings, num_bits: int, seed: int) -> _Recorder:
+    def _make(settings: slepian_wolf.SlepianWolfSettings, num_bits: int, seed: int) -> _Recorder:
         made.append(_Recorder(original(settings, num_bits, seed)))
         return made[-1]
 
-    turbo.plane_decoder = _make
+    slepian_wolf.plane_decoder = _make
     try:
         yield made
     finally:
-        turbo.plane_decoder = original
+        slepian_wolf.plane_decoder = original
 
 
 def _ideal_bits(llr: NDArray[np.floating], bits: Bits) -> float:
@@ -116,7 +116,7 @@ def _decoded(reader: StreamReader) -> Iterator[GroupTask]:
             yield task
 
 
-def _no_encoder(request: turbo.ParityRequest) -> Bits:
+def _no_encoder(request: slepian_wolf.ParityRequest) -> Bits:
     raise ValueError(f"a stream answers for itself, asked for {request}")
 
 
@@ -150,18 +150,18 @@ class FrameSource:
 
     def __init__(self, planes: dict[int, Bits], family: str) -> None:
         self._planes = planes
-        self._encoders = turbo.parity_encoders(family, SEED)
+        self._encoders = slepian_wolf.parity_encoders(family, SEED)
         self._parity: dict[tuple[int, int], Bits] = {}
 
-    def answer(self, request: turbo.ParityRequest) -> Bits:
+    def answer(self, request: slepian_wolf.ParityRequest) -> Bits:
         """Return the bits that a request asks for."""
         crc_bits = REQUESTS.crc_bits
         if request.kind == "joint":
-            checks = [turbo.crc(self._planes[plane], crc_bits) for plane in request.positions]
-            return turbo.joint_check(np.stack(checks))[: request.count]
+            checks = [slepian_wolf.crc(self._planes[plane], crc_bits) for plane in request.positions]
+            return slepian_wolf.joint_check(np.stack(checks))[: request.count]
         bits = self._planes[request.plane]
         if request.kind == "crc":
-            bits = turbo.crc(bits, crc_bits)
+            bits = slepian_wolf.crc(bits, crc_bits)
         elif request.kind == "parity":
             bits = self._parity_of(request.plane, request.code)
         if request.positions:
@@ -200,7 +200,7 @@ def judge(recordings: list[Path], family: str) -> Judgement:
     for path in recordings:
         with np.load(path) as arrays:
             places, bands, llr, bits = (arrays[name] for name in ("places", "bands", "llr", "bits"))
-        decoder = turbo.plane_decoder(replace(REQUESTS, family=family), bits.shape[1], SEED)
+        decoder = slepian_wolf.plane_decoder(replace(REQUESTS, family=family), bits.shape[1], SEED)
         for frame in dict.fromkeys(places[:, 0].tolist()):
             rows = np.flatnonzero(places[:, 0] == frame).tolist()
             numbers = places[rows, 1].tolist()
@@ -212,7 +212,7 @@ def judge(recordings: list[Path], family: str) -> Judgement:
 
 def _judge_frame(
     judgement: Judgement,
-    decoder: turbo.PlaneDecoder,
+    decoder: slepian_wolf.PlaneDecoder,
     planes: dict[int, Bits],
     llr: dict[int, NDArray[np.float32]],
     bands: dict[int, int],
@@ -220,8 +220,8 @@ def _judge_frame(
 ) -> None:
     source = FrameSource(planes, family)
     started = time.process_time()
-    results = {plane: turbo.drive(decoder.decode(llr[plane], (0, plane)), source.answer) for plane in planes}
-    check = turbo.drive(decoder.check(0), source.answer)
+    results = {p: slepian_wolf.drive(decoder.decode(llr[p], (0, p)), source.answer) for p in planes}
+    check = slepian_wolf.drive(decoder.check(0), source.answer)
     judgement.cpu_s += time.process_time() - started
     results |= check.corrected
     for plane, result in results.items():

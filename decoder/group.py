@@ -14,12 +14,12 @@ from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask
 from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
-from dvc import turbo
+from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
+from dvc.slepian_wolf import Answer, ParityRequest, Place, num_codes
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
-from dvc.turbo import Answer, ParityRequest, Place, num_codes
 from dvc.wynerziv.buffered import BufferedFrame
 from dvc.wynerziv.hierarchy import Around, group_order, levels, reference_distance
 from dvc.wynerziv.priors import LearnedPriors
@@ -108,7 +108,7 @@ class GroupDecoder:
                 self._frame(task, known, points, place, own)
                 for place, own in zip(level, learned, strict=True)
             ]
-            decoded = yield from turbo.together(steps)
+            decoded = yield from slepian_wolf.together(steps)
             priors = LearnedPriors.mean(learned)
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
             frames += decoded
@@ -134,7 +134,7 @@ class GroupDecoder:
             if task.form is None:
                 frame = yield from steps
             else:
-                frame = turbo.drive(steps, self._answer(task.form, payload))
+                frame = slepian_wolf.drive(steps, self._answer(task.form, payload))
             frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
         return replace(frame, decode_s=time.perf_counter() - started)
 

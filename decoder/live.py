@@ -23,7 +23,7 @@ from dvc.feedback import (
     ParityAnswer,
     max_open_gops,
 )
-from dvc.turbo import ParityRequest, Place
+from dvc.slepian_wolf import ParityRequest, Place
 
 HELD_SHARE = 1 / 16
 """Of the time that answers take, for which requests wait for others as long as there is anything to do."""

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from decoder.frame_state import FrameState, KnownBand
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import BandCost, DecodedFrame
-from dvc import turbo
+from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
-from dvc.turbo.syndromes.belief_propagation import DecodedBlock, NumberPriors, decode_block
+from dvc.slepian_wolf.ldpc.belief_propagation import DecodedBlock, NumberPriors, decode_block
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, transform
 from dvc.wynerziv.candidates import credible_intervals
@@ -147,5 +147,5 @@ def _learning(block: SentBlock, bands: list[LearnedBand]) -> tuple[DecodedBlock,
 
 def _checks(bits: Bits, block: SentBlock) -> bool:
     """Tell whether the planes of a block have its check bits."""
-    checks = turbo.joint_check(turbo.crc(bits, block.check.size))
+    checks = slepian_wolf.joint_check(slepian_wolf.crc(bits, block.check.size))
     return np.array_equal(checks, block.check)

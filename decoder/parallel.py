@@ -21,7 +21,7 @@ from threading import Event, Lock
 from decoder.tasks import Answered, DecodedGroup, GroupTask, following
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError, DvcError
-from dvc.turbo import ParityRequest
+from dvc.slepian_wolf import ParityRequest
 
 Outcome = Sequence[ParityRequest] | DecodedGroup | Exception
 _MAX_IDLE = 2  # processes kept for the next sequence: they take about a second to start, and some memory

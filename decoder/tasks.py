@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from decoder.side_information.protocol import ReferenceFrame
 from dvc.errors import BitstreamError
+from dvc.slepian_wolf import Place
 from dvc.stream import Form, GopRecord
-from dvc.turbo import Place
 from dvc.video import Frame
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from decoder.frame_state import FrameState, KnownBand
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import BandCost, DecodedFrame
-from dvc import turbo
+from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.video import Frame
 from dvc.wynerziv import bitplanes, noise, transform
@@ -35,7 +35,7 @@ NUM_FITTED_PLANES = 5
 """Planes of a band after which the scale is fitted again; later planes tell little."""
 LOOK_AHEAD = 2
 """Planes of a band that are looked at together before the next is given up."""
-REQUESTS = turbo.SlepianWolfSettings(
+REQUESTS = slepian_wolf.SlepianWolfSettings(
     initial_rate=0.9,
     early_rate=1.0,
     early_step=0.05,
@@ -51,15 +51,15 @@ REQUESTS = turbo.SlepianWolfSettings(
 """Coarser steps than those that cost the fewest bits, and no search: a trade of rate for decoding time."""
 
 
-FrameCoroutine = Generator[turbo.ParityRequest, Bits, DecodedFrame]
+FrameCoroutine = Generator[slepian_wolf.ParityRequest, Bits, DecodedFrame]
 
 
-def _cost(band: int, results: list[turbo.PlaneResult]) -> BandCost:
+def _cost(band: int, results: list[slepian_wolf.PlaneResult]) -> BandCost:
     ideal_bits = sum(result.ideal_bits for result in results)
     return BandCost(band, ideal_bits, sum(result.parity_bits + result.crc_bits for result in results))
 
 
-def _pays(worth: Refinement, cost: turbo.PlaneCost, slope: float) -> bool:
+def _pays(worth: Refinement, cost: slepian_wolf.PlaneCost, slope: float) -> bool:
     """Tell whether the next plane of a band, or the next few together, save `slope` for every bit."""
     ahead = enumerate(zip(worth.bits, worth.saved, strict=True), 1)
     return any(saved > slope * cost.bits(bits, planes) for planes, (bits, saved) in ahead)
@@ -77,7 +77,7 @@ class WynerZivDecoder:
             batch=config.turbo.batch_percent / 100,
             batch_bits=config.turbo.batch_bits,
         )
-        self._idle: list[turbo.PlaneDecoder] = []
+        self._idle: list[slepian_wolf.PlaneDecoder] = []
 
     def new_priors(self) -> LearnedPriors:
         """Return what is known of priors before anything is decoded."""
@@ -98,9 +98,9 @@ class WynerZivDecoder:
         self._idle.append(planes)
         return decoded
 
-    def _new_plane_decoder(self) -> turbo.PlaneDecoder:
+    def _new_plane_decoder(self) -> slepian_wolf.PlaneDecoder:
         seed = self._config.turbo.interleaver_seed
-        return turbo.plane_decoder(self._settings, self.layout.num_bits, seed)
+        return slepian_wolf.plane_decoder(self._settings, self.layout.num_bits, seed)
 
 
 @dataclass(frozen=True)
@@ -109,15 +109,15 @@ class _Frame:
 
     config: CodecConfig
     layout: FrameLayout
-    plane_decoder: turbo.PlaneDecoder
+    plane_decoder: slepian_wolf.PlaneDecoder
     priors: LearnedPriors
     index: int
 
     def decode(self, quantization: Quantization, prediction: Prediction, slope: float) -> FrameCoroutine:
         settings = self.config.wyner_ziv
         state = FrameState(self.layout, prediction, settings.noise_model)
-        decoded: dict[int, list[turbo.PlaneResult]] = {}
-        check = turbo.FrameCheck()
+        decoded: dict[int, list[slepian_wolf.PlaneResult]] = {}
+        check = slepian_wolf.FrameCheck()
         last = len(quantization.bands) - 1
         for position, band in enumerate(quantization.bands):
             decoded[band] = yield from self._decode_band(band, quantization, state, slope)
@@ -146,7 +146,7 @@ class _Frame:
 
     def _decode_band(
         self, band: int, quantization: Quantization, state: FrameState, slope: float
-    ) -> Generator[turbo.ParityRequest, Bits, list[turbo.PlaneResult]]:
+    ) -> Generator[slepian_wolf.ParityRequest, Bits, list[slepian_wolf.PlaneResult]]:
         edges = quantization.edges(band)
         planes, shape = quantization.planes[band], self.layout.band_shape
         refined = not state.known
@@ -185,7 +185,7 @@ class _Frame:
         predicted: Array,
         scale: Array,
         state: FrameState,
-    ) -> Generator[turbo.ParityRequest, Bits, turbo.PlaneResult]:
+    ) -> Generator[slepian_wolf.ParityRequest, Bits, slepian_wolf.PlaneResult]:
         """Decode a plane; `place` is its number in the frame, its band, and its number in that."""
         number = self.index, place[0]
         if self.config.wyner_ziv.priors == "laplacian":
@@ -198,8 +198,8 @@ class _Frame:
 
     def _correct(
         self,
-        check: turbo.FrameCheck,
-        decoded: dict[int, list[turbo.PlaneResult]],
+        check: slepian_wolf.FrameCheck,
+        decoded: dict[int, list[slepian_wolf.PlaneResult]],
         quantization: Quantization,
         state: FrameState,
     ) -> None:

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 from dvc.errors import FeedbackError, VideoError
 from dvc.feedback import Connection, EncoderEndpoint, Event, GopDone
-from dvc.turbo import RequestTable
+from dvc.slepian_wolf import RequestTable
 from dvc.video import Frame
 from encoder.pacing import DecoderPace
 from encoder.session import EncoderSession, Progress

@@ -10,10 +10,10 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from dvc.slepian_wolf.crc import POLYNOMIALS
+from dvc.slepian_wolf.ldpc.graph import NUM_EDGES
 from dvc.tracks import PointTracks
 from dvc.tracks.regression.coding import NUM_FEATURES, NUM_NEIGHBOURS, ROW_FEATURES
-from dvc.turbo.crc import POLYNOMIALS
-from dvc.turbo.syndromes.graph import NUM_EDGES
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS
 from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
 

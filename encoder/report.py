@@ -9,7 +9,7 @@ from typing import Any
 from dvc._jit import loaded_bytes, loading_time_s
 from dvc.config import CodecConfig
 from dvc.memory import peak_resident_bytes
-from dvc.turbo import CRC_BITS
+from dvc.slepian_wolf import CRC_BITS
 from dvc.video import Frame
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.transform import NUM_BANDS, band_shape

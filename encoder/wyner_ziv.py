@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc import turbo
+from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
@@ -21,7 +21,7 @@ class WynerZivEncoder:
         self._layout = FrameLayout.of(config)
         self._lazily = lazily
         self._rooms: list[NDArray[np.int16]] = []
-        self._encoders = turbo.parity_encoders(config.turbo.family, config.turbo.interleaver_seed)
+        self._encoders = slepian_wolf.parity_encoders(config.turbo.family, config.turbo.interleaver_seed)
 
     def encode(self, frame: Frame, step: float = 1.0) -> EncodedFrame:
         """Encode one frame; parity is computed when it is asked for."""

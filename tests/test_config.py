@@ -127,7 +127,7 @@ def test_zigzag_and_presets_follow_the_standard() -> None:
 
 def test_turbo_families_exist() -> None:
     """Every family that a configuration accepts is one that planes can be coded with."""
-    from dvc.turbo import num_codes
+    from dvc.slepian_wolf import num_codes
 
     assert all(num_codes(name) for name in TURBO_FAMILIES)
 

@@ -99,7 +99,7 @@ def test_numba_has_one_door() -> None:
 def test_algorithms_do_no_input_and_output() -> None:
     """Codes, transforms, prediction and the feedback state machines know neither files nor sockets."""
     pure = importers(
-        "dvc.turbo",
+        "dvc.slepian_wolf",
         "dvc.wynerziv",
         "dvc.entropy",
         "dvc.multiview",

@@ -24,8 +24,8 @@ from dvc.config import DEFAULT_CODEC
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
+from dvc.slepian_wolf import ParityRequest
 from dvc.stream import StreamReader
-from dvc.turbo import ParityRequest
 from dvc.video import Frame, open_video
 from tests.clips import moving_texture, write_clip
 from tests.scenes_3d import render

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.figures.harness import Figure, Measured, Setting
 
 if TYPE_CHECKING:
-    from dvc.turbo import PlaneResult, SlepianWolfSettings
+    from dvc.slepian_wolf import PlaneResult, SlepianWolfSettings
 
 NUM_BITS = 6336
 SEED = 20081
@@ -32,22 +32,24 @@ def decode_plane(
     bits: NDArray[np.uint8], llr_ch: NDArray[np.float64], settings: "SlepianWolfSettings", seed: int
 ) -> "PlaneResult":
     """Code a bit plane and decode it, as encoder and decoder of a video do."""
-    from dvc import turbo
+    from dvc import slepian_wolf
 
-    codes = turbo.family(settings.family)
+    codes = slepian_wolf.family(settings.family)
     parities: dict[int, NDArray[np.uint8]] = {}
-    check = turbo.crc(bits, settings.crc_bits)
-    decoding = turbo.decode_plane(
-        llr_ch, lambda code: turbo.TurboDecoder(codes[code], bits.size, seed), settings
+    check = slepian_wolf.crc(bits, settings.crc_bits)
+    decoding = slepian_wolf.decode_plane(
+        llr_ch, lambda code: slepian_wolf.TurboDecoder(codes[code], bits.size, seed), settings
     )
 
-    def _answer(request: turbo.ParityRequest) -> NDArray[np.uint8]:
+    def _answer(request: slepian_wolf.ParityRequest) -> NDArray[np.uint8]:
         if request.kind == "parity" and request.code not in parities:
-            parities[request.code] = turbo.encode_planes(bits[np.newaxis], codes[request.code], seed)[0]
+            parities[request.code] = slepian_wolf.encode_planes(bits[np.newaxis], codes[request.code], seed)[
+                0
+            ]
         released = {"crc": check, "uncoded": bits}.get(request.kind, parities.get(request.code, bits))
         return released[request.start : request.start + request.count]
 
-    return turbo.drive(decoding, _answer)
+    return slepian_wolf.drive(decoding, _answer)
 
 
 def noisy_plane(
@@ -63,7 +65,7 @@ def noisy_plane(
 
 def efficiency(setting: Setting, _clip: str, probability: float) -> Measured:
     """Measure the parity rate over the entropy on a binary symmetric channel, stop by check bits."""
-    from dvc.turbo import SlepianWolfSettings
+    from dvc.slepian_wolf import SlepianWolfSettings
 
     rng = np.random.default_rng([SEED, round(1000 * probability)])
     settings, num_planes = SlepianWolfSettings(), setting.choose(100, 3)
@@ -87,7 +89,7 @@ def undetected_errors(setting: Setting, _clip: str) -> Measured:
     """Count planes that the decoder takes for right and that are not."""
     from scipy.stats import beta
 
-    from dvc.turbo import SlepianWolfSettings
+    from dvc.slepian_wolf import SlepianWolfSettings
 
     rng = np.random.default_rng(SEED)
     settings, num_planes, num_bits = SlepianWolfSettings(), setting.choose(40_000, 200), 396
@@ -109,7 +111,7 @@ def plain_siso(
     llr_a: NDArray[np.float64], parity: NDArray[np.int8], feedback: int, feedforward: int
 ) -> NDArray[np.float64]:
     """Compute the extrinsic LLRs of a trellis in plain numpy, step by step in the log domain."""
-    from dvc.turbo.trellis import trellis
+    from dvc.slepian_wolf.turbo.trellis import trellis
 
     table = trellis(feedback, feedforward)
     follow, emitted = table.next_state, table.output
@@ -134,14 +136,14 @@ def plain_siso(
 
 def siso_speed(setting: Setting, _clip: str) -> Measured:
     """Compare the compiled pass over a trellis with the plain one in the same run, result and time."""
-    from dvc import turbo
-    from dvc.turbo.siso import LaneDecoder, lane_layout, siso
+    from dvc import slepian_wolf
+    from dvc.slepian_wolf.turbo.siso import LaneDecoder, lane_layout, siso
 
-    (code,) = turbo.family("classical")
+    (code,) = slepian_wolf.family("classical")
     rng = np.random.default_rng(SEED)
     bits, llr_ch = noisy_plane(NUM_BITS, 0.07, rng)
-    parity = turbo.encode_planes(bits[np.newaxis], code, 1)[0]
-    decoder = turbo.TurboDecoder(code, NUM_BITS, 1)
+    parity = slepian_wolf.encode_planes(bits[np.newaxis], code, 1)[0]
+    decoder = slepian_wolf.TurboDecoder(code, NUM_BITS, 1)
     decoder.start(llr_ch)
     decoder.add_parity(parity[: NUM_BITS // 2])
     iteration_s = _seconds(lambda: decoder.polish(1), setting.choose(200, 20))

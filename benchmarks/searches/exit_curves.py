@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from dvc.turbo import _kernels as kernels
-from dvc.turbo.siso import LaneDecoder, lane_layout
+from dvc.slepian_wolf._kernels import bit_probabilities
+from dvc.slepian_wolf.turbo import _kernels as kernels
+from dvc.slepian_wolf.turbo.siso import LaneDecoder, lane_layout
 
 Floats = NDArray[np.float64]
 COPY_COUNTS = (2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30)
@@ -36,7 +37,7 @@ def exit_curve(polynomials: tuple[int, int], gap: float, a_priori: Floats) -> Fl
         llr = rng.normal(mean, math.sqrt(2 * mean), decoder.llr_a.size)
         decoder.llr_a[:] = np.clip(llr, -kernels.MAX_EXTRINSIC, kernels.MAX_EXTRINSIC)
         for _ in range(2):
-            kernels.bit_probabilities(decoder.llr_a, decoder.prob0, decoder.prob1)
+            bit_probabilities(decoder.llr_a, decoder.prob0, decoder.prob1)
             decoder.run()
         found.append(1 - np.logaddexp(0, -decoder.llr_e.astype(float)).mean() / math.log(2))
     return np.maximum.accumulate(np.clip(found, 0, 1))

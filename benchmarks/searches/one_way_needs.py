@@ -23,8 +23,8 @@ from decoder.session import stream_tasks
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame, following
 from dvc.config import MAX_GOP_LENGTH, NUM_BANDS, CodecConfig
+from dvc.slepian_wolf import ParityRequest
 from dvc.stream import StreamReader, StreamWriter
-from dvc.turbo import ParityRequest
 from dvc.video import Frame, open_video
 from dvc.wynerziv import bitplanes, noise, transform
 from dvc.wynerziv.buffered import EncodedFrame

@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 
 from benchmarks.figures.turbo import entropy
 from benchmarks.searches.exit_curves import best_profile, exit_curve
-from dvc.turbo import TurboCode, TurboDecoder, encode_planes
-from dvc.turbo.trellis import trellis
+from dvc.slepian_wolf import TurboCode, TurboDecoder, encode_planes
+from dvc.slepian_wolf.turbo.trellis import trellis
 
 CONSTITUENTS = (
     (0b111, 0b101),

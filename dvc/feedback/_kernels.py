@@ -1,13 +1,13 @@
 """Compiled loops over many requests, their syntax and what the ledger says of them; validated by callers.
 
-`rows` (n, 8) and `positions` (m,) are the columns of a `dvc.turbo.RequestTable`.
+`rows` (n, 8) and `positions` (m,) are the columns of a `dvc.slepian_wolf.RequestTable`.
 """
 
 import numpy as np
 
 from dvc._jit import inlined_kernel, kernel
 from dvc.bits import MAX_VARINT_BYTES
-from dvc.turbo.requests import CODE, COUNT, FRAME, KIND, KINDS, LAST, PLANE, SLOT, START
+from dvc.slepian_wolf.requests import CODE, COUNT, FRAME, KIND, KINDS, LAST, PLANE, SLOT, START
 
 ENDS, NEEDLESS, LONG, STANDING = 1, 2, 3, 4  # faults of syntax
 (

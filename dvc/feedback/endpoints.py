@@ -30,9 +30,9 @@ from dvc.feedback.messages import (
     encode_message,
     max_payload_bytes,
 )
+from dvc.slepian_wolf import ParityRequest, RequestTable
+from dvc.slepian_wolf.requests import COUNT, PLANE
 from dvc.stream import GopRecord
-from dvc.turbo import ParityRequest, RequestTable
-from dvc.turbo.requests import COUNT, PLANE
 
 KEEP_ALIVE = encode_message(KeepAlive())
 """Tells the peer that this side is at work; may be sent between any two messages."""

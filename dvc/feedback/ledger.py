@@ -12,8 +12,8 @@ import numpy as np
 from dvc.config import CodecConfig
 from dvc.feedback import _kernels
 from dvc.feedback.messages import MAX_ANSWER_BITS
-from dvc.turbo import CASCADE, CRC_BITS, KINDS, RequestTable, num_codes
-from dvc.turbo.requests import SLOT
+from dvc.slepian_wolf import CASCADE, CRC_BITS, KINDS, RequestTable, num_codes
+from dvc.slepian_wolf.requests import SLOT
 
 MAX_OPEN_GOPS = 32
 """Most groups of pictures that are sent or promised and not done."""

@@ -10,9 +10,9 @@ from dvc.bits import decode_varint, encode_varint
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.feedback import _kernels
+from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable
+from dvc.slepian_wolf.requests import NUM_COLUMNS
 from dvc.stream import GopRecord, decode_gop, encode_gop
-from dvc.turbo import KINDS, ParityRequest, RequestTable
-from dvc.turbo.requests import NUM_COLUMNS
 
 PROTOCOL_VERSION = 5
 MAX_HEADER_BYTES = 2**16

@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc import turbo
+from dvc import slepian_wolf
 from dvc.errors import BitstreamError
-from dvc.turbo import ParityRequest
+from dvc.slepian_wolf import ParityRequest
 from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.layout import FrameLayout, Quantization
 
@@ -95,7 +95,7 @@ class EncodedFrame:
         layout: FrameLayout,
         quantization: Quantization,
         words: Words | Packing,
-        encoders: Sequence[turbo.ParityEncoder],
+        encoders: Sequence[slepian_wolf.ParityEncoder],
     ) -> None:
         self.layout, self.quantization = layout, quantization
         self.header = quantization.header
@@ -124,7 +124,7 @@ class EncodedFrame:
                 self._packing = None  # what it holds is needed no more
             self._checks = np.empty((len(self._words), self.layout.crc_bits), np.uint64)
             for row, check in zip(self._words, self._checks, strict=True):
-                check[:] = turbo.crc_words(row, self.layout.crc_bits)
+                check[:] = slepian_wolf.crc_words(row, self.layout.crc_bits)
         return self._words
 
     def _encode(self, code: int, parity: Words) -> None:
@@ -136,7 +136,7 @@ class EncodedFrame:
         checks = self._checks if self.num_packed_bands else self.checks
         bits = np.empty((len(planes), checks.shape[1]), np.uint64)
         _kernels.take_planes(checks, np.array(planes, np.int64), bits)
-        return turbo.joint_check(bits)
+        return slepian_wolf.joint_check(bits)
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`."""
@@ -171,7 +171,7 @@ class BufferedFrame:
         if request.kind == "joint":
             whole = replace(request, kind="crc", start=0, count=self._crc_bits, positions=())
             checks = [self.answer(replace(whole, plane=plane)) for plane in request.positions]
-            return turbo.joint_check(np.stack(checks))[: request.count]
+            return slepian_wolf.joint_check(np.stack(checks))[: request.count]
         code = request.code if request.kind == "parity" else 0
         column = self._words[self._first[request.kind, code] :][_wanted(request), request.plane // 8]
         return (column >> np.uint8(7 - request.plane % 8)) & np.uint8(1)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.turbo.syndromes.belief_propagation import NumberPriors
+from dvc.slepian_wolf.ldpc.belief_propagation import NumberPriors
 from dvc.wynerziv.noise import OUTLIER_PROBABILITY
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dvc.bits import BitReader, pack_digits
 from dvc.config import MAX_BAND_PLANES, CodecConfig
 from dvc.errors import BitstreamError
-from dvc.turbo import CRC_BITS
+from dvc.slepian_wolf import CRC_BITS
 from dvc.wynerziv import quantizer, transform
 
 _PLANE_COUNT_BITS = 4

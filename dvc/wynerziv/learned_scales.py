@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from dvc.turbo.syndromes.belief_propagation import NumberPriors
+from dvc.slepian_wolf.ldpc.belief_propagation import NumberPriors
 from dvc.wynerziv.candidates import number_priors
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dvc.bits import BitReader, pack_bits
 from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
-from dvc.turbo.syndromes.graph import Sparsity, SyndromeGraph, syndrome
+from dvc.slepian_wolf.ldpc.graph import Sparsity, SyndromeGraph, syndrome
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.layout import FrameLayout, Quantization, plane_digits, read_planes
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from dvc.config import ZIGZAG
-from dvc.turbo import NeighbourCoupling
+from dvc.slepian_wolf import NeighbourCoupling
 from dvc.wynerziv import noise, reconstruction
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.errors import BitstreamError
-from dvc.turbo import ParityRequest
+from dvc.slepian_wolf import ParityRequest
 from dvc.wynerziv.layout import FrameLayout
 
 Bits = NDArray[np.uint8]

@@ -18,8 +18,8 @@ from decoder.tasks import DecodedGroup
 from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, TurboConfig, VideoConfig, allocation
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import MAX_OPEN_GOPS, Connection, EncoderEndpoint, connect, listen, max_open_gops
+from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.stream import GopRecord, StreamReader
-from dvc.turbo import ParityRequest, RequestTable
 from dvc.video import Frame
 from encoder.live import serve
 from encoder.pacing import DecoderPace

@@ -10,7 +10,7 @@ from decoder.tasks import DecodedFrame
 from decoder.wyner_ziv import WynerZivDecoder
 from dvc.config import NOISE_MODELS, TURBO_FAMILIES, CodecConfig, TurboConfig, VideoConfig, WynerZivConfig
 from dvc.metrics import psnr_db
-from dvc.turbo import CRC_BITS, Answer, drive, num_codes
+from dvc.slepian_wolf import CRC_BITS, Answer, drive, num_codes
 from dvc.video import Frame
 from dvc.wynerziv import transform
 from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame, quantize_frame

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from dvc.corners import SENSITIVITY
+from dvc.slepian_wolf import _kernels as turbo_kernels
+from dvc.slepian_wolf.crc import POLYNOMIALS
+from dvc.slepian_wolf.crc import crc_words as checks_of
+from dvc.slepian_wolf.ldpc import _kernels as syndrome_kernels
+from dvc.slepian_wolf.ldpc.graph import SyndromeGraph, bit_orders
 from dvc.tracks import PointTracks
 from dvc.tracks.regression import _kernels as kernels
 from dvc.tracks.regression._kernels import NUM_NEIGHBOURS
-from dvc.turbo import _kernels as turbo_kernels
-from dvc.turbo.crc import POLYNOMIALS
-from dvc.turbo.crc import crc_words as checks_of
-from dvc.turbo.syndromes import _kernels as syndrome_kernels
-from dvc.turbo.syndromes.graph import SyndromeGraph, bit_orders
 from dvc.wynerziv import _kernels as wyner_ziv_kernels
 from dvc.wynerziv import transform
 from encoder import _kernels, operations

@@ -39,8 +39,8 @@ from dvc.feedback.messages import (
     encode_message,
     max_payload_bytes,
 )
+from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.stream import GopRecord
-from dvc.turbo import ParityRequest, RequestTable
 
 CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4))
 NUM_BITS = 1584

@@ -15,8 +15,8 @@ from dvc.feedback.messages import (
     encode_message,
     max_payload_bytes,
 )
+from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable
 from dvc.stream import GopRecord
-from dvc.turbo import KINDS, ParityRequest, RequestTable
 
 VIDEO = VideoConfig(176, 144, 15, 1)
 CONFIG = CodecConfig.preset("2d", VIDEO, turbo=TurboConfig(family="cascade"))

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.turbo import ParityRequest, crc, joint_check
-from dvc.turbo.cascade.orders import bit_orders
+from dvc.slepian_wolf import ParityRequest, crc, joint_check
+from dvc.slepian_wolf.cascade.orders import bit_orders
 
 Bits = NDArray[np.uint8]
 SEED = 1

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.turbo import (
+from dvc.slepian_wolf import (
     ParityRequest,
     PlaneResult,
     SlepianWolfSettings,

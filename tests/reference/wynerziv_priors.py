@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.turbo import NeighbourCoupling
+from dvc.slepian_wolf import NeighbourCoupling
 
 Array = NDArray[np.float64]
 MAX_SPREAD = 2.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from dvc.turbo.syndromes.belief_propagation import NumberPriors
+from dvc.slepian_wolf.ldpc.belief_propagation import NumberPriors
 from dvc.wynerziv import _kernels, quantizer
 from dvc.wynerziv.candidates import credible_intervals, number_priors
 from dvc.wynerziv.noise import OUTLIER_PROBABILITY, interval_probability

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from dvc.turbo.syndromes.belief_propagation import decode_block
-from dvc.turbo.syndromes.graph import SyndromeGraph, syndrome
+from dvc.slepian_wolf.ldpc.belief_propagation import decode_block
+from dvc.slepian_wolf.ldpc.graph import SyndromeGraph, syndrome
 from dvc.wynerziv import _kernels, quantizer
 from dvc.wynerziv.learned_scales import LearnedBand
-from tests.turbo.syndromes.test_belief_propagation import bits_of, words_of
+from tests.slepian_wolf.ldpc.test_belief_propagation import bits_of, words_of
 
 SHAPE = (40, 50)
 PLANES = 7

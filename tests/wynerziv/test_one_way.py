@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc import turbo
+from dvc import slepian_wolf
 from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
-from dvc.turbo.syndromes.graph import syndrome
+from dvc.slepian_wolf.ldpc.graph import syndrome
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
 from dvc.wynerziv.layout import FrameLayout
@@ -58,8 +58,8 @@ def test_round_trip(sent: SentPlanes) -> None:
         assert block is not None
         np.testing.assert_array_equal(block.syndrome, syndrome(WORDS, graph))
         planes = [(WORDS[p // 64] >> np.uint64(63 - p % 64)) & np.uint64(1) for p in graph.planes]
-        checks = turbo.crc(np.stack(planes).astype(np.uint8), LAYOUT.crc_bits)
-        np.testing.assert_array_equal(block.check, turbo.joint_check(checks))
+        checks = slepian_wolf.crc(np.stack(planes).astype(np.uint8), LAYOUT.crc_bits)
+        np.testing.assert_array_equal(block.check, slepian_wolf.joint_check(checks))
     header_bits = 8 * len(payload) - frame.syndrome_bits - frame.check_bits
     assert 0 <= header_bits < 200
 

@@ -8,19 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc import turbo
+from dvc import slepian_wolf
 from dvc._jit import python_twin
 from dvc.config import MAX_BAND_PLANES, CodecConfig, VideoConfig, WynerZivConfig
 from dvc.errors import BitstreamError
-from dvc.turbo import ParityRequest, drive
-from dvc.turbo.cascade.orders import bit_orders
+from dvc.slepian_wolf import ParityRequest, drive
+from dvc.slepian_wolf.cascade.orders import bit_orders
 from dvc.wynerziv import _kernels, bitplanes, quantizer, transform
 from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame, quantize_frame
 from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder
 from tests.reference import wynerziv_planes as reference
 
-CODES = turbo.family("adaptive")
+CODES = slepian_wolf.family("adaptive")
 
 
 def layout_of(height: int, width: int, levels: tuple[int, ...] | None) -> FrameLayout:
@@ -52,7 +52,7 @@ def encoded_frame(
     layout: FrameLayout, seed: int, step_index: int = 16, family: str = "adaptive"
 ) -> EncodedFrame:
     quantization, words = quantize_frame(layout, random_luma(layout, seed), step_index)
-    return EncodedFrame(layout, quantization, words, turbo.parity_encoders(family, 1))
+    return EncodedFrame(layout, quantization, words, slepian_wolf.parity_encoders(family, 1))
 
 
 def uncoded_planes(frame: EncodedFrame) -> np.ndarray:
@@ -152,11 +152,11 @@ def test_nested_bins_are_those_of_the_formula(step_index: int) -> None:
 def test_buffered_payload_answers_by_positions(layout: FrameLayout, seed: int, data: st.DataObject) -> None:
     """Parities of ranges, and check bits of several planes, are those of the planes."""
     frame = encoded_frame(layout, seed, family="cascade")
-    buffered = BufferedFrame(layout, frame.buffered_payload(), turbo.num_codes("cascade"))
+    buffered = BufferedFrame(layout, frame.buffered_payload(), slepian_wolf.num_codes("cascade"))
     planes = uncoded_planes(frame)
     for _ in range(4 if len(planes) else 0):
         plane = data.draw(st.integers(0, len(planes) - 1))
-        order = data.draw(st.integers(0, turbo.num_codes("cascade") - 1))
+        order = data.draw(st.integers(0, slepian_wolf.num_codes("cascade") - 1))
         positions = data.draw(st.sets(st.integers(0, layout.num_bits - 1), min_size=1))
         where = tuple(sorted(positions))
         request = ParityRequest(0, plane, "parity", order, 0, len(where), where)
@@ -165,18 +165,18 @@ def test_buffered_payload_answers_by_positions(layout: FrameLayout, seed: int, d
         np.testing.assert_array_equal(buffered.answer(request), expected)
         several = tuple(sorted(data.draw(st.sets(st.integers(0, len(planes) - 1), min_size=1))))
         joint = ParityRequest(0, several[0], "joint", 0, 0, 7, several)
-        checks = np.concatenate([turbo.crc(planes[p], layout.crc_bits) for p in several])
-        np.testing.assert_array_equal(buffered.answer(joint), turbo.crc(checks, layout.crc_bits)[:7])
+        checks = np.concatenate([slepian_wolf.crc(planes[p], layout.crc_bits) for p in several])
+        np.testing.assert_array_equal(buffered.answer(joint), slepian_wolf.crc(checks, layout.crc_bits)[:7])
 
 
 def test_answers_are_the_codes_of_the_planes() -> None:
-    """Check and parity bits are those of `dvc.turbo` for the plane alone."""
+    """Check and parity bits are those of `dvc.slepian_wolf` for the plane alone."""
     layout = layout_of(16, 20, PRESETS[7])
     frame = encoded_frame(layout, 5)
     buffered = BufferedFrame(layout, frame.buffered_payload(), len(CODES))
     planes = uncoded_planes(frame)
-    parity = turbo.encode_planes(planes, CODES[1], 1)
-    check = turbo.crc(planes, layout.crc_bits)
+    parity = slepian_wolf.encode_planes(planes, CODES[1], 1)
+    check = slepian_wolf.crc(planes, layout.crc_bits)
     for plane in (0, 6, len(planes) - 1):
         whole = ParityRequest(0, plane, "parity", 1, 0, layout.num_bits)
         np.testing.assert_array_equal(buffered.answer(whole), parity[plane])

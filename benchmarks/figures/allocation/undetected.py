@@ -22,11 +22,11 @@ def undetected_planes(setting: Setting, _clip: str) -> Measured:
     from benchmarks.recorded_planes import SEED as ORDERS_SEED
     from benchmarks.recorded_planes import FrameSource
     from decoder.wyner_ziv import REQUESTS
-    from dvc import turbo
+    from dvc import slepian_wolf
     from dvc.config.allocation import ALLOCATED_FAMILY
 
     rng = np.random.default_rng(SEED)
-    decoder = turbo.plane_decoder(replace(REQUESTS, family=ALLOCATED_FAMILY), NUM_BITS, ORDERS_SEED)
+    decoder = slepian_wolf.plane_decoder(replace(REQUESTS, family=ALLOCATED_FAMILY), NUM_BITS, ORDERS_SEED)
     undetected = failed = corrected = 0
     num_frames = setting.choose(NUM_FRAMES, 20)
     for _ in range(num_frames):
@@ -37,10 +37,10 @@ def undetected_planes(setting: Setting, _clip: str) -> Measured:
             planes[plane], llrs[plane] = noisy_plane(NUM_BITS, probabilities, rng)
         source = FrameSource(planes, ALLOCATED_FAMILY)
         results = {
-            plane: turbo.drive(decoder.decode(llr_ch, (0, plane)), source.answer)
+            plane: slepian_wolf.drive(decoder.decode(llr_ch, (0, plane)), source.answer)
             for plane, llr_ch in llrs.items()
         }
-        check = turbo.drive(decoder.check(0), source.answer)
+        check = slepian_wolf.drive(decoder.check(0), source.answer)
         results |= check.corrected
         wrong = sum(not np.array_equal(results[plane].bits, bits) for plane, bits in planes.items())
         corrected += len(check.corrected)

@@ -1,14 +1,14 @@
 """Compiled loops over many requests: which parity they need, and the bits that they want.
 
-`rows` (n, 8) and `positions` (m,) are those of a `dvc.turbo.RequestTable`, whose slots say where frames are
+`rows` (n, 8) and `positions` (m,) are those of a `RequestTable`, whose slots say where frames are
 held; callers have validated them.
 """
 
 import numpy as np
 
 from dvc._jit import inlined_kernel, kernel
-from dvc.turbo.crc import divide_words
-from dvc.turbo.requests import CODE, COUNT, KIND, KINDS, LAST, PLANE, SLOT, START
+from dvc.slepian_wolf.crc import divide_words
+from dvc.slepian_wolf.requests import CODE, COUNT, KIND, KINDS, LAST, PLANE, SLOT, START
 
 _CRC, _PARITY, _JOINT = (KINDS.index(kind) for kind in ("crc", "parity", "joint"))
 

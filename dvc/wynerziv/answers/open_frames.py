@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc import turbo
-from dvc.turbo.crc import POLYNOMIALS
-from dvc.turbo.requests import SLOT
+from dvc.slepian_wolf import ParityEncoder, RequestTable
+from dvc.slepian_wolf.crc import POLYNOMIALS
+from dvc.slepian_wolf.requests import SLOT
 from dvc.wynerziv.answers import _kernels
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.layout import FrameLayout
@@ -23,7 +23,7 @@ asked for longest ago gives way, and is computed again when it is needed."""
 class OpenFrames:
     """Frames of which bits may be asked for; parity of a code is computed when it is first asked for."""
 
-    def __init__(self, layout: FrameLayout, encoders: Sequence[turbo.ParityEncoder], num_slots: int) -> None:
+    def __init__(self, layout: FrameLayout, encoders: Sequence[ParityEncoder], num_slots: int) -> None:
         self._encoders = encoders
         self._polynomial = POLYNOMIALS[layout.crc_bits]
         num_rows, num_codes = -(-sum(layout.max_planes) // 64), len(encoders)
@@ -49,7 +49,7 @@ class OpenFrames:
         self._owners[places[places >= 0]] = -1
         places[:] = -1
 
-    def answer(self, table: turbo.RequestTable) -> bytes:
+    def answer(self, table: RequestTable) -> bytes:
         """Return the bits that requests ask for."""
         rows, positions, num_bits = table
         packed = np.empty(-(-num_bits // 8), np.uint8)
@@ -83,7 +83,7 @@ class OpenFrames:
         for slot, row, code, place in missing.tolist():
             self._encoders[code](self._words[slot, row], self._parity[place])
 
-    def _refuse_other_planes(self, table: turbo.RequestTable, number: int) -> None:
+    def _refuse_other_planes(self, table: RequestTable, number: int) -> None:
         request = table.requests()[number]
         plane = max(request.plane, request.positions[-1] if request.kind == "joint" else 0)
         if plane >= self._num_planes[table.rows[number, SLOT]]:

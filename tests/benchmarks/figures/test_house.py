@@ -75,8 +75,8 @@ def test_long_sources_are_found() -> None:
 
 def test_kernels_have_a_reason_to_be_long() -> None:
     """Compiled loops share a file; others are to say why they are long."""
-    assert reason("dvc/turbo/_kernels.py")
-    assert reason("dvc/turbo/nowhere.py") is None
+    assert reason("dvc/slepian_wolf/turbo/_kernels.py")
+    assert reason("dvc/slepian_wolf/nowhere.py") is None
 
 
 def test_private_modules_are_no_entries(tmp_path: Path) -> None:

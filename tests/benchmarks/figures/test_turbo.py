@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.figures import turbo
-from dvc.turbo import SlepianWolfSettings
-from dvc.turbo.siso import siso
+from dvc.slepian_wolf import SlepianWolfSettings
+from dvc.slepian_wolf.turbo.siso import siso
 
 
 @pytest.mark.parametrize("polynomials", [(0b111, 0b101), (0b11001, 0b11011)])

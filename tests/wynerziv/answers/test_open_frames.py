@@ -6,9 +6,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc import turbo
-from dvc.turbo import ParityRequest, RequestTable
-from dvc.turbo.requests import SLOT
+from dvc import slepian_wolf
+from dvc.slepian_wolf import ParityRequest, RequestTable
+from dvc.slepian_wolf.requests import SLOT
 from dvc.wynerziv.answers import open_frames
 from dvc.wynerziv.answers.open_frames import OpenFrames
 from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame
@@ -33,7 +33,7 @@ def drawn_request(frame: EncodedFrame, number: int, family: str, data: st.DataOb
         chosen = data.draw(st.sets(st.integers(plane, num_planes - 1))) | {plane}
         positions = tuple(sorted(chosen))
     elif kind == "parity" and family == "cascade":
-        last = layout.num_bits * (turbo.num_codes(family) - code) - 1
+        last = layout.num_bits * (slepian_wolf.num_codes(family) - code) - 1
         chosen = data.draw(st.sets(st.integers(0, last), min_size=1))
         positions, count = tuple(sorted(chosen)), len(chosen)
     return ParityRequest(number, plane, kind, code, start, count, positions)
@@ -59,9 +59,9 @@ def test_many_answers_are_those_of_the_buffered_form(
     """Any requests for two frames, together, get the bits that buffered payloads have for each."""
     monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", max_parity_bytes)
     frames = [encoded_frame(layout, seed + number, family=family) for number in range(2)]
-    codes = turbo.num_codes(family)
+    codes = slepian_wolf.num_codes(family)
     buffered = [BufferedFrame(layout, frame.buffered_payload(), codes) for frame in frames]
-    opened = OpenFrames(layout, turbo.parity_encoders(family, 1), 3)
+    opened = OpenFrames(layout, slepian_wolf.parity_encoders(family, 1), 3)
     for slot, frame in zip(SLOTS, frames, strict=True):
         opened.enter(slot, frame)
     coded = [number for number, frame in enumerate(frames) if frame.quantization.num_planes]
@@ -78,13 +78,13 @@ def test_many_answers_are_those_of_the_buffered_form(
 def test_a_slot_holds_one_frame_after_the_other() -> None:
     """Nothing of the frame before is left: parity that was computed of it is not that of the next."""
     layout = layout_of(16, 20, PRESETS[7])
-    opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 3)
+    opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 3)
     table = table_of([ParityRequest(0, 3, "parity", 2, 0, 20, tuple(range(20)))])
     found = []
     for seed in range(2):
         frame = encoded_frame(layout, seed, family="cascade")
         opened.enter(SLOTS[0], frame)
-        payload = BufferedFrame(layout, frame.buffered_payload(), turbo.num_codes("cascade"))
+        payload = BufferedFrame(layout, frame.buffered_payload(), slepian_wolf.num_codes("cascade"))
         found.append(opened.answer(table))
         expected = payload.answer(table.requests()[0])
         np.testing.assert_array_equal(np.unpackbits(np.frombuffer(found[-1], np.uint8))[:20], expected)
@@ -95,12 +95,12 @@ def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.Monk
     """It takes as many places as frames are asked for at a time, and comes back where it is needed again."""
     monkeypatch.setattr(open_frames, "PATIENCE", 2)
     layout = layout_of(16, 20, PRESETS[7])
-    opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 8)
+    opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
     frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
     for slot, frame in enumerate(frames):
         opened.enter(slot, frame)
     for slot in [0, 1, 2, 3, 4, 5, 6, 7, 0, 7, 6, 0, 1]:
-        payload = BufferedFrame(layout, frames[slot].buffered_payload(), turbo.num_codes("cascade"))
+        payload = BufferedFrame(layout, frames[slot].buffered_payload(), slepian_wolf.num_codes("cascade"))
         request = ParityRequest(0, 3, "parity", 2, 0, 20, tuple(range(20)))
         table = RequestTable.of([request])
         table.rows[:, SLOT] = slot
@@ -111,10 +111,10 @@ def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.Monk
 
 def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPatch) -> None:
     """Requests for all frames, in one message, are answered where there is room for three of them."""
-    layout, codes = layout_of(16, 20, PRESETS[7]), turbo.num_codes("cascade")
+    layout, codes = layout_of(16, 20, PRESETS[7]), slepian_wolf.num_codes("cascade")
     room = 3 * codes * 8 * layout.num_bits
     monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", room)
-    opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 8)
+    opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
     frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
     for slot, frame in enumerate(frames):
         opened.enter(slot, frame)
@@ -132,18 +132,20 @@ def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPa
 
 def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is no room, it is computed again for these alone; it is not for others."""
-    layout, codes = layout_of(16, 20, PRESETS[7]), turbo.num_codes("cascade")
+    layout, codes = layout_of(16, 20, PRESETS[7]), slepian_wolf.num_codes("cascade")
     monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", 2 * codes * 8 * layout.num_bits)
     computed: list[int] = []
 
-    def counting(encoder: turbo.ParityEncoder) -> turbo.ParityEncoder:
+    def counting(encoder: slepian_wolf.ParityEncoder) -> slepian_wolf.ParityEncoder:
         def compute(words: NDArray[np.uint64], parity: NDArray[np.uint64]) -> None:
             computed[-1] += 1
             encoder(words, parity)
 
         return compute
 
-    opened = OpenFrames(layout, [counting(encoder) for encoder in turbo.parity_encoders("cascade", 1)], 3)
+    opened = OpenFrames(
+        layout, [counting(encoder) for encoder in slepian_wolf.parity_encoders("cascade", 1)], 3
+    )
     for slot in range(3):
         opened.enter(slot, encoded_frame(layout, slot, family="cascade"))
     for slot in [0, 1, 0, 2, 0, 1, 1]:
@@ -165,7 +167,7 @@ def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.Mo
 def test_planes_that_a_frame_lacks_are_refused(refused: ParityRequest, text: str) -> None:
     """What other frames of the layout may have, but this one has not, raises `ValueError`."""
     layout = layout_of(16, 16, None)
-    opened = OpenFrames(layout, turbo.parity_encoders("cascade", 1), 3)
+    opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 3)
     frame = encoded_frame(layout, 0, step_index=40, family="cascade")
     assert 8 < frame.quantization.num_planes <= 41
     opened.enter(SLOTS[0], frame)

@@ -1,0 +1,312 @@
+"""Compiled loops of reconciliation: beliefs passed between bits and ranges of known parity; no validation.
+
+Orders are numbered k, positions in an order j, bits n. Where not said otherwise, arrays are:
+
+orders, ranks : (K, N) uint32, bit at each position and position of each bit.
+last, first : (K, N) int32, end of the range that holds a position; start of the range that ends there.
+prefix : (K, N) uint8, parity of errors up to the end of a range.
+prior : (N,) float64, odds that a bit differs from its first decision.
+messages : (N, K) float64, factors on these odds, one from each order's range.
+pending, mass : (K, N) float64 at ends of ranges, by how much beliefs of its bits have changed since they were
+    passed on; the expected errors in it then.
+stale : (K, N) uint8 at ends of ranges, whether it is to be found out again where to divide it.
+"""
+
+import math
+
+import numpy as np
+
+from dvc._jit import kernel
+
+_SURE = 1.0 - 1e-6  # no range makes a bit surer than this
+_SMALL_CHANGE = 1e-4  # of the expected errors in a range, that need not be passed on
+_NEGLIGIBLE_CHANGE = 2e-6  # of the probability of a single bit
+_SMALL_ODDS = 1.0 / 64
+_NO_DIVISION = 2.0
+_HASH, _MIX = 0x9E3779B97F4A7C15, 0x94D049BB133111EB
+
+
+@kernel
+def _other_odds(prior, messages, bit, order, num_orders):
+    """Return the odds of an error by all but one of the orders."""
+    odds = prior[bit]
+    for k in range(num_orders):
+        if k != order:
+            odds *= messages[bit, k]
+    return odds
+
+
+@kernel
+def _soft(odds):
+    """Return 1 - 2 p = (1 - odds) / (1 + odds); by its series, which is quicker, where odds are small."""
+    if odds < _SMALL_ODDS:
+        return 1.0 - 2.0 * odds * (1.0 - odds * (1.0 - odds * (1.0 - odds)))
+    return (1.0 - odds) / (1.0 + odds)
+
+
+@kernel
+def _change_of_probability(low, high):
+    """Return by how much the probability differs between two odds; where both are small, their difference."""
+    change = high - low
+    return change if high < _SMALL_ODDS else change / ((1.0 + low) * (1.0 + high))
+
+
+@kernel
+def _is_odd(prefix, order, start, end):
+    return prefix[order, end] != (prefix[order, start - 1] if start else 0)
+
+
+@kernel
+def _pass_range(orders, ranks, last, prefix, prior, messages, pending, order, span, num_orders, work):
+    """Bring the messages of one range, ``span = (start, end)``, up to date; mark what depends on them."""
+    start, end = span
+    odds, soft, others = work[0], work[1], work[2]
+    behind = -1.0 if _is_odd(prefix, order, start, end) else 1.0
+    mass = 0.0
+    for j in range(end, start - 1, -1):
+        odds[j] = _other_odds(prior, messages, orders[order, j], order, num_orders)
+        soft[j] = _soft(odds[j])
+        mass += 0.5 - 0.5 * soft[j]
+        others[j] = behind
+        behind *= soft[j]
+    before = 1.0
+    for j in range(start, end + 1):
+        bit = orders[order, j]
+        product = min(max(before * others[j], -_SURE), _SURE)
+        before *= soft[j]
+        old, new = messages[bit, order], (1.0 - product) / (1.0 + product)
+        messages[bit, order] = new
+        change = _change_of_probability(odds[j] * min(old, new), odds[j] * max(old, new))
+        if change < _NEGLIGIBLE_CHANGE:
+            continue
+        for k in range(num_orders):
+            if k != order:
+                pending[k, last[k, ranks[k, bit]]] += change
+    return mass
+
+
+@kernel
+def propagate(
+    orders, ranks, last, prefix, prior, messages, pending, mass, stale, num_orders, max_sweeps, share, work
+):
+    """Pass beliefs through ranges where more than a `share` has changed; return the sweeps done."""
+    num_bits = prior.size
+    for sweep in range(max_sweeps):
+        quiet = True
+        for k in range(num_orders):
+            start = 0
+            while start < num_bits:
+                end = last[k, start]
+                if pending[k, end] > share * mass[k, end] + _SMALL_CHANGE:
+                    quiet = False
+                    pending[k, end] = 0.0
+                    stale[k, end] = 1
+                    mass[k, end] = _pass_range(
+                        orders,
+                        ranks,
+                        last,
+                        prefix,
+                        prior,
+                        messages,
+                        pending,
+                        k,
+                        (start, end),
+                        num_orders,
+                        work,
+                    )
+                start = end + 1
+        if quiet:
+            return sweep
+    return max_sweeps
+
+
+@kernel
+def replace_prior(prior, new, ranks, last, odds, pending, num_orders):
+    """Replace prior odds, and mark what depends on those that change; `odds` are those by all beliefs."""
+    for n in range(prior.size):
+        factor = new[n] / prior[n]
+        changed = odds[n] * factor
+        change = _change_of_probability(min(odds[n], changed), max(odds[n], changed))
+        prior[n], odds[n] = new[n], changed
+        if change >= _NEGLIGIBLE_CHANGE:
+            for k in range(num_orders):
+                pending[k, last[k, ranks[k, n]]] += change
+
+
+@kernel
+def odds_of_errors(prior, messages, num_orders, odds):
+    """Write the odds that each bit differs from its first decision, by all orders."""
+    for n in range(prior.size):
+        odds[n] = _other_odds(prior, messages, n, num_orders, num_orders)
+
+
+@kernel
+def divide(order, positions, parities, last, first, prefix, pending, mass, stale):
+    """Let ranges of an order end at further positions, where the parity of errors so far is known."""
+    for i in range(positions.size):
+        cut = positions[i]
+        end = last[order, cut]
+        prefix[order, cut] = parities[i]
+        if cut < end:
+            start = first[order, end]
+            first[order, cut] = start
+            first[order, end] = cut + 1
+            for j in range(start, cut + 1):
+                last[order, j] = cut
+        pending[order, cut] = pending[order, end] = 1.0
+        mass[order, cut] = mass[order, end] = 0.0
+        stale[order, cut] = stale[order, end] = 1
+
+
+@kernel
+def _best_division(orders, prefix, prior, messages, order, start, end, num_orders, work):
+    """Return after which position the parity is nearest to a fair coin, and 2 |p - 1/2| there."""
+    soft, behind = work[0], work[1]
+    product = 1.0
+    for j in range(end, start - 1, -1):
+        soft[j] = _soft(_other_odds(prior, messages, orders[order, j], order, num_orders))
+        behind[j] = product
+        product *= soft[j]
+    sign = -1.0 if _is_odd(prefix, order, start, end) else 1.0
+    # P(even) - P(odd) of the part before is (before + sign * behind) / (1 + sign * product).
+    total = 1.0 + sign * product
+    best, at = _NO_DIVISION * total, end
+    before = 1.0
+    for j in range(start, end):
+        before *= soft[j]
+        difference = abs(before + sign * behind[j])
+        if difference < best:
+            best, at = difference, j
+    return at, (best / total if total > 0.0 else _NO_DIVISION)
+
+
+@kernel
+def find_divisions(orders, prefix, last, prior, messages, stale, num_orders, division, bias, work):
+    """Bring `division` (K, N) int32 and `bias` (K, N) up to date at the ends of all stale ranges."""
+    num_bits = prior.size
+    for k in range(num_orders):
+        start = 0
+        while start < num_bits:
+            end = last[k, start]
+            if stale[k, end]:
+                stale[k, end] = 0
+                division[k, end], bias[k, end] = _best_division(
+                    orders, prefix, prior, messages, k, start, end, num_orders, work
+                )
+            start = end + 1
+
+
+@kernel
+def choose_divisions(last, order, division, bias, max_bias, positions):
+    """Collect the divisions of an order with at most this bias; return how many, and what they tell."""
+    count, told = 0, 0.0
+    start = 0
+    while start < last.shape[1]:
+        end = last[order, start]
+        if bias[order, end] <= max_bias:
+            positions[count] = division[order, end]
+            count += 1
+            told += 1.0 - bias[order, end] * bias[order, end]
+        start = end + 1
+    return count, told
+
+
+@kernel
+def least_bias(last, bias, num_orders):
+    """Return the least bias of any division, and its order."""
+    best, at = _NO_DIVISION, 0
+    for k in range(num_orders):
+        start = 0
+        while start < last.shape[1]:
+            end = last[k, start]
+            if bias[k, end] < best:
+                best, at = bias[k, end], k
+            start = end + 1
+    return best, at
+
+
+@kernel
+def lay_out(orders, order, odds, max_bias, positions):
+    """Divide an order into ranges, each with as many bits as bring 1 - 2 P(odd) down to `max_bias`."""
+    count, bias = 0, 1.0
+    for j in range(odds.size):
+        x = odds[orders[order, j]]
+        bias *= abs(1.0 - x) / (1.0 + x)
+        if bias < max_bias:
+            positions[count] = j
+            count += 1
+            bias = 1.0
+    if count and (positions[count - 1] == odds.size - 1 or bias * bias > max_bias):
+        count -= 1
+    return count
+
+
+@kernel
+def remaining_entropy(odds):
+    """Add up the entropies of all bits, in bits of information."""
+    total = 0.0
+    for n in range(odds.size):
+        p = min(odds[n], 1.0 / odds[n])
+        p = p / (1.0 + p)
+        total -= p * math.log2(p) + (1.0 - p) * math.log2(1.0 - p)
+    return total
+
+
+@kernel
+def num_unsatisfied(orders, last, prefix, odds, num_orders):
+    """Count the ranges whose parity is not that of the decisions."""
+    count = 0
+    for k in range(num_orders):
+        parity, start = np.uint8(0), 0
+        for j in range(odds.size):
+            parity ^= np.uint8(odds[orders[k, j]] > 1.0)
+            if last[k, j] == j:
+                if (parity == 1) != _is_odd(prefix, k, start, j):
+                    count += 1
+                parity, start = np.uint8(0), j + 1
+    return count
+
+
+@kernel
+def range_keys(orders, last, num_orders, keys):
+    """Give each bit a number (uint64) that tells in which ranges it lies."""
+    keys[:] = np.uint64(0)
+    for k in range(num_orders):
+        for j in range(keys.size):
+            bit = orders[k, j]
+            mixed = (keys[bit] + np.uint64(last[k, j] + 1)) * np.uint64(_HASH)
+            keys[bit] = (mixed ^ (mixed >> np.uint64(32))) * np.uint64(_MIX)
+
+
+@kernel
+def pair_odds(by_key, keys, prior, odds):
+    """Add up the odds of all pairs of further errors that no parity shows: both bits in the same ranges."""
+    total, single, squares = 0.0, 0.0, 0.0
+    for i in range(by_key.size):
+        bit = by_key[i]
+        weight = 1.0 / prior[bit] if odds[bit] > 1.0 else prior[bit]
+        if i and keys[bit] != keys[by_key[i - 1]]:
+            total += 0.5 * (single * single - squares)
+            single = squares = 0.0
+        single += weight
+        squares += weight * weight
+    return total + 0.5 * (single * single - squares)
+
+
+@kernel
+def expected_errors(odds):
+    """Return the expected number of bits that differ from their first, and from their present, decisions."""
+    first = present = 0.0
+    for n in range(odds.size):
+        first += odds[n] / (1.0 + odds[n])
+        present += min(odds[n], 1.0) / (1.0 + odds[n])
+    return first, present
+
+
+@kernel
+def prefix_parities(words, order, released):
+    """Add up words in an order, modulo 2; `released` receives the sum up to, and including, each position."""
+    total = np.uint64(0)
+    for j in range(order.size):
+        total ^= words[order[j]]
+        released[j] = total

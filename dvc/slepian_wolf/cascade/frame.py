@@ -1,0 +1,101 @@
+"""The planes of a frame: each is decoded until it is likely right, then all are checked together.
+
+Check bits that leave no doubt of one plane cost more than a plane of low entropy itself.
+"""
+
+from collections.abc import Generator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.slepian_wolf.cascade.posterior import RangePosterior
+from dvc.slepian_wolf.cascade.reconciliation import CascadeSettings, PlaneReconciliation
+from dvc.slepian_wolf.coupling import NeighbourCoupling
+from dvc.slepian_wolf.crc import crc, joint_check
+from dvc.slepian_wolf.requests import Bits, ParityRequest, ask
+from dvc.slepian_wolf.results import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult
+
+PLANE_EXPONENT = 8.0
+"""Each plane is accepted by itself when the odds against it are below 2 to minus this."""
+SEARCH_BITS = 6
+"""Check bits of half of the planes that are asked for, to find one that is wrong."""
+
+
+class CascadeDecoder:
+    """Decodes the planes of one frame after another."""
+
+    cost = PlaneCost(1.06, 6.0)
+
+    def __init__(self, settings: CascadeSettings, num_bits: int, seed: int) -> None:
+        self._settings = replace(settings, error_exponent=PLANE_EXPONENT)
+        self._posterior = RangePosterior(num_bits, seed)
+        self._planes: dict[int, tuple[PlaneReconciliation, PlaneResult]] = {}
+
+    def decode(
+        self,
+        llr_ch: NDArray[np.floating],
+        place: tuple[int, int] = (0, 0),
+        coupling: NeighbourCoupling | None = None,
+    ) -> PlaneCoroutine:
+        """Decode a plane as a coroutine: it yields requests and is sent the bits."""
+        plane = PlaneReconciliation(llr_ch, self._settings, place, coupling)
+        result = yield from plane.decode(self._posterior)
+        self._planes[place[1]] = plane, result
+        return result
+
+    def check(self, frame: int = 0) -> Generator[ParityRequest, Bits, FrameCheck]:
+        """Check all planes since the last check together, and correct those that are wrong."""
+        planes, self._planes = self._planes, {}
+        if not planes:
+            return FrameCheck()
+        check = _JointCheck(frame, self._settings.crc_bits, {p: planes[p][1].bits for p in planes})
+        corrected: dict[int, PlaneResult] = {}
+        suspects, search_bits = sorted(planes), SEARCH_BITS
+        while not (success := (yield from check.holds(sorted(planes), self._settings.crc_bits))) and suspects:
+            number = yield from check.find(suspects, search_bits)
+            suspects.remove(number)
+            corrected[number] = yield from planes[number][0].correct(self._posterior)
+            check.set_bits(number, corrected[number].bits)
+            if np.array_equal(corrected[number].bits, planes[number][1].bits):
+                search_bits = self._settings.crc_bits  # a wrong plane must have passed for right
+        return FrameCheck(corrected, check.num_requests, check.num_bits, success)
+
+
+class _JointCheck:
+    """Compares check bits of sets of planes with those of the encoder."""
+
+    def __init__(self, frame: int, crc_bits: int, bits: dict[int, Bits]) -> None:
+        self._frame = frame
+        self._crc_bits = crc_bits
+        self._checks = {plane: crc(own, crc_bits) for plane, own in bits.items()}
+        self._answers: dict[tuple[int, ...], Bits] = {}
+        self._charged: dict[int, int] = {}  # bits that were asked for by the first of their planes
+        self.num_requests = 0
+        self.num_bits = 0
+
+    def set_bits(self, plane: int, bits: Bits) -> None:
+        self._checks[plane] = crc(bits, self._crc_bits)
+
+    def holds(self, planes: list[int], count: int) -> Generator[ParityRequest, Bits, bool]:
+        """Say whether the check of some planes is the encoder's, which is asked for where it is not known."""
+        key = tuple(planes)
+        if key not in self._answers or self._answers[key].size < count:
+            charged = self._charged.get(key[0], 0)
+            self._answers[key] = yield from ask(
+                ParityRequest(self._frame, key[0], "joint", 0, charged, count, key)
+            )
+            self._charged[key[0]] = charged + count
+            self.num_requests += 1
+            self.num_bits += count
+        known = self._answers[key]
+        own = joint_check(np.stack([self._checks[plane] for plane in planes]))
+        return bool((own[: known.size] == known).all())
+
+    def find(self, suspects: list[int], count: int) -> Generator[ParityRequest, Bits, int]:
+        """Return one of the planes that is probably wrong; one of them is."""
+        while len(suspects) > 1:
+            half = suspects[: len(suspects) // 2]
+            holds = yield from self.holds(half, count)
+            suspects = suspects[len(suspects) // 2 :] if holds else half
+        return suspects[0]

@@ -1,0 +1,210 @@
+"""Decoding of one bit plane by asking for parities of ranges, each as uncertain as can be; no I/O.
+
+This is the interactive reconciliation of quantum key distribution (Cascade) with two changes: side
+information says how likely each bit is wrong, and beliefs say what all parities together tell of it.
+"""
+
+import math
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.slepian_wolf import _kernels
+from dvc.slepian_wolf.cascade.posterior import Positions, RangePosterior
+from dvc.slepian_wolf.coupling import NeighbourCoupling
+from dvc.slepian_wolf.crc import POLYNOMIALS, crc
+from dvc.slepian_wolf.requests import Bits, Kind, ParityRequest, ask
+from dvc.slepian_wolf.results import PlaneCoroutine, PlaneResult
+
+WORTH_ASKING = 0.36
+"""Greatest 2 |p - 1/2| of an answer that is asked for as long as others of an order tell as much."""
+RANGE_BIAS = 0.2
+"""The same of the ranges that an order is divided into at first."""
+UNSURE_ERRORS = 0.5
+"""Expected errors above which there is no point in checking."""
+FIRST_PARTITION = 2
+"""Half of the ranges of a new order where beliefs were wrong; each time there are twice as many."""
+SWEEPS, LAST_SWEEPS = 2, 40
+"""Sweeps of beliefs after an answer, and before decisions are checked."""
+CHANGE, LAST_CHANGE = 0.1, 0.02
+"""Share of the errors expected in a range that a change must be to be passed on, then and there."""
+LEAST_DOUBT = 2.0**-60
+
+
+@dataclass(frozen=True)
+class CascadeSettings:
+    """How sure the decoder must be of a plane."""
+
+    crc_bits: int = 16  # check bits that the encoder computes per plane
+    error_exponent: float = 14.0  # accept a plane when the odds against it are below 2 ** -error_exponent
+    max_prior_llr: float = 9.0  # side information is never taken for surer than this
+    uncoded_entropy: float = 0.95  # bits per bit of prior from which parities cannot pay
+    # What the answers to a request are to tell, as a share of what is not known: few requests, which are
+    # about several orders at once; 0: many, each about one order, and only what tells much.
+    batch: float = 0.0
+    # Bits that they are to tell beyond that share; above 0, also by orders that are not in use yet.
+    batch_bits: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.crc_bits not in POLYNOMIALS:
+            raise ValueError(f"`crc_bits` must be one of {sorted(POLYNOMIALS)}, got {self.crc_bits}")
+        if not 0 < self.max_prior_llr <= 40:
+            raise ValueError(f"`max_prior_llr` must be within 0..40, got {self.max_prior_llr}")
+        if not 0 <= self.batch <= 1:
+            raise ValueError(f"`batch` must be within 0..1, got {self.batch}")
+        if not 0 <= self.batch_bits < math.inf:
+            raise ValueError(f"`batch_bits` must be a number from 0 on, got {self.batch_bits}")
+
+
+Question = list[tuple[int, Positions]]
+"""Orders that follow each other, with the positions that are asked for in each."""
+
+
+class PlaneReconciliation:
+    """State of one plane while it is decoded, and for as long as it may turn out to be wrong."""
+
+    def __init__(
+        self,
+        llr_ch: NDArray[np.floating],
+        settings: CascadeSettings,
+        place: tuple[int, int] = (0, 0),
+        coupling: NeighbourCoupling | None = None,
+    ) -> None:
+        llr = np.asarray(llr_ch, np.float32)
+        if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
+            raise ValueError(f"`llr_ch` must be a vector of numbers, got shape {llr.shape}")
+        self._llr = np.clip(llr, -settings.max_prior_llr, settings.max_prior_llr)
+        self._settings = settings
+        self._place = place
+        self._coupling = coupling
+        self._entropy_bits = float(_kernels.prior_entropy(self._llr))
+        self._check = np.zeros(0, np.uint8)
+        self._answers: list[tuple[int, Positions, Bits]] = []
+        self._fetched: Bits | None = None
+        self._num_parity = 0
+        self._num_requests = 0
+        self._sweeps = 0
+        self._surprises = 0
+
+    def decode(self, posterior: RangePosterior) -> PlaneCoroutine:
+        """Decode the plane as a coroutine: it yields requests and is sent the bits."""
+        if self._entropy_bits >= self._settings.uncoded_entropy * self._llr.size:
+            return (yield from self._fetch())
+        posterior.start(self._llr, self._coupling)
+        return (yield from self._go_on(posterior, math.ceil(self._settings.error_exponent)))
+
+    def correct(self, posterior: RangePosterior) -> PlaneCoroutine:
+        """Decode the plane again, and let all check bits confirm it; nothing is asked for twice."""
+        posterior.start(self._llr, self._coupling)
+        for order, positions, bits in self._answers:
+            posterior.add_answers(order, positions, bits)
+        yield from self._request_check(self._settings.crc_bits)
+        return (yield from self._go_on(posterior, self._settings.crc_bits))
+
+    def _go_on(self, posterior: RangePosterior, exponent: int) -> PlaneCoroutine:
+        while True:
+            question = self._next_question(posterior)
+            if not question and (yield from self._accept(posterior, exponent)):
+                return self._result(posterior.decisions)
+            question = question or self._last_question(posterior)
+            size = sum(positions.size for _, positions in question)
+            if not question or self._num_parity + size > self._llr.size:
+                return (yield from self._fetch())
+            yield from self._ask(posterior, question)
+
+    def _next_question(self, posterior: RangePosterior) -> Question:
+        """Choose what to ask as long as answers tell much."""
+        self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+        if posterior.num_orders and posterior.couple(self._settings.max_prior_llr):
+            self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+        question = self._worth_asking(posterior)
+        if not question and posterior.num_orders and posterior.rescale():
+            self._sweeps += posterior.propagate(SWEEPS, CHANGE)
+            question = self._worth_asking(posterior)
+        return question if question or self._settings.batch else _only(posterior.new_order(RANGE_BIAS))
+
+    def _worth_asking(self, posterior: RangePosterior) -> Question:
+        if self._settings.batch:
+            return posterior.batch(self._settings.batch, self._settings.batch_bits, WORTH_ASKING, RANGE_BIAS)
+        return _only(posterior.divisions(WORTH_ASKING))
+
+    def _last_question(self, posterior: RangePosterior) -> Question:
+        """Choose what to ask where little can be learned, but the plane is not right yet."""
+        question = None
+        if posterior.expected_errors > UNSURE_ERRORS:
+            question = posterior.best_divisions()
+        if question is None:
+            # Beliefs are wrong but sure, so that they cannot say where to ask.
+            self._surprises += 1
+            posterior.restart()
+            question = posterior.partition(min(FIRST_PARTITION << self._surprises, self._llr.size))
+        return _only(question)
+
+    def _accept(self, posterior: RangePosterior, exponent: int) -> Generator[ParityRequest, Bits, bool]:
+        """Say whether the decisions are right; ask for as many check bits as that takes."""
+        self._sweeps += posterior.propagate(LAST_SWEEPS, LAST_CHANGE)
+        if posterior.expected_errors > UNSURE_ERRORS or not posterior.is_satisfied():
+            return False
+        decisions = posterior.decisions
+        if not self._checks(decisions):
+            return False
+        mantissa, doubt = math.frexp(max(posterior.doubt(), LEAST_DOUBT))
+        wanted = exponent + doubt - (mantissa == 0.5)  # the logarithm of the doubt, rounded up
+        yield from self._request_check(min(wanted, self._settings.crc_bits))
+        return self._checks(decisions)
+
+    def _checks(self, bits: Bits) -> bool:
+        return bool((crc(bits, self._settings.crc_bits)[: self._check.size] == self._check).all())
+
+    def _request_check(self, wanted: int) -> Generator[ParityRequest, Bits, None]:
+        missing = wanted - self._check.size
+        if missing > 0:
+            new = yield from self._request("crc", 0, self._check.size, missing)
+            self._check = np.concatenate([self._check, new])
+
+    def _ask(self, posterior: RangePosterior, question: Question) -> Generator[ParityRequest, Bits, None]:
+        first = question[0][0]
+        places = [(order - first) * self._llr.size + positions for order, positions in question]
+        wanted = tuple(np.concatenate(places).tolist())
+        bits = yield from self._request("parity", first, self._num_parity, len(wanted), wanted)
+        self._num_parity += len(wanted)
+        start = 0
+        for order, positions in question:
+            self._answers.append((order, positions, bits[start : start + positions.size]))
+            posterior.add_answers(*self._answers[-1])
+            start += positions.size
+
+    def _fetch(self) -> PlaneCoroutine:
+        """Ask for the bits themselves, unless they have come before."""
+        if self._fetched is None:
+            self._fetched = yield from self._request("uncoded", 0, 0, self._llr.size)
+            self._num_parity += self._fetched.size
+        return self._result(self._fetched)
+
+    def _request(
+        self, kind: Kind, code: int, start: int, count: int, positions: tuple[int, ...] = ()
+    ) -> Generator[ParityRequest, Bits, Bits]:
+        self._num_requests += 1
+        return (yield from ask(ParityRequest(*self._place, kind, code, start, count, positions)))
+
+    def _result(self, bits: Bits) -> PlaneResult:
+        llr = self._llr
+        if self._coupling is not None:
+            limit = self._settings.max_prior_llr
+            llr = np.clip(self._coupling.llr_in_sequence(bits), -limit, limit)
+        return PlaneResult(
+            bits.copy(),
+            True,
+            self._num_requests,
+            self._check.size,
+            self._num_parity,
+            self._sweeps,
+            self._entropy_bits,
+            float(_kernels.prior_information(llr, bits)),
+        )
+
+
+def _only(question: tuple[int, Positions] | None) -> Question:
+    return [] if question is None else [question]

@@ -1,0 +1,1 @@
+"""Turbo codes: recursive convolutional codes, interleaved and punctured, decoded by iterations."""

@@ -1,0 +1,199 @@
+"""Beliefs of errors: exact in one order, and the same from kernels and from their Python."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from dvc._jit import python_twin
+from dvc.slepian_wolf.cascade import _kernels, posterior
+from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_orders, prefix_parities
+from dvc.slepian_wolf.cascade.posterior import RangePosterior
+from tests.reference.cascade_beliefs import Range, exact_odds, probability_odd
+
+SEED = 1
+
+
+def started(num_bits: int, seed: int) -> tuple[RangePosterior, np.ndarray, np.ndarray]:
+    """Return beliefs of a random plane, the plane, and its prior odds of errors."""
+    rng = np.random.default_rng(seed)
+    bits = rng.integers(0, 2, num_bits, dtype=np.uint8)
+    llr = rng.normal(0.0, 3.0, num_bits).astype(np.float32)
+    beliefs = RangePosterior(num_bits, SEED)
+    beliefs.start(llr)
+    return beliefs, bits, np.exp(-np.abs(llr.astype(np.float64)))
+
+
+def tell(beliefs: RangePosterior, bits: np.ndarray, order: int, *positions: int) -> None:
+    """Answer with the parities of a plane."""
+    orders, _ = bit_orders(bits.size, SEED)
+    parities = np.bitwise_xor.accumulate(bits[orders[order]])[list(positions)]
+    beliefs.add_answers(order, np.array(positions), parities)
+
+
+def ranges_of(bits: np.ndarray, llr_sign: np.ndarray, order: int, *ends: int) -> list[Range]:
+    """Return the ranges of an order that end at some positions, with the parities of their errors."""
+    orders, _ = bit_orders(bits.size, SEED)
+    errors = bits ^ llr_sign
+    edges = [-1, *ends]
+    known = []
+    for before, end in itertools.pairwise(edges):
+        own = orders[order, before + 1 : end + 1]
+        known.append((own, int(errors[own].sum() % 2)))
+    return known
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_order_is_exact(seed: int) -> None:
+    """Parities of ranges of one order give the odds that counting all patterns gives."""
+    beliefs, bits, prior = started(10, seed)
+    first = beliefs.decisions
+    tell(beliefs, bits, 0, 4, 9)
+    tell(beliefs, bits, 0, 1, 6)
+    beliefs.propagate(10, 0.0)
+    expected = exact_odds(prior, ranges_of(bits, first, 0, 1, 4, 6, 9))
+    np.testing.assert_allclose(beliefs._all_odds(), expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_orders_pass_on_what_they_know(seed: int) -> None:
+    """Of three bits one order tells the first, another the second: the third follows from the whole."""
+    beliefs, bits, _ = started(3, seed)
+    errors = beliefs.decisions ^ bits
+    tell(beliefs, bits, 0, 0, 2)
+    tell(beliefs, bits, 1, 0)
+    beliefs.propagate(100, 0.0)
+    np.testing.assert_array_equal(beliefs._all_odds() > 1e4, errors)
+    np.testing.assert_array_equal(beliefs._all_odds() < 1e-4, 1 - errors)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_division_is_the_fairest_one(seed: int) -> None:
+    """A range is divided where the parity of its first part is the nearest to a fair coin."""
+    beliefs, bits, prior = started(9, seed)
+    first = beliefs.decisions
+    tell(beliefs, bits, 0, 8)
+    beliefs.propagate(4, 0.0)
+    question = beliefs.divisions(1.0)
+    assert question is not None
+    order, (position,) = question
+    known = ranges_of(bits, first, 0, 8)
+    orders, _ = bit_orders(9, SEED)
+    biases = [abs(2 * probability_odd(prior, known, orders[0, : cut + 1]) - 1) for cut in range(8)]
+    assert order == 0
+    assert biases[position] == pytest.approx(min(biases), abs=1e-6)
+
+
+def test_first_ranges_are_as_fair_as_asked() -> None:
+    """Ranges of a new order hold as many bits as bring the bias of their parity below the bound."""
+    beliefs = RangePosterior(3000, SEED)
+    llr = np.full(3000, 3.0, np.float32)
+    beliefs.start(llr)
+    question = beliefs.new_order(0.2)
+    assert question is not None
+    order, positions = question
+    soft = np.tanh(1.5)
+    expected = int(np.ceil(np.log(0.2) / np.log(soft)))
+    assert order == 0
+    assert positions[-1] == 2999  # the parity of the whole plane
+    np.testing.assert_array_equal(np.diff(positions[:-1]), expected)
+
+
+def test_bits_beyond_a_share_bring_in_a_new_order() -> None:
+    """Where orders in use tell less than is wanted beyond a share, the next one is asked too, if it fits."""
+    beliefs, bits, _ = started(400, 3)
+    for order, positions in beliefs.batch(0.5, 4.0, 0.36, 0.2):
+        tell(beliefs, bits, order, *positions)
+    beliefs.propagate(10, 0.01)
+    first_new = beliefs.num_orders
+    by_share = [order for order, _ in beliefs.batch(1.0, 0.0, 0.36, 0.2)]
+    beyond = beliefs.batch(1.0, 100.0, 0.36, 0.2)
+    assert by_share
+    assert max(by_share) < first_new
+    assert [order for order, _ in beyond] == sorted({*by_share, first_new})
+    assert all((np.diff(positions) > 0).all() for _, positions in beyond)
+
+
+def test_doubt_counts_pairs_that_no_parity_shows() -> None:
+    """Pairs of bits in the same ranges of all orders are the doubt that is left; others are none."""
+    beliefs = RangePosterior(64, SEED)
+    llr = np.full(64, 6.0, np.float32)
+    beliefs.start(llr)
+    bits = np.zeros(64, np.uint8)
+    tell(beliefs, bits, 0, 31, 63)
+    beliefs.propagate(10, 0.0)
+    pairs = 2 * (32 * 31 / 2) * np.exp(-12.0)
+    assert beliefs.doubt() - beliefs.expected_errors == pytest.approx(pairs, rel=1e-4)
+    tell(beliefs, bits, 1, 31)
+    beliefs.propagate(10, 0.0)
+    orders, _ = bit_orders(64, SEED)
+    halves = [{int(bit) for bit in orders[k, part]} for k in (0, 1) for part in (slice(32), slice(32, 64))]
+    sizes = [len(a & b) for a in halves[:2] for b in halves[2:]]
+    pairs = sum(n * (n - 1) / 2 for n in sizes) * np.exp(-12.0)
+    assert beliefs.doubt() - beliefs.expected_errors == pytest.approx(pairs, rel=1e-4)
+
+
+def test_prior_learns_how_many_errors_there_are() -> None:
+    """Where parities show five times the errors that were expected, all odds become greater."""
+    rng = np.random.default_rng(3)
+    num_bits = 2000
+    bits = (rng.random(num_bits) < 0.05).astype(np.uint8)
+    beliefs = RangePosterior(num_bits, SEED)
+    beliefs.start(np.full(num_bits, 4.6, np.float32))
+    tell(beliefs, bits, 0, *range(19, num_bits, 20))
+    beliefs.propagate(4, 0.0)
+    before = beliefs.expected_errors
+    while beliefs.rescale():
+        beliefs.propagate(4, 0.0)
+    assert beliefs.expected_errors > 1.2 * before
+
+
+@pytest.mark.nojit
+def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compiled and as Python, a plane is asked for the same and believed the same, to the last bit."""
+    rng = np.random.default_rng(5)
+    num_bits = 200
+    bits = rng.integers(0, 2, num_bits, dtype=np.uint8)
+    llr = (rng.normal(2.0, 2.0, num_bits) * (1 - 2.0 * bits)).astype(np.float32)
+
+    @np.errstate(over="ignore")  # hashes wrap around, of which plain Python warns
+    def course() -> list[object]:
+        beliefs = RangePosterior(num_bits, SEED)
+        beliefs.start(llr)
+        log: list[object] = []
+        for _ in range(12):
+            log.append(beliefs.propagate(3, 0.02))
+            question = beliefs.divisions(0.4) or beliefs.new_order(0.3) or beliefs.best_divisions()
+            if question is None:
+                break
+            log.append((question[0], question[1].tolist()))
+            tell(beliefs, bits, question[0], *question[1].tolist())
+            log.append(beliefs.rescale())
+            log.append((beliefs.doubt(), beliefs.is_satisfied(), beliefs._all_odds().tolist()))
+        return log
+
+    compiled = course()
+    for name in dir(_kernels):
+        function = getattr(_kernels, name)
+        if callable(function) and name != "kernel":
+            monkeypatch.setattr(posterior._kernels, name, python_twin(function))
+    with np.errstate(all="ignore"):
+        assert course() == compiled
+    assert len(compiled) > 10
+
+
+def test_orders_are_permutations_and_words_hold_all_planes() -> None:
+    """Every order has each bit once, ranks are their inverse, and words carry 64 planes at once."""
+    orders, ranks = bit_orders(100, 7)
+    assert orders.shape == (NUM_ORDERS, 100)
+    assert len({tuple(order) for order in orders.tolist()}) == NUM_ORDERS
+    for order, rank in zip(orders, ranks, strict=True):
+        np.testing.assert_array_equal(np.sort(order), np.arange(100))
+        np.testing.assert_array_equal(order[rank], np.arange(100))
+    rng = np.random.default_rng(0)
+    words = rng.integers(0, 2**64, 100, dtype=np.uint64)
+    parities = prefix_parities(words, 3, 7)
+    for plane in (0, 17, 63):
+        plane_bits = (words >> np.uint64(plane)) & np.uint64(1)
+        expected = np.cumsum(plane_bits[orders[3]]) % 2
+        np.testing.assert_array_equal((parities >> np.uint64(plane)) & np.uint64(1), expected)

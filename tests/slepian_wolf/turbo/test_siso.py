@@ -1,0 +1,122 @@
+"""Tests of the BCJR passes against plain numpy."""
+
+import numpy as np
+import pytest
+
+from dvc._jit import python_twin
+from dvc.slepian_wolf.turbo import _kernels
+from dvc.slepian_wolf.turbo.siso import LaneDecoder, bcjr_recursions, lane_layout, siso
+from dvc.slepian_wolf.turbo.trellis import trellis
+from tests.reference.turbo_bcjr import bcjr, rsc_encode
+
+POLYNOMIALS = [
+    (0b11, 0b01),
+    (0b111, 0b101),
+    (0b101, 0b111),
+    (0b1101, 0b1011),
+    (0b1011, 0b1101),
+    (0b11001, 0b11011),
+]
+
+
+def _case(
+    polynomials: tuple[int, int], num_steps: int, share_known: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draw input bits, noisy LLRs of them, and the parity at some steps."""
+    rng = np.random.default_rng(seed)
+    bits = rng.integers(0, 2, num_steps, dtype=np.uint8)
+    llr_a = (1 - 2.0 * bits) * rng.normal(1.5, 2.0, num_steps)
+    parity = rsc_encode(bits, *polynomials).astype(np.int8)
+    parity[rng.random(num_steps) > share_known] = -1
+    return llr_a, parity
+
+
+@pytest.mark.parametrize("polynomials", POLYNOMIALS)
+@pytest.mark.parametrize("share_known", [0.0, 0.1, 0.5, 1.0])
+def test_agrees_with_the_equations(polynomials: tuple[int, int], share_known: float) -> None:
+    """Extrinsic LLRs are those of the BCJR equations, up to clipping and float32."""
+    llr_a, parity = _case(polynomials, 150, share_known, 7)
+    table = trellis(*polynomials)
+    expected = bcjr(llr_a, parity, table.next_state, table.output)
+    found = siso(llr_a, parity, *polynomials)
+    near = np.abs(expected) < 15  # metrics are floored at 1e-14 of the likeliest state
+    np.testing.assert_allclose(found[near], expected[near], rtol=2e-3, atol=2e-3)
+    assert (np.sign(found[~near]) == np.sign(expected[~near])).all()
+    assert (np.abs(found[~near]) > 14).all()
+
+
+@pytest.mark.parametrize("polynomials", POLYNOMIALS)
+def test_windows_lose_little(polynomials: tuple[int, int]) -> None:
+    """Windows with unknown border states change LLRs near their borders only."""
+    llr_a, parity = _case(polynomials, 1200, 0.5, 3)
+    whole = siso(llr_a, parity, *polynomials)
+    cut = siso(llr_a, parity, *polynomials, num_windows=6)
+    inner = np.arange(1200) % 200
+    inside = (inner > 60) & (inner < 140)
+    np.testing.assert_allclose(cut[inside], whole[inside], atol=0.2)
+
+
+def test_windows_that_exchange_metrics_converge_to_the_whole() -> None:
+    """After as many passes as windows, handing metrics on gives the result of one long window."""
+    llr_a, parity = _case((0b111, 0b101), 900, 0.3, 5)
+    lanes = lane_layout((0, 900), 8)
+    decoder = LaneDecoder(0b111, 0b101, lanes)
+    known = np.flatnonzero(parity >= 0).astype(np.int32)
+    decoder.set_parity(known, parity[known].astype(np.uint8))
+    decoder.llr_a[lanes.cell_of_step] = llr_a
+    for _ in range(9):
+        _kernels.bit_probabilities(decoder.llr_a, decoder.prob0, decoder.prob1)
+        decoder.run()
+    whole = siso(llr_a, parity, 0b111, 0b101)
+    np.testing.assert_allclose(decoder.llr_e[lanes.cell_of_step], whole, rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.nojit
+@pytest.mark.parametrize("polynomials", [(0b111, 0b101), (0b11001, 0b11011)])
+def test_compiled_and_interpreted_kernels_agree_to_the_bit(polynomials: tuple[int, int]) -> None:
+    """Machine code and Python give the same float32 metrics, so results do not depend on the machine."""
+    llr_a, parity = _case(polynomials, 70, 0.4, 9)
+    lanes = lane_layout((0, 30, 70), 2)
+    results = []
+    for recursions in (bcjr_recursions(*polynomials), tuple(map(python_twin, bcjr_recursions(*polynomials)))):
+        decoder = LaneDecoder(*polynomials, lanes)
+        known = np.flatnonzero(parity >= 0).astype(np.int32)
+        decoder.set_parity(known, parity[known].astype(np.uint8))
+        decoder.llr_a[lanes.cell_of_step] = llr_a
+        _kernels.bit_probabilities(decoder.llr_a, decoder.prob0, decoder.prob1)
+        decoder._forward, decoder._backward = recursions
+        decoder.run()
+        results.append((decoder.llr_e, decoder.edges))
+    np.testing.assert_array_equal(results[0][0], results[1][0])
+    np.testing.assert_array_equal(results[0][1], results[1][1])
+
+
+def test_exponential_and_logarithm_invert_each_other() -> None:
+    """LLRs turned into probabilities and back are unchanged within 1e-4, over the whole range."""
+    llr = np.linspace(-24, 24, 4801, dtype=np.float32)
+    prob0, prob1 = np.empty_like(llr), np.empty_like(llr)
+    _kernels.bit_probabilities(llr, prob0, prob1)
+    np.testing.assert_allclose(prob0 + prob1, 1, atol=1e-6)
+    np.testing.assert_allclose(prob1, 1 / (1 + np.exp(llr.astype(float))), rtol=1e-5)
+    back = prob0 / prob1
+    _kernels.log_clipped(back, np.float32(30))
+    np.testing.assert_allclose(back, llr, atol=1e-4)
+
+
+@pytest.mark.nojit
+def test_contradictions_stay_finite() -> None:
+    """Parity that excludes what the priors are sure of gives large numbers, not NaN."""
+    llr_a = np.full(200, 24.0)
+    parity = np.ones(200, np.int8)
+    assert np.isfinite(siso(llr_a, parity, 0b11001, 0b11011)).all()
+
+
+def test_refuses_bad_arguments() -> None:
+    """Shapes, values and numbers of windows are checked."""
+    good = np.zeros(9), np.zeros(9, np.int8), 0b111, 0b101
+    with pytest.raises(ValueError, match="`llr_a`"):
+        siso(np.full(9, np.nan), *good[1:])
+    with pytest.raises(ValueError, match="`parity`"):
+        siso(good[0], np.full(9, 3, np.int8), 0b111, 0b101)
+    with pytest.raises(ValueError, match="do not fit"):
+        siso(*good, num_windows=99)
