@@ -1,0 +1,122 @@
+"""What is known of a frame as its bands come: reconstruction, and where errors are expected."""
+
+import numpy as np
+import pytest
+
+from decoder.frame_state import INITIAL_GAIN, FrameState, KnownBand
+from decoder.side_information.protocol import Prediction
+from dvc.config import CodecConfig, VideoConfig
+from dvc.wynerziv import transform
+from dvc.wynerziv.layout import FrameLayout
+from tests.clips import moving_texture
+
+HEIGHT, WIDTH = 32, 48
+LUMA = moving_texture(1, HEIGHT, WIDTH)[0].luma.astype(np.float64)
+TRUTH = transform.forward(LUMA)
+LAYOUT = FrameLayout.of(CodecConfig("2d", VideoConfig(WIDTH, HEIGHT, 25, 1)))
+
+
+class Refiner:
+    """Tells what the frame is from what is known of it."""
+
+    def __init__(self) -> None:
+        self.given: list[np.ndarray] = []
+
+    def refine(self, luma: np.ndarray) -> Prediction:
+        """Return the truth."""
+        self.given.append(luma)
+        return Prediction(LUMA, None, (LUMA, LUMA), "refined", refiner=self)
+
+
+def predicted(offset: float = 12.0, refiner: Refiner | None = None, **more: np.ndarray) -> Prediction:
+    """Return a prediction that is off by a constant in its left half."""
+    luma = LUMA.copy()
+    luma[:, : WIDTH // 2] += offset
+    return Prediction(luma, None, (luma + 2.0, luma - 2.0), "test", refiner=refiner, **more)  # type: ignore[arg-type]
+
+
+def band_of(state: FrameState, band: int, width: float) -> KnownBand:
+    """Return what bins of some width tell of a band."""
+    lower = width * np.floor(TRUTH[band] / width)
+    return KnownBand.of(lower.ravel(), (lower + width).ravel(), state.scale(band).ravel(), TRUTH[band].shape)
+
+
+def test_nothing_known_is_the_prediction() -> None:
+    """To within rounding; the noise model starts with its usual gain."""
+    state = FrameState(LAYOUT, predicted(), "local")
+    assert np.abs(state.luma() - predicted().luma).max() <= 1.0
+    assert state.gain == INITIAL_GAIN
+    assert state.dc_error() is None
+
+
+def test_bands_that_are_known_are_in_their_bins() -> None:
+    """What is known of DC moves the frame to the truth, and tells by how much the prediction was off."""
+    state = FrameState(LAYOUT, predicted(), "local")
+    known = band_of(state, 0, 8.0)
+    state.set_known(0, known)
+    assert (state.bands[0] >= known.lower).all()
+    assert (state.bands[0] <= known.upper).all()
+    error = state.dc_error()
+    assert error is not None
+    left, right = np.split(error, 2, axis=1)
+    missing = np.split(TRUTH[0] - state.predicted[0], 2, axis=1)[0].mean()
+    assert left.mean() == pytest.approx(missing, rel=0.1)
+    assert np.abs(right).mean() < 0.2 * np.abs(left).mean()
+    before, after = (np.abs(luma - LUMA).mean() for luma in (predicted().luma, state.luma()))
+    assert after < 0.3 * before
+
+
+def test_errors_of_bands_tell_scales_of_others() -> None:
+    """Where one band was off its prediction another is expected to be; before, expected errors tell it."""
+    state = FrameState(LAYOUT, predicted(), "frame")
+    before = state.scale(3)
+    state.set_known(0, band_of(state, 0, 4.0))
+    left, right = np.split(state.scale(3) / before, 2, axis=1)
+    assert np.median(left) > 1.5 * np.median(right)
+    expected = np.ones((HEIGHT, WIDTH))
+    expected[: HEIGHT // 2] = 9.0
+    told = FrameState(LAYOUT, predicted(expected_error=expected), "frame")
+    upper, lower = np.split(told.scale(3) / before, 2, axis=0)
+    assert np.median(upper) == pytest.approx(3.0 * np.median(lower), rel=0.2)
+
+
+def test_corrections_replace_intervals() -> None:
+    """Of a band that is known; its scales stay."""
+    state = FrameState(LAYOUT, predicted(), "local")
+    known = band_of(state, 0, 16.0)
+    state.set_known(0, known)
+    lower = 2.0 * np.floor(TRUTH[0] / 2.0)
+    state.correct(0, lower.ravel(), lower.ravel() + 2.0)
+    assert np.abs(state.bands[0] - TRUTH[0]).max() <= 2.0
+    np.testing.assert_array_equal(state.known[0].scale, known.scale)
+
+
+def test_refined_predictions_are_fused_with_the_first() -> None:
+    """Nearer to the truth than the first; a part of a band helps, and is forgotten."""
+    refiner = Refiner()
+    state = FrameState(LAYOUT, predicted(refiner=refiner), "local")
+    state.refine()
+    assert not refiner.given  # nothing is known yet
+    state.refine_by_part(0, band_of(state, 0, 32.0))
+    assert len(refiner.given) == 1
+    assert not state.known
+    state.set_known(0, band_of(state, 0, 8.0))
+    state.refine()
+    assert len(refiner.given) == 2
+    assert (
+        np.abs(state.predicted - TRUTH).mean()
+        < 0.5 * np.abs(transform.forward(predicted().luma) - TRUTH).mean()
+    )
+    assert (state.bands[0] >= state.known[0].lower).all()
+
+
+def test_references_that_differ_widen_the_scales() -> None:
+    """Of more than two, those that differ the most count."""
+    luma = predicted().luma
+    two, three = (
+        FrameState(LAYOUT, Prediction(luma, None, tuple(luma + d for d in apart), "test"), "frame").base_scale
+        for apart in ((6.0, -6.0), (6.0, 1.0, -6.0))
+    )
+    none = FrameState(LAYOUT, Prediction(luma, None, (luma, luma), "test"), "frame").base_scale
+    np.testing.assert_allclose(two, three)
+    assert two.min() > none.max()

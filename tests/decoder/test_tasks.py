@@ -1,0 +1,79 @@
+"""Groups before and after decoding: what goes from one to the next, and what a record keeps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decoder.side_information.protocol import ReferenceFrame
+from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask, following, frames_digest, naming_group
+from dvc.errors import BitstreamError
+from dvc.stream import Form, GopRecord
+from dvc.video import Frame
+
+
+def frame_of(level: int, colour: bool = False) -> Frame:
+    """Return a flat frame."""
+    chroma = np.full((4, 4), level, np.uint8)
+    return Frame(np.full((8, 8), level, np.uint8), (chroma, chroma + 1) if colour else None)
+
+
+def decoded(index: int, colour: bool = False) -> DecodedFrame:
+    """Return a frame that took nine bytes."""
+    frame = frame_of(10 * index, colour)
+    return DecodedFrame(index, frame, frame.luma, frame.luma, "test", "", 3, 16, 40, 0, 0, punctured=bytes(9))
+
+
+def task_of(form: Form, key: Frame | None) -> GroupTask:
+    """Return a group of two frames, and a key frame if there is one."""
+    record = GopRecord(2 + (key is not None), b"key" if key else b"", b"tracks", (b"a" * 30, b"b" * 40))
+    return GroupTask(b"", 1, 5, ReferenceFrame(4, frame_of(1)), key, record, form)
+
+
+def test_records_hold_what_was_needed() -> None:
+    """Payloads of the punctured form and the digest of the frames; a one-way record stays as it is."""
+    frames = decoded(5), decoded(6)
+    task = task_of(Form.BUFFERED, frame_of(70))
+    group = DecodedGroup.of(task, frames)
+    assert group.record.wyner_ziv == (bytes(9), bytes(9))
+    assert group.record.digest == frames_digest(frames)
+    assert (group.record.key, group.record.tracks) == (b"key", b"tracks")
+    one_way = task_of(Form.ONE_WAY, frame_of(70))
+    assert DecodedGroup.of(one_way, frames).record == one_way.record
+    assert frames[0].header_bits == 72 - 16 - 40
+
+
+@pytest.mark.parametrize("key", [frame_of(70), None])
+def test_the_last_frame_is_left_to_the_next_group(key: Frame | None) -> None:
+    """The key frame is known before; a last frame that was decoded is handed on."""
+    task = task_of(Form.BUFFERED, key)
+    group = DecodedGroup.of(task, (decoded(5), decoded(6)))
+    assert group.last.index == task.last_index == (7 if key else 6)
+    assert group.frames[-1] is group.last.frame
+    assert len(group.frames) == task.record.num_frames
+    later = replace(task, number=2, first_index=task.last_index + 1)
+    found = following(later, group)
+    assert found.before is (later.before if key else found.before)
+    assert found.before is not None
+    assert found.before.frame is (group.frames[-1] if key is None else later.before.frame)  # type: ignore[union-attr]
+    assert following(later, None) is later
+
+
+def test_digests_tell_samples_apart() -> None:
+    """Of luma, of chroma, and of their order."""
+    frames = [decoded(1, True), decoded(2, True)]
+    other = replace(frames[1], frame=Frame(frames[1].frame.luma, (frame_of(0).luma[:4, :4],) * 2))
+    found = [frames_digest(some) for some in (frames, frames[::-1], frames[:1], [frames[0], other])]
+    assert len(set(found)) == 4
+    assert frames_digest(list(frames)) == found[0]
+
+
+def test_damage_is_named_by_its_group() -> None:
+    """And by the part of it; other errors pass."""
+    with (
+        pytest.raises(BitstreamError, match="group of pictures 7: tracks: too short"),
+        naming_group(7, "tracks: "),
+    ):
+        raise BitstreamError("too short")
+    with pytest.raises(KeyError), naming_group(7):
+        raise KeyError
