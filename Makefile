@@ -10,7 +10,7 @@ PACKAGES := dvc encoder decoder sequences sfm
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help venv browser demo kernels test test-all test-nojit canaries streams mutants check bench figures reproduce pictures format clean
+.PHONY: help venv browser demo kernels test test-all test-nojit canaries streams mutants check reproduce pictures format results results-check clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -58,11 +58,11 @@ check: $(INSTALLED)  ## check format, lint, types, layers and spelling (docstrin
 	$(BIN)/lint-imports
 	$(BIN)/codespell
 
-bench: $(INSTALLED)  ## measure the kernels and the speed of the codec, quickly
-	$(BIN)/python -m benchmarks.figures --quick
+results: $(INSTALLED)  ## measure the headline results of docs/results.md that are not of this code (two hours)
+	$(BIN)/python -m benchmarks.results --jobs $(JOBS)
 
-figures: $(INSTALLED)  ## measure the figures of docs/figures.md again (AREA=codec for a part)
-	$(BIN)/python -m benchmarks.figures $(if $(AREA),--area $(AREA))
+results-check: $(INSTALLED)  ## tell which results are those of this code
+	$(BIN)/python -m benchmarks.results --check
 
 reproduce: $(INSTALLED)  ## measure the tables and figures of the thesis, quickly, into results/thesis
 	$(BIN)/python -m dvc.rd reproduce thesis --out results/thesis --jobs $(JOBS)
@@ -72,7 +72,6 @@ pictures: $(INSTALLED)  ## draw the pictures of docs/ again, and those of real c
 	$(BIN)/python -m benchmarks.pictures.tracks
 	$(BIN)/python -m benchmarks.pictures.stereo
 	$(BIN)/python -m benchmarks.pictures.dibr
-	$(BIN)/python -m benchmarks.pictures.cost
 
 format: $(INSTALLED)  ## format the code
 	$(BIN)/ruff format .

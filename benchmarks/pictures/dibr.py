@@ -12,9 +12,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.figures.harness import run_module
-from benchmarks.figures.stereo.runs import data_folder
 from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
+from benchmarks.results.harness import run_module
+from benchmarks.results.stereo import data_folder
 from dvc.dibr.stream.header import DisparityMethod
 
 PROG = "python -m benchmarks.pictures.dibr"
@@ -32,11 +32,11 @@ MAP = "teddy"
 
 
 def _chapter(name: str, options: Sequence[object]) -> Path:
-    """Measure the chapter on a scene; other codecs are figures of their own."""
+    """Measure the chapter on a scene; other codecs are left out."""
     folder = RESULTS / name
     shutil.rmtree(folder, ignore_errors=True)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    run_module("dvc.dibr", ["evaluate", *options, "--sets", name, "--no-peers", "--out", folder, "--quiet"])
+    run_module("dvc.dibr", "evaluate", *options, "--sets", name, "--no-peers", "--out", folder, "--quiet")
     FOLDER.mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -79,7 +79,7 @@ def draw_chapter4() -> list[Path]:
     shutil.rmtree(folder, ignore_errors=True)
     folder.parent.mkdir(parents=True, exist_ok=True)
     options = ["--chapter", 4, "--data", data_folder(MAP), "--sets", MAP, "--out", folder, "--quiet"]
-    run_module("dvc.dibr", ["evaluate", *options])
+    run_module("dvc.dibr", "evaluate", *options)
     FOLDER.mkdir(parents=True, exist_ok=True)
     written = [FOLDER / f"figure-{number}.png" for number in PLOTS_OF_MAPS]
     for path in written:
@@ -98,9 +98,7 @@ PICTURES: dict[str, Callable[[], list[Path]]] = {
 }
 
 
-main = pictures_command(
-    PROG, "Draw the pictures of docs/dibr-results.md and docs/shape-adaptive-results.md.", EXAMPLES, PICTURES
-)
+main = pictures_command(PROG, "Draw pictures of docs/dibr.md.", EXAMPLES, PICTURES)
 
 if __name__ == "__main__":
     sys.exit(main())

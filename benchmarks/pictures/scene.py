@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.figures.harness import SCENES, clip_source
 from benchmarks.pictures.drawing import Picture, correlation_noise, draw_clips, panel, write_picture
+from benchmarks.results.harness import SCENES, clip_source
 from decoder.side_information.block_motion.interpolation import BlockMotionInterpolation
 from decoder.side_information.methods import INTERPOLATORS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame

@@ -12,10 +12,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.figures.harness import run_module
-from benchmarks.figures.stereo.calibrations import write_cameras
-from benchmarks.figures.stereo.runs import data_folder, reconstruction_folder
+from benchmarks.pictures.calibrations import write_cameras
 from benchmarks.pictures.drawing import Picture, pictures_command, write_picture
+from benchmarks.results.harness import run_module
+from benchmarks.results.stereo import data_folder
 from dvc.page.drawing import colour_disparity, colour_error, in_rows, with_title
 from dvc.stereo.evaluation import disparity_error, read_mask
 from dvc.stereo.surfaces.folder import read_reconstruction
@@ -50,10 +50,10 @@ def draw_toy() -> list[Path]:
     """Draw the rendered array: views after rectification, their disparities and occlusions."""
     with tempfile.TemporaryDirectory() as scratch:
         source, folder, rectified = (Path(scratch) / name for name in ("toy", "surfaces", "rectified"))
-        run_module("sequences", ["render", "toy", "--out", source])
+        run_module("sequences", "render", "toy", "--out", source)
         views, cameras = sorted(source.glob("toy-*.png")), ["--cameras", source / "cameras.json"]
-        run_module("dvc.stereo", ["rectify", *views, *cameras, "--out", rectified, "--quiet"])
-        run_module("dvc.stereo", ["reconstruct", *views, *cameras, "--out", folder, "--quiet"])
+        run_module("dvc.stereo", "rectify", *views, *cameras, "--out", rectified, "--quiet")
+        run_module("dvc.stereo", "reconstruct", *views, *cameras, "--out", folder, "--quiet")
         found = read_reconstruction(folder)
         preview = cv2.imread(str(rectified / "preview.png"))
     hidden = [
@@ -71,8 +71,10 @@ def draw_pairs() -> list[Path]:
     panels = []
     for name, one in PAIRS.items():
         data = data_folder(name)
-        with reconstruction_folder(one.pair_files(data), one.disparities) as (folder, _):
-            found = read_reconstruction(folder)
+        with tempfile.TemporaryDirectory() as scratch:
+            words = ["reconstruct", *one.pair_files(data), f"--disparities={one.disparities}"]
+            run_module("dvc.stereo", *words, "--out", Path(scratch) / "surfaces", "--quiet")
+            found = read_reconstruction(Path(scratch) / "surfaces")
         truth, mask = one.true_disparity(data), read_mask(data / name / "all.png")
         left, right = found.array
         ours = found.surfaces[0].disparity
@@ -94,9 +96,8 @@ def draw_calibrated() -> list[Path]:
         with tempfile.TemporaryDirectory() as scratch:
             folder, cameras = Path(scratch) / "surfaces", Path(scratch) / "cameras.json"
             paths = write_cameras(source, cameras)
-            run_module(
-                "dvc.stereo", ["reconstruct", *paths, "--cameras", cameras, "--out", folder, "--quiet"]
-            )
+            words = ["reconstruct", *paths, "--cameras", cameras]
+            run_module("dvc.stereo", *words, "--out", folder, "--quiet")
             found = read_reconstruction(folder)
             shutil.rmtree(RESULTS / name, ignore_errors=True)
             shutil.copytree(folder, RESULTS / name)
@@ -111,7 +112,7 @@ def draw_chapter() -> list[Path]:
     data, folder = data_folder("tsukuba"), RESULTS / "chapter2"
     shutil.rmtree(folder, ignore_errors=True)
     folder.parent.mkdir(parents=True, exist_ok=True)
-    run_module("dvc.stereo", ["reproduce", "--data", data, "--out", folder, "--quiet"])
+    run_module("dvc.stereo", "reproduce", "--data", data, "--out", folder, "--quiet")
     FOLDER.mkdir(parents=True, exist_ok=True)
     for number in ("2.4", "2.5", "2.10"):
         shutil.copy(folder / f"figure-{number}.png", FOLDER / f"figure-{number}.png")

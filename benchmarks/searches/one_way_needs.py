@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, nnls
 
-from benchmarks.figures.harness import clip_source
+from benchmarks.results.harness import clip_source
 from decoder.frame_state import FrameState, KnownBand
 from decoder.group import GroupDecoder
 from decoder.one_way import OneWayDecoder

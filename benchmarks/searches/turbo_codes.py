@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq
 
-from benchmarks.figures.turbo import entropy
 from benchmarks.searches.exit_curves import best_profile, exit_curve
 from dvc.slepian_wolf import TurboCode, TurboDecoder, encode_planes
 from dvc.slepian_wolf.turbo.trellis import trellis
@@ -34,6 +33,11 @@ class Candidate:
 
     code: TurboCode
     ratio: float
+
+
+def entropy(probability: float) -> float:
+    """Return the binary entropy."""
+    return -sum(value * math.log2(value) for value in (probability, 1 - probability))
 
 
 def predicted(crossover: float) -> list[Candidate]:

@@ -107,6 +107,13 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         help="files as dvc-encode --no-feedback writes them, whose size is the rate",
     )
     add("--margin", metavar="LIST", help="with --no-feedback, percent beyond the estimate: a curve for each")
+    add(
+        "--no-proof",
+        dest="proof",
+        action="store_false",
+        default=None,
+        help="do not decode punctured streams a second time, in a fresh process without feedback",
+    )
     add("--gop", type=cli.integer(1, 256), metavar="N", help="default: that of dvc-encode")
     add("--start", type=cli.integer(0, 10**9), metavar="K", help="first frame; default: 0")
     add("--frames", type=cli.integer(1, 10**9), metavar="N", help="default: all")
@@ -120,6 +127,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
         metavar="NAME[=VALUE]",
         help="any other option of dvc-encode, such as references=all or noise-model=band; repeatable",
     )
+    add("--side-information", metavar="METHOD", help="predict with METHOD instead of what the stream names")
     add("--anchor", action="append", dest="anchors", choices=ANCHORS, help="codec to compare with")
     add("--anchor-qp", metavar="LIST", help="default: 20-44:4 and the QPs of the sweep")
     _add_measuring(run)
@@ -173,7 +181,7 @@ def _sweeps(arguments: argparse.Namespace) -> list[Any]:
 
     names = [
         *("codec", "qp", "wz_q", "key_qp", "no_feedback", "margin", "gop", "start", "frames", "luma_only"),
-        *("anchors", "anchor_qp"),
+        *("anchors", "anchor_qp", "proof", "side_information"),
     ]
     given = {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
     if arguments.sequences:

@@ -38,6 +38,7 @@ class Point:
     side_information: str | None = None
     qp: int | None = None  # quality that sets key frames, steps and requests together, in place of a preset
     decoder: tuple[tuple[str, str], ...] = ()  # further options of the decoder, as in `options`
+    proof: bool = True  # whether a fresh process decodes the punctured stream, too
 
     @property
     def has_wyner_ziv(self) -> bool:
@@ -77,6 +78,8 @@ class Point:
                 del values[name]
         values["options"] = dict(self.options)
         del values["decoder"]
+        if self.proof:
+            del values["proof"]
         return values | ({"decoder": dict(self.decoder)} if self.decoder else {})
 
 

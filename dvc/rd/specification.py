@@ -59,6 +59,7 @@ class Sweep:
     no_feedback: bool = False
     # then, per cent beyond the estimate, a curve for each; the encoder's own if there are none
     margin: tuple[int, ...] = ()
+    proof: bool = True  # as in `Point`
 
     def __post_init__(self) -> None:
         if not self.sequences:
@@ -98,6 +99,7 @@ class Sweep:
                         options=options,
                         side_information=self.side_information,
                         qp=qp,
+                        proof=self.proof,
                         **common,  # type: ignore[arg-type]
                     )
             for anchor in self.anchors:
@@ -198,7 +200,7 @@ def build_sweep(given: dict[str, Any]) -> Sweep:
     for name, low in (("gop", 1), ("start", 0), ("frames", 1)):
         if name in values and (type(values[name]) is not int or values[name] < low):
             raise ConfigError(f"`{name}` must be a whole number from {low}, got {values[name]!r}")
-    for name in ("luma_only", "no_feedback"):
+    for name in ("luma_only", "no_feedback", "proof"):
         if not isinstance(values.get(name, True), bool):
             raise ConfigError(f"`{name}` must be true or false, got {values[name]!r}")
     if isinstance(values.get("options"), dict):

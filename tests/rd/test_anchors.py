@@ -158,6 +158,82 @@ def test_intra_frames_come_in_their_period(tmp_path: Path) -> None:
     assert sizes["x264-ippp-16"] > sizes["x264-ippp"]
 
 
+def _frame_types(path: Path) -> str:
+    """Return I, P or B of each picture, in the order in which they are shown."""
+    with av.open(str(path)) as container:
+        return "".join(
+            av.video.frame.PictureType(frame.pict_type).name for frame in container.decode(video=0)
+        )
+
+
+def _num_references(path: Path) -> int:
+    """Read how many references x264 may use from its sequence parameter set."""
+    data = path.read_bytes()
+    start = data.index(b"\x00\x00\x01\x67") + 7
+    bits = "".join(f"{byte:08b}" for byte in data[start : start + 16])
+
+    def _exp_golomb() -> int:
+        nonlocal bits
+        zeros = bits.index("1")
+        value, bits = int(bits[: 2 * zeros + 1], 2) - 1, bits[2 * zeros + 1 :]
+        return value
+
+    assert data[start - 3] == 100  # profile High
+    _exp_golomb()  # number of the set
+    for _ in range(3):
+        _exp_golomb()  # format of chroma, depths
+    assert bits[:2] == "00"
+    bits = bits[2:]
+    _exp_golomb()  # size of frame numbers
+    if _exp_golomb() == 0:
+        _exp_golomb()  # size of the order of display
+    return _exp_golomb()
+
+
+@pytest.mark.parametrize(
+    ("name", "types", "references"),
+    [
+        ("x264-ippp", {"I", "P"}, 1),
+        ("x264-superfast-no-asm", {"I", "P"}, 1),
+        ("x264-medium", {"I", "P", "B"}, 4),
+        ("x264-slower", {"I", "P", "B"}, 8),
+        ("x265", {"I", "P"}, None),
+        ("x265-medium", {"I", "P", "B"}, None),
+    ],
+)
+def test_files_have_the_frame_types_and_references_that_are_told(
+    tmp_path: Path, name: str, types: set[str], references: int | None
+) -> None:
+    """One intra frame comes first; B frames, and the references that are kept, are those of the preset."""
+    clip = write_clip(tmp_path / "long.mkv", 48, 32, 25)
+    file = tmp_path / f"file{ANCHOR_CODECS[name].suffix}"
+    encode_file(clip, file, ANCHOR_CODECS[name], 30)
+    found = _frame_types(file)
+    assert (found[0], found.count("I"), set(found)) == ("I", 1, types)
+    assert references in (None, _num_references(file) if file.suffix == ".264" else None)
+
+
+def test_av1_with_random_access_waits_for_later_frames(tmp_path: Path) -> None:
+    """Preset 6 shows frames that it coded earlier, which low delay never does."""
+    clip = write_clip(tmp_path / "long.mkv", 64, 32, 25)
+    with open_video(clip) as reader:
+        frames, info = [frame.without_chroma() for frame in reader], reader.info
+
+    def _num_taken(name: str) -> int:
+        taken = 0
+
+        def _frames() -> Iterator[Frame]:
+            nonlocal taken
+            for taken, frame in enumerate(frames, 1):  # noqa: B007
+                yield frame
+
+        parts = encoding.encode_frames(_frames(), info.size, info.frame_rate, ANCHOR_CODECS[name], 30)
+        next(part for part in parts if part)
+        return taken
+
+    assert _num_taken("svtav1-6") > _num_taken("svtav1")
+
+
 def test_motion_is_found_and_refused(clip: Path, tmp_path: Path) -> None:
     """A file with motion vectors that is passed off as one without is refused."""
     file = tmp_path / "moving.264"

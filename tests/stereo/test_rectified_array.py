@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.figures.stereo.calibrations import write_cameras
+from benchmarks.pictures.calibrations import write_cameras
 from dvc.calibration.camera_files import load_cameras
 from dvc.calibration.cameras import Camera
 from dvc.calibration.feature_matching import Features

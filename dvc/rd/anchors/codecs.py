@@ -15,6 +15,9 @@ Parameters = tuple[tuple[str, str], ...]
 _X264: Parameters = (("psy", "0"), ("ipratio", "1"), ("qpmin", "0"), ("scenecut", "0"), ("mbtree", "0"))
 _X264 += (("bframes", "0"), ("b-adapt", "0"), ("ref", "1"), ("weightp", "0"), ("rc-lookahead", "0"))
 _X264 += (("sync-lookahead", "0"), ("sliced-threads", "0"), ("threads", "1"))
+# As people run it: B frames, references, lookahead and QPs of I and B frames as the preset has them.
+_X264_AS_IT_COMES: Parameters = (("psy", "0"), ("qpmin", "0"), ("scenecut", "0"), ("keyint", "infinite"))
+_X264_AS_IT_COMES += (("threads", "1"),)
 _X264_INTRA = (("keyint", "1"), *_X264)
 _X264_IPPP = (("keyint", "infinite"), *_X264)
 _X264_IPPP_16 = (("keyint", "16"), *_X264)
@@ -34,6 +37,8 @@ _X265_LOW_DELAY += (("rc-lookahead", "0"), ("lookahead-slices", "0"), *_X265)
 _SVTAV1: Parameters = (("rc", "0"), ("aq-mode", "0"), ("tune", "1"), ("enable-tf", "0"), ("scd", "0"))
 _SVTAV1 += (("pred-struct", "1"), ("lp", "1"), ("use-fixed-qindex-offsets", "1"))
 _SVTAV1 += (("key-frame-qindex-offset", "0"), ("qindex-offsets", "[0,0,0,0,0,0]"))
+_SVTAV1_RANDOM_ACCESS: Parameters = (("rc", "0"), ("aq-mode", "0"), ("tune", "1"), ("scd", "0"))
+_SVTAV1_RANDOM_ACCESS += (("pred-struct", "2"), ("lp", "1"), ("keyint", "-1"))
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,21 @@ _ALL = (
         AnchorCodec(f"x264-{preset}", f"x264 IPPP, {preset}", "libx264", preset, _X264_IPPP, "ippp")
         for preset in ("ultrafast", "superfast", "veryfast")
     ),
+    *(
+        AnchorCodec(
+            f"x264-{preset}-no-asm",
+            f"x264 IPPP, {preset}, no vector code",
+            "libx264",
+            preset,
+            (*_X264_IPPP, ("asm", "0")),
+            "ippp",
+        )
+        for preset in ("ultrafast", "superfast")
+    ),
+    *(
+        AnchorCodec(f"x264-{preset}", f"x264 {preset}", "libx264", preset, _X264_AS_IT_COMES, "random access")
+        for preset in ("medium", "slower")
+    ),
     AnchorCodec(
         "x265-intra", "x265 intra", "libx265", "medium", (("keyint", "1"), *_X265_LOW_DELAY), "intra"
     ),
@@ -117,8 +137,8 @@ _ALL = (
         "ippp",
     ),
     AnchorCodec(
-        "x265-random-access",
-        "x265 random access",
+        "x265-medium",
+        "x265 medium",
         "libx265",
         "medium",
         (("keyint", "-1"), *_X265),
@@ -134,6 +154,7 @@ _ALL = (
         (("keyint", "-1"), *_SVTAV1),
         "ippp",
     ),
+    AnchorCodec("svtav1-6", "SVT-AV1 preset 6", "libsvtav1", "6", _SVTAV1_RANDOM_ACCESS, "random access"),
 )
 ANCHOR_CODECS: Final = {codec.name: codec for codec in _ALL}
 """Anchors that are measured as files, by name."""

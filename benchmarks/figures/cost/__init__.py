@@ -1,1 +1,0 @@
-"""What coding costs the camera."""

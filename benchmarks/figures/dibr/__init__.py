@@ -1,1 +1,0 @@
-"""Views and depth, coded together: the codec of the reference view, and what is built on it."""

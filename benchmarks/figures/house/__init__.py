@@ -1,1 +1,0 @@
-"""Figures of the house itself: its size, its arrows, its speed, and what its streams decode to."""

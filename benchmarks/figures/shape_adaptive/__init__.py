@@ -1,1 +1,0 @@
-"""Chapter 4: depth maps and pictures by wavelets that stop at shared edges."""

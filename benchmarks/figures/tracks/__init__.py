@@ -1,1 +1,0 @@
-"""Figures of tracked coding: the `tracks` area."""

@@ -1,0 +1,83 @@
+"""Digests of what small encodings and decodings write: equal as long as a change leaves all bytes alone."""
+
+import hashlib
+import tempfile
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+
+from benchmarks.results.harness import run_module
+from dvc.rd.anchors.version import anchors_digest
+
+_SIZE, _FRAMES = "96x80", 9
+
+
+def _digest(paths: Iterable[Path]) -> str:
+    parts = [hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(paths)]
+    return hashlib.sha256("".join(parts).encode()).hexdigest()[:16]
+
+
+def _codec(*options: object) -> Callable[[Path], str]:
+    """Code a rendered street, decode it, and digest both streams, all frames and the anchors' own code."""
+
+    def _run(folder: Path) -> str:
+        video, stream, punctured = folder / "street.mkv", folder / "s.dvc", folder / "p.dvc"
+        run_module("sequences", "render", "street", "--size", _SIZE, "--frames", _FRAMES, "--out", video)
+        run_module("encoder", video, stream, *options, "--quiet")
+        files = [] if "--no-feedback" in options else ["--punctured", punctured]
+        run_module("decoder", stream, folder / "decoded.y4m", *files, "--quiet")
+        written = [path for path in (stream, punctured, folder / "decoded.y4m") if path.exists()]
+        return _digest([video, *written]) + anchors_digest()[:8]
+
+    return _run
+
+
+def _stereo(folder: Path) -> str:
+    toy, out = folder / "toy", folder / "out"
+    run_module("sequences", "render", "toy", "--size", _SIZE, "--out", toy)
+    words = ["reconstruct", *sorted(toy.glob("toy-*.png"))]
+    run_module("dvc.stereo", *words, "--cameras", toy / "cameras.json", "--out", out, "--quiet")
+    return _digest(out.glob("*.pfm"))
+
+
+def _texture_depth(folder: Path) -> str:
+    toy = folder / "toy"
+    run_module("sequences", "render", "toy", "--size", _SIZE, "--out", toy)
+    views = sorted(toy.glob("toy-*.png"))
+    for method in ("l", "s", "quadtree"):
+        words = ["encode", *views, folder / f"{method}.dibr", "--cameras", toy / "cameras.json"]
+        run_module("dvc.dibr", *words, "--depths", "2:8", "--bpp", "1.0", "--disparity", method, "--quiet")
+    return _digest(folder.glob("*.dibr"))
+
+
+def _depth_map(folder: Path) -> str:
+    import numpy as np
+
+    from dvc.pfm import write_pfm
+
+    rows, columns = np.mgrid[0:80, 0:96]
+    inside = (rows - 40) ** 2 + (columns - 50) ** 2 < 900
+    write_pfm(folder / "map.pfm", np.where(inside, 40.0 + 0.1 * columns, 5.0).astype(np.float32))
+    for transform in ("shape-adaptive", "standard"):
+        words = ["encode-depth", folder / "map.pfm", folder / f"{transform}.dibr", "--bpp", "0.3"]
+        run_module("dvc.dibr", *words, "--transform", transform, "--quiet")
+    return _digest(folder.glob("*.dibr"))
+
+
+CANARIES: dict[str, Callable[[Path], str]] = {
+    "default": _codec("--qp", 30),
+    "no-feedback": _codec("--qp", 30, "--no-feedback"),
+    "2d": _codec("--qp", 30, "--codec", "2d"),
+    "matrices": _codec("--wz-q", 3),
+    "stereo": _stereo,
+    "texture-depth": _texture_depth,
+    "depth-map": _depth_map,
+}
+"""By configuration."""
+
+
+@cache
+def canary(name: str) -> str:
+    """Run a configuration, in seconds."""
+    with tempfile.TemporaryDirectory() as folder:
+        return CANARIES[name](Path(folder))

@@ -1,0 +1,182 @@
+"""Rate-distortion curves of the headline results: sweeps of `dvc-rd`, which serve many results each."""
+
+import statistics
+import subprocess
+import sys
+from collections.abc import Callable
+from functools import cache
+
+from benchmarks.results.harness import Measured, Missing, Setting, mean_of
+from dvc.errors import DvcError
+from dvc.rd.anchors.codecs import ANCHOR_CODECS
+from dvc.rd.curves import ANCHOR_LABEL, Curve, experiments
+from dvc.rd.differences import compare_curves
+from dvc.rd.point_result import PointResult
+from dvc.rd.points import ANCHORS
+from dvc.rd.results import read_results
+
+FRAMES, QUICK_FRAMES = 49, 9
+"""One intra frame and 48 others: with fewer, the key frames of a group weigh too much or too little."""
+QPS, FEW_QPS, PROVEN_QP = (24, 28, 32, 36), (24, 30, 36), 36
+QUICK_QPS = (28, 36)
+ANCHOR_QPS = (20, 24, 28, 32, 36, 42)
+DEFAULT = "default"
+CODECS: dict[str, tuple[str, ...]] = {
+    "2d": ("--codec", "2d"),
+    "no-feedback": ("--no-feedback",),
+}
+"""Options of `dvc-rd run` beside qualities, by the name of the folder."""
+MATRICES, QUICK_MATRICES = (1, 3, 5), (1, 3)
+"""DISCOVER quantisation matrices that reach the PSNRs of `QPS`."""
+
+
+def frames(setting: Setting) -> int:
+    """Return the number of frames of each clip."""
+    return int(setting.choose(FRAMES, QUICK_FRAMES))
+
+
+def _numbers(values: tuple[int, ...]) -> str:
+    return ",".join(map(str, values))
+
+
+def run_sweep(setting: Setting, clips: list[str], name: str, *options: str, num_frames: int) -> None:
+    """Measure points by `dvc-rd run`; those that are there, of this code, are kept."""
+    command = [sys.executable, "-m", "dvc.rd", "run", *clips, "--frames", str(num_frames), *options]
+    command += ["--out", str(setting.scratch(name)), "--jobs", str(setting.jobs)]
+    if subprocess.run(command, check=False).returncode != 0:
+        raise DvcError(f"some points of {name} could not be measured; see above")
+
+
+@cache
+def sweep(setting: Setting, name: str, anchor: str | None = None) -> dict[str, Curve]:
+    """Measure the curve of a codec, or of an anchor, on every clip."""
+    clips, count = setting.clips(), frames(setting)
+    if anchor is not None:
+        qps = setting.choose(ANCHOR_QPS, ANCHOR_QPS[1::2])
+        words = ["--qp", str(PROVEN_QP), "--anchor", anchor, "--anchor-qp", _numbers(qps)]
+        run_sweep(setting, clips, name, *words, num_frames=count)
+    elif name == "matrices":
+        words = ["--wz-q", _numbers(setting.choose(MATRICES, QUICK_MATRICES)), "--no-proof"]
+        run_sweep(setting, clips, name, *words, num_frames=count)
+    elif name == DEFAULT:
+        qps = tuple(qp for qp in setting.choose(QPS, QUICK_QPS) if qp != PROVEN_QP)
+        run_sweep(setting, clips, name, "--qp", _numbers(qps), "--no-proof", num_frames=count)
+        run_sweep(setting, clips, name, "--qp", str(PROVEN_QP), num_frames=count)
+    else:
+        words = [*CODECS[name], "--qp", _numbers(setting.choose(FEW_QPS, QUICK_QPS)), "--no-proof"]
+        run_sweep(setting, clips, name, *words, num_frames=count)
+    return curves_in(setting, name, clips, count, anchor)
+
+
+def curves_in(
+    setting: Setting, name: str, clips: list[str], num_frames: int, anchor: str | None = None
+) -> dict[str, Curve]:
+    """Read the curves of a folder, by clip."""
+    label = None
+    if anchor is not None:
+        label = ANCHOR_LABEL if anchor == "intra" else ANCHOR_CODECS[ANCHORS[anchor]].label
+    found = {}
+    for one in experiments(read_results(setting.scratch(name))):
+        clip = one.curves[0].points[0].data["sequence"]["name"]
+        matching = [
+            curve for curve in one.curves if (not curve.is_anchor if label is None else curve.label == label)
+        ]
+        if clip in clips and one.key[2] == num_frames and matching:
+            found[clip] = matching[0]
+    if missing := set(clips) - set(found):
+        raise Missing(f"{name}: no curve of {', '.join(sorted(missing))}")
+    return found
+
+
+def bd_rates(reference: dict[str, Curve], other: dict[str, Curve]) -> dict[str, float]:
+    """Return BD-rates in percent, by clip."""
+    found = {}
+    for clip, curve in other.items():
+        difference = compare_curves(reference[clip], curve)
+        if isinstance(difference, str):
+            raise DvcError(f"{clip}: {difference}")
+        found[clip] = difference.value
+    return found
+
+
+def against_anchor(setting: Setting, anchor: str, name: str = DEFAULT) -> Measured:
+    """Compare with a standard codec on the same frames."""
+    codec = sweep(setting, name)
+    return mean_of(bd_rates(sweep(setting, DEFAULT, anchor), codec), frames(setting))
+
+
+def against_codec(setting: Setting, reference: str, name: str = DEFAULT) -> Measured:
+    """Compare with another codec of the project, or another way to run it."""
+    codec = sweep(setting, name)
+    return mean_of(bd_rates(sweep(setting, reference), codec), frames(setting))
+
+
+def of_points(setting: Setting, number: Callable[[PointResult], float], note: str = "") -> Measured:
+    """Average a number over the points of the default codec, then over clips."""
+    curves = sweep(setting, DEFAULT)
+    by_clip = {clip: statistics.fmean(map(number, curve.points)) for clip, curve in curves.items()}
+    return mean_of(by_clip, frames(setting), note)
+
+
+def parity_over_ideal(setting: Setting) -> Measured:
+    """Compare all check and parity bits with the ideal code length of the decoder's own probabilities."""
+    return of_points(setting, lambda point: float(point.data["totals"]["plane_bits"]["all"]["ratio"]))
+
+
+def decoding_cpu_s(setting: Setting) -> Measured:
+    """Take processor time of the decoder for each Wyner-Ziv frame, start of the process included."""
+    return of_points(
+        setting, lambda point: float(point.data["times"]["decode_cpu_s"]) / point.num_frames("wz")
+    )
+
+
+def requests_per_frame(setting: Setting) -> Measured:
+    """Count what the decoder asks for."""
+    return of_points(setting, lambda point: (point.total("num_requests") or 0.0) / point.num_frames("wz"))
+
+
+def worst_frame_db(setting: Setting) -> Measured:
+    """Tell how far the worst frame is below the mean of all, at the worst quality of each clip."""
+    below = {
+        clip: max(point.psnr_y_db - (point.total("worst_psnr_y_db") or 0.0) for point in curve.points)
+        for clip, curve in sweep(setting, DEFAULT).items()
+    }
+    return mean_of(below, frames(setting))
+
+
+def not_proven(setting: Setting) -> Measured:
+    """Count clips whose punctured stream a fresh process decodes to other frames; such a point would fail."""
+    proven = {
+        clip: float(sum(point.data["proof"].get("fresh_decode_equal") is True for point in curve.points))
+        for clip, curve in sweep(setting, DEFAULT).items()
+    }
+    return Measured(float(sum(count == 0 for count in proven.values())), {}, frames(setting))
+
+
+def concealed_percent(setting: Setting) -> Measured:
+    """Count Wyner-Ziv frames with a plane that was sent too little, without feedback."""
+    found = {}
+    for clip, curve in sweep(setting, "no-feedback").items():
+        rows = [row for point in curve.points for row in point.frame_rows if row["type"] == "wz"]
+        found[clip] = 100.0 * sum(bool(row.get("num_failed_planes")) for row in rows) / len(rows)
+    return mean_of(found, frames(setting))
+
+
+SIDE_INFORMATION_FRAMES = 33
+_SIDE_INFORMATION = ("--wz-q", "1", "--key-qp", "lossless", "--option", "references=keys", "--no-proof")
+
+
+def side_information_gain(setting: Setting) -> Measured:
+    """Predict the same frames from the same lossless key frames, by the scene and by block motion."""
+    clips, count = setting.clips(), int(setting.choose(SIDE_INFORMATION_FRAMES, QUICK_FRAMES))
+    for name, method in (("scene", None), ("block-motion", "mci")):
+        words = [] if method is None else ["--side-information", method]
+        run_sweep(setting, clips, name, *_SIDE_INFORMATION, *words, num_frames=count)
+    by_name = {name: curves_in(setting, name, clips, count) for name in ("scene", "block-motion")}
+    predicted = {
+        name: {clip: curve.points[0].total("si_psnr_y_db") or 0.0 for clip, curve in curves.items()}
+        for name, curves in by_name.items()
+    }
+    return mean_of(
+        {clip: predicted["scene"][clip] - predicted["block-motion"][clip] for clip in clips}, count
+    )

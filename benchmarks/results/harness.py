@@ -1,0 +1,122 @@
+"""What all results share: settings, what a measurement returns, clips, and timed child processes."""
+
+import json
+import statistics
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import cycle, islice
+from pathlib import Path
+from typing import Any, TypeVar
+
+from dvc.errors import ConfigError, DvcError
+from dvc.rd.processes import ProcessGroup
+from dvc.rd.sources import Source, default_cache, find_source
+
+SCENES = ("street", "stairway", "statue")
+STATIC_CLIPS = ("box", "desk", "river", "stone", "tree")
+CLIPS = (*STATIC_CLIPS, "cube", *SCENES)
+QUICK_CLIPS = ("box", "street")
+FOLDER = Path("results") / "headline"
+Item = TypeVar("Item")
+
+
+class Missing(DvcError):
+    """Material that a result is measured on is not there."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How thoroughly to measure."""
+
+    quick: bool = False  # only prove that it works: few clips and frames; what comes out is not kept
+    jobs: int = 2
+    folder: Path = FOLDER  # of intermediate results
+
+    def choose(self, full: Any, quick: Any) -> Any:
+        """Return one of two values."""
+        return quick if self.quick else full
+
+    def clips(self, names: Sequence[str] = CLIPS) -> list[str]:
+        """Return those of the clips that are there; say which are not."""
+        found = []
+        for name in [name for name in names if not self.quick or name in QUICK_CLIPS]:
+            try:
+                clip_source(name)
+                found.append(name)
+            except Missing as err:
+                print(err, file=sys.stderr)
+        if not found:
+            raise Missing(f"none of {', '.join(names)} is there")
+        return found
+
+    def scratch(self, name: str) -> Path:
+        """Return a folder for intermediate results."""
+        folder = self.folder / name
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a measurement found."""
+
+    value: float
+    by_clip: Mapping[str, float] = field(default_factory=dict)  # what the value is the mean of
+    frames: int | None = None  # of each clip
+    note: str = ""  # what a reader must know beside it
+
+
+def mean_of(by_clip: Mapping[str, float], frames: int | None = None, note: str = "") -> Measured:
+    """Average over clips."""
+    return Measured(statistics.fmean(by_clip.values()), by_clip, frames, note)
+
+
+def clip_source(clip: str) -> Source:
+    """Find a clip; scenes are rendered when they are first asked for."""
+    try:
+        return find_source(clip, default_cache(), ProcessGroup())
+    except ConfigError as err:
+        raise Missing(f"not measured on {clip}: no such clip in $DVC_DATA or ../shared/sequences") from err
+
+
+def there_and_back(frames: Sequence[Item], num_frames: int) -> Iterator[Item]:
+    """Play frames forwards, backwards, and so on: a long sequence without a cut."""
+    return islice(cycle([*frames, *frames[-2:0:-1]]), num_frames)
+
+
+@dataclass(frozen=True)
+class Usage:
+    """Resources of a finished process and all that it has started."""
+
+    wall_s: float
+    cpu_s: float
+    peak_bytes: int  # the most that one of its processes had
+
+
+# A process inherits the peak of the one that started it until it has loaded its program, so a small one does.
+_LAUNCHER = """
+import json, resource, subprocess, sys, time
+started = time.perf_counter()
+status = subprocess.call(sys.argv[1:], stdout=subprocess.DEVNULL)
+wall = time.perf_counter() - started
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(json.dumps([status, wall, used.ru_utime + used.ru_stime, used.ru_maxrss * 1024]))
+"""
+
+
+def run_module(module: str, *arguments: object) -> Usage:
+    """Run a module of the project in a fresh process, to its end."""
+    command = [sys.executable, "-I", "-S", "-c", _LAUNCHER, sys.executable, "-m", module]
+    launched = subprocess.run([*command, *map(str, arguments)], capture_output=True, text=True, check=True)
+    status, wall_s, cpu_s, peak_bytes = json.loads(launched.stdout)
+    if status != 0:
+        raise DvcError(f"python -m {module} ended with status {status}: {launched.stderr.strip()[-300:]}")
+    return Usage(wall_s, cpu_s, peak_bytes)
+
+
+def report_of(path: Path) -> dict[str, Any]:
+    """Read what a command has written with ``--json``."""
+    values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return values

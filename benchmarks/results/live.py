@@ -1,0 +1,80 @@
+"""Live runs of both programs: what the encoder takes for all requests, and whether files say the same."""
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+
+from benchmarks.results.encoder import anchor_cpu_s, later_frames_ms, own_cpu_s
+from benchmarks.results.harness import Measured, Setting, clip_source, mean_of, report_of, run_module
+from dvc.errors import DvcError
+
+LENGTHS, QUICK_LENGTHS = (9, 33), (5, 9)
+CLIPS, QUICK_CLIPS = ("box", "tree"), ("box", "street")
+_PATIENCE_S = "120"
+
+
+@dataclass(frozen=True)
+class LiveRun:
+    """What a live run took."""
+
+    encoder_cpu_s: float
+    same_as_file: bool  # whether a file of the same options gives the same frames and bits
+
+
+def live_run(video: Path, folder: Path, options: list[str]) -> LiveRun:
+    """Code a video live, and as a file."""
+    words = [sys.executable, "-m", "encoder", str(video), "--serve", "127.0.0.1:0", "--timeout", _PATIENCE_S]
+    words += [*options, "--json", str(folder / "encoder.json"), "--quiet"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as encoder:
+        assert encoder.stderr is not None
+        try:
+            address = encoder.stderr.readline().split()[-1]
+            outputs = [folder / "live.mkv", "--punctured", folder / "live.dvc", "--quiet"]
+            run_module("decoder", "--connect", address, *outputs, "--timeout", _PATIENCE_S)
+            _, said = encoder.communicate(timeout=60)
+        except BaseException:
+            encoder.kill()
+            raise
+    if encoder.returncode != 0:
+        raise DvcError(f"the encoder ended with status {encoder.returncode}: {said.strip()[-300:]}")
+    run_module("encoder", video, folder / "stream.dvc", *options, "--quiet")
+    outputs = [folder / "file.mkv", "--punctured", folder / "file.dvc", "--quiet"]
+    run_module("decoder", folder / "stream.dvc", *outputs)
+    same = all(
+        (folder / f"live{end}").read_bytes() == (folder / f"file{end}").read_bytes()
+        for end in (".mkv", ".dvc")
+    )
+    return LiveRun(own_cpu_s(report_of(folder / "encoder.json")), same)
+
+
+@cache
+def _runs(setting: Setting) -> dict[str, tuple[float, bool]]:
+    """Return, by clip, the time of a live encoder over that of x264, and whether files are the same."""
+    lengths, found = setting.choose(LENGTHS, QUICK_LENGTHS), {}
+    for clip in setting.clips(setting.choose(CLIPS, QUICK_CLIPS)):
+        folder, video = setting.scratch(f"live-{clip}"), clip_source(clip).path
+        runs = {n: live_run(video, folder, ["--luma-only", "--frames", str(n)]) for n in lengths}
+        taken_s = {n: run.encoder_cpu_s for n, run in runs.items()}
+        ours_ms = later_frames_ms(taken_s.__getitem__, lengths)
+        theirs_ms = later_frames_ms(partial(anchor_cpu_s, video, folder, "x264-superfast"), lengths)
+        found[clip] = ours_ms / theirs_ms, all(run.same_as_file for run in runs.values())
+    return found
+
+
+def encoder_time(setting: Setting) -> Measured:
+    """Compare the processor time of the encoder, all requests answered, with that of x264 superfast."""
+    ratios = {clip: ratio for clip, (ratio, _) in _runs(setting).items()}
+    return mean_of(ratios, int(setting.choose(LENGTHS, QUICK_LENGTHS)[1]))
+
+
+def differences(setting: Setting) -> Measured:
+    """Count clips whose frames or bits differ between a live run and a file."""
+    found = _runs(setting)
+    return Measured(
+        float(sum(not same for _, same in found.values())),
+        {},
+        int(setting.choose(LENGTHS, QUICK_LENGTHS)[1]),
+        f"{len(found)} clips",
+    )
