@@ -4,9 +4,42 @@ References are *phase planes*: ``planes[py, px, y + margin, x + margin]`` is the
 (y + py / 4, x + px / 4). Positions and vectors are in quarter samples, (vertical, horizontal).
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
+
+
+class Blocks(NamedTuple):
+    """Where blocks are, and what is compared of each, in whole samples."""
+
+    margin: int  # around the frame in its planes
+    block: int  # side of a block
+    window: int  # side of the square around it that is compared
+
+
+class Steps(NamedTuple):
+    """Displacements that are tried around another one."""
+
+    radius: int  # how many steps to each side
+    step: int  # in quarter samples
+    smoothness: float  # what being far from the start, or from the neighbours, costs
+
+
+class Pair(NamedTuple):
+    """Phase planes of the two frames around the missing one."""
+
+    before: NDArray[np.uint8]
+    after: NDArray[np.uint8]
+
+
+class Searched(NamedTuple):
+    """Samples to compare, and their sums over all squares of half the window."""
+
+    samples: NDArray[np.uint8]
+    sums: NDArray[np.uint16]
 
 
 @kernel
@@ -40,8 +73,11 @@ def clamp_position(position, size, length):
 
 
 @kernel
-def forward_search(planes_a, planes_b, margin, block, window, radius, step, smoothness, starts, vectors):
+def forward_search(pair, blocks, steps, starts, vectors):
     """Full search of every block of frame b in frame a around `starts`, favouring short corrections."""
+    planes_a, planes_b = pair
+    margin, block, window = blocks
+    radius, step, smoothness = steps
     height, width = planes_a.shape[2], planes_a.shape[3]
     border = (window - block) // 2
     for i in range(vectors.shape[0]):
@@ -73,8 +109,10 @@ def split_vector(displacement, numerator, denominator):
 
 
 @kernel
-def bilateral_sad(planes_a, planes_b, row, column, dv, dh, window, numerator, denominator, limit):
+def bilateral_sad(pair, instant, row, column, dv, dh, window, limit):
     """Difference of the two references along one linear trajectory through a block of the missing frame."""
+    planes_a, planes_b = pair
+    numerator, denominator = instant
     height, width = planes_a.shape[2], planes_a.shape[3]
     av, ah = split_vector(dv, numerator, denominator), split_vector(dh, numerator, denominator)
     row_a, column_a = row + av, column + ah
@@ -88,24 +126,11 @@ def bilateral_sad(planes_a, planes_b, row, column, dv, dh, window, numerator, de
 
 
 @kernel
-def refine_bilateral(
-    planes_a,
-    planes_b,
-    margin,
-    block,
-    window,
-    radius,
-    step,
-    smoothness,
-    numerator,
-    denominator,
-    candidates,
-    vectors,
-):
-    """Choose each block's displacement among `candidates` and their surroundings by the bilateral
-    difference.
-    """
-    height, width = planes_a.shape[2], planes_a.shape[3]
+def refine_bilateral(pair, instant, blocks, steps, candidates, vectors):
+    """Choose displacements among `candidates` and their surroundings by the bilateral difference."""
+    margin, block, window = blocks
+    radius, step, smoothness = steps
+    height, width = pair.before.shape[2], pair.before.shape[3]
     border = (window - block) // 2
     for i in range(vectors.shape[0]):
         for j in range(vectors.shape[1]):
@@ -116,9 +141,7 @@ def refine_bilateral(
             for k in range(candidates.shape[2]):
                 dv, dh = candidates[i, j, k, 0], candidates[i, j, k, 1]
                 cost = smoothness_cost(candidates[i, j], dv, dh, smoothness)
-                cost += bilateral_sad(
-                    planes_a, planes_b, row, column, dv, dh, window, numerator, denominator, best
-                )
+                cost += bilateral_sad(pair, instant, row, column, dv, dh, window, best)
                 if cost < best:
                     best, best_v, best_h = cost, dv, dh
             centre_v, centre_h = best_v, best_h
@@ -126,9 +149,7 @@ def refine_bilateral(
                 for h in range(-radius, radius + 1):
                     dv, dh = centre_v + v * step, centre_h + h * step
                     cost = smoothness_cost(candidates[i, j], dv, dh, smoothness)
-                    cost += bilateral_sad(
-                        planes_a, planes_b, row, column, dv, dh, window, numerator, denominator, best
-                    )
+                    cost += bilateral_sad(pair, instant, row, column, dv, dh, window, best)
                     if cost < best:
                         best, best_v, best_h = cost, dv, dh
             vectors[i, j, 0] = best_v
@@ -176,10 +197,12 @@ def lower_bound_sad(sums_a, ya, xa, sums_b, row, column, half):
 
 
 @kernel
-def search_target(
-    target, target_sums, planes, sums, margin, block, window, radius, step, smoothness, offsets, costs
-):
+def search_target(searched, reference, blocks, steps, offsets, costs):
     """Move every block's offset to where the reference matches `target` best, within `radius` steps."""
+    target, target_sums = searched
+    planes, sums = reference
+    margin, block, window = blocks
+    radius, step, smoothness = steps
     height, width = planes.shape[2], planes.shape[3]
     border = (window - block) // 2
     half = window // 2
@@ -212,9 +235,7 @@ def search_target(
 
 @kernel
 def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, total_weight):
-    """Add every block's displaced reference into `total`, tapered by an overlapping window twice the block.
-    Add every block's displaced reference into `total`, tapered by an overlapping window twice the block.
-    """
+    """Add blocks' displaced reference into `total`, tapered by an overlapping window twice their side."""
     height, width = planes.shape[2], planes.shape[3]
     size = 2 * block
     for i in range(offsets.shape[0]):
@@ -232,9 +253,7 @@ def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, tot
 
 @kernel
 def fusion_weights(moments, ridge, floor, weights):
-    """Write the non-negative weights (N, rows, columns), of sum 1, of the mean of smallest expected square.
-    Write the non-negative weights (N, rows, columns), of sum 1, of the mean of smallest expected square.
-    """
+    """Write non-negative weights (N, rows, columns), of sum 1, of the mean of least expected square."""
     count = moments.shape[0]
     matrix = np.empty((count, count))
     vector = np.empty(count)

@@ -5,9 +5,14 @@ inverse depth rho lies at ``H x + rho e`` (homogeneous) in another. A *depth map
 point of a regular grid.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
+
+Floats = NDArray[np.float64]
 
 EMPTY = -1e30
 """Inverse depth where nothing was drawn."""
@@ -15,6 +20,57 @@ CONSISTENT, OUTSIDE, OCCLUDED = 0, 1, 2
 """Visibility of a point in another view: see `dvc.multiview.depth_maps.Visibility`."""
 OUTSIDE_WEIGHT, OCCLUDED_WEIGHT, EDGE_WEIGHT = 1e-6, 1e-4, 0.02
 """Weight of a view for a point outside it, behind something, or beside something nearer; 1 elsewhere."""
+
+
+class Hypotheses(NamedTuple):
+    """Inverse depths to choose from."""
+
+    lowest: float
+    step: float
+
+
+class CensusLimits(NamedTuple):
+    """Costs of `census_cost`."""
+
+    levels: np.float32  # that count at most
+    bit_cost: int
+    outside_cost: int
+
+
+class Continuation(NamedTuple):
+    """How surfaces are continued by `fill_depth`."""
+
+    edge_levels: float  # a step that halves the weight of what lies behind it
+    reach_px: float  # how far slopes are continued
+    quantile: float  # which of the continued inverse depths is taken
+
+
+class Median(NamedTuple):
+    """Neighbourhood and bins of `guided_median`."""
+
+    radius_px: int
+    levels: float  # a difference that quarters the weight
+    lowest: float  # inverse depth of the first bin
+    step: float
+
+
+class OtherView(NamedTuple):
+    """What another view sees, and the warps there and back."""
+
+    there: Floats
+    back: Floats
+    depth: Floats
+    visibility: NDArray[np.int8]
+    slack_px: float
+
+
+class PicturePair(NamedTuple):
+    """Two pictures of one scene, and the warps from a virtual view to them."""
+
+    first: NDArray[np.float32]
+    second: NDArray[np.float32]
+    to_first: Floats
+    to_second: Floats
 
 
 @kernel
@@ -173,8 +229,10 @@ def count_bits(word):
 
 
 @kernel
-def census_cost(base, other, warp, low, step, limit, bit_cost, outside_cost, cost):
+def census_cost(base, other, warp, hypotheses, limits, cost):
     """Truncated difference of levels, and census bits that differ, per pixel and hypothesis."""
+    low, step = hypotheses
+    limit, bit_cost, outside_cost = limits
     levels, bits = base
     other_levels, other_bits = other
     height, width = levels.shape
@@ -206,8 +264,9 @@ def add_prior(expected, known, low, step, weight, limit, cost):
 
 
 @kernel
-def aggregate_path(cost, image, dy, dx, small, large, previous, current, total):
+def aggregate_path(cost, image, direction, jumps, lines, total):
     """Add the costs of the best paths that reach each pixel along one direction (semi-global matching)."""
+    (dy, dx), (small, large), (previous, current) = direction, jumps, lines
     height, width, count = cost.shape
     first_y, end_y, step_y = (0, height, 1) if dy > 0 or (dy == 0 and dx > 0) else (height - 1, -1, -1)
     first_x, end_x, step_x = (0, width, 1) if dx >= 0 else (width - 1, -1, -1)
@@ -341,22 +400,9 @@ def local_slopes(depth, reliable, wanted, radius, spacing, limit, slopes):
 
 
 @kernel
-def fill_depth(
-    depth,
-    visibility,
-    image,
-    slopes,
-    sigma,
-    reach,
-    quantile,
-    other,
-    other_visibility,
-    there,
-    back,
-    slack,
-    filled,
-):
+def fill_depth(depth, visibility, image, slopes, how, other, filled):
     """Continue the planes of reliable points in eight directions into what is not reliable."""
+    sigma, reach, quantile = how
     values, weights = np.empty(8), np.empty(8)
     steps = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
     nearest = np.empty((8, *depth.shape), np.int32)
@@ -381,7 +427,7 @@ def fill_depth(
                 values[count] = depth[i, j] + min(1.0, reach / length) * slope
                 crossed = edges[direction, y, x] / sigma
                 weights[count] = 1.0 / ((1.0 + crossed * crossed) * (length + 1.0))
-                if is_transparent(there, back, x, y, values[count], other, other_visibility, slack):
+                if is_transparent(other, x, y, values[count]):
                     weights[count] *= 0.001
                 count += 1
             if count > 0:
@@ -550,16 +596,17 @@ def solve_membrane(neighbours, diagonal, right, tolerance, levels):
 
 
 @kernel
-def is_transparent(there, back, x, y, rho, other, other_visibility, slack):
+def is_transparent(other, x, y, rho):
     """Tell whether another view looks through a point: sees something consistent behind it."""
-    height, width = other.shape
+    there, back, depth, visibility, slack = other
+    height, width = depth.shape
     u, v, w = warp_point(there, x, y, rho)
     if not (0.0 <= u <= width - 1.0 and 0.0 <= v <= height - 1.0):
         return False
     column, row = int(u + 0.5), int(v + 0.5)
-    if other_visibility[row, column] != CONSISTENT or other[row, column] >= rho / w:
+    if visibility[row, column] != CONSISTENT or depth[row, column] >= rho / w:
         return False
-    a, b, _ = warp_point(back, u, v, other[row, column])
+    a, b, _ = warp_point(back, u, v, depth[row, column])
     return abs(a - x) + abs(b - y) > slack
 
 
@@ -612,10 +659,9 @@ def visibility_weights(positions, depth, visibility, back, halo, tolerance, weig
 
 
 @kernel
-def guided_median(
-    depth, trust, image, chosen, radius, sigma, low, step, there, back, other, other_visibility, slack, median
-):
+def guided_median(depth, trust, image, chosen, window, other, median):
     """Replace the chosen depths by the median of their neighbourhood, weighted by likeness of level."""
+    radius, sigma, low, step = window
     height, width = depth.shape
     bins = np.zeros(256)
     sums = np.zeros(256)
@@ -644,7 +690,7 @@ def guided_median(
                 reached += bins[k]
             if bins[k] > 0.0:
                 value = sums[k] / bins[k]
-                if not is_transparent(there, back, x, y, value, other, other_visibility, slack):
+                if not is_transparent(other, x, y, value):
                     median[y, x] = value
 
 
@@ -679,8 +725,10 @@ def inside(x, y, width, height):
 
 
 @kernel
-def block_cost(first, second, to_first, to_second, low, step, block, spacing, limits, outside_cost, cost):
+def block_cost(pair, hypotheses, block, spacing, limits, outside_cost, cost):
     """Compare two pictures along the epipolar lines through each block of a view, per hypothesis."""
+    first, second, to_first, to_second = pair
+    low, step = hypotheses
     height, width = first.shape[1:]
     for i in range(cost.shape[0]):
         for j in range(cost.shape[1]):
@@ -703,8 +751,9 @@ def block_cost(first, second, to_first, to_second, low, step, block, spacing, li
 
 
 @kernel
-def block_error(first, second, to_first, to_second, x, y, rho, half):
+def block_error(pair, x, y, rho, half):
     """Mean squared difference of two pictures over a window around a point; huge where it leaves one."""
+    first, second, to_first, to_second = pair
     height, width = first.shape
     total = 0.0
     for dy in range(-half, half + 1):
@@ -719,28 +768,28 @@ def block_error(first, second, to_first, to_second, x, y, rho, half):
 
 
 @kernel
-def golden_search(first, second, to_first, to_second, block, half, reach, min_px, count, depth):
+def golden_search(pair, block, half, reach, min_px, count, depth):
     """Refine each block's inverse depth within `reach` by golden sections, where it moves enough."""
     golden = 0.6180339887498949
     for i in range(depth.shape[0]):
         for j in range(depth.shape[1]):
             x, y, rho = (j + 0.5) * block - 0.5, (i + 0.5) * block - 0.5, depth[i, j]
             low, high = rho - reach, rho + reach
-            if parallax(to_first, to_second, x, y, low, high) < min_px:
+            if parallax(pair.to_first, pair.to_second, x, y, low, high) < min_px:
                 continue
-            start = block_error(first, second, to_first, to_second, x, y, rho, half)
+            start = block_error(pair, x, y, rho, half)
             a, b = high - golden * (high - low), low + golden * (high - low)
-            at_a = block_error(first, second, to_first, to_second, x, y, a, half)
-            at_b = block_error(first, second, to_first, to_second, x, y, b, half)
+            at_a = block_error(pair, x, y, a, half)
+            at_b = block_error(pair, x, y, b, half)
             for _ in range(count):
                 if at_a <= at_b:
                     high, b, at_b = b, a, at_a
                     a = high - golden * (high - low)
-                    at_a = block_error(first, second, to_first, to_second, x, y, a, half)
+                    at_a = block_error(pair, x, y, a, half)
                 else:
                     low, a, at_a = a, b, at_b
                     b = low + golden * (high - low)
-                    at_b = block_error(first, second, to_first, to_second, x, y, b, half)
+                    at_b = block_error(pair, x, y, b, half)
             if min(at_a, at_b) < start:
                 depth[i, j] = a if at_a <= at_b else b
 

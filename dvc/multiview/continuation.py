@@ -48,16 +48,6 @@ def continue_surfaces(
     rim = reliable & (cv2.dilate((~reliable).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
     window = slopes.radius_px, slopes.spacing_px, slopes.limit
     _kernels.local_slopes(own.inverse_depth, reliable, rim, *window, measured)
-    _kernels.fill_depth(
-        *own,
-        luma,
-        measured,
-        EDGE_LEVELS,
-        slopes.reach_px,
-        CONTINUED_QUANTILE,
-        *other,
-        *warps,
-        slack_px,
-        filled,
-    )
+    how = _kernels.Continuation(EDGE_LEVELS, slopes.reach_px, CONTINUED_QUANTILE)
+    _kernels.fill_depth(*own, luma, measured, how, _kernels.OtherView(*warps, *other, slack_px), filled)
     return filled

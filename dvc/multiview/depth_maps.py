@@ -200,15 +200,8 @@ def _aligned(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
         np.where(reliable, 1.0, 0.3),
         side.luma.astype(np.float64),
         jump | ~reliable,
-        MEDIAN_RADIUS_PX,
-        MEDIAN_LEVELS,
-        depth.min(),
-        span / 255.0,
-        side.there,
-        side.back,
-        other.inverse_depth,
-        other.visibility,
-        AGREEMENT_PX,
+        _kernels.Median(MEDIAN_RADIUS_PX, MEDIAN_LEVELS, depth.min(), span / 255.0),
+        _kernels.OtherView(side.there, side.back, other.inverse_depth, other.visibility, AGREEMENT_PX),
         aligned,
     )
     return DepthMap(aligned, own.visibility)

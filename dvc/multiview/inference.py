@@ -24,10 +24,10 @@ def semi_global(
     """Choose hypotheses with small cost and few jumps, by dynamic programming along eight scanlines."""
     columns, count = cost.shape[1:]
     total = np.zeros(cost.shape, np.int16)
-    levels = guide.astype(np.float32)
-    for dy, dx in DIRECTIONS:
+    levels, jumps = guide.astype(np.float32), (small_jump, large_jump)
+    for direction in DIRECTIONS:
         lines = np.full((2, columns, count + 3), UNREACHED, np.int16)
-        _kernels.aggregate_path(cost, levels, dy, dx, small_jump, large_jump, lines[0], lines[1], total)
+        _kernels.aggregate_path(cost, levels, direction, jumps, (lines[0], lines[1]), total)
     hypothesis, confidence = np.empty(cost.shape[:2]), np.empty(cost.shape[:2])
     _kernels.best_hypothesis(total, hypothesis, confidence)
     return hypothesis, confidence

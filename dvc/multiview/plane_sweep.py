@@ -131,8 +131,8 @@ def _census_costs(base: Luma, other: Luma, warp: Floats, hypotheses: DepthHypoth
     lowest, step, count = hypotheses
     cost = np.empty((*base.shape, count), np.int16)
     own, others = ((luma.astype(np.float32), census_bits(luma.astype(np.float32))) for luma in (base, other))
-    limits = np.float32(CENSUS_LEVEL_LIMIT), CENSUS_BIT_COST, CENSUS_OUTSIDE_COST
-    _kernels.census_cost(own, others, warp, lowest, step, *limits, cost)
+    limits = _kernels.CensusLimits(np.float32(CENSUS_LEVEL_LIMIT), CENSUS_BIT_COST, CENSUS_OUTSIDE_COST)
+    _kernels.census_cost(own, others, warp, _kernels.Hypotheses(lowest, step), limits, cost)
     return cost
 
 
@@ -173,10 +173,8 @@ def block_costs(view: VirtualView, hypotheses: DepthHypotheses, spacing_px: floa
         (-(-height // view.block_px), -(-width // view.block_px), hypotheses.num_hypotheses), np.int16
     )
     _kernels.block_cost(
-        *view.features,
-        *view.warps,
-        hypotheses.lowest,
-        hypotheses.step,
+        _kernels.PicturePair(*view.features, *view.warps),
+        _kernels.Hypotheses(hypotheses.lowest, hypotheses.step),
         view.block_px,
         spacing_px,
         _limits(),
@@ -190,6 +188,6 @@ def refine_blocks(view: VirtualView, depth: Floats, reach: float, window_radius_
     """Refine the depths of the blocks of a virtual view by golden sections."""
     refined = depth.copy()
     (first, *_), (second, *_) = view.features
-    search = MIN_PARALLAX_PX, GOLDEN_STEPS, refined
-    _kernels.golden_search(first, second, *view.warps, view.block_px, window_radius_px, reach, *search)
+    pair, search = _kernels.PicturePair(first, second, *view.warps), (MIN_PARALLAX_PX, GOLDEN_STEPS, refined)
+    _kernels.golden_search(pair, view.block_px, window_radius_px, reach, *search)
     return refined

@@ -75,9 +75,11 @@ def fill_holes(inverse_depth: Floats, quantile: float = 0.0) -> Floats:
         visibility = np.where(empty, Visibility.OUTSIDE, Visibility.CONSISTENT).astype(np.int8)
         even, slopes, none = np.zeros(empty.shape), np.zeros((*empty.shape, 2)), np.zeros((3, 4))
         source, filled = filled, np.empty(empty.shape)
-        _kernels.fill_depth(
-            source, visibility, even, slopes, 1.0, 0.0, quantile, source, nowhere, none, none, 0.0, filled
+        how, nobody = (
+            _kernels.Continuation(1.0, 0.0, quantile),
+            _kernels.OtherView(none, none, source, nowhere, 0.0),
         )
+        _kernels.fill_depth(source, visibility, even, slopes, how, nobody, filled)
         empty = filled <= EMPTY
     return filled
 

@@ -7,9 +7,89 @@ Images are float64 arrays [row, column]; points are (x, y). `coefficients` are t
 that interpolates an image, `sfm.correspondences.refinement.spline_coefficients`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
+
+Floats = NDArray[np.float64]
+
+
+class Corners(NamedTuple):
+    """Corners of a key frame with their descriptions."""
+
+    positions: Floats  # (N, 2)
+    patches: Floats  # deviations from the mean
+    means: Floats
+    histograms: Floats
+
+
+class Similarity(NamedTuple):
+    """How far apart and how different corners may be."""
+
+    max_motion_px: float
+    max_brightness_change: float
+    max_chi_square: float
+
+
+class Descent(NamedTuple):
+    """When the search for the least error ends, and how far it may lead."""
+
+    max_iterations: int
+    min_step_px: float
+    max_shift_px: float
+
+
+class KeyPair(NamedTuple):
+    """Two key frames and their epipolar geometry."""
+
+    image: Floats  # the first
+    coefficients: Floats  # of the second
+    fundamental: Floats
+    epipole: Floats  # in the first
+
+
+class Line(NamedTuple):
+    """An epipolar line in the second key frame, and how neighbourhoods appear there."""
+
+    foot: Floats  # of the perpendicular from where the point is expected
+    direction: Floats
+    affine: Floats
+
+
+class Patch(NamedTuple):
+    """A neighbourhood that is looked for."""
+
+    target: Floats  # its samples
+    weights: Floats
+    coefficients: Floats  # of the frame in which it is looked for
+
+
+class ErrorLimit(NamedTuple):
+    """The largest mean squared error."""
+
+    least: float  # that noise and sampling can cause
+    share: float  # beyond that, of the variance of the neighbourhood
+
+
+class Points(NamedTuple):
+    """Correspondences: whole pixels of the first key frame, points of the second, mean squared errors."""
+
+    first: NDArray[np.int64]
+    second: Floats
+    errors: Floats
+
+
+class Front(NamedTuple):
+    """Work space of `nearest_owners`: of each pixel the point and its distance, and a list of pixels."""
+
+    owner: NDArray[np.int64]
+    distance_px2: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    rows: NDArray[np.int64]
+
 
 # ---- features ----
 
@@ -66,23 +146,11 @@ def squared_difference(a, b, limit):
 
 
 @kernel
-def best_candidates(
-    corners_a,
-    corners_b,
-    max_motion_px,
-    patches_a,
-    patches_b,
-    means_a,
-    means_b,
-    histograms_a,
-    histograms_b,
-    max_brightness_change,
-    max_chi_square,
-    limits,
-    chosen,
-    errors,
-):
+def best_candidates(first, second, similarity, limits, chosen, errors):
     """List, by rising error, the most similar corners within the motion bound; -1 where there are fewer."""
+    corners_a, patches_a, means_a, histograms_a = first
+    corners_b, patches_b, means_b, histograms_b = second
+    max_motion_px, max_brightness_change, max_chi_square = similarity
     count = chosen.shape[1]
     for i in range(corners_a.shape[0]):
         found = 0
@@ -278,10 +346,10 @@ def sample_neighbourhood(coefficients, parameters, radius, values, dx, dy):
 
 
 @kernel
-def minimize_neighbourhood(
-    target, coefficients, parameters, weights, max_iterations, min_step_px, max_shift_px
-):
+def minimize_neighbourhood(patch, parameters, descent):
     """Run Levenberg-Marquardt on one neighbourhood from `parameters`, which receive the minimum."""
+    target, weights, coefficients = patch
+    max_iterations, min_step_px, max_shift_px = descent
     height, width = coefficients.shape
     size, count = target.shape[0], parameters.size
     radius = size // 2
@@ -319,17 +387,13 @@ def minimize_neighbourhood(
 
 
 @kernel
-def refine_points(
-    image, coefficients, first, parameters, weights, max_iterations, min_step_px, max_shift_px, errors
-):
+def refine_points(image, coefficients, first, parameters, weights, descent, errors):
     """Refine every row of `parameters`; `first` are whole pixels of `image` with room around them."""
     radius = weights.shape[0] // 2
     for i in range(first.shape[0]):
         x, y = first[i, 0], first[i, 1]
         target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
-        errors[i] = minimize_neighbourhood(
-            target, coefficients, parameters[i], weights, max_iterations, min_step_px, max_shift_px
-        )
+        errors[i] = minimize_neighbourhood(Patch(target, weights, coefficients), parameters[i], descent)
 
 
 # ---- propagation ----
@@ -366,10 +430,9 @@ def neighbourhood_error(target, coefficients, x, y, affine, weights):
 
 
 @kernel
-def epipolar_frame(fundamental, epipole, x, y, near_x, near_y, foot, direction, affine):
-    """Set up the search for a point on its epipolar line, around the foot of the perpendicular from `near`.
-    Set up the search for a point on its epipolar line, around the foot of the perpendicular from `near`.
-    """
+def epipolar_frame(fundamental, epipole, x, y, near_x, near_y, line):
+    """Set up the search for a point on its epipolar line around the foot of the perpendicular from `near`."""
+    foot, direction, affine = line
     along_x, along_y = epipole[0] - x * epipole[2], epipole[1] - y * epipole[2]
     length = np.sqrt(along_x * along_x + along_y * along_y)
     a = fundamental[0, 0] * x + fundamental[0, 1] * y + fundamental[0, 2]
@@ -401,54 +464,54 @@ def similarities(fundamental, epipole, first, second, affines):
     foot, direction = np.empty(2), np.empty(2)
     for i in range(first.shape[0]):
         x, y = first[i, 0], first[i, 1]
-        if not epipolar_frame(
-            fundamental, epipole, x, y, second[i, 0], second[i, 1], foot, direction, affines[i]
-        ):
+        line = Line(foot, direction, affines[i])
+        if not epipolar_frame(fundamental, epipole, x, y, second[i, 0], second[i, 1], line):
             affines[i, 0, 0] = affines[i, 1, 1] = 1.0
             affines[i, 0, 1] = affines[i, 1, 0] = 0.0
 
 
 @kernel
-def error_on_line(target, coefficients, foot, direction, position_px, affine, weights):
+def error_on_line(patch, line, position_px):
     """Error at a position on an epipolar line."""
+    foot, direction, affine = line
     x, y = foot[0] + position_px * direction[0], foot[1] + position_px * direction[1]
-    return neighbourhood_error(target, coefficients, x, y, affine, weights)
+    return neighbourhood_error(patch.target, patch.coefficients, x, y, affine, patch.weights)
 
 
 @kernel
-def golden_section(target, coefficients, foot, direction, affine, weights, low, high, tolerance_px):
+def golden_section(patch, line, low, high, tolerance_px):
     """Find the least error on an epipolar line between two positions; returns position and error."""
     ratio = 0.6180339887498949
     a, b = high - ratio * (high - low), low + ratio * (high - low)
-    error_a = error_on_line(target, coefficients, foot, direction, a, affine, weights)
-    error_b = error_on_line(target, coefficients, foot, direction, b, affine, weights)
+    error_a = error_on_line(patch, line, a)
+    error_b = error_on_line(patch, line, b)
     while high - low > tolerance_px:
         if error_a <= error_b:
             high, b, error_b = b, a, error_a
             a = high - ratio * (high - low)
-            error_a = error_on_line(target, coefficients, foot, direction, a, affine, weights)
+            error_a = error_on_line(patch, line, a)
         else:
             low, a, error_a = a, b, error_b
             b = low + ratio * (high - low)
-            error_b = error_on_line(target, coefficients, foot, direction, b, affine, weights)
+            error_b = error_on_line(patch, line, b)
     if error_a <= error_b:
         return a, error_a
     return b, error_b
 
 
 @kernel
-def search_line(target, coefficients, foot, direction, affine, weights, half_range_px, step_px, tolerance_px):
+def search_line(patch, line, half_range_px, step_px, tolerance_px):
     """Full search on an epipolar line around its foot, and golden-section search around the best."""
     half = int(np.ceil(half_range_px / step_px))
     errors = np.empty(2 * half + 1)
     for k in range(2 * half + 1):
         position = (k - half) * step_px
-        errors[k] = error_on_line(target, coefficients, foot, direction, position, affine, weights)
+        errors[k] = error_on_line(patch, line, position)
     best = np.argmin(errors)
     if best in (0, 2 * half) or not max(errors[best - 1], errors[best + 1]) < np.inf:
         return 0.0, np.inf
     low, high = (best - half - 1) * step_px, (best - half + 1) * step_px
-    return golden_section(target, coefficients, foot, direction, affine, weights, low, high, tolerance_px)
+    return golden_section(patch, line, low, high, tolerance_px)
 
 
 @kernel
@@ -463,27 +526,27 @@ def weighted_variance(values, weights):
 
 
 @kernel
-def follow(
-    image, coefficients, fundamental, epipole, x, y, near, weights, search, min_error, error_share, found
-):
+def follow(pair, x, y, near, weights, search, limit, found):
     """Search the point at whole pixels (x, y) on its epipolar line, starting where `near` says."""
+    image, coefficients, fundamental, epipole = pair
     radius = weights.shape[0] // 2
     foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
-    if not epipolar_frame(fundamental, epipole, x, y, near[0], near[1], foot, direction, affine):
+    line = Line(foot, direction, affine)
+    if not epipolar_frame(fundamental, epipole, x, y, near[0], near[1], line):
         return np.inf
     target = image[y - radius : y + radius + 1, x - radius : x + radius + 1]
-    position, error = search_line(
-        target, coefficients, foot, direction, affine, weights, search[0], search[1], search[2]
-    )
-    if error > min_error + error_share * weighted_variance(target, weights):
+    patch = Patch(target, weights, coefficients)
+    position, error = search_line(patch, line, search[0], search[1], search[2])
+    if error > limit.least + limit.share * weighted_variance(target, weights):
         return np.inf
     found[0], found[1] = foot[0] + position * direction[0], foot[1] + position * direction[1]
     return error
 
 
 @kernel
-def nearest_owners(first, begin, end, reach_px, radius, open_tries, owner, distance_px2, columns, rows):
+def nearest_owners(first, begin, end, reach_px, radius, open_tries, front):
     """List the open pixels within reach of points [begin, end); `owner` receives the nearest of these."""
+    owner, distance_px2, columns, rows = front
     height, width = open_tries.shape
     count = 0
     for p in range(begin, end):
@@ -504,35 +567,18 @@ def nearest_owners(first, begin, end, reach_px, radius, open_tries, owner, dista
 
 
 @kernel
-def propagate(
-    image,
-    coefficients,
-    fundamental,
-    epipole,
-    open_tries,
-    reach_px,
-    weights,
-    search,
-    min_error,
-    error_share,
-    num_seeds,
-    first,
-    second,
-    errors,
-):
-    """Follow open pixels around known points until nothing is added; returns how many points are known then.
-    Follow open pixels around known points until nothing is added; returns how many points are known then.
-    """
+def propagate(pair, open_tries, reach_px, weights, search, limit, num_seeds, points):
+    """Follow open pixels around known points until nothing is added; returns how many are known then."""
+    first, second, errors = points
     owner = np.full(open_tries.shape, -1, dtype=np.int64)
     distance_px2 = np.zeros(open_tries.shape, dtype=np.int64)
     columns, rows = np.empty(open_tries.size, dtype=np.int64), np.empty(open_tries.size, dtype=np.int64)
+    front = Front(owner, distance_px2, columns, rows)
     near, found = np.empty(2), np.empty(2)
     radius = weights.shape[0] // 2
     begin, end = 0, num_seeds
     while begin < end:
-        count = nearest_owners(
-            first, begin, end, reach_px, radius, open_tries, owner, distance_px2, columns, rows
-        )
+        count = nearest_owners(first, begin, end, reach_px, radius, open_tries, front)
         begin = end
         for k in range(count):
             x, y = columns[k], rows[k]
@@ -540,10 +586,7 @@ def propagate(
             owner[y, x] = -1
             open_tries[y, x] -= 1
             near[0], near[1] = x + second[p, 0] - first[p, 0], y + second[p, 1] - first[p, 1]
-            error = follow(
-                image, coefficients, fundamental, epipole, x, y, near, weights, search,
-                min_error, error_share, found,
-            )  # fmt: skip
+            error = follow(pair, x, y, near, weights, search, limit, found)
             if error < np.inf:
                 open_tries[y, x] = 0
                 first[end, 0], first[end, 1] = x, y
@@ -553,58 +596,32 @@ def propagate(
 
 
 @kernel
-def follow_all(
-    image,
-    coefficients,
-    fundamental,
-    epipole,
-    first,
-    second,
-    weights,
-    search,
-    min_error,
-    error_share,
-    errors,
-):
+def follow_all(pair, points, weights, search, limit):
     """Search every point again from where it is; `second` and `errors` are replaced where one is found."""
+    first, second, errors = points
     found = np.empty(2)
-    height, width = image.shape
+    height, width = pair.image.shape
     for i in range(first.shape[0]):
         x, y = first[i, 0], first[i, 1]
         errors[i] = np.inf
         if fits(x, y, weights.shape[0] // 2, width, height):
-            errors[i] = follow(
-                image, coefficients, fundamental, epipole, x, y, second[i], weights, search,
-                min_error, error_share, found,
-            )  # fmt: skip
+            errors[i] = follow(pair, x, y, second[i], weights, search, limit, found)
         if errors[i] < np.inf:
             second[i, 0], second[i, 1] = found[0], found[1]
 
 
 @kernel
-def disagreement(
-    image,
-    coefficients,
-    fundamental,
-    epipole,
-    first,
-    second,
-    normals,
-    distance_px,
-    weights,
-    half_range_px,
-    scores,
-):
+def disagreement(pair, first, second, normals, distance_px, weights, half_range_px, scores):
     """Tell how badly what lies on either side of an edge point moves like it."""
+    image, coefficients, fundamental, epipole = pair
     height, width = image.shape
     radius = weights.shape[0] // 2
     foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
     half = int(2 * half_range_px)
     for p in range(first.shape[0]):
         x, y = first[p, 0], first[p, 1]
-        known = epipolar_frame(
-            fundamental, epipole, x, y, second[p, 0], second[p, 1], foot, direction, affine
-        )
+        line = Line(foot, direction, affine)
+        known = epipolar_frame(fundamental, epipole, x, y, second[p, 0], second[p, 1], line)
         for side in range(2):
             sign = 1.0 - 2.0 * side
             dx = int(np.rint(sign * distance_px * normals[p, 0]))

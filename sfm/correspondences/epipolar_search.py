@@ -1,6 +1,7 @@
 """Searches on epipolar lines: where points of the first key frame are in the second, and on which surface."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,9 @@ from numpy.typing import NDArray
 from sfm.correspondences.refinement import check_pair, inside, spline_coefficients, window
 from sfm.estimation.epipolar import epipoles
 from sfm.model import Correspondences
+
+if TYPE_CHECKING:
+    from sfm.correspondences._kernels import KeyPair
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -57,9 +61,11 @@ class EpipolarSearch:
         self._image, self._coefficients = luma0.astype(np.float64), spline_coefficients(luma1)
 
     @property
-    def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """What the kernels take: first image, spline coefficients of the second, F, first epipole."""
-        return self._image, self._coefficients, self.fundamental, self.epipole
+    def pair(self) -> "KeyPair":
+        """What the kernels take."""
+        from sfm.correspondences._kernels import KeyPair
+
+        return KeyPair(self._image, self._coefficients, self.fundamental, self.epipole)
 
     @property
     def line_search(self) -> Floats:
@@ -81,9 +87,7 @@ class EpipolarSearch:
         return affines
 
     def settle_on_surfaces(self, correspondences: Correspondences) -> Correspondences:
-        """Check that points move like their surroundings, and move those that lie beside what they move
-        with.
-        """
+        """Check that points move like their surroundings; move those that lie beside what they move with."""
         from sfm.correspondences import _kernels
 
         correspondences = correspondences[self.inside_both(correspondences)]
@@ -91,7 +95,8 @@ class EpipolarSearch:
             return correspondences
         first, again = np.rint(correspondences.first).astype(np.int64), correspondences.second.copy()
         error, small = np.empty(len(first)), window(self.settings.side_radius_px)
-        _kernels.follow_all(*self.arrays, first, again, small, self.line_search, np.inf, 0.0, error)
+        points, limit = _kernels.Points(first, again, error), _kernels.ErrorLimit(np.inf, 0.0)
+        _kernels.follow_all(self.pair, points, small, self.line_search, limit)
         moved = np.sqrt(((again - correspondences.second) ** 2).sum(axis=1))
         same = np.isfinite(error) & (moved <= self.settings.confirmed_px)
         chosen = correspondences[same]
@@ -105,7 +110,7 @@ class EpipolarSearch:
         normals = gradient_directions(self.luma0)[first[:, 1], first[:, 0]]
         reach, small = settings.side_distance_px, window(settings.side_radius_px)
         _kernels.disagreement(
-            *self.arrays, first, second, normals, reach, small, settings.side_search_px, scores
+            self.pair, first, second, normals, reach, small, settings.side_search_px, scores
         )
         plus, minus = np.nan_to_num(scores, nan=1.0).T
         sign = np.where((minus > 1.0) & (minus > settings.side_ratio * plus), 1, 0)
@@ -114,10 +119,9 @@ class EpipolarSearch:
         step = np.rint(1.2 * sign[moved, None] * normals[moved]).astype(np.int64)
         shifted, there, renewed = first[moved] + step, second[moved] + step, np.empty(len(moved))
         search = np.array([settings.settling_px, settings.step_px, settings.tolerance_px])
-        limits = settings.min_error, settings.error_share
-        _kernels.follow_all(
-            *self.arrays, shifted, there, window(settings.radius_px), search, *limits, renewed
-        )
+        limit = _kernels.ErrorLimit(settings.min_error, settings.error_share)
+        points = _kernels.Points(shifted, there, renewed)
+        _kernels.follow_all(self.pair, points, window(settings.radius_px), search, limit)
         first, second, error = first.copy(), second.copy(), error.copy()
         first[moved], second[moved], error[moved] = shifted, there, renewed
         order = np.argsort(error, kind="stable")

@@ -78,24 +78,20 @@ def _candidates(
     """Return pairs of indices, and the variance of each first neighbourhood."""
     from sfm.correspondences import _kernels
 
-    patches0, means0, histograms0 = describe(luma0, corners0, settings)
-    patches1, means1, histograms1 = describe(luma1, corners1, settings)
-    num_samples = patches0.shape[1]
-    variance = (patches0 * patches0).mean(axis=1)
+    first = _kernels.Corners(corners0, *describe(luma0, corners0, settings))
+    second = _kernels.Corners(corners1, *describe(luma1, corners1, settings))
+    num_samples = first.patches.shape[1]
+    variance = (first.patches * first.patches).mean(axis=1)
     chosen = np.full((len(corners0), settings.num_candidates), -1, dtype=np.int64)
     errors = np.empty(chosen.shape)
     _kernels.best_candidates(
-        corners0,
-        corners1,
-        settings.max_motion_share * max(luma0.shape),
-        patches0,
-        patches1,
-        means0,
-        means1,
-        histograms0,
-        histograms1,
-        settings.max_brightness_change,
-        settings.max_chi_square_share * num_samples,
+        first,
+        second,
+        _kernels.Similarity(
+            settings.max_motion_share * max(luma0.shape),
+            settings.max_brightness_change,
+            settings.max_chi_square_share * num_samples,
+        ),
         num_samples * (settings.min_error + settings.error_share * variance),
         chosen,
         errors,

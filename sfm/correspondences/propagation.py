@@ -48,17 +48,14 @@ def propagate(
     second[:num_seeds] = first[:num_seeds] + seeds.motion
     tries[first[:num_seeds, 1], first[:num_seeds, 0]] = 0
     end = _kernels.propagate(
-        *search.arrays,
+        search.pair,
         tries,
         settings.reach_px,
         window(search.settings.radius_px),
         search.line_search,
-        search.settings.min_error,
-        search.settings.error_share,
+        _kernels.ErrorLimit(search.settings.min_error, search.settings.error_share),
         num_seeds,
-        first,
-        second,
-        error,
+        _kernels.Points(first, second, error),
     )
     added = slice(num_seeds, end)
     new = search.settle_sides(first[added].copy(), second[added].copy(), error[added])

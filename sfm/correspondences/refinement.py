@@ -60,9 +60,7 @@ def refine(
         first[room].astype(np.int64),
         parameters,
         window(settings.radius_px),
-        settings.max_iterations,
-        settings.min_step_px,
-        settings.max_shift_px,
+        _kernels.Descent(settings.max_iterations, settings.min_step_px, settings.max_shift_px),
         found,
     )
     good = found >= 0.0

@@ -103,7 +103,8 @@ def test_census_cost(choose: Choose, rng: np.random.Generator) -> None:
     cost = np.empty((*SHAPE, 4), np.int16)
     pictures = tuple(zip(levels, bits, strict=True))
     with np.errstate(over="ignore"):  # the count of bits wraps around on purpose
-        choose(kernels.census_cost)(*pictures, THERE, 0.0, 0.3, np.float32(20.0), 3, 77, cost)
+        limits = kernels.CensusLimits(np.float32(20.0), 3, 77)
+        choose(kernels.census_cost)(*pictures, THERE, kernels.Hypotheses(0.0, 0.3), limits, cost)
     expected = reference.census_cost(*pictures, THERE, np.array([0.0, 0.3, 0.6, 0.9]), 20.0, 3, 77)
     assert np.abs(cost - expected).max() <= 1  # single precision may round down
     assert (cost == 77).any()
@@ -116,7 +117,7 @@ def test_aggregation_and_choice(choose: Choose, rng: np.random.Generator) -> Non
     total = np.zeros(cost.shape, np.int16)
     for dy, dx in reference.DIRECTIONS:
         lines = np.full((2, SHAPE[1], 9), 20000, np.int16)
-        choose(kernels.aggregate_path)(cost, image, dy, dx, 8, 60, lines[0], lines[1], total)
+        choose(kernels.aggregate_path)(cost, image, (dy, dx), (8, 60), (lines[0], lines[1]), total)
     expected = reference.aggregate(cost, image, 8, 60)
     np.testing.assert_array_equal(total, expected)
     hypothesis, confidence = np.empty(SHAPE), np.empty(SHAPE)
@@ -154,8 +155,11 @@ def test_planes_are_continued_across_gaps(choose: Choose) -> None:
     choose(kernels.local_slopes)(damaged, visibility == 0, visibility == 0, 3, 1, 0.1, slopes)
     np.testing.assert_allclose(slopes[2, 3], [0.01, -0.004], rtol=1e-6)
     nowhere, quantile = np.ones(plane.shape, np.int8), 0.5
-    arguments = (damaged, visibility, np.zeros(plane.shape), slopes, 10.0, 30.0, quantile)
-    choose(kernels.fill_depth)(*arguments, plane, nowhere, THERE, BACK, 1.0, filled)
+    how, other = (
+        kernels.Continuation(10.0, 30.0, quantile),
+        kernels.OtherView(THERE, BACK, plane, nowhere, 1.0),
+    )
+    choose(kernels.fill_depth)(damaged, visibility, np.zeros(plane.shape), slopes, how, other, filled)
     np.testing.assert_allclose(filled, plane, rtol=1e-4)
 
 
@@ -171,11 +175,12 @@ def test_depths_that_the_other_view_looks_through_are_refused(choose: Choose) ->
     back = stay.copy()
     back[0, 3] = -2.0
     seen = np.full((1, 9), far)
-    arguments = (depth, visibility, np.zeros((1, 9)), np.zeros((1, 9, 2)), 10.0, 30.0, 0.9)
+    how = kernels.Continuation(10.0, 30.0, 0.9)
+    arguments = (depth, visibility, np.zeros((1, 9)), np.zeros((1, 9, 2)), how)
     for other_state, expected in ((0, far), (1, near)):
         filled = np.empty_like(depth)
         others = np.full((1, 9), other_state, np.int8)
-        choose(kernels.fill_depth)(*arguments, seen, others, stay, back, 0.5, filled)
+        choose(kernels.fill_depth)(*arguments, kernels.OtherView(stay, back, seen, others, 0.5), filled)
         assert filled[0, 5] == expected
 
 
@@ -191,8 +196,9 @@ def test_guided_median(choose: Choose) -> None:
     chosen[6, 5] = False
     nowhere = np.ones(image.shape, np.int8)
     median = np.empty_like(depth)
-    arguments = (ragged, np.ones(image.shape), image, chosen, 3, 8.0, 0.2, 0.6 / 255)
-    choose(kernels.guided_median)(*arguments, THERE, BACK, depth, nowhere, 1.0, median)
+    window = kernels.Median(3, 8.0, 0.2, 0.6 / 255)
+    other = kernels.OtherView(THERE, BACK, depth, nowhere, 1.0)
+    choose(kernels.guided_median)(ragged, np.ones(image.shape), image, chosen, window, other, median)
     expected = depth.copy()
     expected[6, 5] = 0.8
     np.testing.assert_allclose(median, expected, atol=1e-12)
@@ -223,7 +229,8 @@ def test_block_cost_and_error(choose: Choose, rng: np.random.Generator) -> None:
     first, second = rng.uniform(0, 80, (2, 3, 14, 18)).astype(np.float32)
     limits = np.array([20, 30, 30], np.float32)
     cost = np.empty((3, 4, 3), np.int16)
-    choose(kernels.block_cost)(first, second, *TO_KEYS, 0.0, 0.3, 4, 1.5, limits, 50, cost)
+    pair = kernels.PicturePair(first, second, *TO_KEYS)
+    choose(kernels.block_cost)(pair, kernels.Hypotheses(0.0, 0.3), 4, 1.5, limits, 50, cost)
     offsets = 1.5 * (np.arange(4) - 1.5)
     for i, j, k in np.ndindex(cost.shape):
         total = 0.0
@@ -239,7 +246,7 @@ def test_block_cost_and_error(choose: Choose, rng: np.random.Generator) -> None:
                 total += min(abs(levels[0] - levels[1]), limits[m])
         assert abs(cost[i, j, k] - int(total / 16)) <= 1
     for x in (8.0, 1.0):
-        got = choose(kernels.block_error)(first[0], second[0], *TO_KEYS, x, 7.0, 0.4, 2)
+        got = choose(kernels.block_error)(kernels.PicturePair(first[0], second[0], *TO_KEYS), x, 7.0, 0.4, 2)
         expected = reference.window_error(first[0], second[0], TO_KEYS, x, 7.0, 0.4, 2)
         assert got == pytest.approx(expected, rel=1e-5)
 
@@ -253,10 +260,10 @@ def test_golden_search(choose: Choose) -> None:
     second = (100 + 40 * np.sin((columns - 6.0 * 0.35) / 3.0)).astype(np.float32)
     depth = np.full((1, 1), 0.3)
     search = choose(kernels.golden_search)
-    search(first, second, to_first, to_second, 12, 3, 0.2, 0.05, 12, depth)
+    search(kernels.PicturePair(first, second, to_first, to_second), 12, 3, 0.2, 0.05, 12, depth)
     assert depth[0, 0] == pytest.approx(0.35, abs=0.02)
     still = np.full((1, 1), 0.3)
-    search(first, second, to_first, to_first, 12, 3, 0.2, 0.05, 12, still)
+    search(kernels.PicturePair(first, second, to_first, to_first), 12, 3, 0.2, 0.05, 12, still)
     assert still[0, 0] == 0.3
     assert choose(kernels.parallax)(to_first, to_second, 3.0, 3.0, 0.1, 0.3) == pytest.approx(1.2)
 

@@ -47,12 +47,13 @@ def test_splat(choose: Choose, rng: np.random.Generator, m: float, n: float) -> 
     corner, shape = (-3, -2), (14, 18)
     expected = reference.splatted(disparity.astype(np.float64), votes, m, n, corner, shape, 1.0)
     counts = np.zeros(shape[0] * shape[1], np.int64)
-    entry = disparity, votes, m, n, corner, shape, 1.0, 4
-    choose(kernels.splat)(*entry, counts, np.empty(0, np.float32), np.empty(0, np.int16))
+    entry = disparity, votes, kernels.Placing(m, n, corner, shape, 1.0, 4)
+    nothing = np.empty(0, np.float32), np.empty(0, np.int16)
+    choose(kernels.splat)(*entry, kernels.Cells(counts, *nothing))
     assert counts.tolist() == [len(values) for values in expected.values()]
     starts = np.concatenate([[0], np.cumsum(counts)])
     points, cameras = np.empty(starts[-1], np.float32), np.empty(starts[-1], np.int16)
-    choose(kernels.splat)(*entry, starts[:-1].copy(), points, cameras)
+    choose(kernels.splat)(*entry, kernels.Cells(starts[:-1].copy(), points, cameras))
     choose(kernels.sort_points)(starts, points, cameras)
     for number, values in enumerate(expected.values()):
         found = points[starts[number] : starts[number + 1]]
@@ -75,10 +76,11 @@ def test_peel(choose: Choose, rng: np.random.Generator) -> None:
         choose(kernels.sort_points)(np.array([0, count]), points, cameras)
         levels = np.array([reference.label_of(float(d), 0.0, 0.5) for d in points])
         alive, chosen = np.ones(count, np.bool_), np.zeros(count, np.bool_)
-        state = np.zeros(5, np.bool_), alive, chosen
+        state = kernels.CellState(np.zeros(5, np.bool_), alive, chosen)
         found = []
         while alive.any():
-            found.append(choose(kernels.peel)(points, cameras, levels, 0.5, 1, BASELINES, owner, *state))
+            how = kernels.Levels(0.0, 0.5, 1)
+            found.append(choose(kernels.peel)(points, cameras, levels, how, BASELINES, owner, state))
             assert chosen.sum() == found[-1][1]
             owner = -1
         assert len(found) == len(expected)
@@ -98,7 +100,8 @@ def test_likelihood(choose: Choose, rng: np.random.Generator, rho: tuple[float, 
     count = choose(kernels.reach)(depth, everywhere, mask, 1.5, order, entered)
     assert entered.sum() == count == len(set(order[:count]))
     messages = np.full((*depth.shape, 4), 0.5)
-    got = choose(kernels.likelihood)(depth, mask, entered, order[:count], 0.5, 1.5, rho, 300, 1e-10, messages)
+    transitions = kernels.Transitions(0.5, 1.5, rho)
+    got = choose(kernels.likelihood)(depth, mask, entered, order[:count], transitions, 300, 1e-10, messages)
     expected = reference.likelihoods(depth, mask, 0.5, 1.5, rho, 150)
     np.testing.assert_allclose(got[entered], expected[entered], atol=1e-6)
     assert (expected[~entered] <= 0.5 + 1e-12).all()
@@ -110,7 +113,8 @@ def test_transitions(choose: Choose) -> None:
     mask = np.array([[True, False, False, False, False]])
     order, entered = np.arange(5), np.ones((1, 5), np.bool_)
     messages = np.full((1, 5, 4), 0.5)
-    got = choose(kernels.likelihood)(depth, mask, entered, order, 0.5, 1.5, (0.1, 0.3), 50, 1e-12, messages)
+    transitions = kernels.Transitions(0.5, 1.5, (0.1, 0.3))
+    got = choose(kernels.likelihood)(depth, mask, entered, order, transitions, 50, 1e-12, messages)
     second = 0.9
     third = (1 - 0.6) * second + 0.3
     fourth = min(1 - third, 0.5)

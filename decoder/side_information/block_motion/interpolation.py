@@ -107,9 +107,7 @@ def split_field(field: Offsets, position: Fraction) -> tuple[Offsets, Offsets]:
 
 
 def vector_median(field: Offsets) -> Offsets:
-    """Replace each vector by that of the 3x3 neighbourhood with the smallest sum of distances to the others.
-    Replace each vector by that of the 3x3 neighbourhood with the smallest sum of distances to the others.
-    """
+    """Replace each vector by that of its 3x3 neighbourhood of the least sum of distances to the others."""
     candidates = _neighbourhood(field)
     distances = np.abs(candidates[:, :, :, None] - candidates[:, :, None]).sum(axis=(-2, -1))
     best = distances.argmin(axis=-1)
@@ -130,7 +128,8 @@ def _forward_field(before: Luma, after: Luma, shape: tuple[int, ...], radius: in
     field = np.zeros((rows, columns, 2), dtype=np.int64)
     starts = np.zeros_like(field)
     radius = min(radius, max(shape) // 4)
-    _kernels.forward_search(before, after, MARGIN, 8, 16, radius, 4, 0.02, starts, field)
+    blocks, steps = _kernels.Blocks(MARGIN, 8, 16), _kernels.Steps(radius, 4, 0.02)
+    _kernels.forward_search(_kernels.Pair(before, after), blocks, steps, starts, field)
     return field
 
 
@@ -143,14 +142,14 @@ class _LevelSearch:
     def run(
         self, before: Luma, after: Luma, field: Offsets, block: int, window: int, step: int, smoothness: int
     ) -> Offsets:
+        blocks, steps = _kernels.Blocks(MARGIN, block, window), _kernels.Steps(2, step, smoothness)
         zero = np.zeros((*field.shape[:2], 1, 2), dtype=np.int64)
         for _ in range(2):
             candidates = np.concatenate(
                 [_neighbourhood(vector_median(field)), field[:, :, None], zero], axis=2
             )
             found = np.empty_like(field)
-            _kernels.refine_bilateral(
-                before, after, MARGIN, block, window, 2, step, smoothness, *self._position, candidates, found
-            )
+            pair = _kernels.Pair(before, after)
+            _kernels.refine_bilateral(pair, self._position, blocks, steps, candidates, found)
             field = found
         return field

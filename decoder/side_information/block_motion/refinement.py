@@ -144,16 +144,10 @@ def _search(
     moved = offsets[::factor, ::factor] // scale
     costs = np.empty(moved.shape[:2], dtype=np.int64)
     _kernels.search_target(
-        target.planes[0, 0],
-        target.sums(search.window // 2)[0, 0],
-        reference.planes,
-        reference.sums(search.window // 2),
-        MARGIN,
-        search.block,
-        search.window,
-        search.radius,
-        search.step,
-        SMOOTHNESS,
+        _kernels.Searched(target.planes[0, 0], target.sums(search.window // 2)[0, 0]),
+        _kernels.Searched(reference.planes, reference.sums(search.window // 2)),
+        _kernels.Blocks(MARGIN, search.block, search.window),
+        _kernels.Steps(search.radius, search.step, SMOOTHNESS),
         moved,
         costs,
     )

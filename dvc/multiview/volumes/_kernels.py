@@ -1,12 +1,31 @@
 """Compiled loops over cost volumes (rows, columns, labels); validated and described by their callers."""
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.multiview._kernels import count_bits
 
 BEFORE_Y, AFTER_Y, BEFORE_X, AFTER_X = 0, 1, 2, 3
 """Arms of a pixel: how many pixels up, down, to the left and to the right belong to it."""
+
+
+class Region(NamedTuple):
+    """Which labels of which pixels of a view are compared, and where another shows them."""
+
+    shifts: NDArray[np.int64]  # of each label: phase, columns and rows to the other view
+    origin: NDArray[np.int64]  # first label of each pixel
+    top: int  # first row
+
+
+class Smoothness(NamedTuple):
+    """Truncated linear cost of a step of labels."""
+
+    strength: np.float32  # factor on both
+    slope: np.float32  # of a label
+    limit: np.float32
 
 
 @kernel
@@ -16,8 +35,9 @@ def sees(u, v, seen):
 
 
 @kernel
-def census_cost(own, other, shifts, origin, top, census_table, level_table, cost, weight):
+def census_cost(own, other, region, census_table, level_table, cost, weight):
     """Robust distance of census bits and of levels, per pixel and label; weight 0 where nothing is seen."""
+    shifts, origin, top = region
     image, bits = own
     others, other_bits, seen = other
     for i in range(cost.shape[0]):
@@ -42,8 +62,9 @@ def census_cost(own, other, shifts, origin, top, census_table, level_table, cost
 
 
 @kernel
-def squared_cost(image, others, seen, shifts, origin, top, limit, cost, weight):
+def squared_cost(image, others, seen, region, limit, cost, weight):
     """Truncated squared difference (2.18) over its limit, per pixel and label, as in `census_cost`."""
+    shifts, origin, top = region
     for i in range(cost.shape[0]):
         y = top + i
         for x in range(cost.shape[1]):
@@ -129,9 +150,7 @@ def cut_arms(arms, base, jump, cut):
 
 @kernel
 def sum_line(values, base, before, after, sums, total):
-    """Sum (n, labels) over each pixel's segment, labels counted from a base surface; outside them is
-    nothing.
-    """
+    """Sum (n, labels) over each pixel's segment, labels counted from a base surface; others are 0."""
     length, count = values.shape
     lowest, highest = base[0], base[0]
     for n in range(length):
@@ -236,8 +255,10 @@ def fill_undefined(cost, weight, constant, share):
 
 
 @kernel
-def send(cost, first, second, third, strength, slope, limit, shift, message, work):
+def send(cost, heard, smoothness, shift, message, work):
     """Message to a neighbour whose base surface is `shift` labels higher; truncated linear smoothness."""
+    first, second, third = heard
+    strength, slope, limit = smoothness
     count = cost.shape[0]
     margin = (work.shape[1] - count) // 2
     beliefs, other = work[0, margin : margin + count], 1
@@ -305,14 +326,16 @@ def exchange(cost, strengths, messages, slope, limit, parity):
             a, b, c, d = up[y, x], downwards[y, x], left[y, x], right[y, x]
             if y > 0:
                 rise = -rise_y[y - 1, x]
-                send(here, a, c, d, down[y - 1, x], slope, limit, rise, up[y - 1, x], work)
+                send(here, (a, c, d), Smoothness(down[y - 1, x], slope, limit), rise, up[y - 1, x], work)
             if y < height - 1:
-                send(here, b, c, d, down[y, x], slope, limit, rise_y[y, x], downwards[y + 1, x], work)
+                smoothness = Smoothness(down[y, x], slope, limit)
+                send(here, (b, c, d), smoothness, rise_y[y, x], downwards[y + 1, x], work)
             if x > 0:
                 rise = -rise_x[y, x - 1]
-                send(here, a, b, c, across[y, x - 1], slope, limit, rise, left[y, x - 1], work)
+                send(here, (a, b, c), Smoothness(across[y, x - 1], slope, limit), rise, left[y, x - 1], work)
             if x < width - 1:
-                send(here, a, b, d, across[y, x], slope, limit, rise_x[y, x], right[y, x + 1], work)
+                smoothness = Smoothness(across[y, x], slope, limit)
+                send(here, (a, b, d), smoothness, rise_x[y, x], right[y, x + 1], work)
 
 
 @kernel

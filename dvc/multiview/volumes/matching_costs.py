@@ -74,7 +74,8 @@ class CensusCost:
         image = view.image.astype(np.float32)
         pictures = (image, census(image)), (others, bits, other.seen)
         tables = census_table, level_table
-        _kernels.census_cost(*pictures, shifts, band.origin, rows.start, *tables, *costs)
+        region = _kernels.Region(shifts, band.origin, rows.start)
+        _kernels.census_cost(*pictures, region, *tables, *costs)
         return costs
 
 
@@ -91,7 +92,8 @@ class SquaredCost:
         costs = _empty(view, band, rows)
         limit = np.float32(SQUARED_LIMIT)
         pictures = view.image.astype(np.float32), others, other.seen
-        _kernels.squared_cost(*pictures, shifts, band.origin, rows.start, limit, *costs)
+        region = _kernels.Region(shifts, band.origin, rows.start)
+        _kernels.squared_cost(*pictures, region, limit, *costs)
         return costs
 
 

@@ -1,10 +1,78 @@
 """Compiled loops of surfaces, layers and sprites."""
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
 
 REFUTED, HIDDEN, CONFIRMED = 0, 1, 2
+
+
+JUST_BELOW = 0.999
+"""Factor on limits that rounding may miss."""
+NOBODY = -1
+"""In place of a camera."""
+
+
+class Placing(NamedTuple):
+    """How points of a camera fall into the cells of a canvas."""
+
+    m: float  # position of the camera
+    n: float
+    corner: tuple[int, int]  # column and row of the canvas's first cell
+    shape: tuple[int, int]  # rows and columns of the canvas
+    jump: float  # disparities of neighbours that differ by more are of two surfaces
+    camera: int
+
+
+class Cells(NamedTuple):
+    """Points of the cells of a canvas, one cell after the other."""
+
+    next_free: NDArray[np.int64]  # of each cell; where its points begin
+    points: NDArray[np.float32]  # disparities; none: points are only counted
+    cameras: NDArray[np.int16]
+
+
+class Levels(NamedTuple):
+    """Disparities that are told apart."""
+
+    lowest: float
+    step: float
+    reach: int  # steps within which points are of one surface
+
+
+class Pictures(NamedTuple):
+    """Cameras and what they see."""
+
+    positions: NDArray[np.float64]
+    images: NDArray[np.uint8]
+
+
+class Strip(NamedTuple):
+    """Rows of a canvas, and where the reference view is in them."""
+
+    corner: tuple[int, int]  # column and row of the first cell in the reference view
+    shape: tuple[int, int]
+    frame: tuple[int, int, int, int]  # left, top, right and bottom of the reference view
+    reference: int  # its camera
+
+
+class CellState(NamedTuple):
+    """Work space of `peel` for the points of a cell."""
+
+    seen: NDArray[np.bool_]  # cameras that have been met
+    alive: NDArray[np.bool_]  # points that may still be values
+    chosen: NDArray[np.bool_]  # points of the last value
+
+
+class Transitions(NamedTuple):
+    """How likely neighbours are of one sprite (2.22)."""
+
+    smooth: float  # differences of disparity up to this, and up to the next, are told apart
+    jump: float
+    rho: tuple[float, float]
 
 
 @kernel
@@ -29,8 +97,9 @@ def judge(disparity, other, dm, dn, tolerance, verdict):
 
 
 @kernel
-def splat(disparity, votes, m, n, corner, shape, jump, camera, next_free, points, cameras):
+def splat(disparity, votes, placing, cells):
     """Enter the voting pixels of a surface at `next_free` of the cells of a canvas that they fall into."""
+    m, n, corner, shape, jump, camera = placing
     height, width = disparity.shape
     x4, y4, d4 = np.empty(4), np.empty(4), np.empty(4)
     for y in range(height):
@@ -40,7 +109,7 @@ def splat(disparity, votes, m, n, corner, shape, jump, camera, next_free, points
             d = disparity[y, x]
             column = int(np.floor(x + m * d - corner[0] + 0.5))
             row = int(np.floor(y + n * d - corner[1] + 0.5))
-            _enter(row, column, d, shape, camera, next_free, points, cameras)
+            _enter(row, column, d, shape, camera, cells)
             if y + 1 == height or x + 1 == width:
                 continue
             low, high, whole = np.inf, -np.inf, True
@@ -50,11 +119,12 @@ def splat(disparity, votes, m, n, corner, shape, jump, camera, next_free, points
                 x4[k], y4[k] = u + m * d4[k] - corner[0], v + n * d4[k] - corner[1]
                 low, high, whole = min(low, d4[k]), max(high, d4[k]), whole and votes[v, u]
             if whole and 0.0 < high - low <= jump:
-                _fill(x4, y4, d4, shape, camera, next_free, points, cameras)
+                _fill(x4, y4, d4, shape, camera, cells)
 
 
 @kernel
-def _enter(row, column, d, shape, camera, next_free, points, cameras):
+def _enter(row, column, d, shape, camera, cells):
+    next_free, points, cameras = cells
     if 0 <= row < shape[0] and 0 <= column < shape[1]:
         cell = row * shape[1] + column
         if points.size:
@@ -64,7 +134,7 @@ def _enter(row, column, d, shape, camera, next_free, points, cameras):
 
 
 @kernel
-def _fill(x4, y4, d4, shape, camera, next_free, points, cameras):
+def _fill(x4, y4, d4, shape, camera, cells):
     """Enter cells inside four neighbours that none of them falls into."""
     for row in range(int(np.ceil(y4.min() - 1e-6)), int(np.floor(y4.max() + 1e-6)) + 1):
         for column in range(int(np.ceil(x4.min() - 1e-6)), int(np.floor(x4.max() + 1e-6)) + 1):
@@ -75,7 +145,7 @@ def _fill(x4, y4, d4, shape, camera, next_free, points, cameras):
                 d = _inside(x4, y4, d4, 0, 1, 2, column, row)
                 d = _inside(x4, y4, d4, 3, 2, 1, column, row) if np.isnan(d) else d
                 if not np.isnan(d):
-                    _enter(row, column, d, shape, camera, next_free, points, cameras)
+                    _enter(row, column, d, shape, camera, cells)
 
 
 @kernel
@@ -105,8 +175,10 @@ def sort_points(starts, points, cameras):
 
 
 @kernel
-def peel(points, cameras, levels, step, reach, baselines, owner, seen, alive, chosen):
+def peel(points, cameras, levels, how, baselines, owner, state):
     """Choose the next value of a cell by (2.21), and remove from `alive` what cannot be another one."""
+    seen, alive, chosen = state
+    _, step, reach = how
     seen[:] = False
     best, most, best_sum = 0, 0, 0.0
     level, run, total = 0, 0, 0.0
@@ -124,7 +196,7 @@ def peel(points, cameras, levels, step, reach, baselines, owner, seen, alive, ch
     for i in range(points.size):
         near = alive[i] and abs(levels[i] - best) <= reach
         behind = value - points[i]
-        hidden = behind > 0.999 * step and behind * baselines[cameras[i]] > 0.999 and not chosen[i]
+        hidden = behind > JUST_BELOW * step and behind * baselines[cameras[i]] > JUST_BELOW and not chosen[i]
         chosen[i] = chosen[i] and near
         votes += chosen[i]
         alive[i] = alive[i] and cameras[i] != owner and (not near or hidden)
@@ -133,29 +205,29 @@ def peel(points, cameras, levels, step, reach, baselines, owner, seen, alive, ch
 
 
 @kernel
-def vote(starts, points, cameras, lowest, step, reach, positions, images, corner, shape, inside, layers):
+def vote(cells, how, pictures, strip, layers):
     """Peel the values of every cell, (2.21): disparity and votes, and the median colour of who votes."""
+    starts, points, cameras = cells
+    positions, images = pictures
     disparity, votes, colour = layers
     longest = 1
     for cell in range(starts.size - 1):
         longest = max(longest, starts[cell + 1] - starts[cell])
-    levels, alive, chosen = (
-        np.empty(longest, np.int64),
-        np.empty(longest, np.bool_),
-        np.empty(longest, np.bool_),
-    )
-    seen, samples = np.empty(positions.shape[0], np.bool_), np.empty((positions.shape[0], 3))
+    levels, samples = np.empty(longest, np.int64), np.empty((positions.shape[0], 3))
+    alive, chosen = np.empty(longest, np.bool_), np.empty(longest, np.bool_)
+    state = CellState(np.empty(positions.shape[0], np.bool_), alive, chosen)
+    left, top, right, bottom = strip.frame
     baselines = np.maximum(np.abs(positions[:, 0]), np.abs(positions[:, 1]))
     for cell in range(starts.size - 1):
         start, count = starts[cell], starts[cell + 1] - starts[cell]
-        row, column = cell // shape[1], cell % shape[1]
-        in_frame = inside[1] <= row < inside[3] and inside[0] <= column < inside[2]
+        row, column = cell // strip.shape[1], cell % strip.shape[1]
+        in_frame = top <= row < bottom and left <= column < right
         d, c = points[start : start + count], cameras[start : start + count]
         for i in range(count):
-            levels[i], alive[i] = int(np.floor((d[i] - lowest) / step + 0.5)), True
+            levels[i], alive[i] = int(np.floor((d[i] - how.lowest) / how.step + 0.5)), True
         for layer in range(disparity.shape[0]):
-            owner = inside[4] if in_frame and layer == 0 else -1
-            value, number = peel(d, c, levels, step, reach, baselines, owner, seen, alive, chosen)
+            owner = strip.reference if in_frame and layer == 0 else NOBODY
+            value, number = peel(d, c, levels, how, baselines, owner, state)
             if number == 0:
                 break
             place = layer
@@ -168,14 +240,13 @@ def vote(starts, points, cameras, lowest, step, reach, positions, images, corner
             number = 0
             for i in range(count):
                 if chosen[i]:
-                    x = column + corner[0] - positions[c[i], 0] * d[i]
-                    y = row + corner[1] - positions[c[i], 1] * d[i]
+                    x = column + strip.corner[0] - positions[c[i], 0] * d[i]
+                    y = row + strip.corner[1] - positions[c[i], 1] * d[i]
                     _sample(images[c[i]], x, y, samples[number])
                     number += 1
             for channel in range(3):
-                colour[place, row, column, channel] = int(
-                    np.floor(np.median(samples[:number, channel]) + 0.5)
-                )
+                median = np.median(samples[:number, channel])
+                colour[place, row, column, channel] = int(np.floor(median + 0.5))
 
 
 @kernel
@@ -231,18 +302,18 @@ def _beside(y, x, side):
 
 
 @kernel
-def likelihood(depth, mask, entered, order, smooth, jump, rho, max_sweeps, tolerance, messages):
+def likelihood(depth, mask, entered, order, transitions, max_sweeps, tolerance, messages):
     """Pass messages of the transitions of (2.22) forth and back along `order`, and return the likelihoods."""
     height, width = depth.shape
     first = 0
     while first < order.size and mask[order[first] // width, order[first] % width]:
-        _send(order[first], depth, mask, entered, smooth, jump, rho, messages)
+        _send(order[first], depth, mask, entered, transitions, messages)
         first += 1
     for sweep in range(max_sweeps):
         change = 0.0
         for k in range(first, order.size):
             pixel = order[k] if sweep % 2 == 0 else order[order.size - 1 - (k - first)]
-            change = max(change, _send(pixel, depth, mask, entered, smooth, jump, rho, messages))
+            change = max(change, _send(pixel, depth, mask, entered, transitions, messages))
         if change < tolerance:
             break
     result = np.zeros((height, width))
@@ -253,8 +324,9 @@ def likelihood(depth, mask, entered, order, smooth, jump, rho, max_sweeps, toler
 
 
 @kernel
-def _send(pixel, depth, mask, entered, smooth, jump, rho, messages):
+def _send(pixel, depth, mask, entered, transitions, messages):
     """Send the messages of a pixel, and return by how much they have changed at most."""
+    smooth, jump, rho = transitions
     height, width = depth.shape
     y, x = pixel // width, pixel % width
     change = 0.0

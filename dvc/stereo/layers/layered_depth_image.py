@@ -243,10 +243,10 @@ def _splat(
 
     def enter(next_free: NDArray[np.int64], points: NDArray[np.float32], cameras: NDArray[np.int16]) -> None:
         for camera, (surface, mask) in enumerate(zip(reconstruction.surfaces, masks, strict=True)):
-            m, n = positions[camera]
             corner = -canvas.frame.left, -canvas.frame.top
-            entry = corner, canvas.shape, jump, camera
-            _kernels.splat(surface.disparity, mask, m, n, *entry, next_free, points, cameras)
+            m, n = positions[camera]
+            placing = _kernels.Placing(m, n, corner, canvas.shape, jump, camera)
+            _kernels.splat(surface.disparity, mask, placing, _kernels.Cells(next_free, points, cameras))
             if points.size:
                 advance(1)
 
@@ -279,17 +279,10 @@ def _vote(
         inside = frame.left, frame.top - top, frame.left + frame.width, frame.top + frame.height - top
         corner = -frame.left, top - frame.top
         _kernels.vote(
-            starts[top * width : (top + shape[1]) * width + 1],
-            points,
-            cameras,
-            labels.lowest,
-            labels.step,
-            reach,
-            positions,
-            images,
-            corner,
-            shape[1:],
-            (*inside, array.reference),
+            _kernels.Cells(starts[top * width : (top + shape[1]) * width + 1], points, cameras),
+            _kernels.Levels(labels.lowest, labels.step, reach),
+            _kernels.Pictures(positions, images),
+            _kernels.Strip(corner, shape[1:], inside, array.reference),
             layers,
         )
         num_layers = max(1, int(layers[1].any(axis=(1, 2)).sum()))

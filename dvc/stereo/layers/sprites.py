@@ -232,8 +232,9 @@ def fused_mask(
     messages = np.full((*alpha.shape, 4), 0.5)
     rho = settings.rho_smooth, settings.rho_small
     order = order[:count]
+    transitions = _kernels.Transitions(SMOOTH, JUMP, rho)
     likelihood = _kernels.likelihood(
-        fused_depth, alpha, entered, order, SMOOTH, JUMP, rho, MAX_SWEEPS, TOLERANCE, messages
+        fused_depth, alpha, entered, order, transitions, MAX_SWEEPS, TOLERANCE, messages
     )
     return np.asarray(likelihood > 0.5)
 

@@ -4,9 +4,19 @@ Labels are whole numbers; `shifts`: (labels, 2) columns and rows from a pixel of
 point in another.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
+
+
+class Surface(NamedTuple):
+    """Labels of a camera's surface, and where they are supported."""
+
+    labels: NDArray[np.int64]
+    supported: NDArray[np.bool_]
 
 
 @kernel
@@ -22,8 +32,9 @@ def agree(own, other, other_seen, shifts, tolerance, agreeing, looking):
 
 
 @kernel
-def clear_invisible(own, own_supported, other, other_supported, shifts, origin, slack, top, weight):
+def clear_invisible(own_surface, other_surface, shifts, origin, slack, top, weight):
     """Take the weight from voxels that the own camera sees, and that are hidden in the other (2.17, 2.19)."""
+    (own, own_supported), (other, other_supported) = own_surface, other_surface
     height, width = own.shape
     for i in range(weight.shape[0]):
         y = top + i

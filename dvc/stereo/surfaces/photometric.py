@@ -86,9 +86,9 @@ def _compared(
     costs = comparison.cost(view, other, comparison.labels, regions.band, rows)
     if occupancy is not None:
         moved = shifts(comparison.labels, view.position, other.position)
-        own, theirs = (occupancy[index] for index in pair)
+        own, theirs = (_kernels.Surface(*occupancy[index]) for index in pair)
         origin, slack = regions.band.origin, tolerance(comparison.fineness)
-        _kernels.clear_invisible(*own, *theirs, moved, origin, slack, rows.start, costs.weight)
+        _kernels.clear_invisible(own, theirs, moved, origin, slack, rows.start, costs.weight)
     if not regions.windows:
         return costs
     surface = regions.base[rows], regions.band.origin[rows]

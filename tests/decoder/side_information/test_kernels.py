@@ -43,7 +43,9 @@ def test_forward_search(choose: Choose, planes: list[np.ndarray]) -> None:
     starts = np.array([[[0, 0], [4, -6], [0, 300]], [[-400, 2], [3, 3], [1, -1]]])
     vectors = np.empty_like(starts)
     settings = (MARGIN, 8, 10, 1, 2, 0.03)
-    choose(_kernels.forward_search)(planes[0], planes[2], *settings, starts, vectors)
+    blocks, steps = _kernels.Blocks(*settings[:3]), _kernels.Steps(*settings[3:])
+    pair = _kernels.Pair(planes[0], planes[2])
+    choose(_kernels.forward_search)(pair, blocks, steps, starts, vectors)
     np.testing.assert_array_equal(vectors, reference.forward_search(planes[0], planes[2], *settings, starts))
 
 
@@ -56,7 +58,9 @@ def test_refine_bilateral(choose: Choose, planes: list[np.ndarray], instant: tup
     candidates[1, 2, 0] = (0, 900)
     vectors = np.empty((2, 3, 2), np.int64)
     settings = (MARGIN, 8, 10, 1, 1, 6, *instant)
-    choose(_kernels.refine_bilateral)(planes[0], planes[2], *settings, candidates, vectors)
+    blocks, steps = _kernels.Blocks(*settings[:3]), _kernels.Steps(*settings[3:6])
+    pair = _kernels.Pair(planes[0], planes[2])
+    choose(_kernels.refine_bilateral)(pair, instant, blocks, steps, candidates, vectors)
     expected = reference.refine_bilateral(planes[0], planes[2], *settings, candidates)
     np.testing.assert_array_equal(vectors, expected)
 
@@ -81,8 +85,9 @@ def test_search_target(choose: Choose, planes: list[np.ndarray], smoothness: int
     )
     costs = np.empty(offsets.shape[:2], np.int64)
     sums = [_sums_of_quarters(choose, image) for image in (target[None, None], planes[0])]
-    arguments = target, sums[0][0, 0], planes[0], sums[1], MARGIN, 8, 10, 1, 2, smoothness, offsets, costs
-    choose(_kernels.search_target)(*arguments)
+    searched = _kernels.Searched(target, sums[0][0, 0]), _kernels.Searched(planes[0], sums[1])
+    settings = _kernels.Blocks(MARGIN, 8, 10), _kernels.Steps(1, 2, smoothness)
+    choose(_kernels.search_target)(*searched, *settings, offsets, costs)
     np.testing.assert_array_equal(offsets, expected)
     np.testing.assert_array_equal(costs, expected_costs)
 

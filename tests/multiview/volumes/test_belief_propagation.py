@@ -52,7 +52,7 @@ def test_message(choose: Choose, rng: np.random.Generator, shift: int) -> None:
         parts = rng.uniform(0, 1, (4, 6)).astype(np.float32)
         message, numbers = np.empty(6, np.float32), [np.float32(value) for value in (0.6, slope, limit)]
         work = choose(kernels.message_space)(6, *numbers[1:])
-        choose(kernels.send)(*parts, *numbers, shift, message, work)
+        choose(kernels.send)(parts[0], tuple(parts[1:]), kernels.Smoothness(*numbers), shift, message, work)
         expected = reference.message(parts.sum(axis=0).astype(np.float64), 0.6, slope, limit, shift)
         np.testing.assert_allclose(message, expected, atol=1e-5)
 

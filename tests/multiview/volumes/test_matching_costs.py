@@ -76,7 +76,8 @@ def test_census_cost(choose: Choose, rng: np.random.Generator) -> None:
     cost, weight = np.full((2, 4, SHAPE[1], 3), 9.0, np.float32)
     own, other = (image, words[0]), (others, words[1:], seen)
     with np.errstate(over="ignore"):
-        choose(kernels.census_cost)(own, other, shifts, origin, top, bit_table, level_table, cost, weight)
+        region = kernels.Region(shifts, origin, top)
+        choose(kernels.census_cost)(own, other, region, bit_table, level_table, cost, weight)
     for i, x, k in np.ndindex(cost.shape):
         found = place(x, top + i, origin[top + i, x] + k, shifts, seen)
         expected = 0.0
@@ -99,7 +100,8 @@ def test_squared_cost(choose: Choose, rng: np.random.Generator) -> None:
     shifts = np.array([[0, 0, 0], [0, -2, 0], [0, 1, 3]])
     origin = rng.integers(-1, 2, SHAPE)
     cost, weight = np.full((2, *SHAPE, 3), 9.0, np.float32)
-    choose(kernels.squared_cost)(image, others, seen, shifts, origin, 0, np.float32(150.0), cost, weight)
+    region = kernels.Region(shifts, origin, 0)
+    choose(kernels.squared_cost)(image, others, seen, region, np.float32(150.0), cost, weight)
     for y, x, k in np.ndindex(cost.shape):
         found = place(x, y, origin[y, x] + k, shifts, seen)
         error = 0.0 if found is None else float(((image[y, x] - others[found]) ** 2).mean())

@@ -132,7 +132,9 @@ def test_best_candidates(compiled: bool, count: int) -> None:
     chosen, errors = np.full((25, count), -1), np.empty((25, count))
     kernel = _kernels.best_candidates if compiled else python_twin(_kernels.best_candidates)
     tests = (30.0, 9.0, limits)
-    kernel(*corners, 30.0, *patches, *means, *histograms, *tests, chosen, errors)
+    described = zip(corners, patches, means, histograms, strict=True)
+    first, second = (_kernels.Corners(*parts) for parts in described)
+    kernel(first, second, _kernels.Similarity(30.0, *tests[:2]), limits, chosen, errors)
     expected, least = reference.best_candidates(*corners, 30.0, patches, means, histograms, *tests, count)
     assert [[j for j in row if j >= 0] for row in chosen.tolist()] == expected
     assert any(expected)

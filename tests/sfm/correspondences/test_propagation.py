@@ -153,6 +153,7 @@ COEFFICIENTS = spline_coefficients(MOVED[20:50, 30:66])
 GENERAL = forwards((90.0, -30.0)) + 0.3 * sideways((0.8, 0.6))
 GENERAL = np.array(GENERAL / np.linalg.norm(GENERAL))
 SEARCH = (1.5, 0.5, 1e-4)
+PAIR = _kernels.KeyPair(SMALL, COEFFICIENTS, sideways(), epipoles(sideways())[0])
 
 
 def run(kernel: object, compiled: bool) -> object:
@@ -182,13 +183,20 @@ def test_epipolar_frames(compiled: bool, fundamental: Floats) -> None:
     """Foot, direction and similarity are those of the twin, up to the direction's sign of both."""
     foot, direction, affine = np.empty(2), np.empty(2), np.empty((2, 2))
     near = np.array([20.0, 17.0])
-    arguments = (fundamental, epipoles(fundamental)[0], 15, 11, *near, foot, direction, affine)
+    arguments = (fundamental, epipoles(fundamental)[0], 15, 11, *near, _kernels.Line(foot, direction, affine))
     assert run(_kernels.epipolar_frame, compiled)(*arguments)  # type: ignore[operator]
     expected = sfm_propagation.epipolar_frame(fundamental, 15, 11, near)
     np.testing.assert_allclose(foot, expected[0], atol=1e-9)
     np.testing.assert_allclose(np.abs(direction @ expected[1]), 1.0, atol=1e-9)
     np.testing.assert_allclose(affine, expected[2], atol=1e-5)
-    at_epipole = (forwards((3.0, 4.0)), np.array([3.0, 4.0, 1.0]), 3, 4, *near, foot, direction, affine)
+    at_epipole = (
+        forwards((3.0, 4.0)),
+        np.array([3.0, 4.0, 1.0]),
+        3,
+        4,
+        *near,
+        _kernels.Line(foot, direction, affine),
+    )
     assert not run(_kernels.epipolar_frame, compiled)(*at_epipole)  # type: ignore[operator]
 
 
@@ -207,9 +215,8 @@ def test_points_are_followed(compiled: bool) -> None:
     ):
         near, found = np.array([x + start, y + 0.4]), np.empty(2)
         error = run(_kernels.follow, compiled)(  # type: ignore[operator]
-            SMALL, COEFFICIENTS, sideways(), epipoles(sideways())[0], x, y, near, weights, np.array(SEARCH),
-            4.0, 0.05, found,
-        )  # fmt: skip
+            PAIR, x, y, near, weights, np.array(SEARCH), _kernels.ErrorLimit(4.0, 0.05), found
+        )
         expected = sfm_propagation.follow(
             SMALL, COEFFICIENTS, sideways(), x, y, near, weights, SEARCH, 4.0, 0.05
         )
@@ -247,8 +254,8 @@ def test_rounds_of_propagation(
     for k, (x, y, place) in enumerate(ROUND_SEEDS):
         first[k], second[k] = (x, y), place
     end = run(_kernels.propagate, compiled)(  # type: ignore[operator]
-        SMALL, COEFFICIENTS, sideways(), epipoles(sideways())[0], tries.copy(), 3, window(2),
-        np.array(SEARCH), 4.0, 0.05, 2, first, second, errors,
+        PAIR, tries.copy(), 3, window(2), np.array(SEARCH), _kernels.ErrorLimit(4.0, 0.05), 2,
+        _kernels.Points(first, second, errors),
     )  # fmt: skip
     found = {tuple(p): q for p, q in zip(first[:end].tolist(), second[:end], strict=True)}
     assert end > 12
@@ -265,10 +272,7 @@ def test_scores_of_sides(compiled: bool) -> None:
     normals = np.array([[1.0, 0.0], [0.6, -0.8], [0.8, 0.6], [0.0, 1.0]])
     scores = np.empty((4, 2))
     run(_kernels.disagreement, compiled)(  # type: ignore[operator]
-        SMALL,
-        COEFFICIENTS,
-        GENERAL,
-        epipoles(GENERAL)[0],
+        _kernels.KeyPair(SMALL, COEFFICIENTS, GENERAL, epipoles(GENERAL)[0]),
         first,
         second,
         normals,

@@ -184,7 +184,8 @@ def test_minimum_is_one() -> None:
     x, y = INNER[0].astype(int)
     target = STILL[y - 3 : y + 4, x - 3 : x + 4].astype(np.float64)
     parameters = INNER[0].copy()
-    error = _kernels.minimize_neighbourhood(target, moved, parameters, window(3), 20, 1e-4, 2.0)
+    patch = _kernels.Patch(target, window(3), moved)
+    error = _kernels.minimize_neighbourhood(patch, parameters, _kernels.Descent(20, 1e-4, 2.0))
 
     def error_at(place: Floats) -> float:
         values = reference.neighbourhood(moved, place[0], place[1], np.eye(2), 3)

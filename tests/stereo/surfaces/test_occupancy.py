@@ -75,7 +75,8 @@ def test_hidden_voxels_lose_their_weight(
     origin = rng.integers(-2, 3, SHAPE)
     weight = np.ones((6, SHAPE[1], FEW.num_labels), np.float32)
     moved = shifts(FEW, CENTRE, LatticePosition(m, n))
-    choose(kernels.clear_invisible)(*own, *other, moved, origin, slack, 2, weight)
+    surfaces = kernels.Surface(*own), kernels.Surface(*other)
+    choose(kernels.clear_invisible)(*surfaces, moved, origin, slack, 2, weight)
     mine, theirs = (
         volumes.visibility(volumes.occupancy(*one, FEW.num_labels), slack) for one in (own, other)
     )
