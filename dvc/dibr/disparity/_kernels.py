@@ -7,19 +7,57 @@ whatever the way; `merge` what a label of a neighbour
 costs, and `flags` (kinds, 2) that of a node without and with coefficients below. INF forbids.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.entropy.binarisation import NUM_EXPONENTS as BINARY_EXPONENTS
 from dvc.entropy.binarisation import code_exp_golomb
 from dvc.entropy.contexts import code_adaptive
-from dvc.entropy.mixing import code_mixed, learn
+from dvc.entropy.mixing import Mixture, code_mixed, learn
 from dvc.entropy.range_coder import FAILED, code_decision
 
 INF = np.float32(np.inf)
 ZERO, NONZERO, SLOPE, JUMP, TEAR = range(5)
 NUM_CANDIDATES = 2
 NONE = -1  # instead of the label of a candidate
+
+
+class Costs(NamedTuple):
+    """What coefficients and flags of a level cost, and the kinds of all."""
+
+    predictions: NDArray[np.int32]
+    kinds: NDArray[np.uint8]  # of coefficients
+    coefficients: NDArray[np.float32]
+    node_kinds: NDArray[np.uint8]
+    flags: NDArray[np.float32]
+    merge: NDArray[np.float32]
+    candidates: NDArray[np.int32]
+
+
+class Errors(NamedTuple):
+    """Least errors of the labels of all nodes of a level."""
+
+    values: NDArray[np.float32]
+    flat: NDArray[np.float32]  # where all coefficients below are as predicted
+
+
+class Nodes(NamedTuple):
+    """Labels of the nodes of a level, and which may have coefficients below that are not as predicted."""
+
+    labels: NDArray[np.int32]
+    alive: NDArray[np.generic]  # of either type
+
+
+class Around(NamedTuple):
+    """What the neighbours of a sample or node say; work space."""
+
+    counts: NDArray[np.int64]  # how many differ `LITTLE` from the prediction, and how many more
+    lean: NDArray[np.int64]  # to which side, of shape (1,)
+    candidates: NDArray[np.int64]  # their labels
+
 
 # ---- error tensor ----
 
@@ -66,9 +104,7 @@ def add_squared_errors(target, view, homographies, tensor, count):
 
 @kernel
 def subtract_at_labels(plane, first_label, homographies, weight, tensor):
-    """Subtract what a plane has from labels, from a first one on, of the pixels that these would draw there.
-    Subtract what a plane has from labels, from a first one on, of the pixels that these would draw there.
-    """
+    """Subtract a plane's values from labels, from a first one on, of the pixels these would draw there."""
     height, width, labels = tensor.shape
     for i in range(plane.shape[0]):
         for j in range(plane.shape[1]):
@@ -176,14 +212,13 @@ def join(full, flat, flags, values):
 
 
 @kernel
-def pass_up_l(values, flat, predictions, kinds, costs, merge, candidates, node_kinds, flags, up, flat_up):
+def pass_up_l(errors, level, up, flat_up):
     """One level of the bottom-up pass (3.28); return what was subtracted from all nodes."""
+    values, flat = errors
+    predictions, kinds, costs, node_kinds, flags, merge, candidates = level
     height, width, labels = values.shape
-    transformed, loose, full = (
-        np.empty(labels, np.float32),
-        np.empty(labels, np.float32),
-        np.empty(labels, np.float32),
-    )
+    transformed, loose = np.empty(labels, np.float32), np.empty(labels, np.float32)
+    full = np.empty(labels, np.float32)
     total = 0.0
     for m in range(up.shape[0]):
         for n in range(up.shape[1]):
@@ -238,22 +273,11 @@ def best_child_l(values, predicted, cost, merge, candidates):
 
 
 @kernel
-def pass_down_l(
-    values,
-    flat,
-    predictions,
-    kinds,
-    costs,
-    merge,
-    candidates,
-    node_kinds,
-    flags,
-    parents,
-    alive,
-    labels,
-    live,
-):
+def pass_down_l(errors, level, nodes, children):
     """One level of back-tracking: labels of children, and which of them may have coefficients below."""
+    values, flat = errors
+    predictions, kinds, costs, node_kinds, flags, merge, candidates = level
+    (parents, alive), (labels, live) = nodes, children
     height, width, _ = values.shape
     chosen = np.zeros((2, 2), np.int64)
     for m in range(parents.shape[0]):
@@ -366,8 +390,10 @@ def flat_s(flat, predictions, m, n, low, total):
 
 
 @kernel
-def pass_up_s(values, flat, predictions, kinds, costs, node_kinds, flags, up, flat_up):
+def pass_up_s(errors, level, up, flat_up):
     """One level of the bottom-up pass (3.29), vertically, then horizontally."""
+    values, flat = errors
+    predictions, kinds, costs, node_kinds, flags, _, _ = level
     labels = values.shape[2]
     columns, full = np.empty((2, labels), np.float32), np.empty(labels, np.float32)
     total = 0.0
@@ -387,10 +413,11 @@ def pass_up_s(values, flat, predictions, kinds, costs, node_kinds, flags, up, fl
 
 
 @kernel
-def pass_down_s(
-    values, flat, predictions, kinds, costs, node_kinds, flags, parents, alive, highs, labels, live
-):
+def pass_down_s(errors, level, nodes, highs, children):
     """One level of back-tracking: coefficients, and labels of the children."""
+    values, flat = errors
+    predictions, kinds, costs, node_kinds, flags, _, _ = level
+    (parents, alive), (labels, live) = nodes, children
     height, width, num_labels = values.shape
     columns, below = np.empty((2, num_labels), np.float32), np.empty(1, np.float32)
     for m in range(parents.shape[0]):
@@ -466,14 +493,63 @@ def code_single(coder, model, context, decision):
     return decision
 
 
+class Model(NamedTuple):
+    """Adaptive model of a tree's code."""
+
+    mixture: Mixture
+    level: int  # that contexts know
+
+
+class Level(NamedTuple):
+    """What is known of a level of a tree before it is coded."""
+
+    parents: NDArray[np.int32]  # labels of the nodes
+    alive: NDArray[np.uint8]  # nodes that may have coefficients below
+    significance: NDArray[np.uint8]  # classes of the nodes
+    is_open: NDArray[np.bool_]  # nodes below which anything is significant
+    predictions: NDArray[np.int32]  # of coefficients
+    num_labels: int
+
+
+class Coded(NamedTuple):
+    """What is written of a level, or read into these arrays."""
+
+    splits: NDArray[np.uint8]  # nodes with coefficients below that are not as predicted
+    highs: NDArray[np.int32]  # coefficients
+    labels: NDArray[np.int32]  # of the children
+    live: NDArray[np.uint8]  # children of nodes that are split
+
+
+class Seen(NamedTuple):
+    """How often what was coded."""
+
+    flags: NDArray[np.int64]
+    coefficients: NDArray[np.int64]
+
+
 @kernel
-def note(value, predicted, place, candidates):
-    """Take a neighbour into account: how many differ a little and much, where to, and their labels."""
+def new_around():
+    """Return work space for what neighbours say."""
+    return Around(np.zeros(2, np.int64), np.zeros(1, np.int64), np.zeros(NUM_CANDIDATES, np.int64))
+
+
+@kernel
+def forget(around):
+    """Forget all neighbours."""
+    around.counts[:] = 0
+    around.lean[0] = 0
+    around.candidates[:] = NONE
+
+
+@kernel
+def note(value, predicted, around):
+    """Take a neighbour into account: whether it differs a little or much, where to, and its label."""
     difference = np.int64(value) - predicted
     if difference == 0:
         return
-    place[0 if abs(difference) <= LITTLE else 1] += 1
-    place[2] += 1 if difference > 0 else -1
+    around.counts[0 if abs(difference) <= LITTLE else 1] += 1
+    around.lean[0] += 1 if difference > 0 else -1
+    candidates = around.candidates
     for c in range(NUM_CANDIDATES):
         if candidates[c] == value:
             return
@@ -483,70 +559,68 @@ def note(value, predicted, place, candidates):
 
 
 @kernel
-def summary(place):
-    """Number of a place, from `NUM_PLACES`."""
-    if place[1] > 0:
-        return 3 if place[1] == 1 else 4
-    return min(place[0], 2)
+def summary(around):
+    """Number, from `NUM_PLACES`, of how many neighbours differ how much."""
+    if around.counts[1] > 0:
+        return 3 if around.counts[1] == 1 else 4
+    return min(around.counts[0], 2)
 
 
 @kernel
-def look_around_l(labels, parents, i, j, predicted, place, candidates):
-    """Look at the neighbours of a sample that are known before it; return the number of its place."""
-    place[:] = 0
-    candidates[:] = NONE
+def look_around_l(labels, parents, i, j, predicted, around):
+    """Look at the neighbours of a sample that are known before it; return the number of its surroundings."""
+    forget(around)
     if j > 0:
-        note(labels[i, j - 1], predicted, place, candidates)
+        note(labels[i, j - 1], predicted, around)
     if i > 0:
-        note(labels[i - 1, j], predicted, place, candidates)
+        note(labels[i - 1, j], predicted, around)
     if j % 2 == 1 and j // 2 + 1 < parents.shape[1]:
-        note(parents[i // 2, j // 2 + 1], predicted, place, candidates)
+        note(parents[i // 2, j // 2 + 1], predicted, around)
     if i % 2 == 1 and i // 2 + 1 < parents.shape[0]:
-        note(parents[i // 2 + 1, j // 2], predicted, place, candidates)
-    return summary(place)
+        note(parents[i // 2 + 1, j // 2], predicted, around)
+    return summary(around)
 
 
 @kernel
-def look_around_s(labels, parents, i, j, mean, place, candidates):
+def look_around_s(labels, parents, i, j, mean, around):
     """Look at what lies on both sides of two samples that are about to be told apart."""
-    place[:] = 0
-    candidates[:] = NONE
+    forget(around)
     m, n = i // 2, j // 2
     if i % 2 == 1:  # a vertical difference
         if m > 0:
-            note(labels[2 * m - 1, j], mean, place, candidates)
-        hint = place[2]
+            note(labels[2 * m - 1, j], mean, around)
+        before = around.lean[0]
         if m + 1 < parents.shape[0]:
-            note(parents[m + 1, n], mean, place, candidates)
+            note(parents[m + 1, n], mean, around)
     else:
         if n > 0:
-            note(labels[i, 2 * n - 1], mean, place, candidates)
-        hint = place[2]
+            note(labels[i, 2 * n - 1], mean, around)
+        before = around.lean[0]
         if n + 1 < parents.shape[1]:
-            note(parents[m, n + 1], mean, place, candidates)
-    place[2] = 2 * hint - place[2]
-    candidates[:] = NONE
-    return summary(place)
+            note(parents[m, n + 1], mean, around)
+    around.lean[0] = 2 * before - around.lean[0]
+    around.candidates[:] = NONE
+    return summary(around)
 
 
 @kernel
-def kind_of_node(m, n, parents, splits, significance, is_open, place, candidates):
+def kind_of_node(m, n, parents, splits, significance, is_open, around):
     """Kind of a node, by its neighbours and what was found below those before it."""
     if not is_open[m, n]:
         return 0
-    place[:] = 0
+    forget(around)
     before = 0
     if n > 0:
-        note(parents[m, n - 1], parents[m, n], place, candidates)
+        note(parents[m, n - 1], parents[m, n], around)
         before += splits[m, n - 1]
     if m > 0:
-        note(parents[m - 1, n], parents[m, n], place, candidates)
+        note(parents[m - 1, n], parents[m, n], around)
         before += splits[m - 1, n]
     if n + 1 < parents.shape[1]:
-        note(parents[m, n + 1], parents[m, n], place, candidates)
+        note(parents[m, n + 1], parents[m, n], around)
     if m + 1 < parents.shape[0]:
-        note(parents[m + 1, n], parents[m, n], place, candidates)
-    return 1 + (significance[m, n] * NUM_PLACES + summary(place)) * 3 + before
+        note(parents[m + 1, n], parents[m, n], around)
+    return 1 + (significance[m, n] * NUM_PLACES + summary(around)) * 3 + before
 
 
 @kernel
@@ -596,12 +670,14 @@ def distance_class(difference):
 
 
 @kernel
-def code_coefficient(coder, model, level, kind, before, predicted, value, place, candidates, statistics):
+def code_coefficient(coder, model, kind, before, predicted, value, around, statistics):
     """Code a label or coefficient by how it differs from what is predicted, and return it."""
+    mixture, level = model
+    candidates = around.candidates
     first = ZEROS + kind * 3 + before
     second = first + (1 + level) * NUM_COEFFICIENT_KINDS * 3
     seen = statistics[kind]
-    if not code_mixed(coder, model, first, second, -1, MIX_ZERO, int(value != predicted)):
+    if not code_mixed(coder, mixture, first, second, -1, MIX_ZERO, int(value != predicted)):
         seen[SAME] += 1
         return predicted
     seen[OTHER] += 1
@@ -609,131 +685,93 @@ def code_coefficient(coder, model, level, kind, before, predicted, value, place,
         if candidates[c] != NONE:
             first = DISTANCES + c * NUM_DISTANCES + distance_class(candidates[c] - predicted)
             second = MERGES + ((1 + level) * NUM_CANDIDATES + c) * NUM_PLACES + kind % NUM_PLACES
-            merged = code_mixed(coder, model, first, second, -1, MIX_MERGE, int(value == candidates[c]))
+            merged = code_mixed(coder, mixture, first, second, -1, MIX_MERGE, int(value == candidates[c]))
             seen[(MERGED if merged else UNMERGED) + c] += 1
             if merged:
-                return np.int64(candidates[c])
-    sign = 1 + (place[2] > 0) - (place[2] < 0)
-    difference = code_rest(coder, model, level, sign, value - predicted)
+                return candidates[c]
+    sign = 1 + (around.lean[0] > 0) - (around.lean[0] < 0)
+    difference = code_rest(coder, mixture, level, sign, value - predicted)
     seen[RESTS] += 1
     seen[MAGNITUDES] += abs(difference) - 1
     return predicted + difference
 
 
 @kernel
-def code_split(
-    coder, model, level, m, n, parents, alive, significance, is_open, splits, flags, place, candidates
-):
+def code_split(coder, model, m, n, known, coded, flags, around):
     """Code whether there is anything below a node."""
-    split = 0
-    if alive[m, n]:
-        kind = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
+    splits, split = coded.splits, 0
+    if known.alive[m, n]:
+        kind = kind_of_node(m, n, known.parents, splits, known.significance, known.is_open, around)
         if kind > 0:
-            split = code_flag(coder, model, level, kind, int(splits[m, n]))
+            split = code_flag(coder, model.mixture, model.level, kind, int(splits[m, n]))
             flags[kind, split] += 1
     splits[m, n] = split
     return split
 
 
 @kernel
-def code_difference_s(coder, model, level, kind, before, predicted, i, j, mean, highs, around, seen):
-    """Code a difference of two samples with a mean; `kind` is the first one of its significance."""
-    labels, parents, place, candidates = around
-    where = look_around_s(labels, parents, i, j, mean, place, candidates)
-    value = np.int64(highs[i, j])
-    return code_coefficient(
-        coder, model, level, kind + where, before, predicted, value, place, candidates, seen
-    )
-
-
-@kernel
-def code_row_l(
-    coder,
-    model,
-    level,
-    m,
-    parents,
-    alive,
-    significance,
-    is_open,
-    predictions,
-    num_labels,
-    splits,
-    labels,
-    live,
-    flags,
-    seen,
-):
+def code_row_l(coder, model, m, known, coded, seen):
     """Code what is below a row of nodes: whether there is anything, and the labels of their children."""
+    parents, _, significance, _, predictions, num_labels = known
+    labels, live = coded.labels, coded.live
     height, width = labels.shape
-    place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
+    around = new_around()
     for n in range(parents.shape[1]):
-        split = code_split(
-            coder, model, level, m, n, parents, alive, significance, is_open, splits, flags, place, candidates
-        )
+        split = code_split(coder, model, m, n, known, coded, seen.flags, around)
         before = 0
         for i in range(2 * m, min(2 * m + 2, height)):
             for j in range(2 * n, min(2 * n + 2, width)):
                 predicted = np.int64(parents[m, n]) + predictions[i, j]
                 label = predicted
                 if split and significance[m, n]:
-                    where = look_around_l(labels, parents, i, j, predicted, place, candidates)
-                    kind = significance[m, n] * NUM_PLACES + where
+                    where = look_around_l(labels, parents, i, j, predicted, around)
+                    kind, value = significance[m, n] * NUM_PLACES + where, np.int64(labels[i, j])
                     label = code_coefficient(
-                        coder,
-                        model,
-                        level,
-                        kind,
-                        before,
-                        predicted,
-                        np.int64(labels[i, j]),
-                        place,
-                        candidates,
-                        seen,
+                        coder, model, kind, before, predicted, value, around, seen.coefficients
                     )
                     before = 2 if label != predicted else max(before, 1)
                 labels[i, j] = min(max(label, 0), num_labels - 1)
                 live[i, j] = split
 
 
+class Difference(NamedTuple):
+    """Where a difference of two samples is, and what is known of it."""
+
+    i: int
+    j: int
+    mean: int  # of the samples
+    predicted: int
+    before: int  # whether differences below the same node were as predicted
+
+
 @kernel
-def code_row_s(
-    coder,
-    model,
-    level,
-    m,
-    parents,
-    alive,
-    significance,
-    is_open,
-    predictions,
-    num_labels,
-    splits,
-    highs,
-    labels,
-    live,
-    flags,
-    seen,
-):
+def code_difference_s(coder, model, known, coded, seen, difference, around):
+    """Code a difference of two samples with a mean."""
+    i, j, mean, predicted, before = difference
+    where = look_around_s(coded.labels, known.parents, i, j, mean, around)
+    kind = known.significance[i // 2, j // 2] * NUM_PLACES + where
+    value = np.int64(coded.highs[i, j])
+    return code_coefficient(coder, model, kind, before, predicted, value, around, seen.coefficients)
+
+
+@kernel
+def code_row_s(coder, model, m, known, coded, seen):
     """Code what is below a row of nodes: whether there is anything, and the differences of their children."""
+    parents, predictions, num_labels = known.parents, known.predictions, known.num_labels
+    _, highs, labels, live = coded
     height, width = labels.shape
-    place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
-    around = labels, parents, place, candidates
+    around = new_around()
     for n in range(parents.shape[1]):
-        split = code_split(
-            coder, model, level, m, n, parents, alive, significance, is_open, splits, flags, place, candidates
-        )
-        coded = split and significance[m, n]
-        kind = significance[m, n] * NUM_PLACES
+        split = code_split(coder, model, m, n, known, coded, seen.flags, around)
+        is_coded = split and known.significance[m, n]
         before, horizontal = 0, np.int64(0)
         mean = np.int64(parents[m, n])
         if 2 * n + 1 < width:
             i, j = 2 * m, 2 * n + 1
             horizontal = np.int64(predictions[i, j])
-            if coded:
-                value = code_difference_s(
-                    coder, model, level, kind, before, horizontal, i, j, mean, highs, around, seen
-                )
+            if is_coded:
+                where = Difference(i, j, mean, horizontal, before)
+                value = code_difference_s(coder, model, known, coded, seen, where, around)
                 before = 2 if value != horizontal else 1
                 horizontal = value
             horizontal = min(max(horizontal, -num_labels), num_labels)
@@ -746,10 +784,9 @@ def code_row_s(
             labels[i, j], live[i, j] = min(max(column, 0), num_labels - 1), split
             if i + 1 < height:
                 vertical = np.int64(predictions[i + 1, j])
-                if coded:
-                    value = code_difference_s(
-                        coder, model, level, kind, before, vertical, i + 1, j, column, highs, around, seen
-                    )
+                if is_coded:
+                    where = Difference(i + 1, j, column, vertical, before)
+                    value = code_difference_s(coder, model, known, coded, seen, where, around)
                     before = 2 if value != vertical else max(before, 1)
                     vertical = value
                 vertical = min(max(vertical, -num_labels), num_labels)
@@ -762,34 +799,35 @@ def code_row_s(
 @kernel
 def kinds_l(parents, labels, predictions, significance, kinds, candidates):
     """Kinds of the coefficients of a solution, and labels of their neighbours."""
-    place = np.zeros(3, np.int64)
+    around = new_around()
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
             predicted = np.int64(parents[i // 2, j // 2]) + predictions[i, j]
-            where = look_around_l(labels, parents, i, j, predicted, place, candidates[i, j])
+            where = look_around_l(labels, parents, i, j, predicted, around)
+            candidates[i, j] = around.candidates
             kinds[i, j] = significance[i // 2, j // 2] * NUM_PLACES + where
 
 
 @kernel
 def kinds_s(parents, labels, significance, kinds):
     """Kinds of the coefficients of a solution."""
-    place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
+    around = new_around()
     for i in range(labels.shape[0]):
         for j in range(labels.shape[1]):
             mean = np.int64(parents[i // 2, j // 2])
             if i % 2 == 1:
                 mean = (np.int64(labels[i - 1, j]) + labels[i, j]) >> 1
-            where = look_around_s(labels, parents, i, j, mean, place, candidates)
+            where = look_around_s(labels, parents, i, j, mean, around)
             kinds[i, j] = significance[i // 2, j // 2] * NUM_PLACES + where
 
 
 @kernel
 def kinds_of_nodes(parents, splits, significance, is_open, kinds):
     """Kinds of the nodes of a solution."""
-    place, candidates = np.zeros(3, np.int64), np.zeros(NUM_CANDIDATES, np.int64)
+    around = new_around()
     for m in range(kinds.shape[0]):
         for n in range(kinds.shape[1]):
-            kinds[m, n] = kind_of_node(m, n, parents, splits, significance, is_open, place, candidates)
+            kinds[m, n] = kind_of_node(m, n, parents, splits, significance, is_open, around)
 
 
 @kernel
@@ -803,9 +841,18 @@ def code_differences(coder, counts, values, predictions):
             )
 
 
+class Alphabet(NamedTuple):
+    """Labels of a quadtree, and where their contexts begin."""
+
+    first: int
+    num_digits: int
+    num_labels: int
+
+
 @kernel
-def code_squares(coder, counts, level, first, num_digits, num_labels, alive, split, given, labels):
+def code_squares(coder, counts, level, alphabet, alive, split, given, labels):
     """Code for a row of squares of a quadtree which are split, and the labels of those that are not."""
+    first, num_digits, num_labels = alphabet
     for n in range(alive.shape[0]):
         if not alive[n]:
             split[n] = False

@@ -122,21 +122,21 @@ def _code_tree(
     predictions = previous.highs if previous is not None else [np.zeros_like(high) for high in tree.highs]
     levels, splits, opened = tree.levels(), split_nodes(tree, predictions), open_nodes(significance)
     statistics = no_statistics(num_levels)
-    model = _initial_model()
+    mixture = _initial_mixture()
     parents = roots = _code_roots(coder, tree, previous)
     alive, highs = np.ones(parents.shape, np.uint8), list(tree.highs)
     for level in reversed(range(num_levels)):
         labels, live = levels[level].copy(), np.zeros(levels[level].shape, np.uint8)
         split, classes = splits[level].astype(np.uint8), significance[level]
         high = highs[level].copy()
-        coded = (high, labels, live) if tree.transform is S_TRANSFORM else (labels, live)
         code_row: Any = _kernels.code_row_s if tree.transform is S_TRANSFORM else _kernels.code_row_l
-        given = parents, alive, classes, opened[level], predictions[level], tree.num_labels
-        seen = statistics.flags[level], statistics.coefficients[level]
-        context_level = min(level, _kernels.NUM_LEVELS - 1)
+        model = _kernels.Model(mixture, min(level, _kernels.NUM_LEVELS - 1))
+        known = _kernels.Level(parents, alive, classes, opened[level], predictions[level], tree.num_labels)
+        coded = _kernels.Coded(split, high, labels, live)
+        seen = _kernels.Seen(statistics.flags[level], statistics.coefficients[level])
         for m in range(len(parents)):
             state = coder.room_for(parents.shape[1] * _kernels.MAX_SYMBOLS)
-            code_row(state, model, context_level, m, *given, split, *coded, *seen)
+            code_row(state, model, m, known, coded, seen)
         if tree.transform is not S_TRANSFORM:
             high = labels - tree.transform.synthesise(parents, np.zeros_like(labels))
         highs[level], parents, alive = high, labels, live
@@ -163,7 +163,7 @@ _ZEROS = 0.15, 0.4, 0.45, 0.35, 0.4
 _MERGE, _DISTANCE = 0.6, 0.5
 
 
-def _initial_model() -> Mixture:
+def _initial_mixture() -> Mixture:
     """Return probabilities from which contexts start."""
     share = np.full(_kernels.NUM_CONTEXTS, 0.5)
     flags = share[_kernels.FLAGS : _kernels.ZEROS].reshape(1 + _kernels.NUM_LEVELS, _kernels.NUM_NODE_KINDS)

@@ -11,6 +11,7 @@ References
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,13 @@ class LevelCosts:
     node_kind: Kinds  # kind of each node of the next level
     candidates: Labels  # labels, or -1
 
+    def given(self, predictions: Labels) -> _kernels.Costs:
+        """Return what the kernels take, with the coefficients that are predicted."""
+        of_nodes = self.node_kind, self.flags
+        return _kernels.Costs(
+            predictions, self.coefficient_kind, self.coefficients, *of_nodes, self.merges, self.candidates
+        )
+
 
 def optimise_tree(
     transform: IntegerTransform,
@@ -74,12 +82,8 @@ def _bottom_up(
     for level, shape in enumerate(shapes[1:]):
         errors = [np.empty((*shape, tensor.shape[2]), np.float32) for _ in range(2)]
         cost = costs[level]
-        of_nodes = cost.node_kind, cost.flags, *errors
-        below = *pyramid[-1], predictions[level], cost.coefficient_kind, cost.coefficients
-        if transform is S_TRANSFORM:
-            total += _kernels.pass_up_s(*below, *of_nodes)
-        else:
-            total += _kernels.pass_up_l(*below, cost.merges, cost.candidates, *of_nodes)
+        pass_up: Any = _kernels.pass_up_s if transform is S_TRANSFORM else _kernels.pass_up_l
+        total += pass_up(_kernels.Errors(*pyramid[-1]), cost.given(predictions[level]), *errors)
         pyramid.append((errors[0], errors[1]))
     return pyramid, total
 
@@ -96,13 +100,13 @@ def _top_down(
     for level in reversed(range(len(costs))):
         shape, cost = pyramid[level][0].shape[:2], costs[level]
         labels, live = np.empty(shape, np.int32), np.empty(shape, np.bool_)
-        below = *pyramid[level], predictions[level], cost.coefficient_kind, cost.coefficients
-        of_nodes = cost.node_kind, cost.flags, parents, alive
+        below = _kernels.Errors(*pyramid[level]), cost.given(predictions[level])
+        nodes, children = _kernels.Nodes(parents, alive), _kernels.Nodes(labels, live)
         if transform is S_TRANSFORM:
             high = np.zeros(shape, np.int32)
-            _kernels.pass_down_s(*below, *of_nodes, high, labels, live)
+            _kernels.pass_down_s(*below, nodes, high, children)
         else:
-            _kernels.pass_down_l(*below, cost.merges, cost.candidates, *of_nodes, labels, live)
+            _kernels.pass_down_l(*below, nodes, children)
             high = labels - transform.synthesise(parents, np.zeros(shape, np.int32))
         highs.append(high)
         parents, alive = labels, live

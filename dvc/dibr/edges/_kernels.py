@@ -113,8 +113,9 @@ def _code_step(coder, mixture, kind, seen, runs, run, decision):
 
 
 @kernel
-def _code_turn(coder, mixture, straight, left, after, seen, runs, run, turn, target):
+def _code_turn(coder, mixture, ways, context, turn, target):
     """Code which of the ways that are open a chain takes: 0 straight on, 1 to the left, -1 to the right."""
+    (straight, left, after), (seen, runs, run) = ways, context
     if straight:
         if not (left or after):
             return 0
@@ -140,8 +141,7 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
         straight = _is_open(below, right, row, column, last)
         left = _is_open(below, right, row, column, (last + 1) % 4)
         after = _is_open(below, right, row, column, (last + 3) % 4)
-        ways = np.int64(straight) + np.int64(left) + np.int64(after)
-        if ways == 0 or count >= len(directions):
+        if not (straight or left or after) or count >= len(directions):
             return count
         touched = _is_touched(below, right, row, column, last)
         seen = history if turn >= 0 else NUM_HISTORIES - 1 - history  # as if the last turn were to the left
@@ -149,7 +149,7 @@ def code_chain(coder, mixture, below, right, row, column, directions, length):
         if _code_end(coder, mixture, touched, seen, run, int(count == length)):
             return count
         target = (np.int64(directions[count]) - last + 1) % 4 - 1 if count < length else 0
-        step = _code_turn(coder, mixture, straight, left, after, seen, runs, run, turn, target)
+        step = _code_turn(coder, mixture, (straight, left, after), (seen, runs, run), turn, target)
         history = (history * 3 + step + 1) % NUM_HISTORIES
         if step == 0:
             run = min(run + 1, MAX_RUN)
