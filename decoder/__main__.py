@@ -2,9 +2,10 @@
 
 import argparse
 import re
+import socket
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -55,7 +56,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--salvage",
         action="store_true",
-        help="keep the frames before the damage of a damaged stream (exit status 2 all the same)",
+        help="keep the frames before the damage of a damaged stream (exit status 2 all the same; files only:"
+        " what a live run has decoded when it ends early stays as OUTPUT.part, with exit status 3)",
     )
     parser.add_argument(
         "--unfinished",
@@ -142,8 +144,9 @@ def _decode(arguments: argparse.Namespace) -> int:
     if arguments.frames is not None and (arguments.connect or arguments.punctured):
         other = "--connect" if arguments.connect else "--punctured"
         raise ConfigError(f"--frames and {other} exclude each other: {other} is for whole sequences")
-    if arguments.unfinished and arguments.connect:
-        raise ConfigError("--unfinished is for files, not for --connect")
+    for option in ("unfinished", "salvage"):
+        if arguments.connect and getattr(arguments, option):
+            raise ConfigError(f"--{option} is for files, not for --connect, which keeps what was decoded")
     outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
     inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
@@ -203,23 +206,24 @@ def _decode_live(arguments: argparse.Namespace) -> int:
 
     with connect(*parse_address(arguments.connect), timeout_s=arguments.timeout) as connection:
         source = LiveSource(connection)
-        config = _with_choices(source.config, arguments)
         try:
-            with connection.kept_alive(KEEP_ALIVE), ExitStack() as stack:
-                groups = decode_live(config, source, arguments.jobs)
-                failure = _output(config, arguments, stack).consume(
-                    groups, arguments.quiet, arguments.salvage
-                )
-            if isinstance(failure, BitstreamError):
-                source.give_up(cli.one_line(failure))
-        except FeedbackError:
+            config = _with_choices(source.config, arguments)
+            with connection.kept_alive(KEEP_ALIVE), _stopped_by_signals() as stop, ExitStack() as stack:
+                groups = decode_live(config, source, arguments.jobs, stop)
+                _output(config, arguments, stack, live=True).consume(groups, arguments.quiet)
+        except (DvcError, KeyboardInterrupt) as err:
+            with suppress(FeedbackError):  # it may have gone itself
+                source.give_up(cli.one_line(err) or "interrupted")
             raise
-        except DvcError as err:
-            source.give_up(cli.one_line(err))
-            raise
-    if failure is not None:
-        raise failure
     return 0
+
+
+@contextmanager
+def _stopped_by_signals() -> Iterator[socket.socket]:
+    """Give what can be read after an interrupt or SIGTERM."""
+    stop, stopping = socket.socketpair()
+    with stop, stopping, cli.stopping_at_signals(lambda: stopping.sendall(b"x")):
+        yield stop
 
 
 def _with_choices(config: "CodecConfig", arguments: argparse.Namespace) -> "CodecConfig":
@@ -261,6 +265,8 @@ def _output(
     stack: ExitStack,
     wanted: range | None = None,
     form: str = "punctured",
+    *,
+    live: bool = False,
 ) -> "DecodedOutput":
     from decoder.output import DecodedOutput
     from dvc.stream import Form
@@ -283,6 +289,7 @@ def _output(
         reference=reference,
         wanted=wanted,
         form=Form(form),
+        live=live,
     )
 
 

@@ -23,6 +23,7 @@ from dvc.feedback import (
     ParityAnswer,
     max_open_gops,
 )
+from dvc.feedback.transport import Readable
 from dvc.slepian_wolf import ParityRequest, Place
 
 HELD_SHARE = 1 / 16
@@ -40,6 +41,7 @@ class LiveSource:
         self.connection = connection
         self.endpoint = DecoderEndpoint()
         self._events: deque[Event] = deque()
+        self.flush()
         while not self._events:
             self._events.extend(self.receive())
         if not isinstance(self._events.popleft(), Hello):
@@ -119,7 +121,9 @@ class GroupsInFlight:
         source: LiveSource,
         processes: Sequence[DecodingProcess],
         task_of: Callable[[Gop], GroupTask],
+        stop: Readable | None = None,
     ) -> None:
+        self._stop = [] if stop is None else [stop]
         self._source, self._endpoint = source, source.endpoint
         self._processes = processes
         self._task_of = task_of
@@ -135,16 +139,21 @@ class GroupsInFlight:
         """Decode what the encoder sends."""
         for _ in range(max_open_gops(self._source.config)):
             self._endpoint.send_next_gop()
-        number = 0
-        while not self._endpoint.finished:
-            self._source.flush()
-            self._go_on()
+        number, failure = 0, None
+        while not self._endpoint.finished and failure is None:
+            try:
+                self._source.flush()
+                self._go_on()
+            except (FeedbackError, KeyboardInterrupt) as err:
+                failure = err  # after what is decoded already
             while (outcome := self._outcomes.pop(number, None)) is not None:
                 if isinstance(outcome, Exception):
                     raise outcome
                 yield outcome
                 number += 1
                 self._endpoint.send_next_gop()
+        if failure is not None:
+            raise failure
         self._source.flush()
 
     def _go_on(self) -> None:
@@ -152,7 +161,9 @@ class GroupsInFlight:
         connection = self._source.connection
         idle = not any(process.num_running for process in self._processes)
         patient = len(self._asked) == len(self._held) and not idle
-        for ready in connection.wait(self._processes, patient, self._held_s()):
+        for ready in connection.wait([*self._processes, *self._stop], patient, self._held_s()):
+            if ready in self._stop:
+                raise KeyboardInterrupt
             if ready is connection:
                 for event in self._source.receive():
                     self._take(event)

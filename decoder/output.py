@@ -1,16 +1,16 @@
-"""What a decoding run writes: videos, punctured stream, report; all of it or nothing."""
+"""What a decoding run writes: videos, punctured stream, report; all of it or nothing, or what was live."""
 
 import os
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from fractions import Fraction
 
 from decoder.report import DecodeReport
 from decoder.tasks import DecodedGroup
 from dvc import cli
 from dvc.config import CodecConfig
-from dvc.errors import BitstreamError, DvcError, FeedbackError
-from dvc.files import atomic_output
+from dvc.errors import BitstreamError, DvcError, PartialOutputError
+from dvc.files import PARTIAL_SUFFIX, atomic_output
 from dvc.stream import Form, StreamWriter
 from dvc.video import Frame, VideoReader, VideoWriter, create_video
 
@@ -30,30 +30,47 @@ class DecodedOutput:
         reference: VideoReader | None = None,
         wanted: range | None = None,
         form: Form = Form.PUNCTURED,
+        live: bool = False,
     ) -> None:
+        self._live = live  # so that it cannot be decoded again: what there is of it is kept
+        self._path = video
         self._wanted = wanted
         self._num_frames = 0
         self._report_path = report
         self._report = DecodeReport(config, reference, wanted)
-        self._stream = _stream_writer(config, punctured, form, stack)
-        self._video = _video_writer(config, video, config.video.luma_only, stack)
+        self._stream = _stream_writer(config, punctured, form, stack, kept=live)
+        self._video = _video_writer(config, video, config.video.luma_only, stack, kept=live)
         self._side_information: VideoWriter | None = None
         if side_information is not None:
-            self._side_information = _video_writer(config, side_information, True, stack)
+            self._side_information = _video_writer(config, side_information, True, stack, kept=live)
 
-    def consume(self, groups: Iterable[DecodedGroup], quiet: bool, salvage: bool) -> DvcError | None:
+    def consume(self, groups: Iterable[DecodedGroup], quiet: bool, salvage: bool = False) -> DvcError | None:
         """Write all groups."""
         failure: DvcError | None = None
         with cli.progress_bar("decoding", None, quiet) as progress:
             try:
                 for group in groups:
                     self._add(group, progress)
-            except (BitstreamError, FeedbackError) as err:
-                if not salvage or self._num_frames == 0:
+            except (DvcError, KeyboardInterrupt) as err:
+                if self._num_frames == 0:
                     raise
-                failure = type(err)(f"{err} (frames kept: {self._num_frames})")
+                if self._live:
+                    self._report_partial()
+                    reason = str(err) or "interrupted"
+                    kept = f"{self._num_frames} frames are kept as {self._path}{PARTIAL_SUFFIX}"
+                    raise PartialOutputError(f"{reason}; {kept}") from err
+                if not (salvage and isinstance(err, BitstreamError)):
+                    raise
+                failure = BitstreamError(f"{err} (frames kept: {self._num_frames})")
         self._finish()
         return failure
+
+    def _report_partial(self) -> None:
+        """Report what there is of a live run that broke off."""
+        if self._report_path is not None:
+            to_file = "" if self._report_path == "-" else PARTIAL_SUFFIX
+            with suppress(DvcError):
+                cli.write_json(self._report_path + to_file, self._report.to_dict(self._stream.num_bytes))
 
     def _add(self, group: DecodedGroup, progress: Callable[[int], None]) -> None:
         shown = [(frame.index, frame.frame, Frame(frame.side_information)) for frame in group.wyner_ziv]
@@ -79,12 +96,17 @@ class DecodedOutput:
             cli.write_json(self._report_path, self._report.to_dict(self._stream.num_bytes))
 
 
-def _video_writer(config: CodecConfig, path: str, luma_only: bool, stack: ExitStack) -> VideoWriter:
+def _video_writer(
+    config: CodecConfig, path: str, luma_only: bool, stack: ExitStack, *, kept: bool
+) -> VideoWriter:
     video = config.video
     rate = Fraction(video.frame_rate_num, video.frame_rate_den)
-    return stack.enter_context(create_video(path, (video.width, video.height), rate, luma_only=luma_only))
+    size = video.width, video.height
+    return stack.enter_context(create_video(path, size, rate, luma_only=luma_only, kept=kept))
 
 
-def _stream_writer(config: CodecConfig, path: str | None, form: Form, stack: ExitStack) -> StreamWriter:
-    temporary = stack.enter_context(atomic_output(path or os.devnull))
+def _stream_writer(
+    config: CodecConfig, path: str | None, form: Form, stack: ExitStack, *, kept: bool
+) -> StreamWriter:
+    temporary = stack.enter_context(atomic_output(path or os.devnull, kept=kept))
     return StreamWriter(stack.enter_context(temporary.open("wb")), config, form)

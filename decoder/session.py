@@ -9,6 +9,7 @@ from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError
+from dvc.feedback.transport import Readable
 from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import Form, GopRecord, StreamReader
 
@@ -74,7 +75,9 @@ def _start(config: CodecConfig, reader: StreamReader, frame: int) -> tuple[int, 
     return group, reader.index.first_frame(group)
 
 
-def decode_live(config: CodecConfig, source: LiveSource, jobs: int = 1) -> Iterator[DecodedGroup]:
+def decode_live(
+    config: CodecConfig, source: LiveSource, jobs: int = 1, stop: Readable | None = None
+) -> Iterator[DecodedGroup]:
     """Decode what an encoder at the other end of a connection sends, asking for parity as it is needed.
 
     Parameters
@@ -85,6 +88,8 @@ def decode_live(config: CodecConfig, source: LiveSource, jobs: int = 1) -> Itera
         The encoder.
     jobs : int, optional
         Processes that decode groups at the same time, many in each.
+    stop : Readable, optional
+        Once it can be read, what is decoded already is yielded, then `KeyboardInterrupt` raised.
 
     Yields
     ------
@@ -99,7 +104,7 @@ def decode_live(config: CodecConfig, source: LiveSource, jobs: int = 1) -> Itera
     tasks = _Tasks(config)
     with ExitStack() as stack:
         processes = [stack.enter_context(decoding_process()) for _ in range(jobs)]
-        groups = GroupsInFlight(source, processes, lambda gop: tasks.add(gop.number, gop.record, None))
+        groups = GroupsInFlight(source, processes, lambda gop: tasks.add(gop.number, gop.record, None), stop)
         yield from groups.decode()
 
 

@@ -15,9 +15,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
 
-from dvc.errors import ConfigError, DvcError
+from dvc.errors import ConfigError, DvcError, PartialOutputError
 
 EXIT_BAD_INPUT = 2
+EXIT_PARTIAL = 3
 EXIT_INTERRUPTED = 130
 EXIT_TERMINATED = 143
 
@@ -68,12 +69,34 @@ def _cleaning_up_when_terminated() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
+@contextlib.contextmanager
+def stopping_at_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Call something at an interrupt or SIGTERM, which may let the block go on; a second one breaks off."""
+
+    def _stop(number: int, _: FrameType | None) -> None:
+        signal.signal(number, signal.default_int_handler)
+        stop()
+
+    numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN]
+    if threading.current_thread() is not threading.main_thread():
+        numbers = []
+    before = {number: signal.signal(number, _stop) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def run(prog: str, command: Callable[[], int]) -> int:
     """Run a command; expected failures become one line on stderr and an exit status."""
     logging.basicConfig(level=logging.WARNING, format=f"{prog}: %(message)s", stream=sys.stderr)
     try:
         with _cleaning_up_when_terminated():
             return command()
+    except PartialOutputError as err:
+        sys.stderr.write(f"{prog}: {one_line(err)}\n")
+        return EXIT_PARTIAL
     except DvcError as err:
         message = one_line(err)
     except OSError as err:

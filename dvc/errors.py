@@ -21,5 +21,9 @@ class FeedbackError(DvcError):
     """A peer that breaks the feedback protocol, falls silent or goes away."""
 
 
+class PartialOutputError(DvcError):
+    """A live run that ended early; what was decoded before is kept under other names."""
+
+
 class RdCurveError(DvcError):
     """Rate-distortion curves that cannot be compared."""

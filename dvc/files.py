@@ -211,17 +211,24 @@ def _put_aside(partial: Path) -> None:
 
 
 @contextmanager
-def atomic_output(path: str | Path, *, visible: bool = False) -> Iterator[Path]:
-    """Give a temporary name to write to; rename it to `path` on success, remove it on any exception."""
+def atomic_output(path: str | Path, *, visible: bool = False, kept: bool = False) -> Iterator[Path]:
+    """Give a temporary name to write to; rename it to `path` on success, remove it on any exception.
+
+    What is to be kept has a name that shows, and stays there on an exception unless it is empty.
+    """
     path = Path(path)
     if path.exists() and not path.is_file() and not path.is_dir():
         yield path
         return
-    output = OutputFile(path, visible=visible)
+    output = OutputFile(path, visible=visible or kept)
     try:
         with output.naming():
             yield output.temporary
         output.commit()
+    except BaseException:
+        if kept and output.temporary.stat().st_size > 0:
+            output.keep()
+        raise
     finally:
         output.discard()
 

@@ -12,9 +12,7 @@ from dvc.files import PARTIAL_SUFFIX
 from encoder import options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from dvc.video import Frame, VideoInfo
+    from dvc.video import VideoInfo
     from dvc.video.sources import FrameStream
     from encoder.pacing import PacedFrames
     from encoder.segments import InputFrames, Segment
@@ -67,7 +65,7 @@ def _run(reader: "FrameStream", arguments: argparse.Namespace, progress: "Progre
     session = options.session(arguments, reader.info)
     try:
         if arguments.serve is not None:
-            decoder = _serve(session, frames, arguments, progress)
+            decoder = _serve(session, source, arguments, progress)
         else:
             with source.stopping_at_signals() if live or arguments.segment else nullcontext():
                 if arguments.segment is None:
@@ -137,21 +135,20 @@ def _write_segments(
 
 
 def _serve(
-    session: "EncoderSession", frames: "Iterable[Frame]", arguments: argparse.Namespace, progress: "Progress"
+    session: "EncoderSession", source: "InputFrames", arguments: argparse.Namespace, progress: "Progress"
 ) -> dict[str, object]:
-    """Answer a decoder; return how late it was."""
+    """Answer a decoder, also after an interrupt, which ends the frames; return how late it was."""
     from dvc.feedback import KEEP_ALIVE, listen, parse_address
-    from encoder.live import serve
+    from encoder.live import await_decoder, serve
     from encoder.pacing import DecoderPace
 
     video = session.config.video
     pace = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), _say)
     with listen(*parse_address(arguments.serve)) as listener:
-        sys.stderr.write(f"{options.PROG}: waiting for a decoder on {listener.name}\n")
-        sys.stderr.flush()
-        connection = listener.accept(silence_timeout_s=arguments.timeout)
-    with connection, connection.kept_alive(KEEP_ALIVE):
-        serve(session, frames, connection, progress, pace)
+        _say(f"waiting for a decoder on {listener.name}")
+        connection, endpoint = await_decoder(listener, session.config, arguments.timeout, _say)
+    with connection, connection.kept_alive(KEEP_ALIVE), source.stopping_at_signals():
+        serve(session, source, connection, progress, pace, endpoint)
     return {"decoder_behind_s": round(pace.behind_s, 3), "most_frames_open": pace.most_frames_open}
 
 

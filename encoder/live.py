@@ -1,15 +1,60 @@
-"""The encoder's end of a live run: sends groups while the decoder has room, answers its requests."""
+"""The encoder's end of a live run: sends groups while a decoder has room, answers its requests."""
 
-from collections.abc import Iterable, Sequence
-from contextlib import ExitStack
+import time
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack, suppress
 from fractions import Fraction
 
-from dvc.errors import FeedbackError, VideoError
-from dvc.feedback import Connection, EncoderEndpoint, Event, GopDone
+from dvc.config import CodecConfig
+from dvc.errors import DvcError, FeedbackError
+from dvc.feedback import Connection, EncoderEndpoint, Event, GopDone, Listener
 from dvc.slepian_wolf import RequestTable
 from dvc.video import Frame
 from encoder.pacing import DecoderPace
 from encoder.session import EncoderSession, Progress
+
+HELLO_S = 5.0
+"""Time that a peer has to say hello; until then it may be anybody, and others wait."""
+MAX_STALL_S = 3600.0
+"""Longest time without progress: a decoder that is alive but does nothing is given up."""
+
+
+def await_decoder(
+    listener: Listener, config: CodecConfig, timeout_s: float, say: Callable[[str], None]
+) -> tuple[Connection, EncoderEndpoint]:
+    """Wait for a decoder; whoever else connects is turned away, and ends nothing."""
+    while True:
+        connection = listener.accept(silence_timeout_s=timeout_s)
+        try:
+            return connection, greet(connection, config)
+        except FeedbackError as err:
+            say(f"not a decoder: {err}; still waiting")
+
+
+def greet(connection: Connection, config: CodecConfig) -> EncoderEndpoint:
+    """Wait for the hello of a decoder, and answer it; close the connection where none comes in time."""
+    endpoint, deadline_s = EncoderEndpoint(config), time.monotonic() + HELLO_S
+    try:
+        while not endpoint.greeted:
+            left_s = deadline_s - time.monotonic()
+            if left_s <= 0.0 or not connection.wait(patient=True, at_most_s=left_s):
+                raise FeedbackError(f"the other side ({connection.name}) says no hello for {HELLO_S:g} s")
+            endpoint.receive(connection.receive())
+    except FeedbackError as err:
+        with suppress(FeedbackError):
+            _give_up(connection, endpoint, err)
+        connection.close_within(min(1.0, deadline_s - time.monotonic()))
+        raise
+    except BaseException:
+        connection.close()
+        raise
+    return endpoint
+
+
+def _give_up(connection: Connection, endpoint: EncoderEndpoint, reason: object) -> None:
+    """Tell the other side that this side ends the run."""
+    endpoint.send_failure(str(reason))
+    connection.send(endpoint.bytes_to_send())
 
 
 def serve(
@@ -18,16 +63,20 @@ def serve(
     connection: Connection,
     progress: Progress,
     pace: DecoderPace | None = None,
+    endpoint: EncoderEndpoint | None = None,
 ) -> None:
     """Encode a sequence for a decoder at the other end of a connection, answering its requests."""
+    endpoint = endpoint or EncoderEndpoint(session.config)
     video = session.config.video
     quiet = DecoderPace(Fraction(video.frame_rate_num, video.frame_rate_den), lambda _: None)
-    live = _LiveEncoder(session, frames, connection, progress, pace or quiet)
+    live = _LiveEncoder(session, frames, connection, endpoint, progress, pace or quiet)
     try:
         with session.statistics.coding():
             live.run()
-    except VideoError as err:
-        live.give_up(str(err))
+    except FeedbackError:
+        raise
+    except (DvcError, KeyboardInterrupt) as err:
+        _give_up(connection, endpoint, str(err) or "interrupted")
         raise
 
 
@@ -39,6 +88,7 @@ class _LiveEncoder:
         session: EncoderSession,
         frames: Iterable[Frame],
         connection: Connection,
+        endpoint: EncoderEndpoint,
         progress: Progress,
         pace: DecoderPace,
     ) -> None:
@@ -47,7 +97,8 @@ class _LiveEncoder:
         self._source = session.groups(frames)
         self._connection = connection
         self._progress = progress
-        self._endpoint = EncoderEndpoint(session.config)
+        self._endpoint = endpoint
+        self._progressed_s = time.monotonic()
         self._ended = False
         self._open = session.open_frames(self._endpoint.num_slots)
         self._num_frames: dict[int, int] = {}  # of open groups
@@ -59,6 +110,7 @@ class _LiveEncoder:
                 if wanted:
                     answering.close()
                     self._send_group()
+                    self._progressed_s = time.monotonic()  # however long the source took
                     answering.enter_context(self._session.statistics.timing("parity_cpu_s"))
                 elif not self._ended:
                     self._pace.waits()
@@ -67,6 +119,10 @@ class _LiveEncoder:
                     self._take(self._endpoint.receive(self._connection.receive()))
 
     def _take(self, events: Sequence[Event]) -> None:
+        now_s = time.monotonic()
+        if not events and now_s - self._progressed_s > MAX_STALL_S:
+            raise FeedbackError(f"the other side is alive, but does nothing for {MAX_STALL_S:g} s")
+        self._progressed_s = now_s if events else self._progressed_s
         for event in events:
             if isinstance(event, RequestTable):
                 self._answer(event)
@@ -74,10 +130,6 @@ class _LiveEncoder:
                 num_frames = self._num_frames.pop(event.number)
                 self._pace.done(num_frames)
                 self._progress(num_frames)
-
-    def give_up(self, reason: str) -> None:
-        self._endpoint.send_failure(reason)
-        self._connection.send(self._endpoint.bytes_to_send())
 
     def _send_group(self) -> None:
         group = next(self._source, None)
@@ -97,6 +149,6 @@ class _LiveEncoder:
     def _answer(self, requests: RequestTable) -> None:
         try:
             bits = self._open.answer(requests)
-        except ValueError as err:  # no such plane in this frame: the ledger knows only what frames may have
+        except ValueError as err:  # no such plane in this frame: flow control knows only what they may have
             raise FeedbackError(f"the other side broke the feedback protocol: {err}") from err
         self._endpoint.send_answers(bits)

@@ -1,16 +1,14 @@
 """A recording as segments: streams of so many frames, each complete by itself, in numbered files."""
 
 import re
-import signal
-import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from itertools import chain, count, islice
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Self
 
+from dvc import cli
 from dvc.errors import ConfigError, VideoError
 from dvc.files import PARTIAL_SUFFIX, growing_output
 from dvc.video import Frame
@@ -83,25 +81,14 @@ class InputFrames:
         finally:
             self._waiting = False
 
-    @contextmanager
-    def stopping_at_signals(self) -> Iterator[None]:
+    def stopping_at_signals(self) -> AbstractContextManager[None]:
         """Let an interrupt or SIGTERM end the frames, as the end of the source does; a second breaks off."""
+        return cli.stopping_at_signals(self._stop)
 
-        def _stop(number: int, _: FrameType | None) -> None:
-            signal.signal(number, signal.default_int_handler)
-            self.stopped = True
-            if self._waiting:
-                raise KeyboardInterrupt
-
-        numbers = [n for n in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(n) != signal.SIG_IGN]
-        if threading.current_thread() is not threading.main_thread():
-            numbers = []
-        before = {number: signal.signal(number, _stop) for number in numbers}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
+    def _stop(self) -> None:
+        self.stopped = True
+        if self._waiting:
+            raise KeyboardInterrupt
 
     def raise_failure(self) -> None:
         """Raise what the source failed with, if it did."""

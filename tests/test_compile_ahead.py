@@ -61,12 +61,12 @@ def test_lists_hold_what_programs_call(program: str, codecs: Sequence[Golden], t
 
 
 def test_lists_hold_what_live_runs_call(tmp_path: Path) -> None:
-    """What an encoder calls that answers a decoder is listed, and what the ledger does at both ends."""
+    """What an encoder calls that answers a decoder is listed, and what flow control does at both ends."""
     golden = CODECS[-1]
     called = recorded("live", source(golden, tmp_path), *golden.coding.split())
-    ledger = [line for line in called if line.startswith("dvc.feedback._kernels enter")]
-    assert len(ledger) == 2
-    for program, lines in (("encoder", called), ("decoder", ledger)):
+    flow_control = [line for line in called if line.startswith("dvc.feedback._kernels enter")]
+    assert len(flow_control) == 2
+    for program, lines in (("encoder", called), ("decoder", flow_control)):
         kept = LISTS[program].read_text(encoding="utf-8").splitlines()
         missing = [line for line in lines if line not in kept]
         if os.environ.get("DVC_REGENERATE") == "1":

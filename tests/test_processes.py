@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,13 +22,14 @@ import pytest
 import decoder.__main__
 import encoder.__main__
 from dvc.config import DEFAULT_CODEC
+from dvc.errors import VideoError
 from dvc.feedback import DecoderEndpoint, EncoderEndpoint, Gop, Hello
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
-from dvc.slepian_wolf import ParityRequest
+from dvc.slepian_wolf import RequestTable
 from dvc.stream import StreamReader
 from dvc.video import Frame, open_video
-from tests.clips import moving_texture, write_clip
+from tests.clips import moving_texture, same_frame, write_clip
 from tests.scenes_3d import render
 
 PATIENCE_S = 120
@@ -38,7 +40,7 @@ CODING = ("--codec", "2d", "--wz-q", 3)
 def start(module: str, *arguments: object, **options: Any) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", module, *map(str, arguments)]
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen(command, text=True, **pipes, **options)
+    return subprocess.Popen(command, text=True, **(pipes | options))
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -306,6 +308,102 @@ def test_encoder_leaves_nothing_on_a_full_disk(tmp_path: Path, clip: Path) -> No
     assert list(tmp_path.iterdir()) == []
 
 
+STRANGERS = [b"", b"GET / HTTP/1.1\r\n\r\n" * 1000, b"\x01\x01\x05", b"\x09\x00"]
+"""A connection that ends at once, another protocol, another version of this one, a sign of life too early."""
+
+
+def test_strangers_end_nothing(folder: Path, clip: Path, buffered: Run) -> None:
+    """Whoever connects first and says what is no hello is turned away; the encoder waits on."""
+    with start("encoder", clip, *CODING, "--serve", "127.0.0.1:0") as encoder:
+        port = listening_port(encoder)
+        for said in STRANGERS:
+            with socket.create_connection(("127.0.0.1", port), PATIENCE_S) as peer, suppress(ConnectionError):
+                peer.sendall(said)
+                peer.shutdown(socket.SHUT_WR)
+                while peer.recv(2**16):
+                    pass
+        run_here("decoder", "--connect", f"127.0.0.1:{port}", folder / "after_strangers.y4m")
+        status, stderr = finish(encoder)
+    assert status == 0, stderr
+    assert stderr.count("dvc-encode: not a decoder: ") == len(STRANGERS)
+    assert (folder / "after_strangers.y4m").read_bytes() == buffered.video.read_bytes()
+
+
+@contextmanager
+def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
+    """Encoder and decoder of a live run whose source halts after four frames; the first is decoded.
+
+    The fourth is a Wyner-Ziv frame whose group has no end yet.
+    """
+    raw = [plane for frame in moving_texture(5, 32, 48)[:4] for plane in (frame.luma, *(frame.chroma or ()))]
+    options = ("--size", "48x32", "--frame-rate", 25, *CODING, "--serve", "127.0.0.1:0")
+    encoder = start("encoder", "-", *options, stdin=subprocess.PIPE)
+    assert encoder.stdin is not None
+    encoder.stdin.buffer.write(b"".join(plane.tobytes() for plane in raw))
+    encoder.stdin.flush()
+    address = f"127.0.0.1:{listening_port(encoder)}"
+    outputs = [name if name.startswith("--") else folder / name for name in names]
+    with encoder, start("decoder", "--connect", address, *outputs) as decoder:
+        video = folder / f"{names[0]}.part"
+        wait_for(lambda: video.exists() and frames_of(video))
+        try:
+            yield encoder, decoder
+        finally:
+            decoder.kill()
+            encoder.kill()
+
+
+def frames_of(path: Path) -> list[Frame]:
+    """Return the frames of a video, whatever its name."""
+    whole = path.with_name("look.y4m")
+    whole.write_bytes(path.read_bytes())
+    try:
+        with open_video(whole) as video:
+            return list(video)
+    except VideoError:  # nothing but a header
+        return []
+    finally:
+        whole.unlink()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted_encoder_sends_its_end(tmp_path: Path, buffered: Run, number: signal.Signals) -> None:
+    """Frames that came before it are coded and decoded; the decoder has a whole video of them."""
+    with halted(tmp_path, "out.y4m") as (encoder, decoder):
+        encoder.send_signal(number)
+        assert finish(decoder) == (0, "")
+        status, stderr = finish(encoder)
+    assert (status, stderr.splitlines()[-1]) == (130, "dvc-encode: interrupted")
+    assert [path.name for path in tmp_path.iterdir()] == ["out.y4m"]
+    frames, whole = frames_of(tmp_path / "out.y4m"), frames_of(buffered.video)
+    assert len(frames) == 4
+    assert all(same_frame(*pair) for pair in zip(frames[:3], whole, strict=False))
+
+
+@pytest.mark.parametrize("cause", ["SIGINT", "SIGTERM", "death"])
+def test_decoded_frames_of_a_broken_live_run_are_kept(tmp_path: Path, buffered: Run, cause: str) -> None:
+    """Whatever ends a live run early, whole groups stay as .part, with a line and status of its own."""
+    names = ("out.y4m", "--punctured", "small.dvc", "--json", "report.json")
+    with halted(tmp_path, *names) as (encoder, decoder):
+        if cause == "death":
+            encoder.kill()
+        else:
+            decoder.send_signal(signal.Signals[cause])
+        status, stderr = finish(decoder)
+        _, told = encoder.communicate(timeout=PATIENCE_S)  # closes its input
+    assert status == 3, stderr
+    frames = frames_of(tmp_path / "out.y4m.part")
+    assert frames
+    assert stderr.splitlines()[-1].endswith(f"{len(frames)} frames are kept as {tmp_path}/out.y4m.part")
+    assert cause == "death" or told.splitlines()[-1].startswith("dvc-encode: the other side")
+    left = sorted(path.name for path in tmp_path.iterdir())
+    assert left == ["out.y4m.part", "report.json.part", "small.dvc.part"]
+    assert all(same_frame(*pair) for pair in zip(frames, frames_of(buffered.video), strict=False))
+    run_here("decoder", tmp_path / "small.dvc.part", tmp_path / "again.y4m", "--unfinished")
+    assert (tmp_path / "again.y4m").read_bytes() == (tmp_path / "out.y4m.part").read_bytes()
+    assert json.loads((tmp_path / "report.json.part").read_text())["frames"] == len(frames)
+
+
 def test_interrupt_leaves_nothing(tmp_path: Path, clip: Path) -> None:
     """An encoder that is interrupted while it waits for a decoder says so and ends with status 130."""
     with start("encoder", clip, "--serve", "127.0.0.1:0", "--json", tmp_path / "report.json") as encoder:
@@ -340,22 +438,24 @@ def wait_for(condition: Callable[[], object]) -> None:
 
 @pytest.fixture
 def served(clip: Path) -> Iterator[tuple[subprocess.Popen[str], socket.socket]]:
-    """An encoder that waits with a patience of one second, and a connection to it."""
+    """An encoder that waits with a patience of one second, and a connection to it that has said hello."""
     with start("encoder", clip, "--serve", "127.0.0.1:0", "--timeout", 1, *CODING) as encoder:
         with socket.create_connection(("127.0.0.1", listening_port(encoder)), PATIENCE_S) as peer:
+            peer.sendall(DecoderEndpoint().bytes_to_send())
             yield encoder, peer
         encoder.kill()
 
 
 def test_encoder_gives_up_on_a_silent_decoder(served: tuple[subprocess.Popen[str], socket.socket]) -> None:
-    """A decoder that connects and says nothing costs the encoder its timeout, not its life."""
+    """A decoder that says hello and nothing more is given up after the timeout."""
     encoder, _ = served
     assert_refused(finish(encoder), "is silent for 1 s")
 
 
 def test_encoder_gives_up_on_a_babbling_decoder(served: tuple[subprocess.Popen[str], socket.socket]) -> None:
-    """A peer that sends what is no message ends the run with one line."""
+    """A decoder that says hello, then what is no message, ends the run with one line."""
     encoder, peer = served
+    peer.recv(1)
     peer.sendall(b"GET / HTTP/1.1\r\n\r\n" * 1000)
     assert_refused(finish(encoder), "broke the feedback protocol")
 
@@ -366,6 +466,7 @@ def test_encoder_gives_up_on_a_decoder_that_goes_away(
     """A decoder that leaves after the first group of pictures ends the run with one line."""
     encoder, peer = served
     endpoint = DecoderEndpoint()
+    endpoint.bytes_to_send()  # the hello, which was said
     assert isinstance(receive(endpoint, peer), Hello)
     endpoint.send_next_gop()
     peer.sendall(endpoint.bytes_to_send())
@@ -399,10 +500,11 @@ def say_too_much(peer: socket.socket, stream: Path) -> None:
 def go_away_at_the_first_request(peer: socket.socket, stream: Path) -> None:
     with StreamReader(stream) as reader:
         endpoint, records = EncoderEndpoint(reader.config), list(reader)
+    receive(endpoint, peer)
     for record in records:
         while not endpoint.num_credits:
             peer.sendall(endpoint.bytes_to_send())
-            if isinstance(receive(endpoint, peer), ParityRequest):
+            if isinstance(receive(endpoint, peer), RequestTable):
                 return
         endpoint.send_gop(record)
 

@@ -4,7 +4,7 @@ Messages and the two endpoints do no I/O; `dvc.feedback.transport` is the one mo
 """
 
 from dvc.feedback.endpoints import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint, Event, ParityAnswer
-from dvc.feedback.ledger import MAX_OPEN_GOPS, max_open_gops
+from dvc.feedback.flow_control import MAX_OPEN_GOPS, max_open_gops
 from dvc.feedback.messages import (
     PROTOCOL_VERSION,
     End,

@@ -1,4 +1,4 @@
-"""Compiled loops over many requests, their syntax and what the ledger says of them; validated by callers.
+"""Compiled loops over many requests, their syntax and what flow control says of them; validated by callers.
 
 `rows` (n, 8) and `positions` (m,) are the columns of a `dvc.slepian_wolf.RequestTable`.
 """
@@ -71,11 +71,11 @@ def parse_requests(data, rows, positions):
 
 
 @kernel
-def _slot_of(frame, gops, places):
+def _slot_of(frame, gops, gop_length):
     """Return where a frame of an open group of pictures is held, -1: it is of none."""
-    for place in range(gops.shape[0]):
-        if gops[place, 0] <= frame < gops[place, 0] + gops[place, 1]:
-            return place * places + frame - gops[place, 0]
+    for k in range(gops.shape[0]):
+        if gops[k, 0] <= frame < gops[k, 0] + gops[k, 1]:
+            return k * gop_length + frame - gops[k, 0]
     return -1
 
 
@@ -105,18 +105,16 @@ def _fault_of_positions(row, chosen, limits, crc_bits, num_codes):
 
 @kernel
 def enter_requests(
-    rows, positions, gops, places, requested, codes, awaited, limits, crc_bits, num_codes, in_turn
+    rows, positions, gops, gop_length, requested, codes, awaited, limits, crc_bits, num_codes, in_turn
 ):
-    """Enter requests in a ledger, and find where frames are held; return the first at fault, and its fault.
-    Enter requests in a ledger, and find where frames are held; return the first at fault, and its fault.
-    """
+    """Enter requests, and find where frames are held; return the first at fault, and its fault."""
     start = 0
     for n in range(rows.shape[0]):
         row = rows[n]
         plane, kind, code = row[PLANE], row[KIND], row[CODE]
         chosen = positions[start : row[LAST]]
         start = row[LAST]
-        slot = _slot_of(row[FRAME], gops, places)
+        slot = _slot_of(row[FRAME], gops, gop_length)
         row[SLOT] = slot
         fault = 0
         if not 0 <= plane < codes.shape[1]:

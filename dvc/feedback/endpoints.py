@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dvc.bits import MAX_VARINT_BYTES, decode_varint
 from dvc.config import CodecConfig, decode_config, encode_config
 from dvc.errors import BitstreamError, FeedbackError
-from dvc.feedback.ledger import Ledger
+from dvc.feedback.flow_control import FlowControl
 from dvc.feedback.messages import (
     MAX_ANSWER_BITS,
     MAX_REQUEST_BYTES,
@@ -36,8 +36,6 @@ from dvc.stream import GopRecord
 
 KEEP_ALIVE = encode_message(KeepAlive())
 """Tells the peer that this side is at work; may be sent between any two messages."""
-MAX_KEEP_ALIVES = 1000
-"""Most of them without any other message between: a peer that says nothing else does nothing else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,6 @@ class _Endpoint(ABC):
         self._received = bytearray()
         self._outgoing: list[bytes] = []
         self._failed = False
-        self._num_keep_alives = 0
         self._limits: dict[type[Message], int] = {}
 
     def receive(self, data: bytes) -> list[Event]:
@@ -76,10 +73,6 @@ class _Endpoint(ABC):
             while (message := self._next_message()) is not None:
                 if isinstance(message, Failure):
                     raise FeedbackError(f"the other side gave up: {message.text}")
-                if isinstance(message, KeepAlive):
-                    self._count_keep_alive()
-                    continue
-                self._num_keep_alives = 0
                 events += self._accept(message)
         except (BitstreamError, ValueError) as err:
             self._fail()
@@ -88,11 +81,6 @@ class _Endpoint(ABC):
             self._fail()
             raise
         return events
-
-    def _count_keep_alive(self) -> None:
-        self._num_keep_alives += 1
-        if self._num_keep_alives > MAX_KEEP_ALIVES:
-            raise ValueError(f"more than {MAX_KEEP_ALIVES} KeepAlive in a row")
 
     def _fail(self) -> None:
         self._failed = True
@@ -148,7 +136,7 @@ class _Endpoint(ABC):
 
 
 class EncoderEndpoint(_Endpoint):
-    """The encoder's end: sends groups of pictures and answers requests.
+    """The encoder's end: waits for a decoder's hello, sends groups of pictures and answers requests.
 
     Parameters
     ----------
@@ -156,34 +144,43 @@ class EncoderEndpoint(_Endpoint):
         The codec configuration; it is the first thing that the decoder gets.
     """
 
-    _accepted = (NextGop, ParityRequests, GopDone, Failure, KeepAlive)
+    _accepted: tuple[type[Message], ...] = (Hello,)
 
     def __init__(self, config: CodecConfig) -> None:
         super().__init__()
+        self.greeted = False
         self._config = config
-        self._ledger = Ledger(config)
-        self._send(Hello(PROTOCOL_VERSION, encode_config(config)))
+        self._flow = FlowControl(config)
+        self._hello = Hello(PROTOCOL_VERSION, encode_config(config))
 
     @property
     def num_credits(self) -> int:
         """Number of groups of pictures that the decoder waits for."""
-        return self._ledger.num_credits
+        return self._flow.num_credits
 
     @property
     def finished(self) -> bool:
         """Whether the end was sent and the decoder is done with all groups of pictures."""
-        return self._ledger.finished
+        return self._flow.finished
 
     def _accept(self, message: Message) -> Sequence[Event]:
         match message:
+            case Hello(version, config):
+                _check_version(version)
+                if config:
+                    raise ValueError(f"{len(config)} bytes follow the version")
+                self.greeted = True
+                self._accepted = (NextGop, ParityRequests, GopDone, Failure, KeepAlive)
+                self._send(self._hello)
+                return [message]
             case ParityRequests(table):
-                self._ledger.request(table, in_turn=True)
+                self._flow.request(table, in_turn=True)
                 return [table]
             case NextGop():
-                self._ledger.add_credit()
+                self._flow.add_credit()
                 return [message]
             case GopDone(number):
-                self._ledger.close_gop(number)
+                self._flow.close_gop(number)
                 return [message]
         return []
 
@@ -206,16 +203,16 @@ class EncoderEndpoint(_Endpoint):
             If the decoder has not asked for one, the number of frames does not fit the configuration, or the
             record is too large for a message.
         """
-        number = self._ledger.num_gops
+        number = self._flow.num_gops
         message = encode_message(Gop(number, record))
         if len(message) > max_payload_bytes(Gop, self._config):
             raise ValueError(f"`record` takes {len(message)} bytes, more than a message may have")
-        self._ledger.open_gop(number, record.num_frames, record.without_key)
+        self._flow.open_gop(number, record.num_frames, record.without_key)
         self._outgoing.append(message)
         return number
 
     def first_slot(self, number: int) -> int:
-        """Return the place of the first frame of an open group of pictures, as requests name it.
+        """Return where the first frame of an open group of pictures is held; other frames follow.
 
         Parameters
         ----------
@@ -225,14 +222,14 @@ class EncoderEndpoint(_Endpoint):
         Returns
         -------
         int
-            The place; those of the other frames follow.
+            Number of its slot.
         """
-        return self._ledger.first_slot(number)
+        return self._flow.first_slot(number)
 
     @property
     def num_slots(self) -> int:
-        """Places of frames that may be open."""
-        return self._ledger.num_slots
+        """Most frames that may be open."""
+        return self._flow.num_slots
 
     def send_answers(self, packed: bytes) -> None:
         """Answer the first of all requests that wait.
@@ -247,7 +244,7 @@ class EncoderEndpoint(_Endpoint):
         ValueError
             If nothing was asked for, or not so many bits.
         """
-        _check_size(self._ledger.answer(), packed)
+        _check_size(self._flow.answer(), packed)
         self._send(ParityAnswers(packed))
 
     def send_end(self) -> None:
@@ -258,18 +255,19 @@ class EncoderEndpoint(_Endpoint):
         ValueError
             If it was said before.
         """
-        self._ledger.end(self._ledger.num_frames)
-        self._send(End(self._ledger.num_frames))
+        self._flow.end(self._flow.num_frames)
+        self._send(End(self._flow.num_frames))
 
 
 class DecoderEndpoint(_Endpoint):
-    """The decoder's end: asks for groups of pictures and for parity."""
+    """The decoder's end: says hello, asks for groups of pictures and for parity."""
 
     _accepted: tuple[type[Message], ...] = (Hello, Failure, KeepAlive)
 
     def __init__(self) -> None:
         super().__init__()
-        self._opened: Ledger | None = None  # with Hello
+        self._opened: FlowControl | None = None  # with the encoder's Hello
+        self._send(Hello(PROTOCOL_VERSION))
 
     @property
     def config(self) -> CodecConfig:
@@ -287,7 +285,7 @@ class DecoderEndpoint(_Endpoint):
     @property
     def num_credits(self) -> int:
         """Number of groups of pictures that were asked for and have not come."""
-        return self._ledger.num_credits
+        return self._flow.num_credits
 
     @property
     def finished(self) -> bool:
@@ -295,7 +293,7 @@ class DecoderEndpoint(_Endpoint):
         return self._opened is not None and self._opened.finished
 
     @property
-    def _ledger(self) -> Ledger:
+    def _flow(self) -> FlowControl:
         if self._opened is None:
             raise ValueError("Hello has not come yet")
         return self._opened
@@ -303,23 +301,22 @@ class DecoderEndpoint(_Endpoint):
     def _accept(self, message: Message) -> Sequence[Event]:
         match message:
             case ParityAnswers(packed):
-                return _divided(self._ledger.answer(), packed)
+                return _divided(self._flow.answer(), packed)
             case Hello(version, config):
                 self._accept_hello(version, config)
                 return [message]
             case Gop(number, record):
-                self._ledger.open_gop(number, record.num_frames, record.without_key)
+                self._flow.open_gop(number, record.num_frames, record.without_key)
                 return [message]
             case End(num_frames):
-                self._ledger.end(num_frames)
+                self._flow.end(num_frames)
                 return [message]
         return []
 
     def _accept_hello(self, version: int, config: bytes) -> None:
-        if version != PROTOCOL_VERSION:
-            raise ValueError(f"protocol version {version}; this program speaks version {PROTOCOL_VERSION}")
+        _check_version(version)
         self._config = decode_config(config)
-        self._opened = Ledger(self._config)
+        self._opened = FlowControl(self._config)
         self._accepted = (Gop, ParityAnswers, End, Failure, KeepAlive)
 
     def send_next_gop(self) -> None:
@@ -330,9 +327,9 @@ class DecoderEndpoint(_Endpoint):
         ValueError
             If `Hello` has not come yet, or as many are open or asked for as may be: `max_open_gops`.
         """
-        if self._ledger.ended:
+        if self._flow.ended:
             return
-        self._ledger.add_credit()
+        self._flow.add_credit()
         self._send(NextGop())
 
     def send_requests(self, requests: Sequence[ParityRequest]) -> None:
@@ -350,7 +347,7 @@ class DecoderEndpoint(_Endpoint):
         """
         for part in _parts(sorted(requests, key=lambda request: request.frame)):
             table = RequestTable.of(part)
-            self._ledger.request(table)
+            self._flow.request(table)
             self._send(ParityRequests(table))
 
     def send_gop_done(self, number: int) -> None:
@@ -366,7 +363,7 @@ class DecoderEndpoint(_Endpoint):
         ValueError
             If it is not open, or answers are missing.
         """
-        self._ledger.close_gop(number)
+        self._flow.close_gop(number)
         self._send(GopDone(number))
 
 
@@ -383,6 +380,11 @@ def _parts(requests: Sequence[ParityRequest]) -> Iterator[list[ParityRequest]]:
         num_bits, num_bytes = num_bits + request.count, num_bytes + size
     if part:
         yield part
+
+
+def _check_version(version: int) -> None:
+    if version != PROTOCOL_VERSION:
+        raise ValueError(f"protocol version {version}; this program speaks version {PROTOCOL_VERSION}")
 
 
 def _check_size(table: RequestTable, packed: bytes) -> None:

@@ -14,7 +14,7 @@ from dvc.slepian_wolf import KINDS, ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import NUM_COLUMNS
 from dvc.stream import GopRecord, decode_gop, encode_gop
 
-PROTOCOL_VERSION = 5
+PROTOCOL_VERSION = 6
 MAX_HEADER_BYTES = 2**16
 """Most that a Wyner-Ziv frame may cost in a `Gop` message on average, where its parity is not."""
 
@@ -36,10 +36,10 @@ _FAULTS = {
 
 @dataclass(frozen=True)
 class Hello:
-    """Encoder to decoder, first: what will be sent."""
+    """Decoder to encoder, first: who is there; then encoder to decoder: what will be sent."""
 
     version: int  # of the protocol
-    config: bytes  # as `encode_config` writes it
+    config: bytes = b""  # as `encode_config` writes it; the encoder's alone
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Moves the bytes of the feedback channel over TCP: one peer, timeouts, nothing else."""
+"""Moves the bytes of the feedback channel over TCP: connections, timeouts, nothing else."""
 
 import contextlib
 import socket
@@ -14,7 +14,10 @@ from dvc.files import Closing
 DEFAULT_TIMEOUT_S = 30.0
 _CHUNK_BYTES = 2**18
 _RETRY_S = 0.1
+MIN_TIMEOUT_S = 1.0
+"""Least patience that a peer should have, since it gets signs of life several times within that."""
 _KEEP_ALIVES_PER_TIMEOUT = 4
+_BACKLOG = 16
 _LINGER_S = 1.0
 _LINGER_BYTES = 2**24
 
@@ -178,7 +181,7 @@ class Connection(Closing):
 
     @contextlib.contextmanager
     def kept_alive(self, message: bytes) -> Iterator[None]:
-        """Send a message whenever a quarter of the timeout has passed in silence, while a block runs.
+        """Send a message whenever there was silence for a quarter of any peer's patience, while a block runs.
 
         Parameters
         ----------
@@ -190,11 +193,11 @@ class Connection(Closing):
         None
             Nothing; what is sent within the block is never cut by the message.
         """
-        interval_s = min(self._timeout_s, DEFAULT_TIMEOUT_S) / _KEEP_ALIVES_PER_TIMEOUT
+        interval_s = min(self._timeout_s, MIN_TIMEOUT_S) / _KEEP_ALIVES_PER_TIMEOUT
         done = threading.Event()
 
         def _speak() -> None:
-            while not done.wait(interval_s / _KEEP_ALIVES_PER_TIMEOUT):
+            while not done.wait(max(self._last_sent_s + interval_s - time.monotonic(), 0.01)):
                 if time.monotonic() - self._last_sent_s >= interval_s:
                     try:
                         self.send(message)
@@ -216,7 +219,17 @@ class Connection(Closing):
 
     def close(self) -> None:
         """Close the connection; what was sent still arrives, if the peer reads it within a second."""
-        deadline_s, num_bytes = time.monotonic() + _LINGER_S, 0
+        self.close_within(_LINGER_S)
+
+    def close_within(self, linger_s: float) -> None:
+        """Close the connection; what was sent still arrives, if the peer reads it in time.
+
+        Parameters
+        ----------
+        linger_s : float
+            How long the peer has, in seconds.
+        """
+        deadline_s, num_bytes = time.monotonic() + linger_s, 0
         with self._socket, contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
             while num_bytes < _LINGER_BYTES and (left_s := deadline_s - time.monotonic()) > 0:
@@ -228,7 +241,7 @@ class Connection(Closing):
 
 
 class Listener(Closing):
-    """A port that waits for the one peer.
+    """A port that waits for peers.
 
     Parameters
     ----------
@@ -246,7 +259,7 @@ class Listener(Closing):
     def accept(
         self, timeout_s: float | None = None, silence_timeout_s: float = DEFAULT_TIMEOUT_S
     ) -> Connection:
-        """Wait for the peer; nobody else can connect after it.
+        """Wait for a peer; others wait until this is called again, or are refused when it is closed.
 
         Parameters
         ----------
@@ -267,14 +280,14 @@ class Listener(Closing):
         """
         try:
             self._socket.settimeout(timeout_s)
-            peer, _ = self._socket.accept()
+            while True:
+                peer, _ = self._socket.accept()
+                with contextlib.suppress(FeedbackError):  # who is gone already was no peer
+                    return Connection(peer, silence_timeout_s)
         except TimeoutError as err:
             raise FeedbackError(f"nobody connected to {self.name} within {timeout_s:g} s") from err
         except OSError as err:
             raise FeedbackError(f"cannot accept a connection on {self.name}: {err.strerror or err}") from err
-        finally:
-            self.close()
-        return Connection(peer, silence_timeout_s)
 
     def close(self) -> None:
         """Stop listening."""
@@ -286,7 +299,7 @@ def _readable(objects: list[Any], timeout_s: float | None) -> list[Any]:
 
 
 def listen(host: str = "localhost", port: int = 0) -> Listener:
-    """Open a port for one peer.
+    """Open a port.
 
     Parameters
     ----------
@@ -309,7 +322,7 @@ def listen(host: str = "localhost", port: int = 0) -> Listener:
     def _bind(listening: socket.socket, address: _Address) -> None:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind(address)
-        listening.listen(1)
+        listening.listen(_BACKLOG)
 
     try:
         return Listener(_open_socket(host, port, _bind))

@@ -36,7 +36,10 @@ class _Sink(Protocol):
 class _AtomicWriter:
     """The one `VideoWriter`: checks frames, hands them to a sink, renames the file or removes it."""
 
-    def __init__(self, path: str | Path, output: OutputFile, sink: _Sink, size: tuple[int, int]) -> None:
+    def __init__(
+        self, path: str | Path, output: OutputFile, sink: _Sink, size: tuple[int, int], *, kept: bool
+    ) -> None:
+        self._kept = kept
         self._path = path
         self._output = output
         self._sink = sink
@@ -66,12 +69,16 @@ class _AtomicWriter:
         self._open = False
 
     def abort(self) -> None:
-        """Drop what was written."""
+        """Drop what was written, unless it is to be kept."""
         if not self._open:
             return
         self._open = False
+        kept = self._kept and self._num_frames > 0
         with suppress(OSError):
-            self._sink.discard()
+            (self._sink.finish if kept else self._sink.discard)()
+        with suppress(OSError, VideoError):
+            if kept:
+                self._output.keep()
         self._output.discard()
 
     @contextmanager
@@ -126,6 +133,7 @@ def create_video(
     *,
     luma_only: bool = False,
     full_range: bool = False,
+    kept: bool = False,
 ) -> VideoWriter:
     """Start a video file; its suffix chooses the format.
 
@@ -146,6 +154,9 @@ def create_video(
         without chroma get neutral chroma.
     full_range : bool, optional
         Mark the samples as using 0 to 255 (see `VideoInfo.full_range`).
+    kept : bool, optional
+        Write to `path` with ``.part`` after it, and let frames that were written before `abort` stay there,
+        as a video that players read.
 
     Returns
     -------
@@ -164,7 +175,7 @@ def create_video(
     suffix = path.suffix.lower()
     check_size(*size, str(path))
     rate = exact_frame_rate(frame_rate)
-    output = OutputFile(path, VideoError)
+    output = OutputFile(path, VideoError, visible=kept)
     try:
         sink: _Sink
         if suffix == ".y4m":
@@ -183,7 +194,7 @@ def create_video(
         if isinstance(err, OSError):
             raise VideoError(f"cannot write {path}: {err.strerror}") from err
         raise
-    return _AtomicWriter(path, output, sink, size)
+    return _AtomicWriter(path, output, sink, size, kept=kept)
 
 
 class _Y4mSink:
@@ -207,6 +218,7 @@ class _Y4mSink:
         self._file.write(b"FRAME\n")
         for plane in (frame.luma, *chroma):
             self._file.write(np.ascontiguousarray(plane).data)
+        self._file.flush()  # who looks while it is written sees whole frames
 
     def finish(self) -> None:
         """Flush and close."""

@@ -312,6 +312,7 @@ def test_a_peer_that_does_not_introduce_itself_is_refused() -> None:
     """Something else than an encoder ends the run at once."""
 
     def _babble(connection: Connection) -> None:
+        connection.receive()
         connection.send(b"\x02\x00")
         with pytest.raises(FeedbackError):
             connection.receive()

@@ -8,7 +8,7 @@ from dvc.bits import decode_varint, encode_varint
 from dvc.config import CodecConfig, TurboConfig, VideoConfig
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint
-from dvc.feedback.ledger import Ledger
+from dvc.feedback.flow_control import FlowControl
 from dvc.feedback.messages import (
     ParityRequests,
     decode_payload,
@@ -42,17 +42,17 @@ def read(payload: bytes) -> list[ParityRequest]:
     return requests
 
 
-def enter(ledger: Ledger, *requests: ParityRequest) -> None:
-    ledger.request(RequestTable.of(requests))
+def enter(flow: FlowControl, *requests: ParityRequest) -> None:
+    flow.request(RequestTable.of(requests))
 
 
-def opened(config: CodecConfig) -> Ledger:
-    """Return the ledger of a sequence of which frame 1 is open."""
-    ledger = Ledger(config)
+def opened(config: CodecConfig) -> FlowControl:
+    """Return the flow of a sequence of which frame 1 is open."""
+    flow = FlowControl(config)
     for number, frames in enumerate((1, 2)):
-        ledger.add_credit()
-        ledger.open_gop(number, frames)
-    return ledger
+        flow.add_credit()
+        flow.open_gop(number, frames)
+    return flow
 
 
 def ranges(*positions: int, start: int = 0, order: int = 0) -> ParityRequest:
@@ -131,7 +131,7 @@ def plain_requests(payload: bytes) -> list[ParityRequest]:
 
 def test_orders_may_change_and_requests_go_on() -> None:
     """Ranges of several orders, then check bits of planes together, are entered one after the other."""
-    ledger = opened(CONFIG)
+    flow = opened(CONFIG)
     for request in (
         ranges(5, 80, NUM_BITS - 1),
         ranges(9, start=3, order=7),
@@ -141,8 +141,8 @@ def test_orders_may_change_and_requests_go_on() -> None:
         ParityRequest(1, 0, "joint", 0, 0, 16, (0, 3, NUM_PLANES - 1)),
         ParityRequest(1, 0, "joint", 0, 16, 6, (0, 3)),
     ):
-        enter(ledger, request)
-        assert ledger.answer().requests() == [request]
+        enter(flow, request)
+        assert flow.answer().requests() == [request]
 
 
 @pytest.mark.parametrize(
@@ -181,21 +181,22 @@ def test_turbo_codes_have_no_positions(kind: str) -> None:
 
 def test_what_a_plane_may_cost_is_bounded() -> None:
     """No more parities than the plane has bits, and no more joint bits than all its planes have."""
-    ledger = opened(CONFIG)
-    enter(ledger, ranges(*range(NUM_BITS)))
-    ledger.answer()
+    flow = opened(CONFIG)
+    enter(flow, ranges(*range(NUM_BITS)))
+    flow.answer()
     with pytest.raises(ValueError, match="1 parity bits"):
-        enter(ledger, ranges(0, start=NUM_BITS))
+        enter(flow, ranges(0, start=NUM_BITS))
     for number in range(NUM_PLANES):
-        enter(ledger, ParityRequest(1, 0, "joint", 0, 16 * number, 16, (0,)))
-        ledger.answer()
+        enter(flow, ParityRequest(1, 0, "joint", 0, 16 * number, 16, (0,)))
+        flow.answer()
     with pytest.raises(ValueError, match="1 joint bits"):
-        enter(ledger, ParityRequest(1, 0, "joint", 0, 16 * NUM_PLANES, 1, (0,)))
+        enter(flow, ParityRequest(1, 0, "joint", 0, 16 * NUM_PLANES, 1, (0,)))
 
 
 def test_endpoint_refuses_requests_that_are_too_long() -> None:
     """The length is judged before the bytes come."""
     encoder = EncoderEndpoint(CONFIG)
+    encoder.receive(DecoderEndpoint().bytes_to_send())
     limit = max_payload_bytes(ParityRequests, CONFIG)
     assert limit == 2**16 + 2 * NUM_BITS
     too_long = b"\x04" + encode_varint(limit + 1)
@@ -206,6 +207,7 @@ def test_endpoint_refuses_requests_that_are_too_long() -> None:
 def opened_ends() -> tuple[EncoderEndpoint, DecoderEndpoint]:
     """Return both ends of a sequence of which frame 1 is open."""
     encoder, decoder = EncoderEndpoint(CONFIG), DecoderEndpoint()
+    encoder.receive(decoder.bytes_to_send())
     decoder.receive(encoder.bytes_to_send())
     for record in (GopRecord(1, b"key"), GopRecord(2, b"key", b"", (b"header",))):
         decoder.send_next_gop()
@@ -227,7 +229,7 @@ def test_many_positions_take_several_messages() -> None:
 
 
 def test_endpoint_breaks_off_at_hostile_positions() -> None:
-    """A request that the ledger refuses ends the channel, as any breach does."""
+    """A request that flow control refuses ends the channel, as any breach does."""
     encoder, _ = opened_ends()
     (table,) = encoder.receive(written(ranges(3, 9)))
     assert isinstance(table, RequestTable)

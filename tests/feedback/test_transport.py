@@ -113,6 +113,9 @@ def test_endpoints_talk_over_the_loopback() -> None:
     config = CodecConfig("2d", VideoConfig(176, 144, 15, 1))
     encoder, decoder = EncoderEndpoint(config), DecoderEndpoint()
     with pair() as (near, far):
+        far.send(decoder.bytes_to_send())
+        while not encoder.receive(near.receive()):
+            continue
         near.send(encoder.bytes_to_send())
         while not decoder.receive(far.receive()):
             continue
@@ -225,18 +228,28 @@ def test_second_peer_is_refused() -> None:
     """Nobody listens any more once the peer is there."""
     with listen() as listener:
         first = connect(listener.host, listener.port)
-        with (
-            socket_closer(listener.accept(5.0)),
-            socket_closer(first),
-            pytest.raises(FeedbackError, match=r"nobody listens on 127.0.0.1"),
-        ):
-            connect("127.0.0.1", listener.port, 0.3)
+        accepted = listener.accept(5.0)
+    with (
+        socket_closer(accepted),
+        socket_closer(first),
+        pytest.raises(FeedbackError, match=r"nobody listens on 127.0.0.1"),
+    ):
+        connect("127.0.0.1", listener.port, 0.3)
+
+
+def test_another_peer_waits_while_the_port_is_open() -> None:
+    """Who leaves at once is nobody; the next one is accepted by the same listener."""
+    with listen() as listener:
+        with socket_closer(connect(listener.host, listener.port)), socket_closer(listener.accept(5.0)):
+            pass
+        with socket_closer(connect(listener.host, listener.port)), socket_closer(listener.accept(5.0)):
+            pass
 
 
 def test_nobody_comes() -> None:
     """Waiting for a peer ends after its timeout, and with a closed listener."""
-    with pytest.raises(FeedbackError, match=r"nobody connected to .*:\d+ within 0.1 s"):
-        listen().accept(0.1)
+    with listen() as open_one, pytest.raises(FeedbackError, match=r"nobody connected .*:\d+ within 0.1 s"):
+        open_one.accept(0.1)
     listener = listen()
     listener.close()
     with pytest.raises(FeedbackError, match="cannot accept"):
@@ -251,7 +264,8 @@ def test_connecting_waits_for_the_listener() -> None:
 
     def listen_late() -> None:
         time.sleep(0.3)
-        accepted.append(listen("127.0.0.1", port).accept(5.0))
+        with listen("127.0.0.1", port) as late:
+            accepted.append(late.accept(5.0))
 
     with background(listen_late):
         connection = connect("127.0.0.1", port, 10.0)

@@ -40,11 +40,11 @@ def max_open_gops(config: CodecConfig) -> int:
 
 @dataclass(frozen=True)
 class _OpenGop:
-    place: int  # which of those that may be open it is
+    row: int  # of the table of groups that may be open
     slots: slice
 
 
-class Ledger:
+class FlowControl:
     """Accounts for groups of pictures and requests, and says what may not be."""
 
     def __init__(self, config: CodecConfig) -> None:
@@ -105,11 +105,11 @@ class Ledger:
             )
         if without_key and not (number and self._has_anchors):
             raise ValueError(f"group of pictures {number} has no key frame")
-        place = self._free.pop()
-        slots = slice(place * self._gop_length, (place + 1) * self._gop_length)
+        row = self._free.pop()
+        slots = slice(row * self._gop_length, (row + 1) * self._gop_length)
         self._requested[slots], self._codes[slots] = 0, -1
-        self._frames[place] = self.num_frames, num_frames - (not without_key)
-        self._open[number] = _OpenGop(place, slots)
+        self._frames[row] = self.num_frames, num_frames - (not without_key)
+        self._open[number] = _OpenGop(row, slots)
         self.num_credits -= 1
         self._num_gops += 1
         self.num_frames += num_frames
@@ -122,22 +122,22 @@ class Ledger:
         """Enter requests that go in one message; where frames are held is written to the table."""
         if not len(table.rows) or table.num_bits > MAX_ANSWER_BITS:
             raise ValueError(f"{table.num_bits} bits asked for at once, not 1 to {MAX_ANSWER_BITS}")
-        place, fault = _kernels.enter_requests(
+        number, fault = _kernels.enter_requests(
             table.rows, table.positions, self._frames, self._gop_length, self._requested, self._codes,
             self._awaited, self._limits, self._crc_bits, self._num_codes, in_turn,
         )  # fmt: skip
         if fault:
-            raise ValueError(self._complaint(table, place, fault))
+            raise ValueError(self._complaint(table, number, fault))
         self._waiting.append(table)
 
-    def _complaint(self, table: RequestTable, place: int, fault: int) -> str:
+    def _complaint(self, table: RequestTable, number: int, fault: int) -> str:
         """Say in words why a request may not be."""
-        request = table.requests()[place]
+        request = table.requests()[number]
         kind, count, start, positions = request.kind, request.count, request.start, request.positions
         where = f"plane {request.plane} of frame {request.frame}"
         if fault == _kernels.NO_PLANE:
             return f"plane {request.plane}, there are {self._codes.shape[1]}"
-        slot = int(table.rows[place, SLOT])
+        slot = int(table.rows[number, SLOT])
         known = self._requested[slot, request.plane, KINDS.index(kind)]
         num_orders = self._num_codes - request.code
         last = (self._codes.shape[1] if kind == "joint" else num_orders * self._limits[_kernels.PARITY]) - 1
@@ -169,8 +169,8 @@ class Ledger:
         gop = self._open[number]
         if self._awaited[gop.slots].any():
             raise ValueError(f"group of pictures {number} is done before all its requests are answered")
-        self._frames[gop.place] = 0
-        self._free.append(gop.place)
+        self._frames[gop.row] = 0
+        self._free.append(gop.row)
         del self._open[number]
 
     def end(self, num_frames: int) -> None:
