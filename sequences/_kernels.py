@@ -357,6 +357,15 @@ def sunlight(light: Light, kind: int, point: Floats, n: Floats) -> float:
 
 
 @kernel
+def viewing_ray(world_from_sample: Floats, column: int, row: int, ray: Floats) -> None:
+    """Set the direction, of length 1, in which a sample looks."""
+    for k in range(3):
+        line = world_from_sample[k]
+        ray[k] = line[0] * column + line[1] * row + line[2]
+    ray /= np.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + ray[2] * ray[2])
+
+
+@kernel
 def shade(
     surface: Surface,
     textures: Textures,
@@ -376,10 +385,7 @@ def shade(
         for column in range(width):
             t = ids[row, column]
             if t < 0:
-                for k in range(3):
-                    ray = world_from_sample[k]
-                    n[k] = ray[0] * column + ray[1] * row + ray[2]
-                n /= np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+                viewing_ray(world_from_sample, column, row, n)
                 sky_colour(light, textures, n, rgb, work)
                 for k in range(3):
                     colour[row, column, k] = rgb[k]

@@ -128,14 +128,11 @@ def _decode_header(data: bytes) -> tuple[DepthImageStream, tuple[int, int, int],
     _, version, flags, width, height, lowest, extent = _FIXED.unpack_from(data)
     if version != FORMAT_VERSION:
         raise BitstreamError(f"the stream is of version {version}; {FORMAT_VERSION} is accepted")
-    position = _FIXED.size
-    factor, offset = 1.0, 0.0
-    if flags & _SCALED:
-        if len(data) < position + _SCALE.size:
-            raise BitstreamError(cut)
-        factor, offset = _SCALE.unpack_from(data, position)
-        position += _SCALE.size
-    scale = DepthScale(lowest, decode_extent(extent), factor, offset)
+    position = _FIXED.size + _SCALE.size * bool(flags & _SCALED)
+    if len(data) < position:
+        raise BitstreamError(cut)
+    numbers = _SCALE.unpack_from(data, _FIXED.size) if flags & _SCALED else (1.0, 0.0)
+    scale = DepthScale(lowest, decode_extent(extent), *numbers)
     if not (0 < height * width <= MAX_PIXELS and _is_moderate(scale)):
         raise BitstreamError("the header of the stream cannot have been written")
     has_picture = bool(flags & _PICTURE)

@@ -289,42 +289,39 @@ def _exact(run, i):
 
 
 @kernel
+def _code_significance(run, i, mode, plane, significant):
+    """Code whether a coefficient is significant, in contexts of those around it and of its parent."""
+    values, band = run.values, run.bands[run.marks[i, BAND]]
+    s, kind = band[STRIDE], band[KIND]
+    h = abs(np.int64(values[i - 1])) + abs(np.int64(values[i + 1]))
+    v = abs(np.int64(values[i - s])) + abs(np.int64(values[i + s]))
+    d = abs(np.int64(values[i - s - 1])) + abs(np.int64(values[i - s + 1]))
+    d += abs(np.int64(values[i + s - 1])) + abs(np.int64(values[i + s + 1]))
+    far = abs(np.int64(values[i - 2])) + abs(np.int64(values[i + 2]))
+    far += abs(np.int64(values[i - 2 * s])) + abs(np.int64(values[i + 2 * s]))
+    parent = abs(np.int64(values[_parent(run, band, i)]))
+    if kind == HORIZONTAL:
+        h, v = v, h
+    shape = 0 if kind == LOW_BAND else (2 if kind == DIAGONAL else 1)
+    near = _level(2 * (h + v) + d, plane + 1)
+    first = (shape * 4 + min(_level(h, plane), 6) // 2) * 4 + min(_level(v, plane), 6) // 2
+    first = first * 4 + min(_level(d, plane), 6) // 2
+    second = (min(near, 11) * 5 + min(_level(parent, plane), 8) // 2) * 2 + mode
+    third = (min(band[LEVEL], 7) * 2 + min(band[COMPONENT], 1)) * 5
+    third = (third + min(_level(far, plane), 8) // 2) * 6 + min(near, 10) // 2
+    return _decide(run, _COEFFICIENT, first, second, third, mode * 12 + min(near, 11), significant)
+
+
+@kernel
 def _code_coefficient(run, i, mode, certain):
     """Code whether a coefficient is significant and, if so, its sign; 0 too once the data are used up."""
     fields, values, marks = run.fields, run.values, run.marks
     plane = fields[PLANE]
     exact = _exact(run, i)
-    if not certain:
-        band = run.bands[marks[i, BAND]]
-        s, kind = band[STRIDE], band[KIND]
-        h = abs(np.int64(values[i - 1])) + abs(np.int64(values[i + 1]))
-        v = abs(np.int64(values[i - s])) + abs(np.int64(values[i + s]))
-        d = abs(np.int64(values[i - s - 1])) + abs(np.int64(values[i - s + 1]))
-        d += abs(np.int64(values[i + s - 1])) + abs(np.int64(values[i + s + 1]))
-        far = abs(np.int64(values[i - 2])) + abs(np.int64(values[i + 2]))
-        far += abs(np.int64(values[i - 2 * s])) + abs(np.int64(values[i + 2 * s]))
-        parent = abs(np.int64(values[_parent(run, band, i)]))
-        if kind == HORIZONTAL:
-            h, v = v, h
-        shape = 0 if kind == LOW_BAND else (2 if kind == DIAGONAL else 1)
-        near = _level(2 * (h + v) + d, plane + 1)
-        first = (shape * 4 + min(_level(h, plane), 6) // 2) * 4 + min(_level(v, plane), 6) // 2
-        first = first * 4 + min(_level(d, plane), 6) // 2
-        second = (min(near, 11) * 5 + min(_level(parent, plane), 8) // 2) * 2 + mode
-        third = (min(band[LEVEL], 7) * 2 + min(band[COMPONENT], 1)) * 5
-        third = (third + min(_level(far, plane), 8) // 2) * 6 + min(near, 10) // 2
-        if not _decide(
-            run,
-            _COEFFICIENT,
-            first,
-            second,
-            third,
-            mode * 12 + min(near, 11),
-            np.int64(abs(exact)) >> plane > 0,
-        ):
-            if not fields[STOPPED]:
-                marks[i, LAST_PLANE] = plane
-            return False
+    if not certain and not _code_significance(run, i, mode, plane, np.int64(abs(exact)) >> plane > 0):
+        if not fields[STOPPED]:
+            marks[i, LAST_PLANE] = plane
+        return False
     if fields[STOPPED]:
         return False
     sign = _code_sign(run, i, exact < 0.0)
