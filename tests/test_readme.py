@@ -1,4 +1,4 @@
-"""The README and the other documents: commands and examples run, links lead somewhere."""
+"""The README and the other documents: examples run, links lead somewhere, names exist."""
 
 import os
 import re
@@ -11,12 +11,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+USAGE = (ROOT / "docs" / "usage.md").read_text(encoding="utf-8")
 SMALLER = {
     "176x144": "48x32",
     "--frames 9": "--frames 3",
     "--frames 0 8": "--frames 0 2",
     "--qp 24,30,36": "--qp 36 --anchor-qp 40",
 }
+MEASURED = {"docs/rd.svg"}  # written by measurements
 DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
@@ -31,8 +33,8 @@ def free_port() -> str:
 
 
 def test_shell_commands_run(tmp_path: Path) -> None:
-    """The commands work one after the other, on a video made smaller, and the files are as promised."""
-    script = "\n".join(["set -eu", *blocks("sh")]).replace(":5000", f":{free_port()}")
+    """Those of README and usage work one after the other, on a smaller video; files are as promised."""
+    script = "\n".join(["set -eu", *blocks("sh"), *blocks("sh", USAGE)]).replace(":5000", f":{free_port()}")
     for large, small in SMALLER.items():
         assert large in script
         script = script.replace(large, small)
@@ -62,8 +64,7 @@ def test_python_examples_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert examples
     for example in examples:
         exec(compile(example, "README.md", "exec"), {"__name__": "readme"})
-    parity_bits = int(capsys.readouterr().out.split()[0])
-    assert parity_bits < 1584 / 2
+    assert int(capsys.readouterr().out.split()[0]) > 50
 
 
 def test_make_targets_exist() -> None:
@@ -92,7 +93,7 @@ def test_links_lead_to_files(document: Path) -> None:
     targets = re.findall(r"\]\((?!https?:)([^)#]+)", text)
     places = [(document.parent / target).resolve() for target in targets]
     missing = {str(place.relative_to(ROOT)) for place in places if not place.exists()}
-    assert missing == set()
+    assert missing <= MEASURED
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
