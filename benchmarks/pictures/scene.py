@@ -1,4 +1,4 @@
-"""Draw every stage from a key pair to a predicted frame, for `docs/scene.md` (figures 5.3, 5.7, 5.10)."""
+"""Draw every stage from a key pair to a predicted frame: figures 5.3, 5.7, 5.10."""
 
 import argparse
 import sys
