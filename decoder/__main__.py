@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING
 from dvc import cli
 from dvc.config import FALLBACKS, SFM_BACKENDS
 from dvc.errors import BitstreamError, ConfigError, DvcError, FeedbackError
+from dvc.limits import MAX_MEMORY_MIB
 
 if TYPE_CHECKING:
     from decoder.output import DecodedOutput
     from dvc.config import CodecConfig
+    from dvc.limits import Limits
 
 PROG = "dvc-decode"
 KERNELS = Path(__file__).with_name("kernels.txt")
@@ -64,6 +66,19 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="decode the finished groups of pictures of a stream that lacks its end (a .part that is still"
         " being written, or that a power cut left) and say what is missing (exit status 0; files only)",
+    )
+    allowed = (
+        "refuse streams with more than N frames (files only; default: a million, and no more than fit the"
+        " size of the stream: some thousand pixels a byte)"
+    )
+    cli.add_integer(parser, "--max-frames", (1, 10**9), allowed)
+    cli.add_integer(
+        parser,
+        "--max-memory",
+        (1, 2**24),
+        "refuse streams whose decoding may take more than this, by their header, in MiB",
+        default=MAX_MEMORY_MIB,
+        metavar="MIB",
     )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     return parser
@@ -171,7 +186,7 @@ def _decode_file(arguments: argparse.Namespace) -> int:
             )
         wanted = None if arguments.frames is None else _wanted(arguments.frames, reader.index.num_frames)
         with ExitStack() as stack:
-            groups = decode_stream(config, reader, arguments.jobs, wanted)
+            groups = decode_stream(config, reader, arguments.jobs, wanted, _limits(arguments))
             form = Form.ONE_WAY if reader.form == Form.ONE_WAY else Form.PUNCTURED
             output = _output(config, arguments, stack, wanted, form)
             failure = output.consume(groups, arguments.quiet, arguments.salvage)
@@ -209,13 +224,19 @@ def _decode_live(arguments: argparse.Namespace) -> int:
         try:
             config = _with_choices(source.config, arguments)
             with connection.kept_alive(KEEP_ALIVE), _stopped_by_signals() as stop, ExitStack() as stack:
-                groups = decode_live(config, source, arguments.jobs, stop)
+                groups = decode_live(config, source, arguments.jobs, stop, _limits(arguments))
                 _output(config, arguments, stack, live=True).consume(groups, arguments.quiet)
         except (DvcError, KeyboardInterrupt) as err:
             with suppress(FeedbackError):  # it may have gone itself
                 source.give_up(cli.one_line(err) or "interrupted")
             raise
     return 0
+
+
+def _limits(arguments: argparse.Namespace) -> "Limits":
+    from dvc.limits import Limits
+
+    return Limits(arguments.max_frames, arguments.max_memory)
 
 
 @contextmanager

@@ -9,13 +9,19 @@ from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError
+from dvc.feedback import max_open_gops
 from dvc.feedback.transport import Readable
 from dvc.keyframes import KeyFrameDecoder
+from dvc.limits import Limits
 from dvc.stream import Form, GopRecord, StreamReader
 
 
 def decode_stream(
-    config: CodecConfig, reader: StreamReader, jobs: int = 1, frames: range | None = None
+    config: CodecConfig,
+    reader: StreamReader,
+    jobs: int = 1,
+    frames: range | None = None,
+    limits: Limits | None = None,
 ) -> Iterator[DecodedGroup]:
     """Decode a stream group by group; the same bytes for any number of jobs.
 
@@ -29,19 +35,28 @@ def decode_stream(
         Processes that decode groups at the same time.
     frames : range, optional
         Display positions of the frames that are wanted, all by default; other groups are skipped.
+    limits : Limits, optional
+        Most that may be spent; those of the program by default.
 
     Returns
     -------
     iterator of DecodedGroup
         In display order; it raises `BitstreamError` where the stream is damaged, after all groups before.
     """
-    return decode_groups(stream_tasks(config, reader, frames), jobs)
+    limits = limits or Limits()
+    num_frames = reader.num_frames if frames is None else len(frames)
+    limits.check_frames(num_frames, reader.num_bytes, config.video)
+    gop = config.gop
+    num_waiting = (jobs + 2) * gop.length + (jobs - 1) * gop.intra_period
+    limits.check_memory(config.video, min(num_waiting, num_frames) if num_frames else num_waiting, jobs)
+    return decode_groups(stream_tasks(config, reader, frames, limits), jobs)
 
 
 def stream_tasks(
-    config: CodecConfig, reader: StreamReader, frames: range | None = None
+    config: CodecConfig, reader: StreamReader, frames: range | None = None, limits: Limits | None = None
 ) -> Iterator[list[GroupTask]]:
     """Read a stream, and decode its key frames."""
+    limits = limits or Limits()
     first_group = first_index = 0
     if frames is not None:
         first_group, first_index = _start(config, reader, frames.start)
@@ -50,6 +65,7 @@ def stream_tasks(
     try:
         for number, record in enumerate(reader, first_group):
             task = tasks.add(number, record, reader.form)
+            limits.check_frames(task.last_index + 1 - first_index, reader.num_bytes, config.video)
             if number > 0 and not chain and task.before is None:
                 continue  # what it is predicted from is before the first group that was read
             chain.append(task)
@@ -76,7 +92,11 @@ def _start(config: CodecConfig, reader: StreamReader, frame: int) -> tuple[int, 
 
 
 def decode_live(
-    config: CodecConfig, source: LiveSource, jobs: int = 1, stop: Readable | None = None
+    config: CodecConfig,
+    source: LiveSource,
+    jobs: int = 1,
+    stop: Readable | None = None,
+    limits: Limits | None = None,
 ) -> Iterator[DecodedGroup]:
     """Decode what an encoder at the other end of a connection sends, asking for parity as it is needed.
 
@@ -90,6 +110,8 @@ def decode_live(
         Processes that decode groups at the same time, many in each.
     stop : Readable, optional
         Once it can be read, what is decoded already is yielded, then `KeyboardInterrupt` raised.
+    limits : Limits, optional
+        Most memory that may be spent; that of the program by default.
 
     Yields
     ------
@@ -101,7 +123,8 @@ def decode_live(
     BitstreamError, FeedbackError
         If the encoder sends what cannot be decoded.
     """
-    tasks = _Tasks(config)
+    limits, tasks = limits or Limits(), _Tasks(config)
+    limits.check_memory(config.video, max_open_gops(config) * config.gop.length, jobs)
     with ExitStack() as stack:
         processes = [stack.enter_context(decoding_process()) for _ in range(jobs)]
         groups = GroupsInFlight(source, processes, lambda gop: tasks.add(gop.number, gop.record, None), stop)

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -212,6 +213,19 @@ class StreamReader(Closing):
             raise BitstreamError("bytes follow the end record")
 
     @property
+    def num_bytes(self) -> int:
+        """Size of the stream; of a pipe, of what was read of it."""
+        return self._source.position if self._source.size is None else self._source.size
+
+    @property
+    def num_frames(self) -> int:
+        """Frames that the end of the stream promises; else those read so far."""
+        if self._source.size is not None:
+            with suppress(BitstreamError):
+                return self.index.num_frames
+        return sum(entry.num_frames for entry in self._seen)
+
+    @property
     def index(self) -> StreamIndex:
         """Where every GOP lies: read from the end of a buffered stream, else by hopping from GOP to GOP.
 
@@ -225,8 +239,10 @@ class StreamReader(Closing):
                 raise BitstreamError("a stream from a pipe has no index; it can only be read in order")
             position = self._source.position
             has_index = self.form is Form.BUFFERED and not self._unfinished
-            self._index = self._read_index() if has_index else self._hop()
-            self._source.seek(position)
+            try:
+                self._index = self._read_index() if has_index else self._hop()
+            finally:
+                self._source.seek(position)
         return self._index
 
     def _read_index(self) -> StreamIndex:

@@ -1,0 +1,55 @@
+"""What a stream may make its decoder spend, known from its header, index and size before it is spent."""
+
+from dataclasses import dataclass
+
+from dvc.config import VideoConfig
+from dvc.errors import BitstreamError
+
+MAX_FRAMES = 1_000_000
+"""Nine hours at 30 frames a second."""
+MAX_MEMORY_MIB = 8192
+"""Pictures of 3840x2160 pixels, in one process."""
+PX_PER_BYTE = 1024, 8192
+"""Most pixels that a byte of a stream may stand for: two for every byte of the stream, within these bounds.
+
+Identical frames at the coarsest quality have 1,500 a byte in streams of 1 kB, and what moves 1 to 100. Frames
+without any plane have 5 bytes and can be predicted from anything: a short stream must not hold many of them.
+"""
+DECODER_BYTES = 250 * 2**20
+"""Memory of a decoder with its process, whatever the pictures."""
+DECODING_BYTES_PER_PX = 400
+"""Memory for each pixel of a frame while it is decoded: planes, priors, geometry."""
+REFERENCE_BYTES_PER_PX = 6
+"""Memory for each pixel of a frame that waits or serves as reference, in both processes."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Most that a decoder spends; the number of frames goes by the size of the stream where none is given."""
+
+    max_frames: int | None = None
+    max_memory_mib: int = MAX_MEMORY_MIB
+
+    def check_frames(self, num_frames: int, num_bytes: int, video: VideoConfig) -> None:
+        """Refuse a stream of so many bytes for its number of frames."""
+        limit = MAX_FRAMES if self.max_frames is None else self.max_frames
+        if self.max_frames is None:
+            least, most = PX_PER_BYTE
+            num_px = num_bytes * min(max(2 * num_bytes, least), most)
+            limit = min(limit, max(num_px // (video.width * video.height), 2))
+        if num_frames > limit:
+            raise BitstreamError(
+                f"{num_frames} frames of {video.width}x{video.height} in {num_bytes} bytes, more than the"
+                f" {limit} that are allowed; --max-frames allows more"
+            )
+
+    def check_memory(self, video: VideoConfig, num_waiting: int, jobs: int) -> None:
+        """Refuse pictures that are too large to be decoded in so many processes while others wait."""
+        per_px = jobs * DECODING_BYTES_PER_PX + num_waiting * REFERENCE_BYTES_PER_PX
+        needed_mib = (DECODER_BYTES + video.width * video.height * per_px) >> 20
+        if needed_mib > self.max_memory_mib:
+            raise BitstreamError(
+                f"frames of {video.width}x{video.height}, {num_waiting} at a time in {jobs} processes, may"
+                f" take {needed_mib} MiB, more than the {self.max_memory_mib} that are allowed; --max-memory"
+                " allows more"
+            )
