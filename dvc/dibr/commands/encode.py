@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dvc import array_files, cli
-from dvc.dibr.commands.options import MAX_LAYERS, add_json, json_files, parse_slope
+from dvc.dibr.commands.options import MAX_LAYERS, add_json, json_files, parse_multiplier
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ is the reference, the last name is that of the stream. docs/dibr.md describes th
 """
 EXAMPLES = """\
   dvc-dibr encode left.png right.png pair.dibr --disparities 0:60 --bpp 0.5
-  dvc-dibr encode c.png l.png r.png out.dibr --lattice 0,0 -1,0 1,0 --disparities 0:16:0.5 --slope 2e-3
+  dvc-dibr encode c.png l.png r.png out.dibr --lattice 0,0 -1,0 1,0 --disparities 0:16:0.5 --lambda 2e-3
   dvc-dibr encode *.png out.dibr --views views.csv --disparities -4:12 --bpp 0.3 --quality-layers 7
   dvc-dibr encode a.png b.png c.png out.dibr --cameras cameras.json --depths 2:50 --bpp 0.5 --references c.png
 """
@@ -43,8 +43,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     rate = parser.add_mutually_exclusive_group(required=True)
     bpp = "bits of the whole file per pixel of the reference, at most"
     rate.add_argument("--bpp", type=cli.parse_positive, metavar="R", help=bpp)
-    slope = "squared error (intensities from 0 to 1) that a bit per pixel is worth"
-    rate.add_argument("--slope", type=parse_slope, metavar="S", help=slope)
+    multiplier = "Lagrange multiplier: squared error (intensities from 0 to 1) that a bit per pixel is worth"
+    rate.add_argument("--lambda", dest="multiplier", type=parse_multiplier, metavar="L", help=multiplier)
     method = "how disparities are coded; default: %(default)s"
     parser.add_argument("--disparity", choices=METHODS, default=METHODS[0], help=method)
     cli.add_integer(parser, "--quality-layers", (1, MAX_LAYERS), "layers that can be cut off", default=1)
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
         cli.write_json(arguments.json, figures)
     if arguments.json != "-" and not arguments.quiet:
         share = f"{100 * encoded.disparity_share:.1f} % of it disparities"
-        sys.stdout.write(f"{out}: {figures['bpp']:.4f} bits per pixel, {share}; slope {encoded.slope:.3g}\n")
+        sys.stdout.write(f"{out}: {figures['bpp']:.4f} bits per pixel, {share}; lambda {encoded.slope:.3g}\n")
     return 0
 
 
@@ -141,19 +141,19 @@ def _calibrated(
 def _encoded(
     arguments: argparse.Namespace, views: "Views", labels: "DisparityLabels"
 ) -> tuple["ViewEncoder", "Encoded"]:
-    """Encode at the slope or rate that is wanted."""
+    """Encode at the lambda or rate that is wanted."""
     from dvc.dibr.codec.encoder import ViewEncoder
     from dvc.dibr.codec.rate_control import encode_to_size
     from dvc.dibr.stream.header import DisparityMethod
 
     method = DisparityMethod[arguments.disparity.upper()]
     num_layers = arguments.quality_layers
-    known = arguments.slope is not None
+    known = arguments.multiplier is not None
     total = num_layers * len(views.references) if known else None
     with cli.progress_bar("layers" if known else "rate: layers", total, arguments.quiet) as advance:
         encoder = ViewEncoder(views, labels, method, num_layers, advance)
         if known:
-            return encoder, encoder.encode(arguments.slope)
+            return encoder, encoder.encode(arguments.multiplier)
         num_pixels = views.shape[0] * views.shape[1]
         try:
             return encoder, encode_to_size(encoder, int(arguments.bpp * num_pixels / 8.0))
@@ -172,7 +172,7 @@ def _figures(encoder: "ViewEncoder", encoded: "Encoded") -> dict[str, Any]:
     return {
         "stream_bytes": len(encoded.data),
         "bpp": 8 * len(encoded.data) / (width * height),
-        "slope": encoded.slope,
+        "lambda": encoded.slope,
         "bits": {name: 8 * size for name, size in parts.items()},
         "disparity_share": encoded.disparity_share,
         "disparity": header.method.name.lower(),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dvc import array_files, cli
 from dvc.dibr.commands import evaluate_streams
-from dvc.dibr.commands.options import add_json, add_memory, json_files, parse_slope
+from dvc.dibr.commands.options import add_json, add_memory, json_files, parse_multiplier
 from dvc.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -26,13 +26,13 @@ streams of any kind (--streams).
 EXAMPLES = """\
   dvc-dibr evaluate --out chapter3
   dvc-dibr evaluate --data ../shared/stereo --sets teddy tsukuba --out results/chapter3
-  dvc-dibr evaluate left.png right.png --disparities 0:60 --slopes 1e-2 2e-3 4e-4 --out own
+  dvc-dibr evaluate left.png right.png --disparities 0:60 --lambdas 1e-2 2e-3 4e-4 --out own
   dvc-dibr evaluate --chapter 4 --map disparity.pfm --image left.png --out chapter4
   dvc-dibr evaluate --streams a.dibr b.dibr --truth-depth disparity.pfm
   dvc-dibr evaluate --streams layers-*.dibr --truth-image left.png --out curves
 """
 CHAPTERS = 3, 4
-OF_VIEWS = "--disparities", "--lattice", "--views", "--slopes", "--no-peers"
+OF_VIEWS = "--disparities", "--lattice", "--views", "--lambdas", "--no-peers"
 OF_MAPS = "--map", "--image", "--rates"
 OF_STREAMS = "--truth-depth", "--truth-image"
 OF_SETS = "--data", "--sets"
@@ -50,8 +50,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "motorcycle (3) or motorcycle (4)"
     )
     parser.add_argument("--sets", nargs="+", metavar="NAME", help=sets)
-    slopes = "of the points of curves; default: where the reference has 0.1, 0.25, 0.5, 0.75, 1 bit per pixel"
-    parser.add_argument("--slopes", nargs="+", type=parse_slope, metavar="S", help=slopes)
+    lambdas = (
+        "of the points of curves; default: where the reference has 0.1, 0.25, 0.5, 0.75, 1 bit per pixel"
+    )
+    parser.add_argument("--lambdas", nargs="+", type=parse_multiplier, metavar="L", help=lambdas)
     parser.add_argument("--no-peers", action="store_true", help="do not measure other codecs")
     own_map = "chapter 4: own map, .pfm or grey levels of 8 or 16 bits, where 0 is a hole"
     parser.add_argument("--map", metavar="MAP", help=own_map)
@@ -106,14 +108,14 @@ def _chapter3(arguments: argparse.Namespace) -> list["Table"]:
     from dvc.dibr.thesis.chapter import measure_scene, num_steps, write_chapter
     from dvc.files import atomic_folder
 
-    slopes = arguments.slopes
-    if slopes is not None and len(set(slopes)) < 2:
-        raise ConfigError("--slopes: at least two are needed for a curve")
+    lambdas = arguments.lambdas
+    if lambdas is not None and len(set(lambdas)) < 2:
+        raise ConfigError("--lambdas: at least two are needed for a curve")
     with atomic_folder(arguments.out) as folder:
         scenes = _scenes(arguments)
-        total = len(scenes) * num_steps(slopes and len(slopes))
+        total = len(scenes) * num_steps(lambdas and len(lambdas))
         with cli.progress_bar("chapter 3", total, arguments.quiet) as advance:
-            results = [measure_scene(scene, slopes, not arguments.no_peers, advance) for scene in scenes]
+            results = [measure_scene(scene, lambdas, not arguments.no_peers, advance) for scene in scenes]
         tables = write_chapter(folder, results)
     if arguments.json is not None:
         cli.write_json(arguments.json, {one.scene.name: one.to_dict() for one in results})

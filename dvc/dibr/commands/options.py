@@ -29,7 +29,7 @@ MAX_LAYERS = 32
 """As in `dvc.dibr.stream.header`, which is not loaded for help."""
 MAX_MIB = 2048
 """As in `dvc.dibr.stream.limits`."""
-SLOPES = 1e-8, 10.0
+MULTIPLIERS = 1e-8, 10.0
 """As in `dvc.dibr.reference.codec`, flattest and steepest."""
 
 
@@ -74,14 +74,14 @@ def parse_view(text: str) -> "LatticePosition | int":
         raise argparse.ArgumentTypeError(f"{err}, or a number of a view") from None
 
 
-def parse_slope(text: str) -> float:
-    """Read a slope."""
-    slope = cli.parse_positive(text)
-    if not SLOPES[0] <= slope <= SLOPES[1]:
+def parse_multiplier(text: str) -> float:
+    """Read a Lagrange multiplier."""
+    multiplier = cli.parse_positive(text)
+    if not MULTIPLIERS[0] <= multiplier <= MULTIPLIERS[1]:
         raise argparse.ArgumentTypeError(
-            f"expected a slope from {SLOPES[0]:g} to {SLOPES[1]:g}, got {text!r}"
+            f"expected a lambda from {MULTIPLIERS[0]:g} to {MULTIPLIERS[1]:g}, got {text!r}"
         )
-    return slope
+    return multiplier
 
 
 def viewpoint_of(viewpoints: "Sequence[Viewpoint]", view: "LatticePosition | int") -> "Viewpoint":

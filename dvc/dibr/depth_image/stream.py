@@ -122,7 +122,7 @@ def _decode_header(data: bytes) -> tuple[DepthImageStream, tuple[int, int, int],
     """Read what precedes the edges: a stream without data, their lengths, and where they begin."""
     cut = f"the stream ends within its header, after {len(data)} bytes"
     if not data.startswith(MAGIC[: max(len(data), 1)]):
-        raise BitstreamError("not a stream of pictures with depth: it does not begin with DIBR")
+        raise BitstreamError("not a stream of texture and depth: it does not begin with DIBR")
     if len(data) < _FIXED.size:
         raise BitstreamError(cut)
     _, version, flags, width, height, lowest, extent = _FIXED.unpack_from(data)

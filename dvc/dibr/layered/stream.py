@@ -138,7 +138,7 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
 def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Place], list[int], int]:
     """Read canvas, places and sizes, and tell where the pieces begin."""
     if not data.startswith(MAGIC[: max(len(data), 1)]):
-        raise BitstreamError("not a stream of pictures with depth: it does not begin with DIBR")
+        raise BitstreamError("not a stream of texture and depth: it does not begin with DIBR")
     try:
         values = _FIXED.unpack_from(data)
         position = _FIXED.size

@@ -1,1 +1,1 @@
-"""The stream of pictures with depth: a header, and quality layers that can be cut off."""
+"""The stream of texture + depth: a header, and quality layers that can be cut off."""

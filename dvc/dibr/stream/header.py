@@ -82,7 +82,7 @@ def encode_header(header: Header) -> bytes:
 def decode_header(data: bytes) -> tuple[Header, int]:
     """Read a header; inverse of `encode_header` but for the precision of its numbers."""
     if not data.startswith(MAGIC[: max(len(data), 1)]):
-        raise BitstreamError("not a stream of pictures with depth: it does not begin with DIBR")
+        raise BitstreamError("not a stream of texture and depth: it does not begin with DIBR")
     if len(data) < _FIXED.size:
         raise BitstreamError(f"the stream ends within its header, after {len(data)} bytes")
     _, version, flags, width, height, lowest, step, num_labels, *sizes = _FIXED.unpack_from(data)

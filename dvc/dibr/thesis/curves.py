@@ -51,7 +51,7 @@ class Point:
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers."""
         return {
-            "slope": self.slope,
+            "lambda": self.slope,
             "bytes": self.num_bytes,
             "picture_bytes": self.picture_bytes,
             "disparity_bytes": self.disparity_bytes,

@@ -19,7 +19,7 @@ NOTHING = "-"
 
 def points_table(name: str, curves: Curves) -> Table:
     """List all points of the curves of figure 3.13."""
-    head = ("method", "slope", "bytes", "rate [bpp]", "PSNR by (3.1) [dB]", "mean of PSNRs [dB]")
+    head = ("method", "lambda", "bytes", "rate [bpp]", "PSNR by (3.1) [dB]", "mean of PSNRs [dB]")
     rows = [
         (
             TITLES[method],
@@ -56,13 +56,13 @@ def gains_table(by_scene: Mapping[str, Curves]) -> Table:
         ("mean", TITLES[method], f"{sum(values) / len(values):+.2f}", "", "")
         for method, values in gains.items()
     ]
-    caption = "Bjontegaard differences against the quadtree at the same slopes, PSNR by (3.1)"
+    caption = "Bjontegaard differences against the quadtree at the same lambdas, PSNR by (3.1)"
     return Table("Methods against the quadtree (figure 3.13)", caption, head, tuple(rows), 2)
 
 
 def share_table(by_scene: Mapping[str, Curves]) -> Table:
     """State slope and share of the disparities where the reference is nearest to the rates of the thesis."""
-    head = ("scene", "method", "reference [bpp]", "slope", "slope, thesis", "share of disparities [%]")
+    head = ("scene", "method", "reference [bpp]", "lambda", "lambda, thesis", "share of disparities [%]")
     rows = []
     for scene, curves in by_scene.items():
         for method in ("l", "s"):
@@ -104,7 +104,7 @@ def decomposition_table(by_scene: Mapping[str, Mapping[str, Point]]) -> Table:
         for scene, points in by_scene.items()
         for told, point in points.items()
     ]
-    caption = "L transform at one slope: down to one pixel, or stopped earlier"
+    caption = "L transform at one lambda: down to one pixel, or stopped earlier"
     return Table("Decomposition", caption, head, tuple(rows), 2)
 
 

@@ -16,7 +16,7 @@ from dvc.video import open_video
 from tests.dibr.commands.running import answer, refusal, run
 from tests.dibr.scenes import FAR, FOCAL_PX, NEAR, cameras, true_disparity, write_views
 
-ENCODE = ("--disparities", "0:8", "--slope", "2e-3", "--quiet")
+ENCODE = ("--disparities", "0:8", "--lambda", "2e-3", "--quiet")
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_help_is_quick() -> None:
 @pytest.mark.parametrize("method", ["l", "s", "quadtree", "blocks"])
 def test_every_method_finds_the_square(views: Path, method: str) -> None:
     """Near and far are told apart by each way to code them."""
-    encoded("--disparity", method, "--slope", "1e-4")
+    encoded("--disparity", method, "--lambda", "1e-4")
     assert run("decode", "out.dibr", "--out", "decoded", "--quiet") == 0
     disparity = read_pfm(views / "decoded" / "disparity.pfm")
     truth = true_disparity()
@@ -87,7 +87,7 @@ def test_every_method_finds_the_square(views: Path, method: str) -> None:
 
 def test_layers_and_resolutions(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Fewer layers are worse pictures, and halved ones have half the disparities."""
-    encoded("--quality-layers", "3", "--slope", "5e-4")
+    encoded("--quality-layers", "3", "--lambda", "5e-4")
     truth = ("--view", "1", "--truth", "b.png")
     psnrs = [
         answer(capsys, "render", "out.dibr", *truth, "--out", "v.png", "--quality-layers", str(k))["psnr_db"]
@@ -126,7 +126,7 @@ def test_calibrated_views(views: Path, capsys: pytest.CaptureFixture[str]) -> No
     entries = cameras("ab", (0, 1))
     (views / "cameras.json").write_text(json.dumps(entries))
     depths = f"{FOCAL_PX / 8:g}:inf"
-    options = ("--cameras", "cameras.json", "--depths", depths, "--slope", "1e-4")
+    options = ("--cameras", "cameras.json", "--depths", depths, "--lambda", "1e-4")
     figures = answer(capsys, "encode", "a.png", "b.png", "out.dibr", *options)
     assert figures["labels"]["num_labels"] == 9
     assert run("decode", "out.dibr", "--out", "decoded", "--quiet") == 0
@@ -148,7 +148,7 @@ def test_depths_of_known_points(views: Path, capsys: pytest.CaptureFixture[str])
     """Where points of the scene are known, the range of depths is theirs; else it must be given."""
     document = {"cameras": cameras("ab", (0, 1)), "points": [[0, 0, FOCAL_PX / NEAR], [1, 0, FOCAL_PX / FAR]]}
     (views / "cameras.json").write_text(json.dumps(document))
-    options = ("--cameras", "cameras.json", "--slope", "1e-3")
+    options = ("--cameras", "cameras.json", "--lambda", "1e-3")
     labels = answer(capsys, "encode", "a.png", "b.png", "out.dibr", *options)["labels"]
     assert 0.8 * FAR < FOCAL_PX * labels["lowest"] < FAR
     highest = labels["lowest"] + labels["step"] * (labels["num_labels"] - 1)
@@ -175,7 +175,7 @@ def test_gray_pictures_cost_no_chroma(views: Path) -> None:
 
 def test_a_cut_stream_gives_what_is_whole(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Cut at every byte: the layers before with a warning, or one line and nothing written."""
-    data = encoded("--quality-layers", "2", "--disparity", "blocks", "--slope", "2e-2")
+    data = encoded("--quality-layers", "2", "--disparity", "blocks", "--lambda", "2e-2")
     sizes = [layer["bytes"] for layer in answer(capsys, "info", "out.dibr")["layers"]]
     cut = views / "cut.dibr"
     for end in range(len(data)):
@@ -193,7 +193,7 @@ def test_a_cut_stream_gives_what_is_whole(views: Path, capsys: pytest.CaptureFix
 
 def test_damage_behind_a_right_checksum(views: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A second layer that cannot have been written leaves the first one, with a warning."""
-    data = encoded("--quality-layers", "2", "--disparity", "blocks", "--slope", "2e-2")
+    data = encoded("--quality-layers", "2", "--disparity", "blocks", "--lambda", "2e-2")
     stream = decode_stream(data)
     ((picture, disparity),) = stream.layers[1]
     bad = encode_layer((PairLayer(picture, disparity[:-1]),))
@@ -260,7 +260,7 @@ def test_any_size(views: Path, shape: tuple[int, int], method: str) -> None:
     picture = np.full((*shape, 3), 77, np.uint8)
     cv2.imwrite("s.png", picture)
     cv2.imwrite("t.png", picture)
-    encoded("--disparity", method, "--quality-layers", "2", "--slope", "1e-6", views=("s.png", "t.png"))
+    encoded("--disparity", method, "--quality-layers", "2", "--lambda", "1e-6", views=("s.png", "t.png"))
     assert run("render", "out.dibr", "--view", "0.5,0", "--out", "v.png", "--quiet") == 0
     rendered = cv2.imread("v.png")
     assert rendered is not None

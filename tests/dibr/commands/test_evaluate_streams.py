@@ -49,7 +49,7 @@ def test_streams_of_views_stand_beside_them(capsys: pytest.CaptureFixture[str]) 
     """Bits of a stream of views add up, too; its picture is that of the reference."""
     for view in planes(64, 80):
         write_png(Path(f"{view.name}.png"), np.ascontiguousarray(view.image[:, :, ::-1]))
-    options = ["--disparities", "0:9", "--slope", "1e-3", "--quiet"]
+    options = ["--disparities", "0:9", "--lambda", "1e-3", "--quiet"]
     assert run("encode", "left.png", "right.png", "v.dibr", *options) == 0
     found = answer(capsys, "evaluate", "--streams", "v.dibr", "--truth-image", "left.png")["v.dibr"]
     assert sum(found["bits"].values()) == 8 * Path("v.dibr").stat().st_size

@@ -24,7 +24,7 @@ def stream(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """Write a stream of two views, and three pictures, and work beside them."""
     write_views(tmp_path, "abc", (0, 1, -1))
     monkeypatch.chdir(tmp_path)
-    options = ("--disparities", "0:8", "--slope", "2e-3", "--quiet")
+    options = ("--disparities", "0:8", "--lambda", "2e-3", "--quiet")
     assert main(["encode", "a.png", "b.png", "pair.dibr", *options]) == 0
     return "pair.dibr"
 
@@ -107,7 +107,7 @@ def test_folders_of_layers_and_sprites(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_damaged_streams_are_shown_as_far_as_they_go(stream: str, capsys: pytest.CaptureFixture[str]) -> None:
     """One line says what is missing, and the page as well."""
-    options = ("--disparities", "0:8", "--slope", "2e-3", "--quiet", "--quality-layers", "3")
+    options = ("--disparities", "0:8", "--lambda", "2e-3", "--quiet", "--quality-layers", "3")
     assert run("encode", "a.png", "b.png", "layers.dibr", *options) == 0
     data = Path("layers.dibr").read_bytes()
     Path("cut.dibr").write_bytes(data[:-5])

@@ -33,7 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_png(scratch / f"{view.name}.png", np.ascontiguousarray(view.image[:, :, ::-1]))
     arguments = [str(scratch / "left.png"), str(scratch / "right.png"), "--disparities", "0:9"]
     out = scratch / "out"
-    assert main(["evaluate", *arguments, "--slopes", *SLOPES, "--out", str(out), "--quiet"]) == 0
+    assert main(["evaluate", *arguments, "--lambdas", *SLOPES, "--out", str(out), "--quiet"]) == 0
     return out
 
 
@@ -51,7 +51,7 @@ def test_numbers_are_those_of_files(folder: Path) -> None:
     found = json.loads((folder / VALUES).read_text())["views"]
     assert set(found["curves"]) == {method.name.lower() for method in DisparityMethod}
     for points in found["curves"].values():
-        assert [point["slope"] for point in points] == [1e-2, 2e-3, 4e-4]
+        assert [point["lambda"] for point in points] == [1e-2, 2e-3, 4e-4]
         sizes = [point["bytes"] for point in points]
         assert sizes == sorted(sizes)
         assert points[2]["psnr_pooled_db"] > points[0]["psnr_pooled_db"] + 1.0
@@ -133,7 +133,7 @@ def test_real_sets_are_as_in_the_thesis() -> None:
     [
         (["--sets", "teddy"], "--data must name a folder"),
         (["--sets", "nothing"], "expected one of"),
-        (["--slopes", "1e-3"], "at least two"),
+        (["--lambdas", "1e-3"], "at least two"),
         (["--disparities", "0:9"], "is for own views"),
         (["a.png", "b.png"], "--disparities MIN:MAX is needed"),
         (["a.png", "b.png", "--data", "."], "not both"),

@@ -1,7 +1,5 @@
 """Bundle adjustment: the steps of Appendix B, and the minimum that they lead to."""
 
-import time
-
 import numpy as np
 import pytest
 
@@ -124,22 +122,7 @@ def test_the_minimum_is_that_of_a_general_solver(kind: str, motion: float, noise
     assert found.success
     ours = 40.0 * (found.rms_px / FRAME.scale_px) ** 2
     general = least_error(scene, found, scene.camera, scene.depths)
-    assert ours <= general * (1 + 1e-6)
-    assert ours >= general * (1 - 1e-3) or kind == "planar"
-
-
-def test_it_is_much_faster_than_a_general_solver() -> None:
-    """The general solver of the same problem takes at least ten times as long."""
-    scene = two_views(60, noise_px=0.2)
-    rng = np.random.default_rng(0)
-    found = bundle_adjustment(scene.measured, scene.camera, scene.depths, FRAME, rng)
-    begin = time.process_time()
-    for _ in range(3):
-        bundle_adjustment(scene.measured, scene.camera, scene.depths, FRAME, rng)
-    ours = (time.process_time() - begin) / 3
-    begin = time.process_time()
-    least_error(scene, found, scene.camera, scene.depths)
-    assert time.process_time() - begin > 10.0 * ours
+    assert ours == pytest.approx(general, rel=1e-6)
 
 
 def test_the_refined_points_obey_the_refined_matrix() -> None:

@@ -150,7 +150,7 @@ def test_teddy_is_as_in_the_thesis() -> None:
         (["--chapter", "4", "--sets", "teddy", "--out", "o"], "--data must name a folder"),
         (["--chapter", "4", "--sets", "nothing", "--out", "o"], "expected one of"),
         (["--chapter", "4", "--rates", "0.1", "--out", "o"], "at least two"),
-        (["--chapter", "4", "--slopes", "1e-3", "--out", "o"], "--slopes: not for chapter 4"),
+        (["--chapter", "4", "--lambdas", "1e-3", "--out", "o"], "--lambdas: not for chapter 4"),
         (["--chapter", "4", "view.png", "--out", "o"], "VIEW: not for chapter 4"),
         (["--chapter", "4", "--image", "a.png", "--out", "o"], "there is none"),
         (["--chapter", "4", "--map", "flat.png", "--data", ".", "--out", "o"], "not both"),
