@@ -10,7 +10,14 @@ MOST_ARGUMENTS = 8
 """Of a kernel; what belongs together is a named tuple."""
 MOST_LINES = 40
 """Of a function, without its docstring."""
-UNDONE = "encoder/", "dvc/slepian_wolf/", "dvc/wynerziv/", "dvc/feedback/", "dvc/tracks/"
+UNDONE = (
+    "encoder/",
+    "decoder/__main__.py",
+    "dvc/slepian_wolf/",
+    "dvc/wynerziv/",
+    "dvc/feedback/",
+    "dvc/tracks/",
+)
 """Where there is more of both."""
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
