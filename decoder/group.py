@@ -43,9 +43,9 @@ def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> l
 def _order(task: GroupTask, config: CodecConfig) -> list[list[tuple[int, Around]]]:
     """Return which Wyner-Ziv frames of a group are decoded side by side, in order, from which references."""
     gop = config.gop
-    anchor_distance = gop.anchor_distance if task.key is None else 0
-    order = group_order(task.first_index - 1, task.last_index, gop.references != "keys", anchor_distance)
-    return levels(order) if config.wyner_ziv.priors == "by-level" else [[place] for place in order]
+    p_type_distance = gop.p_type_distance if task.key is None else 0
+    order = group_order(task.first_index - 1, task.last_index, gop.references != "keys", p_type_distance)
+    return [[place] for place in order] if gop.references == "all" else levels(order)
 
 
 class GroupDecoder:
@@ -128,7 +128,7 @@ class GroupDecoder:
             frame = self._one_way.decode(index, payload, prediction)
         else:
             quantization = self._decoder.layout.read_header(payload)
-            slope = self._config.wyner_ziv.slope_between(reference_distance(around))
+            slope = self._config.wyner_ziv.lambda_between(reference_distance(around))
             recorder = PunctureRecorder()
             steps = recorder.watch(self._decoder.decode(index, quantization, prediction, priors, slope))
             if task.form is None:

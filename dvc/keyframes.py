@@ -5,7 +5,9 @@ header), the version message, and the NAL unit header, which is the same byte fo
 """
 
 import struct
+from collections.abc import Mapping
 from fractions import Fraction
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal
 
 from dvc.errors import BitstreamError
@@ -40,9 +42,9 @@ _X264_PARAMETERS = {
     "sliced-threads": 0,
     "threads": 1,
 }
-# Modes by sums of transformed differences, no search by rate and distortion; the dead zone is narrower than
-# usual, which pays where no trellis decides about each coefficient.
-_QUICK_X264_PARAMETERS = {"subme": 5, "trellis": 0, "deadzone-intra": 7}
+FAST_DECISIONS: Final = MappingProxyType({"subme": 5, "trellis": 0, "deadzone-intra": 7})
+"""Parameters of libx264: modes by sums of transformed differences, no search by rate and distortion; the dead
+zone is narrower than usual, which is worth its rate where no trellis decides about each coefficient."""
 # Nothing may be concealed: any syntax error ends the decoding of the picture.
 _DECODER_OPTIONS = {"err_detect": "crccheck+bitstream+buffer+explode", "ec": "0"}
 
@@ -53,14 +55,20 @@ class KeyFrameEncoder:
     """Code pictures as H.264 intra at constant quality, one in and one out."""
 
     def __init__(
-        self, width: int, height: int, qp: Qp, *, luma_only: bool = False, quick: bool = False
+        self,
+        width: int,
+        height: int,
+        qp: Qp,
+        *,
+        luma_only: bool = False,
+        parameters: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
         if qp != "lossless" and not (isinstance(qp, int) and MIN_QP <= qp <= MAX_QP):
             raise ValueError(f"`qp` must be {MIN_QP} to {MAX_QP} or 'lossless', got {qp!r}")
         check_size(width, height, "key frames")
         self._size = (width, height)
         self._luma_only = luma_only
-        self._context = _open_encoder(*_coded_size(width, height), qp, luma_only, quick)
+        self._context = _open_encoder(*_coded_size(width, height), qp, luma_only, parameters)
         self._count = 0
         self._decoder: KeyFrameDecoder | None = None
         units = _nal_units(self._context.extradata or b"")
@@ -151,7 +159,9 @@ def _coded_size(width: int, height: int) -> tuple[int, int]:
     return -(-width // MACROBLOCK_PX) * MACROBLOCK_PX, -(-height // MACROBLOCK_PX) * MACROBLOCK_PX
 
 
-def _open_encoder(width: int, height: int, qp: Qp, luma_only: bool, quick: bool) -> "VideoCodecContext":
+def _open_encoder(
+    width: int, height: int, qp: Qp, luma_only: bool, further: Mapping[str, int]
+) -> "VideoCodecContext":
     """Open libx264 with parameter sets apart from the pictures."""
     import av
     from av.codec.context import Flags
@@ -163,7 +173,7 @@ def _open_encoder(width: int, height: int, qp: Qp, luma_only: bool, quick: bool)
     context.time_base = Fraction(1, 25)
     context.thread_count = 1
     context.flags |= Flags.global_header
-    parameters = _X264_PARAMETERS | (_QUICK_X264_PARAMETERS if quick else {})
+    parameters = {**_X264_PARAMETERS, **further}
     context.options = {
         "preset": "medium",
         "tune": "zerolatency",

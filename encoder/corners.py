@@ -76,14 +76,29 @@ def _strongest(response: NDArray[np.float32], worthy: NDArray[np.bool_], most: i
     return strongest
 
 
+@dataclass
+class TrackingWork:
+    """What tracking takes: operations of the tracker, and processor time."""
+
+    num_corners: int = 0  # points found
+    num_blocks: int = 0  # blocks whose SAD was begun, and samples compared in them
+    num_samples: int = 0
+    num_frames: int = 0  # frames that were searched
+    num_starts: int = 0  # frames in which points to be tracked were found
+    num_pairs: int = 0  # pairs of points of which one may be a spatial motion candidate of the other
+    num_positions: int = 0  # positions of tracks that were coded after their first
+    cpu_s: float = 0.0  # processor time of all that, and of coding tracks or points, in seconds
+
+
 class CornerDetector:
     """Finds the corners of Wyner-Ziv frames, each frame by itself."""
 
-    def __init__(self, num_points: int, settings: CornerSettings | None = None) -> None:
+    def __init__(
+        self, num_points: int, settings: CornerSettings | None = None, work: TrackingWork | None = None
+    ) -> None:
         self._num_points = num_points
         self._settings = settings or CornerSettings()
-        self.num_corners = 0
-        self.cpu_s = 0.0
+        self.work = TrackingWork() if work is None else work
 
     def detect(self, frames: Sequence[Plane]) -> FeaturePoints:
         """Find the corners of frames."""
@@ -92,8 +107,8 @@ class CornerDetector:
         for luma in frames:
             points = find_corners(luma, self._num_points, _MARGIN_PX, self._settings)
             found.append(points[column_scan(points)].astype(np.float64))
-        self.num_corners += sum(map(len, found))
-        self.cpu_s += coding_time_s() - started
+        self.work.num_corners += sum(map(len, found))
+        self.work.cpu_s += coding_time_s() - started
         return FeaturePoints(tuple(found))
 
 

@@ -139,12 +139,11 @@ class _LiveEncoder:
             return
         encoded = self._session.encode(group)
         with self._session.statistics.timing("writing_cpu_s"):
-            record = encoded.record(frame.header for frame in encoded.frames)
-            number = self._endpoint.send_gop(record)
+            number = self._endpoint.send_gop(encoded.record)
         for slot, frame in enumerate(encoded.frames, self._endpoint.first_slot(number)):
             self._open.enter(slot, frame)
-        self._num_frames[number] = record.num_frames
-        self._pace.sent(record.num_frames)
+        self._num_frames[number] = encoded.record.num_frames
+        self._pace.sent(encoded.record.num_frames)
 
     def _answer(self, requests: RequestTable) -> None:
         try:

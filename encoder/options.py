@@ -7,38 +7,35 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dvc import cli
 from dvc.config import (
-    ALLOCATED_FAMILY,
-    ANCHOR_DISTANCE,
     DEFAULT_CODEC,
     DEFAULT_QP,
-    INTRA_PERIOD,
     KEY_FRAME_CHOICES,
-    MAX_BIRTHS,
     MAX_GOP_LENGTH,
     MAX_INTRA_PERIOD,
-    MAX_MARGIN_PERCENT,
+    MAX_NEW_TRACKS,
     MAX_POINTS,
     MAX_QP,
+    MAX_RATE_MARGIN_PERCENT,
     MAX_TRACKS_BPP,
     NOISE_MODELS,
-    ONE_WAY_INTRA_PERIOD,
     REFERENCES,
     TURBO_FAMILIES,
-    USUAL_MARGIN_PERCENT,
     VARIANTS,
-    Allocation,
     CodecConfig,
     CodecVariant,
-    GopConfig,
+    Delivery,
+    DiscoverMatrix,
+    EstimatedRate,
     GroupPreset,
-    KeyFrameConfig,
     KeyFrameRule,
-    SideInformationConfig,
+    Live,
+    ParityBuffer,
+    Qp,
+    Quality,
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
-    allocation,
-    key_qp_for,
+    codec_config,
 )
 from dvc.errors import ConfigError
 
@@ -51,7 +48,7 @@ EXAMPLES = """\
   dvc-encode street.mkv street.dvc                    the best codec at the usual quality
   dvc-encode street.mkv street.dvc --qp 24            finer; each 6 about halve the error
   dvc-encode video.mp4 out.dvc --gop 10 --points 100 --lost-tracks 0.4 --luma-only --frames 101
-  dvc-encode street.mkv street.dvc --no-feedback      a small file, where there is no way back to the camera
+  dvc-encode street.mkv street.dvc --no-feedback      a small file, where there is no feedback channel
   dvc-encode video.mp4 out.dvc --codec 2d             every second frame predicted by block motion
   dvc-encode raw.yuv out.dvc --size 176x144 --frame-rate 15 --key-qp lossless
   dvc-encode rtsp://camera/main day-%04d.dvc --segment 60    a file a minute; Ctrl-C finishes the last
@@ -80,18 +77,19 @@ class _TrackOption(NamedTuple):
 
 
 def _of_groups(value: Callable[[GroupPreset], object]) -> Value:
-    """Tell a setting that depends on the references."""
+    """Return a setting that depends on references and delivery."""
 
-    def _told(variant: CodecVariant) -> str:
-        usual, keys, one_way = (
+    def _shown(variant: CodecVariant) -> str:
+        estimated = variant.groups(delivery=EstimatedRate())
+        usual, keys, without = (
             str(value(groups)).removesuffix(".0")
-            for groups in (variant.groups(), variant.groups("keys"), variant.groups(feedback=False))
+            for groups in (variant.groups(), variant.groups("keys"), estimated)
         )
         others = [f"{keys} if only key frames are references"] * (keys != usual)
-        others += [f"{one_way} with --no-feedback"] * (one_way != usual)
+        others += [f"{without} with --no-feedback"] * (without != usual)
         return f"{usual} ({', '.join(others)})" if others else usual
 
-    return _told
+    return _shown
 
 
 def _rule_option(
@@ -154,11 +152,11 @@ _TRACK_OPTIONS = (
         lambda _: MAX_TRACKS_BPP,
     ),
     _TrackOption(
-        "births",
+        "new-tracks",
         cli.integer(0, MAX_POINTS),
         "N",
-        "most points that are followed back from the closing key frame of a GOP",
-        lambda _: MAX_BIRTHS,
+        "most new tracks: points that are followed back from the closing key frame of a GOP",
+        lambda _: MAX_NEW_TRACKS,
     ),
 )
 
@@ -246,16 +244,16 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         group,
         "--intra-period",
         (1, MAX_INTRA_PERIOD),
-        "most frames from one key frame to the next where GOPs end without one, because tracks tell that less"
-        f" bits will do; with {', '.join(_with_points(tracked=True))} and --qp; default: {INTRA_PERIOD},"
-        f" {ONE_WAY_INTRA_PERIOD} with --no-feedback",
+        "most frames from one key frame to the next where GOPs end without one, because P-type frames"
+        f" are estimated to cost less; with {', '.join(_with_points(tracked=True))} and --qp; default:"
+        f" {ParityBuffer.intra_period}, {EstimatedRate.intra_period} with --no-feedback",
         metavar="N",
     )
     _add_quality(group)
     add(
         "--turbo",
         choices=TURBO_FAMILIES,
-        help=f"codes of the bit planes; default: {ALLOCATED_FAMILY}, with --wz-q {TurboConfig.family}",
+        help=f"codes of the bit planes; default: {TurboConfig.family}",
     )
     add(
         "--long-delay",
@@ -270,7 +268,7 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         default=WynerZivConfig.noise_model,
         help="correlation noise model of the decoder; default: %(default)s",
     )
-    _add_one_way(group)
+    _add_delivery(group)
     cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
 
 
@@ -280,10 +278,10 @@ def _add_quality(group: argparse._ArgumentGroup) -> None:
         f" set together for the least rate; default: {DEFAULT_QP}"
     )
     cli.add_integer(group, "--qp", (1, MAX_QP), quality, metavar="QP")
-    preset = (
-        "in place of --qp, a quantiser preset of the literature, 1 (coarse) to 8 (fine); all is asked for"
+    matrix = (
+        "in place of --qp, a DISCOVER quantisation matrix, 1 (coarse) to 8 (fine); all planes are asked for"
     )
-    cli.add_integer(group, "--wz-q", (1, 8), preset, metavar="Q")
+    cli.add_integer(group, "--wz-q", (1, 8), matrix, metavar="Q")
     group.add_argument(
         "--key-qp",
         default="auto",
@@ -292,19 +290,19 @@ def _add_quality(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def _add_one_way(group: argparse._ArgumentGroup) -> None:
+def _add_delivery(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--no-feedback",
         action="store_true",
-        help="for a camera without a way back: send what frames are estimated to need in place of"
-        " all that a decoder may ask for; with 3d-te and --qp",
+        help="for a camera without a feedback channel: the encoder estimates rates and sends what frames"
+        " need, in place of all that a decoder may ask for; with 3d-te and --qp",
     )
     cli.add_integer(
         group,
-        "--margin",
-        (0, MAX_MARGIN_PERCENT),
+        "--rate-margin",
+        (0, MAX_RATE_MARGIN_PERCENT),
         "with --no-feedback, percent that are sent beyond the estimate: more and fewer frames are short"
-        f" of what they need; default: {USUAL_MARGIN_PERCENT}",
+        f" of what they need; default: {EstimatedRate.rate_margin_percent}",
         metavar="PERCENT",
     )
 
@@ -354,8 +352,6 @@ def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession
     from encoder.block_matching import PointTrackerSettings
     from encoder.session import EncoderSession
 
-    if arguments.qp is not None and arguments.wz_q is not None:
-        raise ConfigError("--qp and --wz-q are two ways to set the quality: give one")
     tracked = arguments.codec in _with_points(tracked=True)
     if arguments.intra_period is not None and not (tracked and arguments.wz_q is None):
         raise ConfigError("--intra-period is for GOPs whose points are tracked, and for --qp")
@@ -366,103 +362,79 @@ def session(arguments: argparse.Namespace, info: "VideoInfo") -> "EncoderSession
     bits_per_pixel = MAX_TRACKS_BPP if arguments.tracks_bpp is None else arguments.tracks_bpp
     if not bits_per_pixel > 0:
         raise ConfigError(f"--tracks-bpp must be above 0, got {bits_per_pixel}")
-    tracking = PointTrackerSettings(**_given(max_births=arguments.births))
-    shared = None if arguments.wz_q is not None else allocation(_qp(arguments))
-    config = _configuration(arguments, info, shared)
-    return EncoderSession(
-        config, _rule(arguments), bits_per_pixel, tracking, shared, margin_percent=_margin(arguments, config)
-    )
+    tracking = PointTrackerSettings(**_given(max_new_tracks=arguments.new_tracks))
+    delivery = _delivery(arguments)
+    config = _configuration(arguments, info, delivery)
+    return EncoderSession(config, delivery, _rule(arguments, delivery), bits_per_pixel, tracking)
 
 
-def _margin(arguments: argparse.Namespace, config: CodecConfig) -> int | None:
-    """Return what is sent beyond the estimate, None where a decoder asks."""
-    if not arguments.no_feedback:
-        if arguments.margin is not None:
-            raise ConfigError("--margin is for --no-feedback")
-        return None
-    if config.wyner_ziv.quantizer != "nested" or config.tracks.kind != "encoder":
+def _quality(arguments: argparse.Namespace) -> Quality:
+    if arguments.wz_q is None:
+        return Qp(**_given(qp=arguments.qp))
+    if arguments.qp is not None:
+        raise ConfigError("--qp and --wz-q are two ways to set the quality: give one")
+    return DiscoverMatrix(arguments.wz_q)
+
+
+def _delivery(arguments: argparse.Namespace) -> Delivery:
+    if arguments.no_feedback:
+        if arguments.serve is not None:
+            raise ConfigError("--no-feedback and --serve exclude each other: a decoder that is served asks")
+        return EstimatedRate(**_given(rate_margin_percent=arguments.rate_margin))
+    if arguments.rate_margin is not None:
+        raise ConfigError("--rate-margin is for --no-feedback")
+    return ParityBuffer() if arguments.serve is None else Live()
+
+
+def _configuration(arguments: argparse.Namespace, info: "VideoInfo", delivery: Delivery) -> CodecConfig:
+    """Put what options say in place of what codec, quality and delivery mean together."""
+    rate, quality = info.frame_rate, _quality(arguments)
+    if arguments.no_feedback and not (
+        isinstance(quality, Qp) and arguments.codec in _with_points(tracked=True)
+    ):
         raise ConfigError("--no-feedback is for --qp and codecs whose encoder tracks points: 3d-te")
-    if arguments.serve is not None:
-        raise ConfigError("--no-feedback and --serve exclude each other: a decoder that is served asks")
-    return USUAL_MARGIN_PERCENT if arguments.margin is None else int(arguments.margin)
-
-
-def _qp(arguments: argparse.Namespace) -> int:
-    return DEFAULT_QP if arguments.qp is None else int(arguments.qp)
-
-
-def _wyner_ziv(arguments: argparse.Namespace, shared: Allocation | None, references: str) -> WynerZivConfig:
-    chosen = WynerZivConfig.preset(arguments.wz_q) if shared is None else shared.wyner_ziv
-    if chosen.priors == "learned" and references == "hierarchical":
-        chosen = replace(chosen, priors="by-level")  # as good, and frames of a level wait for no other
-    return replace(chosen, noise_model=arguments.noise_model)
-
-
-def _configuration(
-    arguments: argparse.Namespace, info: "VideoInfo", shared: Allocation | None
-) -> CodecConfig:
-    rate, variant = info.frame_rate, VARIANTS[arguments.codec]
-    tracks = _given(num_points=arguments.points, subpixel_bits=arguments.subpixel)
-    gop = _gop(arguments, shared)
-    return CodecConfig.preset(
-        arguments.codec,
+    return codec_config(
         VideoConfig(info.width, info.height, rate.numerator, rate.denominator, arguments.luma_only),
-        gop=gop,
-        key=_key(arguments, shared),
-        wyner_ziv=_wyner_ziv(arguments, shared, gop.references),
-        turbo=_turbo(arguments, shared),
-        tracks=replace(variant.tracks, **tracks),
-        side_information=_side_information(variant, shared),
+        arguments.codec,
+        quality,
+        delivery,
+        gop=_given(
+            length=arguments.gop, references=arguments.references, intra_period=arguments.intra_period
+        ),
+        key=_key(arguments),
+        wyner_ziv={"noise_model": arguments.noise_model},
+        turbo=_turbo(arguments),
+        tracks=_given(num_points=arguments.points, subpixel_bits=arguments.subpixel),
         seed=arguments.seed,
     )
 
 
-def _side_information(variant: CodecVariant, shared: Allocation | None) -> SideInformationConfig:
-    """Return how a variant predicts; with one quality, points serve pixel by pixel where there are any."""
-    if shared is None or variant.tracks.kind == "none":
-        return variant.side_information
-    return replace(variant.side_information, fallback="tracks", track_corrections=True)
-
-
-def _gop(arguments: argparse.Namespace, shared: Allocation | None) -> GopConfig:
-    variant = VARIANTS[arguments.codec]
-    gop = variant.gop(arguments.gop, arguments.references)
-    if shared is None or variant.tracks.kind != "encoder":
-        return gop
-    usual = ONE_WAY_INTRA_PERIOD if arguments.no_feedback else INTRA_PERIOD
-    period = usual if arguments.intra_period is None else arguments.intra_period
-    return replace(gop, anchor_distance=ANCHOR_DISTANCE, intra_period=period)
-
-
-def _turbo(arguments: argparse.Namespace, shared: Allocation | None) -> TurboConfig:
-    usual = TurboConfig.family if shared is None else ALLOCATED_FAMILY
-    family = usual if arguments.turbo is None else str(arguments.turbo)
-    if arguments.long_delay and family != ALLOCATED_FAMILY:
-        raise ConfigError(f"--long-delay is for --turbo {ALLOCATED_FAMILY}, not for {family}")
-    config = TurboConfig(family, arguments.seed)
+def _turbo(arguments: argparse.Namespace) -> dict[str, Any]:
+    chosen = _given(family=arguments.turbo) | {"interleaver_seed": arguments.seed}
     if not arguments.long_delay:
-        return config
-    return replace(config, batch_percent=LONG_DELAY_PERCENT, batch_bits=LONG_DELAY_BITS)
+        return chosen
+    if arguments.turbo not in (None, TurboConfig.family):
+        raise ConfigError(f"--long-delay is for --turbo {TurboConfig.family}, not for {arguments.turbo}")
+    return chosen | {"batch_percent": LONG_DELAY_PERCENT, "batch_bits": LONG_DELAY_BITS}
 
 
-def _key(arguments: argparse.Namespace, shared: Allocation | None) -> KeyFrameConfig:
-    if arguments.key_qp in ("lossless", "0"):
-        return KeyFrameConfig(lossless=True)
+def _key(arguments: argparse.Namespace) -> dict[str, Any]:
     if arguments.key_qp == "auto":
-        return KeyFrameConfig(key_qp_for(arguments.wz_q) if shared is None else shared.key_qp)
+        return {}
+    if arguments.key_qp in ("lossless", "0"):
+        return {"lossless": True}
     if arguments.key_qp.isdecimal():
-        return KeyFrameConfig(int(arguments.key_qp))
+        return {"qp": int(arguments.key_qp)}
     raise ConfigError(f"--key-qp must be 1 to 51, lossless or auto, got {arguments.key_qp!r}")
 
 
-def _rule(arguments: argparse.Namespace) -> KeyFrameRule:
+def _rule(arguments: argparse.Namespace, delivery: Delivery) -> KeyFrameRule:
     given = _given(
         **{option.of_rule: _value(arguments, option) for option in _TRACK_OPTIONS if option.of_rule}
     )
     if arguments.key_frames == "rate" and not {"longest_track_px", "lost_share"}.isdisjoint(given):
         raise ConfigError("--longest-track and --lost-tracks are bounds of --key-frames tracks")
-    groups = VARIANTS[arguments.codec].groups(arguments.references, feedback=not arguments.no_feedback)
-    return replace(groups.key_frames, **given)
+    return replace(VARIANTS[arguments.codec].groups(arguments.references, delivery).key_frames, **given)
 
 
 def _value(arguments: argparse.Namespace, option: _TrackOption) -> object:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any
 
 from dvc._jit import loaded_bytes, loading_time_s
@@ -15,24 +15,17 @@ from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.transform import NUM_BANDS, band_shape
 from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
 from encoder.clock import coding_time_s
-from encoder.corners import CornerDetector
-from encoder.one_way.operations import estimates
-from encoder.one_way.sampled_blocks import OneWayWork
+from encoder.corners import TrackingWork
 from encoder.operations import Work, stages
-from encoder.tracking import TrackingCounts
+from encoder.rate_control.operations import estimates
+from encoder.rate_control.sampled_blocks import RateControlWork
 
 BLOCK, QUARTER_BLOCK = ((2 * half + 1) ** 2 for half in (HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX))
 """Samples of a block in images of full size, and of a quarter of it."""
 
-PARTS = (
-    "key_cpu_s",
-    "tracking_cpu_s",
-    "transform_cpu_s",
-    "one_way_cpu_s",
-    "parity_cpu_s",
-    "writing_cpu_s",
-)
-"""Fields that share the time of coding; the rest of it finds groups of pictures and holds all together."""
+TIMED_PARTS = ("key_cpu_s", "transform_cpu_s", "rate_control_cpu_s", "parity_cpu_s", "writing_cpu_s")
+"""Fields that share the time of coding with tracking; the rest of it finds groups of pictures and holds all
+together."""
 
 
 def memory_report(baseline_bytes: int) -> dict[str, int]:
@@ -56,9 +49,8 @@ class EncoderStatistics:
     # processor time, in seconds, of all that is not reading of the input nor loading of compiled code
     coding_cpu_s: float = 0.0
     key_cpu_s: float = 0.0  # of it, on key frames
-    tracking_cpu_s: float = 0.0  # on corners, tracks and their coding
     transform_cpu_s: float = 0.0  # on transform, quantiser, bit planes and their check bits
-    one_way_cpu_s: float = 0.0  # on choosing and packing what is sent where no decoder asks
+    rate_control_cpu_s: float = 0.0  # on choosing and packing what is sent where no decoder asks
     parity_cpu_s: float = 0.0  # on parity, and on packing what a decoder may ask for or asks for
     writing_cpu_s: float = 0.0  # on records and files, or messages
     reading_cpu_s: float = 0.0  # processor time of waiting for frames of the input, beside that of coding
@@ -66,32 +58,20 @@ class EncoderStatistics:
     start_up_cpu_s: float = 0.0
     key_bits: int = 0  # bits of all key frames, and of all tracks or points
     tracks_bits: int = 0
-    num_corners: int = 0  # corners found
-    num_sad_blocks: int = 0  # blocks compared by the tracker, and samples compared in them
-    num_sad_samples: int = 0
-    num_tracked_frames: int = 0  # frames that it searched
-    num_pairs: int = 0  # pairs of points of which one may show the other where to look
-    num_corner_frames: int = 0  # frames in which corners were looked for
-    num_positions: int = 0  # positions of tracks that were coded after their first
     # bit planes of the Wyner-Ziv frames; bands that have some and were coded, and rows of words of 64 planes
     # of frames with such bands
     num_planes: int = 0
     num_coded_bands: int = 0
     num_rows: int = 0
-    # blocks that are looked at where no decoder asks: see `encoder.one_way.sampled_blocks.OneWayWork`
-    num_sampled_blocks: int = 0
-    num_moved_blocks: int = 0
-    num_intra_blocks: int = 0
-    num_block_points: int = 0
-    # planes times bits of the syndromes that they were added to, and bits of one plane of each block
-    num_syndrome_sums: int = 0
-    num_syndrome_places: int = 0
     stream_bytes: int = 0  # size of the stream; 0 in live mode
+    tracking: TrackingWork = field(default_factory=TrackingWork)
+    rate_control: RateControlWork = field(default_factory=RateControlWork)
 
     @classmethod
     def total(cls, parts: "Iterable[EncoderStatistics]") -> "EncoderStatistics":
         """Add up what several runs counted."""
-        return cls(*map(sum, zip(*map(astuple, parts), strict=True)))
+        total: EncoderStatistics = _added(list(parts))
+        return total
 
     @property
     def num_frames(self) -> int:
@@ -101,12 +81,13 @@ class EncoderStatistics:
     @property
     def wyner_ziv_cpu_s(self) -> float:
         """Processor time spent on Wyner-Ziv frames, in seconds."""
-        return self.transform_cpu_s + self.one_way_cpu_s + self.parity_cpu_s
+        return self.transform_cpu_s + self.rate_control_cpu_s + self.parity_cpu_s
 
     @property
     def other_cpu_s(self) -> float:
-        """Processor time of coding that is none of its `PARTS`, in seconds."""
-        return self.coding_cpu_s - sum(float(getattr(self, name)) for name in PARTS)
+        """Processor time of coding that is neither tracking nor one of `TIMED_PARTS`, in seconds."""
+        parts = (float(getattr(self, name)) for name in TIMED_PARTS)
+        return self.coding_cpu_s - self.tracking.cpu_s - sum(parts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all that was counted."""
@@ -158,7 +139,8 @@ class EncoderStatistics:
         """Count operations by the model of `encoder.operations`."""
         pixels = config.video.width * config.video.height
         places = math.prod(band_shape(config.video.height, config.video.width))
-        num_large = (self.num_sad_samples - self.num_sad_blocks * QUARTER_BLOCK) // (BLOCK - QUARTER_BLOCK)
+        tracking, rate_control = self.tracking, self.rate_control
+        num_large = (tracking.num_samples - tracking.num_blocks * QUARTER_BLOCK) // (BLOCK - QUARTER_BLOCK)
         work = Work(
             num_samples=places * NUM_BANDS * self.num_wyner_ziv_frames,
             num_frames=self.num_wyner_ziv_frames,
@@ -167,31 +149,22 @@ class EncoderStatistics:
             num_rows=self.num_rows,
             crc_bits=CRC_BITS,
             num_blocks=num_large,
-            num_quarter_blocks=self.num_sad_blocks - num_large,
-            num_pairs=self.num_pairs,
-            num_corner_samples=pixels * self.num_corner_frames,
-            num_positions=self.num_positions,
-            num_syndrome_sums=self.num_syndrome_sums,
-            num_syndrome_places=self.num_syndrome_places,
+            num_quarter_blocks=tracking.num_blocks - num_large,
+            num_pairs=tracking.num_pairs,
+            num_corner_samples=pixels * tracking.num_starts,
+            num_positions=tracking.num_positions,
+            num_syndrome_sums=rate_control.num_syndrome_sums,
+            num_syndrome_places=rate_control.num_syndrome_places,
         )
-        estimated = OneWayWork(
-            self.num_sampled_blocks, self.num_moved_blocks, self.num_intra_blocks, self.num_block_points
-        )
-        found = {**stages(work), "estimates": estimates(estimated)}
+        found = {**stages(work), "estimates": estimates(rate_control)}
         share = 1.0 / max(pixels * self.num_frames, 1)
         return {name: asdict(stage.times(share)) for name, stage in found.items()}
 
-    def set_one_way(self, work: OneWayWork) -> None:
-        """Take over what choosing without a decoder has taken since the start."""
-        self.num_sampled_blocks, self.num_moved_blocks = work.num_blocks, work.num_moved
-        self.num_intra_blocks, self.num_block_points = work.num_intra, work.num_distances
-        self.num_syndrome_sums = work.num_syndrome_sums
-        self.num_syndrome_places = work.num_syndrome_places
 
-    def set_tracking(self, tracker: TrackingCounts, detector: CornerDetector, tracks_cpu_s: float) -> None:
-        """Take over what is counted elsewhere since the start."""
-        self.tracking_cpu_s = tracks_cpu_s + tracker.cpu_s + detector.cpu_s
-        self.num_corners = tracker.num_corners + detector.num_corners
-        self.num_sad_blocks, self.num_sad_samples = tracker.num_blocks, tracker.num_samples
-        self.num_tracked_frames, self.num_pairs = tracker.num_frames, tracker.num_pairs
-        self.num_corner_frames = tracker.num_starts
+def _added(parts: Sequence[Any]) -> Any:
+    """Add up records of numbers and of further records."""
+    first: Any = parts[0]
+    if not is_dataclass(first):
+        return sum(parts)
+    columns = ([getattr(part, entry.name) for part in parts] for entry in fields(first))
+    return first.__class__(*map(_added, columns))

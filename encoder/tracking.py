@@ -1,7 +1,6 @@
 """Tracks of groups of pictures: points of each key frame, followed into the frames after it and before it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,36 +10,28 @@ from dvc.video.frames import Plane
 from encoder import _kernels
 from encoder.block_matching import BlockMatchingTracker, KeyPoints, PointTrackerSettings
 from encoder.clock import coding_time_s
+from encoder.corners import TrackingWork
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-
-@dataclass
-class TrackingCounts:
-    """Operations of the tracker."""
-
-    num_corners: int = 0  # points found on key frames
-    num_blocks: int = 0  # blocks whose SAD was begun, and samples compared in them
-    num_samples: int = 0
-    num_frames: int = 0  # frames that were searched
-    num_starts: int = 0  # frames in which points were found
-    num_pairs: int = 0  # pairs of points of which one may show the other where to look
-    cpu_s: float = 0.0  # processor time of all that, in seconds
 
 
 class PointTracker:
     """Tracks of one group of pictures after the other."""
 
     def __init__(
-        self, num_points: int, subpixel_bits: int = 0, settings: PointTrackerSettings | None = None
+        self,
+        num_points: int,
+        subpixel_bits: int = 0,
+        settings: PointTrackerSettings | None = None,
+        work: TrackingWork | None = None,
     ) -> None:
         self._num_points = num_points
         self._subpixel_bits = subpixel_bits
         self._settings = settings or PointTrackerSettings()
         self._led: tuple[Integers, NDArray[np.bool_]] | None = None
         self._num_before = 0
-        self.counts = TrackingCounts()
+        self.work = TrackingWork() if work is None else work
 
     def start(self, luma: Plane) -> None:
         """Find the points of a key frame; tracks before it are forgotten, their last motion is not."""
@@ -52,9 +43,9 @@ class PointTracker:
         velocity = np.tile(self._last_motion(), (count, 1))
         self._matching = BlockMatchingTracker(points, velocity, self._subpixel_bits, self._settings)
         self._num_before = count
-        self.counts.num_corners += count
-        self.counts.num_starts += 1
-        self.counts.cpu_s += coding_time_s() - started
+        self.work.num_corners += count
+        self.work.num_starts += 1
+        self.work.cpu_s += coding_time_s() - started
 
     def step(self, luma: Plane) -> None:
         """Follow the points into the next frame."""
@@ -64,8 +55,8 @@ class PointTracker:
         self._follow(matching, luma, self._settings.max_coarse_searches)
         if matching.num_alive:
             self._led = matching.velocity, matching.alive
-        self.counts.num_frames += 1
-        self.counts.cpu_s += coding_time_s() - started
+        self.work.num_frames += 1
+        self.work.cpu_s += coding_time_s() - started
 
     def close(self, frames: Sequence[Plane]) -> PointTracks:
         """End a group, and start the next at the key frame that closes it."""
@@ -73,8 +64,8 @@ class PointTracker:
         forward = self.tracks(len(frames) + 1)
         self.start(frames[-1])
         started = coding_time_s()
-        backward = self._births(forward, [before.points.luma, *frames])
-        self.counts.cpu_s += coding_time_s() - started
+        backward = self._new_tracks(forward, [before.points.luma, *frames])
+        self.work.cpu_s += coding_time_s() - started
         return PointTracks(np.concatenate([forward.positions, backward]), len(backward))
 
     @property
@@ -103,10 +94,10 @@ class PointTracker:
         positions = np.stack(self._matching.path[:num_instants], axis=1)
         return PointTracks(positions[np.isfinite(positions[:, 1, 0])])
 
-    def _births(self, forward: PointTracks, frames: Sequence[Plane]) -> Floats:
+    def _new_tracks(self, forward: PointTracks, frames: Sequence[Plane]) -> Floats:
         """Follow points of the last frame back in time, where no track comes near."""
         settings = self._settings
-        if len(frames) - 2 < settings.min_birth_frames:
+        if len(frames) - 2 < settings.min_new_track_frames:
             return np.empty((0, len(frames), 2))
         matching = self._uncovered(forward.positions[:, -2:])
         for luma in reversed(frames[:-1]):
@@ -116,7 +107,7 @@ class PointTracker:
         positions = np.full((len(matching.alive), len(frames), 2), np.nan)
         positions[:, len(frames) - len(matching.path) :] = np.stack(matching.path[::-1], axis=1)
         num_found = np.isfinite(positions[:, 1:-1, 0]).sum(axis=1)
-        lasting: Floats = positions[num_found >= settings.min_birth_frames]
+        lasting: Floats = positions[num_found >= settings.min_new_track_frames]
         return lasting
 
     def _uncovered(self, ends: Floats) -> BlockMatchingTracker:
@@ -124,7 +115,7 @@ class PointTracker:
         settings, points = self._settings, self._matching.points
         squares, velocity = np.empty(len(points.positions)), np.empty_like(points.positions)
         _kernels.move_as_nearest(points.positions, np.ascontiguousarray(ends), squares, velocity)
-        chosen = np.flatnonzero(squares >= settings.birth_distance_px**2)[: settings.max_births]
+        chosen = np.flatnonzero(squares >= settings.new_track_distance_px**2)[: settings.max_new_tracks]
         return BlockMatchingTracker(points[chosen], velocity[chosen], self._subpixel_bits, settings)
 
     def _last_motion(self) -> Integers:
@@ -137,8 +128,8 @@ class PointTracker:
     def _follow(self, matching: BlockMatchingTracker, luma: Plane, max_coarse_searches: int) -> None:
         count = len(matching.last)
         self._count(matching.step(luma, max_coarse_searches))
-        self.counts.num_pairs += count * (count - 1) // 2
+        self.work.num_pairs += count * (count - 1) // 2
 
     def _count(self, operations: Integers) -> None:
-        self.counts.num_blocks += int(operations[0])
-        self.counts.num_samples += int(operations[1])
+        self.work.num_blocks += int(operations[0])
+        self.work.num_samples += int(operations[1])

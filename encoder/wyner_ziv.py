@@ -1,50 +1,106 @@
-"""Wyner-Ziv side of the encoder: transform, quantiser, bit planes and their parity."""
+"""Wyner-Ziv side of the encoder: transform, quantiser and bit planes; and what is written of them."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dvc import slepian_wolf
-from dvc.config import CodecConfig
+from dvc.config import CodecConfig, Delivery, EstimatedRate, Live
+from dvc.keyframes import FAST_DECISIONS
+from dvc.stream import Form
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
 from dvc.wynerziv.answers.open_frames import OpenFrames
 from dvc.wynerziv.buffered import EncodedFrame, transform_frame
 from dvc.wynerziv.layout import FrameLayout
+from encoder.groups import Group
+from encoder.intra_decision import MAX_ESTIMATED_SHARE
+from encoder.rate_control.controller import RateController
+from encoder.rate_control.sampled_blocks import RateControlWork
 
 
 class WynerZivEncoder:
-    """Encodes Wyner-Ziv frames of one configuration."""
+    """Encodes Wyner-Ziv frames of one configuration, all parity of which a decoder may ask for."""
 
-    def __init__(self, config: CodecConfig, *, lazily: bool = False) -> None:
+    form: ClassVar[Form] = Form.BUFFERED
+    key_parameters: ClassVar[Mapping[str, int]] = MappingProxyType({})
+    """Of libx264, for the key frames, beside the usual ones."""
+    max_p_type_share: ClassVar[float] = math.inf
+    """Of the bits of a key frame, that any one P-type frame may be estimated to cost."""
+    cpu_field: ClassVar[str] = "parity_cpu_s"
+    """What the time of `payloads` counts as."""
+
+    def __init__(self, config: CodecConfig) -> None:
+        self.work = RateControlWork()
         self._layout = FrameLayout.of(config)
-        self._lazily = lazily
-        self._rooms: list[NDArray[np.int16]] = []
         self._encoders = slepian_wolf.parity_encoders(config.turbo.family, config.turbo.interleaver_seed)
 
     def encode(self, frame: Frame, step: float = 1.0) -> EncodedFrame:
         """Encode one frame; parity is computed when it is asked for."""
-        return self.encode_group([frame], [step])[0]
+        encoded = self._transformed(frame, step, None)
+        encoded.pack(transform.NUM_BANDS)
+        return encoded
 
     def encode_group(self, frames: Sequence[Frame], steps: Sequence[float]) -> tuple[EncodedFrame, ...]:
         """Encode the frames of a group of pictures."""
-        encoded = []
-        for index, (frame, step) in enumerate(zip(frames, steps, strict=True)):
-            room = self._room(index) if self._lazily else None
-            step_index = quantizer.index_of_step(step)
-            quantization, packing = transform_frame(self._layout, frame.luma, step_index, room)
-            encoded.append(EncodedFrame(self._layout, quantization, packing, self._encoders))
-            if not self._lazily:
-                encoded[-1].pack(transform.NUM_BANDS)
-        return tuple(encoded)
+        return tuple(map(self.encode, frames, steps))
 
-    def _room(self, index: int) -> NDArray[np.int16]:
-        """Return memory for coefficients, the same for frames of one place in their group."""
-        if index == len(self._rooms):
-            self._rooms.append(np.empty((transform.NUM_BANDS, self._layout.num_bits), np.int16))
-        return self._rooms[index]
+    def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
+        """Return what a stream holds of the frames of a group."""
+        del group
+        return tuple(frame.buffered_payload() for frame in frames)
 
     def open_frames(self, num_slots: int) -> OpenFrames:
         """Return what answers requests for frames of this configuration."""
         return OpenFrames(self._layout, self._encoders, num_slots)
+
+    def _transformed(self, frame: Frame, step: float, memory: NDArray[np.int16] | None) -> EncodedFrame:
+        """Transform a frame; its planes are packed when they are needed."""
+        step_index = quantizer.index_of_step(step)
+        quantization, packing = transform_frame(self._layout, frame.luma, step_index, memory)
+        return EncodedFrame(self._layout, quantization, packing, self._encoders)
+
+
+class LiveEncoder(WynerZivEncoder):
+    """Encodes Wyner-Ziv frames for a decoder that asks: a record holds no more than their headers."""
+
+    def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
+        """Return the headers of the frames of a group."""
+        del group
+        return tuple(frame.header for frame in frames)
+
+
+class RateControlledEncoder(WynerZivEncoder):
+    """Encodes Wyner-Ziv frames without a feedback channel: as much as is estimated to be needed."""
+
+    form = Form.ONE_WAY
+    key_parameters = FAST_DECISIONS
+    max_p_type_share = MAX_ESTIMATED_SHARE
+    cpu_field = "rate_control_cpu_s"
+
+    def __init__(self, config: CodecConfig, delivery: EstimatedRate) -> None:
+        super().__init__(config)
+        self._controller = RateController(config, delivery.rate_margin_percent)
+        self.work = self._controller.work
+        self._memory: list[NDArray[np.int16]] = []
+
+    def encode_group(self, frames: Sequence[Frame], steps: Sequence[float]) -> tuple[EncodedFrame, ...]:
+        """Transform the frames of a group; planes are packed as needed, as long as it is the last group."""
+        while len(self._memory) < len(frames):
+            self._memory.append(np.empty((transform.NUM_BANDS, self._layout.num_bits), np.int16))
+        return tuple(map(self._transformed, frames, steps, self._memory))
+
+    def payloads(self, group: Group, frames: Sequence[EncodedFrame]) -> tuple[bytes, ...]:
+        """Choose and pack what is sent of the frames of a group."""
+        return self._controller.payloads(group, frames)
+
+
+def wyner_ziv_encoder(config: CodecConfig, delivery: Delivery) -> WynerZivEncoder:
+    """Return the encoder for a way of delivery."""
+    if isinstance(delivery, EstimatedRate):
+        return RateControlledEncoder(config, delivery)
+    return LiveEncoder(config) if isinstance(delivery, Live) else WynerZivEncoder(config)

@@ -77,7 +77,7 @@ def serve(*arguments: str) -> None:
     from dvc.video import open_video
     from encoder import live, options
 
-    parsed = options.parser().parse_args([arguments[0], "stream.dvc", *arguments[1:]])
+    parsed = options.parser().parse_args([arguments[0], "--serve", "127.0.0.1:0", *arguments[1:]])
     with tempfile.TemporaryDirectory() as folder, listen() as listener, open_video(arguments[0]) as frames:
         output = str(Path(folder) / "video.y4m")
         command = [sys.executable, "-m", "decoder", "--connect", listener.name, output, "--quiet"]

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.config import (
+    DISCOVER_LEVELS,
     FIELD_NUMBERS,
-    MAX_SLOPE,
-    PRESET_LEVELS,
+    MAX_LAMBDA,
+    MAX_QP,
     PRIORS,
-    QUANTIZERS,
     REFERENCES,
     SFM_BACKENDS,
     TRACKS_KINDS,
@@ -24,25 +24,29 @@ from dvc.config import (
     VARIANTS,
     ZIGZAG,
     CodecConfig,
+    DiscoverMatrix,
+    EstimatedRate,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
+    Live,
+    ParityBuffer,
+    Qp,
     SideInformationConfig,
     TracksConfig,
     TurboConfig,
     VideoConfig,
     WynerZivConfig,
+    codec_config,
     decode_config,
     encode_config,
-    key_qp_for,
-    variant_of,
 )
 from dvc.errors import BitstreamError, ConfigError
 from tests.reference.wynerziv_transform import ZIGZAG_RANK
 
 QCIF = VideoConfig(176, 144, 15, 1)
 VIDEO: dict[str, Any] = {"width": 176, "height": 144, "frame_rate_num": 15, "frame_rate_den": 1}
-DEFAULT = CodecConfig("2d", QCIF)
+DEFAULT = codec_config(QCIF)
 
 
 @st.composite
@@ -52,11 +56,10 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     rate = st.integers(1, 2**31 - 1)
     level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
     references, family = draw(st.sampled_from(REFERENCES)), draw(st.sampled_from(TURBO_FAMILIES))
-    priors = st.sampled_from(PRIORS).filter(lambda name: name != "by-level" or references != "all")
     batch_percent = draw(st.integers(0, 100)) if family == "cascade" else 0
     return CodecConfig(
-        draw(st.sampled_from(list(VARIANTS))),
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
+        draw(st.sampled_from(list(VARIANTS))),
         GopConfig(
             draw(st.integers(1, 256)),
             references,
@@ -64,11 +67,10 @@ def configs(draw: st.DrawFn) -> CodecConfig:
         ),
         KeyFrameConfig(draw(st.integers(1, 51)), draw(st.booleans()), draw(st.binary(max_size=1024))),
         WynerZivConfig(
-            tuple(draw(st.lists(level, min_size=16, max_size=16).filter(any))),
-            quantizer=draw(st.sampled_from(QUANTIZERS)),
-            slope=draw(st.floats(0, MAX_SLOPE)),
-            slope_percent=tuple(draw(st.lists(st.integers(1, 100), max_size=8))),
-            priors=draw(priors),
+            draw(st.one_of(st.just(()), st.lists(level, min_size=16, max_size=16).filter(any).map(tuple))),
+            lambda_wz=draw(st.floats(0, MAX_LAMBDA)),
+            lambda_percent=tuple(draw(st.lists(st.integers(1, 100), max_size=8))),
+            priors=draw(st.sampled_from(PRIORS)),
         ),
         TurboConfig(
             family,
@@ -95,9 +97,9 @@ def test_bytes_and_dictionary_give_back_any_configuration(config: CodecConfig) -
 def test_header_of_a_qcif_stream_is_small() -> None:
     """A header with other quantisers and a key QP stays well below 90 bytes beside the parameter sets."""
     config = replace(
-        DEFAULT, key=KeyFrameConfig(25, parameter_sets=bytes(30)), wyner_ziv=WynerZivConfig.preset(8)
+        DEFAULT, key=KeyFrameConfig(25, parameter_sets=bytes(30)), wyner_ziv=DiscoverMatrix(8).wyner_ziv
     )
-    assert len(encode_config(config)) <= 45 + 30
+    assert len(encode_config(config)) <= 55 + 30
 
 
 def test_field_numbers_cover_all_fields_once() -> None:
@@ -114,13 +116,22 @@ def test_field_numbers_cover_all_fields_once() -> None:
     assert list(FIELD_NUMBERS.values()) == sorted(set(FIELD_NUMBERS.values()))
 
 
-def test_zigzag_and_presets_follow_the_standard() -> None:
-    """The scan is the one that H.264 draws, and presets follow it."""
+def test_zigzag_and_matrices_follow_the_standard() -> None:
+    """The scan is the one that H.264 draws, and matrices follow it."""
     assert np.argsort(ZIGZAG).reshape(4, 4).tolist() == ZIGZAG_RANK.tolist()
-    for q, raster in enumerate(PRESET_LEVELS, start=1):
-        levels = WynerZivConfig.preset(q).levels
+    for q, raster in enumerate(DISCOVER_LEVELS, start=1):
+        levels = DiscoverMatrix(q).wyner_ziv.levels
         assert [levels[band] for band in ZIGZAG_RANK.ravel()] == list(raster)
-    assert [sum(WynerZivConfig.preset(q).max_planes) for q in range(1, 9)] == [10, 11, 17, 30, 36, 45, 50, 63]
+    assert [sum(DiscoverMatrix(q).wyner_ziv.max_planes) for q in range(1, 9)] == [
+        10,
+        11,
+        17,
+        30,
+        36,
+        45,
+        50,
+        63,
+    ]
     one_by_one = WynerZivConfig((256, 128, 4, 2) + 12 * (0,)).max_planes
     assert one_by_one == (8, 7, 2, 1) + 12 * (0,)
 
@@ -134,10 +145,10 @@ def test_turbo_families_exist() -> None:
 
 def test_key_qp_follows_the_quantiser() -> None:
     """Eight quantisers have their key QP, others are refused."""
-    assert [key_qp_for(q) for q in range(1, 9)] == [40, 39, 38, 34, 34, 32, 29, 25]
+    assert [DiscoverMatrix(q).key_qp for q in range(1, 9)] == [40, 39, 38, 34, 34, 32, 29, 25]
     for q in (0, 9, -1, True, 2.0, "4"):
         with pytest.raises(ConfigError, match="from 1 to 8"):
-            key_qp_for(q)  # type: ignore[arg-type]
+            DiscoverMatrix(q)  # type: ignore[arg-type]
 
 
 def test_sizes_of_planes() -> None:
@@ -200,7 +211,6 @@ def test_wrong_values_are_refused(section: str, name: str, value: object, messag
     ("values", "message"),
     [
         ({"codec": "4d", "video": VIDEO}, "`codec` must be one of 2d, 3d, 3d-td, 3d-te, got '4d'"),
-        ({"video": VIDEO}, "lacks the field `codec`"),
         ({"codec": "2d"}, "lacks the field `video`"),
         ({"codec": "2d", "video": {}}, "`video` lacks the field `width`"),
         ({"codec": "2d", "video": 3}, "`video` must be a table"),
@@ -222,7 +232,7 @@ def test_constructor_checks_too() -> None:
     with pytest.raises(ConfigError, match="`length`"):
         GopConfig(0)
     with pytest.raises(ConfigError, match="of type GopConfig"):
-        CodecConfig("2d", QCIF, gop=2)  # type: ignore[arg-type]
+        CodecConfig(QCIF, gop=2)  # type: ignore[arg-type]
     assert GeometryConfig(path_regularity=8) == GeometryConfig(path_regularity=8.0)
 
 
@@ -239,9 +249,9 @@ def test_arbitrary_bytes_raise_only_bitstream_errors(data: bytes) -> None:
 
 def test_damaged_headers_raise_only_bitstream_errors() -> None:
     """Every cut and changes of every byte of a header is refused, or reads as another valid configuration."""
-    config = CodecConfig("2d", QCIF, key=KeyFrameConfig(25, True, b"\x01\x02"), seed=7)
+    config = codec_config(QCIF, "2d", key=KeyFrameConfig(25, True, b"\x01\x02"), seed=7)
     config = replace(
-        config, wyner_ziv=WynerZivConfig.preset(8), side_information=SideInformationConfig("x", True)
+        config, wyner_ziv=DiscoverMatrix(8).wyner_ziv, side_information=SideInformationConfig("x", True)
     )
     header = encode_config(config)
     cuts = [header[:size] for size in range(len(header))]
@@ -264,14 +274,37 @@ def test_importing_the_configuration_is_quick() -> None:
     assert subprocess.run([sys.executable, "-c", check], check=False, timeout=60).returncode == 0
 
 
-def test_groups_of_pictures_follow_from_the_codec() -> None:
+def test_the_default_of_the_library_is_the_codec_that_is_advertised() -> None:
+    """What is not said is the best codec at the usual quality, in a file with all parity."""
+    assert CodecConfig(QCIF) == codec_config(QCIF) == codec_config(QCIF, "3d-te", Qp(30), ParityBuffer())
+    assert codec_config(QCIF) == codec_config(QCIF, delivery=Live())
+    assert len(encode_config(CodecConfig(QCIF))) == 10
+
+
+def test_groups_of_pictures_follow_from_codec_quality_and_delivery() -> None:
     """Codecs have their own groups; what is given goes before, and what makes no sense is refused."""
-    assert VARIANTS["2d"].gop() == GopConfig(2, "keys")
-    assert VARIANTS["3d-te"].gop() == GopConfig(16, "hierarchical")
-    assert VARIANTS["3d-te"].gop(references="keys") == GopConfig(8, "keys")
-    assert VARIANTS["3d-td"].gop(4, "all") == GopConfig(4, "all")
+    assert codec_config(QCIF, "2d").gop == GopConfig(2, "keys", 0, 0)
+    assert codec_config(QCIF).gop == GopConfig(16, "hierarchical", 8, 96)
+    assert codec_config(QCIF, quality=DiscoverMatrix(4)).gop == GopConfig(16, "hierarchical", 0, 0)
+    assert codec_config(QCIF, delivery=EstimatedRate()).gop == GopConfig(16, "hierarchical", 8, 16)
+    assert codec_config(QCIF, gop={"references": "keys"}).gop.length == 8
+    assert codec_config(QCIF, "3d-td", gop={"length": 4, "references": "all"}).gop == GopConfig(
+        4, "all", 0, 0
+    )
     for wrong in ({"length": 0}, {"references": "none"}):
         with pytest.raises(ConfigError):
-            VARIANTS["2d"].gop(**wrong)
+            codec_config(QCIF, gop=wrong)
     with pytest.raises(ConfigError, match="codec"):
-        variant_of("4d")
+        codec_config(QCIF, "4d")
+    for codec, quality in (("2d", Qp()), ("3d-te", DiscoverMatrix(4))):
+        with pytest.raises(ConfigError, match="estimated"):
+            codec_config(QCIF, codec, quality, EstimatedRate())
+
+
+def test_qualities_and_margins_off_their_scales_are_refused() -> None:
+    """Where they are made, by name."""
+    for qp in (0, MAX_QP + 1):
+        with pytest.raises(ConfigError, match="`qp`"):
+            Qp(qp)
+    with pytest.raises(ConfigError, match="`rate_margin_percent`"):
+        EstimatedRate(1001)

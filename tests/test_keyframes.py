@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.errors import BitstreamError, VideoError
-from dvc.keyframes import KeyFrameDecoder, KeyFrameEncoder, Qp
+from dvc.keyframes import FAST_DECISIONS, KeyFrameDecoder, KeyFrameEncoder, Qp
 from dvc.metrics import psnr_db
 from dvc.video import Frame, chroma_shape, open_video
 from dvc.video.pixels import picture_from_frame
@@ -134,8 +134,8 @@ def test_quick_pictures_are_as_good_for_a_few_more_bits(shared_sequences: Path) 
     with open_video(shared_sequences / "box.mkv", num_frames=1) as reader:
         frame = next(iter(reader))
     sizes, quality_db = {}, {}
-    for quick in (False, True):
-        encoder = KeyFrameEncoder(352, 288, 30, quick=quick)
+    for quick, parameters in ((False, {}), (True, FAST_DECISIONS)):
+        encoder = KeyFrameEncoder(352, 288, 30, parameters=parameters)
         data = encoder.encode(frame)
         decoder = KeyFrameDecoder(352, 288, encoder.parameter_sets)
         sizes[quick], quality_db[quick] = len(data), psnr_db(frame.luma, decoder.decode(data).luma)

@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import pytest
 
 import decoder.__main__
 from decoder.session import decode_stream
-from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, VideoConfig, allocation
+from dvc.config import Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError
 from dvc.keyframes import KeyFrameEncoder
 from dvc.limits import MAX_FRAMES, Limits
@@ -27,8 +26,8 @@ def bomb(width: int, height: int, gop: int, num_gops: int) -> bytes:
     keys = KeyFrameEncoder(width, height, 51, luma_only=True)
     key = keys.encode(Frame(np.full((height, width), 128, np.uint8)))
     video = VideoConfig(width, height, 25, 1, luma_only=True)
-    config = CodecConfig("2d", video, GopConfig(gop), KeyFrameConfig(51, parameter_sets=keys.parameter_sets))
-    config = replace(config, wyner_ziv=allocation(51).wyner_ziv)
+    key_config = {"parameter_sets": keys.parameter_sets}
+    config = codec_config(video, "2d", Qp(51), gop={"length": gop}, key=key_config)
     empty = FrameLayout.of(config).of_step(0, (0,) * 16).header
     file = io.BytesIO()
     with StreamWriter(file, config, "buffered") as writer:

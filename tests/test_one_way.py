@@ -42,7 +42,7 @@ def decoded(stream: Path, folder: Path, *options: str) -> tuple[dict[str, Any], 
 
 def test_a_wide_margin_decodes_everything(clip: Path, tmp_path: Path) -> None:
     """The file is what is counted; frames are better than their prediction, in any number of processes."""
-    stream = encoded(clip, tmp_path / "wide.dvc", "--margin", "1000")
+    stream = encoded(clip, tmp_path / "wide.dvc", "--rate-margin", "1000")
     report, video = decoded(stream, tmp_path, "--reference", str(clip))
     assert report["stream_bytes"] == stream.stat().st_size
     assert sum(report["bits"].values()) == 8 * report["stream_bytes"]
@@ -62,7 +62,7 @@ def _damaged(payload: bytes) -> bytes:
 
 def test_planes_that_are_short_are_concealed(clip: Path, tmp_path: Path) -> None:
     """Half of the syndrome bits unlike what was coded: a video all the same, and a report that tells."""
-    stream = encoded(clip, tmp_path / "good.dvc", "--margin", "100")
+    stream = encoded(clip, tmp_path / "good.dvc", "--rate-margin", "100")
     with StreamReader(stream) as reader, (tmp_path / "short.dvc").open("wb") as file:
         assert reader.form is Form.ONE_WAY
         with StreamWriter(file, reader.config, reader.form) as writer:
@@ -78,7 +78,7 @@ def test_planes_that_are_short_are_concealed(clip: Path, tmp_path: Path) -> None
 
 def test_what_is_short_serves_all_the_same(clip: Path, tmp_path: Path) -> None:
     """Frames of which a syndrome was too short are no worse than their prediction."""
-    stream = encoded(clip, tmp_path / "short.dvc", "--margin", "0")
+    stream = encoded(clip, tmp_path / "short.dvc", "--rate-margin", "0")
     report, _ = decoded(stream, tmp_path, "--reference", str(clip))
     rows = [row for row in report["per_frame"] if row.get("num_failed_planes")]
     assert rows
@@ -87,7 +87,9 @@ def test_what_is_short_serves_all_the_same(clip: Path, tmp_path: Path) -> None:
 
 def test_streams_are_small(clip: Path, tmp_path: Path) -> None:
     """Not a tenth of those that hold all parity; less margin is less of a file."""
-    sizes = [encoded(clip, tmp_path / "s.dvc", "--margin", margin).stat().st_size for margin in ("0", "200")]
+    sizes = [
+        encoded(clip, tmp_path / "s.dvc", "--rate-margin", margin).stat().st_size for margin in ("0", "200")
+    ]
     arguments = [str(clip), str(tmp_path / "b.dvc"), "--gop", "3", "--qp", "26", "--luma-only", "--quiet"]
     assert encoder.main(arguments) == 0
     assert sizes[0] < sizes[1] < (tmp_path / "b.dvc").stat().st_size / 10
@@ -95,7 +97,7 @@ def test_streams_are_small(clip: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("num_frames", [1, 2])
 def test_short_clips(clip: Path, tmp_path: Path, num_frames: int) -> None:
-    """One frame is a key frame; two are two, or one and an anchor."""
+    """One frame is a key frame; two are two, or one and a P-type frame."""
     stream = encoded(clip, tmp_path / "one.dvc", "--frames", str(num_frames))
     assert decoded(stream, tmp_path)[0]["frames"] == num_frames
 
@@ -105,7 +107,7 @@ def test_short_clips(clip: Path, tmp_path: Path, num_frames: int) -> None:
     [
         (["--no-feedback", "--codec", "2d"], "--no-feedback is for --qp and codecs whose encoder tracks"),
         (["--no-feedback", "--wz-q", "4"], "--no-feedback is for --qp and codecs whose encoder tracks"),
-        (["--margin", "10"], "--margin is for --no-feedback"),
+        (["--rate-margin", "10"], "--rate-margin is for --no-feedback"),
         (["--no-feedback", "--serve", "127.0.0.1:0"], "give either OUTPUT or --serve"),
     ],
 )

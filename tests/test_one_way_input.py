@@ -10,7 +10,7 @@ import pytest
 import decoder.__main__ as decoder
 import encoder.__main__ as encoder
 from dvc.video import Frame
-from encoder.options import MAX_MARGIN_PERCENT
+from encoder.options import MAX_RATE_MARGIN_PERCENT
 from tests.clips import moving_texture, write_clip
 
 HEIGHT, WIDTH, NUM_FRAMES = 48, 64, 7
@@ -30,13 +30,23 @@ def _still() -> list[Frame]:
     return [Frame(np.full((HEIGHT, WIDTH), 128, np.uint8))] * NUM_FRAMES
 
 
-@pytest.mark.parametrize("margin", [0, MAX_MARGIN_PERCENT])
+@pytest.mark.parametrize("margin", [0, MAX_RATE_MARGIN_PERCENT])
 @pytest.mark.parametrize("frames", [_noise, _cut, _still], ids=["noise", "cut", "flat"])
 def test_any_input_decodes(tmp_path: Path, frames: Callable[[], list[Frame]], margin: int) -> None:
     """All frames come out, key frames as good as ever; what failed is counted, and the counts add up."""
     clip = write_clip(tmp_path / "clip.y4m", frames())
     stream, video, report = (tmp_path / name for name in ("s.dvc", "v.y4m", "r.json"))
-    coding = ["--no-feedback", "--margin", str(margin), "--gop", "3", "--qp", "26", "--luma-only", "--quiet"]
+    coding = [
+        "--no-feedback",
+        "--rate-margin",
+        str(margin),
+        "--gop",
+        "3",
+        "--qp",
+        "26",
+        "--luma-only",
+        "--quiet",
+    ]
     assert encoder.main([str(clip), str(stream), *coding]) == 0
     arguments = [str(stream), str(video), "--reference", str(clip), "--json", str(report), "--quiet"]
     assert decoder.main(arguments) == 0

@@ -10,16 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import (
-    ALLOCATED_FAMILY,
-    CodecConfig,
-    GopConfig,
-    KeyFrameConfig,
-    TurboConfig,
-    VideoConfig,
-    WynerZivConfig,
-    allocation,
-)
+from dvc.config import CodecConfig, DiscoverMatrix, GopConfig, Live, Qp, Quality, VideoConfig, codec_config
 from dvc.feedback import Connection, connect, listen
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
@@ -55,12 +46,11 @@ def material(allocated: bool = False) -> Material:
     texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
     frames = [Frame(texture[t : t + 24, t : t + 32].astype(np.uint8)) for t in range(7)]
     video = VideoConfig(32, 24, 25, 1, luma_only=True)
-    shared = allocation(28) if allocated else None
-    quantised = WynerZivConfig.preset(2) if shared is None else shared.wyner_ziv
-    family = ALLOCATED_FAMILY if allocated else TurboConfig.family
-    config = CodecConfig("2d", video, GopConfig(2), KeyFrameConfig(36), quantised, TurboConfig(family))
+    quality: Quality = Qp(28) if allocated else DiscoverMatrix(2)
+    coder = {} if allocated else {"family": "classical"}
+    config = codec_config(video, "2d", quality, key={"qp": 36}, turbo=coder)
     file = io.BytesIO()
-    EncoderSession(config, allocation=shared).write(frames, file, lambda _: None)
+    EncoderSession(config).write(frames, file, lambda _: None)
     groups, punctured = [], io.BytesIO()
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         writer = StreamWriter(punctured, reader.config, "punctured")
@@ -80,20 +70,13 @@ def tracked_material(codec: str, allocated: bool = False) -> tuple[bytes, list[l
     noise = np.random.default_rng(1).integers(0, 256, (9, 80, 96))
     texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
     frames = [Frame(texture[t : t + 48, t : t + 64].astype(np.uint8)) for t in range(7)]
-    video, key = VideoConfig(64, 48, 25, 1, luma_only=True), KeyFrameConfig(36)
-    gop, quantised = GopConfig(3, "hierarchical"), WynerZivConfig.preset(1)
-    config, shared = CodecConfig.preset(codec, video, gop=gop, key=key, wyner_ziv=quantised), None
+    video, gop = VideoConfig(64, 48, 25, 1, luma_only=True), GopConfig(3, "hierarchical", 0, 0)
+    config = codec_config(video, codec, DiscoverMatrix(1), gop=gop, key={"qp": 36})
     if allocated:
-        shared = allocation(34)
-        config = replace(
-            config,
-            gop=replace(gop, anchor_distance=2, intra_period=6),
-            wyner_ziv=shared.wyner_ziv,
-            turbo=TurboConfig(ALLOCATED_FAMILY),
-            side_information=replace(config.side_information, fallback="tracks"),
-        )
+        gop = replace(gop, p_type_distance=2, intra_period=6)
+        config = codec_config(video, codec, Qp(34), gop=gop, key={"qp": 36})
     file = io.BytesIO()
-    EncoderSession(config, allocation=shared).write(frames, file, lambda _: None)
+    EncoderSession(config).write(frames, file, lambda _: None)
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         return file.getvalue(), [group for group, _ in decoded_groups(reader)]
 
@@ -151,7 +134,7 @@ def serve(frames: list[Frame], config: CodecConfig, connection: Any) -> None:
     from encoder import live
     from encoder.session import EncoderSession
 
-    live.serve(EncoderSession(config), frames, connection, lambda _: None)
+    live.serve(EncoderSession(config, Live()), frames, connection, lambda _: None)
 
 
 def decode_live(connection: Any) -> None:

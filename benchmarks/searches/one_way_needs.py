@@ -1,7 +1,7 @@
 """Needs of streams without feedback, fitted to frames whose planes were known while they were decoded.
 
 ``python -m benchmarks.searches.one_way_needs box cube desk river stone tree --qp 26 32`` prints `NEEDS` of
-`encoder.one_way.needs`, and how far from them the frames of each clip are.
+`encoder.rate_control.needs`, and how far from them the frames of each clip are.
 """
 
 import argparse
@@ -31,9 +31,9 @@ from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.one_way import BLOCKS
 from encoder import options
-from encoder.one_way.needs import NEEDS, OCTAVES, Needs
-from encoder.one_way.payloads import OneWayEncoder
-from encoder.one_way.sampled_blocks import BlockErrors
+from encoder.rate_control.controller import RateController
+from encoder.rate_control.needs import NEEDS, OCTAVES, Needs
+from encoder.rate_control.sampled_blocks import BlockErrors
 
 Floats = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ class RecordedFrame:
     @property
     def slope(self) -> float:
         """Squared error that a bit must save."""
-        return self.config.wyner_ziv.slope_between(self.distance)
+        return self.config.wyner_ziv.lambda_between(self.distance)
 
 
 class KnowingDecoder(OneWayDecoder):
@@ -151,7 +151,7 @@ def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
         path = Path(folder) / "stream.dvc"
         with open_video(source) as video, path.open("wb") as file:
             session = options.session(arguments, video.info)
-            config, encoder, first = session.config, OneWayEncoder(session.config, 0), 0
+            config, encoder, first = session.config, RateController(session.config, 0), 0
             with StreamWriter(file, config, "one-way") as writer:
                 for group in session.groups(islice(video, num_frames)):
                     encoded = session.encode(group)
@@ -161,9 +161,8 @@ def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
                         known[first + index] = RecordedFrame(
                             clip, config, frame, luma, distance, errors, {}, {}
                         )
-                    gop = encoded.record(encoded.one_way)
-                    writer.write_gop(gop)
-                    first += gop.num_frames
+                    writer.write_gop(encoded.record)
+                    first += encoded.record.num_frames
         decoder = GroupDecoder(config, one_way=KnowingDecoder(config, known))
         with StreamReader(path) as reader:
             for chain in stream_tasks(config, reader):
@@ -185,8 +184,8 @@ def fit(frames: Sequence[RecordedFrame], block: int) -> tuple[Needs, dict[str, F
     design = np.stack([_design(frame, depths, variance) for frame, depths in samples])
     curve, deviations = _fit_bits(design, bits, np.array([1.0 / (names == name).sum() for name in names]))
     anchors = np.array([frame.distance > MAX_GOP_LENGTH // 2 for frame, _ in samples])
-    anchor_factor = float(np.exp(-np.median(deviations[anchors]))) if anchors.any() else 1.0
-    needs = Needs(variance, tuple(round(value, 3) for value in curve.tolist()), anchor_factor)
+    p_type_factor = float(np.exp(-np.median(deviations[anchors]))) if anchors.any() else 1.0
+    needs = Needs(variance, tuple(round(value, 3) for value in curve.tolist()), p_type_factor)
     return needs, {clip: deviations[names == clip] for clip in sorted(counts)}
 
 

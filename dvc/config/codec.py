@@ -5,11 +5,15 @@ It travels as JSON-safe dictionaries (`CodecConfig.to_dict`, `CodecConfig.from_d
 (`dvc.config.header`) in streams.
 """
 
-from dataclasses import dataclass
-from typing import Any, Self
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
+from dvc.config.delivery import Delivery, EstimatedRate, ParityBuffer
 from dvc.config.fields import Section, check_choice, check_range
+from dvc.config.quality import Qp, Quality
 from dvc.config.sections import (
+    P_TYPE_DISTANCE,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
@@ -19,16 +23,16 @@ from dvc.config.sections import (
     VideoConfig,
     WynerZivConfig,
 )
-from dvc.config.variants import VARIANTS, variant_of
+from dvc.config.variants import DEFAULT_CODEC, VARIANTS, variant_of
 from dvc.errors import ConfigError
 
 
 @dataclass(frozen=True)
 class CodecConfig(Section):
-    """All that encoder and decoder must agree on."""
+    """All that encoder and decoder must agree on; the defaults are those of `codec_config`."""
 
-    codec: str  # one of `VARIANTS`
     video: VideoConfig
+    codec: str = DEFAULT_CODEC  # one of `VARIANTS`
     gop: GopConfig = GopConfig()
     key: KeyFrameConfig = KeyFrameConfig()
     wyner_ziv: WynerZivConfig = WynerZivConfig()
@@ -41,36 +45,69 @@ class CodecConfig(Section):
     def _check_values(self) -> None:
         check_choice("codec", self.codec, VARIANTS)
         check_range("seed", self.seed, 0, 2**31 - 1)
-        if self.wyner_ziv.priors == "by-level" and self.gop.references == "all":
-            raise ConfigError("frames that are predicted from all others cannot have priors by level")
 
-    @classmethod
-    def preset(cls, codec: str, video: VideoConfig, **sections: Any) -> Self:
-        """Build the configuration of a variant of the codec.
 
-        Parameters
-        ----------
-        codec : str
-            One of `VARIANTS`.
-        video : VideoConfig
-            Format of the frames.
-        **sections
-            Sections that take the place of the variant's, and the seed.
+def codec_config(
+    video: VideoConfig,
+    codec: str = DEFAULT_CODEC,
+    quality: Quality | None = None,
+    delivery: Delivery | None = None,
+    **overrides: Any,
+) -> CodecConfig:
+    """Tell what codec, quality and delivery mean together: the one place where defaults are decided.
 
-        Returns
-        -------
-        CodecConfig
-            What is not given is as the variant has it; all else at the defaults.
+    Parameters
+    ----------
+    video : VideoConfig
+        Format of the frames.
+    codec : str
+        One of `VARIANTS`.
+    quality : Qp or DiscoverMatrix, optional
+        `Qp()` by default.
+    delivery : ParityBuffer, Live or EstimatedRate, optional
+        `ParityBuffer()` by default.
+    **overrides
+        By names of sections, sections that take the place of the default ones, or tables of the fields that
+        differ from these; and the seed.
 
-        Raises
-        ------
-        ConfigError
-            If there is no such variant.
-        """
-        variant = variant_of(codec)
-        own = {
-            "gop": variant.gop(),
-            "side_information": variant.side_information,
-            "tracks": variant.tracks,
-        }
-        return cls(codec, video, **(own | sections))
+    Returns
+    -------
+    CodecConfig
+        The configuration.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such codec, a value makes no sense, or the delivery is not for the others.
+    """
+    quality, delivery = quality or Qp(), delivery or ParityBuffer()
+    variant = variant_of(codec)
+    uses_p_type = variant.tracks.kind == "encoder" and isinstance(quality, Qp)
+    if isinstance(delivery, EstimatedRate) and not uses_p_type:
+        raise ConfigError(
+            "rates are estimated for qualities on H.264's scale and codecs whose encoder tracks points"
+        )
+    sections: dict[str, Any] = {
+        "gop": _gop_config(codec, delivery, overrides.get("gop"), uses_p_type),
+        "key": KeyFrameConfig(quality.key_qp),
+        "wyner_ziv": quality.wyner_ziv,
+        "turbo": TurboConfig(),
+        "side_information": variant.side_information,
+        "geometry": GeometryConfig(),
+        "tracks": variant.tracks,
+        "seed": 0,
+    }
+    for name, given in overrides.items():
+        sections[name] = replace(sections[name], **given) if isinstance(given, Mapping) else given
+    return CodecConfig(video, codec, **sections)
+
+
+def _gop_config(codec: str, delivery: Delivery, given: object, uses_p_type: bool) -> GopConfig:
+    """Return the groups of pictures that suit a codec, its delivery, and references if others are given."""
+    variant = VARIANTS[codec]
+    references = str(given.get("references", variant.references)) if isinstance(given, Mapping) else None
+    references = references or variant.references
+    length = variant.groups(references, delivery).length
+    if not uses_p_type:
+        return GopConfig(length, references, 0, 0)
+    return GopConfig(length, references, P_TYPE_DISTANCE, delivery.intra_period)

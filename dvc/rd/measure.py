@@ -58,7 +58,7 @@ def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[st
             "coding_cpu_s": round(coded["coding_cpu_s"], 6),
             "key_encode_cpu_s": round(coded["key_cpu_s"], 6),
             "wz_encode_cpu_s": round(coded["wyner_ziv_cpu_s"], 6),
-            "tracking_cpu_s": round(coded["tracking_cpu_s"], 6),
+            "tracking_cpu_s": round(coded["tracking"]["cpu_s"], 6),
             "encode_start_up_cpu_s": round(coded["start_up_cpu_s"], 6),
         },
         "proof": proof,

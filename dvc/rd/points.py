@@ -26,7 +26,7 @@ class Point:
 
     sequence: str  # name of the catalogue, or a path
     codec: str  # one of `CODECS`
-    wz_q: int | None  # quantiser preset; None where there is none
+    wz_q: int | None  # DISCOVER matrix; None where there is none
     key_qp: str  # QP of the key frames, ``"auto"`` or ``"lossless"``
     gop: int  # frames from one key frame to the next; 0 where only the first is one
     start: int = 0  # first frame
@@ -36,7 +36,7 @@ class Point:
     options: tuple[tuple[str, str], ...] = ()
     # method that the decoder predicts with instead of what the stream names
     side_information: str | None = None
-    qp: int | None = None  # quality that sets key frames, steps and requests together, in place of a preset
+    qp: int | None = None  # quality that sets key frames, steps and requests together, in place of a matrix
     decoder: tuple[tuple[str, str], ...] = ()  # further options of the decoder, as in `options`
     proof: bool = True  # whether a fresh process decodes the punctured stream, too
 

@@ -7,7 +7,15 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from dvc.config import DEFAULT_CODEC, MAX_MARGIN_PERCENT, MAX_QP, allocation, key_qp_for, variant_of
+from dvc.config import (
+    DEFAULT_CODEC,
+    MAX_QP,
+    MAX_RATE_MARGIN_PERCENT,
+    DiscoverMatrix,
+    Qp,
+    Quality,
+    variant_of,
+)
 from dvc.errors import ConfigError
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.points import ANCHORS, NO_FEEDBACK, Point, anchor_gop
@@ -41,8 +49,8 @@ class Sweep:
 
     sequences: tuple[str, ...] = ()  # names of the catalogue, or paths
     codec: str = DEFAULT_CODEC  # one of `dvc.config.VARIANTS`
-    wz_q: tuple[int, ...] = ()  # quantiser presets
-    key_qp: tuple[str, ...] = ("auto",)  # one QP for all presets or qualities, or one for each
+    wz_q: tuple[int, ...] = ()  # DISCOVER quantisation matrices
+    key_qp: tuple[str, ...] = ("auto",)  # one QP for all matrices or qualities, or one for each
     gop: int | None = None  # as in `Point`; None for the codec's own
     start: int = 0  # as in `Point`
     frames: int | None = None
@@ -52,21 +60,21 @@ class Sweep:
     anchors: tuple[str, ...] = ()  # names in `ANCHORS`
     # QPs of the anchors beside those of the sweep itself
     anchor_qp: tuple[int, ...] = field(default=tuple(range(20, 45, 4)))
-    # qualities that set key frames, steps and requests together, in place of presets; where neither is given,
+    # qualities that set key frames, steps and requests together, in place of matrices; in place of neither,
     # `USUAL_QPS`
     qp: tuple[int, ...] = ()
     # whether the encoder sends what it estimates to be needed, in place of what a decoder asks for
     no_feedback: bool = False
     # then, per cent beyond the estimate, a curve for each; the encoder's own if there are none
-    margin: tuple[int, ...] = ()
+    rate_margin: tuple[int, ...] = ()
     proof: bool = True  # as in `Point`
 
     def __post_init__(self) -> None:
         if not self.sequences:
             raise ConfigError("a sweep needs at least one sequence")
         if self.qp and self.wz_q:
-            raise ConfigError("qualities (qp) or presets (wz_q): a sweep takes one of them")
-        count, what = len(self._levels()), "presets" if self.wz_q else "qualities"
+            raise ConfigError("qualities (qp) or matrices (wz_q): a sweep takes one of them")
+        count, what = len(self._levels()), "matrices" if self.wz_q else "qualities"
         if self._gop_length() > 1 and len(self.key_qp) not in (1, count):
             raise ConfigError(f"{len(self.key_qp)} key QPs for {count} {what}; give one, or one each")
         for name in self.anchors:
@@ -78,8 +86,8 @@ class Sweep:
             check_option(self.side_information)
         for name, _ in self.options:
             check_option(name)
-        if self.margin and not self.no_feedback:
-            raise ConfigError("margins are for streams without feedback (no_feedback)")
+        if self.rate_margin and not self.no_feedback:
+            raise ConfigError("rate margins are for streams without feedback (no_feedback)")
 
     def points(self) -> Iterator[Point]:
         """Yield the points, sequence by sequence, anchors last."""
@@ -111,18 +119,19 @@ class Sweep:
         """List further options of the encoder, curve by curve."""
         if not self.no_feedback:
             return [self.options]
-        one_way = {**dict(self.options), NO_FEEDBACK: "true"}
-        margins = [{"margin": str(margin)} for margin in self.margin] or [{}]
-        return [tuple(sorted({**one_way, **margin}.items())) for margin in margins]
+        without_feedback = {**dict(self.options), NO_FEEDBACK: "true"}
+        margins = [{"rate-margin": str(margin)} for margin in self.rate_margin] or [{}]
+        return [tuple(sorted({**without_feedback, **margin}.items())) for margin in margins]
 
     def _levels(self) -> list[tuple[int | None, int | None]]:
-        """List preset or quality of the points, the other being none."""
+        """List matrix or quality of the points, the other being none."""
         if self.wz_q:
-            return [(preset, None) for preset in self.wz_q]
+            return [(matrix, None) for matrix in self.wz_q]
         return [(None, qp) for qp in self.qp or USUAL_QPS]
 
     def _gop_length(self) -> int:
-        return variant_of(self.codec).gop(self.gop, dict(self.options).get("references")).length
+        usual = variant_of(self.codec).groups(dict(self.options).get("references")).length
+        return usual if self.gop is None else self.gop
 
     def anchor_qps(self) -> list[int]:
         """Return the QPs of the anchors: their own, and those of the sweep's key frames."""
@@ -130,7 +139,8 @@ class Sweep:
         levels = self._levels()
         for (wz_q, qp), key_qp in zip(levels, self.key_qp * len(levels), strict=False):
             if key_qp == "auto":
-                qps.add(key_qp_for(wz_q) if wz_q is not None else allocation(qp or 0).key_qp)
+                quality: Quality = Qp(qp or 0) if wz_q is None else DiscoverMatrix(wz_q)
+                qps.add(quality.key_qp)
             elif key_qp.isdecimal():
                 qps.add(int(key_qp))
         return sorted(qps)
@@ -193,7 +203,12 @@ def build_sweep(given: dict[str, Any]) -> Sweep:
     for name in ("sequences", "key_qp", "anchors"):
         if name in values:
             values[name] = tuple(_listed(name, values[name]))
-    ranges = {"wz_q": (1, 8), "qp": (1, MAX_QP), "anchor_qp": (1, 51), "margin": (0, MAX_MARGIN_PERCENT)}
+    ranges = {
+        "wz_q": (1, 8),
+        "qp": (1, MAX_QP),
+        "anchor_qp": (1, 51),
+        "rate_margin": (0, MAX_RATE_MARGIN_PERCENT),
+    }
     for name, (low, high) in ranges.items():
         if name in values:
             values[name] = parse_numbers(",".join(_listed(name, values[name])), low, high)

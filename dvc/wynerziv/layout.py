@@ -79,7 +79,7 @@ class FrameLayout:
     def of(cls, config: CodecConfig) -> "FrameLayout":
         """Return the layout of a configuration."""
         video, quantised = config.video, config.wyner_ziv
-        nested = quantised.quantizer == "nested"
+        nested = quantised.embedded
         return cls(video.height, video.width, nested, quantised.max_planes, CRC_BITS)
 
     @cached_property

@@ -9,8 +9,8 @@ from benchmarks.searches.one_way_needs import _fit_bits, fit
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.buffered import quantize_frame
 from dvc.wynerziv.layout import FrameLayout
-from encoder.one_way.needs import NEEDS, OCTAVES, frame_costs
-from encoder.one_way.sampled_blocks import BlockErrors
+from encoder.rate_control.needs import NEEDS, OCTAVES, frame_costs
+from encoder.rate_control.sampled_blocks import BlockErrors
 
 RNG = np.random.default_rng(4)
 

@@ -8,12 +8,12 @@ import pytest
 
 from benchmarks.recorded_planes import judge, measure_priors, record
 from decoder.report import PLANE_CLASSES
-from dvc.config import TURBO_FAMILIES, CodecConfig, GopConfig, VideoConfig, WynerZivConfig
+from dvc.config import TURBO_FAMILIES, CodecConfig, DiscoverMatrix, VideoConfig, codec_config
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
-CONFIG = CodecConfig.preset(
-    "2d", VideoConfig(48, 32, 25, 1, luma_only=True), gop=GopConfig(2), wyner_ziv=WynerZivConfig.preset(4)
+CONFIG = codec_config(
+    VideoConfig(48, 32, 25, 1, luma_only=True), "2d", DiscoverMatrix(4), turbo={"family": "adaptive"}
 )
 
 

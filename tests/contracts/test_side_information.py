@@ -8,7 +8,7 @@ import pytest
 
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
-from dvc.config import CodecConfig, TracksConfig, VideoConfig
+from dvc.config import TracksConfig, VideoConfig, codec_config
 from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
 from dvc.video import Frame, chroma_shape
@@ -48,7 +48,7 @@ def build(request: pytest.FixtureRequest) -> Build:
     """Return what builds a method for a codec."""
     name, codec = request.param
     kind = CODECS[codec]
-    config = CodecConfig(codec, VideoConfig(56, 40, 25, 1), tracks=TracksConfig(kind))
+    config = codec_config(VideoConfig(56, 40, 25, 1), codec, tracks=TracksConfig(kind))
     return Build(lambda: METHODS[name](config), kind)
 
 

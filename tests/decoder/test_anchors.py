@@ -7,24 +7,17 @@ import pytest
 
 from decoder.session import decode_stream, stream_tasks
 from decoder.tasks import DecodedGroup
-from dvc.config import CodecConfig, GopConfig, TurboConfig, VideoConfig, allocation
+from dvc.config import CodecConfig, GopConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError
 from dvc.metrics import psnr_db
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
-from encoder import anchors
+from encoder import intra_decision
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
 NUM_FRAMES = 20
-SHARED = allocation(30)
-CONFIG = CodecConfig.preset(
-    "3d-te",
-    VideoConfig(96, 64, 25, 1),
-    gop=GopConfig(4, "hierarchical", anchor_distance=2, intra_period=8),
-    wyner_ziv=SHARED.wyner_ziv,
-    turbo=TurboConfig(family="cascade"),
-)
+CONFIG = codec_config(VideoConfig(96, 64, 25, 1), gop=GopConfig(4, "hierarchical", 2, 8))
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +31,8 @@ def stream(frames: list[Frame]) -> bytes:
     """Return its buffered stream."""
     file = io.BytesIO()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(anchors, "MAX_SHARE", 1e9)  # key frames as rarely as they may come
-        EncoderSession(CONFIG, allocation=SHARED).write(frames, file, lambda _: None)
+        patch.setattr(intra_decision, "MAX_SHARE", 1e9)  # key frames as rarely as they may come
+        EncoderSession(CONFIG).write(frames, file, lambda _: None)
     return file.getvalue()
 
 

@@ -13,7 +13,7 @@ from tests.clips import moving_texture
 HEIGHT, WIDTH = 32, 48
 LUMA = moving_texture(1, HEIGHT, WIDTH)[0].luma.astype(np.float64)
 TRUTH = transform.forward(LUMA)
-LAYOUT = FrameLayout.of(CodecConfig("2d", VideoConfig(WIDTH, HEIGHT, 25, 1)))
+LAYOUT = FrameLayout.of(CodecConfig(VideoConfig(WIDTH, HEIGHT, 25, 1)))
 
 
 class Refiner:

@@ -15,7 +15,7 @@ from benchmarks.slow_link import slow_link
 from decoder.live import HELD_SHARE, HeldRequests, LiveSource
 from decoder.session import decode_live, decode_stream
 from decoder.tasks import DecodedGroup
-from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, TurboConfig, VideoConfig, allocation
+from dvc.config import CodecConfig, Delivery, Live, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import MAX_OPEN_GOPS, Connection, EncoderEndpoint, connect, listen, max_open_gops
 from dvc.slepian_wolf import ParityRequest, RequestTable
@@ -27,17 +27,16 @@ from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
 PATIENCE_S = 20.0
-SHARED = allocation(32)
 
 
 def configuration(**gop: int) -> CodecConfig:
-    return CodecConfig(
-        "2d",
+    return codec_config(
         VideoConfig(32, 24, 25, 1, luma_only=True),
-        GopConfig(4, "hierarchical", **gop),
-        KeyFrameConfig(36),
-        replace(SHARED.wyner_ziv, priors="by-level"),
-        TurboConfig("cascade", batch_percent=50, batch_bits=4),
+        "2d",
+        Qp(32),
+        gop={"length": 4, "references": "hierarchical"} | gop,
+        key={"qp": 36},
+        turbo={"batch_percent": 50, "batch_bits": 4},
     )
 
 
@@ -49,8 +48,8 @@ def frames() -> list[Frame]:
     return [Frame(frame.luma) for frame in moving_texture(22, 24, 32)]
 
 
-def session(config: CodecConfig = CONFIG) -> EncoderSession:
-    return EncoderSession(config, allocation=SHARED)
+def session(config: CodecConfig = CONFIG, delivery: Delivery | None = None) -> EncoderSession:
+    return EncoderSession(config, delivery)
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +84,7 @@ def decoded(address: str, jobs: int = 1, timeout_s: float = PATIENCE_S) -> Itera
 
 
 def encoding(frames: list[Frame], pace: DecoderPace | None = None) -> Callable[[Connection], None]:
-    return lambda connection: serve(session(), frames, connection, lambda _: None, pace)
+    return lambda connection: serve(session(delivery=Live()), frames, connection, lambda _: None, pace)
 
 
 def assert_same(found: list[DecodedGroup], wanted: list[DecodedGroup]) -> None:
@@ -131,7 +130,7 @@ def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
     session(config).write(video, file, lambda _: None)
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         wanted = list(decode_stream(reader.config, reader))
-    with serving(lambda end: serve(session(config), video, end, lambda _: None)) as address:
+    with serving(lambda end: serve(session(config, Live()), video, end, lambda _: None)) as address:
         host, _, port = address.rpartition(":")
         with slow_link(host, int(port), delay_s=0.004, bits_per_second=5e5) as link:
             started = time.monotonic()
@@ -144,7 +143,7 @@ def test_a_slow_link_changes_neither_frames_nor_bits() -> None:
 
 def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame]) -> None:
     """A chain is decoded in order, beside others, to what it is decoded to from a file."""
-    config = configuration(anchor_distance=2, intra_period=12)
+    config = configuration(p_type_distance=2, intra_period=12)
     config = replace(config, codec="3d-te", side_information=replace(config.side_information, method="depth"))
     config = replace(config, tracks=replace(config.tracks, kind="encoder"))
     still = [frames[0]] * 14
@@ -153,7 +152,7 @@ def test_groups_without_a_key_frame_wait_for_the_one_before(frames: list[Frame])
     with StreamReader(io.BytesIO(file.getvalue())) as reader:
         wanted = list(decode_stream(reader.config, reader))
     assert any(group.key is None for group in wanted)
-    with serving(lambda end: serve(session(config), still, end, lambda _: None)) as address:
+    with serving(lambda end: serve(session(config, Live()), still, end, lambda _: None)) as address:
         assert_same(list(decoded(address, 2)), wanted)
 
 
@@ -199,7 +198,7 @@ class Liar:
 
     def __call__(self, connection: Connection) -> None:
         self.connection, self.endpoint = connection, EncoderEndpoint(session().config)
-        own = session()
+        own = session(delivery=Live())
         self.endpoint = EncoderEndpoint(own.config)
         groups = own.groups(self._frames)
         number = 0

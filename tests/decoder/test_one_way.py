@@ -8,7 +8,7 @@ import pytest
 from decoder.one_way import OneWayDecoder
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame
-from dvc.config import CodecConfig, GopConfig, VideoConfig, allocation
+from dvc.config import Qp, VideoConfig, codec_config
 from dvc.metrics import psnr_db
 from dvc.wynerziv import one_way, quantizer
 from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
@@ -17,12 +17,7 @@ from dvc.wynerziv.one_way import OneWayFrame, SentPlanes, encode_payload, length
 from tests.clips import moving_texture
 
 HEIGHT, WIDTH = 96, 128
-CONFIG = CodecConfig(
-    "2d",
-    VideoConfig(WIDTH, HEIGHT, 25, 1, luma_only=True),
-    GopConfig(4, "hierarchical"),
-    wyner_ziv=allocation(32).wyner_ziv,
-)
+CONFIG = codec_config(VideoConfig(WIDTH, HEIGHT, 25, 1, luma_only=True), "2d", Qp(32))
 LAYOUT = FrameLayout.of(CONFIG)
 LUMA = next(iter(moving_texture(1, HEIGHT, WIDTH))).luma
 QUANTIZATION, WORDS = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(24.0))

@@ -14,12 +14,12 @@ from decoder.session import decode_stream
 from decoder.tasks import DecodedGroup
 from dvc.config import (
     CodecConfig,
+    DiscoverMatrix,
     GopConfig,
-    KeyFrameConfig,
     SideInformationConfig,
     TracksConfig,
     VideoConfig,
-    WynerZivConfig,
+    codec_config,
 )
 from dvc.errors import BitstreamError, ConfigError, VideoError
 from dvc.metrics import psnr_db
@@ -29,13 +29,7 @@ from dvc.video import Frame, VideoInfo
 from encoder.session import EncoderSession
 from tests.clips import moving_texture, same_frame
 
-CONFIG = CodecConfig(
-    codec="2d",
-    video=VideoConfig(24, 16, 25, 1),
-    gop=GopConfig(3),
-    key=KeyFrameConfig(30),
-    wyner_ziv=WynerZivConfig.preset(2),
-)
+CONFIG = codec_config(VideoConfig(24, 16, 25, 1), "2d", DiscoverMatrix(2), gop={"length": 3}, key={"qp": 30})
 
 
 @pytest.fixture(scope="module")
@@ -240,9 +234,9 @@ def test_report_refuses_a_reference_that_does_not_fit(
 TRACKED = replace(
     CONFIG,
     codec="3d-te",
-    gop=GopConfig(3, "hierarchical"),
-    side_information=SideInformationConfig("depth"),
-    tracks=TracksConfig("encoder"),
+    gop=GopConfig(3, "hierarchical", 0, 0),
+    side_information=SideInformationConfig(track_corrections=False, fallback="block-motion"),
+    tracks=TracksConfig("encoder", subpixel_bits=0),
 )
 STILL = PointTracks(np.tile(np.array([[[4.0, 4.0]], [[16.0, 8.0]]]), (1, 4, 1)))
 """Tracks through a group of two Wyner-Ziv frames."""
@@ -250,14 +244,14 @@ STILL = PointTracks(np.tile(np.array([[[4.0, 4.0]], [[16.0, 8.0]]]), (1, 4, 1)))
 
 def with_tracks(config: CodecConfig, tracks: bytes, position: int) -> bytes:
     """Return a stream of three groups, of which one carries these tracks."""
-    session, file = EncoderSession(replace(config, codec="2d", tracks=TracksConfig())), io.BytesIO()
+    session, file = EncoderSession(replace(config, codec="2d", tracks=CONFIG.tracks)), io.BytesIO()
     config = replace(config, key=session.config.key)
     with StreamWriter(file, config, "buffered") as writer:
         for number, group in enumerate(session.groups(moving_texture(6, 16, 24))):
             encoded = session.encode(group)
-            payloads = tuple(frame.buffered_payload() for frame in encoded.frames)
+            payloads = encoded.record.wyner_ziv
             sent = tracks if number == position else b""
-            writer.write_gop(GopRecord(len(payloads) + 1, encoded.key, sent, payloads))
+            writer.write_gop(GopRecord(len(payloads) + 1, encoded.record.key, sent, payloads))
     return file.getvalue()
 
 

@@ -9,7 +9,7 @@ import pytest
 from decoder.group import GroupDecoder
 from decoder.tasks import Answered, GroupTask
 from decoder.worker import MAX_ACTIVE_PX, LevelTurns, longest_way_first
-from dvc.config import CodecConfig, GopConfig, VideoConfig, WynerZivConfig
+from dvc.config import VideoConfig, codec_config
 from dvc.stream import GopRecord
 
 NO_BITS = np.zeros(0, np.uint8)
@@ -43,15 +43,10 @@ def test_what_comes_later_may_come_first() -> None:
     assert [message.place[0] for message in islice(taken, 2)] == [3, 1]
 
 
-@pytest.mark.parametrize(("priors", "wanted"), [("by-level", [1, 2, 4]), ("laplacian", [1] * 7)])
-def test_level_sizes_of_a_group(priors: str, wanted: list[int]) -> None:
+@pytest.mark.parametrize(("references", "wanted"), [("hierarchical", [1, 2, 4]), ("all", [1] * 7)])
+def test_level_sizes_of_a_group(references: str, wanted: list[int]) -> None:
     """The middle frame comes before all others; without levels each frame comes alone."""
-    config = CodecConfig(
-        "2d",
-        VideoConfig(32, 24, 25, 1),
-        GopConfig(8, "hierarchical"),
-        wyner_ziv=WynerZivConfig(priors=priors),
-    )
+    config = codec_config(VideoConfig(32, 24, 25, 1), "2d", gop={"length": 8, "references": references})
     record = GopRecord(8, b"", b"", (b"",) * 7)
     task = GroupTask(b"", 1, 1, None, None, record, None)
     assert GroupDecoder(config).level_sizes(task) == wanted

@@ -8,7 +8,15 @@ import pytest
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame
 from decoder.wyner_ziv import WynerZivDecoder
-from dvc.config import NOISE_MODELS, TURBO_FAMILIES, CodecConfig, TurboConfig, VideoConfig, WynerZivConfig
+from dvc.config import (
+    NOISE_MODELS,
+    TURBO_FAMILIES,
+    CodecConfig,
+    DiscoverMatrix,
+    VideoConfig,
+    WynerZivConfig,
+    codec_config,
+)
 from dvc.metrics import psnr_db
 from dvc.slepian_wolf import CRC_BITS, Answer, drive, num_codes
 from dvc.video import Frame
@@ -23,11 +31,8 @@ HEIGHT, WIDTH = 30, 44
 
 
 def config_of(q: int, **turbo: object) -> CodecConfig:
-    return CodecConfig(
-        codec="2d",
-        video=VideoConfig(WIDTH, HEIGHT, 25, 1),
-        wyner_ziv=WynerZivConfig.preset(q),
-        turbo=replace(TurboConfig(), **turbo),
+    return codec_config(
+        VideoConfig(WIDTH, HEIGHT, 25, 1), "2d", DiscoverMatrix(q), turbo={"family": "adaptive"} | turbo
     )
 
 
@@ -160,7 +165,7 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
     assert sum(count for (_, kind), count in seen.items() if kind != "crc") == decoded.parity_bits
 
 
-NESTED = WynerZivConfig(quantizer="nested")
+NESTED = WynerZivConfig(priors="laplacian")
 
 
 def nested_config() -> CodecConfig:

@@ -43,7 +43,7 @@ def test_detector_counts_and_scans_columns() -> None:
     points = detector.detect([STILL_LIFE, STILL_LIFE[:, ::-1]])
     assert [len(frame) for frame in points.frames] == [30, 30]
     assert all((np.diff(frame[:, 0]) >= 0).all() for frame in points.frames)
-    assert detector.num_corners == 60
+    assert detector.work.num_corners == 60
 
 
 @pytest.mark.parametrize("most", [1, 7, 60, 500])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dvc.config import KEY_FRAME_CHOICES, CodecConfig, GopConfig, KeyFrameRule, VideoConfig, WynerZivConfig
+from dvc.config import KEY_FRAME_CHOICES, DiscoverMatrix, KeyFrameRule, VideoConfig, codec_config
 from dvc.errors import ConfigError
 from dvc.stream import StreamReader
 from dvc.tracks import PointTracks, decode_points, decode_tracks
@@ -190,11 +190,8 @@ def test_rules_that_make_no_sense_are_refused(rule: dict[str, float]) -> None:
 
 def session_of(codec: str, width: int, height: int, length: int) -> EncoderSession:
     return EncoderSession(
-        CodecConfig.preset(
-            codec,
-            VideoConfig(width, height, 25, 1, True),
-            gop=GopConfig(length),
-            wyner_ziv=WynerZivConfig.preset(1),
+        codec_config(
+            VideoConfig(width, height, 25, 1, True), codec, DiscoverMatrix(1), gop={"length": length}
         )
     )
 
@@ -214,19 +211,19 @@ def test_stream_carries_tracks_or_points(codec: str) -> None:
             points = decode_points(record.tracks, record.num_frames - 1, reader.config)
             known += sum(map(len, points.frames))
     assert counted.tracks_bits == bits > 0
-    assert 30 < known <= counted.num_corners
-    assert counted.tracking_cpu_s > 0
-    assert (counted.num_sad_blocks > 0) == (codec == "3d-te")
-    assert counted.num_tracked_frames == (11 if codec == "3d-te" else 0)
+    assert 30 < known <= counted.tracking.num_corners
+    assert counted.tracking.cpu_s > 0
+    assert (counted.tracking.num_blocks > 0) == (codec == "3d-te")
+    assert counted.tracking.num_frames == (11 if codec == "3d-te" else 0)
 
 
-def test_stream_carries_births(tmp_path: Path) -> None:
+def test_stream_carries_new_tracks(tmp_path: Path) -> None:
     """Points that enter the frame reach the decoder, unless the command wants none."""
     clip = write_clip(tmp_path / "clip.mkv", moving_texture(11, 96, 128, (0.0, 5.0)))
     numbers = []
     for count in ("0", "3", "40"):
         out = tmp_path / f"{count}.dvc"
-        arguments = ["--codec", "3d-te", "--gop", "5", "--quiet", "--births", count]
+        arguments = ["--codec", "3d-te", "--gop", "5", "--quiet", "--new-tracks", count]
         arguments += ["--longest-track", "99", "--tracks-bpp", "1"]
         assert main([str(clip), str(out), *arguments]) == 0
         with out.open("rb") as file:
@@ -255,9 +252,9 @@ def test_tracks_keep_to_their_budget() -> None:
     config = session_of("3d-te", 128, 96, 2).config
     kept = []
     for budget in (10.0, 0.05, 0.0001):
-        session = EncoderSession(config, FREE, budget)
+        session = EncoderSession(config, None, FREE, budget)
         groups = list(session.groups(SLOW[:5]))
-        payloads = [session.encode(group).tracks for group in groups[1:]]
+        payloads = [session.encode(group).record.tracks for group in groups[1:]]
         kept.append([len(decode_tracks(payload, 3, session.config)) for payload in payloads])
         if budget == 0.05:
             assert all(8 * len(payload) <= 0.05 * 128 * 96 for payload in payloads)
@@ -273,8 +270,8 @@ def test_thinning_keeps_what_lasts() -> None:
     assert thinned(PointTracks(positions), 2).positions[:, 0, 0].tolist() == [1, 2]
     assert thinned(PointTracks(positions), 9).positions[:, 0, 0].tolist() == [0, 1, 2, 3]
     positions[2:, 0] = np.nan
-    births = thinned(PointTracks(positions, 2), 2)
-    assert (births.positions[:, -1, 0].tolist(), births.num_backward) == ([1, 2], 1)
+    new_tracks = thinned(PointTracks(positions, 2), 2)
+    assert (new_tracks.positions[:, -1, 0].tolist(), new_tracks.num_backward) == ([1, 2], 1)
 
 
 def test_command_chooses_key_frames(tmp_path: Path) -> None:
@@ -303,8 +300,8 @@ def test_command_chooses_key_frames(tmp_path: Path) -> None:
         ["--codec", "3d-te", "--points", "0"],
         ["--codec", "3d-td", "--tracks-bpp", "0.1"],
         ["--codec", "3d-te", "--tracks-bpp", "0"],
-        ["--codec", "3d-td", "--births", "8"],
-        ["--codec", "3d-te", "--births", "-1"],
+        ["--codec", "3d-td", "--new-tracks", "8"],
+        ["--codec", "3d-te", "--new-tracks", "-1"],
         ["--codec", "3d-te", "--longest-track", "-1"],
         ["--codec", "3d-te", "--longest-track", "nan"],
         ["--codec", "3d-te", "--scene-change", "0"],
@@ -332,7 +329,7 @@ def test_real_clips_stay_within_their_bits(shared_sequences: Path, clip: str) ->
     with open_video(shared_sequences / f"{clip}.mkv", num_frames=17) as reader:
         frames = list(reader)
     session = session_of("3d-te", 352, 288, 8)
-    bits = sum(8 * len(session.encode(group).tracks) for group in session.groups(frames))
+    bits = sum(8 * len(session.encode(group).record.tracks) for group in session.groups(frames))
     assert bits < 0.01 * 352 * 288 * len(frames)
-    counted = session.statistics
-    assert counted.num_sad_blocks < 0.08 * 1584 * 961 * counted.num_tracked_frames
+    counted = session.statistics.tracking
+    assert counted.num_blocks < 0.08 * 1584 * 961 * counted.num_frames

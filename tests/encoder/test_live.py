@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from dvc.config import CodecConfig, VideoConfig
+from dvc.config import Live, VideoConfig, codec_config
 from dvc.errors import FeedbackError
 from dvc.feedback import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint, connect, listen
 from dvc.video import Frame
@@ -16,7 +16,7 @@ from encoder.live import await_decoder, serve
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
-CONFIG = CodecConfig("2d", VideoConfig(32, 24, 25, 1, luma_only=True))
+CONFIG = codec_config(VideoConfig(32, 24, 25, 1, luma_only=True), "2d")
 HELLO = DecoderEndpoint().bytes_to_send()
 
 
@@ -63,7 +63,7 @@ def test_no_frame_is_taken_before_the_hello() -> None:
 
     frames = iter(moving_texture(3, 24, 32))
     with pytest.raises(FeedbackError, match="broke the feedback protocol"):
-        serve(EncoderSession(CONFIG), frames, Peer(), lambda _: None)  # type: ignore[arg-type]
+        serve(EncoderSession(CONFIG, Live()), frames, Peer(), lambda _: None)  # type: ignore[arg-type]
     assert len(list(frames)) == 3
 
 
@@ -76,7 +76,7 @@ def test_a_decoder_without_progress_is_given_up_by_time(monkeypatch: pytest.Monk
 
         def __init__(self) -> None:
             endpoint = DecoderEndpoint()
-            encoder = EncoderEndpoint(EncoderSession(CONFIG).config)
+            encoder = EncoderEndpoint(EncoderSession(CONFIG, Live()).config)
             hello = endpoint.bytes_to_send()
             encoder.receive(hello)
             endpoint.receive(encoder.bytes_to_send())
@@ -94,5 +94,5 @@ def test_a_decoder_without_progress_is_given_up_by_time(monkeypatch: pytest.Monk
     monkeypatch.setattr(live.time, "monotonic", lambda: now_s)
     frames = [Frame(frame.luma) for frame in moving_texture(3, 24, 32)]
     with pytest.raises(FeedbackError, match="alive, but does nothing for 3600 s"):
-        serve(EncoderSession(CONFIG), frames, Decoder(), lambda _: None)  # type: ignore[arg-type]
+        serve(EncoderSession(CONFIG, Live()), frames, Decoder(), lambda _: None)  # type: ignore[arg-type]
     assert 4000.0 < now_s < 6000.0

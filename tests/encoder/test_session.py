@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.config import CodecConfig, GopConfig, KeyFrameConfig, VideoConfig, WynerZivConfig
+from dvc.config import DiscoverMatrix, VideoConfig, codec_config
 from dvc.keyframes import KeyFrameDecoder
 from dvc.stream import Form, StreamReader
 from dvc.video import Frame, VideoInfo
 from encoder import options
 from encoder.groups import groups
-from encoder.report import PARTS, memory_report
+from encoder.report import TIMED_PARTS, memory_report
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
@@ -55,13 +55,7 @@ def test_groups_are_found_while_frames_come() -> None:
 
 def session_of(**video: bool) -> EncoderSession:
     return EncoderSession(
-        CodecConfig(
-            codec="2d",
-            video=VideoConfig(12, 8, 25, 1, **video),
-            gop=GopConfig(2),
-            key=KeyFrameConfig(lossless=True),
-            wyner_ziv=WynerZivConfig.preset(1),
-        )
+        codec_config(VideoConfig(12, 8, 25, 1, **video), "2d", DiscoverMatrix(1), key={"lossless": True})
     )
 
 
@@ -99,11 +93,12 @@ def test_work_without_a_decoder_is_counted() -> None:
     session.write(frames, io.BytesIO(), lambda _: None)
     counted, blocks = session.statistics, 12
     assert counted.num_wyner_ziv_frames > 0
-    assert counted.num_sampled_blocks == blocks * counted.num_wyner_ziv_frames
-    assert blocks * counted.num_wyner_ziv_frames < counted.num_moved_blocks <= 2 * counted.num_sampled_blocks
-    assert counted.num_intra_blocks == blocks * counted.num_key_frames
-    assert counted.num_syndrome_sums > 0
-    assert counted.num_syndrome_places % 192 == 0
+    work = counted.rate_control
+    assert work.num_blocks == blocks * counted.num_wyner_ziv_frames
+    assert blocks * counted.num_wyner_ziv_frames < work.num_moved <= 2 * work.num_blocks
+    assert work.num_intra == blocks * counted.num_key_frames
+    assert work.num_syndrome_sums > 0
+    assert work.num_syndrome_places % 192 == 0
     found = counted.operations_per_pixel(session.config)
     assert found["syndromes"]["logic"] > 0
     assert found["estimates"]["adds"] > 0
@@ -152,7 +147,7 @@ def test_times_are_parts_of_coding_which_neither_reads_nor_loads() -> None:
     assert counted.other_cpu_s >= 0.0
     assert counted.reading_cpu_s >= 0.25
     assert counted.coding_cpu_s + counted.reading_cpu_s == pytest.approx(total, abs=0.02)
-    assert sum(getattr(counted, name) for name in PARTS) <= counted.coding_cpu_s
+    assert sum(getattr(counted, name) for name in TIMED_PARTS) <= counted.coding_cpu_s
     assert counted.to_dict()["other_cpu_s"] == counted.other_cpu_s
 
 

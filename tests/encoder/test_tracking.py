@@ -54,7 +54,7 @@ def test_fast_motion_is_reached() -> None:
     assert len(motion) >= 10
     assert np.nanmedian((motion[:, 1] - motion[:, 0])[:, 0]) == 36
     num_full = (120 // 8) * (240 // 8) * FULL_SEARCH_BLOCKS
-    assert tracker.counts.num_blocks <= 0.08 * num_full
+    assert tracker.work.num_blocks <= 0.08 * num_full
 
 
 def test_operations_stay_small() -> None:
@@ -64,7 +64,7 @@ def test_operations_stay_small() -> None:
     tracker.start(frames[0].luma)
     for frame in frames[1:]:
         tracker.step(frame.luma)
-    counts = tracker.counts
+    counts = tracker.work
     assert counts.num_corners == 40
     assert counts.num_frames == 5
     assert counts.num_blocks < 5 * 40 * 60
@@ -135,35 +135,37 @@ def test_points_that_appear_are_followed_back(motion_px: tuple[float, float]) ->
     frames = moving_texture(7, 120, 160, motion_px)
     tracker = followed(frames, PointTrackerSettings())
     tracks = tracker.close([frame.luma for frame in frames[1:]])
-    births = tracks.backward
-    assert tracks.num_backward == len(births) >= 4
-    known = np.isfinite(births[:, :, 0])
+    new_tracks = tracks.backward
+    assert tracks.num_backward == len(new_tracks) >= 4
+    known = np.isfinite(new_tracks[:, :, 0])
     assert known[:, -3:].all()
     assert not (known[:, :-1] & ~known[:, 1:]).any()
     assert not known[:, 0].all()
-    motion = births[:, 1:] - births[:, :-1]
+    motion = new_tracks[:, 1:] - new_tracks[:, :-1]
     assert np.nanmax(np.abs(motion - motion_px[::-1])) == 0.0
 
 
-def test_births_are_where_no_track_is() -> None:
+def test_new_tracks_are_where_no_track_is() -> None:
     """Points followed back keep away from all tracks that reach the key frame, and from each other."""
     frames = moving_texture(7, 120, 160, (0.0, 6.0))
-    settings = PointTrackerSettings(birth_distance_px=20.0, max_births=5)
+    settings = PointTrackerSettings(new_track_distance_px=20.0, max_new_tracks=5)
     tracks = followed(frames, settings).close([frame.luma for frame in frames[1:]])
     assert 0 < tracks.num_backward <= 5
     ends = tracks.forward[:, -1]
     distances = np.hypot(*(tracks.backward[:, None, -1] - ends[np.isfinite(ends[:, 0])]).transpose(2, 0, 1))
     assert distances.min() >= 20.0
-    none = followed(frames, PointTrackerSettings(max_births=0)).close([frame.luma for frame in frames[1:]])
+    none = followed(frames, PointTrackerSettings(max_new_tracks=0)).close(
+        [frame.luma for frame in frames[1:]]
+    )
     assert none.num_backward == 0
     assert np.array_equal(none.positions, tracks.forward, equal_nan=True)
 
 
-def test_births_need_frames_between_the_key_frames() -> None:
+def test_new_tracks_need_frames_between_the_key_frames() -> None:
     """Where a single frame lies between the key frames, none is followed back."""
     frames = moving_texture(3, 120, 160, (0.0, 9.0))
     for num_frames, expected in ((2, False), (1, True)):
-        settings = PointTrackerSettings(min_birth_frames=num_frames)
+        settings = PointTrackerSettings(min_new_track_frames=num_frames)
         tracks = followed(frames, settings).close([frame.luma for frame in frames[1:]])
         assert (tracks.num_backward > 0) == expected
 
@@ -180,10 +182,10 @@ def test_closing_starts_the_next_group() -> None:
     """The corners of the closing key frame are found once, and are those of the next group."""
     frames = moving_texture(9, 120, 160, (0.0, 6.0))
     tracker = followed(frames[:7], PointTrackerSettings())
-    before = tracker.counts.num_blocks
+    before = tracker.work.num_blocks
     tracker.close([frame.luma for frame in frames[1:7]])
-    assert tracker.counts.num_blocks > before
-    assert tracker.counts.num_corners == 80
+    assert tracker.work.num_blocks > before
+    assert tracker.work.num_corners == 80
     fresh = followed(frames[6:], PointTrackerSettings())
     for frame in frames[7:]:
         tracker.step(frame.luma)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc.config import CodecConfig, GopConfig, VideoConfig, encode_config
+from dvc.config import DiscoverMatrix, VideoConfig, codec_config, encode_config
 from dvc.errors import FeedbackError
 from dvc.feedback import (
     KEEP_ALIVE,
@@ -41,7 +41,9 @@ from dvc.feedback.messages import (
 from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.stream import GopRecord
 
-CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4))
+CONFIG = codec_config(
+    VideoConfig(176, 144, 15, 1), "2d", DiscoverMatrix(4), gop={"length": 4}, turbo={"family": "adaptive"}
+)
 NUM_BITS = 1584
 NUM_CRC_BITS = 16
 RECORDS = [
@@ -359,7 +361,7 @@ def test_code_of_a_plane_stays() -> None:
         (b"\x01\x00", "Hello: data end"),
         (b"\x01\x01\x02", "protocol version 2; this program speaks version 6"),
         (b"\x01\x02\x06\x7f", "configuration field 127 is unknown"),
-        (b"\x01\x01\x06", "configuration.*lacks the field `codec`"),
+        (b"\x01\x01\x06", "configuration.*lacks the field `video`"),
     ],
 )
 def test_decoder_refuses_strangers(data: bytes, text: str) -> None:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from dvc.config import CodecConfig, VideoConfig
+from dvc.config import VideoConfig, codec_config
 from dvc.errors import ConfigError, FeedbackError
 from dvc.feedback import (
     KEEP_ALIVE,
@@ -110,7 +110,7 @@ def test_bytes_arrive_in_both_directions() -> None:
 
 def test_endpoints_talk_over_the_loopback() -> None:
     """A greeting goes through a real connection."""
-    config = CodecConfig("2d", VideoConfig(176, 144, 15, 1))
+    config = codec_config(VideoConfig(176, 144, 15, 1))
     encoder, decoder = EncoderEndpoint(config), DecoderEndpoint()
     with pair() as (near, far):
         far.send(decoder.bytes_to_send())

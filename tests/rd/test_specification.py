@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dvc.config import key_qp_for
+from dvc.config import DiscoverMatrix
 from dvc.errors import ConfigError
 from dvc.rd.points import INTRA, Point
 from dvc.rd.specification import (
@@ -81,7 +81,12 @@ def test_anchor_has_the_qps_of_the_sweep_and_its_own() -> None:
     """The intra anchor covers the key QPs of all presets."""
     sweep = Sweep(("clip",), "2d", wz_q=(1, 8), anchors=("intra",), anchor_qp=(20, 44))
     anchors = [point for point in sweep.points() if point.codec == INTRA]
-    assert [point.key_qp for point in anchors] == ["20", str(key_qp_for(8)), str(key_qp_for(1)), "44"]
+    assert [point.key_qp for point in anchors] == [
+        "20",
+        str(DiscoverMatrix(8).key_qp),
+        str(DiscoverMatrix(1).key_qp),
+        "44",
+    ]
     assert {point.gop for point in anchors} == {1}
     assert all(point.wz_q is None for point in anchors)
 
@@ -231,18 +236,18 @@ def test_streams_without_feedback_are_options_of_points() -> None:
     assert all(point.one_way for point in sweep.points())
     words = next(iter(sweep.points())).encoder_options()
     assert "--no-feedback" in words
-    assert "--margin" not in words
-    sweep = build_sweep({"sequences": ["clip"], "qp": 28, "no_feedback": True, "margin": "0,40"})
-    assert [dict(point.options)["margin"] for point in sweep.points()] == ["0", "40"]
+    assert "--rate-margin" not in words
+    sweep = build_sweep({"sequences": ["clip"], "qp": 28, "no_feedback": True, "rate_margin": "0,40"})
+    assert [dict(point.options)["rate-margin"] for point in sweep.points()] == ["0", "40"]
     assert not any(point.one_way for point in Sweep(("clip",)).points())
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"margin": 5}, "margins are for streams without feedback"),
+        ({"rate_margin": 5}, "rate margins are for streams without feedback"),
         ({"no_feedback": "yes"}, "`no_feedback` must be true or false"),
-        ({"no_feedback": True, "margin": "1001"}, "expected numbers from 0 to 1000"),
+        ({"no_feedback": True, "rate_margin": "1001"}, "expected numbers from 0 to 1000"),
     ],
 )
 def test_margins_without_their_form_are_refused(given: dict[str, object], message: str) -> None:

@@ -12,14 +12,14 @@ from dvc.stream import GopRecord, StreamReader, StreamWriter
 DOCUMENT = Path(__file__).parents[2] / "docs" / "bitstream.md"
 BEGIN, END = "<!-- fields: begin -->\n", "<!-- fields: end -->\n"
 TYPES = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes", tuple: "integers"}
-CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), key=KeyFrameConfig(25))
+CONFIG = CodecConfig(VideoConfig(176, 144, 15, 1), key=KeyFrameConfig(25))
 RECORDS = [GopRecord(1, b"K0"), GopRecord(2, b"K2", b"", (b"W1!",), 0x13579BDF)]
 
 
 def field_table() -> str:
     """Return the table of all fields, with what they are when nothing is said."""
     rows = ["| number | field | type | default |\n", "| --- | --- | --- | --- |\n"]
-    defaults = CodecConfig("2d", VideoConfig(1, 1, 1, 1))
+    defaults = CodecConfig(VideoConfig(1, 1, 1, 1))
     for path, number in FIELD_NUMBERS.items():
         *parents, name = path.split(".")
         section: object = defaults

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.bits import encode_varint
-from dvc.config import CodecConfig, GopConfig, VideoConfig
+from dvc.config import CodecConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError
 from dvc.stream import (
     Form,
@@ -31,7 +31,7 @@ from dvc.stream import (
 from dvc.stream.index import encode_end
 from dvc.stream.records import frame_record
 
-CONFIG = CodecConfig("2d", VideoConfig(176, 144, 15, 1), gop=GopConfig(4))
+CONFIG = codec_config(VideoConfig(176, 144, 15, 1), "2d", gop={"length": 4})
 RECORDS = [
     GopRecord(1, b"first key"),
     GopRecord(4, b"a key" * 40, b"", (b"wz 1" * 40, b"", b"wz 3")),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from dvc._jit import python_twin
-from dvc.config import CodecConfig, TracksConfig, VideoConfig
+from dvc.config import CodecConfig, TracksConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError
 from dvc.tracks import FeaturePoints, PointTracks, _kernels, decode_points, decode_tracks, encode_points
 from dvc.tracks import encode_tracks as encode
@@ -21,7 +21,7 @@ def config_of(
     width: int = 352, height: int = 288, num_points: int = 128, subpixel_bits: int = 0, kind: str = "encoder"
 ) -> CodecConfig:
     tracks = TracksConfig(kind, num_points, subpixel_bits)
-    return CodecConfig("3d-te", VideoConfig(width, height, 25, 1), tracks=tracks)
+    return codec_config(VideoConfig(width, height, 25, 1), tracks=tracks)
 
 
 def drawn_tracks(seed: int, config: CodecConfig, count: int, num_instants: int, spread: float) -> PointTracks:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvc import slepian_wolf
 from dvc._jit import python_twin
-from dvc.config import MAX_BAND_PLANES, CodecConfig, VideoConfig, WynerZivConfig
+from dvc.config import MAX_BAND_PLANES, DiscoverMatrix, VideoConfig, WynerZivConfig, codec_config
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import ParityRequest, drive
 from dvc.slepian_wolf.cascade.orders import bit_orders
@@ -24,17 +24,17 @@ CODES = slepian_wolf.family("adaptive")
 
 
 def layout_of(height: int, width: int, levels: tuple[int, ...] | None) -> FrameLayout:
-    quantised = WynerZivConfig(quantizer="nested") if levels is None else WynerZivConfig(levels=levels)
-    return FrameLayout.of(CodecConfig("2d", VideoConfig(width, height, 25, 1), wyner_ziv=quantised))
+    quantised = WynerZivConfig(levels=levels or ())
+    return FrameLayout.of(codec_config(VideoConfig(width, height, 25, 1), wyner_ziv=quantised))
 
 
-PRESETS = [WynerZivConfig.preset(q).levels for q in range(1, 9)]
+MATRICES = [DiscoverMatrix(q).wyner_ziv.levels for q in range(1, 9)]
 layouts = st.builds(
     layout_of,
     st.integers(1, 17),
     st.integers(1, 17),
     st.one_of(
-        st.sampled_from(PRESETS),
+        st.sampled_from(MATRICES),
         st.tuples(*[st.sampled_from([0, 2, 4, 16, 64, 256])] * 16).filter(any),
         st.none(),
     ),
@@ -171,7 +171,7 @@ def test_buffered_payload_answers_by_positions(layout: FrameLayout, seed: int, d
 
 def test_answers_are_the_codes_of_the_planes() -> None:
     """Check and parity bits are those of `dvc.slepian_wolf` for the plane alone."""
-    layout = layout_of(16, 20, PRESETS[7])
+    layout = layout_of(16, 20, MATRICES[7])
     frame = encoded_frame(layout, 5)
     buffered = BufferedFrame(layout, frame.buffered_payload(), len(CODES))
     planes = uncoded_planes(frame)
@@ -189,7 +189,7 @@ def test_answers_are_the_codes_of_the_planes() -> None:
 @pytest.mark.parametrize("change", [-1, 1])
 def test_buffered_payload_of_another_size_is_refused(change: int) -> None:
     """A payload that is a byte short or long cannot be a frame of the layout."""
-    layout = layout_of(16, 16, PRESETS[0])
+    layout = layout_of(16, 16, MATRICES[0])
     payload = encoded_frame(layout, 0).buffered_payload()
     wrong = payload[:-1] if change < 0 else payload + b"\0"
     with pytest.raises(BitstreamError, match="expected"):
@@ -199,7 +199,7 @@ def test_buffered_payload_of_another_size_is_refused(change: int) -> None:
 @given(st.lists(st.integers(0, 30), max_size=8), st.integers(0, 2**32 - 1))
 def test_punctured_payload_replays_what_was_recorded(counts: list[int], seed: int) -> None:
     """The bits that a decoder was given come back from the payload, in order, and use it up."""
-    layout = layout_of(8, 8, PRESETS[0])
+    layout = layout_of(8, 8, MATRICES[0])
     bands = [band for band, planes in enumerate(layout.max_planes) if planes and band]
     header = layout.over_range(dict.fromkeys(bands, 9)).header
     rng = np.random.default_rng(seed)

@@ -13,7 +13,7 @@ from dvc.wynerziv.answers import open_frames
 from dvc.wynerziv.answers.open_frames import OpenFrames
 from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame
 from dvc.wynerziv.layout import FrameLayout
-from tests.wynerziv.test_payloads import PRESETS, encoded_frame, layout_of, layouts
+from tests.wynerziv.test_payloads import MATRICES, encoded_frame, layout_of, layouts
 
 FAMILIES = ("adaptive", "cascade")
 SLOTS = (2, 0)
@@ -77,7 +77,7 @@ def test_many_answers_are_those_of_the_buffered_form(
 
 def test_a_slot_holds_one_frame_after_the_other() -> None:
     """Nothing of the frame before is left: parity that was computed of it is not that of the next."""
-    layout = layout_of(16, 20, PRESETS[7])
+    layout = layout_of(16, 20, MATRICES[7])
     opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 3)
     table = table_of([ParityRequest(0, 3, "parity", 2, 0, 20, tuple(range(20)))])
     found = []
@@ -94,7 +94,7 @@ def test_a_slot_holds_one_frame_after_the_other() -> None:
 def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes as many places as frames are asked for at a time, and comes back where it is needed again."""
     monkeypatch.setattr(open_frames, "PATIENCE", 2)
-    layout = layout_of(16, 20, PRESETS[7])
+    layout = layout_of(16, 20, MATRICES[7])
     opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
     frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
     for slot, frame in enumerate(frames):
@@ -111,7 +111,7 @@ def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.Monk
 
 def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPatch) -> None:
     """Requests for all frames, in one message, are answered where there is room for three of them."""
-    layout, codes = layout_of(16, 20, PRESETS[7]), slepian_wolf.num_codes("cascade")
+    layout, codes = layout_of(16, 20, MATRICES[7]), slepian_wolf.num_codes("cascade")
     room = 3 * codes * 8 * layout.num_bits
     monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", room)
     opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
@@ -132,7 +132,7 @@ def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPa
 
 def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is no room, it is computed again for these alone; it is not for others."""
-    layout, codes = layout_of(16, 20, PRESETS[7]), slepian_wolf.num_codes("cascade")
+    layout, codes = layout_of(16, 20, MATRICES[7]), slepian_wolf.num_codes("cascade")
     monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", 2 * codes * 8 * layout.num_bits)
     computed: list[int] = []
 

@@ -7,7 +7,7 @@ from decoder.side_information.block_motion.interpolation import BlockMotionInter
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Interpolation, ReferenceFrame
 from decoder.side_information.scene.fused import fuse_scenes
-from dvc.config import CodecConfig, TracksConfig, VideoConfig
+from dvc.config import TracksConfig, VideoConfig, codec_config
 from dvc.multiview.cameras import PixelFrame, project
 from dvc.tracks import PointTracks
 from dvc.video import Frame
@@ -51,7 +51,7 @@ def test_all_hypotheses_are_left_to_the_decoder() -> None:
     seen = [PIXELS.to_pixels(project(camera_at(position), points)[0]) for position in instants]
     tracks = PointTracks(np.round(np.stack(seen, axis=1)).astype(np.float64))
     for codec, kind, received in (("3d-te", "encoder", tracks), ("3d", "none", None)):
-        config = CodecConfig(codec, VIDEO, tracks=TracksConfig(kind))
+        config = codec_config(VIDEO, codec, tracks=TracksConfig(kind))
         [found] = METHODS["fused"](config).predict(KEYS, received, [2])
         assert (found.success, found.method) == (True, "fused")
         assert len(found.alternatives) == 3
@@ -59,4 +59,4 @@ def test_all_hypotheses_are_left_to_the_decoder() -> None:
 
 def test_codecs_without_a_scene_predict_by_block_motion() -> None:
     """The 2D codec has one hypothesis, and nothing to fuse."""
-    assert isinstance(METHODS["fused"](CodecConfig("2d", VIDEO)), BlockMotionInterpolation)
+    assert isinstance(METHODS["fused"](codec_config(VIDEO, "2d")), BlockMotionInterpolation)

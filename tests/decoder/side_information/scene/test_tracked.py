@@ -11,7 +11,7 @@ from decoder.side_information.scene.blocks import BlockInterpolator
 from decoder.side_information.scene.depth import DepthInterpolator
 from decoder.side_information.scene.tracked import TrackedSceneInterpolation
 from decoder.side_information.scene.untracked import SceneInterpolation
-from dvc.config import CodecConfig, SideInformationConfig, TracksConfig, VideoConfig
+from dvc.config import CodecConfig, VideoConfig, codec_config
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame, project
 from dvc.tracks import FeaturePoints, PointTracks
@@ -21,8 +21,11 @@ from encoder.corners import CornerDetector
 from tests.scenes_3d import camera_at, render, two_planes
 
 PIXELS = PixelFrame(176, 144)
-CONFIG = CodecConfig("3d-te", VideoConfig(176, 144, 25, 1), tracks=TracksConfig("encoder"))
-BY_TRACKS = replace(CONFIG, side_information=SideInformationConfig(fallback="tracks"))
+CONFIG = codec_config(
+    VideoConfig(176, 144, 25, 1),
+    side_information={"track_corrections": False, "fallback": "block-motion"},
+)
+BY_TRACKS = replace(CONFIG, side_information=replace(CONFIG.side_information, fallback="tracks"))
 INSTANTS = (0.0, 0.45, 0.55, 0.6, 1.0)
 """The camera does not move evenly."""
 CHROMA = np.full((72, 88), 100, np.uint8), np.full((72, 88), 150, np.uint8)
@@ -148,7 +151,7 @@ def test_hostile_tracks_give_a_prediction(kind: str, config: CodecConfig) -> Non
 def test_corners_of_each_frame_will_do() -> None:
     """Tracking at the decoder makes tracks of corners, which tell where the camera is."""
     corners = CornerDetector(176).detect([frame.luma for frame in FRAMES[1:4]])
-    config = CodecConfig("3d-td", CONFIG.video, tracks=TracksConfig("decoder"))
+    config = codec_config(CONFIG.video, "3d-td", side_information=CONFIG.side_information)
     tracked, blind = (
         TrackedSceneInterpolation(DepthInterpolator, config),
         SceneInterpolation(DepthInterpolator, config),
@@ -160,7 +163,7 @@ def test_corners_of_each_frame_will_do() -> None:
 
 def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
     """Frames without a corner are predicted as if no points were sent at all."""
-    config = CodecConfig("3d-td", CONFIG.video, tracks=TracksConfig("decoder"))
+    config = codec_config(CONFIG.video, "3d-td", side_information=CONFIG.side_information)
     none = FeaturePoints((np.empty((0, 2)),) * 3)
     [found] = TrackedSceneInterpolation(DepthInterpolator, config).predict(KEYS, none, [10])
     [expected] = SceneInterpolation(DepthInterpolator, config).predict(KEYS, None, [10])
@@ -170,12 +173,12 @@ def test_without_corners_the_scene_is_that_of_no_tracks() -> None:
 def test_the_codec_says_which_method_it_is() -> None:
     """Codecs with tracks build the tracked form of a method by the same name."""
     assert isinstance(METHODS["depth"](CONFIG), TrackedSceneInterpolation)
-    assert isinstance(METHODS["blocks"](CodecConfig("3d", CONFIG.video)), SceneInterpolation)
+    assert isinstance(METHODS["blocks"](codec_config(CONFIG.video, "3d")), SceneInterpolation)
 
 
 def test_tracks_correct_what_is_rendered_if_the_stream_says_so() -> None:
     """Residuals of tracks change the prediction, which is not worse for it."""
-    settings = SideInformationConfig(method="depth", track_corrections=True)
+    settings = replace(CONFIG.side_information, track_corrections=True)
     method = TrackedSceneInterpolation(DepthInterpolator, replace(CONFIG, side_information=settings))
     plain = TrackedSceneInterpolation(DepthInterpolator, CONFIG)
     for instant in (9, 11):

@@ -8,7 +8,7 @@ from decoder.side_information.methods import INTERPOLATORS
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.side_information.scene.depth import DepthInterpolator
 from decoder.side_information.scene.untracked import SceneInterpolation
-from dvc.config import CodecConfig, GeometryConfig, VideoConfig
+from dvc.config import GeometryConfig, VideoConfig, codec_config
 from dvc.metrics import psnr_db
 from dvc.multiview.cameras import PixelFrame
 from dvc.video import Frame
@@ -16,7 +16,7 @@ from dvc.wynerziv.transform import to_uint8
 from tests.scenes_3d import render
 
 FRAME = PixelFrame(176, 144)
-CONFIG = CodecConfig("3d", VideoConfig(176, 144, 25, 1))
+CONFIG = codec_config(VideoConfig(176, 144, 25, 1), "3d")
 CHROMA = np.full((72, 88), 100, np.uint8), np.full((72, 88), 150, np.uint8)
 FRAMES = [Frame(render(position, FRAME)[0], CHROMA) for position in (0.0, 0.25, 0.5, 0.75, 1.0)]
 REFERENCES = [ReferenceFrame(8, FRAMES[0]), ReferenceFrame(12, FRAMES[4])]
@@ -26,7 +26,7 @@ REFERENCES = [ReferenceFrame(8, FRAMES[0]), ReferenceFrame(12, FRAMES[4])]
 @pytest.mark.parametrize("backend", ["native", "colmap"])
 def test_the_scene_serves(name: str, backend: str) -> None:
     """A static scene is predicted by the method that was asked for, better than by block motion."""
-    config = CodecConfig("3d", CONFIG.video, geometry=GeometryConfig(backend))
+    config = codec_config(CONFIG.video, "3d", geometry=GeometryConfig(backend))
     predictions = SceneInterpolation(INTERPOLATORS[name], config).predict(REFERENCES, None, [9, 10, 11])
     others = BlockMotionInterpolation().predict(REFERENCES, None, [9, 10, 11])
     for prediction, other, frame in zip(predictions, others, FRAMES[1:4], strict=True):

@@ -6,20 +6,19 @@ import numpy as np
 import pytest
 
 from dvc._jit import python_twin
-from dvc.config import CodecConfig, VideoConfig, allocation
+from dvc.config import Qp, VideoConfig, codec_config
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.buffered import quantize_frame
 from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.one_way import syndrome_length
-from encoder.one_way import _kernels
-from encoder.one_way.needs import NEEDS, Choice, NeedEstimator, frame_costs, length_of
-from encoder.one_way.sampled_blocks import BlockErrors
+from encoder.rate_control import _kernels
+from encoder.rate_control.needs import NEEDS, Choice, NeedEstimator, frame_costs, length_of
+from encoder.rate_control.sampled_blocks import BlockErrors
 
-SHARED = allocation(28)
-CONFIG = CodecConfig.preset("3d-te", VideoConfig(352, 288, 25, 1, luma_only=True), wyner_ziv=SHARED.wyner_ziv)
+CONFIG = codec_config(VideoConfig(352, 288, 25, 1, luma_only=True), quality=Qp(28))
 LAYOUT = FrameLayout.of(CONFIG)
 LUMA = np.random.default_rng(1).integers(0, 256, (288, 352), dtype=np.uint8)
-QUANTIZATION, _ = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(SHARED.step(4)))
+QUANTIZATION, _ = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(CONFIG.wyner_ziv.step(4)))
 
 
 def errors(residual: float, noise: float = 0.0) -> BlockErrors:

@@ -1,4 +1,4 @@
-"""How many planes of a frame pay, and how long their syndromes must be, by residual and noise."""
+"""Which planes of a frame are worth their rate, and how long syndromes must be, by residual and noise."""
 
 import math
 from functools import lru_cache
@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.config import MAX_GOP_LENGTH, USUAL_MARGIN_PERCENT, CodecConfig
+from dvc.config import MAX_GOP_LENGTH, CodecConfig, EstimatedRate
 from dvc.wynerziv.layout import Quantization
 from dvc.wynerziv.one_way import BLOCKS, MAX_BLOCK_BITS, SentPlanes, length_code
-from encoder.one_way import _kernels
-from encoder.one_way.laplacian import FIRST_OCTAVE, PER_OCTAVE, PER_PLANE, laplacian_tables
-from encoder.one_way.sampled_blocks import BlockErrors
+from encoder.rate_control import _kernels
+from encoder.rate_control.laplacian import FIRST_OCTAVE, PER_OCTAVE, PER_PLANE, laplacian_tables
+from encoder.rate_control.sampled_blocks import BlockErrors
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -26,7 +26,7 @@ CODE_RATIO = 1.12, 4.0
 over the root of the bits of short ones."""
 BITS_PER_BIT = 1.6
 """What a bit of ideal code length costs, where planes are chosen: syndrome and margin."""
-PAYS = 1.0, 1.5
+MIN_WORTH = 1.0, 1.5
 """How much more each of `BLOCKS` must be expected to save than it costs: what seems to save much was often
 misjudged."""
 MARGIN_BITS = 0.08
@@ -47,7 +47,7 @@ class Needs(NamedTuple):
 
     variance: tuple[float, float, float]  # of the error: share of residual and of noise, and what is added
     bits: tuple[float, ...]  # ideal code length of a coefficient, at `OCTAVES`
-    anchor_factor: float  # of that where only earlier frames are known
+    p_type_factor: float  # of that where only earlier frames are known
 
 
 NEEDS = (
@@ -80,27 +80,27 @@ class Choice(NamedTuple):
 class NeedEstimator:
     """Chooses what to send."""
 
-    def __init__(self, config: CodecConfig, margin_percent: int) -> None:
+    def __init__(self, config: CodecConfig, rate_margin_percent: int) -> None:
         self._config = config
-        self._margin = margin_percent / 100.0
+        self._margin = rate_margin_percent / 100.0
 
     def choose(self, quantization: Quantization, errors: BlockErrors, distance: int, num_bits: int) -> Choice:
         """Choose planes and lengths of syndromes of one frame."""
         if not errors.residual.size:  # too small a picture to tell
             errors = BlockErrors(np.full((16, 1), _UNKNOWN, np.float32), np.zeros((16, 1), np.float32))
-        slope = self._config.wyner_ziv.slope_between(distance)
-        share = (self._config.wyner_ziv.slope / slope) ** REFERENCE_MARGIN if slope else 1.0
+        multiplier = self._config.wyner_ziv.lambda_between(distance)
+        share = (self._config.wyner_ziv.lambda_wz / multiplier) ** REFERENCE_MARGIN if multiplier else 1.0
         costs = frame_costs(quantization, errors, num_bits)
         depths, codes = np.empty_like(costs.planes), []
-        for bands, pays, needs in zip(_BANDS, PAYS, NEEDS, strict=True):
-            num_planes, bits, saved = costs.choose_depths(bands, slope, depths)
+        for bands, worth, needs in zip(_BANDS, MIN_WORTH, NEEDS, strict=True):
+            num_planes, bits, saved = costs.choose_depths(bands, multiplier, depths)
             size = num_bits * num_planes
             need = length_of(bits, needs, distance)
             usual, length = (
                 min(need + share * margin * (need + MARGIN_BITS * num_bits), 1.1 * size)
-                for margin in (USUAL_MARGIN_PERCENT / 100.0, self._margin)
+                for margin in (EstimatedRate.rate_margin_percent / 100.0, self._margin)
             )
-            if size > MAX_BLOCK_BITS or saved < pays * slope * (usual + BLOCK_BITS):
+            if size > MAX_BLOCK_BITS or saved < worth * multiplier * (usual + BLOCK_BITS):
                 depths[bands], length = 0, 0.0
             codes.append(length_code(length))
         return Choice(SentPlanes(tuple(depths.tolist()), tuple(codes)), costs.noise(depths))
@@ -118,9 +118,9 @@ class FrameCosts(NamedTuple):
     Shape (16, 2, most planes + 1).
     """
 
-    def choose_depths(self, bands: slice, slope: float, depths: Integers) -> tuple[int, float, float]:
-        """Choose how many planes of some bands pay."""
-        given = self.costs[bands], self.planes[bands], BITS_PER_BIT * slope
+    def choose_depths(self, bands: slice, multiplier: float, depths: Integers) -> tuple[int, float, float]:
+        """Choose how many planes of some bands are worth their rate."""
+        given = self.costs[bands], self.planes[bands], BITS_PER_BIT * multiplier
         num_planes, bits, saved = _kernels.choose_depths(*given, depths[bands])
         return num_planes, bits, saved
 
@@ -159,5 +159,5 @@ def frame_costs(quantization: Quantization, errors: BlockErrors, num_bits: int) 
 def length_of(bits: float, needs: Needs, distance: int) -> float:
     """Return the length of the shortest syndrome that is expected to serve."""
     if distance > MAX_GOP_LENGTH // 2:
-        bits *= needs.anchor_factor
+        bits *= needs.p_type_factor
     return CODE_RATIO[0] * bits + CODE_RATIO[1] * math.sqrt(bits)

@@ -1,10 +1,11 @@
-"""Which groups of pictures no key frame ends: those whose anchors are estimated to cost less.
+"""Which groups of pictures no key frame ends: those whose P-type frames are estimated to cost less.
 
-A key frame costs the same whatever came before. An anchor costs what tracks cannot predict: what comes into
-view as the camera moves, and what parallax hides, shows, and puts between the tracks; and where many points
-are lost, much has changed.
+A key frame costs the same whatever came before. A P-type frame costs what tracks cannot predict: what comes
+into view as the camera moves, and what parallax hides, shows, and puts between the tracks; and where many
+points are lost, much has changed.
 """
 
+import math
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -24,11 +25,11 @@ _PARALLAX_WEIGHT = 0.08  # per pixel
 _LOSS_WEIGHT = 2.0
 """By eye from twelve anchors of box, desk and river at QP 30 and 34; no command repeats it."""
 MAX_SHARE = 1.1
-"""Of the bits of a key frame, that the anchors of a group may be estimated to cost: they also serve as the
-middle frame of the group, which would be a Wyner-Ziv frame anyway."""
+"""Of the bits of a key frame, that the P-type frames of a group may be estimated to cost: they also serve as
+the middle frame of the group, which would be a Wyner-Ziv frame anyway."""
 MAX_ESTIMATED_SHARE = 0.6
-"""Of the bits of a key frame, that any one anchor may be estimated to cost where no decoder asks: what is
-harder to predict is too often sent less than it needs, and all until the next key frame rests on it."""
+"""The same of any one P-type frame where rates are estimated: what is harder to predict is too often sent
+less than it needs, and all until the next key frame rests on it."""
 
 
 class FieldOfMotion(NamedTuple):
@@ -61,8 +62,8 @@ def _median(values: Floats) -> Floats:
     return median
 
 
-def anchor_share(field: FieldOfMotion, side_px: int) -> float:
-    """Estimate what an anchor costs."""
+def p_type_share(field: FieldOfMotion, side_px: int) -> float:
+    """Estimate what a P-type frame costs."""
     uncovered = _MOTION_WEIGHT * field.motion_px / side_px
     return _MIN_SHARE + uncovered + _PARALLAX_WEIGHT * field.parallax_px + _LOSS_WEIGHT * field.lost_share
 
@@ -70,9 +71,9 @@ def anchor_share(field: FieldOfMotion, side_px: int) -> float:
 class KeyFrameSpacing:
     """Decides which groups of a sequence end with a key frame."""
 
-    def __init__(self, gop: GopConfig, feedback: bool = True) -> None:
+    def __init__(self, gop: GopConfig, max_p_type_share: float = math.inf) -> None:
         self._gop = gop
-        self._max_anchor_share = MAX_SHARE if feedback else MAX_ESTIMATED_SHARE
+        self._max_p_type_share = max_p_type_share
         self._num_frames = 0  # since the last key frame
         self._begun = False
 
@@ -88,9 +89,9 @@ class KeyFrameSpacing:
         return not spared
 
     def _spares(self, tracks: PointTracks, side_px: int) -> bool:
-        """Decide whether the anchors of a group are cheap, together and each."""
-        instants = [0, *anchor_instants(0, tracks.num_instants - 1, self._gop.anchor_distance)]
+        """Decide whether the P-type frames of a group are cheap, together and each."""
+        instants = [0, *anchor_instants(0, tracks.num_instants - 1, self._gop.p_type_distance)]
         positions = tracks.positions
         fields = [field_of_motion(positions[:, k], positions[:, n]) for k, n in pairwise(instants)]
-        shares = [anchor_share(field, side_px) for field in fields]
-        return sum(shares) <= MAX_SHARE and max(shares) <= self._max_anchor_share
+        shares = [p_type_share(field, side_px) for field in fields]
+        return sum(shares) <= MAX_SHARE and max(shares) <= self._max_p_type_share

@@ -5,8 +5,8 @@ import pytest
 
 from dvc._jit import python_twin
 from dvc.wynerziv import transform
-from encoder.one_way import _kernels
-from encoder.one_way.sampled_blocks import BLOCK_PX, SPACING_PX, BlockSampler, _words
+from encoder.rate_control import _kernels
+from encoder.rate_control.sampled_blocks import BLOCK_PX, SPACING_PX, BlockSampler, _words
 from tests.clips import moving_texture
 
 SHAPE = (48, 64)

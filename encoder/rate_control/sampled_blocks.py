@@ -1,4 +1,4 @@
-"""What tracks leave to be told of a frame, on some of its blocks: residual, and noise of the references.
+"""What tracks leave to be sent of a frame, on some of its blocks: residual, and noise of the references.
 
 References are moved as points have moved. The decoder knows the scene and predicts better, but from pictures
 that are coded: of near references the noise of their quantisers is most of the error.
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dvc.video.frames import Plane
 from dvc.wynerziv import transform
-from encoder.one_way import _kernels
+from encoder.rate_control import _kernels
 
 Floats = NDArray[np.float32]
 
@@ -39,8 +39,8 @@ class BlockErrors:
 
 
 @dataclass
-class OneWayWork:
-    """How much there was to do where no decoder asks."""
+class RateControlWork:
+    """How much there was to do to estimate rates."""
 
     num_blocks: int = 0  # sampled blocks of Wyner-Ziv frames
     num_moved: int = 0  # those of their references
@@ -56,7 +56,7 @@ class BlockSampler:
     """Looks at some blocks of frames of one size."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
-        self.work = OneWayWork()
+        self.work = RateControlWork()
         height, width = shape
         self._spacing_px = max(SPACING_PX, isqrt(height * width // _MANY_BLOCKS) // BLOCK_PX * BLOCK_PX)
         rows, columns = (np.arange(0, side - BLOCK_PX + 1, self._spacing_px) for side in (height, width))

@@ -1,4 +1,4 @@
-"""Payloads of the one-way form: what a group of pictures needs, told by its own frames and tracks."""
+"""Rate control without a feedback channel: what a group of pictures needs, by its own frames and tracks."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -12,8 +12,8 @@ from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.hierarchy import group_order, reference_distance
 from dvc.wynerziv.one_way import BLOCKS, SentPlanes, encode_payload, syndrome_length
 from encoder.groups import Group
-from encoder.one_way.needs import Choice, NeedEstimator
-from encoder.one_way.sampled_blocks import BlockErrors, BlockSampler, OneWayWork
+from encoder.rate_control.needs import Choice, NeedEstimator
+from encoder.rate_control.sampled_blocks import BlockErrors, BlockSampler, RateControlWork
 
 
 class _Reference(NamedTuple):
@@ -32,18 +32,18 @@ class ChosenFrame(NamedTuple):
     choice: Choice
 
 
-class OneWayEncoder:
+class RateController:
     """Chooses and packs what is sent of Wyner-Ziv frames, group after group."""
 
-    def __init__(self, config: CodecConfig, margin_percent: int) -> None:
+    def __init__(self, config: CodecConfig, rate_margin_percent: int) -> None:
         self._config = config
-        self._needs = NeedEstimator(config, margin_percent)
+        self._needs = NeedEstimator(config, rate_margin_percent)
         self._sampler = BlockSampler((config.video.height, config.video.width))
         self._key_step = 0.0 if config.key.lossless else quantizer_step(config.key.qp)
         self._before: _Reference | None = None
 
     @property
-    def work(self) -> OneWayWork:
+    def work(self) -> RateControlWork:
         """What there was to do so far."""
         return self._sampler.work
 
@@ -72,9 +72,9 @@ class OneWayEncoder:
             known[0] = self._before
         if len(frames) < last:
             known[last] = _Reference(lumas[-1], self._sampler.intra_noise(lumas[-1], self._key_step))
-        anchor_distance = gop.anchor_distance if len(frames) == last else 0
+        p_type_distance = gop.p_type_distance if len(frames) == last else 0
         for index, around in (
-            group_order(0, last, gop.references != "keys", anchor_distance) if frames else ()
+            group_order(0, last, gop.references != "keys", p_type_distance) if frames else ()
         ):
             references = [instant for instant in around if instant is not None]
             errors = self._sampler.errors(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from encoder.one_way.laplacian import FIRST_OCTAVE, NUM_PLACES, PER_OCTAVE, laplacian_tables
+from encoder.rate_control.laplacian import FIRST_OCTAVE, NUM_PLACES, PER_OCTAVE, laplacian_tables
 
 
 def test_wide_distributions_fill_their_bins_evenly() -> None:

@@ -1,9 +1,9 @@
 """What choosing without a decoder takes in operations: a model of the blocks that are looked at."""
 
 from dvc.wynerziv.transform import BLOCK, NUM_BANDS
-from encoder.one_way import _kernels
-from encoder.one_way.sampled_blocks import BLOCK_PX, OneWayWork
 from encoder.operations import Operations
+from encoder.rate_control import _kernels
+from encoder.rate_control.sampled_blocks import BLOCK_PX, RateControlWork
 
 _SAMPLES = BLOCK_PX * BLOCK_PX
 _PARTS = _SAMPLES // (BLOCK * BLOCK)
@@ -65,7 +65,7 @@ def intra_noise(num_intra: float) -> Operations:
     return (parts + size + chosen + error + mean).times(num_intra)
 
 
-def estimates(work: OneWayWork) -> Operations:
+def estimates(work: RateControlWork) -> Operations:
     """Count all estimates of a run."""
     frames = residual(work.num_blocks) + moved(work.num_moved)
     return frames + intra_noise(work.num_intra) + nearest(work.num_distances)

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from dvc.wynerziv import transform
-from encoder.one_way import _kernels, operations
-from encoder.one_way.laplacian import NUM_PLACES, PER_PLANE
-from encoder.one_way.needs import _FIRST, NEEDS, _tables
-from encoder.one_way.sampled_blocks import (
+from encoder.operations import Operations
+from encoder.rate_control import _kernels, operations
+from encoder.rate_control.laplacian import NUM_PLACES, PER_PLANE
+from encoder.rate_control.needs import _FIRST, NEEDS, _tables
+from encoder.rate_control.sampled_blocks import (
     _ROUNDING,
     _WEIGHTS,
     BLOCK_PX,
     SPACING_PX,
     BlockSampler,
-    OneWayWork,
+    RateControlWork,
     _words,
 )
-from encoder.operations import Operations
 from tests.clips import moving_texture
 from tests.counting import Data, Tally, counting
 
@@ -91,7 +91,7 @@ def test_intra_noise() -> None:
 
 def test_estimates_add_up() -> None:
     """A run without blocks takes nothing."""
-    assert operations.estimates(OneWayWork()) == Operations()
-    work = OneWayWork(1, 2, 3, 4)
+    assert operations.estimates(RateControlWork()) == Operations()
+    work = RateControlWork(1, 2, 3, 4)
     parts = operations.residual(1), operations.moved(2), operations.intra_noise(3), operations.nearest(4)
     assert operations.estimates(work).adds == sum(part.adds for part in parts)

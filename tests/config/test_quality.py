@@ -1,0 +1,92 @@
+"""One quality for key frames, steps and requests."""
+
+from fractions import Fraction
+
+import pytest
+
+from dvc.config import (
+    MAX_QP,
+    VARIANTS,
+    EstimatedRate,
+    ParityBuffer,
+    Qp,
+    VideoConfig,
+    WynerZivConfig,
+    codec_config,
+    decode_config,
+    encode_config,
+)
+from dvc.errors import ConfigError
+from dvc.video import VideoInfo
+from dvc.wynerziv import quantizer
+from encoder.options import parser, session
+
+
+def test_lambda_doubles_every_three_qps() -> None:
+    """As that of H.264 does, of which it is four times; key frames have the QP itself."""
+    fine, coarse = Qp(24), Qp(27)
+    assert fine.wyner_ziv.lambda_wz == pytest.approx(4.0 * 0.85 * 2.0**4)
+    assert (fine.key_qp, coarse.key_qp) == (24, 27)
+    assert coarse.wyner_ziv.lambda_wz == pytest.approx(2 * fine.wyner_ziv.lambda_wz)
+    assert coarse.wyner_ziv.step(2) == pytest.approx(2**0.5 * fine.wyner_ziv.step(2))
+
+
+@pytest.mark.parametrize("qp", [1, 30, MAX_QP])
+def test_every_quality_makes_a_stream(qp: int) -> None:
+    """The configuration survives its header, and steps can be told."""
+    config = codec_config(VideoConfig(16, 16, 25, 1), "2d", Qp(qp))
+    assert decode_config(encode_config(config)) == config
+    step = config.wyner_ziv.step(2)
+    assert quantizer.step_from_index(quantizer.index_of_step(step)) >= min(step, 1440.0)
+
+
+@pytest.mark.parametrize("options", [["--codec", "3d-te", "--qp", "30"], ["--codec", "3d-td", "--wz-q", "4"]])
+def test_references_are_warped_by_tracks_at_every_quality(options: list[str]) -> None:
+    """And what is rendered is corrected by them."""
+    arguments = parser().parse_args(["in.mkv", "out.dvc", *options])
+    config = session(arguments, VideoInfo(16, 16, Fraction(25), None)).config
+    assert config.side_information.fallback == "tracks"
+    assert config.side_information.track_corrections
+    assert decode_config(encode_config(config)) == config
+
+
+def test_key_frames_are_nearer_where_no_decoder_asks() -> None:
+    """After shorter tracks, fewer losses, and a shorter period; unless told otherwise."""
+    video, words = VideoInfo(16, 16, Fraction(25), None), ["in.mkv", "out.dvc", "--no-feedback"]
+    with_feedback, without = (
+        VARIANTS["3d-te"].groups(delivery=of).key_frames for of in (ParityBuffer(), EstimatedRate())
+    )
+    assert without.longest_track_px < with_feedback.longest_track_px
+    assert without.lost_share < with_feedback.lost_share
+    usual, given = (
+        session(parser().parse_args([*words, *more]), video) for more in ([], ["--intra-period", "90"])
+    )
+    assert usual.config.gop.intra_period == EstimatedRate.intra_period < ParityBuffer.intra_period
+    assert given.config.gop.intra_period == 90
+
+
+def test_frames_that_predict_others_are_finer() -> None:
+    """The farther the references, the more frames depend on a frame: less has to be saved by a bit."""
+    shared = Qp(30).wyner_ziv
+    multipliers = [shared.lambda_between(distance) for distance in (2, 3, 4, 5, 8, 9, 16, 17, 250)]
+    assert multipliers == sorted(multipliers, reverse=True)
+    assert multipliers[0] == shared.lambda_wz
+    assert multipliers[1] == multipliers[2] < multipliers[0]
+    assert multipliers[3] == multipliers[4] < multipliers[2]
+    assert WynerZivConfig(lambda_wz=5.0, lambda_percent=()).lambda_between(7) == 5.0
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("lambda_wz", -1.0),
+        ("lambda_wz", 1e7),
+        ("lambda_percent", (0,)),
+        ("lambda_percent", (101,)),
+        ("lambda_percent", (9,) * 9),
+    ],
+)
+def test_multipliers_out_of_range_are_refused(field: str, value: object) -> None:
+    """As damaged streams may hold them."""
+    with pytest.raises(ConfigError, match=f"`{field}`"):
+        WynerZivConfig(**{field: value})  # type: ignore[arg-type]
