@@ -29,10 +29,34 @@ from dvc.errors import ConfigError
 
 @dataclass(frozen=True)
 class CodecConfig(Section):
-    """All that encoder and decoder must agree on; the defaults are those of `codec_config`."""
+    """All that encoder and decoder must agree on; the defaults are those of `codec_config`.
+
+    Attributes
+    ----------
+    video : VideoConfig
+        Format of the frames.
+    codec : str
+        One of `VARIANTS`.
+    gop : GopConfig
+        Groups of pictures.
+    key : KeyFrameConfig
+        Key frames.
+    wyner_ziv : WynerZivConfig
+        Quantisers, and decoding of the bands.
+    turbo : TurboConfig
+        Coding of bit planes.
+    side_information : SideInformationConfig
+        Prediction at the decoder.
+    geometry : GeometryConfig
+        Structure from motion at the decoder.
+    tracks : TracksConfig
+        Points that are sent.
+    seed : int
+        Of all randomness but the interleavers.
+    """
 
     video: VideoConfig
-    codec: str = DEFAULT_CODEC  # one of `VARIANTS`
+    codec: str = DEFAULT_CODEC
     gop: GopConfig = GopConfig()
     key: KeyFrameConfig = KeyFrameConfig()
     wyner_ziv: WynerZivConfig = WynerZivConfig()
@@ -40,7 +64,7 @@ class CodecConfig(Section):
     side_information: SideInformationConfig = SideInformationConfig()
     geometry: GeometryConfig = GeometryConfig()
     tracks: TracksConfig = TracksConfig()
-    seed: int = 0  # of all randomness but the interleavers
+    seed: int = 0
 
     def _check_values(self) -> None:
         check_choice("codec", self.codec, VARIANTS)

@@ -8,6 +8,7 @@ import pytest
 
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame, SideInformationMethod
+from decoder.side_information.tracked_interpolation import METHOD as TRACKED
 from dvc.config import TracksConfig, VideoConfig, codec_config
 from dvc.metrics import psnr_db
 from dvc.tracks import FeaturePoints, PointTracks
@@ -69,7 +70,7 @@ def check(prediction: Prediction, like: Frame) -> None:
     assert prediction.luma.min() >= 0
     assert prediction.luma.max() <= 255
     assert prediction.success == (prediction.reason == "")
-    assert prediction.method in METHODS
+    assert prediction.method in {*METHODS, TRACKED}
 
 
 def check_chroma(chroma: tuple[np.ndarray, np.ndarray] | None, like: Frame) -> None:

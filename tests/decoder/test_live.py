@@ -208,8 +208,7 @@ class Liar:
                 if group is None:
                     break
                 encoded = own.encode(group)
-                record = encoded.record(frame.header for frame in encoded.frames)
-                number = self.endpoint.send_gop(record)
+                number = self.endpoint.send_gop(encoded.record)
             connection.send(self.endpoint.bytes_to_send())
             events = self.endpoint.receive(connection.receive())
             self.waiting += [event for event in events if isinstance(event, RequestTable)]

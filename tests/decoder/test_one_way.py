@@ -17,7 +17,9 @@ from dvc.wynerziv.one_way import OneWayFrame, SentPlanes, encode_payload, length
 from tests.clips import moving_texture
 
 HEIGHT, WIDTH = 96, 128
-CONFIG = codec_config(VideoConfig(WIDTH, HEIGHT, 25, 1, luma_only=True), "2d", Qp(32))
+CONFIG = codec_config(
+    VideoConfig(WIDTH, HEIGHT, 25, 1, luma_only=True), "2d", Qp(32), turbo={"interleaver_seed": 1}
+)
 LAYOUT = FrameLayout.of(CONFIG)
 LUMA = next(iter(moving_texture(1, HEIGHT, WIDTH))).luma
 QUANTIZATION, WORDS = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(24.0))

@@ -32,7 +32,10 @@ HEIGHT, WIDTH = 30, 44
 
 def config_of(q: int, **turbo: object) -> CodecConfig:
     return codec_config(
-        VideoConfig(WIDTH, HEIGHT, 25, 1), "2d", DiscoverMatrix(q), turbo={"family": "adaptive"} | turbo
+        VideoConfig(WIDTH, HEIGHT, 25, 1),
+        "2d",
+        DiscoverMatrix(q),
+        turbo={"family": "adaptive", "interleaver_seed": 1, **turbo},
     )
 
 

@@ -141,7 +141,7 @@ def test_key_frames_alone_have_no_presets() -> None:
         ({"sequences": ["a"], "wz_q": "1-9"}, "expected numbers from 1 to 8"),
         ({"sequences": ["a"], "wz_q": [1.5]}, "`wz_q` must be a list"),
         ({"sequences": []}, "`sequences` must be a list"),
-        ({"sequences": ["a"], "key_qp": [30, 31, 32], "wz_q": [1, 2]}, "3 key QPs for 2 presets"),
+        ({"sequences": ["a"], "key_qp": [30, 31, 32], "wz_q": [1, 2]}, "3 key QPs for 2 matrices"),
         ({"sequences": ["a"], "key_qp": [30, 31, 32], "qp": [1, 2]}, "3 key QPs for 2 qualities"),
         ({"sequences": ["a"], "gop": 0}, "`gop` must be a whole number"),
         ({"sequences": ["a"], "frames": True}, "`frames` must be a whole number"),
