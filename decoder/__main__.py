@@ -180,14 +180,14 @@ def _decode_file(arguments: argparse.Namespace) -> int:
             raise ConfigError(
                 f"a punctured stream can only be decoded as it was made, with {_choices(reader.config)}"
             )
-        if arguments.punctured and reader.form == Form.ONE_WAY:
+        if arguments.punctured and reader.form == Form.NO_FEEDBACK:
             raise ConfigError(
-                "--punctured is for streams that hold more than is needed, not for one-way streams"
+                "--punctured is for streams that hold more than is needed, not for no-feedback streams"
             )
         wanted = None if arguments.frames is None else _wanted(arguments.frames, reader.index.num_frames)
         with ExitStack() as stack:
             groups = decode_stream(config, reader, arguments.jobs, wanted, _limits(arguments))
-            form = Form.ONE_WAY if reader.form == Form.ONE_WAY else Form.PUNCTURED
+            form = Form.NO_FEEDBACK if reader.form == Form.NO_FEEDBACK else Form.PUNCTURED
             output = _output(config, arguments, stack, wanted, form)
             failure = output.consume(groups, arguments.quiet, arguments.salvage)
         if failure is not None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.one_way import OneWayDecoder
+from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.extrapolation import TrackedExtrapolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
@@ -55,7 +55,7 @@ class GroupDecoder:
         self,
         config: CodecConfig,
         frames: WynerZivDecoder | None = None,
-        one_way: OneWayDecoder | None = None,
+        no_feedback: NoFeedbackDecoder | None = None,
     ) -> None:
         method = config.side_information.method
         if method not in METHODS:
@@ -66,7 +66,7 @@ class GroupDecoder:
         self._method = METHODS[method](config)
         self._extrapolation = TrackedExtrapolation()
         self._decoder = frames or WynerZivDecoder(config)
-        self._one_way = one_way or OneWayDecoder(config)
+        self._no_feedback = no_feedback or NoFeedbackDecoder(config)
 
     def decode(self, task: GroupTask, ask: Answer) -> DecodedGroup:
         """Decode a group."""
@@ -124,8 +124,8 @@ class GroupDecoder:
         (index, around), started = place, time.perf_counter()
         prediction = self._predict(task, known, points, index, around)
         payload = task.record.wyner_ziv[index - task.first_index]
-        if task.form is Form.ONE_WAY:
-            frame = self._one_way.decode(index, payload, prediction)
+        if task.form is Form.NO_FEEDBACK:
+            frame = self._no_feedback.decode(index, payload, prediction)
         else:
             quantization = self._decoder.layout.read_header(payload)
             slope = self._config.wyner_ziv.lambda_between(reference_distance(around))

@@ -98,7 +98,7 @@ class DecodedGroup:
     @classmethod
     def of(cls, task: GroupTask, frames: Sequence[DecodedFrame]) -> "DecodedGroup":
         """Return a group with the record of what was needed."""
-        if task.form is Form.ONE_WAY:
+        if task.form is Form.NO_FEEDBACK:
             return cls(task.first_index, tuple(frames), task.key, task.record)
         payloads = tuple(frame.punctured for frame in frames)
         digest = frames_digest(frames) if frames else None

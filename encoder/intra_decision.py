@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dvc.config import GopConfig
 from dvc.tracks import PointTracks
-from dvc.wynerziv.hierarchy import anchor_instants
+from dvc.wynerziv.hierarchy import p_type_instants
 from encoder.groups import Group
 
 Floats = NDArray[np.float64]
@@ -23,7 +23,7 @@ _MIN_SHARE = 0.27
 _MOTION_WEIGHT = 1.5  # of the longer side of the picture
 _PARALLAX_WEIGHT = 0.08  # per pixel
 _LOSS_WEIGHT = 2.0
-"""By eye from twelve anchors of box, desk and river at QP 30 and 34; no command repeats it."""
+"""By eye from twelve p_types of box, desk and river at QP 30 and 34; no command repeats it."""
 MAX_SHARE = 1.1
 """Of the bits of a key frame, that the P-type frames of a group may be estimated to cost: they also serve as
 the middle frame of the group, which would be a Wyner-Ziv frame anyway."""
@@ -90,7 +90,7 @@ class KeyFrameSpacing:
 
     def _spares(self, tracks: PointTracks, side_px: int) -> bool:
         """Decide whether the P-type frames of a group are cheap, together and each."""
-        instants = [0, *anchor_instants(0, tracks.num_instants - 1, self._gop.p_type_distance)]
+        instants = [0, *p_type_instants(0, tracks.num_instants - 1, self._gop.p_type_distance)]
         positions = tracks.positions
         fields = [field_of_motion(positions[:, k], positions[:, n]) for k, n in pairwise(instants)]
         shares = [p_type_share(field, side_px) for field in fields]

@@ -100,7 +100,7 @@ class _LiveEncoder:
         self._endpoint = endpoint
         self._progressed_s = time.monotonic()
         self._ended = False
-        self._open = session.open_frames(self._endpoint.num_slots)
+        self._open = session.encoder_buffer(self._endpoint.num_slots)
         self._num_frames: dict[int, int] = {}  # of open groups
 
     def run(self) -> None:

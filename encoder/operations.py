@@ -79,7 +79,7 @@ def transform(num_samples: float, num_frames: float) -> Operations:
 
 
 def quantisation(num_coefficients: float) -> Operations:
-    """Count nested bins of coefficients, and entering their numbers into words of planes."""
+    """Count embedded bins of coefficients, and entering their numbers into words of planes."""
     bins = Operations(multiplies=1, adds=1, compares=2, bytes=2 + 4)
     words = Operations(logic=2, bytes=4 + 8 + 8)
     return (bins + words).times(num_coefficients)

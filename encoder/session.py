@@ -9,8 +9,8 @@ from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
-from dvc.wynerziv.answers.open_frames import OpenFrames
 from dvc.wynerziv.buffered import EncodedFrame
+from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import reference_distances
 from encoder.block_matching import PointTrackerSettings
 from encoder.clock import coding_time_s
@@ -150,7 +150,7 @@ class EncoderSession:
         statistics.add_group(frames, key, tracks)
         return EncodedGroup(GopRecord(len(frames) + bool(key), key, tracks, payloads), frames)
 
-    def open_frames(self, num_slots: int) -> OpenFrames:
+    def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers a live decoder.
 
         Parameters
@@ -160,10 +160,10 @@ class EncoderSession:
 
         Returns
         -------
-        OpenFrames
+        EncoderBuffer
             Without any frame.
         """
-        return self._wyner_ziv_encoder.open_frames(num_slots)
+        return self._wyner_ziv_encoder.encoder_buffer(num_slots)
 
     def _steps(self, num_frames: int, p_type_distance: int) -> list[float]:
         """Return the finest step of each Wyner-Ziv frame of a group."""

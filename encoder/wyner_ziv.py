@@ -14,8 +14,8 @@ from dvc.keyframes import FAST_DECISIONS
 from dvc.stream import Form
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
-from dvc.wynerziv.answers.open_frames import OpenFrames
 from dvc.wynerziv.buffered import EncodedFrame, transform_frame
+from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.layout import FrameLayout
 from encoder.groups import Group
 from encoder.intra_decision import MAX_ESTIMATED_SHARE
@@ -54,9 +54,9 @@ class WynerZivEncoder:
         del group
         return tuple(frame.buffered_payload() for frame in frames)
 
-    def open_frames(self, num_slots: int) -> OpenFrames:
+    def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers requests for frames of this configuration."""
-        return OpenFrames(self._layout, self._encoders, num_slots)
+        return EncoderBuffer(self._layout, self._encoders, num_slots)
 
     def _transformed(self, frame: Frame, step: float, memory: NDArray[np.int16] | None) -> EncodedFrame:
         """Transform a frame; its planes are packed when they are needed."""
@@ -77,7 +77,7 @@ class LiveEncoder(WynerZivEncoder):
 class RateControlledEncoder(WynerZivEncoder):
     """Encodes Wyner-Ziv frames without a feedback channel: as much as is estimated to be needed."""
 
-    form = Form.ONE_WAY
+    form = Form.NO_FEEDBACK
     key_parameters = FAST_DECISIONS
     max_p_type_share = MAX_ESTIMATED_SHARE
     cpu_field = "rate_control_cpu_s"

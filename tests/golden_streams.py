@@ -36,7 +36,7 @@ class Golden:
     @property
     def forms(self) -> tuple[str, ...]:
         """Return the forms that it is frozen in."""
-        return ("one-way",) if "--no-feedback" in self.coding else ("buffered", "punctured")
+        return ("no-feedback",) if "--no-feedback" in self.coding else ("buffered", "punctured")
 
     def path(self, form: str) -> Path:
         """Return where it lies."""

@@ -1,4 +1,4 @@
-"""Prediction of anchors: frames of which only earlier ones are known.
+"""Prediction of P-type frames: frames of which only earlier ones are known.
 
 Tracks bring the latest frames of the group into the place of the frame; each says the more, the less it
 expects to be wrong. What comes into view is in none of them: it is left to the Wyner-Ziv decoder.
@@ -17,7 +17,7 @@ from dvc.tracks import FeaturePoints, PointTracks
 
 Floats = NDArray[np.float64]
 
-METHOD = "anchor"
+METHOD = "p-type"
 """Name that these predictions carry."""
 NUM_REFERENCES = 2
 """Latest frames that are warped: noise of two differs, and what one does not reach the other may."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.tracking.anchor_corners import choose_anchor_corners
+from decoder.tracking.paired_corners import choose_paired_corners
 from decoder.tracking.registration import ReceivedPoints, RegistrationSettings, register
 from decoder.tracking.snakes import SnakeSettings, fit_snakes
 from dvc.tracks.points import FeaturePoints, PointTracks
@@ -53,19 +53,19 @@ def match_points(
     frames = [ReceivedPoints(_inside(frame, first.shape)) for frame in points.frames]
     num_instants = len(frames) + 2
     known = _known(reconstruction, settings)
-    anchors = choose_anchor_corners(known, first, second, settings.num_snakes, settings.separation_px)
-    if not frames or not len(anchors):
+    pairs = choose_paired_corners(known, first, second, settings.num_snakes, settings.separation_px)
+    if not frames or not len(pairs):
         return PointTracks.none(num_instants)
     temporal_positions = np.arange(1, num_instants - 1) / (num_instants - 1)
-    deviation = register(anchors.first, anchors.second, temporal_positions, frames, settings.registration)
-    expected = anchors.corners(temporal_positions) + np.swapaxes(deviation, 0, 1)
-    snakes = fit_snakes(anchors.first, anchors.second, expected, frames, settings.snakes)
+    deviation = register(pairs.first, pairs.second, temporal_positions, frames, settings.registration)
+    expected = pairs.corners(temporal_positions) + np.swapaxes(deviation, 0, 1)
+    snakes = fit_snakes(pairs.first, pairs.second, expected, frames, settings.snakes)
     seen = np.isfinite(snakes.received[..., 0])
     seen &= _beyond_chance(seen, frames, first.size, settings)
-    positions = np.where(seen[..., None], snakes.positions - anchors.offsets(temporal_positions), np.nan)
+    positions = np.where(seen[..., None], snakes.positions - pairs.offsets(temporal_positions), np.nan)
     needed = max(1.0, settings.support * np.count_nonzero(seen.any(axis=0)))
     supported = np.count_nonzero(seen, axis=1) >= needed
-    ends = anchors.pairs.first[:, None], anchors.pairs.second[:, None]
+    ends = pairs.pairs.first[:, None], pairs.pairs.second[:, None]
     return PointTracks(np.concatenate([ends[0], positions, ends[1]], axis=1)[supported])
 
 

@@ -52,7 +52,7 @@ class FlowControl:
         self.num_frames = 0  # of all groups of pictures sent
         self.ended = False
         self._gop_length = config.gop.length
-        self._has_anchors = config.gop.p_type_distance > 0
+        self._has_p_type = config.gop.p_type_distance > 0
         self._num_codes = num_codes(config.turbo.family)
         self._crc_bits = CRC_BITS
         num_planes = sum(config.wyner_ziv.max_planes)
@@ -103,7 +103,7 @@ class FlowControl:
             raise ValueError(
                 f"{num_frames} frames in group of pictures {number}, at most {limit} are allowed"
             )
-        if without_key and not (number and self._has_anchors):
+        if without_key and not (number and self._has_p_type):
             raise ValueError(f"group of pictures {number} has no key frame")
         row = self._free.pop()
         slots = slice(row * self._gop_length, (row + 1) * self._gop_length)

@@ -69,12 +69,12 @@ def _measure_codec(task: Task, folder: Path, processes: ProcessGroup) -> dict[st
 
 def _proof(task: Task, folder: Path, reported: int) -> dict[str, Any]:
     """Check that a rate is the size of a file, which decodes to the frames it is reported for."""
-    one_way = task.point.one_way
-    num_bytes = (folder / (_STREAM if one_way else _PUNCTURED)).stat().st_size
+    no_feedback = task.point.no_feedback
+    num_bytes = (folder / (_STREAM if no_feedback else _PUNCTURED)).stat().st_size
     if num_bytes != reported:
-        kind = "one-way" if one_way else "punctured"
+        kind = "no-feedback" if no_feedback else "punctured"
         raise DvcError(f"the {kind} stream has {num_bytes} bytes, the report says {reported}")
-    if one_way:
+    if no_feedback:
         return {"file_bytes": num_bytes, "decoded_by": "a fresh process"}
     if not task.point.proof:
         return {"punctured_bytes": num_bytes, "fresh_decode_equal": None}
@@ -117,7 +117,7 @@ def _commands(task: Task, original: str, folder: str = "") -> tuple[list[str], .
     decode += [*options, "--json", folder + _DECODER_JSON]
     if task.point.has_wyner_ziv:
         decode += ["--side-information-video", folder + _PREDICTED]
-    if task.point.one_way:
+    if task.point.no_feedback:
         return encode, decode
     decode += ["--punctured", punctured]
     if not task.point.proof:

@@ -46,7 +46,7 @@ class Point:
         return self.wz_q is not None or self.qp is not None
 
     @property
-    def one_way(self) -> bool:
+    def no_feedback(self) -> bool:
         """Whether the encoder's own file is what is decoded, and no decoder asks for any bit of it."""
         return (NO_FEEDBACK, "true") in self.options
 

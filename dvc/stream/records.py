@@ -28,7 +28,7 @@ class Form(StrEnum):
 
     BUFFERED = "buffered"  # all parity, as an encoder without feedback makes it
     PUNCTURED = "punctured"  # only what the decoder asked for: the stream whose size is the rate
-    ONE_WAY = "one-way"  # only what an encoder without feedback chose to send
+    NO_FEEDBACK = "no-feedback"  # only what an encoder without feedback chose to send
 
 
 _NAMES = {
@@ -41,7 +41,7 @@ _MAX_PAYLOAD_BYTES = {
     RecordType.GOP: MAX_RECORD_BYTES,
     RecordType.END: 8 * MAX_GOPS,
 }
-_FORM_BYTES = {Form.BUFFERED: 0, Form.PUNCTURED: 1, Form.ONE_WAY: 2}
+_FORM_BYTES = {Form.BUFFERED: 0, Form.PUNCTURED: 1, Form.NO_FEEDBACK: 2}
 _FORMS = {byte: form for form, byte in _FORM_BYTES.items()}
 
 
@@ -95,5 +95,5 @@ def encode_configuration(config: CodecConfig, form: Form) -> bytes:
 def decode_configuration(payload: bytes) -> tuple[CodecConfig, Form]:
     """Read the payload of the configuration record; inverse of `encode_configuration`."""
     if not payload or payload[0] not in _FORMS:
-        raise BitstreamError("a stream has no form of this number; it is buffered, punctured or one-way")
+        raise BitstreamError("a stream has no form of this number; it is buffered, punctured or no-feedback")
     return decode_config(payload[1:]), _FORMS[payload[0]]

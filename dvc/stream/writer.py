@@ -31,7 +31,7 @@ class StreamWriter:
     config : CodecConfig
         The codec configuration.
     form : Form or str
-        ``"buffered"``, ``"punctured"`` or ``"one-way"``.
+        ``"buffered"``, ``"punctured"`` or ``"no-feedback"``.
     """
 
     def __init__(self, file: BinaryIO, config: CodecConfig, form: Form | str) -> None:

@@ -75,7 +75,7 @@ def transform_blocks(samples, scale, order, bands):
 
 @kernel
 def count_planes(extremes, origins, step, planes):
-    """Count the planes of nested bins for values between `extremes` (B, 2); `origins`: (B, max + 1)."""
+    """Count the planes of embedded bins for values between `extremes` (B, 2); `origins`: (B, max + 1)."""
     most = origins.shape[1] - 1
     for band in range(planes.size):
         least, greatest = extremes[band, 0] / step, extremes[band, 1] / step

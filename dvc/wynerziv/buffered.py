@@ -37,22 +37,22 @@ def transform_frame(
     """Transform a frame as `quantize_frame` does, but leave its planes for later."""
     core, extremes = transform.integer_core(luma, room)
     scaled = extremes * transform.BAND_SCALE[:, None]
-    if layout.nested:
-        return _quantize_nested(layout, core, scaled, step_index)
+    if layout.embedded:
+        return _quantize_embedded(layout, core, scaled, step_index)
     quantization, words = _quantize_over_range(layout, core, scaled)
     return quantization, lambda _: words
 
 
-def _quantize_nested(
+def _quantize_embedded(
     layout: FrameLayout, core: NDArray[np.int16], extremes: NDArray[np.float64], step_index: int
 ) -> tuple[Quantization, Packing]:
     step = quantizer.step_from_index(step_index)
-    planes = quantizer.nested_planes(extremes, step)
+    planes = quantizer.embedded_planes(extremes, step)
     quantization = layout.of_step(step_index, tuple(planes.tolist()))
 
     def _pack(num_bands: int) -> Words:
         words = np.zeros((quantization.num_words, layout.num_bits), np.uint64)
-        origins = quantizer.nested_origins(planes)
+        origins = quantizer.embedded_origins(planes)
         _kernels.pack_uniform(core[:num_bands], transform.BAND_SCALE, step, origins, planes, words)
         return words
 

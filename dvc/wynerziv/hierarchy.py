@@ -6,7 +6,7 @@ from itertools import pairwise
 from dvc.config import MAX_GOP_LENGTH
 
 Around = tuple[int, int | None]
-"""Display positions of the nearest reference before a frame, and of that after it; none after an anchor."""
+"""Display positions of the nearest reference before a frame, and of that after it; none after an p_type."""
 
 
 def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[int, tuple[int, int]]]:
@@ -23,43 +23,43 @@ def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[in
     return order
 
 
-def anchor_instants(before: int, last: int, anchor_distance: int) -> list[int]:
-    """Return which frames of a group that no key frame ends are anchors."""
-    count = -(-(last - before) // anchor_distance)
+def p_type_instants(before: int, last: int, p_type_distance: int) -> list[int]:
+    """Return which frames of a group that no key frame ends are p_types."""
+    count = -(-(last - before) // p_type_distance)
     return [before + (last - before) * number // count for number in range(1, count + 1)]
 
 
-def anchored_order(
-    before: int, last: int, hierarchical: bool, anchor_distance: int
+def p_type_order(
+    before: int, last: int, hierarchical: bool, p_type_distance: int
 ) -> list[tuple[int, Around]]:
     """Return in which order the frames of a group that no key frame ends are decoded."""
-    ends = [before, *anchor_instants(before, last, anchor_distance)]
-    order: list[tuple[int, Around]] = [(anchor, (previous, None)) for previous, anchor in pairwise(ends)]
+    ends = [before, *p_type_instants(before, last, p_type_distance)]
+    order: list[tuple[int, Around]] = [(p_type, (previous, None)) for previous, p_type in pairwise(ends)]
     for first, second in pairwise(ends):
         order += decoding_order(first, second, hierarchical)
     return order
 
 
 def group_order(
-    before: int, last: int, hierarchical: bool, anchor_distance: int = 0
+    before: int, last: int, hierarchical: bool, p_type_distance: int = 0
 ) -> list[tuple[int, Around]]:
     """Return in which order the Wyner-Ziv frames of a group are decoded, and from which references."""
-    if anchor_distance:
-        return anchored_order(before, last, hierarchical, anchor_distance)
+    if p_type_distance:
+        return p_type_order(before, last, hierarchical, p_type_distance)
     return [*decoding_order(before, last, hierarchical)]
 
 
 def levels(order: Sequence[tuple[int, Around]]) -> list[list[tuple[int, Around]]]:
     """Put frames together that are not predicted from each other."""
     found: list[list[tuple[int, Around]]] = [[place] for place in order if place[1][1] is None]
-    num_anchors, level_of = len(found), dict[int, int]()
+    num_p_types, level_of = len(found), dict[int, int]()
     for index, (before, after) in order:
         if after is not None:
             level = max(level_of.get(before, -1), level_of.get(after, -1)) + 1
             level_of[index] = level
-            if num_anchors + level == len(found):
+            if num_p_types + level == len(found):
                 found.append([])
-            found[num_anchors + level].append((index, (before, after)))
+            found[num_p_types + level].append((index, (before, after)))
     return found
 
 
@@ -69,8 +69,8 @@ def reference_distance(around: Around) -> int:
     return MAX_GOP_LENGTH if after is None else after - before
 
 
-def reference_distances(num_frames: int, hierarchical: bool, anchor_distance: int = 0) -> list[int]:
+def reference_distances(num_frames: int, hierarchical: bool, p_type_distance: int = 0) -> list[int]:
     """Return how far apart the references of the Wyner-Ziv frames of a group are."""
-    last = num_frames if anchor_distance else num_frames + 1
-    order = sorted(group_order(0, last, hierarchical, anchor_distance))
+    last = num_frames if p_type_distance else num_frames + 1
+    order = sorted(group_order(0, last, hierarchical, p_type_distance))
     return [reference_distance(around) for _, around in order]

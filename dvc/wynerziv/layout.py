@@ -24,7 +24,9 @@ _PLANE_COUNT_BITS = 4
 class Quantization:
     """Quantisers of one frame's bands, which its header tells."""
 
-    nested: bool  # whether bins are nested; else their number is given and they share the range of the band
+    embedded: (
+        bool  # whether bins are embedded; else their number is given and they share the range of the band
+    )
     planes: tuple[int, ...]  # bit planes of the 16 bands, in zigzag order; 0 for one that is not sent
     # index for `quantizer.step_from_index` by band; DC has none where its range is given
     step_indices: dict[int, int]
@@ -58,9 +60,9 @@ class Quantization:
     def edges(self, band: int) -> NDArray[np.float64]:
         """Return the borders of a band's bins."""
         step = self.step(band)
-        if self.nested:
+        if self.embedded:
             assert step is not None
-            return quantizer.nested_edges(band, self.planes[band], step)
+            return quantizer.embedded_edges(band, self.planes[band], step)
         return quantizer.bin_edges(1 << self.planes[band], step)
 
 
@@ -70,7 +72,7 @@ class FrameLayout:
 
     height: int  # sides of the luma plane in pixels
     width: int
-    nested: bool  # whether bins are nested, so that frames differ in their planes
+    embedded: bool  # whether bins are embedded, so that frames differ in their planes
     # most bit planes of the 16 bands, in zigzag order; 0 where a band is not sent
     max_planes: tuple[int, ...]
     crc_bits: int  # length of each plane's checksum
@@ -79,8 +81,8 @@ class FrameLayout:
     def of(cls, config: CodecConfig) -> "FrameLayout":
         """Return the layout of a configuration."""
         video, quantised = config.video, config.wyner_ziv
-        nested = quantised.embedded
-        return cls(video.height, video.width, nested, quantised.max_planes, CRC_BITS)
+        embedded = quantised.embedded
+        return cls(video.height, video.width, embedded, quantised.max_planes, CRC_BITS)
 
     @cached_property
     def band_shape(self) -> tuple[int, int]:
@@ -98,7 +100,7 @@ class FrameLayout:
         return Quantization(False, self.max_planes, step_indices, header)
 
     def of_step(self, step_index: int, planes: tuple[int, ...]) -> Quantization:
-        """Return quantisers with nested bins of one width."""
+        """Return quantisers with embedded bins of one width."""
         header = pack_digits(_step_digits(step_index) + plane_digits(planes))
         return Quantization(True, planes, dict.fromkeys(range(transform.NUM_BANDS), step_index), header)
 
@@ -110,7 +112,7 @@ class FrameLayout:
         """Read the quantisers of a frame from its header."""
         reader = BitReader(data)
         try:
-            if self.nested:
+            if self.embedded:
                 index = reader.read_number(quantizer.STEP_INDEX_BITS)
                 return self.of_step(index, read_planes(reader))
             bands = self._stepped_bands

@@ -34,7 +34,7 @@ _LEAST = 1e-2
 class LearnedBand:
     """What is believed of a band."""
 
-    edges: Array  # borders of its bins, which are nested: all of one width
+    edges: Array  # borders of its bins, which are embedded: all of one width
     planes: int  # planes of the band, and how many of them are coded
     depth: int
     predicted: Array  # predicted coefficients

@@ -51,29 +51,29 @@ def bin_edges(levels: int, step: float | None) -> NDArray[np.float64]:
     return edges
 
 
-def nested_origin(band: int, planes: int) -> float:
-    """Return where zero lies among nested bins."""
+def embedded_origin(band: int, planes: int) -> float:
+    """Return where zero lies among embedded bins."""
     return 0.0 if band == 0 else 4 ** (-(-planes // 2)) / 3
 
 
-def nested_edges(band: int, planes: int, step: float) -> NDArray[np.float64]:
-    """Return the borders of nested bins, in increasing order."""
+def embedded_edges(band: int, planes: int, step: float) -> NDArray[np.float64]:
+    """Return the borders of embedded bins, in increasing order."""
     numbers = np.arange((1 << planes) + 1, dtype=np.float64)
-    return (numbers - nested_origin(band, planes)) * step
+    return (numbers - embedded_origin(band, planes)) * step
 
 
 _ORIGINS = np.array(
-    [[nested_origin(band, planes) for planes in range(MAX_BAND_PLANES + 1)] for band in range(NUM_BANDS)]
+    [[embedded_origin(band, planes) for planes in range(MAX_BAND_PLANES + 1)] for band in range(NUM_BANDS)]
 )
 
 
-def nested_planes(extremes: NDArray[np.float64], step: float) -> NDArray[np.int64]:
-    """Return how many planes hold all values of each band in nested bins."""
+def embedded_planes(extremes: NDArray[np.float64], step: float) -> NDArray[np.int64]:
+    """Return how many planes hold all values of each band in embedded bins."""
     planes = np.empty(NUM_BANDS, np.int64)
     _kernels.count_planes(extremes, _ORIGINS, step, planes)
     return planes
 
 
-def nested_origins(planes: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return `nested_origin` of all bands."""
+def embedded_origins(planes: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return `embedded_origin` of all bands."""
     return _ORIGINS[np.arange(NUM_BANDS), planes]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dvc.config import MAX_GOP_LENGTH, CodecConfig, EstimatedRate
 from dvc.wynerziv.layout import Quantization
-from dvc.wynerziv.one_way import BLOCKS, MAX_BLOCK_BITS, SentPlanes, length_code
+from dvc.wynerziv.no_feedback import BLOCKS, MAX_BLOCK_BITS, SentPlanes, length_code
 from encoder.rate_control import _kernels
 from encoder.rate_control.laplacian import FIRST_OCTAVE, PER_OCTAVE, PER_PLANE, laplacian_tables
 from encoder.rate_control.sampled_blocks import BlockErrors
@@ -43,7 +43,7 @@ OCTAVES = tuple(range(FIRST_OCTAVE, 7, 2))
 
 
 class Needs(NamedTuple):
-    """What one of `BLOCKS` needs: fitted to decoded frames by `benchmarks.searches.one_way_needs`."""
+    """What one of `BLOCKS` needs: fitted to decoded frames by `benchmarks.searches.rate_needs`."""
 
     variance: tuple[float, float, float]  # of the error: share of residual and of noise, and what is added
     bits: tuple[float, ...]  # ideal code length of a coefficient, at `OCTAVES`

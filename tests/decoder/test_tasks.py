@@ -31,15 +31,15 @@ def task_of(form: Form, key: Frame | None) -> GroupTask:
 
 
 def test_records_hold_what_was_needed() -> None:
-    """Payloads of the punctured form and the digest of the frames; a one-way record stays as it is."""
+    """Payloads of the punctured form and the digest of the frames; a no-feedback record stays as it is."""
     frames = decoded(5), decoded(6)
     task = task_of(Form.BUFFERED, frame_of(70))
     group = DecodedGroup.of(task, frames)
     assert group.record.wyner_ziv == (bytes(9), bytes(9))
     assert group.record.digest == frames_digest(frames)
     assert (group.record.key, group.record.tracks) == (b"key", b"tracks")
-    one_way = task_of(Form.ONE_WAY, frame_of(70))
-    assert DecodedGroup.of(one_way, frames).record == one_way.record
+    no_feedback = task_of(Form.NO_FEEDBACK, frame_of(70))
+    assert DecodedGroup.of(no_feedback, frames).record == no_feedback.record
     assert frames[0].header_bits == 72 - 16 - 40
 
 

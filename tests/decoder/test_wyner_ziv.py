@@ -171,14 +171,14 @@ def test_requests_name_frame_plane_and_range(original: Frame) -> None:
 NESTED = WynerZivConfig(priors="laplacian")
 
 
-def nested_config() -> CodecConfig:
+def embedded_config() -> CodecConfig:
     return replace(config_of(1), wyner_ziv=NESTED)
 
 
 @pytest.mark.parametrize("step", [2.0, 12.0, 700.0])
-def test_nested_bins_are_decoded(original: Frame, step: float) -> None:
+def test_embedded_bins_are_decoded(original: Frame, step: float) -> None:
     """Without a slope all planes arrive, as many as the frame says, and errors are those of the step."""
-    config = nested_config()
+    config = embedded_config()
     decoded = decode(config, original, noisy_prediction(original, 4.0), step)
     assert decoded.num_failed_planes == 0
     assert decoded.num_left_planes == 0
@@ -188,7 +188,7 @@ def test_nested_bins_are_decoded(original: Frame, step: float) -> None:
 
 def test_a_steeper_slope_asks_for_less(original: Frame) -> None:
     """Fewer bits and more error with every slope; what is left out is counted."""
-    config = nested_config()
+    config = embedded_config()
     prediction = noisy_prediction(original, 6.0)
     found = [decode(config, original, prediction, 4.0, slope) for slope in (0.0, 20.0, 100.0, 1e3)]
     bits = [decoded.crc_bits + decoded.parity_bits for decoded in found]
@@ -204,7 +204,7 @@ def test_a_steeper_slope_asks_for_less(original: Frame) -> None:
 def test_bits_are_asked_for_where_they_pay() -> None:
     """A bit saves about the slope or more on the average; the first ones save the most."""
     original = moving_texture(1, 96, 160)[0].without_chroma()
-    config = replace(nested_config(), video=VideoConfig(160, 96, 25, 1))
+    config = replace(embedded_config(), video=VideoConfig(160, 96, 25, 1))
     prediction = noisy_prediction(original, 12.0)
     found = [decode(config, original, prediction, 8.0, slope) for slope in (1e6, 200.0, 50.0)]
     error = [float(np.sum((d.frame.luma.astype(float) - original.luma) ** 2)) for d in found]
@@ -216,7 +216,7 @@ def test_bits_are_asked_for_where_they_pay() -> None:
 
 def test_a_frame_may_be_left_as_predicted(original: Frame) -> None:
     """Where nothing pays, nothing is asked for, and the prediction is the frame."""
-    decoded = decode(nested_config(), original, noisy_prediction(original, 2.0), 4.0, 1e6)
+    decoded = decode(embedded_config(), original, noisy_prediction(original, 2.0), 4.0, 1e6)
     assert decoded.num_requests == decoded.crc_bits == decoded.parity_bits == 0
     np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)
 
@@ -230,15 +230,15 @@ def _learning(config: CodecConfig, family: str) -> CodecConfig:
 def test_learned_priors_decode_the_same_bins(original: Frame, family: str) -> None:
     """Priors change what planes cost, not what they are, with codes that know of neighbours or do not."""
     prediction = noisy_prediction(original, 5.0)
-    plain = decode(nested_config(), original, prediction, 8.0)
-    learned = decode(_learning(nested_config(), family), original, prediction, 8.0)
+    plain = decode(embedded_config(), original, prediction, 8.0)
+    learned = decode(_learning(embedded_config(), family), original, prediction, 8.0)
     assert learned.num_failed_planes == 0
     np.testing.assert_array_equal(learned.frame.luma, plain.frame.luma)
 
 
 def test_every_group_learns_by_itself(original: Frame) -> None:
     """What was learned from other frames changes what a frame costs, until a new group starts."""
-    config = _learning(nested_config(), "cascade")
+    config = _learning(embedded_config(), "cascade")
     encoded = WynerZivEncoder(config).encode(original, 8.0)
     decoder = WynerZivDecoder(config)
     quantization = decoder.layout.read_header(encoded.header)

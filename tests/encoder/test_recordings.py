@@ -24,7 +24,7 @@ SIZE = (48, 32)
 NUM_FRAMES = 200
 RAW = ("--size", f"{SIZE[0]}x{SIZE[1]}", "--frame-rate", "25")
 CODING = (*RAW, "--gop", "4", "--intra-period", "12", "--luma-only", "--quiet")
-FORMS = {"one-way": ("--no-feedback",), "segments": ("--segment", "2")}
+FORMS = {"no-feedback": ("--no-feedback",), "segments": ("--segment", "2")}
 
 # Encodes a little, so that all is loaded; then starts the encoder in forks, one after the other, and kills
 # each of them a little after it has written so many bytes.

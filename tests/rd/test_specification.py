@@ -233,13 +233,13 @@ def test_streams_without_feedback_are_options_of_points() -> None:
     """Each margin is a curve of its own, beside the options that are given; none is the encoder's own."""
     sweep = build_sweep({"sequences": ["clip"], "qp": "28,34", "no_feedback": True, "options": {"seed": 2}})
     assert [point.options for point in sweep.points()] == [(("no-feedback", "true"), ("seed", "2"))] * 2
-    assert all(point.one_way for point in sweep.points())
+    assert all(point.no_feedback for point in sweep.points())
     words = next(iter(sweep.points())).encoder_options()
     assert "--no-feedback" in words
     assert "--rate-margin" not in words
     sweep = build_sweep({"sequences": ["clip"], "qp": 28, "no_feedback": True, "rate_margin": "0,40"})
     assert [dict(point.options)["rate-margin"] for point in sweep.points()] == ["0", "40"]
-    assert not any(point.one_way for point in Sweep(("clip",)).points())
+    assert not any(point.no_feedback for point in Sweep(("clip",)).points())
 
 
 @pytest.mark.parametrize(

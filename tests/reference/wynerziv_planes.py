@@ -18,8 +18,8 @@ def quantize(coefficients: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.searchsorted(edges[1:-1], coefficients, side="right")
 
 
-def nested_planes(band: int, least: float, greatest: float, step: float) -> int:
-    """Return with how many of 12 planes nested bins hold all from the least to the greatest coefficient."""
+def embedded_planes(band: int, least: float, greatest: float, step: float) -> int:
+    """Return with how many of 12 planes embedded bins hold all from the least to the greatest coefficient."""
     for planes in range(12):
         origin = 0.0 if band == 0 else 4 ** ((planes + 1) // 2) / 3
         if -origin <= least / step and greatest / step < 2**planes - origin:
@@ -27,7 +27,7 @@ def nested_planes(band: int, least: float, greatest: float, step: float) -> int:
     return 12
 
 
-def nested_bin(band: int, coefficient: float, step: float, planes: int) -> int:
+def embedded_bin(band: int, coefficient: float, step: float, planes: int) -> int:
     """Return the nested bin of a coefficient, by the formula that encoders follow to the last digit."""
     origin = 0.0 if band == 0 else 4 ** ((planes + 1) // 2) / 3
     return min(max(int(coefficient * (1.0 / step) + origin), 0), 2**planes - 1)

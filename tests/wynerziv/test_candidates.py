@@ -17,7 +17,7 @@ STEP, PLANES = 12.0, 6
 def test_probabilities_are_those_of_the_intervals(band: int, depth: int) -> None:
     """Each candidate has the share of its bin in all candidates, without that of outliers."""
     rng = np.random.default_rng(depth)
-    edges = quantizer.nested_edges(band, PLANES, STEP)
+    edges = quantizer.embedded_edges(band, PLANES, STEP)
     predicted = rng.uniform(edges[0] - 30.0, edges[-1] + 30.0, 50)
     scale = rng.uniform(0.3, 20.0, 50)
     priors = number_priors(edges, PLANES, depth, predicted, scale)
@@ -42,7 +42,7 @@ def test_probabilities_are_those_of_the_intervals(band: int, depth: int) -> None
 
 def test_ideal_code_length() -> None:
     """That of a candidate, and of an outlier."""
-    edges = quantizer.nested_edges(0, PLANES, STEP)
+    edges = quantizer.embedded_edges(0, PLANES, STEP)
     priors = number_priors(edges, PLANES, PLANES, np.array([100.0]), np.array([0.5]))
     likely = int(100.0 / STEP)
     expected = -np.log2(priors.probabilities[0, likely - priors.lowest[0]] + OUTLIER_PROBABILITY / 64)
@@ -53,7 +53,7 @@ def test_ideal_code_length() -> None:
 @pytest.mark.nojit
 def test_kernel_is_its_python() -> None:
     """To the last bit."""
-    borders = quantizer.nested_edges(3, 4, 9.0)
+    borders = quantizer.embedded_edges(3, 4, 9.0)
     predicted, scale = np.linspace(-80.0, 80.0, 21), np.linspace(0.3, 40.0, 21)
     found = []
     for kernel in (_kernels.candidates, python_twin(_kernels.candidates)):
@@ -70,7 +70,7 @@ def test_kernel_is_its_python() -> None:
 
 def test_credible_intervals_hold_what_is_likely() -> None:
     """One bin where a number is certain, several where it is not; without what is unlikely on either side."""
-    edges = quantizer.nested_edges(3, PLANES, STEP)
+    edges = quantizer.embedded_edges(3, PLANES, STEP)
     borders = edges[::2]
     lowest, counts = np.array([4, 10, 20, 0]), np.array([3, 4, 4, 2])
     probabilities = np.zeros((4, 4), np.float32)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.config import MAX_GOP_LENGTH
-from dvc.wynerziv.hierarchy import anchored_order, decoding_order, group_order, levels, reference_distances
+from dvc.wynerziv.hierarchy import decoding_order, group_order, levels, p_type_order, reference_distances
 
 
 @given(st.integers(0, 50), st.integers(1, 40), st.booleans())
@@ -45,27 +45,27 @@ def test_distances_of_a_group_of_eight() -> None:
 
 
 @given(st.integers(0, 50), st.integers(1, 40), st.booleans(), st.integers(1, 40))
-def test_anchors_come_first_and_know_only_what_is_before_them(
+def test_p_type_frames_come_first_and_know_only_what_is_before_them(
     before: int, length: int, hierarchical: bool, distance: int
 ) -> None:
-    """The last frame is an anchor, none is farther than allowed, and all other frames follow."""
+    """The last frame is an p_type, none is farther than allowed, and all other frames follow."""
     last = before + length
-    order = anchored_order(before, last, hierarchical, distance)
+    order = p_type_order(before, last, hierarchical, distance)
     assert sorted(index for index, _ in order) == list(range(before + 1, last + 1))
-    anchors = [(index, around[0]) for index, around in order if around[1] is None]
-    assert [index for index, _ in order][: len(anchors)] == [index for index, _ in anchors]
-    assert anchors[-1][0] == last
-    assert all(0 < index - previous <= distance for index, previous in anchors)
-    known = {before, *(index for index, _ in anchors)}
-    for index, (earlier, later) in order[len(anchors) :]:
+    p_types = [(index, around[0]) for index, around in order if around[1] is None]
+    assert [index for index, _ in order][: len(p_types)] == [index for index, _ in p_types]
+    assert p_types[-1][0] == last
+    assert all(0 < index - previous <= distance for index, previous in p_types)
+    known = {before, *(index for index, _ in p_types)}
+    for index, (earlier, later) in order[len(p_types) :]:
         assert later is not None
         assert earlier < index < later
         assert {earlier, later} <= known
         known.add(index)
 
 
-def test_distances_of_a_group_with_anchors() -> None:
-    """An anchor counts as if its references were as far apart as they may ever be."""
+def test_distances_of_a_group_with_p_type_frames() -> None:
+    """An p_type counts as if its references were as far apart as they may ever be."""
     far = MAX_GOP_LENGTH
     assert reference_distances(8, True, 4) == [2, 4, 2, far, 2, 4, 2, far]
     assert reference_distances(3, True, 8) == [3, 2, far]
@@ -73,23 +73,23 @@ def test_distances_of_a_group_with_anchors() -> None:
 
 @given(st.integers(0, 50), st.integers(1, 40), st.booleans(), st.integers(0, 9))
 def test_frames_of_a_level_are_not_predicted_from_each_other(
-    before: int, length: int, hierarchical: bool, anchor_distance: int
+    before: int, length: int, hierarchical: bool, p_type_distance: int
 ) -> None:
-    """Each frame is in one level; its references, and all anchors before others, are in earlier ones."""
-    order = group_order(before, before + length, hierarchical, anchor_distance)
-    anchors = {index for index, (_, after) in order if after is None}
-    known = {before} if anchor_distance else {before, before + length}
+    """Each frame is in one level; its references, and all p_types before others, are in earlier ones."""
+    order = group_order(before, before + length, hierarchical, p_type_distance)
+    p_types = {index for index, (_, after) in order if after is None}
+    known = {before} if p_type_distance else {before, before + length}
     for level in levels(order):
         for _, around in level:
             assert {place for place in around if place is not None} <= known
-            assert around[1] is None or anchors <= known
+            assert around[1] is None or p_types <= known
         assert len(level) == 1 or all(around[1] is not None for _, around in level)
         known |= {index for index, _ in level}
     assert sorted(place for level in levels(order) for place in level) == sorted(order)
 
 
 def test_levels_are_few() -> None:
-    """Sixteen frames take four steps, or five where the last of them are anchors."""
+    """Sixteen frames take four steps, or five where the last of them are p_types."""
     assert [len(level) for level in levels(group_order(0, 16, True))] == [1, 2, 4, 8]
     assert [len(level) for level in levels(group_order(0, 16, True, 8))] == [1, 1, 2, 4, 8]
     assert [len(level) for level in levels(group_order(0, 5, False))] == [4]

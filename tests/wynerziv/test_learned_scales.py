@@ -12,7 +12,7 @@ from tests.slepian_wolf.ldpc.test_belief_propagation import bits_of, words_of
 
 SHAPE = (40, 50)
 PLANES = 7
-EDGES = quantizer.nested_edges(3, PLANES, 6.0)
+EDGES = quantizer.embedded_edges(3, PLANES, 6.0)
 
 
 def drawn_band(true: np.ndarray, promised: float, seed: int = 0) -> tuple[LearnedBand, np.ndarray]:

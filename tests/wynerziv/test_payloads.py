@@ -65,7 +65,7 @@ def uncoded_planes(frame: EncodedFrame) -> np.ndarray:
 @given(layouts, st.data())
 def test_header_round_trip(layout: FrameLayout, data: st.DataObject) -> None:
     """What a frame's quantisers are survives, whatever follows the header."""
-    if layout.nested:
+    if layout.embedded:
         planes = tuple(data.draw(st.tuples(*[st.integers(0, MAX_BAND_PLANES)] * 16)))
         quantization = layout.of_step(data.draw(step_indices), planes)
     else:
@@ -80,7 +80,7 @@ def test_header_round_trip(layout: FrameLayout, data: st.DataObject) -> None:
 
 @given(st.binary(max_size=30))
 def test_any_header_is_read_or_refused(data: bytes) -> None:
-    """Of nested bins no bytes ask for more planes than there may be, and what is read is what was written."""
+    """No bytes ask for more planes than there may be, and what is read is what was written."""
     layout = layout_of(8, 8, None)
     try:
         quantization = layout.read_header(data)
@@ -129,17 +129,17 @@ def hard_frames() -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("step_index", range(0, 64, 9))
-def test_nested_bins_are_those_of_the_formula(step_index: int) -> None:
+def test_embedded_bins_are_those_of_the_formula(step_index: int) -> None:
     """From the finest step on, planes and bins of the largest and smallest coefficients are exact."""
     layout, step = layout_of(9, 14, None), quantizer.step_from_index(step_index)
     most = 0
     for luma in hard_frames():
         bands = transform.forward(luma).reshape(16, -1)
         quantization, words = quantize_frame(layout, luma, step_index)
-        planes = [reference.nested_planes(n, band.min(), band.max(), step) for n, band in enumerate(bands)]
+        planes = [reference.embedded_planes(n, band.min(), band.max(), step) for n, band in enumerate(bands)]
         assert quantization.planes == tuple(planes)
         for n in range(layout.num_bits):
-            numbers = [reference.nested_bin(b, bands[b, n], step, planes[b]) for b in range(16)]
+            numbers = [reference.embedded_bin(b, bands[b, n], step, planes[b]) for b in range(16)]
             digits = [digit for b in range(16) for digit in reference.binary_digits(numbers[b], planes[b])]
             got = [int(words[p // 64, n] >> np.uint64(63 - p % 64)) & 1 for p in range(len(digits))]
             assert got == digits

@@ -38,19 +38,19 @@ def test_step_holds_every_coefficient(levels: int, values: list[float]) -> None:
 
 
 @given(st.integers(0, 15), st.integers(0, 63), st.lists(st.floats(-1020.0, 1020.0), min_size=1, max_size=20))
-def test_nested_bins_hold_every_coefficient(band: int, index: int, values: list[float]) -> None:
+def test_embedded_bins_hold_every_coefficient(band: int, index: int, values: list[float]) -> None:
     """As few planes as hold all values; DC is never negative."""
     coefficients = np.abs(values) if band == 0 else np.array(values)
     step = quantizer.step_from_index(index)
     extremes = np.zeros((16, 2))
     extremes[band] = coefficients.min(), coefficients.max()
-    planes = int(quantizer.nested_planes(extremes, step)[band])
-    edges = quantizer.nested_edges(band, planes, step)
+    planes = int(quantizer.embedded_planes(extremes, step)[band])
+    edges = quantizer.embedded_edges(band, planes, step)
     assert edges.shape == (2**planes + 1,)
     assert edges[0] * (1 + 1e-9) <= coefficients.min()
     assert coefficients.max() <= edges[-1] * (1 + 1e-9)
     if planes:
-        fewer = quantizer.nested_edges(band, planes - 1, step)
+        fewer = quantizer.embedded_edges(band, planes - 1, step)
         assert coefficients.min() < fewer[0] or coefficients.max() >= fewer[-1]
 
 
@@ -59,7 +59,9 @@ def test_nested_bins_hold_every_coefficient(band: int, index: int, values: list[
 def test_planes_are_counted_like_their_twin(twin: bool) -> None:
     """Compiled and as Python, the kernel finds the fewest planes, on borders and beyond the largest."""
     rng = np.random.default_rng(3)
-    origins = np.array([[quantizer.nested_origin(band, count) for count in range(13)] for band in range(16)])
+    origins = np.array(
+        [[quantizer.embedded_origin(band, count) for count in range(13)] for band in range(16)]
+    )
     run = python_twin(_kernels.count_planes) if twin else _kernels.count_planes
     planes = np.empty(16, np.int64)
     for step in (1.0, 1.1, 37.0):
@@ -69,22 +71,22 @@ def test_planes_are_counted_like_their_twin(twin: bool) -> None:
             )
             extremes = ends * [-1.0, 1.0]
             run(extremes, origins, step, planes)
-            expected = [reference.nested_planes(band, *extremes[band].tolist(), step) for band in range(16)]
+            expected = [reference.embedded_planes(band, *extremes[band].tolist(), step) for band in range(16)]
             assert planes.tolist() == expected
 
 
 @given(st.lists(st.integers(0, 12), min_size=16, max_size=16))
 def test_origins_of_all_bands_are_those_of_each(planes: list[int]) -> None:
     """Together they are what they are one by one."""
-    expected = [quantizer.nested_origin(band, count) for band, count in enumerate(planes)]
-    assert quantizer.nested_origins(np.array(planes)).tolist() == expected
+    expected = [quantizer.embedded_origin(band, count) for band, count in enumerate(planes)]
+    assert quantizer.embedded_origins(np.array(planes)).tolist() == expected
 
 
 @given(st.integers(0, 15), st.integers(1, 12))
-def test_nested_bins_halve_those_of_fewer_planes(band: int, planes: int) -> None:
+def test_embedded_bins_halve_those_of_fewer_planes(band: int, planes: int) -> None:
     """A plane more at the top adds bins around the same ones; one at the bottom halves each of them."""
-    edges = quantizer.nested_edges(band, planes, 1.0)
-    wider = quantizer.nested_edges(band, planes + 1, 1.0)
+    edges = quantizer.embedded_edges(band, planes, 1.0)
+    wider = quantizer.embedded_edges(band, planes + 1, 1.0)
     above = np.searchsorted(wider, edges).clip(1, wider.size - 1)
     assert np.minimum(np.abs(wider[above - 1] - edges), np.abs(wider[above] - edges)).max() < 1e-9
     joined = edges[:: 2 if planes > 1 else 1]
@@ -95,7 +97,7 @@ def test_nested_bins_halve_those_of_fewer_planes(band: int, planes: int) -> None
 def test_zero_is_a_third_into_its_bin_at_every_depth(band: int, planes: int, missing: int) -> None:
     """However many planes are left out, zero stays away from the borders of AC bins."""
     missing = min(missing, planes)
-    edges = quantizer.nested_edges(band, planes, 1.0)[:: 2**missing]
+    edges = quantizer.embedded_edges(band, planes, 1.0)[:: 2**missing]
     bin_number = np.searchsorted(edges, 0.0) - 1
     share = -edges[bin_number] / 2**missing
     assert min(abs(share - 1 / 3), abs(share - 2 / 3)) < 1e-9

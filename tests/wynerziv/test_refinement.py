@@ -8,7 +8,7 @@ from dvc.wynerziv import _kernels, noise, quantizer
 from dvc.wynerziv.refinement import expected_refinement
 
 PLANES, STEP = 7, 10.0
-EDGES = quantizer.nested_edges(1, PLANES, STEP)
+EDGES = quantizer.embedded_edges(1, PLANES, STEP)
 RESOLUTION = 4096
 
 
@@ -18,7 +18,7 @@ def coefficients(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.
     predicted = rng.normal(0.0, 60.0, count)
     scale = np.clip(np.exp(rng.normal(1.0, 1.0, count)), noise.MIN_SCALE, None)
     truth = predicted + rng.laplace(0.0, 1.0, count) * scale + 200.0 * (rng.random(count) < 0.1)
-    bins = np.floor(truth / STEP + quantizer.nested_origin(1, PLANES)).astype(np.int64)
+    bins = np.floor(truth / STEP + quantizer.embedded_origin(1, PLANES)).astype(np.int64)
     return np.clip(bins, 0, 2**PLANES - 1), predicted, scale
 
 

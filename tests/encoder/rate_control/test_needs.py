@@ -10,7 +10,7 @@ from dvc.config import Qp, VideoConfig, codec_config
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.buffered import quantize_frame
 from dvc.wynerziv.layout import FrameLayout
-from dvc.wynerziv.one_way import syndrome_length
+from dvc.wynerziv.no_feedback import syndrome_length
 from encoder.rate_control import _kernels
 from encoder.rate_control.needs import NEEDS, Choice, NeedEstimator, frame_costs, length_of
 from encoder.rate_control.sampled_blocks import BlockErrors

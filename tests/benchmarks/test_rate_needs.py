@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.searches.one_way_needs import _fit_bits, fit
+from benchmarks.searches.rate_needs import _fit_bits, fit
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.buffered import quantize_frame
 from dvc.wynerziv.layout import FrameLayout

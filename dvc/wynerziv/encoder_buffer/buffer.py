@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from dvc.slepian_wolf import ParityEncoder, RequestTable
 from dvc.slepian_wolf.crc import POLYNOMIALS
 from dvc.slepian_wolf.requests import SLOT
-from dvc.wynerziv.answers import _kernels
 from dvc.wynerziv.buffered import EncodedFrame
+from dvc.wynerziv.encoder_buffer import _kernels
 from dvc.wynerziv.layout import FrameLayout
 
 PATIENCE = 64
@@ -20,7 +20,7 @@ MAX_PARITY_BYTES = 2**30
 asked for longest ago gives way, and is computed again when it is needed."""
 
 
-class OpenFrames:
+class EncoderBuffer:
     """Frames of which bits may be asked for; parity of a code is computed when it is first asked for."""
 
     def __init__(self, layout: FrameLayout, encoders: Sequence[ParityEncoder], num_slots: int) -> None:

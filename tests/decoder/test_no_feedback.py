@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from decoder.one_way import OneWayDecoder
+from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.metrics import psnr_db
-from dvc.wynerziv import one_way, quantizer
+from dvc.wynerziv import no_feedback, quantizer
 from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
 from dvc.wynerziv.layout import FrameLayout
-from dvc.wynerziv.one_way import OneWayFrame, SentPlanes, encode_payload, length_code
+from dvc.wynerziv.no_feedback import NoFeedbackFrame, SentPlanes, encode_payload, length_code
 from tests.clips import moving_texture
 
 HEIGHT, WIDTH = 96, 128
@@ -37,7 +37,7 @@ def decoded(data: bytes, noise: float) -> DecodedFrame:
     errors = np.random.default_rng(5).laplace(0.0, noise, (HEIGHT // 4, WIDTH // 4)).repeat(4, 0).repeat(4, 1)
     predicted = np.clip(LUMA + errors, 0.0, 255.0)
     prediction = Prediction(predicted, None, (predicted + 1.0, predicted - 1.0), "made up")
-    return OneWayDecoder(CONFIG).decode(1, data, prediction)
+    return NoFeedbackDecoder(CONFIG).decode(1, data, prediction)
 
 
 def gain_db(frame: DecodedFrame) -> float:
@@ -63,14 +63,14 @@ def test_what_is_too_short_serves_as_far_as_it_goes() -> None:
 def test_the_right_syndrome_with_another_check_is_nearly_right(monkeypatch: pytest.MonkeyPatch) -> None:
     """A few bits that syndromes do not tell apart cost the report, not the picture."""
     right = decoded(payload(0.9), 4.0)
-    read = OneWayFrame.read
+    read = NoFeedbackFrame.read
 
-    def _with_other_checks(*arguments: object) -> OneWayFrame:
+    def _with_other_checks(*arguments: object) -> NoFeedbackFrame:
         frame = read(*arguments)  # type: ignore[arg-type]
         blocks = (block and replace(block, check=block.check ^ np.uint8(1)) for block in frame.blocks)
         return replace(frame, blocks=tuple(blocks))
 
-    monkeypatch.setattr(one_way.OneWayFrame, "read", _with_other_checks)
+    monkeypatch.setattr(no_feedback.NoFeedbackFrame, "read", _with_other_checks)
     frame = decoded(payload(0.9), 4.0)
     assert (right.num_failed_planes, frame.num_failed_planes) == (0, DEPTHS[0])
     np.testing.assert_array_equal(frame.frame.luma, right.frame.luma)

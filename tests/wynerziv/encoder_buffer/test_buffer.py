@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from dvc import slepian_wolf
 from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import SLOT
-from dvc.wynerziv.answers import open_frames
-from dvc.wynerziv.answers.open_frames import OpenFrames
 from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame
+from dvc.wynerziv.encoder_buffer import buffer
+from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.layout import FrameLayout
 from tests.wynerziv.test_payloads import MATRICES, encoded_frame, layout_of, layouts
 
@@ -45,7 +45,7 @@ def table_of(requests: list[ParityRequest]) -> RequestTable:
     return table
 
 
-@pytest.mark.parametrize("max_parity_bytes", [1, open_frames.MAX_PARITY_BYTES])
+@pytest.mark.parametrize("max_parity_bytes", [1, buffer.MAX_PARITY_BYTES])
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(layouts, st.sampled_from(FAMILIES), st.integers(0, 2**32 - 1), st.data())
 def test_many_answers_are_those_of_the_buffered_form(
@@ -57,11 +57,11 @@ def test_many_answers_are_those_of_the_buffered_form(
     data: st.DataObject,
 ) -> None:
     """Any requests for two frames, together, get the bits that buffered payloads have for each."""
-    monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", max_parity_bytes)
+    monkeypatch.setattr(buffer, "MAX_PARITY_BYTES", max_parity_bytes)
     frames = [encoded_frame(layout, seed + number, family=family) for number in range(2)]
     codes = slepian_wolf.num_codes(family)
     buffered = [BufferedFrame(layout, frame.buffered_payload(), codes) for frame in frames]
-    opened = OpenFrames(layout, slepian_wolf.parity_encoders(family, 1), 3)
+    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders(family, 1), 3)
     for slot, frame in zip(SLOTS, frames, strict=True):
         opened.enter(slot, frame)
     coded = [number for number, frame in enumerate(frames) if frame.quantization.num_planes]
@@ -78,7 +78,7 @@ def test_many_answers_are_those_of_the_buffered_form(
 def test_a_slot_holds_one_frame_after_the_other() -> None:
     """Nothing of the frame before is left: parity that was computed of it is not that of the next."""
     layout = layout_of(16, 20, MATRICES[7])
-    opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 3)
+    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders("cascade", 1), 3)
     table = table_of([ParityRequest(0, 3, "parity", 2, 0, 20, tuple(range(20)))])
     found = []
     for seed in range(2):
@@ -93,9 +93,9 @@ def test_a_slot_holds_one_frame_after_the_other() -> None:
 
 def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes as many places as frames are asked for at a time, and comes back where it is needed again."""
-    monkeypatch.setattr(open_frames, "PATIENCE", 2)
+    monkeypatch.setattr(buffer, "PATIENCE", 2)
     layout = layout_of(16, 20, MATRICES[7])
-    opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
+    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
     frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
     for slot, frame in enumerate(frames):
         opened.enter(slot, frame)
@@ -113,8 +113,8 @@ def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPa
     """Requests for all frames, in one message, are answered where there is room for three of them."""
     layout, codes = layout_of(16, 20, MATRICES[7]), slepian_wolf.num_codes("cascade")
     room = 3 * codes * 8 * layout.num_bits
-    monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", room)
-    opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
+    monkeypatch.setattr(buffer, "MAX_PARITY_BYTES", room)
+    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
     frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
     for slot, frame in enumerate(frames):
         opened.enter(slot, frame)
@@ -133,7 +133,7 @@ def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPa
 def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is no room, it is computed again for these alone; it is not for others."""
     layout, codes = layout_of(16, 20, MATRICES[7]), slepian_wolf.num_codes("cascade")
-    monkeypatch.setattr(open_frames, "MAX_PARITY_BYTES", 2 * codes * 8 * layout.num_bits)
+    monkeypatch.setattr(buffer, "MAX_PARITY_BYTES", 2 * codes * 8 * layout.num_bits)
     computed: list[int] = []
 
     def counting(encoder: slepian_wolf.ParityEncoder) -> slepian_wolf.ParityEncoder:
@@ -143,7 +143,7 @@ def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.Mo
 
         return compute
 
-    opened = OpenFrames(
+    opened = EncoderBuffer(
         layout, [counting(encoder) for encoder in slepian_wolf.parity_encoders("cascade", 1)], 3
     )
     for slot in range(3):
@@ -167,7 +167,7 @@ def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.Mo
 def test_planes_that_a_frame_lacks_are_refused(refused: ParityRequest, text: str) -> None:
     """What other frames of the layout may have, but this one has not, raises `ValueError`."""
     layout = layout_of(16, 16, None)
-    opened = OpenFrames(layout, slepian_wolf.parity_encoders("cascade", 1), 3)
+    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders("cascade", 1), 3)
     frame = encoded_frame(layout, 0, step_index=40, family="cascade")
     assert 8 < frame.quantization.num_planes <= 41
     opened.enter(SLOTS[0], frame)

@@ -1,6 +1,6 @@
 """Needs of streams without feedback, fitted to frames whose planes were known while they were decoded.
 
-``python -m benchmarks.searches.one_way_needs box cube desk river stone tree --qp 26 32`` prints `NEEDS` of
+``python -m benchmarks.searches.rate_needs box cube desk river stone tree --qp 26 32`` prints `NEEDS` of
 `encoder.rate_control.needs`, and how far from them the frames of each clip are.
 """
 
@@ -18,7 +18,7 @@ from scipy.optimize import minimize, nnls
 from benchmarks.results.harness import clip_source
 from decoder.frame_state import FrameState, KnownBand
 from decoder.group import GroupDecoder
-from decoder.one_way import OneWayDecoder
+from decoder.no_feedback import NoFeedbackDecoder
 from decoder.session import stream_tasks
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame, following
@@ -29,7 +29,7 @@ from dvc.video import Frame, open_video
 from dvc.wynerziv import bitplanes, noise, transform
 from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.learned_scales import LearnedBand
-from dvc.wynerziv.one_way import BLOCKS
+from dvc.wynerziv.no_feedback import BLOCKS
 from encoder import options
 from encoder.rate_control.controller import RateController
 from encoder.rate_control.needs import NEEDS, OCTAVES, Needs
@@ -65,7 +65,7 @@ class RecordedFrame:
         return self.config.wyner_ziv.lambda_between(self.distance)
 
 
-class KnowingDecoder(OneWayDecoder):
+class KnowingDecoder(NoFeedbackDecoder):
     """Decodes frames whose planes it knows, as many as pay, and records what all would have cost."""
 
     def __init__(self, config: CodecConfig, known: dict[int, RecordedFrame]) -> None:
@@ -73,7 +73,7 @@ class KnowingDecoder(OneWayDecoder):
         self._known = known
 
     def decode(self, index: int, payload: bytes, prediction: Prediction) -> DecodedFrame:
-        """Decode one frame; see `OneWayDecoder.decode`."""
+        """Decode one frame; see `NoFeedbackDecoder.decode`."""
         settings = self._config.wyner_ziv
         record = self._known[index]
         state = FrameState(self._layout, prediction, settings.noise_model)
@@ -124,7 +124,7 @@ def _planes(frame: EncodedFrame, band: int) -> NDArray[np.uint8]:
 
 
 def _nobody(request: ParityRequest) -> NDArray[np.uint8]:
-    """Refuse requests, of which the one-way form has none."""
+    """Refuse requests, of which the no-feedback form has none."""
     raise ValueError(f"a request without feedback: {request}")
 
 
@@ -152,7 +152,7 @@ def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
         with open_video(source) as video, path.open("wb") as file:
             session = options.session(arguments, video.info)
             config, encoder, first = session.config, RateController(session.config, 0), 0
-            with StreamWriter(file, config, "one-way") as writer:
+            with StreamWriter(file, config, "no-feedback") as writer:
                 for group in session.groups(islice(video, num_frames)):
                     encoded = session.encode(group)
                     for index, distance, errors, _ in encoder.choices(group, encoded.frames):
@@ -163,7 +163,7 @@ def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
                         )
                     writer.write_gop(encoded.record)
                     first += encoded.record.num_frames
-        decoder = GroupDecoder(config, one_way=KnowingDecoder(config, known))
+        decoder = GroupDecoder(config, no_feedback=KnowingDecoder(config, known))
         with StreamReader(path) as reader:
             for chain in stream_tasks(config, reader):
                 before = None
@@ -183,8 +183,8 @@ def fit(frames: Sequence[RecordedFrame], block: int) -> tuple[Needs, dict[str, F
     )
     design = np.stack([_design(frame, depths, variance) for frame, depths in samples])
     curve, deviations = _fit_bits(design, bits, np.array([1.0 / (names == name).sum() for name in names]))
-    anchors = np.array([frame.distance > MAX_GOP_LENGTH // 2 for frame, _ in samples])
-    p_type_factor = float(np.exp(-np.median(deviations[anchors]))) if anchors.any() else 1.0
+    p_types = np.array([frame.distance > MAX_GOP_LENGTH // 2 for frame, _ in samples])
+    p_type_factor = float(np.exp(-np.median(deviations[p_types]))) if p_types.any() else 1.0
     needs = Needs(variance, tuple(round(value, 3) for value in curve.tolist()), p_type_factor)
     return needs, {clip: deviations[names == clip] for clip in sorted(counts)}
 

@@ -64,7 +64,7 @@ def test_planes_that_are_short_are_concealed(clip: Path, tmp_path: Path) -> None
     """Half of the syndrome bits unlike what was coded: a video all the same, and a report that tells."""
     stream = encoded(clip, tmp_path / "good.dvc", "--rate-margin", "100")
     with StreamReader(stream) as reader, (tmp_path / "short.dvc").open("wb") as file:
-        assert reader.form is Form.ONE_WAY
+        assert reader.form is Form.NO_FEEDBACK
         with StreamWriter(file, reader.config, reader.form) as writer:
             for record in reader:
                 payloads = [_damaged(data) for data in record.wyner_ziv]
@@ -127,7 +127,7 @@ def test_there_is_nothing_to_puncture(clip: Path, tmp_path: Path, capsys: pytest
     files = [str(stream), str(tmp_path / "v.y4m"), "--punctured", str(tmp_path / "p.dvc")]
     assert decoder.main([*files, "--quiet"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "not for one-way streams" in line
+    assert "not for no-feedback streams" in line
 
 
 def test_a_cut_stream_is_told(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

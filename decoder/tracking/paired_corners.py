@@ -24,7 +24,7 @@ MAX_DRIFT_PX = 1.5
 """A corner whose place relative to its point changes more than this is no corner of the scene."""
 
 
-class AnchorCorners(NamedTuple):
+class PairedCorners(NamedTuple):
     """Correspondences, and the corners beside them."""
 
     pairs: Correspondences  # the points, in pixels
@@ -49,9 +49,9 @@ def _evenly(first: Floats, second: Floats, temporal_positions: Floats) -> Floats
     return (1.0 - t) * first[:, None] + t * second[:, None]
 
 
-def choose_anchor_corners(
+def choose_paired_corners(
     pairs: Correspondences, first: Luma, second: Luma, num_corners: int, separation_px: float
-) -> AnchorCorners:
+) -> PairedCorners:
     """Choose correspondences that are corners in both key frames, the strongest first, spread out."""
     ends = [
         strongest_nearby(corner_response(luma, np.ones(SENT_WINDOW_PX)), places, SEARCH_RADIUS_PX)
@@ -65,7 +65,7 @@ def choose_anchor_corners(
     distance = np.hypot(*(corner0 - pairs.first)[usable].T) + np.hypot(*(corner1 - pairs.second)[usable].T)
     order = usable[np.lexsort((distance, -strength[usable]))]
     chosen = order[spaced(corner0[order], num_corners, separation_px)]
-    return AnchorCorners(pairs[chosen], corner0[chosen], corner1[chosen])
+    return PairedCorners(pairs[chosen], corner0[chosen], corner1[chosen])
 
 
 def strongest_nearby(response: Floats, places: Floats, radius: int) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""Payloads of the one-way form: what is packed is unpacked; what cannot be is refused."""
+"""Payloads of the no-feedback form: what is packed is unpacked; what cannot be is refused."""
 
 import itertools
 
@@ -14,8 +14,8 @@ from dvc.slepian_wolf.ldpc.graph import syndrome
 from dvc.wynerziv import quantizer
 from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
 from dvc.wynerziv.layout import FrameLayout
-from dvc.wynerziv.one_way import (
-    OneWayFrame,
+from dvc.wynerziv.no_feedback import (
+    NoFeedbackFrame,
     SentPlanes,
     encode_payload,
     length_code,
@@ -47,7 +47,7 @@ def depths(dc: int, *others: int) -> tuple[int, ...]:
 def test_round_trip(sent: SentPlanes) -> None:
     """Planes, check bits and syndromes come back; a block without syndrome is none."""
     payload = encode_payload(FRAME, sent, SETTINGS)
-    frame = OneWayFrame.read(LAYOUT, payload, SETTINGS)
+    frame = NoFeedbackFrame.read(LAYOUT, payload, SETTINGS)
     assert frame.quantization == QUANTIZATION
     assert frame.sent == sent
     for number, block in enumerate(frame.blocks):
@@ -83,7 +83,7 @@ def test_a_cut_payload_is_refused(cut: int) -> None:
     payload = encode_payload(FRAME, sent, SETTINGS)
     assert cut < len(payload)
     with pytest.raises(BitstreamError):
-        OneWayFrame.read(LAYOUT, payload[:cut], SETTINGS)
+        NoFeedbackFrame.read(LAYOUT, payload[:cut], SETTINGS)
 
 
 def test_planes_that_a_band_does_not_have_are_refused() -> None:
@@ -91,11 +91,11 @@ def test_planes_that_a_band_does_not_have_are_refused() -> None:
     too_many = SentPlanes(depths(QUANTIZATION.planes[0] + 1), (0, 0))
     payload = QUANTIZATION.header
     with pytest.raises(BitstreamError, match="more bit planes of a band are sent than it has"):
-        OneWayFrame.read(LAYOUT, encode_payload(FRAME, too_many, SETTINGS), SETTINGS)
+        NoFeedbackFrame.read(LAYOUT, encode_payload(FRAME, too_many, SETTINGS), SETTINGS)
     none = encode_payload(FRAME, SentPlanes(depths(0), (0, 0)), SETTINGS)
     assert none.startswith(payload)
     with pytest.raises(BitstreamError, match="left over"):
-        OneWayFrame.read(LAYOUT, none + b"\0", SETTINGS)
+        NoFeedbackFrame.read(LAYOUT, none + b"\0", SETTINGS)
 
 
 @given(st.binary(max_size=80), st.booleans())
@@ -103,7 +103,7 @@ def test_any_bytes_are_read_or_refused(data: bytes, after_header: bool) -> None:
     """Nothing but a frame or a `BitstreamError` comes of them."""
     payload = QUANTIZATION.header + data if after_header else data
     try:
-        frame = OneWayFrame.read(LAYOUT, payload, SETTINGS)
+        frame = NoFeedbackFrame.read(LAYOUT, payload, SETTINGS)
     except BitstreamError:
         return
     assert frame.syndrome_bits + frame.check_bits <= 8 * len(payload)
@@ -121,4 +121,4 @@ def test_blocks_that_would_take_all_memory_are_refused() -> None:
         ).tobytes()
     )
     with pytest.raises(BitstreamError, match="a block of"):
-        OneWayFrame.read(layout, payload + bytes(20), SETTINGS)
+        NoFeedbackFrame.read(layout, payload + bytes(20), SETTINGS)

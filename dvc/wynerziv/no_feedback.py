@@ -1,4 +1,4 @@
-"""The payload of the one-way form: what an encoder without feedback chose to send of a Wyner-Ziv frame.
+"""The payload of the no-feedback form: what an encoder without feedback chose to send of a Wyner-Ziv frame.
 
 After the header it tells how many planes of each band are sent and how long the syndromes are, one for each
 block of bands; then come the check bits and the syndrome of each block.
@@ -75,7 +75,7 @@ class SentPlanes:
 
 
 def encode_payload(frame: EncodedFrame, sent: SentPlanes, settings: TurboConfig) -> bytes:
-    """Pack what is sent of a frame; inverse of `OneWayFrame.read`."""
+    """Pack what is sent of a frame; inverse of `NoFeedbackFrame.read`."""
     digits = plane_digits(sent.depths) + "".join(f"{code:0{LENGTH_CODE_BITS}b}" for code in sent.length_codes)
     parts = [np.frombuffer(digits.encode(), np.uint8) & np.uint8(1)]
     blocks = (
@@ -99,7 +99,7 @@ class SentBlock:
 
 
 @dataclass(frozen=True, eq=False)
-class OneWayFrame:
+class NoFeedbackFrame:
     """What was received of a frame."""
 
     quantization: Quantization  # its quantisers

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.tracking.anchor_corners import choose_anchor_corners, strongest_nearby
+from decoder.tracking.paired_corners import choose_paired_corners, strongest_nearby
 from dvc.corners import corner_response
 from sfm.model import Correspondences
 
@@ -52,7 +52,7 @@ def test_corners_are_followed_not_points() -> None:
     beside = np.concatenate([np.rint(centres), np.rint(centres) + ASIDE, [[15.0, 80.0]]])
     moved = beside + MOTION
     pairs = Correspondences(beside, moved, np.zeros(len(beside)))
-    chosen = choose_anchor_corners(pairs, spots(centres), spots(centres + MOTION), 10, 3.0)
+    chosen = choose_paired_corners(pairs, spots(centres), spots(centres + MOTION), 10, 3.0)
     order = np.argsort(chosen.first[:, 0])
     np.testing.assert_allclose(chosen.first[order], centres[[0, 2, 1]], atol=0.15)
     np.testing.assert_allclose(chosen.second - chosen.first, np.tile(MOTION, (3, 1)), atol=0.1)
@@ -64,8 +64,8 @@ def test_corners_are_followed_not_points() -> None:
     )
 
 
-def test_a_corner_that_wanders_is_no_anchor() -> None:
+def test_a_corner_that_wanders_is_no_pair() -> None:
     """A corner that is not at the same place relative to its point in both key frames is not followed."""
     centre = np.array([[30.0, 30.0]])
     pairs = Correspondences(centre - ASIDE, centre + ASIDE, np.zeros(1))
-    assert len(choose_anchor_corners(pairs, spots(centre), spots(centre), 10, 3.0)) == 0
+    assert len(choose_paired_corners(pairs, spots(centre), spots(centre), 10, 3.0)) == 0

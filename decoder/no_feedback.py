@@ -24,7 +24,7 @@ from dvc.wynerziv import bitplanes, noise, transform
 from dvc.wynerziv.candidates import credible_intervals
 from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.learned_scales import LearnedBand
-from dvc.wynerziv.one_way import BLOCKS, OneWayFrame, SentBlock
+from dvc.wynerziv.no_feedback import BLOCKS, NoFeedbackFrame, SentBlock
 
 START_GAINS = 1.0, 1.6, 2.5, 4.0
 """Of the scales that a prediction promises, tried one after the other until a block is found: where they are
@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
 
 
-class OneWayDecoder:
-    """Decodes Wyner-Ziv frames of the one-way form, of one configuration."""
+class NoFeedbackDecoder:
+    """Decodes Wyner-Ziv frames of the no-feedback form, of one configuration."""
 
     def __init__(self, config: CodecConfig) -> None:
         self._layout = FrameLayout.of(config)
@@ -42,10 +42,10 @@ class OneWayDecoder:
 
     def decode(self, index: int, payload: bytes, prediction: Prediction) -> DecodedFrame:
         """Decode one frame."""
-        if not self._layout.nested:
-            raise BitstreamError("a one-way stream has nested bins")
+        if not self._layout.embedded:
+            raise BitstreamError("a no-feedback stream has embedded bins")
         settings = self._config.wyner_ziv
-        received = OneWayFrame.read(self._layout, payload, self._config.turbo)
+        received = NoFeedbackFrame.read(self._layout, payload, self._config.turbo)
         state = FrameState(self._layout, prediction, settings.noise_model)
         num_failed, costs = 0, []
         for number, block in enumerate(received.blocks):
@@ -74,7 +74,7 @@ class OneWayDecoder:
         )
 
     def _decode_block(
-        self, number: int, block: SentBlock, received: OneWayFrame, state: FrameState
+        self, number: int, block: SentBlock, received: NoFeedbackFrame, state: FrameState
     ) -> list[BandCost]:
         """Decode a block; return what its bands cost, or nothing where it is concealed."""
         quantization, depths = received.quantization, received.sent.depths
@@ -106,7 +106,7 @@ class OneWayDecoder:
         state.set_known(band, KnownBand.of(lower, upper, scale * gain, self._layout.band_shape))
 
 
-def _promised(band: int, scale: Array, received: OneWayFrame, state: FrameState) -> LearnedBand:
+def _promised(band: int, scale: Array, received: NoFeedbackFrame, state: FrameState) -> LearnedBand:
     """Return what is known of a band before any of it is decoded."""
     quantization = received.quantization
     return LearnedBand(

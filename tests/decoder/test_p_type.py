@@ -71,14 +71,14 @@ def test_key_frames_come_when_the_period_is_over(groups: list[DecodedGroup]) -> 
     assert [len(group.frames) for group in groups] == [1, 4, 4, 4, 4, 3]
 
 
-def test_anchors_are_as_good_as_key_frames(groups: list[DecodedGroup], frames: list[Frame]) -> None:
+def test_p_type_frames_are_as_good_as_key_frames(groups: list[DecodedGroup], frames: list[Frame]) -> None:
     """Nothing drifts; what predicted them is told."""
     quality = [
         psnr_db(original.luma, frame.luma)
         for original, frame in zip(frames, (frame for group in groups for frame in group.frames), strict=True)
     ]
     assert min(quality) > quality[0] - 4.0
-    assert [frame.method == "anchor" for frame in groups[1].wyner_ziv] == [False, True, False, True]
+    assert [frame.method == "p-type" for frame in groups[1].wyner_ziv] == [False, True, False, True]
 
 
 @pytest.mark.parametrize("jobs", [2, 5])
@@ -135,7 +135,7 @@ def test_groups_before_damage_are_decoded(stream: bytes, groups: list[DecodedGro
 
 
 def test_key_frames_may_not_be_missing(stream: bytes, groups: list[DecodedGroup]) -> None:
-    """Neither the first, nor for longer than the period, nor where the configuration has no anchors."""
+    """Neither the first, nor for longer than the period, nor where the configuration has no P-type frames."""
     reader = StreamReader(io.BytesIO(stream))
     config, records = reader.config, list(reader)
     with pytest.raises(BitstreamError, match="without a key frame where there can be none"):
