@@ -68,7 +68,7 @@ class NoFeedbackDecoder:
             crc_bits=received.check_bits,
             parity_bits=received.syndrome_bits,
             num_failed_planes=num_failed,
-            num_left_planes=received.quantization.num_planes - num_sent,
+            num_skipped_planes=received.quantization.num_planes - num_sent,
             band_costs=tuple(costs),
             punctured=payload,
         )

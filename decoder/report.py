@@ -67,7 +67,7 @@ class DecodeReport:
             row["refined_si_psnr_y_db"] = _psnr(original, frame.refined_side_information)
             row["num_requests"] = frame.num_requests
             row["num_failed_planes"] = frame.num_failed_planes
-            row["num_left_planes"] = frame.num_left_planes
+            row["num_skipped_planes"] = frame.num_skipped_planes
             row["plane_bits"] = _by_class(frame)
             row["side_information"] = frame.method
             row["side_information_reason"] = frame.reason
@@ -120,7 +120,7 @@ class DecodeReport:
             "refined_si_psnr_y_db": _mean(wyner_ziv, "refined_si_psnr_y_db"),
             "num_requests": sum(frame["num_requests"] for frame in wyner_ziv),
             "num_failed_planes": sum(frame["num_failed_planes"] for frame in wyner_ziv),
-            "num_left_planes": sum(frame["num_left_planes"] for frame in wyner_ziv),
+            "num_skipped_planes": sum(frame["num_skipped_planes"] for frame in wyner_ziv),
             "plane_bits": _ratios([frame["plane_bits"] for frame in wyner_ziv]),
             "decode_s": round(sum(frame["decode_s"] for frame in wyner_ziv), 6),
             "version": dvc.__version__,

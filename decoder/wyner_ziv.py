@@ -140,7 +140,7 @@ class _Frame:
             crc_bits=check.crc_bits + sum(result.crc_bits for result in results),
             parity_bits=sum(result.parity_bits for result in results),
             num_failed_planes=sum(not result.success for result in results) + (not check.success),
-            num_left_planes=quantization.num_planes - len(results),
+            num_skipped_planes=quantization.num_planes - len(results),
             band_costs=tuple(_cost(band, planes) for band, planes in decoded.items() if planes),
         )
 

@@ -23,7 +23,7 @@ _MIN_SHARE = 0.27
 _MOTION_WEIGHT = 1.5  # of the longer side of the picture
 _PARALLAX_WEIGHT = 0.08  # per pixel
 _LOSS_WEIGHT = 2.0
-"""By eye from twelve p_types of box, desk and river at QP 30 and 34; no command repeats it."""
+"""By eye from twelve P-type frames of box, desk and river at QP 30 and 34; no command repeats it."""
 MAX_SHARE = 1.1
 """Of the bits of a key frame, that the P-type frames of a group may be estimated to cost: they also serve as
 the middle frame of the group, which would be a Wyner-Ziv frame anyway."""

@@ -19,11 +19,11 @@ class Named(NamedTuple):
 NAMED = (
     Named("encoder", "_LOSS_WEIGHT = 2.0", "2.0", "1.0"),
     Named("encoder", "_PARALLAX_WEIGHT =", "0.08", "0.02"),
-    Named("encoder", "PAYS =", "1.5", "2.0"),
+    Named("encoder", "MIN_WORTH =", "1.5", "2.0"),
     Named("encoder", "BITS_PER_BIT =", "1.6", "1.3"),
     Named("encoder", "REFERENCE_MARGIN =", "0.15", "0.3"),
     Named("encoder", "beyond =", "0.5", "0.25"),
-    Named("dvc/config", "SLOPE_PER_KEY_SLOPE =", "4.0", "8.0"),
+    Named("dvc/config", "LAMBDA_PER_KEY_LAMBDA =", "4.0", "8.0"),
     Named(
         "dvc/wynerziv", "return MIN_SCALE + 0.3 * band + 0.5 * neighbourhood", " + 0.5 * neighbourhood", ""
     ),

@@ -10,7 +10,7 @@ from dvc.rd.anchors.version import anchors_digest
 from dvc.rd.provenance import CodeVersion, library_versions, values_digest
 from dvc.rd.sources import Source
 
-SCHEMA = "dvc3d-rd-point/2"
+SCHEMA = "dvc3d-rd-point/1"
 """Of the result of a point."""
 INTRA = "h264-intra"
 ANCHORS = {"intra": INTRA, **{name: name for name in ANCHOR_CODECS}}

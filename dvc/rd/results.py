@@ -13,7 +13,6 @@ from dvc.rd.point_result import PointResult
 from dvc.rd.points import SCHEMA, Task
 from dvc.rd.provenance import values_digest
 
-_FIRST_SCHEMA = "dvc3d-rd-point/1"
 POINTS_FOLDER = "points"
 PICTURE_KINDS = ("original", "decoded", "predicted", "key")
 
@@ -38,7 +37,7 @@ def read_result(path: Path) -> PointResult:
         is_sound = _is_sound(data)
     except (ValueError, OSError, RecursionError) as err:
         raise DvcError(f"{path.name}: damaged result: {err}") from err
-    if not isinstance(data, dict) or data.get("schema") not in (SCHEMA, _FIRST_SCHEMA):
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise DvcError(f"{path.name}: not a result of schema {SCHEMA}")
     if not isinstance(data.get("identity"), str) or not isinstance(data.get("codec"), str):
         raise DvcError(f"{path.name}: damaged result: no identity or codec")
@@ -55,7 +54,7 @@ def read_result(path: Path) -> PointResult:
     for name, sound in _details(data).items():
         if not sound:
             raise DvcError(f"{path.name}: damaged result: {name} is wrong")
-    return PointResult(path.stem, _upgraded(data) if data["schema"] == _FIRST_SCHEMA else data)
+    return PointResult(path.stem, data)
 
 
 def write_result(folder: Path, name: str, data: dict[str, Any]) -> PointResult:
@@ -126,14 +125,6 @@ def read_folders(folders: Sequence[Path]) -> Collection:
     if num_replaced:
         notes.append(f"{_count(num_replaced, 'result')} of an older measurement left out for a newer one.")
     return Collection(tuple(newest.values()), tuple(notes))
-
-
-def _upgraded(data: dict[str, Any]) -> dict[str, Any]:
-    """Return a sound result of the first schema as one of today's."""
-    times = dict(data["times"])
-    if "encode_start_up_cpu_s" not in times:
-        times.pop("wz_encode_cpu_s", None)
-    return {**data, "schema": SCHEMA, "times": times}
 
 
 def _details(data: dict[str, Any]) -> dict[str, bool]:

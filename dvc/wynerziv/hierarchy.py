@@ -24,7 +24,7 @@ def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[in
 
 
 def p_type_instants(before: int, last: int, p_type_distance: int) -> list[int]:
-    """Return which frames of a group that no key frame ends are p_types."""
+    """Return which frames of a group that no key frame ends are P-type frames."""
     count = -(-(last - before) // p_type_distance)
     return [before + (last - before) * number // count for number in range(1, count + 1)]
 

@@ -181,7 +181,7 @@ def test_embedded_bins_are_decoded(original: Frame, step: float) -> None:
     config = embedded_config()
     decoded = decode(config, original, noisy_prediction(original, 4.0), step)
     assert decoded.num_failed_planes == 0
-    assert decoded.num_left_planes == 0
+    assert decoded.num_skipped_planes == 0
     error = decoded.frame.luma.astype(float) - original.luma
     assert np.mean(error**2) < step**2 / 6 + 0.5
 
@@ -193,7 +193,7 @@ def test_a_steeper_slope_asks_for_less(original: Frame) -> None:
     found = [decode(config, original, prediction, 4.0, slope) for slope in (0.0, 20.0, 100.0, 1e3)]
     bits = [decoded.crc_bits + decoded.parity_bits for decoded in found]
     quality = [psnr_db(decoded.frame.luma, original.luma) for decoded in found]
-    left = [decoded.num_left_planes for decoded in found]
+    left = [decoded.num_skipped_planes for decoded in found]
     assert bits == sorted(bits, reverse=True)
     assert bits[-1] < bits[0] / 2
     assert quality == sorted(quality, reverse=True)

@@ -212,5 +212,5 @@ def test_nothing_comparable_is_an_error(tmp_path: Path, capfd: pytest.CaptureFix
 
 def test_columns_of_comparisons_are_documented() -> None:
     """The document of results names every column."""
-    text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "rd.md").read_text(encoding="utf-8")
     assert all(f"`{column}`" in text for column in CSV_COLUMNS)

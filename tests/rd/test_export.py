@@ -69,7 +69,7 @@ def test_export_command(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> No
 
 def test_columns_are_documented() -> None:
     """The document of results names every column, in the order of the file."""
-    text = (Path(__file__).parents[2] / "docs" / "results.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "rd.md").read_text(encoding="utf-8")
     points, frames = (
         re.findall(r"`([a-z_]+)`", re.sub(r"\([^)]*\)", "", line))
         for line in text.splitlines()

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from dvc.errors import DvcError
-from dvc.rd.points import SCHEMA, Point, Task
+from dvc.rd.points import Point, Task
 from dvc.rd.provenance import CodeVersion, code_version, input_digest, values_digest
 from dvc.rd.results import POINTS_FOLDER, finished, read_result, read_results, write_result
 from dvc.rd.sources import Source
@@ -118,19 +118,6 @@ def test_damaged_results_are_refused(tmp_path: Path, data: object, caplog: pytes
     with caplog.at_level(logging.WARNING):
         assert not finished(tmp_path, TASK)
     assert path.name in caplog.text
-
-
-@pytest.mark.parametrize("known", [False, True])
-def test_results_of_the_first_schema_are_read(tmp_path: Path, known: bool) -> None:
-    """What the first schema counted in the same way is kept; time that may be of loading code is not."""
-    data = result_data(60.0, 30.0, schema="dvc3d-rd-point/1")
-    if not known:
-        del data["times"]["encode_start_up_cpu_s"]
-    result = read_result(_store(tmp_path, data))
-    assert result.data["schema"] == SCHEMA
-    assert ("wz_encode_cpu_s" in result.data["times"]) == known
-    assert result.data["times"]["key_encode_cpu_s"] == data["times"]["key_encode_cpu_s"]
-    assert result.data["totals"] == data["totals"]
 
 
 def test_reports_leave_damaged_results_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -75,7 +75,7 @@ def test_distances_of_a_group_with_p_type_frames() -> None:
 def test_frames_of_a_level_are_not_predicted_from_each_other(
     before: int, length: int, hierarchical: bool, p_type_distance: int
 ) -> None:
-    """Each frame is in one level; its references, and all p_types before others, are in earlier ones."""
+    """Each frame is in one level: its references, and P-type frames before others, are in earlier ones."""
     order = group_order(before, before + length, hierarchical, p_type_distance)
     p_types = {index for index, (_, after) in order if after is None}
     known = {before} if p_type_distance else {before, before + length}
@@ -89,7 +89,7 @@ def test_frames_of_a_level_are_not_predicted_from_each_other(
 
 
 def test_levels_are_few() -> None:
-    """Sixteen frames take four steps, or five where the last of them are p_types."""
+    """Sixteen frames take four steps, or five where the last of them are P-type frames."""
     assert [len(level) for level in levels(group_order(0, 16, True))] == [1, 2, 4, 8]
     assert [len(level) for level in levels(group_order(0, 16, True, 8))] == [1, 1, 2, 4, 8]
     assert [len(level) for level in levels(group_order(0, 5, False))] == [4]
