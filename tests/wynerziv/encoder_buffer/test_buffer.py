@@ -13,7 +13,7 @@ from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame
 from dvc.wynerziv.encoder_buffer import buffer
 from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.layout import FrameLayout
-from tests.wynerziv.test_payloads import MATRICES, encoded_frame, layout_of, layouts
+from tests.wynerziv.test_buffered import MATRICES, encoded_frame, layout_of, layouts
 
 FAMILIES = ("adaptive", "cascade")
 SLOTS = (2, 0)

@@ -19,8 +19,8 @@ from dvc.stereo.layers import layers_folder, sprites_folder
 from dvc.stereo.layers.canvas import Canvas
 from dvc.stereo.layers.layered_depth_image import LayeredDepthImage, layered_depth_image
 from dvc.stereo.layers.sprites import extract_sprites
+from tests.stereo.layers.test_sprites import random_layers
 from tests.stereo.plane_scenes import LABELS, SCENE, reconstruction_of, square_lattice
-from tests.stereo.test_sprites import random_layers
 
 Reader = Callable[[Path], object]
 READERS: dict[str, Reader] = {

@@ -193,7 +193,7 @@ def test_documents_are_the_same_when_made_again(document: Document) -> None:
 
 def test_presets_are_documented() -> None:
     """The document of results tells how many points and frames each preset has."""
-    text = (Path(__file__).parents[2] / "docs" / "rd.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "rd.md").read_text(encoding="utf-8")
     points = [len(plan(PRESETS[name], ["street"])) for name in ("quick", "full")]
     frames = [PRESETS[name].frames for name in ("quick", "full")]
     assert f"| points per sequence | {points[0]} | {points[1]} |" in text
