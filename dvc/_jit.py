@@ -3,6 +3,7 @@
 import ast
 import contextlib
 import fcntl
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from llvmlite.ir import Constant
 import numpy as np
 
 from dvc.memory import resident_bytes
@@ -36,6 +38,25 @@ def _skip_blas() -> None:
 
 
 _skip_blas()
+
+
+def _check_bounds() -> None:
+    """Refuse negative indices as well where bounds are checked; numba counts them from the end of the array."""
+    if "NUMBA_CACHE_DIR" not in os.environ:
+        raise RuntimeError("NUMBA_BOUNDSCHECK needs a NUMBA_CACHE_DIR of its own: kernels on disk check nothing")
+    arrays: Any = import_module("numba.np.arrayobj")
+    wrapped = arrays.fix_integer_index
+
+    def unwrapped(context: Any, builder: Any, index_type: Any, index: Any, size: Any) -> Any:
+        if isinstance(index, Constant):  # as it is written in a kernel
+            return wrapped(context, builder, index_type, index, size)
+        return context.cast(builder, index, index_type, numba.types.intp)
+
+    arrays.fix_integer_index = unwrapped
+
+
+if numba.config.BOUNDSCHECK:
+    _check_bounds()
 
 
 def kernel(function: Function) -> Function:

@@ -96,7 +96,7 @@ def _window_cost(surroundings, below, right, window):
     top, bottom, left, end = window
     part_below = below[top:bottom, left:end].copy()
     part_right = right[top:bottom, left:end].copy()
-    part_below[-1], part_right[:, -1] = 0, 0
+    part_below[bottom - top - 1], part_right[:, end - left - 1] = 0, 0
     plane, wavelet, order, model, num_levels, _ = surroundings
     return transform_cost(
         plane[top:bottom, left:end], part_below, part_right, num_levels, wavelet, order, model
