@@ -1,45 +1,53 @@
-"""Who must bear mutations: the decoder of a stream, and both ends of a live run."""
+"""Who must bear mutations: the decoder of a stream, both ends of a live run, and readers of other files."""
 
 import io
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 
-from benchmarks.hostile.depth_images import try_depth_images
-from benchmarks.hostile.layered_pieces import try_pieces
-from benchmarks.hostile.material import Luma, decoded_groups, live_run, material, serve, tracked_material
-from benchmarks.hostile.mutations import mutate, mutate_record, mutate_tracks, record_spans
-from benchmarks.hostile.pictures import try_pictures
+from benchmarks.hostile.cameras import damaged_cameras, try_cameras
+from benchmarks.hostile.depth_images import damaged_depth_images, try_depth_images
+from benchmarks.hostile.layered_pieces import damaged_pieces, try_pieces
+from benchmarks.hostile.material import Luma, decoded_groups, frozen, live_run, material, serve, to_encoder
+from benchmarks.hostile.mutations import enlarge, mutate, mutate_part, mutate_record, num_equal, record_spans
+from benchmarks.hostile.pictures import damaged_pictures, try_pictures
+from dvc.config import MAX_AREA_PX
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.stream import StreamReader
 from dvc.stream.records import RecordType
 
 
-def try_tracked(codec: str, number: int, allocated: bool = False) -> str:
-    """Decode a mutation of a stream with tracks or points; most damage these."""
-    stream, groups = tracked_material(codec, allocated)
-    rng = np.random.default_rng(number)
-    damaged = mutate_record(stream, rng) if number % 4 == 0 else mutate_tracks(stream, rng)
-    return _judged(stream, damaged, groups)
+@dataclass(frozen=True)
+class Kind:
+    """Something that can be mutated."""
+
+    damaged: Callable[[int], bytes]  # a mutation by its number
+    outcome: Callable[[bytes], str]  # what it does
+    num_pixels: int = 32 * 24 * 7  # of the good input
 
 
-def try_stream(stream: bytes, groups: list[list[Luma]], number: int) -> str:
-    """Decode a mutation of a stream."""
-    rng = np.random.default_rng(number)
-    damaged = mutate(stream, rng) if number % 2 else mutate_record(stream, rng)
-    return _judged(stream, damaged, groups)
+Good = Callable[[], tuple[bytes, list[list[Luma]]]]
+"""A good stream, and luma of its groups of pictures."""
 
 
-def _judged(stream: bytes, damaged: bytes, groups: list[list[Luma]]) -> str:
+def damaged_stream(good: Good, number: int) -> bytes:
+    """Damage a stream: anywhere, below the checksum of a record, or in a part of a group of pictures."""
+    stream, rng = good()[0], np.random.default_rng(number)
+    return (mutate, mutate_record, mutate_part, mutate_part)[number % 4](stream, rng)
+
+
+def try_stream(good: Good, damaged: bytes, jobs: int = 1) -> str:
     """Decode a damaged stream; groups before the damage must be those of the good one."""
-    same = next((i for i, (a, b) in enumerate(zip(stream, damaged, strict=False)) if a != b), len(damaged))
+    stream, groups = good()
+    same = num_equal(stream, damaged)
     gops = [end for kind, _, end in record_spans(stream) if kind == RecordType.GOP]
     intact = sum(end <= same for end in gops)
     done, outcome = 0, "decoded"
     try:
         with StreamReader(io.BytesIO(damaged)) as reader:
-            for (group, _), expected in zip(decoded_groups(reader), groups, strict=False):
+            for (group, _), expected in zip(decoded_groups(reader, jobs), groups, strict=False):
                 if done < intact and not all(map(np.array_equal, group, expected)):
                     return "an undamaged group decodes to other frames"
                 done += 1
@@ -68,35 +76,36 @@ class _Replay:
         raise FeedbackError("the other side closed the connection")
 
 
-def try_encoder(number: int) -> str:
+def try_encoder(codec: str, number: bytes) -> str:
     """Let the encoder of a live run receive a mutation of what it once received."""
-    made, rng = material(), np.random.default_rng(number)
-    damaged = list(made.to_encoder)
-    place = int(rng.integers(len(damaged)))
-    match number % 8:
+    seed = int(number)
+    damaged, rng = list(to_encoder(codec)), np.random.default_rng(seed)
+    position = int(rng.integers(len(damaged)))
+    match seed % 8:
         case 0:
-            damaged.insert(place, damaged[int(rng.integers(len(damaged)))])
+            damaged.insert(position, damaged[int(rng.integers(len(damaged)))])
         case 1:
-            del damaged[place]
+            del damaged[position]
         case _:
-            damaged[place] = mutate(damaged[place], rng)
+            damaged[position] = mutate(damaged[position], rng)
     try:
-        serve(made.frames, made.config, _Replay(damaged))
+        serve(material(codec), _Replay(damaged))
     except FeedbackError:
         return "refused"
     return "decoded"
 
 
-def try_decoder(number: int) -> str:
+def try_decoder(codec: str, number: bytes) -> str:
     """Let the decoder of a live run, with many requests in flight, receive a mutation of what was sent."""
-    made, rng = material(), np.random.default_rng(number)
-    place, passed = int(rng.integers(1, len(made.to_encoder))), [b""]
+    seed, passed = int(number), [b""]
+    rng = np.random.default_rng(seed)
+    position = int(rng.integers(1, len(to_encoder(codec))))
 
     def _change(data: bytes) -> bytes:
         passed.append(data)
-        if len(passed) != place + 1:
+        if len(passed) != position + 1:
             return data
-        match number % 8:
+        match seed % 8:
             case 0:
                 return data + passed[int(rng.integers(len(passed)))]
             case 1:
@@ -104,30 +113,62 @@ def try_decoder(number: int) -> str:
             case _:
                 return mutate(data, rng)
 
-    failure, _ = live_run(made.frames, made.config, (_change, lambda data: data))
+    failure, _ = live_run(material(codec), (_change, lambda data: data))
     if failure is not None and not isinstance(failure, BitstreamError | FeedbackError):
         raise failure
     return "decoded" if failure is None else "refused"
 
 
-def kinds() -> dict[str, Callable[[int], str]]:
+def _of_stream(good: Good, num_pixels: int, jobs: int = 1) -> Kind:
+    return Kind(partial(damaged_stream, good), partial(try_stream, good, jobs=jobs), num_pixels)
+
+
+def _made(codec: str, form: str, allocated: bool = False) -> Kind:
+    def good() -> tuple[bytes, list[list[Luma]]]:
+        made = material(codec, allocated)
+        return getattr(made, form), made.groups
+
+    return _of_stream(good, 7 * (24 * 32 if codec == "2d" else 48 * 64))
+
+
+def _live(attempt: Callable[[str, bytes], str], codec: str) -> Kind:
+    return Kind(lambda number: str(number).encode(), partial(attempt, codec), 7 * 48 * 64)
+
+
+def _headers() -> Kind:
+    good = partial(frozen, "2d-qp-buffered")
+    return Kind(
+        lambda number: enlarge(good()[0], np.random.default_rng(number)),
+        lambda damaged: "decoded" if try_stream(good, damaged) == "decoded" else "refused",
+        MAX_AREA_PX // 4,
+    )
+
+
+@cache
+def kinds() -> dict[str, Kind]:
     """Return what can be mutated."""
+    small, scene = 48 * 32 * 9, 104 * 88 * 7
     return {
-        "buffered": lambda number: try_stream(material().buffered, material().groups, number),
-        "punctured": lambda number: try_stream(material().punctured, material().groups, number),
-        "allocated": _try_allocated,
-        "tracks": partial(try_tracked, "3d-te"),
-        "points": partial(try_tracked, "3d-td"),
-        "anchors": partial(try_tracked, "3d-te", allocated=True),
-        "to-decoder": try_decoder,
-        "to-encoder": try_encoder,
-        "pictures": try_pictures,
-        "depth-images": try_depth_images,
-        "layers": try_pieces,
+        "buffered": _made("2d", "buffered"),
+        "punctured": _made("2d", "punctured"),
+        "allocated": _made("2d", "buffered", allocated=True),
+        "allocated-punctured": _made("2d", "punctured", allocated=True),
+        "tracks": _made("3d-te", "buffered"),
+        "points": _made("3d-td", "buffered"),
+        "p-type": _made("3d-te", "buffered", allocated=True),
+        "no-feedback": _of_stream(partial(frozen, "3d-te-no-feedback-one-way"), scene),
+        "colour": _of_stream(partial(frozen, "2d-odd-colour-punctured"), small),
+        "lossless-keys": _of_stream(partial(frozen, "2d-lossless-keys-buffered"), small),
+        "classical": _of_stream(partial(frozen, "2d-classical-buffered"), small),
+        "long-delay": _of_stream(partial(frozen, "2d-long-delay-buffered"), small),
+        "jobs": _of_stream(partial(frozen, "2d-hierarchical-buffered"), small, jobs=2),
+        "headers": _headers(),
+        "to-decoder": _live(try_decoder, "2d"),
+        "to-encoder": _live(try_encoder, "2d"),
+        "to-decoder-3d": _live(try_decoder, "3d-te"),
+        "to-encoder-3d": _live(try_encoder, "3d-te"),
+        "pictures": Kind(damaged_pictures, try_pictures),
+        "depth-images": Kind(damaged_depth_images, try_depth_images),
+        "layers": Kind(damaged_pieces, try_pieces),
+        "cameras": Kind(damaged_cameras, try_cameras),
     }
-
-
-def _try_allocated(number: int) -> str:
-    made = material(allocated=True)
-    stream = made.buffered if number % 4 < 2 else made.punctured
-    return try_stream(stream, made.groups, number)

@@ -11,35 +11,38 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from benchmarks.hostile.attempts import kinds
+from benchmarks.hostile.attempts import Kind, kinds
 from decoder.parallel import stop_idle_processes
 from dvc import cli
 from dvc.errors import DvcError
 
-MAX_ALLOCATION_BYTES = 2**30
-MAX_SECONDS = 20
 BATCH = 250
+COMPILING_S = 600.0
 GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
-STREAMS = ("buffered", "punctured", "allocated")
-GEOMETRY = ("tracks", "points", "anchors")
-MESSAGES = ("to-decoder", "to-encoder")
-PICTURES = ("pictures",)
-DEPTH_IMAGES = ("depth-images",)
-LAYERS = ("layers",)
-KINDS = (*STREAMS, *GEOMETRY, *MESSAGES, *PICTURES, *DEPTH_IMAGES, *LAYERS)
+KINDS = tuple(kinds())
+
+
+def max_seconds(num_pixels: int) -> float:
+    """Return how long a mutation may take, by the size of what was mutated."""
+    return 5.0 + 200e-6 * num_pixels
+
+
+def max_bytes(num_pixels: int) -> int:
+    """Return how much memory it may take beyond what the process holds; volumes of depth are the most."""
+    return (192 << 20) + (num_pixels << 10)
 
 
 @contextmanager
-def guarded() -> Iterator[None]:
+def guarded(seconds: float) -> Iterator[None]:
     """Raise `TimeoutError` in a block that takes too long."""
 
     def _ring(_signal: int, _frame: FrameType | None) -> None:
         raise TimeoutError
 
     previous = signal.signal(signal.SIGALRM, _ring)
-    signal.setitimer(signal.ITIMER_REAL, MAX_SECONDS)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield
     finally:
@@ -49,24 +52,26 @@ def guarded() -> Iterator[None]:
 
 def run_batch(kind: str, numbers: Sequence[int]) -> list[str]:
     """Try mutations in this process, whose memory is limited from now on."""
-    attempt = kinds()[kind]
+    chosen = kinds()[kind]
     with suppress(Exception):
-        attempt(numbers[0])  # compiles kernels, and makes what is mutated: not to be timed
+        chosen.outcome(chosen.damaged(numbers[0]))  # compiles kernels, which is not to be timed
     stop_idle_processes()  # others inherit the limit
     with open("/proc/self/statm", encoding="ascii") as statm:
         in_use = int(statm.read().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (in_use + MAX_ALLOCATION_BYTES, resource.RLIM_INFINITY))
-    return [_outcome(attempt, number) for number in numbers]
+    resource.setrlimit(resource.RLIMIT_AS, (in_use + max_bytes(chosen.num_pixels), resource.RLIM_INFINITY))
+    return [_outcome(chosen, number) for number in numbers]
 
 
-def _outcome(attempt: Callable[[int], str], number: int) -> str:
+def _outcome(kind: Kind, number: int) -> str:
+    seconds = max_seconds(kind.num_pixels)
     try:
-        with guarded():
-            return attempt(number)
+        damaged = kind.damaged(number)
+        with guarded(seconds):
+            return kind.outcome(damaged)
     except TimeoutError:
-        return f"hang: more than {MAX_SECONDS} s"
+        return f"hang: more than {seconds:.0f} s"
     except MemoryError:
-        return "allocation of more than 1 GiB"
+        return f"allocation of more than {max_bytes(kind.num_pixels) >> 20} MiB"
     except DvcError as err:
         return f"unexpected {type(err).__name__}: {cli.one_line(err)}"
     except Exception as err:
@@ -98,7 +103,7 @@ def _child(kind: str, first: int, count: int) -> list[str] | str:
     command += ["--first", str(first), "--count", str(count)]
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=60 + 2 * MAX_SECONDS + 2 * count
+            command, capture_output=True, text=True, check=False, timeout=COMPILING_S + 10 * count
         )
     except subprocess.TimeoutExpired:
         return "hang: the process had to be killed"

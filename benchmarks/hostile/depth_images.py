@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.hostile.mutations import mutate
+from benchmarks.hostile.mutations import mutate, nearest
 from dvc.dibr.codec.rendering import picture_of, render
 from dvc.dibr.depth_image.decoder import decode
 from dvc.dibr.depth_image.depth_codes import DepthOptions, code_edges
@@ -82,12 +82,16 @@ def mutate_depth_image(data: bytes, rng: np.random.Generator) -> bytes:
     return encode_stream(changed_stream)
 
 
-def try_depth_images(number: int) -> str:
-    """Decode a mutation of a stream, and render a view of what comes out."""
-    streams = good_streams()
+def damaged_depth_images(number: int) -> bytes:
+    """Return a mutation of a stream."""
+    streams, rng = good_streams(), np.random.default_rng(number)
     data = streams[number % len(streams)]
-    rng = np.random.default_rng(number)
-    damaged = mutate(data, rng) if rng.integers(4) == 0 else mutate_depth_image(data, rng)
+    return mutate(data, rng) if rng.integers(4) == 0 else mutate_depth_image(data, rng)
+
+
+def try_depth_images(damaged: bytes) -> str:
+    """Decode a mutation of a stream, and render a view of what comes out."""
+    data = nearest(good_streams(), damaged)
     start, stream = parts_of(data)
     must_decode = data.startswith(damaged) and len(damaged) >= start + len(stream.edges)
     try:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.hostile.mutations import mutate
+from benchmarks.hostile.mutations import mutate, nearest
 from dvc.dibr.codec.rendering import picture_of
 from dvc.dibr.layered.decoder import decode
 from dvc.dibr.layered.encoder import encode_to_size
@@ -82,12 +82,16 @@ def mutate_pieces(data: bytes, rng: np.random.Generator) -> bytes:
     return encode_stream(stream.canvas, stream.kind, stream.places, pieces)
 
 
-def try_pieces(number: int) -> str:
-    """Decode a mutation of a stream, and render a view of what comes out."""
-    streams = good_streams()
+def damaged_pieces(number: int) -> bytes:
+    """Return a mutation of a stream."""
+    streams, rng = good_streams(), np.random.default_rng(number)
     data = streams[number % len(streams)]
-    rng = np.random.default_rng(number)
-    damaged = mutate(data, rng) if rng.integers(4) == 0 else mutate_pieces(data, rng)
+    return mutate(data, rng) if rng.integers(4) == 0 else mutate_pieces(data, rng)
+
+
+def try_pieces(damaged: bytes) -> str:
+    """Decode a mutation of a stream, and render a view of what comes out."""
+    data = nearest(good_streams(), damaged)
     try:
         decoded = decode(decode_stream(damaged))
     except BitstreamError:

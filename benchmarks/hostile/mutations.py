@@ -1,12 +1,14 @@
 """Damage to streams and to what they are made of."""
 
 import io
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dvc.bits import decode_varint, encode_varint
-from dvc.stream import StreamReader, StreamWriter
+from dvc.config import MAX_AREA_PX, MAX_GOP_LENGTH, MAX_POINTS, MAX_SIDE_PX, CodecConfig
+from dvc.stream import Form, GopRecord, StreamReader, StreamWriter
 from dvc.stream.records import CRC_BYTES, MAGIC, record_crc
 
 
@@ -21,8 +23,25 @@ def record_spans(stream: bytes) -> list[tuple[int, int, int]]:
     return spans
 
 
+def nearest(streams: Sequence[bytes], damaged: bytes) -> bytes:
+    """Return the stream that a damaged one was made of: the one that it begins like for longest."""
+    return max(streams, key=lambda stream: num_equal(stream, damaged))
+
+
+def num_equal(a: bytes, b: bytes) -> int:
+    """Count the bytes from the beginning that are the same."""
+    return next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+
+
 def mutate(data: bytes, rng: np.random.Generator) -> bytes:
-    """Damage bytes in one of the ways that happen, or that somebody thinks of."""
+    """Damage bytes in one or more of the ways that happen, or that somebody thinks of."""
+    while True:
+        data = _mutated(data, rng)
+        if rng.random() < 0.6:
+            return data
+
+
+def _mutated(data: bytes, rng: np.random.Generator) -> bytes:
     if not data:
         return rng.bytes(int(rng.integers(1, 9)))
     position = int(rng.integers(len(data)))
@@ -38,6 +57,7 @@ def mutate(data: bytes, rng: np.random.Generator) -> bytes:
         before + rng.bytes(length) + after,
         before + rng.bytes(length) + here + after,
         before + b"\xff" * min(length, 6) + after,
+        rng.bytes(int(rng.integers(1, 2 + 2 * min(len(data), 2000)))),
     )
     return ways[int(rng.integers(len(ways)))]
 
@@ -51,13 +71,44 @@ def mutate_record(stream: bytes, rng: np.random.Generator) -> bytes:
     return stream[:begin] + head + payload + record_crc(head, payload) + stream[end:]
 
 
-def mutate_tracks(stream: bytes, rng: np.random.Generator) -> bytes:
-    """Damage the tracks or points of one group of pictures, and nothing else."""
+def mutate_part(stream: bytes, rng: np.random.Generator) -> bytes:
+    """Damage a key frame, the tracks or a Wyner-Ziv frame of a group of pictures, and nothing else."""
     with StreamReader(io.BytesIO(stream)) as reader:
         config, form, records = reader.config, reader.form, list(reader)
-    with_tracks = [number for number, record in enumerate(records) if record.tracks]
-    chosen = with_tracks[int(rng.integers(len(with_tracks)))]
-    records[chosen] = replace(records[chosen], tracks=mutate(records[chosen].tracks, rng))
+    number = int(rng.integers(len(records)))
+    record, frames = records[number], list(records[number].wyner_ziv)
+    parts = [name for name in ("key", "tracks") if getattr(record, name)] + ["wyner_ziv"] * bool(frames)
+    part = parts[int(rng.integers(len(parts)))]
+    if part == "wyner_ziv":
+        chosen = int(rng.integers(len(frames)))
+        frames[chosen] = mutate(frames[chosen], rng)
+        records[number] = replace(record, wyner_ziv=tuple(frames))
+    elif part == "tracks":
+        records[number] = replace(record, tracks=mutate(record.tracks, rng))
+    else:
+        records[number] = replace(record, key=mutate(record.key or b"", rng))
+    return _written(config, form, records)
+
+
+def enlarge(stream: bytes, rng: np.random.Generator) -> bytes:
+    """Let the header say that frames, groups or numbers of points are other, most of them huge."""
+    with StreamReader(io.BytesIO(stream)) as reader:
+        config, form, records = reader.config, reader.form, list(reader)
+    side = [1, 16, 640, 4096, MAX_SIDE_PX]
+    width = int(rng.choice(side))
+    height = int(rng.choice([number for number in side if number * width <= MAX_AREA_PX]))
+    if rng.random() < 0.8:
+        config = replace(config, video=replace(config.video, width=width, height=height))
+    if rng.random() < 0.5:
+        length = int(rng.choice([1, config.gop.length, MAX_GOP_LENGTH]))
+        config = replace(config, gop=replace(config.gop, length=length))
+    if rng.random() < 0.5:
+        tracks = replace(config.tracks, num_points=int(rng.choice([1, MAX_POINTS])))
+        config = replace(config, tracks=replace(tracks, subpixel_bits=int(rng.integers(4))))
+    return _written(config, form, records)
+
+
+def _written(config: CodecConfig, form: Form, records: Sequence[GopRecord]) -> bytes:
     file = io.BytesIO()
     with StreamWriter(file, config, form) as writer:
         for record in records:

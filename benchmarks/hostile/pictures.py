@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.hostile.mutations import mutate
+from benchmarks.hostile.mutations import mutate, nearest
 from dvc.dibr.codec.decoder import decode
 from dvc.dibr.codec.encoder import ViewEncoder
 from dvc.dibr.codec.rendering import picture_of, render
@@ -69,12 +69,16 @@ def mutate_pictures(stream: bytes, rng: np.random.Generator) -> bytes:
     return stream[:start] + b"".join(encode_layer(tuple(layer)) for layer in layers)
 
 
-def try_pictures(number: int) -> str:
-    """Decode a mutation of a stream, and render a view of what comes out."""
-    streams = good_streams()
+def damaged_pictures(number: int) -> bytes:
+    """Return a mutation of a stream."""
+    streams, rng = good_streams(), np.random.default_rng(number)
     stream = streams[number % len(streams)]
-    rng = np.random.default_rng(number)
-    damaged = mutate(stream, rng) if rng.integers(4) == 0 else mutate_pictures(stream, rng)
+    return mutate(stream, rng) if rng.integers(4) == 0 else mutate_pictures(stream, rng)
+
+
+def try_pictures(damaged: bytes) -> str:
+    """Decode a mutation of a stream, and render a view of what comes out."""
+    stream = nearest(good_streams(), damaged)
     intact = _num_intact(stream, damaged)
     try:
         decoded = decode(decode_stream(damaged))

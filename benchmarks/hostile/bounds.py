@@ -1,0 +1,34 @@
+"""Bounds checks of compiled kernels: what shows that they are at work."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc._jit import kernel
+from dvc.errors import DvcError
+
+_LENGTH = 3
+
+
+@kernel
+def wrong_read(array: NDArray[np.int64], index: int) -> int:
+    """Read an element that may not be there."""
+    return int(array[index])
+
+
+@kernel
+def wrong_write(array: NDArray[np.int64], index: int) -> None:
+    """Write an element that may not be there, in two dimensions."""
+    array.reshape(1, -1)[0, index] = 1
+
+
+def show_bounds() -> str:
+    """Show that a wrong index fails, one below 0 as well; else nothing that follows shows anything."""
+    array = np.zeros(_LENGTH + 8, np.int64)[:_LENGTH]  # so that nothing breaks where they do not
+    for function in (wrong_read, wrong_write):
+        for index in (_LENGTH, -1):
+            try:
+                function(array, index)
+            except IndexError:
+                continue
+            raise DvcError(f"{function.__name__} takes index {index} of {_LENGTH}: bounds are not checked")
+    return f"indices {_LENGTH} and -1 of an array of {_LENGTH} are refused in compiled code"
