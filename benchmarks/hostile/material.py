@@ -61,7 +61,7 @@ def material(codec: str = "2d", allocated: bool = False) -> Material:
 
 
 def _config(codec: str, video: VideoConfig, allocated: bool) -> CodecConfig:
-    """Return a configuration of short groups of pictures, with P type ones among them where it is allocated."""
+    """Return a configuration of short groups of pictures; by allocation there are P type ones among them."""
     if codec == "2d":
         quality: Quality = Qp(28) if allocated else DiscoverMatrix(2)
         coder = {} if allocated else {"family": "classical"}
