@@ -68,8 +68,9 @@ def _parser() -> argparse.ArgumentParser:
         " being written, or that a power cut left) and say what is missing (exit status 0; files only)",
     )
     allowed = (
-        "refuse streams with more than N frames (files only; default: a million, and no more than fit the"
-        " size of the stream: some thousand pixels a byte)"
+        "refuse streams with more than N frames, and end a live run before there are more"
+        " (default: a million, and no more than fit the size of the stream, some thousand pixels a byte; any"
+        " number in live runs)"
     )
     cli.add_integer(parser, "--max-frames", (1, 10**9), allowed)
     cli.add_integer(

@@ -9,7 +9,7 @@ from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import CodecConfig, encode_config
 from dvc.errors import BitstreamError
-from dvc.feedback import max_open_gops
+from dvc.feedback import Gop, max_open_gops
 from dvc.feedback.transport import Readable
 from dvc.keyframes import KeyFrameDecoder
 from dvc.limits import Limits
@@ -111,7 +111,7 @@ def decode_live(
     stop : Readable, optional
         Once it can be read, what is decoded already is yielded, then `KeyboardInterrupt` raised.
     limits : Limits, optional
-        Most memory that may be spent; that of the program by default.
+        Most that may be spent; by default the memory of the program, and any number of frames.
 
     Yields
     ------
@@ -125,9 +125,15 @@ def decode_live(
     """
     limits, tasks = limits or Limits(), _Tasks(config)
     limits.check_memory(config.video, max_open_gops(config) * config.gop.length, jobs)
+
+    def _task(gop: Gop) -> GroupTask:
+        task = tasks.add(gop.number, gop.record, None)
+        limits.check_live_frames(task.last_index + 1)
+        return task
+
     with ExitStack() as stack:
         processes = [stack.enter_context(decoding_process()) for _ in range(jobs)]
-        groups = GroupsInFlight(source, processes, lambda gop: tasks.add(gop.number, gop.record, None), stop)
+        groups = GroupsInFlight(source, processes, _task, stop)
         yield from groups.decode()
 
 

@@ -43,7 +43,9 @@ _skip_blas()
 def _check_bounds() -> None:
     """Refuse negative indices as well where bounds are checked; numba counts them from the end of the array."""
     if "NUMBA_CACHE_DIR" not in os.environ:
-        raise RuntimeError("NUMBA_BOUNDSCHECK needs a NUMBA_CACHE_DIR of its own: kernels on disk check nothing")
+        raise RuntimeError(
+            "NUMBA_BOUNDSCHECK needs a NUMBA_CACHE_DIR of its own: kernels on disk check nothing"
+        )
     arrays: Any = import_module("numba.np.arrayobj")
     wrapped = arrays.fix_integer_index
 

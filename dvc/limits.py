@@ -37,11 +37,11 @@ class Limits:
             least, most = PX_PER_BYTE
             num_px = num_bytes * min(max(2 * num_bytes, least), most)
             limit = min(limit, max(num_px // (video.width * video.height), 2))
-        if num_frames > limit:
-            raise BitstreamError(
-                f"{num_frames} frames of {video.width}x{video.height} in {num_bytes} bytes, more than the"
-                f" {limit} that are allowed; --max-frames allows more"
-            )
+        _check_frames(num_frames, limit, f" of {video.width}x{video.height} in {num_bytes} bytes")
+
+    def check_live_frames(self, num_frames: int) -> None:
+        """Refuse more frames of an encoder than were asked for; by default it may go on for ever."""
+        _check_frames(num_frames, num_frames if self.max_frames is None else self.max_frames)
 
     def check_memory(self, video: VideoConfig, num_waiting: int, jobs: int) -> None:
         """Refuse pictures that are too large to be decoded in so many processes while others wait."""
@@ -53,3 +53,10 @@ class Limits:
                 f" take {needed_mib} MiB, more than the {self.max_memory_mib} that are allowed; --max-memory"
                 " allows more"
             )
+
+
+def _check_frames(num_frames: int, limit: int, which: str = "") -> None:
+    if num_frames > limit:
+        raise BitstreamError(
+            f"{num_frames} frames{which}, more than the {limit} that are allowed; --max-frames allows more"
+        )

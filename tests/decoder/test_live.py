@@ -18,6 +18,7 @@ from decoder.tasks import DecodedGroup
 from dvc.config import CodecConfig, Delivery, Live, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import MAX_OPEN_GOPS, Connection, EncoderEndpoint, connect, listen, max_open_gops
+from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.stream import GopRecord, StreamReader
 from dvc.video import Frame
@@ -76,11 +77,13 @@ def serving(work: Callable[[Connection], object], timeout_s: float = PATIENCE_S)
         thread.join()
 
 
-def decoded(address: str, jobs: int = 1, timeout_s: float = PATIENCE_S) -> Iterator[DecodedGroup]:
+def decoded(
+    address: str, jobs: int = 1, timeout_s: float = PATIENCE_S, limits: Limits | None = None
+) -> Iterator[DecodedGroup]:
     host, _, port = address.rpartition(":")
     with connect(host, int(port), timeout_s) as connection:
         source = LiveSource(connection)
-        yield from decode_live(source.config, source, jobs)
+        yield from decode_live(source.config, source, jobs, limits=limits)
 
 
 def encoding(frames: list[Frame], pace: DecoderPace | None = None) -> Callable[[Connection], None]:
@@ -319,18 +322,39 @@ def test_a_peer_that_does_not_introduce_itself_is_refused() -> None:
         list(decoded(address))
 
 
-def test_leaving_early_stops_what_is_in_flight(frames: list[Frame]) -> None:
-    """Who takes one group and goes leaves an encoder that hears of it, and no process at work."""
-    ended: list[FeedbackError] = []
-
+def until_left(frames: list[Frame], ended: list[FeedbackError]) -> Callable[[Connection], None]:
     def _serve(connection: Connection) -> None:
         try:
             encoding(frames)(connection)
         except FeedbackError as err:
             ended.append(err)
 
-    with serving(_serve) as address:
+    return _serve
+
+
+def test_leaving_early_stops_what_is_in_flight(frames: list[Frame]) -> None:
+    """Who takes one group and goes leaves an encoder that hears of it, and no process at work."""
+    ended: list[FeedbackError] = []
+    with serving(until_left(frames, ended)) as address:
         groups = decoded(address)
         assert next(groups).first_index == 0
         groups.close()
     assert len(ended) == 1
+
+
+def test_no_more_frames_are_decoded_than_are_allowed(
+    frames: list[Frame], offline: list[DecodedGroup]
+) -> None:
+    """A live run ends in one error before the group with which there are too many frames."""
+    found, ended = list[DecodedGroup](), list[FeedbackError]()
+    most = offline[2].last.index + 1
+
+    def _decode(address: str) -> None:
+        for group in decoded(address, limits=Limits(max_frames=most)):
+            found.append(group)
+
+    words = f"{offline[3].last.index + 1} frames, more than the {most} that are allowed; --max-frames"
+    with serving(until_left(frames, ended)) as address, pytest.raises(BitstreamError, match=words):
+        _decode(address)
+    assert len(ended) == 1
+    assert_same(found, offline[:3])
