@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dvc._jit import kernel
 from dvc.entropy.mixing import Mixture, learn_mixed, mixed_probability
-from dvc.entropy.range_coder import POSITION, READING, CoderState, code_decision, is_settled
+from dvc.entropy.range_coder import FAILED, POSITION, READING, CoderState, code_decision, is_settled
 
 # Columns of `Run.marks`; the last two are what a writer knows.
 BAND, FLAGS, LAST_PLANE, PLANES_BELOW, PLANES_DEEPER = range(5)
@@ -22,8 +22,10 @@ FIRST, STRIDE, ROWS, COLUMNS, KIND, LEVEL, COMPONENT, ABOVE, BELOW = range(9)
 NONE = -1
 LOW_BAND, HORIZONTAL, VERTICAL, DIAGONAL = range(4)
 
-# `Run.fields`: ends of the two chains of `Run.links`, lengths of `Run.sets` and `Run.opening`, the place.
-PENDING, PENDING_END, SIGNIFICANT, SIGNIFICANT_END, SETS, OPENING, STOPPED, PLANE = range(8)
+# `Run.fields`: ends of the two chains of `Run.links`, lengths of `Run.sets` and `Run.opening`, the place, and
+# how many decisions were coded.
+PENDING, PENDING_END, SIGNIFICANT, SIGNIFICANT_END, SETS, OPENING, STOPPED, PLANE, DECISIONS = range(9)
+NUM_FIELDS = 9
 MOST_CHILDREN = 9
 """Of a node: bands have up to one row and column more than twice those of the band above."""
 
@@ -34,6 +36,11 @@ _REFINEMENT = (1920, 1984, 2048, 56)
 _SIGN = (2112, 2176, 2240, 60)
 NUM_CONTEXTS, NUM_WEIGHTS = 2304, 64
 
+FREE_DECISIONS, DECISIONS_PER_BYTE = 2**20, 1024
+"""Most that bytes stand for. Pictures of 2048x2048 take 20 to 160 a byte even if they are only a ramp.
+
+A writer stops half of the free ones earlier, so that a reader of any part of its bytes has enough of them.
+"""
 FIRST_POINT, LATER_POINT = 1.4, 0.48
 """Where a magnitude lies from its threshold on, in thresholds, when it is found and once it is refined."""
 
@@ -454,10 +461,15 @@ def _code_if_settled(run, probability, decision):
     """Code a decision, or stop: reading where the data do not tell it, writing where there is no room."""
     fields = run.coder.fields
     position = np.int64(fields[POSITION])
+    run.fields[DECISIONS] += 1
     if fields[READING]:
-        stopped = not is_settled(run.coder, probability, run.num_bytes)
+        stopped = not is_settled(run.coder, probability, run.num_bytes) or fields[FAILED] != 0
+        if run.fields[DECISIONS] > FREE_DECISIONS + DECISIONS_PER_BYTE * run.num_bytes:
+            fields[FAILED] = 1
+            stopped = True
     else:
-        stopped = 4 * position > run.num_bytes
+        most = FREE_DECISIONS // 2 + DECISIONS_PER_BYTE * 4 * position
+        stopped = 4 * position > run.num_bytes or run.fields[DECISIONS] > most
         run.curve[position] = run.curve[-1]
     if stopped:
         run.fields[STOPPED] = 1

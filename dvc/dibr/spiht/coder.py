@@ -151,7 +151,7 @@ def _new_run(
     num_parents = int(np.count_nonzero(forest.flag(kernels.HAS_CHILDREN)))
     return kernels.Run(
         coder,
-        np.zeros(8, np.int64),
+        np.zeros(kernels.NUM_FIELDS, np.int64),
         np.zeros(forest.num_nodes, np.int32),
         marks,
         forest.table,

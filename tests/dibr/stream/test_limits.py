@@ -19,6 +19,8 @@ from dvc.dibr.layered.pieces import Kind
 from dvc.dibr.layered.stream import Place
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.header import ReferenceHeader
+from dvc.dibr.spiht import _kernels as kernels
+from dvc.dibr.spiht import coder
 from dvc.dibr.stream.header import DisparityMethod, Header
 from dvc.dibr.stream.layers import PairLayer, Stream, decode_stream, encode_stream
 from dvc.dibr.stream.limits import FREE_PIXELS, MAX_MIB, Extent, check_extent
@@ -138,6 +140,44 @@ def test_no_data_decode_to_what_coefficients_of_zero_give(shape, num_levels):
         assert np.array_equal(found.planes, np.full_like(found.planes, 128.0))
         expected = reference_codec.significance_maps(forest, known, shape, len(found.significance))
         assert all(map(np.array_equal, found.significance, expected))
+
+
+@pytest.fixture
+def decisions(monkeypatch):
+    """How many decisions each run of the coder of pictures took."""
+    runs, new_run = [], coder._new_run
+
+    def keep(*arguments):
+        runs.append(new_run(*arguments))
+        return runs[-1]
+
+    monkeypatch.setattr(coder, "_new_run", keep)
+    return lambda: [int(run.fields[kernels.DECISIONS]) for run in runs]
+
+
+def test_what_cannot_have_been_written_ends_decoding_at_once(decisions):
+    """Random bytes were read to their end before they were refused."""
+    data = np.random.default_rng(1).bytes(200_000)
+    with pytest.raises(BitstreamError, match="damaged"):
+        reference_codec.decode(ReferenceHeader(6, 12, True), data, (512, 512))
+    assert decisions()[0] < 10_000
+
+
+def test_bytes_stand_for_a_number_of_decisions(decisions):
+    """Zeros after a byte are decisions for ever."""
+    data = bytes(100)
+    with pytest.raises(BitstreamError, match="damaged"):
+        reference_codec.decode(ReferenceHeader(0, 30, False), data, (600, 600))
+    assert decisions() == [kernels.FREE_DECISIONS + kernels.DECISIONS_PER_BYTE * len(data) + 1]
+
+
+def test_what_is_written_can_be_read(decisions):
+    """A picture that is all alike, in too many decisions, is cut where a reader of any part of it goes on."""
+    code = reference_codec.encode(np.full((600, 600), 90.0), num_levels=0)
+    assert kernels.FREE_DECISIONS // 2 < decisions()[0] < kernels.FREE_DECISIONS
+    for length in (1, len(code.data) // 2, len(code.data)):
+        found = reference_codec.decode(code.header, code.data[:length], code.shape)
+        assert np.abs(found.planes - 90.0).max() < 50.0
 
 
 def test_an_empty_layer_leaves_the_picture_as_it_is():
