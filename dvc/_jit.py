@@ -3,7 +3,6 @@
 import ast
 import contextlib
 import fcntl
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,12 +13,14 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
-from llvmlite.ir import Constant
 import numpy as np
+from llvmlite.ir import Constant
 
 from dvc.memory import resident_bytes
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+_ROOT = Path(__file__).resolve().parents[1]
 
 
 def _skip_blas() -> None:
@@ -41,11 +42,9 @@ _skip_blas()
 
 
 def _check_bounds() -> None:
-    """Refuse negative indices as well where bounds are checked; numba counts them from the end of the array."""
-    if "NUMBA_CACHE_DIR" not in os.environ:
-        raise RuntimeError(
-            "NUMBA_BOUNDSCHECK needs a NUMBA_CACHE_DIR of its own: kernels on disk check nothing"
-        )
+    """Refuse negative indices as well where bounds are checked; numba counts them from the end."""
+    if not numba.config.CACHE_DIR:
+        raise RuntimeError("NUMBA_BOUNDSCHECK needs a NUMBA_CACHE_DIR: kernels on disk may check nothing")
     arrays: Any = import_module("numba.np.arrayobj")
     wrapped = arrays.fix_integer_index
 
@@ -54,7 +53,12 @@ def _check_bounds() -> None:
             return wrapped(context, builder, index_type, index, size)
         return context.cast(builder, index, index_type, numba.types.intp)
 
+    def folder(path: str) -> str:  # the same in all clones
+        return str(Path(path).resolve().relative_to(_ROOT).parent)
+
     arrays.fix_integer_index = unwrapped
+    caching: Any = import_module("numba.core.caching")
+    caching.UserProvidedCacheLocator.get_suitable_cache_subpath = staticmethod(folder)
 
 
 if numba.config.BOUNDSCHECK:
