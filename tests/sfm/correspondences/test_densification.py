@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sfm.correspondences import densification
 from sfm.correspondences.densification import DensificationSettings, densify
 from sfm.correspondences.epipolar_search import EpipolarSearch
 from sfm.correspondences.features import FeatureSettings, detect_corners
@@ -56,3 +57,15 @@ def test_wrong_settings_are_refused() -> None:
         DensificationSettings(num_neighbours=1)
     with pytest.raises(ValueError, match="reach_px"):
         DensificationSettings(reach_px=20.0)
+
+
+def test_variances_are_of_squares_around_points() -> None:
+    """Zero where the square leaves the picture, by however little."""
+    points = np.array(
+        [[20.0, 30.0], [3.0, 3.0], [2.0, 60.0], [WIDTH - 4.0, HEIGHT - 4.0], [50.0, HEIGHT - 3.0]]
+    )
+    found = densification._variances(A, points, 3)
+    squares = [A[int(y) - 3 : int(y) + 4, int(x) - 3 : int(x) + 4].astype(np.float64) for x, y in points]
+    expected = [square.var() if square.shape == (7, 7) else 0.0 for square in squares]
+    assert np.count_nonzero(expected) == 3
+    np.testing.assert_allclose(found, expected)

@@ -71,3 +71,11 @@ def test_result_stays_among_the_labels() -> None:
         assert np.isfinite(found).all()
         assert found.min() >= 0.0
         assert found.max() <= LABELS.num_labels - 1
+
+
+def test_planes_that_leave_the_labels_stay_at_the_last() -> None:
+    """A plane that would go on beyond the range ends at its bound."""
+    plane = np.floor(20.5 + 0.08 * np.indices(SHAPE)[1]).astype(np.int64)
+    found = filled(Occupancy(plane, np.indices(SHAPE)[1] < 36), NOWHERE, PAIR, BLACK)
+    assert found.max() == LABELS.num_labels - 1
+    assert (found[:, -4:] == LABELS.num_labels - 1).all()
