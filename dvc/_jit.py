@@ -14,12 +14,12 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from llvmlite.ir import Constant
 
 from dvc.memory import resident_bytes
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
+_CONFIG: Any = numba.config
 _ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -43,13 +43,14 @@ _skip_blas()
 
 def _check_bounds() -> None:
     """Refuse negative indices as well where bounds are checked; numba counts them from the end."""
-    if not numba.config.CACHE_DIR:
+    if not _CONFIG.CACHE_DIR:
         raise RuntimeError("NUMBA_BOUNDSCHECK needs a NUMBA_CACHE_DIR: kernels on disk may check nothing")
     arrays: Any = import_module("numba.np.arrayobj")
+    constant: Any = import_module("llvmlite.ir").Constant
     wrapped = arrays.fix_integer_index
 
     def unwrapped(context: Any, builder: Any, index_type: Any, index: Any, size: Any) -> Any:
-        if isinstance(index, Constant):  # as it is written in a kernel
+        if isinstance(index, constant):  # as it is written in a kernel
             return wrapped(context, builder, index_type, index, size)
         return context.cast(builder, index, index_type, numba.types.intp)
 
@@ -61,7 +62,7 @@ def _check_bounds() -> None:
     caching.UserProvidedCacheLocator.get_suitable_cache_subpath = staticmethod(folder)
 
 
-if numba.config.BOUNDSCHECK:
+if _CONFIG.BOUNDSCHECK:
     _check_bounds()
 
 
