@@ -55,6 +55,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     jobs = "processes that decode at the same time"
     cli.add_integer(parser, "--jobs", (1, 256), jobs, default=1)
+    _add_endings(parser)
+    _add_limits(parser)
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    return parser
+
+
+def _add_endings(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--salvage",
         action="store_true",
@@ -67,6 +74,9 @@ def _parser() -> argparse.ArgumentParser:
         help="decode the finished groups of pictures of a stream that lacks its end (a .part that is still"
         " being written, or that a power cut left) and say what is missing (exit status 0; files only)",
     )
+
+
+def _add_limits(parser: argparse.ArgumentParser) -> None:
     allowed = (
         "refuse streams with more than N frames, and end a live run before there are more"
         " (default: a million, and no more than fit the size of the stream, some thousand pixels a byte; any"
@@ -81,8 +91,6 @@ def _parser() -> argparse.ArgumentParser:
         default=MAX_MEMORY_MIB,
         metavar="MIB",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    return parser
 
 
 def _frame_slice(text: str) -> slice:

@@ -5,7 +5,10 @@ of them are compared: to stop early takes longer than vectors of samples do. Hal
 kernels are called, so that there are no loops around these vectors.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
 
@@ -15,6 +18,39 @@ _AROUND = np.array([(x, y) for y in (-1, 0, 1) for x in (-1, 0, 1) if x or y])
 HALF_BLOCK_PX = 5
 QUARTER_HALF_BLOCK_PX = 4
 """Half sides of blocks, in images of full size and of a quarter of it."""
+
+
+class Matching(NamedTuple):
+    """Blocks of a key frame, and an image in which they are looked for."""
+
+    image: NDArray[np.uint8]
+    blocks: NDArray[np.uint8]
+    counts: NDArray[np.int64]  # blocks compared, and samples of these
+
+
+class Points(NamedTuple):
+    """Points of a key frame."""
+
+    first: NDArray[np.int64]  # where they are there
+    small: NDArray[np.int64]  # the largest SAD of each that is found
+
+
+class Movement(NamedTuple):
+    """How points have moved so far."""
+
+    last: NDArray[np.int64]
+    velocity: NDArray[np.int64]
+    alive: NDArray[np.bool_]
+
+
+class Found(NamedTuple):
+    """What comes of a search for points in a frame."""
+
+    position: NDArray[np.int64]
+    sads: NDArray[np.int64]
+    beside: NDArray[np.int64]  # SADs to the left, right, above and below
+    found: NDArray[np.bool_]
+
 
 # ---- blocks ----
 
@@ -33,7 +69,7 @@ def cut_blocks(image, points, blocks):
 
 
 @kernel
-def min_shift_sads(image, points, blocks, shift, min_sads, counts):
+def min_shift_sads(matching, points, shift, min_sads):
     """Smallest SAD of each block against itself, moved to the left, right, up and down; inside the image."""
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
@@ -41,12 +77,13 @@ def min_shift_sads(image, points, blocks, shift, min_sads, counts):
         for k in range(4):
             moved = shift if k % 2 else -shift
             at_x, at_y = (x + moved, y) if k < 2 else (x, y + moved)
-            min_sads[i] = min(min_sads[i], block_sad(image, at_x, at_y, HALF_BLOCK_PX, blocks, i, counts))
+            min_sads[i] = min(min_sads[i], block_sad(matching, at_x, at_y, HALF_BLOCK_PX, i))
 
 
 @inlined_kernel
-def block_sad(image, x, y, half, blocks, i, counts):
-    """Sum of absolute differences (SAD) of block `i` at a place; `UNKNOWN` off the image."""
+def block_sad(matching, x, y, half, i):
+    """Sum of absolute differences (SAD) of block `i` about a position; `UNKNOWN` off the image."""
+    image, blocks, counts = matching
     if not is_within(image, x, y, half):
         return UNKNOWN
     side = 2 * half + 1
@@ -72,13 +109,13 @@ def is_within(image, x, y, margin):
 
 
 @inlined_kernel
-def descend(image, x, y, blocks, i, sad, max_steps, around, counts):
+def descend(matching, x, y, i, sad, max_steps, around):
     """Follow the least SAD among the eight neighbours to a local minimum; return it and its SAD."""
     for step in range(max_steps + 1):
         best, step_x, step_y = sad, 0, 0
         for k in range(8):
             dx, dy = _AROUND[k, 0], _AROUND[k, 1]
-            found = block_sad(image, x + dx, y + dy, HALF_BLOCK_PX, blocks, i, counts)
+            found = block_sad(matching, x + dx, y + dy, HALF_BLOCK_PX, i)
             around[k] = found
             if found < best:
                 best, step_x, step_y = found, dx, dy
@@ -89,12 +126,12 @@ def descend(image, x, y, blocks, i, sad, max_steps, around, counts):
 
 
 @inlined_kernel
-def spiral_search(image, x, y, half, blocks, i, small, spiral, counts):
+def spiral_search(matching, x, y, half, i, small, spiral):
     """Compare along a spiral until the first small SAD; return where the least one is, and that SAD."""
     best, best_x, best_y = UNKNOWN, x, y
     for k in range(spiral.shape[0]):
         at_x, at_y = x + spiral[k, 0], y + spiral[k, 1]
-        sad = block_sad(image, at_x, at_y, half, blocks, i, counts)
+        sad = block_sad(matching, at_x, at_y, half, i)
         if sad < best:
             best, best_x, best_y = sad, at_x, at_y
             if best <= small:
@@ -146,7 +183,7 @@ def lead(first_x, first_y, j, begin, leaders):
 
 
 @inlined_kernel
-def best_candidate(image, blocks, i, candidates, counts):
+def best_candidate(matching, i, candidates):
     """Compare a block at several places; return the first of least SAD, and that SAD."""
     best, best_x, best_y = UNKNOWN, candidates[0, 0], candidates[0, 1]
     for k in range(candidates.shape[0]):
@@ -154,23 +191,21 @@ def best_candidate(image, blocks, i, candidates, counts):
         for j in range(k):
             seen |= candidates[j, 0] == x and candidates[j, 1] == y
         if not seen:
-            sad = block_sad(image, x, y, HALF_BLOCK_PX, blocks, i, counts)
+            sad = block_sad(matching, x, y, HALF_BLOCK_PX, i)
             if sad < best:
                 best, best_x, best_y = sad, x, y
     return best_x, best_y, best
 
 
 @kernel
-def coarse_to_fine_search(
-    image, quarter, blocks, quarter_blocks, i, last, spiral, quarter_spiral, around, counts
-):
+def coarse_to_fine_search(matching, quarter, i, last, spirals, around):
     """Search in images of a quarter of the size, around what was found there, and down to a local minimum."""
     x, y, half = (last[i, 0] + 2) // 4, (last[i, 1] + 2) // 4, QUARTER_HALF_BLOCK_PX
-    x, y, sad = spiral_search(quarter, x, y, half, quarter_blocks, i, -1, quarter_spiral, counts)
+    x, y, sad = spiral_search(quarter, x, y, half, i, -1, spirals[1])
     if sad < UNKNOWN:
-        x, y, sad = spiral_search(image, 4 * x, 4 * y, HALF_BLOCK_PX, blocks, i, -1, spiral[:49], counts)
+        x, y, sad = spiral_search(matching, 4 * x, 4 * y, HALF_BLOCK_PX, i, -1, spirals[0][:49])
     if sad < UNKNOWN:
-        x, y, sad = descend(image, x, y, blocks, i, sad, spiral.shape[0], around, counts)
+        x, y, sad = descend(matching, x, y, i, sad, spirals[0].shape[0], around)
     return x, y, sad
 
 
@@ -185,26 +220,10 @@ def leaders_of(first_x, first_y, found):
 
 
 @kernel
-def track_frame(
-    image,
-    blocks,
-    small,
-    first,
-    last,
-    velocity,
-    alive,
-    spiral,
-    quarter,
-    quarter_blocks,
-    quarter_spiral,
-    max_coarse_searches,
-    position,
-    sads,
-    beside,
-    found,
-    counts,
-):
+def track_frame(matching, quarter, points, movement, spirals, max_coarse_searches, search):
     """Find each live point in a frame, and return how many are found."""
+    image, (first, small), (last, velocity, alive) = matching.image, points, movement
+    position, sads, beside, found = search
     candidates = np.empty((3, 2), np.int64)
     around = np.empty(8, np.int64)
     first_x, first_y = first[:, 0].astype(np.int32), first[:, 1].astype(np.int32)
@@ -220,18 +239,16 @@ def track_frame(
             candidates[1, axis] = last[i, axis] + velocity[i, axis]
             motion = position[j, axis] - last[j, axis] if led else velocity[i, axis]
             candidates[2, axis] = last[i, axis] + motion
-        x, y, sad = best_candidate(image, blocks, i, candidates, counts)
+        x, y, sad = best_candidate(matching, i, candidates)
         if sad > small[i]:
             if led and not is_within(image, candidates[2, 0], candidates[2, 1], HALF_BLOCK_PX):
                 continue  # it has left with its neighbours
-            x, y, sad = spiral_search(image, x, y, HALF_BLOCK_PX, blocks, i, small[i], spiral, counts)
+            x, y, sad = spiral_search(matching, x, y, HALF_BLOCK_PX, i, small[i], spirals[0])
         if sad < UNKNOWN:
-            x, y, sad = descend(image, x, y, blocks, i, sad, spiral.shape[0], around, counts)
+            x, y, sad = descend(matching, x, y, i, sad, spirals[0].shape[0], around)
         if sad > small[i] and coarse_searches < max_coarse_searches:
             coarse_searches += 1
-            x, y, sad = coarse_to_fine_search(
-                image, quarter, blocks, quarter_blocks, i, last, spiral, quarter_spiral, around, counts
-            )
+            x, y, sad = coarse_to_fine_search(matching, quarter, i, last, spirals, around)
         position[i, 0], position[i, 1], sads[i] = x, y, sad
         if sad <= small[i] and is_within(image, x, y, HALF_BLOCK_PX + 1):
             found[i] = True
@@ -252,10 +269,9 @@ def offset_between(before, here, after):
 
 
 @kernel
-def finish_frame(first, small, last, position, sads, beside, found, scale, velocity, path):
-    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; what is not found is nan there.
-    Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; what is not found is nan there.
-    """
+def finish_frame(points, last, search, scale, velocity, path):
+    """Set `velocity` and `path` (N, 2), rounded to fractions of 1 / `scale`; nan for what is not found."""
+    (first, small), (position, sads, beside, found) = points, search
     longest, sum_of_sads = 0, 0
     for i in range(found.size):
         square = 0

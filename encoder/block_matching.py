@@ -8,7 +8,7 @@ of least SAD to a local minimum. A point without small SAD is lost.
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,8 @@ class KeyPoints:
         blocks = np.empty((len(positions), _SIDE_PX, _SIDE_PX), np.uint8)
         _kernels.cut_blocks(luma, positions, blocks)
         min_sads = np.empty(len(positions), np.int64)
-        _kernels.min_shift_sads(luma, positions, blocks, settings.shift_px, min_sads, operations)
+        matching = _kernels.Matching(luma, blocks, operations)
+        _kernels.min_shift_sads(matching, positions, settings.shift_px, min_sads)
         num_samples = _SIDE_PX**2
         small = np.clip(
             settings.small_share * np.minimum(min_sads, 255 * num_samples),
@@ -107,19 +108,19 @@ class BlockMatchingTracker:
     def step(self, luma: Plane, max_coarse_searches: int) -> Integers:
         """Follow the points into the next frame."""
         count = len(self.last)
-        search = _Search(
+        operations = np.zeros(2, np.int64)
+        search = _kernels.Found(
             np.zeros((count, 2), np.int64),
             np.zeros(count, np.int64),
             np.zeros((count, 4), np.int64),
             np.zeros(count, np.bool_),
-            np.zeros(2, np.int64),
         )
-        num_found = self._search(luma, 0, search)
+        num_found = self._search(luma, 0, search, operations)
         enough = (1.0 - self._settings.coarse_search_share) * self.num_alive
         if max_coarse_searches and num_found < enough:
-            num_found = self._search(luma, max_coarse_searches, search)
+            num_found = self._search(luma, max_coarse_searches, search, operations)
         self._finish(search, num_found)
-        return search.operations
+        return operations
 
     @property
     def longest_px(self) -> float:
@@ -131,58 +132,39 @@ class BlockMatchingTracker:
         """Mean difference of the blocks from those of the key frame, in grey levels a sample."""
         return self._sum_of_sads / len(self.last) / _SIDE_PX**2 if len(self.last) else 0.0
 
-    def _search(self, luma: Plane, max_coarse_searches: int, search: "_Search") -> int:
+    @property
+    def _points(self) -> _kernels.Points:
+        return _kernels.Points(self.points.positions, self.points.small)
+
+    def _search(
+        self, luma: Plane, max_coarse_searches: int, search: _kernels.Found, operations: Integers
+    ) -> int:
         """Find points that are not found yet; return how many are in the end."""
         points, settings = self.points, self._settings
         if max_coarse_searches and len(self._quarter_blocks) == 0:
             self._quarter_blocks = np.empty((len(self.last), *self._quarter_blocks.shape[1:]), np.uint8)
             _kernels.cut_blocks(_quarter(points.luma), points.positions // 4, self._quarter_blocks)
-        return int(
-            _kernels.track_frame(
-                luma,
-                points.blocks,
-                points.small,
-                points.positions,
-                self.last,
-                self.velocity,
-                self.alive,
-                spiral(settings.spiral_px),
-                _quarter(luma) if max_coarse_searches else luma,
-                self._quarter_blocks,
-                spiral(settings.coarse_reach_px // 4),
-                max_coarse_searches,
-                *search,
-            )
+        quarter = _quarter(luma) if max_coarse_searches else luma
+        found = _kernels.track_frame(
+            _kernels.Matching(luma, points.blocks, operations),
+            _kernels.Matching(quarter, self._quarter_blocks, operations),
+            self._points,
+            _kernels.Movement(self.last, self.velocity, self.alive),
+            (spiral(settings.spiral_px), spiral(settings.coarse_reach_px // 4)),
+            max_coarse_searches,
+            search,
         )
+        return int(found)
 
-    def _finish(self, search: "_Search", num_found: int) -> None:
+    def _finish(self, search: _kernels.Found, num_found: int) -> None:
         """Go on to the next frame."""
-        position, sads, beside, found, _ = search
-        points, velocity, path = self.points, np.empty_like(position), np.empty(position.shape)
+        velocity, path = np.empty_like(search.position), np.empty(search.position.shape)
         self._longest_px2, self._sum_of_sads = _kernels.finish_frame(
-            points.positions,
-            points.small,
-            self.last,
-            position,
-            sads,
-            beside,
-            found,
-            self._scale,
-            velocity,
-            path,
+            self._points, self.last, search, self._scale, velocity, path
         )
-        self.last, self.velocity, self.alive, self.num_alive = position, velocity, found, num_found
+        self.last, self.velocity, self.alive = search.position, velocity, search.found
+        self.num_alive = num_found
         self.path.append(path)
-
-
-class _Search(NamedTuple):
-    """What comes of a search for the points in a frame."""
-
-    position: Integers
-    sads: Integers
-    beside: Integers
-    found: NDArray[np.bool_]
-    operations: Integers
 
 
 def _quarter(luma: Plane) -> Plane:

@@ -226,29 +226,7 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
         + "; ".join(f"{name}: {variant.summary}" for name, variant in VARIANTS.items())
         + "; default: %(default)s",
     )
-    cli.add_integer(
-        group,
-        "--gop",
-        (1, MAX_GOP_LENGTH),
-        f"frames from one key frame to the next, with {', '.join(_with_points(tracked=True))} the most; "
-        + _defaults(_of_groups(lambda groups: groups.length), VARIANTS),
-    )
-    add(
-        "--references",
-        choices=REFERENCES,
-        help="what frames are predicted from: the key frames; the middle one too, decoded first, and so on;"
-        " or all frames of the GOP that are decoded; "
-        + _defaults(lambda variant: variant.references, VARIANTS),
-    )
-    cli.add_integer(
-        group,
-        "--intra-period",
-        (1, MAX_INTRA_PERIOD),
-        "most frames from one key frame to the next where GOPs end without one, because P-type frames"
-        f" are estimated to cost less; with {', '.join(_with_points(tracked=True))} and --qp; default:"
-        f" {ParityBuffer.intra_period}, {EstimatedRate.intra_period} with --no-feedback",
-        metavar="N",
-    )
+    _add_groups(group)
     _add_quality(group)
     add(
         "--turbo",
@@ -270,6 +248,32 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
     )
     _add_delivery(group)
     cli.add_integer(group, "--seed", (0, 2**31 - 1), "seed of everything random", default=0, metavar="S")
+
+
+def _add_groups(group: argparse._ArgumentGroup) -> None:
+    cli.add_integer(
+        group,
+        "--gop",
+        (1, MAX_GOP_LENGTH),
+        f"frames from one key frame to the next, with {', '.join(_with_points(tracked=True))} the most; "
+        + _defaults(_of_groups(lambda groups: groups.length), VARIANTS),
+    )
+    group.add_argument(
+        "--references",
+        choices=REFERENCES,
+        help="what frames are predicted from: the key frames; the middle one too, decoded first, and so on;"
+        " or all frames of the GOP that are decoded; "
+        + _defaults(lambda variant: variant.references, VARIANTS),
+    )
+    cli.add_integer(
+        group,
+        "--intra-period",
+        (1, MAX_INTRA_PERIOD),
+        "most frames from one key frame to the next where GOPs end without one, because P-type frames"
+        f" are estimated to cost less; with {', '.join(_with_points(tracked=True))} and --qp; default:"
+        f" {ParityBuffer.intra_period}, {EstimatedRate.intra_period} with --no-feedback",
+        metavar="N",
+    )
 
 
 def _add_quality(group: argparse._ArgumentGroup) -> None:

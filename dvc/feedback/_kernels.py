@@ -3,7 +3,10 @@
 `rows` (n, 8) and `positions` (m,) are the columns of a `dvc.slepian_wolf.RequestTable`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
 from dvc.bits import MAX_VARINT_BYTES
@@ -16,6 +19,24 @@ ENDS, NEEDLESS, LONG, STANDING = 1, 2, 3, 4  # faults of syntax
 ) = range(1, 12)  # fmt: skip
 CRC, PARITY, UNCODED, JOINT = (KINDS.index(kind) for kind in ("crc", "parity", "uncoded", "joint"))
 HAS_POSITIONS = 4  # bit of the first byte of a request beside its kind; the code comes above
+
+
+class Rules(NamedTuple):
+    """What requests of a configuration may be."""
+
+    gop_length: int
+    limits: NDArray[np.int64]  # most bits of a plane, by kinds
+    crc_bits: int
+    num_codes: int
+
+
+class OpenFrames(NamedTuple):
+    """What has been asked for of the frames of open groups of pictures, by slots and planes."""
+
+    gops: NDArray[np.int64]  # first frame and number of frames of each open group
+    requested: NDArray[np.int32]  # bits, by kinds
+    codes: NDArray[np.int32]  # the code of the parity; -1: none
+    awaited: NDArray[np.int32]  # bits that are asked for and have not come
 
 
 @inlined_kernel
@@ -80,17 +101,17 @@ def _slot_of(frame, gops, gop_length):
 
 
 @kernel
-def _fault_of_positions(row, chosen, limits, crc_bits, num_codes):
+def _fault_of_positions(row, chosen, rules):
     """Say what is wrong with the positions of a request: given where, and only where, they mean something."""
-    limit = 0
+    limit, limits = 0, rules.limits
     if row[KIND] == JOINT:
-        limit = limits[JOINT] // crc_bits
-        if row[COUNT] > crc_bits:
+        limit = limits[JOINT] // rules.crc_bits
+        if row[COUNT] > rules.crc_bits:
             return TOO_MANY_JOINT
         if chosen.size == 0 or chosen[0] != row[PLANE]:
             return OTHER_PLANES
     elif limits[JOINT] > 0 and row[KIND] == PARITY:
-        limit = limits[PARITY] * (num_codes - row[CODE])
+        limit = limits[PARITY] * (rules.num_codes - row[CODE])
         if chosen.size != row[COUNT]:
             return OTHER_COUNT
     if chosen.size and limit == 0:
@@ -104,17 +125,16 @@ def _fault_of_positions(row, chosen, limits, crc_bits, num_codes):
 
 
 @kernel
-def enter_requests(
-    rows, positions, gops, gop_length, requested, codes, awaited, limits, crc_bits, num_codes, in_turn
-):
+def enter_requests(rows, positions, frames, rules, in_turn):
     """Enter requests, and find where frames are held; return the first at fault, and its fault."""
+    requested, codes, awaited = frames.requested, frames.codes, frames.awaited
     start = 0
     for n in range(rows.shape[0]):
         row = rows[n]
         plane, kind, code = row[PLANE], row[KIND], row[CODE]
         chosen = positions[start : row[LAST]]
         start = row[LAST]
-        slot = _slot_of(row[FRAME], gops, gop_length)
+        slot = _slot_of(row[FRAME], frames.gops, rules.gop_length)
         row[SLOT] = slot
         fault = 0
         if not 0 <= plane < codes.shape[1]:
@@ -130,14 +150,14 @@ def enter_requests(
             row[START] = before
         if row[START] != before:
             fault = OUT_OF_TURN
-        elif not 1 <= row[COUNT] <= limits[kind] - before:
+        elif not 1 <= row[COUNT] <= rules.limits[kind] - before:
             fault = TOO_MANY
         elif kind != UNCODED:
-            other = limits[JOINT] == 0 and codes[slot, plane] >= 0 and codes[slot, plane] != code
-            if other or not 0 <= code < num_codes:
+            other = rules.limits[JOINT] == 0 and codes[slot, plane] >= 0 and codes[slot, plane] != code
+            if other or not 0 <= code < rules.num_codes:
                 fault = NO_CODE
             codes[slot, plane] = code
-        fault = fault or _fault_of_positions(row, chosen, limits, crc_bits, num_codes)
+        fault = fault or _fault_of_positions(row, chosen, rules)
         if fault:
             return n, fault
         requested[slot, plane, kind] += row[COUNT]

@@ -51,28 +51,33 @@ class FlowControl:
         self.num_credits = 0  # groups of pictures that may be sent
         self.num_frames = 0  # of all groups of pictures sent
         self.ended = False
-        self._gop_length = config.gop.length
         self._has_p_type = config.gop.p_type_distance > 0
-        self._num_codes = num_codes(config.turbo.family)
-        self._crc_bits = CRC_BITS
         num_planes = sum(config.wyner_ziv.max_planes)
         by_positions = config.turbo.family == CASCADE
         limits = {
-            "crc": self._crc_bits,
+            "crc": CRC_BITS,
             "parity": config.video.num_blocks,
             "uncoded": config.video.num_blocks,
-            "joint": num_planes * self._crc_bits if by_positions else 0,
+            "joint": num_planes * CRC_BITS if by_positions else 0,
         }
-        self._limits = np.array([limits[kind] for kind in KINDS])
+        self._rules = _kernels.Rules(
+            config.gop.length,
+            np.array([limits[kind] for kind in KINDS]),
+            CRC_BITS,
+            num_codes(config.turbo.family),
+        )
         self._num_gops = 0
         self.num_slots = max_open_gops(config) * config.gop.length
         planes = self.num_slots, num_planes
-        self._requested = np.zeros((*planes, len(KINDS)), np.int32)
-        self._codes, self._awaited = np.full(planes, -1, np.int32), np.zeros(planes, np.int32)
+        self._frames = _kernels.OpenFrames(
+            np.zeros((max_open_gops(config), 2), np.int64),
+            np.zeros((*planes, len(KINDS)), np.int32),
+            np.full(planes, -1, np.int32),
+            np.zeros(planes, np.int32),
+        )
         self._waiting: deque[RequestTable] = deque()
         self._open: dict[int, _OpenGop] = {}
         self._free = list(range(max_open_gops(config)))
-        self._frames = np.zeros((max_open_gops(config), 2), np.int64)  # first and number of each open group
 
     @property
     def num_gops(self) -> int:
@@ -87,7 +92,7 @@ class FlowControl:
     def add_credit(self) -> None:
         """Allow one more group of pictures."""
         if self.num_credits >= len(self._free):
-            raise ValueError(f"more than {len(self._frames)} groups of pictures open")
+            raise ValueError(f"more than {len(self._frames.gops)} groups of pictures open")
         self.num_credits += 1
 
     def open_gop(self, number: int, num_frames: int, without_key: bool = False) -> None:
@@ -98,7 +103,7 @@ class FlowControl:
             raise ValueError("a group of pictures that was not asked for")
         if number != self._num_gops:
             raise ValueError(f"group of pictures {number} where {self._num_gops} is the next")
-        limit = self._gop_length if number else 1
+        limit = self._rules.gop_length if number else 1
         if num_frames > limit:
             raise ValueError(
                 f"{num_frames} frames in group of pictures {number}, at most {limit} are allowed"
@@ -106,9 +111,9 @@ class FlowControl:
         if without_key and not (number and self._has_p_type):
             raise ValueError(f"group of pictures {number} has no key frame")
         row = self._free.pop()
-        slots = slice(row * self._gop_length, (row + 1) * self._gop_length)
-        self._requested[slots], self._codes[slots] = 0, -1
-        self._frames[row] = self.num_frames, num_frames - (not without_key)
+        slots = slice(row * self._rules.gop_length, (row + 1) * self._rules.gop_length)
+        self._frames.requested[slots], self._frames.codes[slots] = 0, -1
+        self._frames.gops[row] = self.num_frames, num_frames - (not without_key)
         self._open[number] = _OpenGop(row, slots)
         self.num_credits -= 1
         self._num_gops += 1
@@ -123,9 +128,8 @@ class FlowControl:
         if not len(table.rows) or table.num_bits > MAX_ANSWER_BITS:
             raise ValueError(f"{table.num_bits} bits asked for at once, not 1 to {MAX_ANSWER_BITS}")
         number, fault = _kernels.enter_requests(
-            table.rows, table.positions, self._frames, self._gop_length, self._requested, self._codes,
-            self._awaited, self._limits, self._crc_bits, self._num_codes, in_turn,
-        )  # fmt: skip
+            table.rows, table.positions, self._frames, self._rules, in_turn
+        )
         if fault:
             raise ValueError(self._complaint(table, number, fault))
         self._waiting.append(table)
@@ -135,12 +139,13 @@ class FlowControl:
         request = table.requests()[number]
         kind, count, start, positions = request.kind, request.count, request.start, request.positions
         where = f"plane {request.plane} of frame {request.frame}"
+        num_planes = self._frames.codes.shape[1]
         if fault == _kernels.NO_PLANE:
-            return f"plane {request.plane}, there are {self._codes.shape[1]}"
+            return f"plane {request.plane}, there are {num_planes}"
         slot = int(table.rows[number, SLOT])
-        known = self._requested[slot, request.plane, KINDS.index(kind)]
-        num_orders = self._num_codes - request.code
-        last = (self._codes.shape[1] if kind == "joint" else num_orders * self._limits[_kernels.PARITY]) - 1
+        known = self._frames.requested[slot, request.plane, KINDS.index(kind)]
+        num_orders = self._rules.num_codes - request.code
+        last = (num_planes if kind == "joint" else num_orders * self._rules.limits[_kernels.PARITY]) - 1
         return {
             _kernels.NO_FRAME: f"frame {request.frame} is no Wyner-Ziv frame of an open group of pictures",
             _kernels.SECOND: f"a second request for {where} before the answer to the first",
@@ -159,7 +164,7 @@ class FlowControl:
         if not self._waiting:
             raise ValueError("bits that were not asked for")
         table = self._waiting.popleft()
-        _kernels.enter_answers(table.rows, self._awaited)
+        _kernels.enter_answers(table.rows, self._frames.awaited)
         return table
 
     def close_gop(self, number: int) -> None:
@@ -167,9 +172,9 @@ class FlowControl:
         if number not in self._open:
             raise ValueError(f"group of pictures {number} is not open")
         gop = self._open[number]
-        if self._awaited[gop.slots].any():
+        if self._frames.awaited[gop.slots].any():
             raise ValueError(f"group of pictures {number} is done before all its requests are answered")
-        self._frames[gop.row] = 0
+        self._frames.gops[gop.row] = 0
         self._free.append(gop.row)
         del self._open[number]
 

@@ -27,9 +27,7 @@ def _butterfly(first, second, third, fourth):
 
 @kernel
 def transform_samples(quads, order, core, extremes):
-    """4x4 integer transform, not scaled, to int16 `core` (16, N), with the `extremes` (16, 2) of each band.
-    4x4 integer transform, not scaled, to int16 `core` (16, N), with the `extremes` (16, 2) of each band.
-    """
+    """4x4 integer transform, not scaled, to int16 `core` (16, N), with the `extremes` (16, 2) of bands."""
     columns = quads.shape[1]
     for y in range(quads.shape[0]):
         line, start = quads[y], y // 4 * columns
@@ -295,9 +293,7 @@ def conditional_mean(lower, upper, side_information, scale, mean):
 
 @kernel
 def _cumulative_moments(border, scale, near, moments):
-    """Write mass, mean and square of exp(-(|s| - near) / scale) / scale up to `border`, but for a constant.
-    Write mass, mean and square of exp(-(|s| - near) / scale) / scale up to `border`, but for a constant.
-    """
+    """Write mass, mean and square of exp(-(|s| - near) / scale) / scale up to `border`, up to a constant."""
     distance = abs(border)
     power, q = exponential((near - distance) / scale)
     tail = power + power * q
@@ -339,11 +335,9 @@ def _cell_moments(borders, scale, near, outliers, moments):
 
 
 @kernel
-def refinement(prefix, missing, edges, side_information, scale, outliers, parts, bits, saved):
-    """Add what the next 1, 2, ... planes are expected to cost and save, to `bits` and `saved` of shape (D,).
-    Add what the next 1, 2, ... planes are expected to cost and save, to `bits` and `saved` of shape (D,).
-    """
-    depth, last = bits.size, edges.size - 1
+def refinement(prefix, missing, edges, side_information, scale, outliers, parts, sums):
+    """Add what the next 1, 2, ... planes are expected to cost in bits and to save, to `sums` (2, D)."""
+    depth, last = sums.shape[1], edges.size - 1
     count, cell_planes = 1 << depth, missing - depth
     borders, moments = np.empty(count + 1), np.empty((count, 3))
     for n in range(prefix.size):
@@ -356,11 +350,11 @@ def refinement(prefix, missing, edges, side_information, scale, outliers, parts,
         power, q = exponential(-near / scale[n])
         share = 2.0 * outliers + 2e-12 / (power + power * q)  # of a mass of 2 where zero lies within
         _cell_moments(borders, scale[n], near, share, moments)
-        _add_levels(moments, depth, parts, bits, saved)
+        _add_levels(moments, depth, parts, sums)
 
 
 @kernel
-def _add_levels(moments, depth, parts, bits, saved):
+def _add_levels(moments, depth, parts, sums):
     """Join neighbouring cells, depth by depth; add their entropy, and the variance between them."""
     total, mean, square = 0.0, 0.0, 0.0
     for k in range(moments.shape[0]):
@@ -375,8 +369,8 @@ def _add_levels(moments, depth, parts, bits, saved):
             if mass > 1e-9 * total:
                 entropy -= mass * logarithm(mass / total)
                 within += moments[k, 2] - moments[k, 1] * moments[k, 1] / mass
-        bits[d - 1] += np.int64(entropy / total * _LOG2E * parts + 0.5)
-        saved[d - 1] += np.int64(max(before - within, 0.0) / total * parts + 0.5)
+        sums[0, d - 1] += np.int64(entropy / total * _LOG2E * parts + 0.5)
+        sums[1, d - 1] += np.int64(max(before - within, 0.0) / total * parts + 0.5)
         for k in range(1 << (d - 1)):
             for m in range(3):
                 moments[k, m] = moments[2 * k, m] + moments[2 * k + 1, m]
@@ -435,14 +429,14 @@ def fit_logistic(inputs, offset, is_zero, least, most, steps, weights, precision
 
 
 @kernel
-def candidates(borders, side_information, scale, reach, max_bins, total, lowest, counts, probabilities):
+def candidates(borders, side_information, scale, reach, max_bins, total, bins, probabilities):
     """Write the bins around each prediction, up to `reach` scales and `max_bins`, and their Laplacian."""
     last, width = borders.size - 2, borders[1] - borders[0]
     for n in range(scale.size):
         own = np.int64(min(max((side_information[n] - borders[0]) / width, 0.0), np.float64(last)))
-        bins = np.int64(min(reach * scale[n] / width + 1.0, np.float64(max_bins)))
-        first, stop = max(own - bins, 0), min(own + bins, last) + 1
-        lowest[n], counts[n] = first, stop - first
+        around = np.int64(min(reach * scale[n] / width + 1.0, np.float64(max_bins)))
+        first, stop = max(own - around, 0), min(own + around, last) + 1
+        bins[0, n], bins[1, n] = first, stop - first
         mass, below = 0.0, _below(borders[first] - side_information[n], scale[n])
         for k in range(first, stop):
             above = _below(borders[k + 1] - side_information[n], scale[n])

@@ -27,7 +27,7 @@ def number_priors(
     borders = np.ascontiguousarray(edges[:: 1 << (planes - depth)])
     width = float(borders[1] - borders[0])
     reach = int(min(math.ceil(_REACH * float(scale.max()) / width), _MAX_REACH))
-    lowest, counts = np.empty(scale.size, np.int64), np.empty(scale.size, np.int64)
+    bins = np.empty((2, scale.size), np.int64)
     probabilities = np.zeros((scale.size, min(2 * reach + 1, 1 << depth)), np.float32)
     _kernels.candidates(
         borders,
@@ -36,11 +36,10 @@ def number_priors(
         _REACH,
         reach,
         1.0 - OUTLIER_PROBABILITY,
-        lowest,
-        counts,
+        bins,
         probabilities,
     )
-    return NumberPriors(depth, lowest, counts, probabilities, OUTLIER_PROBABILITY)
+    return NumberPriors(depth, bins[0], bins[1], probabilities, OUTLIER_PROBABILITY)
 
 
 def credible_intervals(

@@ -31,7 +31,7 @@ def expected_refinement(
     """Return what the next planes of a band are expected to cost and to save."""
     from dvc.wynerziv import _kernels
 
-    bits, saved = np.zeros(depth, np.int64), np.zeros(depth, np.int64)
+    sums = np.zeros((2, depth), np.int64)
     _kernels.refinement(
         prefix,
         missing_planes,
@@ -40,7 +40,6 @@ def expected_refinement(
         scale,
         OUTLIER_PROBABILITY,
         float(PARTS),
-        bits,
-        saved,
+        sums,
     )
-    return Refinement(bits / PARTS, saved / PARTS)
+    return Refinement(*sums / PARTS)

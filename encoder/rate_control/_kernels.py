@@ -1,6 +1,9 @@
 """Compiled loops of what tracks leave to be told; validated and described by their callers."""
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
 
@@ -10,6 +13,33 @@ SIDE = 8  # of a sampled block
 DIRECTIONS = 3  # from the left, from above, from both
 FAR = np.int32(2**31 - 1)  # of a point that there is not
 _ALIKE = np.uint64(0x0101010101010101)  # times a byte: eight of it
+
+
+class Sampling(NamedTuple):
+    """Which blocks of a picture are looked at, and how distances of points from them become keys."""
+
+    grid: tuple[int, int]  # rows and columns of the blocks
+    spacing: int  # from one block to the next, in pixels
+    unit: float  # of squared distances
+    index_bits: int  # of a key, which tell the point
+
+
+class Bands(NamedTuple):
+    """What the integer coefficients of a block mean."""
+
+    weights: NDArray[np.float64]  # of their squares, by row and column
+    order: NDArray[np.int64]  # their bands
+
+
+class CostModel(NamedTuple):
+    """What planes cost and leave, by the variance of the error."""
+
+    borders: NDArray[np.int64]  # first band of each block of bands, and the last
+    variances: NDArray[np.float64]  # of residual and noise in each of these: two factors, and what is added
+    first: int  # place in the tables that stands for the least variance
+    per_plane: int  # places from one plane to the next
+    refined_share: float
+    tables: NDArray[np.float64]
 
 
 @kernel
@@ -47,10 +77,9 @@ def compare_row(across, down, nearest):
 
 
 @kernel
-def nearest_points(positions, grid, spacing, unit, index_bits, nearest):
-    """List the `NEAREST` points nearest to the centre of each block, as keys; return how many were compared.
-    List the `NEAREST` points nearest to the centre of each block, as keys; return how many were compared.
-    """
+def nearest_points(positions, sampling, nearest):
+    """List the `NEAREST` points nearest to the centre of each block, as keys; return how many it compared."""
+    grid, spacing, unit, index_bits = sampling
     nearest[:] = FAR
     first, order = np.empty(grid[0] + 1, np.int64), np.empty(positions.shape[0], np.int64)
     count, num_compared = sort_by_rows(positions, grid, spacing, first, order), 0
@@ -130,9 +159,7 @@ def word_at(words, y, x):
 
 @kernel
 def subtract_moved(words, motion, grid, spacing, lines):
-    """Subtract four times the blocks of a picture, moved by half pixels, borders repeated; see `cut_blocks`.
-    Subtract four times the blocks of a picture, moved by half pixels, borders repeated; see `cut_blocks`.
-    """
+    """Subtract four times the blocks of a picture, by half pixels, borders repeated; see `cut_blocks`."""
     lowest, rightmost = 2 * (words.shape[0] - SIDE), 2 * (words.shape[1] - 1)
     windows = np.empty((SIDE, 4, grid[1]), np.uint64)
     samples = windows.view(np.uint8)
@@ -210,24 +237,21 @@ def energies(lines, grid, weights, order, share, means):
 
 
 @kernel
-def block_errors(
-    words, references, noises, positions, grid, spacing, unit, index_bits, weights, order, residual, noise
-):
-    """Write energies of blocks less the mean of where they are in references, and the noise that these add.
-    Write energies of blocks less the mean of where they are in references, and the noise that these add.
-    """
+def block_errors(words, references, noises, positions, sampling, bands, residual, noise):
+    """Write energies of blocks less the mean of where they are in references, and the noise these add."""
     count = len(references)
+    grid, spacing, _, index_bits = sampling
     nearest = np.empty((grid[0], NEAREST, -(-grid[1] // 8) * 8), np.int32)
     motion = np.empty((grid[0] * grid[1], 2), np.int64)
     lines = np.empty((grid[0], SIDE, SIDE * grid[1]), np.int16)
-    num_compared = nearest_points(positions, grid, spacing, unit, index_bits, nearest)
+    num_compared = nearest_points(positions, sampling, nearest)
     cut_blocks(words, grid, spacing, 4 * count, lines)
     noise[:] = 0.0
     for r in range(count):
         blend_motion(positions, r + 1, grid, spacing, index_bits, nearest, motion)
         subtract_moved(references[r], motion, grid, spacing, lines)
         add_noise(motion, grid, spacing, 1.0 / (count * count), noises[r], noise)
-    energies(lines, grid, weights, order, 1.0 / (count * count), residual)
+    energies(lines, grid, bands.weights, bands.order, 1.0 / (count * count), residual)
     return num_compared
 
 
@@ -354,10 +378,10 @@ def expected_costs(histograms, planes, step, per_plane, scale, tables, bits, cos
 
 
 @kernel
-def frame_costs(
-    residual, noise, borders, weights, planes, step, first, per_plane, scale, share, tables, places, costs
-):
+def frame_costs(residual, noise, planes, step, num_bits, model, places, costs):
     """Place the variances of all bands of a frame, and write what its planes cost and leave; see `refine`."""
+    borders, weights, first, per_plane, refined_share, tables = model
+    scale, share = num_bits / places.shape[1], refined_share * num_bits
     histograms = np.empty((places.shape[0], tables.shape[1]), np.int64)
     for block in range(weights.shape[0]):
         b, e = borders[block], borders[block + 1]
@@ -370,9 +394,7 @@ def frame_costs(
 
 @kernel
 def refine(squares, residual, share):
-    """Take off the squared errors that planes of DC leave what they save of other bands; residual of these.
-    Take off the squared errors that planes of DC leave what they save of other bands; residual of these.
-    """
+    """Subtract what planes of DC save of other bands, whose residual is given, from the errors they leave."""
     most = 0.0
     for band in range(residual.shape[0]):
         total = 0.0
@@ -386,9 +408,7 @@ def refine(squares, residual, share):
 
 @kernel
 def choose_depths(costs, planes, bit_cost, depths):
-    """Choose the planes of each band that cost least; return how many, their bits, and what error they save.
-    Choose the planes of each band that cost least; return how many, their bits, and what error they save.
-    """
+    """Choose the planes of each band that cost least; return number, bits, and the error that they save."""
     num_planes, bits, saved = 0, 0.0, 0.0
     for band in range(planes.size):
         least = np.inf

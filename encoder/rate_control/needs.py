@@ -141,15 +141,10 @@ def frame_costs(quantization: Quantization, errors: BlockErrors, num_bits: int) 
     _kernels.frame_costs(
         errors.residual,
         errors.noise,
-        _BORDERS,
-        _VARIANCES,
         planes,
         step,
-        _FIRST,
-        PER_PLANE,
-        num_bits / places.shape[1],
-        REFINED_SHARE * num_bits,
-        _tables(),
+        num_bits,
+        _kernels.CostModel(_BORDERS, _VARIANCES, _FIRST, PER_PLANE, REFINED_SHARE, _tables()),
         places,
         costs,
     )

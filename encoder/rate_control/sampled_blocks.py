@@ -97,12 +97,10 @@ class BlockSampler:
                 tuple(map(_words, references)),
                 tuple(noises),
                 positions,
-                self._grid,
-                self._spacing_px,
-                float(1 << (29 - bits)) / self._diagonal_px2,
-                bits,
-                _WEIGHTS,
-                transform.ORDER,
+                _kernels.Sampling(
+                    self._grid, self._spacing_px, float(1 << (29 - bits)) / self._diagonal_px2, bits
+                ),
+                _kernels.Bands(_WEIGHTS, transform.ORDER),
                 residual,
                 noise,
             )

@@ -37,7 +37,7 @@ def test_sums_of_absolute_differences(half: int, twin: bool) -> None:
             for i in range(3):
                 expected = reference.sad(image, x, y, blocks[i])
                 num_blocks += expected is not None
-                found = sad(image, x, y, half, blocks, i, counts)
+                found = sad(_kernels.Matching(image, blocks, counts), x, y, half, i)
                 assert found == (_kernels.UNKNOWN if expected is None else expected)
     assert counts.tolist() == [num_blocks, num_blocks * side**2]
 
@@ -58,13 +58,14 @@ def test_searches_agree_with_the_twin(seed: int, twin: bool) -> None:
         at = x + int(rng.integers(-4, 5)), y + int(rng.integers(-4, 5))
         counts, around = np.zeros(2, np.int64), np.empty(8, np.int64)
         small = int(rng.integers(0, 800))
-        found = choose(_kernels.spiral_search)(image, *at, half, blocks, 2, small, spiral(4), counts)
+        matching = _kernels.Matching(image, blocks, counts)
+        found = choose(_kernels.spiral_search)(matching, *at, half, 2, small, spiral(4))
         expected = reference.spiral_search(image, *at, block, small, spiral(4))
         assert found == (expected if expected[2] is not None else (*expected[:2], _kernels.UNKNOWN))
         assert counts[0] <= 81
         if expected[2] is None:
             continue
-        went = choose(_kernels.descend)(image, *found[:2], blocks, 2, found[2], 50, around, counts)
+        went = choose(_kernels.descend)(matching, *found[:2], 2, found[2], 50, around)
         assert went == reference.descend(image, *expected[:2], block, 50)
         neighbours = [(went[0] + dx, went[1] + dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy]
         sads = [reference.sad(image, *place, block) for place in neighbours]
@@ -79,7 +80,9 @@ def test_descents_stop_in_time(max_steps: int) -> None:
     start = reference.sad(image, 20, 20, blocks[0])
     around = np.empty(8, np.int64)
     counts = np.zeros(2, np.int64)
-    x, y, sad = _kernels.descend(image, 20, 20, blocks, 0, start, max_steps, around, counts)
+    x, y, sad = _kernels.descend(
+        _kernels.Matching(image, blocks, counts), 20, 20, 0, start, max_steps, around
+    )
     assert (x, y, sad) == reference.descend(image, 20, 20, blocks[0], max_steps) == (x, 20 - max_steps, sad)
     assert around[1] == reference.sad(image, x, y - 1, blocks[0])
     assert counts[0] == 8 * (max_steps + 1)
@@ -111,7 +114,8 @@ def test_frames_are_finished_as_their_twin_says(scale: float, twin: bool) -> Non
     small, sads = rng.integers(50, 60, 40), rng.integers(0, 12, 40)
     beside, found = rng.integers(8, 16, (40, 4)), rng.random(40) < 0.7
     velocity, path = np.empty((40, 2), np.int64), np.empty((40, 2))
-    longest, total = finish(first, small, last, position, sads, beside, found, scale, velocity, path)
+    points, search = _kernels.Points(first, small), _kernels.Found(position, sads, beside, found)
+    longest, total = finish(points, last, search, scale, velocity, path)
     assert np.array_equal(velocity, position - last)
     assert longest == ((position - first) ** 2).sum(axis=1)[found].max()
     assert total == np.where(found, sads, small).sum()

@@ -86,8 +86,8 @@ def test_block_comparison(half_side_px: int) -> None:
     blocks = RNG.integers(0, 256, (2, side, side)).astype(np.uint8)
     counts = np.zeros(2, np.int64)
     image = np.ascontiguousarray(LUMA)
-    given = 16, 8, half_side_px, Data(blocks, tally), 1, counts
-    found = counted(_kernels.block_sad, tally, Data(image, tally), *given, scratch=False)
+    matching = Data(image, tally), Data(blocks, tally), counts
+    found = counted(_kernels.block_sad, tally, matching, 16, 8, half_side_px, 1, scratch=False)
     assert found == operations.block_comparison(half_side_px)
     assert counts.tolist() == [1, side**2]
 

@@ -28,9 +28,7 @@ DISAGREEMENT = 0.5
 
 
 class FusedInterpolator:
-    """Predicts frames between two key frames by their depth and by epipolar blocks; see `SceneInterpolator`.
-    Predicts frames between two key frames by their depth and by epipolar blocks; see `SceneInterpolator`.
-    """
+    """Predicts frames between two key frames by depth and by epipolar blocks; see `SceneInterpolator`."""
 
     name = "fused"
 

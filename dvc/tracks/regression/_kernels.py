@@ -48,6 +48,13 @@ class Motion(NamedTuple):
     learned: NDArray[np.float64]  # mean magnitude of residuals, and squares of the coefficients of motion
 
 
+class Picture(NamedTuple):
+    """Where tracks are."""
+
+    sides: NDArray[np.int64]  # width and height
+    pixel: float
+
+
 class Instant(NamedTuple):
     """What is found while an instant is coded."""
 
@@ -409,8 +416,9 @@ def predict(motion, instant, units, i, t, sides):
 
 
 @inlined_kernel
-def loss_context(instant, i, scale, sides, pixel):
+def loss_context(instant, i, scale, picture):
     """Which context the loss of a track has, by how near the border it is expected."""
+    sides, pixel = picture.sides, picture.pixel
     x, y = instant.predictions[i, 0], instant.predictions[i, 1]
     edge = min(x, sides[0] - 1 - x, y, sides[1] - 1 - y)
     if edge < 6.0 * pixel + 2.0 * scale:
@@ -510,8 +518,9 @@ def new_instant(count):
 
 
 @inlined_kernel
-def code_instant(coder, models, motion, instant, units, t, num_given, sides, pixel):
+def code_instant(coder, models, motion, instant, units, t, num_given, picture):
     """Code where tracks are at instant `t` that were not lost in the one before, and go on to the next."""
+    sides = picture.sides
     instant.known[:] = False
     instant.coefficients[:] = 0.0
     set_prior(motion, units, t, instant.covariance)
@@ -522,7 +531,7 @@ def code_instant(coder, models, motion, instant, units, t, num_given, sides, pix
         size, variance = predict(motion, instant, units, i, t, sides)
         scale = np.sqrt(size * size + 1.3 * variance)
         if i >= num_given:
-            context = loss_context(instant, i, scale, sides, pixel)
+            context = loss_context(instant, i, scale, picture)
             if code_loss(coder, models.losses, context, int(units[i, t, 0] == LOST)):
                 units[i, t] = LOST
                 continue
@@ -535,13 +544,13 @@ def code_instant(coder, models, motion, instant, units, t, num_given, sides, pix
 
 
 @kernel
-def code_instants(coder, models, motion, units, begin, num_given, sides, pixel):
+def code_instants(coder, models, motion, units, begin, num_given, picture):
     """Code the tracks (N, T, 2) at the instants from `begin` on: all those before are known."""
     instant = new_instant(units.shape[0])
     most = units.shape[0] * MAX_SYMBOLS
     for t in range(begin, units.shape[1]):
         if coder.fields[FAILED] or not has_room(coder, most):
             return t
-        if not code_instant(coder, models, motion, instant, units, t, num_given, sides, pixel):
+        if not code_instant(coder, models, motion, instant, units, t, num_given, picture):
             return OUTSIDE
     return units.shape[1]

@@ -79,11 +79,11 @@ def _code_direction(
     units = np.concatenate([given, tracks[order]])
     units[len(given) :, 0] = first[order]
     motion = _start(units[:, 0], sides)
-    pixel = float(2**config.tracks.subpixel_bits)
+    picture = _kernels.Picture(np.array(sides), float(2**config.tracks.subpixel_bits))
     t = 1
     while t < units.shape[1]:
         state = coder.room_for(len(units) * _kernels.MAX_SYMBOLS)
-        t = _kernels.code_instants(state, models, motion, units, t, len(given), np.array(sides), pixel)
+        t = _kernels.code_instants(state, models, motion, units, t, len(given), picture)
         coder.check()
         if t == _kernels.OUTSIDE:
             raise BitstreamError("a track leaves the frame")

@@ -14,7 +14,6 @@ from dvc.wynerziv.layout import FrameLayout
 
 PATIENCE = 64
 """Messages answered since a frame was last asked for, from which on its parity gives way to others."""
-
 MAX_PARITY_BYTES = 2**30
 """Memory for parity, at least that of one frame: where more is asked for, parity of the frames that were
 asked for longest ago gives way, and is computed again when it is needed."""
@@ -25,28 +24,31 @@ class EncoderBuffer:
 
     def __init__(self, layout: FrameLayout, encoders: Sequence[ParityEncoder], num_slots: int) -> None:
         self._encoders = encoders
-        self._polynomial = POLYNOMIALS[layout.crc_bits]
         num_rows, num_codes = -(-sum(layout.max_planes) // 64), len(encoders)
-        self._num_planes = np.zeros(num_slots, np.int64)
-        self._words = np.empty((num_slots, num_rows, layout.num_bits), np.uint64)
-        self._checks = np.zeros((num_slots, num_rows, layout.crc_bits), np.uint64)
-        self._places = np.full((num_slots, num_rows, num_codes), -1)
-        self._last_use = np.zeros(num_slots, np.int64)
         per_frame = num_rows * num_codes
         num_places = min(num_slots * per_frame, max(per_frame, MAX_PARITY_BYTES // (8 * layout.num_bits)))
-        self._owners = np.full((num_places, 3), -1)
-        self._parity = np.empty((num_places, layout.num_bits), np.uint64)  # takes memory once it is used
+        self._frames = _kernels.HeldFrames(
+            num_planes=np.zeros(num_slots, np.int64),
+            words=np.empty((num_slots, num_rows, layout.num_bits), np.uint64),
+            checks=np.zeros((num_slots, num_rows, layout.crc_bits), np.uint64),
+            places=np.full((num_slots, num_rows, num_codes), -1),
+            last_use=np.zeros(num_slots, np.int64),
+            owners=np.full((num_places, 3), -1),
+            parity=np.empty((num_places, layout.num_bits), np.uint64),  # takes memory once it is used
+            polynomial=POLYNOMIALS[layout.crc_bits],
+            patience=PATIENCE,
+        )
         self._missing = np.empty((0, 4), np.int64)
         self._num_passes = 0
 
     def enter(self, slot: int, frame: EncodedFrame) -> None:
         """Hold a frame, in place of any other that was held there."""
-        num_rows = len(frame.words)
-        self._num_planes[slot] = frame.quantization.num_planes
-        self._words[slot, :num_rows] = frame.words
-        self._checks[slot, :num_rows] = frame.checks
-        places = self._places[slot]
-        self._owners[places[places >= 0]] = -1
+        frames, num_rows = self._frames, len(frame.words)
+        frames.num_planes[slot] = frame.quantization.num_planes
+        frames.words[slot, :num_rows] = frame.words
+        frames.checks[slot, :num_rows] = frame.checks
+        places = frames.places[slot]
+        frames.owners[places[places >= 0]] = -1
         places[:] = -1
 
     def answer(self, table: RequestTable) -> bytes:
@@ -58,16 +60,13 @@ class EncoderBuffer:
             first, missing = done, self._room_for_missing(len(rows))
             self._num_passes += 1
             count, done, written = _kernels.answer_known(
-                rows, positions, first, self._num_planes, self._places, self._owners, self._last_use,
-                self._num_passes, PATIENCE, missing, self._words, self._checks, self._parity,
-                self._polynomial, written, packed,
-            )  # fmt: skip
+                rows, positions, first, self._frames, self._num_passes, missing, written, packed
+            )
             if count:
                 self._compute(missing[:count])
                 written = _kernels.answer_requests(
-                    rows, positions, first, done, self._words, self._checks, self._places, self._parity,
-                    self._polynomial, written, packed,
-                )  # fmt: skip
+                    rows, positions, first, done, self._frames, written, packed
+                )
             if done < len(rows):
                 self._refuse_other_planes(table, done)
         return packed.tobytes()
@@ -81,10 +80,10 @@ class EncoderBuffer:
     def _compute(self, missing: NDArray[np.int64]) -> None:
         """Compute parity; `missing` (n, 4) has slot, row, code and place of each."""
         for slot, row, code, place in missing.tolist():
-            self._encoders[code](self._words[slot, row], self._parity[place])
+            self._encoders[code](self._frames.words[slot, row], self._frames.parity[place])
 
     def _refuse_other_planes(self, table: RequestTable, number: int) -> None:
         request = table.requests()[number]
         plane = max(request.plane, request.positions[-1] if request.kind == "joint" else 0)
-        if plane >= self._num_planes[table.rows[number, SLOT]]:
+        if plane >= self._frames.num_planes[table.rows[number, SLOT]]:
             raise ValueError(f"plane {plane} of frame {request.frame}")

@@ -48,7 +48,7 @@ def test_moved_blocks() -> None:
     tally, motion, grid = Tally(), np.zeros((COUNT, 2), np.int64), SAMPLER._grid
     positions, bits = RNG.uniform(0, 64, (8, 2, 2)), 3
     keys = np.empty((grid[0], _kernels.NEAREST, 8), np.int32)
-    _kernels.nearest_points(positions, grid, SPACING_PX, 1e4, bits, keys)
+    _kernels.nearest_points(positions, _kernels.Sampling(grid, SPACING_PX, 1e4, bits), keys)
     given = 1, grid, SPACING_PX, bits, Data(keys, tally), Data(motion, tally)
     counting(_kernels.blend_motion, tally)(Data(positions, tally), *given)
     still, words = np.zeros_like(motion), Data(_words(FRAMES[0]), tally)

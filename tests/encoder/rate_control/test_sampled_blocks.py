@@ -129,7 +129,7 @@ def test_kernels_are_their_python() -> None:
     noise = rng.uniform(0.0, 9.0, (16, 6))
     lines = ((2, 8, 24), np.int16)
     calls = [
-        (_kernels.nearest_points, (spots, grid, 16, 100.0, 3), ((2, 3, 8), np.int32)),
+        (_kernels.nearest_points, (spots, _kernels.Sampling(grid, 16, 100.0, 3)), ((2, 3, 8), np.int32)),
         (_kernels.blend_motion, (spots % 7, 1, grid, 16, 2, near), ((6, 2), np.int64)),
         (_kernels.cut_blocks, (_words(image), grid, 16, 8), lines),
         (_kernels.subtract_moved, (_words(image), motion, grid, 16), lines),
@@ -164,7 +164,8 @@ def test_nearest_points_are_the_nearest() -> None:
     for count in (0, 2, 3, 40, 300):
         spots = rng.uniform(0.0, 1.0, (count, 1, 2)) ** 2 * (144, 96)
         keys = np.empty((6, 3, 16), np.int32)
-        compared = _kernels.nearest_points(spots, grid, 16, 2**20 / (96**2 + 144**2), bits, keys)
+        sampling = _kernels.Sampling(grid, 16, 2**20 / (96**2 + 144**2), bits)
+        compared = _kernels.nearest_points(spots, sampling, keys)
         assert compared <= count * len(centres) if count < 300 else compared < 0.7 * count * len(centres)
         keys = keys[:, :, : grid[1]].transpose(0, 2, 1).reshape(len(centres), -1)
         places, kept = keys & ((1 << bits) - 1), min(count, 3)

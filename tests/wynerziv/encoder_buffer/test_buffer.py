@@ -106,7 +106,7 @@ def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.Monk
         table.rows[:, SLOT] = slot
         bits = np.unpackbits(np.frombuffer(opened.answer(table), np.uint8))[:20]
         np.testing.assert_array_equal(bits, payload.answer(request))
-        assert np.sum(opened._places >= 0) <= 4
+        assert np.sum(opened._frames.places >= 0) <= 4
 
 
 def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,7 +127,7 @@ def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPa
         bits = np.unpackbits(np.frombuffer(opened.answer(table), np.uint8))
         expected = [buffered[request.frame].answer(request) for request in requests]
         np.testing.assert_array_equal(bits[: table.num_bits], np.concatenate(expected))
-        assert opened._parity.nbytes == room
+        assert opened._frames.parity.nbytes == room
 
 
 def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
