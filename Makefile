@@ -1,16 +1,18 @@
 # Everything runs in .venv, which is made on first use; `make PYTHON=/path/to/python3.11 venv` chooses another Python.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 JOBS ?= 2
+COUNT ?= 3000
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
-PACKAGES := dvc encoder decoder sequences sfm
+# Kernels that check bounds lie by themselves, and are the same for all clones.
+CHECKED := NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(or $(XDG_CACHE_HOME),$(HOME)/.cache)/dvc3d/checked-kernels
 
 # Tests start hundreds of processes, each of which would compile every module that it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help venv browser demo kernels test test-all test-nojit canaries streams mutants check reproduce pictures format results results-check clean
+.PHONY: help venv browser demo kernels test test-all test-nojit test-bounds fuzz canaries streams mutants check reproduce pictures format results results-check clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 14
@@ -41,6 +43,14 @@ test-all: browser kernels  ## run the long studies too, and every frozen stream 
 
 test-nojit: $(INSTALLED)  ## run the tests of the kernels as plain Python
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m nojit
+
+test-bounds: $(INSTALLED)  ## run kernels under bounds checks on frozen streams and COUNT mutations a kind (an hour)
+	$(CHECKED) $(BIN)/python -m benchmarks.hostile.bounds
+	$(CHECKED) $(BIN)/python -m pytest -q -n $(JOBS) -k to_the_frozen tests/test_golden.py tests/dibr/test_golden.py
+	$(CHECKED) $(BIN)/python -m benchmarks.hostile --jobs $(JOBS) --count $(COUNT)
+
+fuzz: $(INSTALLED)  ## try COUNT mutations a kind that nobody has tried, under bounds checks, and keep what does harm
+	$(CHECKED) $(BIN)/python -m benchmarks.hostile --jobs $(JOBS) --count $(COUNT) --random --finds tests/golden/finds
 
 canaries: $(INSTALLED)  ## store bytes and PSNR of small encodings anew, after a change of the encoder that is meant
 	DVC_REGENERATE=1 $(BIN)/python -m pytest -q tests/test_canaries.py

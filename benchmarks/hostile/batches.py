@@ -1,6 +1,5 @@
 """Mutations in child processes, a batch at a time, so that a crash or a hang is counted and ends no run."""
 
-import json
 import resource
 import signal
 import subprocess
@@ -9,6 +8,8 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from tempfile import TemporaryFile
+from threading import Timer
 from types import FrameType
 
 from benchmarks.hostile.attempts import Kind, kinds
@@ -16,12 +17,13 @@ from decoder.parallel import stop_idle_processes
 from dvc import cli
 from dvc.errors import DvcError
 
-BATCH = 250
-COMPILING_S = 600.0
+COMPILING_S, STALLED_S = 900.0, 60.0
+"""How long a process may say nothing: at first, when it may compile all kernels, and later."""
 GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
 KINDS = tuple(kinds())
+Advance = Callable[[int], None]
 
 
 def max_seconds(num_pixels: int) -> float:
@@ -35,7 +37,7 @@ def max_bytes(num_pixels: int) -> int:
 
 
 @contextmanager
-def guarded(seconds: float) -> Iterator[None]:
+def _limited_time(seconds: float) -> Iterator[None]:
     """Raise `TimeoutError` in a block that takes too long."""
 
     def _ring(_signal: int, _frame: FrameType | None) -> None:
@@ -50,28 +52,40 @@ def guarded(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, previous)
 
 
-def run_batch(kind: str, numbers: Sequence[int]) -> list[str]:
-    """Try mutations in this process, whose memory is limited from now on."""
-    chosen = kinds()[kind]
-    with suppress(Exception):
-        chosen.outcome(chosen.damaged(numbers[0]))  # compiles kernels, which is not to be timed
-    stop_idle_processes()  # others inherit the limit
+@contextmanager
+def _limited_memory(most: int) -> Iterator[None]:
+    """Let a block, and processes that it starts, take so much memory beyond what is taken."""
     with open("/proc/self/statm", encoding="ascii") as statm:
         in_use = int(statm.read().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (in_use + max_bytes(chosen.num_pixels), resource.RLIM_INFINITY))
-    return [_outcome(chosen, number) for number in numbers]
+    resource.setrlimit(resource.RLIMIT_AS, (in_use + most, resource.RLIM_INFINITY))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+
+
+def run_batch(kind: str, numbers: Sequence[int]) -> Iterator[str]:
+    """Try mutations in this process, and tell what each does."""
+    chosen = kinds()[kind]
+    with suppress(Exception):
+        chosen.outcome(chosen.damaged(numbers[0]))  # loads kernels, and makes what is mutated
+    stop_idle_processes()  # others inherit the limit
+    for number in numbers:
+        outcome = _outcome(chosen, number)
+        # Kernels that nothing has called before take time and memory as well: only once.
+        yield outcome if outcome in GOOD else _outcome(chosen, number)
 
 
 def _outcome(kind: Kind, number: int) -> str:
-    seconds = max_seconds(kind.num_pixels)
+    seconds, most = max_seconds(kind.num_pixels), max_bytes(kind.num_pixels)
     try:
         damaged = kind.damaged(number)
-        with guarded(seconds):
+        with _limited_memory(most), _limited_time(seconds):
             return kind.outcome(damaged)
     except TimeoutError:
         return f"hang: more than {seconds:.0f} s"
     except MemoryError:
-        return f"allocation of more than {max_bytes(kind.num_pixels) >> 20} MiB"
+        return f"allocation of more than {most >> 20} MiB"
     except DvcError as err:
         return f"unexpected {type(err).__name__}: {cli.one_line(err)}"
     except Exception as err:
@@ -79,39 +93,61 @@ def _outcome(kind: Kind, number: int) -> str:
         return f"traceback: {type(err).__name__} in {place.name}: {cli.one_line(err)}"
 
 
-def run_kind(
-    kind: str, first: int, count: int, progress: Callable[[int], None] = lambda _: None
-) -> dict[int, str]:
-    """Try mutations in child processes."""
+def run_kind(kind: str, first: int, count: int, advance: Advance = lambda _: None) -> dict[int, str]:
+    """Try mutations in a child process, and in another one where that does not survive them."""
     outcomes: dict[int, str] = {}
-    batches = [(first + done, min(BATCH, count - done)) for done in range(0, count, BATCH)]
-    while batches:
-        begin, length = batches.pop()
-        found = _child(kind, begin, length)
-        if isinstance(found, str) and length > 1:
-            # One of them ended the process: narrow it down.
-            half = length // 2
-            batches += [(begin, half), (begin + half, length - half)]
-            continue
-        outcomes |= {begin: found} if isinstance(found, str) else dict(enumerate(found, begin))
-        progress(length)
+    while len(outcomes) < count:
+        number = first + len(outcomes)
+        found, ended = _child(kind, number, count - len(outcomes), advance)
+        outcomes |= dict(enumerate(found, number))
+        if len(outcomes) < count:
+            outcomes[first + len(outcomes)] = ended
+            advance(1)
     return outcomes
 
 
-def _child(kind: str, first: int, count: int) -> list[str] | str:
+def _child(kind: str, first: int, count: int, advance: Advance) -> tuple[list[str], str]:
+    """Return outcomes of a process as far as it came, and how it ended."""
     command = [sys.executable, "-m", "benchmarks.hostile", "--kind", kind, "--child"]
     command += ["--first", str(first), "--count", str(count)]
-    try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=COMPILING_S + 10 * count
-        )
-    except subprocess.TimeoutExpired:
-        return "hang: the process had to be killed"
-    if done.returncode != 0:
-        said = done.stderr.strip().splitlines()
-        return f"crash: status {done.returncode} {said[-1] if said else ''}"
-    outcomes: list[str] = json.loads(done.stdout)
-    return outcomes
+    outcomes: list[str] = []
+    with TemporaryFile() as said:
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, text=True) as process:
+            assert process.stdout is not None
+            watchdog = Watchdog(process.kill)
+            for line in process.stdout:
+                outcomes.append(line.rstrip("\n"))
+                advance(1)
+                watchdog.feed(STALLED_S + 10 * max_seconds(kinds()[kind].num_pixels))
+            watchdog.stop()
+        said.seek(0)
+        last = said.read().decode(errors="replace").strip().rpartition("\n")[2]
+    hung = "hang: the process had to be killed"
+    return outcomes, hung if watchdog.barked else f"crash: status {process.returncode} {last}"
+
+
+class Watchdog:
+    """Does something unless it is fed in time."""
+
+    def __init__(self, bark: Callable[[], None]) -> None:
+        self._bark = bark
+        self.barked = False
+        self.feed(COMPILING_S)
+
+    def feed(self, seconds: float) -> None:
+        """Keep it quiet for a while."""
+        self.stop()
+        self._timer = Timer(seconds, self._wake)
+        self._timer.start()
+
+    def stop(self) -> None:
+        """Send it to sleep."""
+        if hasattr(self, "_timer"):
+            self._timer.cancel()
+
+    def _wake(self) -> None:
+        self.barked = True
+        self._bark()
 
 
 def summary(outcomes: dict[int, str]) -> tuple[Counter[str], dict[int, str]]:

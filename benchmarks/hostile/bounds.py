@@ -21,7 +21,7 @@ def wrong_write(array: NDArray[np.int64], index: int) -> None:
     array.reshape(1, -1)[0, index] = 1
 
 
-def show_bounds() -> str:
+def show_bounds() -> None:
     """Show that a wrong index fails, one below 0 as well; else nothing that follows shows anything."""
     array = np.zeros(_LENGTH + 8, np.int64)[:_LENGTH]  # so that nothing breaks where they do not
     for function in (wrong_read, wrong_write):
@@ -31,4 +31,8 @@ def show_bounds() -> str:
             except IndexError:
                 continue
             raise DvcError(f"{function.__name__} takes index {index} of {_LENGTH}: bounds are not checked")
-    return f"indices {_LENGTH} and -1 of an array of {_LENGTH} are refused in compiled code"
+    print(f"indices {_LENGTH} and -1 of an array of {_LENGTH} are refused in compiled code")
+
+
+if __name__ == "__main__":
+    show_bounds()

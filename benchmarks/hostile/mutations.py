@@ -1,15 +1,18 @@
 """Damage to streams and to what they are made of."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from dvc.bits import decode_varint, encode_varint
-from dvc.config import MAX_AREA_PX, MAX_GOP_LENGTH, MAX_POINTS, MAX_SIDE_PX, CodecConfig
-from dvc.stream import Form, GopRecord, StreamReader, StreamWriter
-from dvc.stream.records import CRC_BYTES, MAGIC, record_crc
+from dvc.config import MAX_AREA_PX, MAX_GOP_LENGTH, MAX_POINTS, MAX_SIDE_PX
+from dvc.feedback.messages import TYPES
+from dvc.stream import RecordType, StreamReader, StreamWriter
+from dvc.stream.records import CRC_BYTES, MAGIC, encode_configuration, frame_record, record_crc
+
+Change = Callable[[bytes, np.random.Generator], bytes]
 
 
 def record_spans(stream: bytes) -> list[tuple[int, int, int]]:
@@ -57,9 +60,20 @@ def _mutated(data: bytes, rng: np.random.Generator) -> bytes:
         before + rng.bytes(length) + after,
         before + rng.bytes(length) + here + after,
         before + b"\xff" * min(length, 6) + after,
-        rng.bytes(int(rng.integers(1, 2 + 2 * min(len(data), 2000)))),
+        random_bytes(data, rng),
     )
     return ways[int(rng.integers(len(ways)))]
+
+
+def random_bytes(data: bytes, rng: np.random.Generator) -> bytes:
+    """Return bytes that are nothing, up to twice as many."""
+    return rng.bytes(int(rng.integers(1, 2 + 2 * min(len(data), 2000))))
+
+
+def random_message(rng: np.random.Generator) -> bytes:
+    """Return a message of a type and a length that may be, and of bytes that are nothing."""
+    payload = rng.bytes(int(2.0 ** rng.uniform(0.0, 11.0)) - 1)
+    return bytes([int(rng.integers(1, 1 + len(TYPES)))]) + encode_varint(len(payload)) + payload
 
 
 def mutate_record(stream: bytes, rng: np.random.Generator) -> bytes:
@@ -71,7 +85,7 @@ def mutate_record(stream: bytes, rng: np.random.Generator) -> bytes:
     return stream[:begin] + head + payload + record_crc(head, payload) + stream[end:]
 
 
-def mutate_part(stream: bytes, rng: np.random.Generator) -> bytes:
+def mutate_part(stream: bytes, rng: np.random.Generator, change: Change = mutate) -> bytes:
     """Damage a key frame, the tracks or a Wyner-Ziv frame of a group of pictures, and nothing else."""
     with StreamReader(io.BytesIO(stream)) as reader:
         config, form, records = reader.config, reader.form, list(reader)
@@ -81,19 +95,23 @@ def mutate_part(stream: bytes, rng: np.random.Generator) -> bytes:
     part = parts[int(rng.integers(len(parts)))]
     if part == "wyner_ziv":
         chosen = int(rng.integers(len(frames)))
-        frames[chosen] = mutate(frames[chosen], rng)
+        frames[chosen] = change(frames[chosen], rng)
         records[number] = replace(record, wyner_ziv=tuple(frames))
     elif part == "tracks":
-        records[number] = replace(record, tracks=mutate(record.tracks, rng))
+        records[number] = replace(record, tracks=change(record.tracks, rng))
     else:
-        records[number] = replace(record, key=mutate(record.key or b"", rng))
-    return _written(config, form, records)
+        records[number] = replace(record, key=change(record.key or b"", rng))
+    file = io.BytesIO()
+    with StreamWriter(file, config, form) as writer:
+        for record in records:
+            writer.write_gop(record)
+    return file.getvalue()
 
 
 def enlarge(stream: bytes, rng: np.random.Generator) -> bytes:
     """Let the header say that frames, groups or numbers of points are other, most of them huge."""
     with StreamReader(io.BytesIO(stream)) as reader:
-        config, form, records = reader.config, reader.form, list(reader)
+        config, form = reader.config, reader.form
     side = [1, 16, 640, 4096, MAX_SIDE_PX]
     width = int(rng.choice(side))
     height = int(rng.choice([number for number in side if number * width <= MAX_AREA_PX]))
@@ -105,12 +123,6 @@ def enlarge(stream: bytes, rng: np.random.Generator) -> bytes:
     if rng.random() < 0.5:
         tracks = replace(config.tracks, num_points=int(rng.choice([1, MAX_POINTS])))
         config = replace(config, tracks=replace(tracks, subpixel_bits=int(rng.integers(4))))
-    return _written(config, form, records)
-
-
-def _written(config: CodecConfig, form: Form, records: Sequence[GopRecord]) -> bytes:
-    file = io.BytesIO()
-    with StreamWriter(file, config, form) as writer:
-        for record in records:
-            writer.write_gop(record)
-    return file.getvalue()
+    _, begin, end = record_spans(stream)[0]
+    header = frame_record(RecordType.CONFIGURATION, encode_configuration(config, form))
+    return stream[:begin] + header + stream[end:]

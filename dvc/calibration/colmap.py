@@ -43,7 +43,7 @@ def read_model(folder: Path, names: Sequence[str], sizes: Sequence[Size]) -> Cal
     try:
         with _quiet():
             model = pycolmap.Reconstruction(place)
-    except (ValueError, RuntimeError, OSError) as err:
+    except (ValueError, LookupError, RuntimeError, OSError) as err:
         raise DvcError(f"{place}: not a COLMAP model that can be read") from err
     return _views(model, names, sizes, str(place))
 

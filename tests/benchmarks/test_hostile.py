@@ -1,8 +1,13 @@
 """Hostile input: mutations are what they claim, and the outcomes of a few of each kind are good."""
 
 import io
+import os
+import subprocess
+import sys
 from contextlib import suppress
 from itertools import pairwise
+from pathlib import Path
+from threading import Event
 
 import numpy as np
 import pytest
@@ -16,13 +21,16 @@ from benchmarks.hostile import (
     mutations,
     pictures,
 )
+from dvc.bits import decode_varint
 from dvc.dibr.depth_image.stream import decode_stream as decode_depth_image
 from dvc.dibr.layered.stream import decode_stream as decode_pieces
 from dvc.dibr.stream.layers import decode_stream
 from dvc.errors import BitstreamError
+from dvc.feedback.messages import TYPES
 from dvc.stream import RecordType, StreamReader
 
 NUM_GOPS = 4
+FINDS = Path(__file__).parents[1] / "golden" / "finds"
 
 
 def _complaint(stream: bytes) -> str:
@@ -94,35 +102,107 @@ def test_mutations_depend_on_their_number_alone() -> None:
     assert mutations.mutate(b"", np.random.default_rng(0))
 
 
+def test_random_messages_have_a_type_and_their_length() -> None:
+    """Payloads of nothing reach the decoders of all messages."""
+    types = set()
+    for seed in range(100):
+        message = mutations.random_message(np.random.default_rng(seed))
+        size, start = decode_varint(message, 1)
+        assert len(message) == start + size
+        types.add(message[0])
+    assert types == set(range(1, 1 + len(TYPES)))
+
+
+def test_enlarged_headers_pass_their_checksums() -> None:
+    """Huge frames, groups and numbers of points are read as the header says."""
+    stream = material.material().buffered
+    sizes = set()
+    for seed in range(40):
+        damaged = mutations.enlarge(stream, np.random.default_rng(seed))
+        with suppress(BitstreamError), StreamReader(io.BytesIO(damaged)) as reader:
+            sizes.add((reader.config.video.width, reader.config.gop.length))
+    assert {640, 4096} <= {width for width, _ in sizes}
+    assert len(sizes) > 5
+
+
 @pytest.mark.parametrize("kind", batches.KINDS)
 def test_mutations_do_no_harm(kind: str) -> None:
     """Some mutations of every kind are refused or decoded, and undamaged groups survive."""
-    attempt = attempts.kinds()[kind]
-    assert {attempt(number) for number in range(8)} <= batches.GOOD
+    chosen = attempts.kinds()[kind]
+    for number in range(4):
+        assert chosen.outcome(chosen.damaged(number)) in batches.GOOD, number
+
+
+@pytest.mark.parametrize("name", sorted(f"{path.parent.name}/{path.name}" for path in FINDS.glob("*/*")))
+def test_finds_do_no_harm_any_more(name: str) -> None:
+    """What did harm once is refused or decoded."""
+    kind, _, _ = name.partition("/")
+    assert attempts.kinds()[kind].outcome((FINDS / name).read_bytes()) in batches.GOOD
+
+
+@pytest.mark.parametrize("codec", ["2d", "3d-te", "3d-td"])
+def test_what_is_mutated_is_good(codec: str) -> None:
+    """Both forms of the streams decode to what is expected of them."""
+    made = material.material(codec)
+    for stream in (made.buffered, made.punctured):
+        assert attempts.try_stream(lambda stream=stream: (stream, made.groups), stream) == "decoded"
 
 
 def test_harm_is_told() -> None:
     """A hang, an allocation, a traceback and a lost group are failures."""
 
-    def harm(number: int) -> str:
-        if number == 3:
+    def harm(damaged: bytes) -> str:
+        if damaged == b"3":
             return "an undamaged group is lost"
-        raise (TimeoutError, MemoryError, ZeroDivisionError("by zero"))[number]
+        raise (TimeoutError, MemoryError, ZeroDivisionError("by zero"))[int(damaged)]
 
-    outcomes = {number: batches._outcome(harm, number) for number in range(4)}
+    kind = attempts.Kind(lambda number: str(number).encode(), harm)
+    outcomes = {number: batches._outcome(kind, number) for number in range(4)}
     assert outcomes[0].startswith("hang")
     assert outcomes[1].startswith("allocation")
     assert "ZeroDivisionError" in outcomes[2]
     assert set(batches.summary(outcomes)[1]) == {0, 1, 2, 3}
 
 
-def test_crash_is_narrowed_down(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a batch that ends its process, only the mutation that does it counts as a crash."""
+def test_time_and_memory_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What takes more than its size accounts for does not go on for ever, nor get all that it asks for."""
+    kind = attempts.Kind(lambda _: b"", lambda _: str(np.ones(2**30)[-1]), num_pixels=1)
+    assert batches._outcome(kind, 0).startswith("allocation")
+    monkeypatch.setattr(batches, "max_seconds", lambda _: 0.01)
+    kind = attempts.Kind(lambda _: b"", lambda _: "refused" * Event().wait(60.0))
+    assert batches._outcome(kind, 0).startswith("hang")
 
-    def child(_kind: str, first: int, count: int) -> list[str] | str:
-        return "crash: status -11" if first <= 5 < first + count else ["refused"] * count
+
+def test_a_crash_counts_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a process ends in a mutation, that is a crash, and the next process goes on after it."""
+
+    def child(_kind: str, first: int, count: int, _advance: batches.Advance) -> tuple[list[str], str]:
+        return ["refused"] * (min(5, first + count) - first if first <= 5 else count), "crash: status -11"
 
     monkeypatch.setattr(batches, "_child", child)
     counts, failures = batches.summary(batches.run_kind("buffered", 0, 300))
     assert failures == {5: "crash: status -11"}
     assert counts["refused"] == 299
+
+
+def test_a_process_that_says_nothing_is_killed() -> None:
+    """Compiled code that hangs does not notice an alarm."""
+    barked = Event()
+    watchdog = batches.Watchdog(barked.set)
+    watchdog.feed(0.01)
+    assert barked.wait(60.0)
+    assert watchdog.barked
+
+
+def test_wrong_indices_are_noticed_only_where_bounds_are_checked(tmp_path: Path) -> None:
+    """Kernels with an index that is too large, or negative, fail under bounds checks; else that is said."""
+    command = [sys.executable, "-m", "benchmarks.hostile.bounds"]
+    checked = os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(command, env=checked, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.count("\n")) == (0, 1), done.stderr
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "bounds are not checked" in done.stderr
+    checked["NUMBA_CACHE_DIR"] = ""
+    done = subprocess.run(command, env=checked, capture_output=True, text=True, check=False)
+    assert "NUMBA_CACHE_DIR" in done.stderr
