@@ -11,7 +11,6 @@ from benchmarks.hostile.cameras import damaged_cameras, try_cameras
 from benchmarks.hostile.depth_images import damaged_depth_images, try_depth_images
 from benchmarks.hostile.layered_pieces import damaged_pieces, try_pieces
 from benchmarks.hostile.material import (
-    STREAMS,
     Luma,
     decoded_groups,
     frozen,
@@ -32,6 +31,7 @@ from benchmarks.hostile.mutations import (
     record_spans,
 )
 from benchmarks.hostile.pictures import damaged_pictures, try_pictures
+from benchmarks.hostile.workers import STREAMS
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.stream import StreamReader
 from dvc.stream.records import RecordType

@@ -5,20 +5,19 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.hostile.workers import STREAMS
 from dvc.config import CodecConfig, DiscoverMatrix, GopConfig, Live, Qp, Quality, VideoConfig, codec_config
 from dvc.feedback import Connection, connect, listen
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
 
-PATIENCE_S, COMPILING_S = 2.0, 120.0
+PATIENCE_S, COMPILING_S = 0.75, 300.0
 """How long a silent peer is waited for: in attempts, and in the first run, which may compile kernels."""
-STREAMS = Path(__file__).resolve().parents[2] / "tests" / "golden" / "streams"
 Luma = NDArray[np.uint8]
 Change = Callable[[bytes], bytes]
 

@@ -1,0 +1,89 @@
+"""Decoding processes forked from one that has loaded all kernels: mutations end many of them."""
+
+import multiprocessing
+import os
+import resource
+import subprocess
+from collections import deque
+from contextlib import suppress
+from multiprocessing import Pipe, forkserver
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import decoder.parallel
+from decoder import worker
+from decoder.session import stream_tasks
+from decoder.tasks import DecodedGroup, GroupTask, following
+from dvc.environment import baseline_environment
+from dvc.stream import StreamReader
+
+STREAMS = Path(__file__).resolve().parents[2] / "tests" / "golden" / "streams"
+_WARMING = ("2d-qp-buffered", "2d-classical-buffered", "3d-te-no-feedback", "3d-td-luma-buffered")
+_LOADED = "benchmarks.hostile.loaded"
+
+
+class ForkedProcess(decoder.parallel.DecodingProcess):
+    """A decoding process that is there at once."""
+
+    def __init__(self) -> None:
+        self.num_running = self.num_pending = 0
+        self.step_s = self._began_s = 0.0
+        self._connection, other = Pipe()
+        with other:
+            self._process: Any = _Child(other)
+
+
+class _Child:
+    """A forked process with the methods of `Popen`."""
+
+    def __init__(self, connection: "Connection[Any, Any]") -> None:
+        limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+        context = multiprocessing.get_context("forkserver")
+        self._child = context.Process(target=_serve, args=(connection, limit), daemon=True)
+        self._child.start()
+
+    def poll(self) -> int | None:
+        return self._child.exitcode
+
+    def wait(self, timeout: float | None = None) -> int:
+        self._child.join(timeout)
+        if self._child.exitcode is None:
+            raise subprocess.TimeoutExpired("decoder.worker", timeout or 0.0)
+        return self._child.exitcode
+
+    def kill(self) -> None:
+        self._child.kill()
+
+
+def _serve(connection: "Connection[Any, Any]", limit: int) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
+    worker.serve(connection)
+
+
+def fork_workers() -> None:
+    """Let this program fork its decoding processes from now on."""
+    os.environ.update(baseline_environment())
+    multiprocessing.set_forkserver_preload([_LOADED])
+    forkserver.ensure_running()
+    decoder.parallel.DecodingProcess = ForkedProcess  # type: ignore[misc]
+
+
+def load_kernels() -> None:
+    """Decode in this process, so that those that are forked from it have all that this takes."""
+    for name in _WARMING:
+        with suppress(Exception), StreamReader(STREAMS / f"{name}.dvc") as reader:
+            for chain in stream_tasks(reader.config, reader):
+                group = None
+                for task in chain:
+                    group = _decoded(following(task, group))
+
+
+def _decoded(task: GroupTask) -> DecodedGroup:
+    levels = deque[worker.NextLevel]()
+    groups = worker._Groups(worker.LevelTurns(levels.append))
+    outcome = groups.go_on(task)
+    while levels:
+        outcome = groups.go_on(levels.popleft())
+    assert isinstance(outcome, DecodedGroup)
+    return outcome
