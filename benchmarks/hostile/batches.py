@@ -13,7 +13,7 @@ from threading import Timer
 from types import FrameType
 
 from benchmarks.hostile.attempts import Kind, kinds
-from benchmarks.hostile.workers import fork_workers
+from benchmarks.hostile.workers import forked_workers
 from decoder.parallel import stop_idle_processes
 from dvc import cli
 from dvc.errors import DvcError
@@ -68,14 +68,14 @@ def _limited_memory(most: int) -> Iterator[None]:
 def run_batch(kind: str, numbers: Sequence[int]) -> Iterator[str]:
     """Try mutations in this process, and tell what each does."""
     chosen = kinds()[kind]
-    fork_workers()
-    with suppress(Exception):
-        chosen.outcome(chosen.damaged(numbers[0]))  # loads kernels, and makes what is mutated
-    stop_idle_processes()  # others inherit the limit
-    for number in numbers:
-        outcome = _outcome(chosen, number)
-        # Kernels that nothing has called before take time and memory as well: only once.
-        yield outcome if outcome in GOOD else _outcome(chosen, number)
+    with forked_workers():
+        with suppress(Exception):
+            chosen.outcome(chosen.damaged(numbers[0]))  # loads kernels, and makes what is mutated
+        stop_idle_processes()  # others inherit the limit
+        for number in numbers:
+            outcome = _outcome(chosen, number)
+            # Kernels that nothing has called before take time and memory as well: only once.
+            yield outcome if outcome in GOOD else _outcome(chosen, number)
 
 
 def _outcome(kind: Kind, number: int) -> str:

@@ -5,11 +5,13 @@ import os
 import resource
 import subprocess
 from collections import deque
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing import Pipe, forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import decoder.parallel
 from decoder import worker
@@ -61,12 +63,19 @@ def _serve(connection: "Connection[Any, Any]", limit: int) -> None:
     worker.serve(connection)
 
 
-def fork_workers() -> None:
-    """Let this program fork its decoding processes from now on."""
-    os.environ.update(baseline_environment())
-    multiprocessing.set_forkserver_preload([_LOADED])
-    forkserver.ensure_running()
-    decoder.parallel.DecodingProcess = ForkedProcess  # type: ignore[misc]
+@contextmanager
+def forked_workers() -> Iterator[None]:
+    """Let decoding processes be forked while a block runs."""
+    with (
+        patch.dict(os.environ, baseline_environment()),
+        patch.object(decoder.parallel, "DecodingProcess", ForkedProcess),
+    ):
+        multiprocessing.set_forkserver_preload([_LOADED])
+        forkserver.ensure_running()
+        try:
+            yield
+        finally:
+            decoder.parallel.stop_idle_processes()
 
 
 def load_kernels() -> None:
