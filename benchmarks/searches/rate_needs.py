@@ -38,7 +38,7 @@ from encoder.rate_control.sampled_blocks import BlockErrors
 Floats = NDArray[np.float64]
 
 LEARNING_STEPS = 3
-SLOPES = 0.5, 1.0, 2.0
+MULTIPLIERS = 0.5, 1.0, 2.0
 """What a bit must save, over what is usual, for planes to be among those that needs are fitted to."""
 _ROBUST = 0.2  # logarithm of bits; what is farther off counts less
 _LEAST_BITS = 100.0
@@ -60,7 +60,7 @@ class RecordedFrame:
     squares: dict[int, Floats]
 
     @property
-    def slope(self) -> float:
+    def multiplier(self) -> float:
         """Squared error that a bit must save."""
         return self.config.wyner_ziv.lambda_between(self.distance)
 
@@ -109,7 +109,7 @@ def _costs(record: RecordedFrame, band: int, state: FrameState, truth: Floats) -
         squares[depth] = ((truth - known.reconstruct(predicted)) ** 2).sum()
         learned = LearnedBand(edges, planes, depth, predicted, scale, scale * state.gain)
         bits[depth] = _learned_bits(learned, prefix)
-        cost = squares[depth] + 1.25 * record.slope * bits[depth]
+        cost = squares[depth] + 1.25 * record.multiplier * bits[depth]
         if cost < least:
             best, least = known, cost
     record.bits[band], record.squares[band] = bits, squares
@@ -190,17 +190,17 @@ def fit(frames: Sequence[RecordedFrame], block: int) -> tuple[Needs, dict[str, F
 
 
 def _samples(frame: RecordedFrame, block: int) -> list[tuple[RecordedFrame, dict[int, int]]]:
-    """Return planes of a block by bands: the finest of DC, others that pay at several slopes."""
+    """Return planes of a block by bands: the finest of DC, others that pay at several multipliers."""
     if len(BLOCKS[block]) == 1:
         (band,) = BLOCKS[block]
         planes = frame.encoded.quantization.planes[band]
         return [(frame, {band: depth}) for depth in range(max(planes - 2, 1), planes + 1)]
     found: list[dict[int, int]] = []
-    for factor in SLOPES:
+    for factor in MULTIPLIERS:
         depths = {}
         for band in BLOCKS[block]:
             if band in frame.bits:
-                depth = int((frame.squares[band] + factor * frame.slope * frame.bits[band]).argmin())
+                depth = int((frame.squares[band] + factor * frame.multiplier * frame.bits[band]).argmin())
                 if depth:
                     depths[band] = depth
         if depths and depths not in found:

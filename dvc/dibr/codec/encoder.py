@@ -1,6 +1,6 @@
 """The encoder: pictures and the disparities that predict the other views best for their bits.
 
-Each quality layer first takes what its slope is worth from the embedded code of the picture, then finds the
+Each quality layer first cuts the embedded code of the picture at its Lagrange multiplier, then finds the
 disparities that predict the other views best from the picture that a decoder has at that layer (3.8, 3.36).
 """
 
@@ -17,16 +17,22 @@ from dvc.dibr.codec.views import Picture, Views
 from dvc.dibr.disparity.error_tensor import Tensor, error_tensor
 from dvc.dibr.disparity.methods import METHODS, DisparityCodec
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import STEEPEST, DecodedReference, ReferenceCode, lowest_plane_at, slopes_around
+from dvc.dibr.reference.codec import (
+    LARGEST_MULTIPLIER,
+    DecodedReference,
+    ReferenceCode,
+    lowest_plane_at,
+    multipliers_around,
+)
 from dvc.dibr.stream.header import DisparityMethod, Header, decode_header, encode_header
 from dvc.dibr.stream.layers import Layer, PairLayer, encode_stream
 from dvc.multiview.camera_array import DisparityLabels
 from dvc.multiview.viewpoints import warp_between
 
-SLOPE_RANGE, MAX_SLOPE_RATIO = 64.0, 4.0
-"""Slopes of the first quality layer and the last; and of one and the next, at most."""
-SLOPE_SHARES = tuple(0.8 + 0.05 * step for step in range(9))
-"""Lengths, relative to one, whose slopes are averaged."""
+MULTIPLIER_RANGE, MAX_MULTIPLIER_RATIO = 64.0, 4.0
+"""Multipliers of the first quality layer and the last; and of one and the next, at most."""
+MULTIPLIER_SHARES = tuple(0.8 + 0.05 * step for step in range(9))
+"""Lengths, relative to one, whose multipliers are averaged."""
 
 
 class Encoded(NamedTuple):
@@ -36,14 +42,14 @@ class Encoded(NamedTuple):
     ----------
     data : bytes
         The file.
-    slope : float
+    multiplier : float
         Squared error (intensities from 0 to 1) that the last bit of a pixel was worth.
     header_bytes, picture_bytes, disparity_bytes : int
         Parts of the file; the first with lengths and checksums of layers.
     """
 
     data: bytes
-    slope: float
+    multiplier: float
     header_bytes: int
     picture_bytes: int
     disparity_bytes: int
@@ -55,7 +61,7 @@ class Encoded(NamedTuple):
 
 
 class ViewEncoder:
-    """Encodes some views at any slope.
+    """Encodes some views at any multiplier.
 
     Parameters
     ----------
@@ -85,34 +91,34 @@ class ViewEncoder:
         self.views, self.advance = views, advance
         self.codec: DisparityCodec = METHODS[method.name.lower()]
         self.codes: list[ReferenceCode] = []
-        self._lowest_plane = lowest_plane_at(STEEPEST) + 1
+        self._lowest_plane = lowest_plane_at(LARGEST_MULTIPLIER) + 1
 
-    def encode(self, slope: float, picture_bytes: int | None = None) -> Encoded:
+    def encode(self, multiplier: float, picture_bytes: int | None = None) -> Encoded:
         """Encode all layers.
 
         Parameters
         ----------
-        slope : float
+        multiplier : float
             Of the last layer: squared error, intensities from 0 to 1, that a bit per pixel is worth.
         picture_bytes : int, optional
-            How long the code of all pictures is; by default as long as the slope says.
+            How long the code of all pictures is; by default as long as the multiplier says.
 
         Returns
         -------
         Encoded
             The stream.
         """
-        slopes = layer_slopes(slope, self.header.num_layers)
-        self._code_pictures(lowest_plane_at(slope), picture_bytes or 0)
-        sizes = self._picture_sizes(slopes[-1], picture_bytes)
-        by_pair = [self._pair_layers(index, slopes, size) for index, size in enumerate(sizes)]
+        multipliers = layer_multipliers(multiplier, self.header.num_layers)
+        self._code_pictures(lowest_plane_at(multiplier), picture_bytes or 0)
+        sizes = self._picture_sizes(multipliers[-1], picture_bytes)
+        by_pair = [self._pair_layers(index, multipliers, size) for index, size in enumerate(sizes)]
         layers: list[Layer] = list(zip(*by_pair, strict=True))
         data = encode_stream(self.header, layers)
         picture, disparity = (sum(len(pair[part]) for layer in layers for pair in layer) for part in (0, 1))
-        return Encoded(data, slope, len(data) - picture - disparity, picture, disparity)
+        return Encoded(data, multiplier, len(data) - picture - disparity, picture, disparity)
 
-    def slope_of_pictures(self, num_bytes: int) -> float:
-        """Return the slope at which the code of all pictures has some length.
+    def multiplier_of_pictures(self, num_bytes: int) -> float:
+        """Return the multiplier at which the code of all pictures has some length.
 
         Parameters
         ----------
@@ -122,17 +128,19 @@ class ViewEncoder:
         Returns
         -------
         float
-            From `FLATTEST` to `STEEPEST`; lengths leap where a slope is passed, so it is a mean of those of
-            neighbouring lengths.
+            From `SMALLEST_MULTIPLIER` to `LARGEST_MULTIPLIER`; lengths leap where a multiplier is
+            passed, so it is a mean of those of neighbouring lengths.
         """
-        plane = lowest_plane_at(STEEPEST)
+        plane = lowest_plane_at(LARGEST_MULTIPLIER)
         while True:
-            self._code_pictures(plane, SLOPE_SHARES[-1] * num_bytes)
-            around = [math.log(slopes_around(self.codes, share * num_bytes)[1]) for share in SLOPE_SHARES]
-            slope = math.exp(sum(around) / len(around))
-            plane = lowest_plane_at(slope)
+            self._code_pictures(plane, MULTIPLIER_SHARES[-1] * num_bytes)
+            around = [
+                math.log(multipliers_around(self.codes, share * num_bytes)[1]) for share in MULTIPLIER_SHARES
+            ]
+            multiplier = math.exp(sum(around) / len(around))
+            plane = lowest_plane_at(multiplier)
             if plane >= self._lowest_plane:
-                return slope
+                return multiplier
 
     def _code_pictures(self, lowest_plane: int, num_bytes: float) -> None:
         """Code all pictures as far as a bit plane, and to a length, if they have one."""
@@ -145,27 +153,27 @@ class ViewEncoder:
                 for index in self.views.references
             ]
 
-    def _picture_sizes(self, slope: float, num_bytes: int | None) -> list[int]:
-        """Lengths of the codes of pictures, in proportion to those at a slope."""
-        sizes = [code.bytes_at_slope(slope) for code in self.codes]
+    def _picture_sizes(self, multiplier: float, num_bytes: int | None) -> list[int]:
+        """Lengths of the codes of pictures, in proportion to those at a multiplier."""
+        sizes = [code.bytes_at_multiplier(multiplier) for code in self.codes]
         if num_bytes is None:
             return sizes
         return [num_bytes * (size + 1) // (sum(sizes) + len(sizes)) for size in sizes]
 
-    def _pair_layers(self, index: int, slopes: Sequence[float], size: int) -> list[PairLayer]:
+    def _pair_layers(self, index: int, multipliers: Sequence[float], size: int) -> list[PairLayer]:
         """All layers of one picture, of a given length, and its disparities."""
         layers, done, previous = [], 0, None
         code = self.codes[index]
-        for layer, slope in enumerate(slopes):
-            is_last = layer == len(slopes) - 1
-            end = size if is_last else min(code.bytes_at_slope(slope), size)
+        for layer, multiplier in enumerate(multipliers):
+            is_last = layer == len(multipliers) - 1
+            end = size if is_last else min(code.bytes_at_multiplier(multiplier), size)
             header, data = code.cut(max(end, done))
             decoded = reference_codec.decode(header, data, self.header.shape)
             classes = significance_classes(decoded)
             tensor = self._tensor(index, decoded)
             previous = previous if self.codec.layered else None
             distortion = self._distortion(index, decoded.picture())
-            found: Any = self.codec.optimise(tensor, slope, classes, previous, distortion)
+            found: Any = self.codec.optimise(tensor, multiplier, classes, previous, distortion)
             disparity = self.codec.encode(found, classes, previous)
             layers.append(PairLayer(header.to_bytes() + data[done:], disparity))
             done, previous = len(data), found
@@ -191,7 +199,7 @@ class ViewEncoder:
         return error_tensor(decoded.picture() / 255.0, pictures, warps, inverse_depths)
 
 
-def layer_slopes(slope: float, num_layers: int) -> list[float]:
-    """Return the slopes of all quality layers."""
-    ratio = min(MAX_SLOPE_RATIO, SLOPE_RANGE ** (1.0 / max(num_layers - 1, 1)))
-    return [slope * ratio**step for step in range(num_layers - 1, -1, -1)]
+def layer_multipliers(multiplier: float, num_layers: int) -> list[float]:
+    """Return the multipliers of all quality layers."""
+    ratio = min(MAX_MULTIPLIER_RATIO, MULTIPLIER_RANGE ** (1.0 / max(num_layers - 1, 1)))
+    return [multiplier * ratio**step for step in range(num_layers - 1, -1, -1)]

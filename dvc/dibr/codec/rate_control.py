@@ -1,13 +1,13 @@
 """Rate control: a stream that is as long as it may be.
 
-The code of pictures can be cut at any byte, that of disparities is what it is at a slope. So pictures get
-what disparities leave, and disparities the slope that pictures have at that length, again and again.
+The code of pictures can be cut at any byte, that of disparities follows from a Lagrange multiplier. So
+pictures get what disparities leave, and disparities the multiplier of pictures of that length, repeatedly.
 """
 
 from typing import Protocol
 
 from dvc.dibr.codec.encoder import Encoded
-from dvc.dibr.reference.codec import STEEPEST
+from dvc.dibr.reference.codec import LARGEST_MULTIPLIER
 from dvc.errors import ConfigError
 
 PICTURE_SHARE = 0.85
@@ -20,14 +20,14 @@ MAX_STEPS = 8
 
 
 class SizedEncoder(Protocol):
-    """What encodes views at a slope; see `dvc.dibr.codec.encoder.ViewEncoder`."""
+    """What encodes views at a multiplier; see `dvc.dibr.codec.encoder.ViewEncoder`."""
 
-    def encode(self, slope: float, picture_bytes: int | None = None) -> Encoded:
+    def encode(self, multiplier: float, picture_bytes: int | None = None) -> Encoded:
         """Encode; see `ViewEncoder.encode`.
 
         Parameters
         ----------
-        slope : float
+        multiplier : float
             Of the last layer.
         picture_bytes : int, optional
             How long the code of all pictures is.
@@ -38,8 +38,8 @@ class SizedEncoder(Protocol):
             The stream.
         """
 
-    def slope_of_pictures(self, num_bytes: int) -> float:
-        """Return a slope; see `ViewEncoder.slope_of_pictures`.
+    def multiplier_of_pictures(self, num_bytes: int) -> float:
+        """Return a multiplier; see `ViewEncoder.multiplier_of_pictures`.
 
         Parameters
         ----------
@@ -49,7 +49,7 @@ class SizedEncoder(Protocol):
         Returns
         -------
         float
-            The slope.
+            The multiplier.
         """
 
 
@@ -59,7 +59,7 @@ def encode_to_size(encoder: SizedEncoder, max_bytes: int) -> Encoded:
     picture_bytes, growth = int(PICTURE_SHARE * max_bytes), 1.0 / PICTURE_SHARE
     tried: list[tuple[int, int]] = []
     for _ in range(MAX_STEPS):
-        found = encoder.encode(encoder.slope_of_pictures(picture_bytes), picture_bytes)
+        found = encoder.encode(encoder.multiplier_of_pictures(picture_bytes), picture_bytes)
         size = len(found.data)
         if size <= max_bytes and (best is None or size > len(best.data)):
             best = found
@@ -74,7 +74,7 @@ def encode_to_size(encoder: SizedEncoder, max_bytes: int) -> Encoded:
         picture_bytes = max(picture_bytes + round((wanted - size) / growth), 0)
     if best is not None:
         return best
-    least = encoder.encode(STEEPEST)
+    least = encoder.encode(LARGEST_MULTIPLIER)
     if len(least.data) > max_bytes:
         raise ConfigError(f"{max_bytes} bytes are too few: these views need {len(least.data)} at least")
     return least

@@ -32,7 +32,7 @@ def add_codec_options(parser: argparse.ArgumentParser) -> None:
     order = "degree of the polynomials that continue the map at edges, 0 to 3"
     cli.add_integer(parser, "--order-depth", (0, 3), order, default=1, metavar="K")
     edges = (
-        "edges that pay for their bits (auto), of Canny's detector, none, or of a file as decode writes "
+        "edges that are worth their bits (auto), of Canny's detector, none, or of a file as decode writes "
         "it; default: auto"
     )
     parser.add_argument("--edges", default=EDGES[0], metavar="{auto,canny,none,FILE}", help=edges)

@@ -86,7 +86,9 @@ def run(arguments: argparse.Namespace) -> int:
         cli.write_json(arguments.json, figures)
     if arguments.json != "-" and not arguments.quiet:
         share = f"{100 * encoded.disparity_share:.1f} % of it disparities"
-        sys.stdout.write(f"{out}: {figures['bpp']:.4f} bits per pixel, {share}; lambda {encoded.slope:.3g}\n")
+        sys.stdout.write(
+            f"{out}: {figures['bpp']:.4f} bits per pixel, {share}; lambda {encoded.multiplier:.3g}\n"
+        )
     return 0
 
 
@@ -172,7 +174,7 @@ def _figures(encoder: "ViewEncoder", encoded: "Encoded") -> dict[str, Any]:
     return {
         "stream_bytes": len(encoded.data),
         "bpp": 8 * len(encoded.data) / (width * height),
-        "lambda": encoded.slope,
+        "lambda": encoded.multiplier,
         "bits": {name: 8 * size for name, size in parts.items()},
         "disparity_share": encoded.disparity_share,
         "disparity": header.method.name.lower(),

@@ -7,7 +7,7 @@ from dvc.dibr.commands.options import add_json
 
 SUMMARY = "a depth map to a stream"
 DESCRIPTION = """\
-Code a depth map by wavelets that stop at its contours, which are coded as well where they pay for their bits.
+Code a depth map by wavelets that stop at its contours, which are coded as well where that is worth the bits.
 """
 EXAMPLES = """\
   dvc-dibr encode-depth disparity.pfm map.dibr --bpp 0.05

@@ -41,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     share = "part of the bits that edges and depth have, more if masks need it; default: %(default)s"
     parser.add_argument("--depth-share", type=parse_share, default=0.2, metavar="S", help=share)
     keep = (
-        "what is coded: as much as pays for its bits in views from other places, at least the reference view "
+        "what is coded: as much as is worth its bits in views from other places, at least the reference view "
         "with its disparities, or all as it is; default: %(default)s"
     )
     parser.add_argument("--keep", choices=KEEP, default=KEEP[0], help=keep)

@@ -30,7 +30,7 @@ MAX_LAYERS = 32
 MAX_MIB = 2048
 """As in `dvc.dibr.stream.limits`."""
 MULTIPLIERS = 1e-8, 10.0
-"""As in `dvc.dibr.reference.codec`, flattest and steepest."""
+"""As in `dvc.dibr.reference.codec`, smallest and largest."""
 
 
 def add_stream(parser: argparse.ArgumentParser) -> None:

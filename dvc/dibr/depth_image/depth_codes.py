@@ -1,4 +1,4 @@
-"""A depth map coded with several selections of edges, to choose from: the best at a length, or at a slope."""
+"""A depth map coded with several selections of edges: the best at a length, or at a Lagrange multiplier."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -125,7 +125,7 @@ def code_with_selections(
     advance: Callable[[int], None] = lambda _: None,
     mask: Mask | None = None,
 ) -> list[DepthCandidate]:
-    """Code a depth map with the edges that pay at several rates, and with none."""
+    """Code a depth map with the edges that are worth their bits at several rates, and with none."""
     wavelet = WAVELETS[options.wavelet]
 
     def _code(edges: EdgeMaps) -> DepthCandidate:

@@ -109,7 +109,7 @@ def encode_to_size(
     max_bytes : int
         Longest file.
     edges : CodedEdges, optional
-        Where transforms stop, by default nowhere; None: where it pays.
+        Where transforms stop, by default nowhere; None: where it is worth the bits.
     depth_options : DepthOptions, optional
         How the map is transformed.
     picture_options : PictureOptions, optional
@@ -215,8 +215,8 @@ def _best_share(
     """Part of the bytes of a map at which views from one unit of m and n aside have the least error."""
     assert image.picture is not None
     gray = np.asarray(luma(image.picture), np.float64)
-    slopes = [float(np.mean(np.diff(gray, axis=axis) ** 2)) for axis in (0, 1)]
-    weight = 0.5 * sum(slopes) * image.scale.factor**2
+    multipliers = [float(np.mean(np.diff(gray, axis=axis) ** 2)) for axis in (0, 1)]
+    weight = 0.5 * sum(multipliers) * image.scale.factor**2
     code = reference_codec.encode(gray, room, options.num_levels, options.wavelet, options.adaptive, None, 0)
     costs = []
     for share in _SHARES:

@@ -44,7 +44,7 @@ class BlockCodec:
     def optimise(
         self,
         tensor: Tensor,
-        slope: float,
+        multiplier: float,
         significance: Sequence[Classes] | None = None,
         previous: BlockMap | None = None,
         distortion: Distortion | None = None,

@@ -47,7 +47,7 @@ class DisparityCodec(Protocol):
     def optimise(
         self,
         tensor: Tensor,
-        slope: float,
+        multiplier: float,
         significance: Sequence[Classes] | None = None,
         previous: Any = None,
         distortion: Distortion | None = None,
@@ -58,7 +58,7 @@ class DisparityCodec(Protocol):
         ----------
         tensor : ndarray of shape (H, W, labels), float32
             Error of each label at each pixel, at least 0 and finite.
-        slope : float
+        multiplier : float
             Lambda: squared error per pixel that a bit is worth.
         significance : sequence of ndarray of shape (H_j+1, W_j+1), uint8, optional
             Class of each node of level j + 1 = 1, 2, ... by the decoded reference: where it is 0,

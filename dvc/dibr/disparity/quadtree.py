@@ -1,4 +1,4 @@
-"""Quadtree of disparities: squares of one label each, split where that pays.
+"""Quadtree of disparities: squares of one label each, split where that is worth the bits.
 
 The tree begins with one square around the whole map and may go down to single pixels. Leaves have labels that
 are independent of each other, as in the thesis: adaptive contexts learn how frequent each label is, and how
@@ -54,7 +54,7 @@ class QuadtreeCodec:
     def optimise(
         self,
         tensor: Tensor,
-        slope: float,
+        multiplier: float,
         significance: Sequence[Classes] | None = None,
         previous: Quadtree | None = None,
         distortion: Distortion | None = None,
@@ -66,14 +66,14 @@ class QuadtreeCodec:
         split_bits = np.tile(-np.log2([1.0 - _SPLIT_PRIOR, _SPLIT_PRIOR]), (len(sums), 1))
         best, least = None, np.inf
         for _ in range(NUM_ITERATIONS):
-            tree = prune(sums, slope * label_bits, slope * split_bits)
+            tree = prune(sums, multiplier * label_bits, multiplier * split_bits)
             error = (
                 distortion.measure(tree.labels)[0]
                 if distortion is not None
                 else backward_error(tensor, tree.labels)
             )
-            cost = error + slope * 8 * len(self.encode(tree))
-            if cost < least - 1e-6 * pixels * slope:
+            cost = error + multiplier * 8 * len(self.encode(tree))
+            if cost < least - 1e-6 * pixels * multiplier:
                 best, least = tree, cost
             label_bits, split_bits = _measured_bits(tree)
         assert best is not None

@@ -87,21 +87,21 @@ def laplacian_costs(
 def search_laplacian(
     transform: IntegerTransform,
     tensor: Tensor,
-    slope: float,
+    multiplier: float,
     significance: Sequence[Classes],
     previous: WaveletTree | None = None,
     max_iterations: int = 12,
 ) -> tuple[WaveletTree, Laplacian]:
     """Find the best tree under a Laplacian distribution that fits its own coefficients (3.33), (3.34)."""
     shape, num_labels = (tensor.shape[0], tensor.shape[1]), tensor.shape[2]
-    mu = slope / math.log(2.0)  # b = 1
+    mu = multiplier / math.log(2.0)  # b = 1
     for _ in range(max_iterations):
         tree, _ = optimise_tree(transform, tensor, laplacian_costs(shape, significance, mu), previous)
         model = Laplacian.fitted(significant_magnitudes(tree, significance, previous), num_labels)
         current = mu * model.scale * math.log(2.0)
-        if abs(current - slope) <= LAMBDA_TOLERANCE * slope:
+        if abs(current - multiplier) <= LAMBDA_TOLERANCE * multiplier:
             break
-        mu *= slope / current
+        mu *= multiplier / current
     return tree, model
 
 
@@ -130,7 +130,7 @@ _PRIOR_WEIGHT = 4.0
 
 
 def code_costs(
-    slope: float,
+    multiplier: float,
     num_labels: int,
     statistics: Statistics,
     kinds: Sequence[tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.int32]]],
@@ -139,7 +139,7 @@ def code_costs(
     """Return what the code of `encode_tree` costs, from how often it had what to code."""
     coefficients, merges = _coefficient_bits(statistics.coefficients.astype(np.float64), num_labels)
     flags = _flag_bits(statistics.flags.astype(np.float64))
-    tables = [np.float32(slope) * bits.astype(np.float32) for bits in (coefficients, merges, flags)]
+    tables = [np.float32(multiplier) * bits.astype(np.float32) for bits in (coefficients, merges, flags)]
     for level, table in enumerate(tables[0]):
         table[:, _kernels.TEAR] = tear * 2.0**level
     return [

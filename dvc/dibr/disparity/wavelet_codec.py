@@ -58,13 +58,13 @@ class WaveletCodec:
     def optimise(
         self,
         tensor: Tensor,
-        slope: float,
+        multiplier: float,
         significance: Sequence[Classes] | None = None,
         previous: WaveletTree | None = None,
         distortion: Distortion | None = None,
     ) -> WaveletTree:
         """Find the best tree; see `DisparityCodec`."""
-        search = _Search(self, tensor, slope, significance, previous, distortion)
+        search = _Search(self, tensor, multiplier, significance, previous, distortion)
         for step in range(NUM_ITERATIONS):
             search.refine(search.latest, is_candidate=distortion is None or step == NUM_ITERATIONS - 1)
         if distortion is not None:
@@ -119,13 +119,13 @@ class _Search:
         self,
         codec: WaveletCodec,
         tensor: Tensor,
-        slope: float,
+        multiplier: float,
         significance: Sequence[Classes] | None,
         previous: WaveletTree | None,
         distortion: Distortion | None,
     ) -> None:
         shape = tensor.shape[0], tensor.shape[1]
-        self._transform, self._tensor, self._slope = codec.transform, tensor, slope
+        self._transform, self._tensor, self._multiplier = codec.transform, tensor, multiplier
         self._classes, self._previous = codec.classes(shape, significance), previous
         self._distortion = distortion
         self._error_of_tears = (
@@ -153,7 +153,7 @@ class _Search:
             tensor = self._distortion.claimed(tensor, self.best.holes, credit)
         kinds = kinds_of(start.tree, self._classes, self._previous)
         costs = code_costs(
-            self._slope, start.tree.num_labels, start.statistics, kinds, tear * self._error_of_tears
+            self._multiplier, start.tree.num_labels, start.statistics, kinds, tear * self._error_of_tears
         )
         tree, _ = optimise_tree(self._transform, tensor, costs, self._previous)
         payload, statistics = encode_tree(tree, self._classes, self._previous)
@@ -163,7 +163,7 @@ class _Search:
                 now._replace(errors=np.where(now.errors > 0.0, now.errors, was.errors))
                 for now, was in zip(holes, self.best.holes, strict=True)
             ]
-        cost = error + self._slope * 8 * len(payload)
+        cost = error + self._multiplier * 8 * len(payload)
         self.latest = _Found(tree, cost, statistics, tear, holes)
         is_better = cost < self.best.cost
         if is_better:

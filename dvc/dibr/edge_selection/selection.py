@@ -1,4 +1,4 @@
-"""Automatic selection of edges: those that pay for their bits, at any rate.
+"""Automatic selection of edges: those that are worth their bits, at any rate.
 
 A contour is kept if what it takes off the cost of coefficients, their squared error and their bits, is more
 than its own bits are worth. Candidates are cut into short pieces where several meet, and each piece is taken
@@ -45,7 +45,7 @@ MOST_RUNGS = 19
 def select(
     depth: Plane, edges: EdgeMaps, step: float, order: int, wavelet: Wavelet = WAVELETS["9/7"]
 ) -> EdgeMaps:
-    """Return the edges that pay for their bits."""
+    """Return the edges that are worth their bits."""
     chains = trace(edges)
     if not len(chains.starts):
         return edges

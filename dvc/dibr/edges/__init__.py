@@ -1,1 +1,1 @@
-"""Edges of depth maps: found, selected by what they pay, and coded as chains (chapter 4)."""
+"""Edges of depth maps: found, selected by rate and distortion, and coded as chains (chapter 4)."""

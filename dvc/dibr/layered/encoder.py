@@ -25,7 +25,7 @@ from dvc.dibr.layered.pieces import Pieces
 from dvc.dibr.layered.rate import Choices, allot
 from dvc.dibr.layered.stream import Place, encode_header, encode_stream, piece_bytes
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import ReferenceCode, slopes_around
+from dvc.dibr.reference.codec import ReferenceCode, multipliers_around
 from dvc.dibr.reference.header import ReferenceHeader
 from dvc.dibr.wavelets.edge_maps import EdgeMaps
 from dvc.dibr.wavelets.lifting import most_levels
@@ -36,7 +36,7 @@ from dvc.stereo.layers.sprites import Sprite
 _LEAST_SHARE = 0.05
 """Of the bytes that edges leave, for depth, where edges take more than the share of both."""
 _NEARLY_ALL = 0.9
-"""Of the bytes of pictures, to which all their codes reach: the slope is that at this length."""
+"""Of the bytes of pictures, to which all their codes reach: the multiplier is that at this length."""
 _PEAK = 255.0
 _DEPTH_WEIGHT = (_PEAK / NUM_LEVELS) ** 2
 """Of squared errors of depth, so that they are in units of the squared range."""
@@ -76,14 +76,14 @@ class EncodedPieces:
         Edges of all pieces, borders of masks among them.
     part_bytes : dict of str to int
         Of `header` (of the stream and of its pieces), `edges`, `depth` and `image`.
-    slope : float
+    multiplier : float
         Squared error that a bit of the pictures was worth, in squared levels of all pixels together.
     """
 
     data: bytes
     edge_elements: int
     part_bytes: dict[str, int]
-    slope: float
+    multiplier: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def encode_to_size(
     room = max_bytes - _overhead(scene, codings, max_bytes)
     depths = _code_depths(codings, scene, room, chosen.depth_share, advance)
     left = room - sum(len(depth.edges.data) + len(depth.plane.data) for depth in depths)
-    pictures, slope = _code_pictures(
+    pictures, multiplier = _code_pictures(
         codings, [depth.edges.maps for depth in depths], left, chosen.picture_order
     )
     scales = [_scale_of(coding.piece, _extent(scene)) for coding in codings]
@@ -162,7 +162,7 @@ def encode_to_size(
     }
     elements = sum(depth.edges.maps.count() for depth in depths if depth.edges.maps is not None)
     parts = {"header": len(data) - sum(parts.values()), **parts}
-    return EncodedPieces(data, elements, parts, slope)
+    return EncodedPieces(data, elements, parts, multiplier)
 
 
 def mask_bytes(scene: Pieces) -> int:
@@ -225,7 +225,7 @@ def _overhead(scene: Pieces, codings: Sequence[_Coding], max_bytes: int) -> int:
 def _code_depths(
     codings: Sequence[_Coding], scene: Pieces, room: int, share: float, advance: Callable[[int], None]
 ) -> list[DepthCode]:
-    """Code all maps at one slope."""
+    """Code all maps at one multiplier."""
     whole = _extent(scene)
     masks = mask_bytes(scene)
     if masks > room:
@@ -259,7 +259,7 @@ def _continued(piece: Sprite) -> Plane:
 def _code_pictures(
     codings: Sequence[_Coding], edges: Sequence[EdgeMaps | None], room: int, order: int
 ) -> tuple[list[tuple[PlaneCode, bool]], float]:
-    """Code all pictures at one slope, and tell which share the edges of their maps, and the slope."""
+    """Code all pictures at one multiplier; return it, and which share the edges of their maps."""
     found: list[list[tuple[ReferenceCode, EdgeMaps, bool]]] = []
     for coding, maps in zip(codings, edges, strict=True):
         mask, options = coding.piece.mask, coding.options
@@ -290,7 +290,7 @@ def _code_pictures(
         _best_picture(coding, one, length, order)
         for coding, one, length in zip(codings, found, lengths, strict=True)
     ]
-    return best, slopes_around(choices, _NEARLY_ALL * room)[1] * _PEAK**2
+    return best, multipliers_around(choices, _NEARLY_ALL * room)[1] * _PEAK**2
 
 
 def _best_picture(

@@ -1,11 +1,11 @@
-"""Rate of several pieces: each in the best of several codes, all cut at one slope."""
+"""Rate of several pieces: each in the best of several codes, all cut at one multiplier."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dvc.dibr.reference.codec import ReferenceCode, slopes_around
+from dvc.dibr.reference.codec import ReferenceCode, multipliers_around
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,30 +14,30 @@ class Choices:
 
     codes: tuple[ReferenceCode, ...]  # at least one; errors of all pieces in the same unit
     fixed_bytes: tuple[int, ...]  # what each needs beside its own
-    weight: float = 1.0  # of their errors, so that nothing pays at the steepest slope
+    weight: float = 1.0  # of their errors, so that nothing is worth its bits at the largest multiplier
 
-    def bytes_at_slope(self, slope: float) -> int:
+    def bytes_at_multiplier(self, multiplier: float) -> int:
         """Return the length of the code of least cost."""
-        slope /= self.weight
+        multiplier /= self.weight
         costs, lengths = [], []
         for code, fixed in zip(self.codes, self.fixed_bytes, strict=True):
             num_pixels = code.shape[0] * code.shape[1]
-            cost = float(np.min(code.mse + slope * code.bits_per_pixel))
-            costs.append(cost + slope * 8.0 * fixed / num_pixels)
-            lengths.append(fixed + code.bytes_at_slope(slope))
+            cost = float(np.min(code.mse + multiplier * code.bits_per_pixel))
+            costs.append(cost + multiplier * 8.0 * fixed / num_pixels)
+            lengths.append(fixed + code.bytes_at_multiplier(multiplier))
         return lengths[int(np.argmin(costs))]
 
 
 def allot(choices: Sequence[Choices], num_bytes: int) -> list[int] | None:
     """Divide bytes among pieces, so that the last bits of each are worth the same."""
-    flatter, steeper = slopes_around(choices, num_bytes)
-    lengths = [choice.bytes_at_slope(steeper) for choice in choices]
+    smaller, larger = multipliers_around(choices, num_bytes)
+    lengths = [choice.bytes_at_multiplier(larger) for choice in choices]
     left = num_bytes - sum(lengths)
-    if left < 0:  # few pixels: even the first bits of a code may pay
+    if left < 0:  # few pixels: even the first bits of a code may be worth it
         lengths = [min(choice.fixed_bytes) for choice in choices]
         return lengths if sum(lengths) <= num_bytes else None
     for number, choice in enumerate(choices):
-        more = min(max(choice.bytes_at_slope(flatter) - lengths[number], 0), left)
+        more = min(max(choice.bytes_at_multiplier(smaller) - lengths[number], 0), left)
         lengths[number] += more
         left -= more
     return lengths

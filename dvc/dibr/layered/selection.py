@@ -1,11 +1,11 @@
-"""Layers and sprites of the values that pay, for streams of a given length.
+"""Layers and sprites of the values that are worth their bits, for streams of a given length.
 
 Scenes are coded, decoded and looked at from views that stand for all that a viewer can take: first the
 reference view with its disparities alone, which costs least, as they are and rounded to the labels that were
-tried, as means of what cameras have voted for cost more; then, with the better ones of these, what pays at
-the slope of its picture and at steeper and flatter ones, as long as views become better; last all values as
-they are, if their masks leave enough to the rest. The best one is written, so it is never worse than the
-picture with its map.
+tried, as means of what cameras have voted for cost more; then, with the better ones of these, what is worth
+its bits at the Lagrange multiplier of its picture, and at larger and smaller ones as long as views become
+better; last all values as they are, if their masks leave enough to the rest. The best one is written, so it
+is never worse than the picture with its map.
 """
 
 from collections.abc import Callable
@@ -36,8 +36,8 @@ from dvc.multiview.camera_array import LatticePosition
 MOST_TRIALS = 8
 """Scenes that are coded, at most."""
 
-_FIRST, _STEP, _FLATTEST = 4.0, 4.0, 1.0 / 64.0
-"""Slopes that are tried, in units of the picture's: contours take bits from the map as well."""
+_FIRST, _STEP, _SMALLEST = 4.0, 4.0, 1.0 / 64.0
+"""Multipliers that are tried, in units of the picture's: contours take bits from the map as well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,8 @@ def encode_best(
     price = _price(found)
 
     def _at(factor: float) -> SelectedPieces:
-        simplified = simplify(stack, scene.kind, worth, price._replace(slope=factor * price.slope))
-        if simplified.scene.num_values == found.scene.num_values:  # nothing pays
+        simplified = simplify(stack, scene.kind, worth, price._replace(multiplier=factor * price.multiplier))
+        if simplified.scene.num_values == found.scene.num_values:  # nothing is worth its bits
             return found
         try:
             return trials.of(simplified)
@@ -77,7 +77,7 @@ def encode_best(
     first = _at(_FIRST)
     tried = [found, first, _at(_FIRST * _STEP)]
     factor, before = _FIRST / _STEP, first
-    while factor >= _FLATTEST and trials.left > 1 and before is min(tried, key=lambda one: one.squared_error):
+    while factor >= _SMALLEST and trials.left > 1 and before is min(tried, key=lambda one: one.squared_error):
         before = _at(factor)
         tried.append(before)
         factor /= _STEP
@@ -131,4 +131,4 @@ def _price(coded: SelectedPieces) -> Price:
     (decoded,) = decode(decode_stream(encoded.data)).scene.pieces
     error = luma(decoded.colour).astype(np.float64) - luma(piece.colour)
     num_bytes = encoded.part_bytes["image"] + encoded.part_bytes["depth"]
-    return Price(encoded.slope, 8.0 * num_bytes / piece.mask.size, float(np.mean(error**2)))
+    return Price(encoded.multiplier, 8.0 * num_bytes / piece.mask.size, float(np.mean(error**2)))

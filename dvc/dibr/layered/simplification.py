@@ -1,8 +1,8 @@
-"""Simpler layers and sprites: the reference view with its disparities, and what is hidden as far as it pays.
+"""Simpler layers and sprites: the reference view with its disparities, and hidden values worth their bits.
 
 The nearest values of all pixels become one picture without a mask, a rectangle; values behind it are kept
-where the error that they save in other views is worth their bits. All are weighed at one slope, of squared
-error against bits, which is that of the pictures: there is no other parameter.
+where the error that they save in other views is worth their bits. There is one Lagrange
+multiplier, that of the pictures, and no other parameter.
 """
 
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from dvc.dibr.edge_selection.selection import CHAIN_BITS, ELEMENT_BITS
-from dvc.dibr.layered.masks_that_pay import best_mask
+from dvc.dibr.layered.mask_selection import best_mask
 from dvc.dibr.layered.pieces import Kind, Pieces
 from dvc.dibr.layered.stack import Stack, Worth
 from dvc.multiview.hole_filling import fill_from_background
@@ -31,7 +31,7 @@ _HORIZONTAL = np.array([1.0, 0.0, 0.0])
 class Price(NamedTuple):
     """What pixels cost."""
 
-    slope: float  # squared error, of all pixels of a view together, that a bit is worth
+    multiplier: float  # squared error, of all pixels of a view together, that a bit is worth
     bits_per_pixel: float  # of picture and disparities
     squared_error: float  # of a pixel that is coded
 
@@ -50,8 +50,8 @@ def alone(stack: Stack, kind: Kind) -> Pieces:
 
 
 def simplify(stack: Stack, kind: Kind, worth: Worth, price: Price) -> Simplified:
-    """Leave out what does not pay for its bits."""
-    cost = price.slope * price.bits_per_pixel
+    """Leave out what is not worth its bits."""
+    cost = price.multiplier * price.bits_per_pixel
     profit = np.where(stack.occupied, worth.saved - price.squared_error * worth.seen, 0.0) - cost
     window = _window(stack.canvas, profit[0])
     pieces, weights = [_front(stack, window)], [1.0]
@@ -61,8 +61,8 @@ def simplify(stack: Stack, kind: Kind, worth: Worth, price: Price) -> Simplified
     behind = pieces[0].disparity
     for layer in range(1, len(stack.occupied)):
         allowed = np.where(inside, profit[layer], -np.inf)[window.slices]
-        mask = best_mask(allowed, price.slope * ELEMENT_BITS, price.slope * CHAIN_BITS)
-        if allowed[mask].sum() <= price.slope * PIECE_BITS:
+        mask = best_mask(allowed, price.multiplier * ELEMENT_BITS, price.multiplier * CHAIN_BITS)
+        if allowed[mask].sum() <= price.multiplier * PIECE_BITS:
             break
         colour, disparity = _continued(stack, layer, window)
         behind = np.minimum(disparity, behind - np.float32(0.5 * stack.canvas.resolution))
@@ -74,7 +74,7 @@ def simplify(stack: Stack, kind: Kind, worth: Worth, price: Price) -> Simplified
 
 
 def _window(canvas: Canvas, profit: Floats) -> Frame:
-    """The frame with rows and columns beside it that pay."""
+    """The frame with rows and columns beside it that are worth their bits."""
     left, top, width, height = canvas.frame
     across, down = slice(left, left + width), slice(top, top + height)
     columns, rows = profit[down].sum(axis=0), profit[:, across].sum(axis=1)
@@ -86,7 +86,7 @@ def _window(canvas: Canvas, profit: Floats) -> Frame:
 
 
 def _reach(profit: Floats) -> int:
-    """How many of some lines pay together."""
+    """How many of some lines are worth their bits together."""
     return int(np.argmax(np.concatenate([[0.0], np.cumsum(profit)])))
 
 

@@ -31,11 +31,11 @@ STEP = 0.25
 CHROMA_WEIGHT = 0.5
 """Factor on chroma coefficients; squared, what its errors weigh beside those of luma."""
 
-STEEPEST, FLATTEST = 10.0, 1e-8
-"""Slopes at which next to nothing is coded, and all that there is."""
+LARGEST_MULTIPLIER, SMALLEST_MULTIPLIER = 10.0, 1e-8
+"""Multipliers at which next to nothing is coded, and all that there is."""
 
 DEFAULT_LEVELS = 6
-_SLOPE_STEPS = 40
+_MULTIPLIER_STEPS = 40
 _MOST_GAIN = 16.0
 _MIDDLE = 128.0
 _PEAK = 255.0
@@ -78,9 +78,9 @@ class ReferenceCode:
     _forest: Forest = field(repr=False)
     _coefficients: NDArray[np.float64] = field(repr=False)
 
-    def bytes_at_slope(self, slope: float) -> int:
-        """Return where to cut so that the last bits were worth a slope."""
-        best = int(np.argmin(self.mse + slope * self.bits_per_pixel))
+    def bytes_at_multiplier(self, multiplier: float) -> int:
+        """Return where to cut so that the last bits were worth a multiplier."""
+        best = int(np.argmin(self.mse + multiplier * self.bits_per_pixel))
         num_pixels = self.shape[0] * self.shape[1]
         return min(round(float(self.bits_per_pixel[best]) * num_pixels / 8), len(self.data))
 
@@ -95,21 +95,21 @@ class ReferenceCode:
         return replace(self.header, points=(fitted[0], fitted[1])), data
 
 
-def lowest_plane_at(slope: float) -> int:
-    """Return the bit plane after which no bits are worth a slope."""
-    threshold = math.sqrt(slope / _MOST_GAIN) * _PEAK / STEP
+def lowest_plane_at(multiplier: float) -> int:
+    """Return the bit plane after which no bits are worth a multiplier."""
+    threshold = math.sqrt(multiplier / _MOST_GAIN) * _PEAK / STEP
     return max(math.floor(math.log2(threshold)), 0) if threshold > 1.0 else 0
 
 
-class Sloped(Protocol):
-    """What can be cut at a slope."""
+class Cuttable(Protocol):
+    """What can be cut at a multiplier."""
 
-    def bytes_at_slope(self, slope: float) -> int:
-        """Return where to cut so that the last bits were worth a slope.
+    def bytes_at_multiplier(self, multiplier: float) -> int:
+        """Return where to cut so that the last bits were worth a multiplier.
 
         Parameters
         ----------
-        slope : float
+        multiplier : float
             Mean squared error per bit per pixel.
 
         Returns
@@ -119,12 +119,12 @@ class Sloped(Protocol):
         """
 
 
-def slopes_around(codes: Sequence[Sloped], num_bytes: float) -> tuple[float, float]:
-    """Return the slopes between which the codes of pictures leap past a length."""
-    low, high = math.log(FLATTEST), math.log(STEEPEST)
-    for _ in range(_SLOPE_STEPS):
+def multipliers_around(codes: Sequence[Cuttable], num_bytes: float) -> tuple[float, float]:
+    """Return the multipliers between which the codes of pictures leap past a length."""
+    low, high = math.log(SMALLEST_MULTIPLIER), math.log(LARGEST_MULTIPLIER)
+    for _ in range(_MULTIPLIER_STEPS):
         middle = 0.5 * (low + high)
-        if sum(code.bytes_at_slope(math.exp(middle)) for code in codes) > num_bytes:
+        if sum(code.bytes_at_multiplier(math.exp(middle)) for code in codes) > num_bytes:
             low = middle
         else:
             high = middle

@@ -15,7 +15,7 @@ from dvc.dibr.peers.comparison import all_peers, within
 from dvc.dibr.peers.quality import PeerResult
 from dvc.dibr.stream.header import DisparityMethod
 from dvc.dibr.thesis import pictures, tables
-from dvc.dibr.thesis.curves import Point, curve, differences, layered_points, measure, reference_slopes
+from dvc.dibr.thesis.curves import Point, curve, differences, layered_points, measure, reference_multipliers
 from dvc.dibr.thesis.decomposition import stopped_early
 from dvc.dibr.thesis.scenes import Scene
 from dvc.page.drawing import Picture
@@ -26,7 +26,7 @@ from dvc.stereo.thesis.tables import markdown
 
 DOCUMENT, VALUES, PAGE = "chapter3.md", "chapter3.json", "index.html"
 REFERENCE_BPP = 0.1, 0.25, 0.5, 0.75, 1.0
-"""Rates of the reference view that slopes are chosen for."""
+"""Rates of the reference view that multipliers are chosen for."""
 NUM_LAYERS = 4
 EARLY_LEVELS = {"to one pixel": None, "5 levels": 5, "3 levels": 3}
 LAYERED = DisparityMethod.L, DisparityMethod.S
@@ -36,7 +36,7 @@ NOTES = (
     "Intensities are gray; PSNR is by (3.1): the squared error is pooled over all views, the reference "
     "included, rendered forward from the decoded file. Rates are bits of whole files over pixels of the "
     "reference.",
-    f"Quality layers: {NUM_LAYERS}, slopes in equal ratios.",
+    f"Quality layers: {NUM_LAYERS}, multipliers in equal ratios.",
     "Other codecs may use as many bytes as our file has; all of their files count.",
 )
 
@@ -46,7 +46,7 @@ class SceneResult:
     """What was measured on a scene."""
 
     scene: Scene  # what it was measured on
-    slopes: list[float]  # of the curves
+    multipliers: list[float]  # of the curves
     # by method: files of one layer; files cut after each layer
     curves: dict[str, list[Point]] = field(default_factory=dict)
     layered: dict[str, list[Point]] = field(default_factory=dict)
@@ -95,21 +95,21 @@ def _peer_dict(result: PeerResult | None) -> dict[str, Any] | None:
     }
 
 
-def num_steps(num_slopes: int | None = None) -> int:
+def num_steps(num_multipliers: int | None = None) -> int:
     """Return how often `measure_scene` advances."""
-    count = num_slopes or len(REFERENCE_BPP)
+    count = num_multipliers or len(REFERENCE_BPP)
     return len(DisparityMethod) * count + len(LAYERED) + len(EARLY_LEVELS) + 2
 
 
 def measure_scene(
     scene: Scene,
-    slopes: Sequence[float] | None = None,
+    multipliers: Sequence[float] | None = None,
     with_peers: bool = True,
     advance: Callable[[int], None] = lambda _: None,
 ) -> SceneResult:
     """Measure the chapter on a scene."""
     views, labels = scene.views, scene.labels
-    chosen = sorted(slopes or reference_slopes(views, REFERENCE_BPP), reverse=True)
+    chosen = sorted(multipliers or reference_multipliers(views, REFERENCE_BPP), reverse=True)
     result = SceneResult(scene, chosen)
     for method in DisparityMethod:
         result.curves[method.name.lower()] = curve(views, labels, method, chosen, advance)
@@ -117,9 +117,9 @@ def measure_scene(
         points = layered_points(views, labels, method, chosen[-1], NUM_LAYERS)
         result.layered[method.name.lower()] = points
         advance(1)
-    slope = chosen[result.middle]
+    multiplier = chosen[result.middle]
     for told, num_levels in EARLY_LEVELS.items():
-        result.decompositions[told] = stopped_early(views, labels, slope, num_levels)
+        result.decompositions[told] = stopped_early(views, labels, multiplier, num_levels)
         advance(1)
     if with_peers:
         _measure_peers(result)
@@ -131,12 +131,12 @@ def measure_scene(
 
 def _shown(result: SceneResult) -> list[int]:
     """Numbers of the points that pictures show: the first, the middle one and the last."""
-    return sorted({0, result.middle, len(result.slopes) - 1})
+    return sorted({0, result.middle, len(result.multipliers) - 1})
 
 
 def _measure_peers(result: SceneResult) -> None:
     pair, labels = result.scene.pair, result.scene.labels
-    shown = [result.slopes[index] for index in _shown(result)]
+    shown = [result.multipliers[index] for index in _shown(result)]
     if len(result.scene.array) > 2:
         views = views_of_array(pair, gray=True)
         result.pair_points = curve(views, labels, DisparityMethod.L, shown)
@@ -148,7 +148,7 @@ def _measure_peers(result: SceneResult) -> None:
 
 def _draw(result: SceneResult) -> None:
     scene, views = result.scene, result.scene.views
-    encoded = ViewEncoder(views, scene.labels).encode(result.slopes[result.middle])
+    encoded = ViewEncoder(views, scene.labels).encode(result.multipliers[result.middle])
     farthest = int(np.argmin(measure(views, encoded).quality.by_view_db))
     shown = _shown(result)
     result.figures = {
@@ -199,7 +199,7 @@ def _shares(result: SceneResult) -> dict[str, bytes]:
 
 FIGURE_TITLES = {
     "3.9": "Picture and disparities at several resolutions",
-    "3.10": "Disparities of all methods at three slopes (figures 3.10 and 3.11)",
+    "3.10": "Disparities of all methods at three multipliers (figures 3.10 and 3.11)",
     "3.12": "The view that is predicted worst, and its differences",
     "3.13": "Rate-distortion curves",
     "3.14": "Quality layers against files without",

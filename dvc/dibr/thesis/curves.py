@@ -12,7 +12,7 @@ from dvc.dibr.codec.rendering import picture_of, render
 from dvc.dibr.codec.views import Picture, Views
 from dvc.dibr.peers.quality import Quality, quality_of
 from dvc.dibr.reference import codec as reference_codec
-from dvc.dibr.reference.codec import ReferenceCode, slopes_around
+from dvc.dibr.reference.codec import ReferenceCode, multipliers_around
 from dvc.dibr.stream.header import DisparityMethod
 from dvc.dibr.stream.layers import Stream, decode_stream
 from dvc.errors import RdCurveError
@@ -24,7 +24,7 @@ from dvc.multiview.camera_array import DisparityLabels
 class Point:
     """One file, decoded, and all views rendered from it."""
 
-    slope: float  # squared error, intensities from 0 to 1, that the last bit of a pixel was worth
+    multiplier: float  # squared error, intensities from 0 to 1, that the last bit of a pixel was worth
     num_bytes: int  # of the file, or of its first layers
     num_pixels: int  # of the reference
     picture_bytes: int  # parts of it
@@ -51,7 +51,7 @@ class Point:
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers."""
         return {
-            "lambda": self.slope,
+            "lambda": self.multiplier,
             "bytes": self.num_bytes,
             "picture_bytes": self.picture_bytes,
             "disparity_bytes": self.disparity_bytes,
@@ -64,16 +64,19 @@ class Point:
         }
 
 
-def reference_slopes(views: Views, rates_bpp: Sequence[float]) -> list[float]:
-    """Return the slopes at which the reference view takes given rates."""
+def reference_multipliers(views: Views, rates_bpp: Sequence[float]) -> list[float]:
+    """Return the multipliers at which the reference view takes given rates."""
     code = reference_codec.encode(views.pictures[views.references[0]])
     num_pixels = views.shape[0] * views.shape[1]
-    return [_slope_of(code, rate * num_pixels / 8.0) for rate in rates_bpp]
+    return [_multiplier_of(code, rate * num_pixels / 8.0) for rate in rates_bpp]
 
 
-def _slope_of(code: ReferenceCode, num_bytes: float) -> float:
-    slopes = slopes_around([code], num_bytes)
-    return min(slopes, key=lambda slope: abs(np.log(max(code.bytes_at_slope(slope), 1) / num_bytes)))
+def _multiplier_of(code: ReferenceCode, num_bytes: float) -> float:
+    multipliers = multipliers_around([code], num_bytes)
+    return min(
+        multipliers,
+        key=lambda multiplier: abs(np.log(max(code.bytes_at_multiplier(multiplier), 1) / num_bytes)),
+    )
 
 
 def measure(views: Views, encoded: Encoded, num_layers: int | None = None) -> Point:
@@ -84,7 +87,7 @@ def measure(views: Views, encoded: Encoded, num_layers: int | None = None) -> Po
     picture, disparity = (sum(len(pair[part]) for layer in layers for pair in layer) for part in (0, 1))
     rendered = rendered_views(views, decoded)
     return Point(
-        encoded.slope,
+        encoded.multiplier,
         len(encoded.data) - _bytes_after(stream, decoded.num_layers),
         views.shape[0] * views.shape[1],
         picture,
@@ -114,23 +117,23 @@ def curve(
     views: Views,
     labels: DisparityLabels,
     method: DisparityMethod,
-    slopes: Sequence[float],
+    multipliers: Sequence[float],
     advance: Callable[[int], None] = lambda _: None,
 ) -> list[Point]:
     """Measure a curve."""
     encoder = ViewEncoder(views, labels, method)
     points = []
-    for slope in slopes:
-        points.append(measure(views, encoder.encode(slope)))
+    for multiplier in multipliers:
+        points.append(measure(views, encoder.encode(multiplier)))
         advance(1)
     return points
 
 
 def layered_points(
-    views: Views, labels: DisparityLabels, method: DisparityMethod, slope: float, num_layers: int
+    views: Views, labels: DisparityLabels, method: DisparityMethod, multiplier: float, num_layers: int
 ) -> list[Point]:
     """Measure a file with quality layers, cut after each of them."""
-    encoded = ViewEncoder(views, labels, method, num_layers).encode(slope)
+    encoded = ViewEncoder(views, labels, method, num_layers).encode(multiplier)
     return [measure(views, encoded, count) for count in range(1, num_layers + 1)]
 
 

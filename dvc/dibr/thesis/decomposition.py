@@ -14,12 +14,12 @@ from dvc.dibr.thesis.curves import Point
 from dvc.multiview.camera_array import DisparityLabels
 
 
-def stopped_early(views: Views, labels: DisparityLabels, slope: float, num_levels: int | None) -> Point:
+def stopped_early(views: Views, labels: DisparityLabels, multiplier: float, num_levels: int | None) -> Point:
     """Encode by the L transform with few levels, decode, and render all views."""
     codec = WaveletCodec(L_TRANSFORM, num_levels)
     encoder = ViewEncoder(views, labels)
     encoder.codec = codec
-    encoded = encoder.encode(slope)
+    encoded = encoder.encode(multiplier)
     part = decode_stream(encoded.data).layers[0][0]
     header = ReferenceHeader.from_bytes(part.picture)
     decoded = reference_codec.decode(header, part.picture[ReferenceHeader.SIZE :], views.shape)
@@ -35,4 +35,4 @@ def stopped_early(views: Views, labels: DisparityLabels, slope: float, num_level
     num_pixels = views.shape[0] * views.shape[1]
     quality = quality_of(rendered, views.pictures)
     sizes = len(part.picture), len(part.disparity)
-    return Point(slope, len(encoded.data), num_pixels, *sizes, quality, pair, rendered)
+    return Point(multiplier, len(encoded.data), num_pixels, *sizes, quality, pair, rendered)

@@ -51,7 +51,7 @@ def resolution_levels(encoded: Encoded, labels: DisparityLabels) -> Picture:
 
 
 def disparity_maps(curves: Curves, indices: Sequence[int], labels: DisparityLabels) -> Picture:
-    """Draw figures 3.10 and 3.11: decoded references, then disparities of all methods, at several slopes."""
+    """Draw figures 3.10 and 3.11: decoded references, and disparities of all methods, at several rates."""
     first = next(iter(curves.values()))
     panels = [
         with_title(first[index].pair.picture, f"reference, {first[index].reference_bpp:.2f} bpp")

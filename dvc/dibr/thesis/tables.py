@@ -12,7 +12,7 @@ TITLES = {"l": "L transform", "s": "S transform", ANCHOR: "quadtree", "blocks": 
 """By the name that options have."""
 THESIS_GAINS_DB = {"tsukuba": {"l": -0.09, "s": -0.12}, "teddy": {"l": 0.84, "s": 0.70}}
 THESIS_LAYER_LOSS_DB = {"tsukuba": {"l": 0.29, "s": 0.29}, "teddy": {"l": 0.34, "s": 0.47}}
-THESIS_SLOPES = {0.1: 1e-2, 0.5: 2e-3, 1.0: 4e-4}
+THESIS_MULTIPLIERS = {0.1: 1e-2, 0.5: 2e-3, 1.0: 4e-4}
 """By the rate of the reference view in bits per pixel."""
 NOTHING = "-"
 
@@ -23,7 +23,7 @@ def points_table(name: str, curves: Curves) -> Table:
     rows = [
         (
             TITLES[method],
-            f"{point.slope:.2e}",
+            f"{point.multiplier:.2e}",
             str(point.num_bytes),
             f"{point.rate_bpp:.3f}",
             f"{point.quality.pooled_db:.2f}",
@@ -61,16 +61,16 @@ def gains_table(by_scene: Mapping[str, Curves]) -> Table:
 
 
 def share_table(by_scene: Mapping[str, Curves]) -> Table:
-    """State slope and share of the disparities where the reference is nearest to the rates of the thesis."""
+    """List multiplier and share of disparities where the reference is nearest to the rates of the thesis."""
     head = ("scene", "method", "reference [bpp]", "lambda", "lambda, thesis", "share of disparities [%]")
     rows = []
     for scene, curves in by_scene.items():
         for method in ("l", "s"):
-            for rate, thesis in THESIS_SLOPES.items() if method in curves else ():
+            for rate, thesis in THESIS_MULTIPLIERS.items() if method in curves else ():
                 point = min(curves[method], key=lambda one: abs(math.log(one.reference_bpp / rate)))
                 told = f"about {thesis:.0e} at {rate:g} bpp"
                 bpp, share = f"{point.reference_bpp:.3f}", f"{100.0 * point.share:.1f}"
-                rows.append((scene, TITLES[method], bpp, f"{point.slope:.2e}", told, share))
+                rows.append((scene, TITLES[method], bpp, f"{point.multiplier:.2e}", told, share))
     caption = "Split of the rate; the thesis reports 13 to 23 % but for very low rates"
     return Table("Share of the disparities (figure 3.15)", caption, head, tuple(rows), 2)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dvc.dibr.codec.decoder import Decoded, decode
-from dvc.dibr.codec.encoder import ViewEncoder, layer_slopes
+from dvc.dibr.codec.encoder import ViewEncoder, layer_multipliers
 from dvc.dibr.codec.views import Views
 from dvc.dibr.stream.header import DisparityMethod, decode_header
 from dvc.dibr.stream.layers import PairLayer, Stream, decode_stream, encode_layer, encode_stream
@@ -14,7 +14,7 @@ from tests.dibr.scenes import views_of_square
 
 EVERY_METHOD = pytest.mark.parametrize("method", DisparityMethod, ids=lambda one: one.name)
 LABELS = DisparityLabels(0.0, 1.0, 8)
-NUM_LAYERS, SLOPE = 3, 2e-4
+NUM_LAYERS, MULTIPLIER = 3, 2e-4
 PLACES = 0, 1, -1
 
 
@@ -42,10 +42,10 @@ def squared_error(decoded: Decoded) -> float:
 
 @EVERY_METHOD
 def test_decoding_k_layers_is_encoding_with_k_layers(method: DisparityMethod) -> None:
-    """The first k layers are, byte for byte, those of a stream that ends at their slope (3.35), (3.36)."""
-    whole = decode_stream(encoder(method).encode(SLOPE).data)
-    for count, slope in enumerate(layer_slopes(SLOPE, NUM_LAYERS), 1):
-        alone = decode_stream(encoder(method, count).encode(slope).data)
+    """The first k layers are those of a stream that ends at their multiplier (3.35), (3.36)."""
+    whole = decode_stream(encoder(method).encode(MULTIPLIER).data)
+    for count, multiplier in enumerate(layer_multipliers(MULTIPLIER, NUM_LAYERS), 1):
+        alone = decode_stream(encoder(method, count).encode(multiplier).data)
         assert alone.layers == whole.layers[:count]
         assert_same(decode(whole, count), decode(alone))
     errors = [squared_error(decode(whole, count + 1)) for count in range(NUM_LAYERS)]
@@ -56,7 +56,7 @@ def test_decoding_k_layers_is_encoding_with_k_layers(method: DisparityMethod) ->
 @EVERY_METHOD
 def test_a_cut_at_any_byte_leaves_the_layers_before_it(method: DisparityMethod) -> None:
     """Never anything but the layers that are whole, or an error where there is none."""
-    data = encoder(method).encode(SLOPE).data
+    data = encoder(method).encode(MULTIPLIER).data
     whole = decode_stream(data)
     _, start = decode_header(data)
     ends = start + np.cumsum([len(encode_layer(layer)) for layer in whole.layers])
@@ -84,7 +84,7 @@ def damaged(stream: Stream, layer: int, pair: int, part: PairLayer) -> bytes:
 @pytest.mark.parametrize("layer", [0, 1, 2])
 def test_what_cannot_have_been_written_ends_the_layers(layer: int, pair: int) -> None:
     """Behind a right checksum, too: disparities cut short, pictures of another kind or without a header."""
-    stream = decode_stream(encoder(DisparityMethod.BLOCKS, references=(0, 2)).encode(SLOPE).data)
+    stream = decode_stream(encoder(DisparityMethod.BLOCKS, references=(0, 2)).encode(MULTIPLIER).data)
     picture, disparity = stream.layers[layer][pair]
     other = bytes([picture[0] ^ 0x10]) + picture[1:]  # in colour
     parts = PairLayer(picture, disparity[:-1]), PairLayer(other, disparity), PairLayer(b"", disparity)

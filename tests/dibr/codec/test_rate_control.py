@@ -1,4 +1,4 @@
-"""The search for the slope of a rate."""
+"""The search for the multiplier of a rate."""
 
 import numpy as np
 import pytest
@@ -13,20 +13,20 @@ from dvc.multiview.camera_array import DisparityLabels, LatticePosition
 
 
 class _Encoder:
-    """Pictures whose code is longer at flatter slopes, in steps; disparities that vary; counts streams."""
+    """Pictures whose code is longer at smaller multipliers, in steps; disparities that vary."""
 
     def __init__(self, grain=1, share=0.15):
         self.count, self.grain, self.share = 0, grain, share
 
-    def slope_of_pictures(self, num_bytes):
+    def multiplier_of_pictures(self, num_bytes):
         return min((900.0 / max(num_bytes, 1)) ** 2, 10.0)
 
-    def encode(self, slope, picture_bytes=None):
+    def encode(self, multiplier, picture_bytes=None):
         self.count += 1
         if picture_bytes is None:
-            picture_bytes = int(900.0 / slope**0.5) // self.grain * self.grain
-        disparity = int(self.share * 900.0 / slope**0.5) + 7 * (self.count % 2)
-        return Encoded(bytes(60 + picture_bytes + disparity), slope, 60, picture_bytes, disparity)
+            picture_bytes = int(900.0 / multiplier**0.5) // self.grain * self.grain
+        disparity = int(self.share * 900.0 / multiplier**0.5) + 7 * (self.count % 2)
+        return Encoded(bytes(60 + picture_bytes + disparity), multiplier, 60, picture_bytes, disparity)
 
 
 @pytest.mark.parametrize("max_bytes", [2000, 5000, 50_000, 500_000])
@@ -38,7 +38,7 @@ def test_streams_are_as_long_as_they_may_be(max_bytes, share):
     assert encoder.count <= MAX_STEPS
 
 
-def test_pictures_whose_slopes_have_gaps_fill_the_rate():
+def test_pictures_whose_multipliers_have_gaps_fill_the_rate():
     found = encode_to_size(_Encoder(grain=7000), 30_000)
     assert (1.0 - TOLERANCE) * 30_000 <= len(found.data) <= 30_000
 
@@ -57,9 +57,9 @@ def _views():
 
 def test_pictures_take_the_bytes_that_they_are_given():
     encoder = ViewEncoder(_views(), DisparityLabels(0.0, 1.0, 4), num_layers=2)
-    slope = encoder.slope_of_pictures(900)
-    assert 450 < sum(code.bytes_at_slope(slope) for code in encoder.codes) < 1400
-    found = encoder.encode(slope, 900)
+    multiplier = encoder.multiplier_of_pictures(900)
+    assert 450 < sum(code.bytes_at_multiplier(multiplier) for code in encoder.codes) < 1400
+    found = encoder.encode(multiplier, 900)
     headers = 3 * 2 * 2  # of two pictures in two layers
     assert 898 <= found.picture_bytes - headers <= 900
 

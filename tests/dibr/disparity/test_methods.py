@@ -53,13 +53,13 @@ def random_significance(seed: int, shape: tuple[int, int]) -> list[NDArray[np.ui
 )
 @settings(max_examples=25)
 def test_what_was_written_comes_back(
-    name: str, seed: int, height: int, width: int, num_labels: int, slope: float
+    name: str, seed: int, height: int, width: int, num_labels: int, multiplier: float
 ) -> None:
     """Any size, number of labels and significance: the decoded map is that of the encoder."""
     rng, codec = np.random.default_rng(seed), METHODS[name]
     tensor = rng.uniform(size=(height, width, num_labels)).astype(np.float32)
     significance = random_significance(seed, (height, width)) if seed % 2 else None
-    found = codec.optimise(tensor, slope, significance)
+    found = codec.optimise(tensor, multiplier, significance)
     labels = found.disparity()
     assert labels.shape == (height, width)
     assert labels.min() >= 0
@@ -86,8 +86,8 @@ def test_dearer_bits_are_fewer(name: str) -> None:
     """With a larger lambda there are fewer bits and more errors."""
     tensor, _ = step_edge(noise=0.2)
     codec, sizes, errors = METHODS[name], [], []
-    for slope in (1e-5, 1e-3, 1e-1):
-        found = codec.optimise(tensor, slope)
+    for multiplier in (1e-5, 1e-3, 1e-1):
+        found = codec.optimise(tensor, multiplier)
         sizes.append(len(codec.encode(found)))
         errors.append(np.take_along_axis(tensor, found.disparity()[:, :, None], 2).sum())
     assert sizes == sorted(sizes, reverse=True)

@@ -41,12 +41,12 @@ def test_zeros_alone_have_the_least_scale() -> None:
 
 def test_costs_are_bits_but_for_a_constant() -> None:
     """Lambda times bits less mu times the magnitude is the same for all coefficients (3.19)."""
-    slope, model = 2e-3, Laplacian(0.7, 20)
-    mu = slope / (model.scale * math.log(2.0))
+    multiplier, model = 2e-3, Laplacian(0.7, 20)
+    mu = multiplier / (model.scale * math.log(2.0))
     cost = laplacian_costs((2, 2), all_significant((2, 2)), mu)[0].coefficients[1]
     magnitude = np.arange(21.0)
-    rest = slope * model.bits(magnitude) - (cost[1] + cost[2] * magnitude)
-    np.testing.assert_allclose(rest, slope * model.log2_partition, rtol=1e-5)
+    rest = multiplier * model.bits(magnitude) - (cost[1] + cost[2] * magnitude)
+    np.testing.assert_allclose(rest, multiplier * model.log2_partition, rtol=1e-5)
 
 
 @pytest.mark.parametrize("transform", [L_TRANSFORM, S_TRANSFORM], ids=lambda one: one.name)

@@ -14,7 +14,7 @@ from dvc.dibr.disparity.integer_transforms import L_TRANSFORM, S_TRANSFORM, Inte
 from dvc.dibr.disparity.rate_model import code_costs, kinds_of
 from dvc.dibr.disparity.wavelet_codec import WaveletCodec
 
-SHAPE, NUM_LABELS, SLOPE = (24, 30), 20, 1e-4
+SHAPE, NUM_LABELS, MULTIPLIER = (24, 30), 20, 1e-4
 
 
 def noisy_tensor() -> NDArray[np.float32]:
@@ -56,9 +56,9 @@ def test_maps_are_chosen_by_the_errors_that_they_cause(transform: IntegerTransfo
     """Told what holes cost, the codec finds a map of less cost in all, with fewer holes."""
     tensor, codec = noisy_tensor(), WaveletCodec(transform)
     rendered = Rendered(tensor)
-    trees = codec.optimise(tensor, SLOPE), codec.optimise(tensor, SLOPE, distortion=rendered)
+    trees = codec.optimise(tensor, MULTIPLIER), codec.optimise(tensor, MULTIPLIER, distortion=rendered)
     plain, chosen = (rendered.measure(tree.disparity()) for tree in trees)
-    spent = [SLOPE * 8 * len(codec.encode(tree)) for tree in trees]
+    spent = [MULTIPLIER * 8 * len(codec.encode(tree)) for tree in trees]
     assert chosen[0] + spent[1] < 0.98 * (plain[0] + spent[0])
     assert chosen[1][0].errors.sum() < plain[1][0].errors.sum()
 
@@ -104,7 +104,7 @@ def test_holes_of_slanted_planes_are_credited_where_they_were_seen_from() -> Non
 def test_costs_of_the_code_are_near_its_length() -> None:
     """What the costs say of a tree that was coded is what it took, within 15 %."""
     tensor = noisy_tensor()
-    tree = WaveletCodec(L_TRANSFORM).optimise(tensor, SLOPE)
+    tree = WaveletCodec(L_TRANSFORM).optimise(tensor, MULTIPLIER)
     classes = all_significant(SHAPE)
     payload, statistics = encode_tree(tree, classes)
     costs = code_costs(1.0, NUM_LABELS, statistics, kinds_of(tree, classes))
@@ -130,8 +130,8 @@ def test_tears_make_differences_dearer() -> None:
         L_TRANSFORM, np.arange(720, dtype=np.int32).reshape(SHAPE) % NUM_LABELS, NUM_LABELS
     )
     kinds = kinds_of(tree, all_significant(SHAPE))
-    plain = code_costs(SLOPE, NUM_LABELS, no_statistics(len(kinds)), kinds)
-    torn = code_costs(SLOPE, NUM_LABELS, no_statistics(len(kinds)), kinds, 0.02)
+    plain = code_costs(MULTIPLIER, NUM_LABELS, no_statistics(len(kinds)), kinds)
+    torn = code_costs(MULTIPLIER, NUM_LABELS, no_statistics(len(kinds)), kinds, 0.02)
     for level, (before, after) in enumerate(zip(plain, torn, strict=True)):
         np.testing.assert_array_equal(before.coefficients[:, 4], 0.0)
         np.testing.assert_allclose(after.coefficients[:, 4], 0.02 * 2**level, rtol=1e-6)

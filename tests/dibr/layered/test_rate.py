@@ -25,8 +25,8 @@ def test_what_codes_need_beside_their_own_counts() -> None:
 
 def test_the_cheaper_of_two_codes_is_taken() -> None:
     both = Choices((HARD, HARD), (200, 3))
-    for slope in (1e-7, 1e-4, 1e-2):
-        assert both.bytes_at_slope(slope) == 3 + HARD.bytes_at_slope(slope)
+    for multiplier in (1e-7, 1e-4, 1e-2):
+        assert both.bytes_at_multiplier(multiplier) == 3 + HARD.bytes_at_multiplier(multiplier)
 
 
 def test_everything_is_coded_where_there_is_room() -> None:
@@ -38,6 +38,6 @@ def test_everything_is_coded_where_there_is_room() -> None:
 def test_where_nothing_but_what_is_needed_fits_there_is_no_code() -> None:
     """However much the first bits are worth."""
     dear = Choices((HARD, EASY), (40, 30), 1e6)
-    assert dear.bytes_at_slope(10.0) > 40
+    assert dear.bytes_at_multiplier(10.0) > 40
     assert allot([dear, dear], 60) == [30, 30]
     assert allot([dear, dear], 59) is None

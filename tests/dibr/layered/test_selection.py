@@ -127,12 +127,12 @@ def _stack() -> Stack:
     return stack_of(SCENES["layers"])
 
 
-def test_steeper_slopes_keep_less() -> None:
+def test_larger_multipliers_keep_less() -> None:
     scene, stack = SCENES["layers"], _stack()
     worth = worth_of(stack, alone(stack, scene.kind), viewpoints_of(scene))
     kept = [
-        simplify(stack, Kind.LAYERS, worth, Price(slope, 1.0, 0.0)).scene.num_values
-        for slope in (1e6, 300.0, 30.0, 1e-3)
+        simplify(stack, Kind.LAYERS, worth, Price(multiplier, 1.0, 0.0)).scene.num_values
+        for multiplier in (1e6, 300.0, 30.0, 1e-3)
     ]
     frame = scene.canvas.frame
     assert kept[0] == frame.width * frame.height

@@ -1,4 +1,4 @@
-"""Codec of the reference view: pictures of any size and colour, slopes, layers, resolution, headers."""
+"""Codec of the reference view: pictures of any size and colour, multipliers, layers, resolution, headers."""
 
 import numpy as np
 import pytest
@@ -47,10 +47,10 @@ def test_error_is_what_the_curve_says() -> None:
         assert found == pytest.approx(told, rel=0.15)
 
 
-def test_slopes_choose_rates() -> None:
-    """Smaller slopes take more bytes, and the cut is where the curve has that slope."""
+def test_multipliers_choose_rates() -> None:
+    """Smaller multipliers take more bytes, and the cut is where the curve has that multiplier."""
     code = codec.encode(picture(96, 75))
-    lengths = [code.bytes_at_slope(slope) for slope in (1.0, 1e-2, 1e-3, 1e-4, 1e-5, 0.0)]
+    lengths = [code.bytes_at_multiplier(multiplier) for multiplier in (1.0, 1e-2, 1e-3, 1e-4, 1e-5, 0.0)]
     assert lengths == sorted(lengths)
     assert lengths[0] < 20
     assert lengths[-1] == len(code.data)
@@ -119,7 +119,7 @@ def test_constant_pictures_are_a_few_bytes() -> None:
     """A picture without detail takes next to nothing."""
     for value in (0, 77, 128, 255):
         code = codec.encode(np.full((50, 60), value, np.uint8))
-        header, data = code.cut(code.bytes_at_slope(1e-7))
+        header, data = code.cut(code.bytes_at_multiplier(1e-7))
         assert len(data) < 40
         assert np.abs(codec.decode(header, data, (50, 60)).planes - value).max() < 1.0
 

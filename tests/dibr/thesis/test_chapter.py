@@ -12,7 +12,7 @@ from dvc.dibr.codec.encoder import ViewEncoder
 from dvc.dibr.disparity.integer_transforms import level_shapes
 from dvc.dibr.stream.header import DisparityMethod
 from dvc.dibr.thesis.chapter import DOCUMENT, EARLY_LEVELS, NUM_LAYERS, PAGE, VALUES
-from dvc.dibr.thesis.curves import measure, reference_slopes
+from dvc.dibr.thesis.curves import measure, reference_multipliers
 from dvc.dibr.thesis.decomposition import stopped_early
 from dvc.dibr.thesis.scenes import everywhere_valid, load_scenes, scene_of_views
 from dvc.errors import ConfigError
@@ -22,7 +22,7 @@ from tests.dibr.plane_views import LABELS, planes
 from tests.stereo.data import REAL_SETS, real_set
 
 TIMEOUT_MS = 60_000
-SLOPES = "1e-2", "2e-3", "4e-4"
+MULTIPLIERS = "1e-2", "2e-3", "4e-4"
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_png(scratch / f"{view.name}.png", np.ascontiguousarray(view.image[:, :, ::-1]))
     arguments = [str(scratch / "left.png"), str(scratch / "right.png"), "--disparities", "0:9"]
     out = scratch / "out"
-    assert main(["evaluate", *arguments, "--lambdas", *SLOPES, "--out", str(out), "--quiet"]) == 0
+    assert main(["evaluate", *arguments, "--lambdas", *MULTIPLIERS, "--out", str(out), "--quiet"]) == 0
     return out
 
 
@@ -47,7 +47,7 @@ def test_files_are_there(folder: Path) -> None:
 
 
 def test_numbers_are_those_of_files(folder: Path) -> None:
-    """Rates are whole files; parts are less; flatter slopes cost more and look better."""
+    """Rates are whole files; parts are less; smaller multipliers cost more and look better."""
     found = json.loads((folder / VALUES).read_text())["views"]
     assert set(found["curves"]) == {method.name.lower() for method in DisparityMethod}
     for points in found["curves"].values():
@@ -96,11 +96,11 @@ def test_stopping_early_stores_more_roots() -> None:
     assert level_shapes((64, 80), 2)[-1] == (16, 20)
 
 
-def test_slopes_give_the_rates_of_the_reference() -> None:
-    """At the slope for a rate the picture takes about that."""
+def test_multipliers_give_the_rates_of_the_reference() -> None:
+    """At the multiplier for a rate the picture takes about that."""
     views = scene_of_views(planes(96, 128), LABELS).views
-    (slope,) = reference_slopes(views, [0.5])
-    encoded = ViewEncoder(views, LABELS).encode(slope)
+    (multiplier,) = reference_multipliers(views, [0.5])
+    encoded = ViewEncoder(views, LABELS).encode(multiplier)
     assert 0.35 <= 8 * encoded.picture_bytes / (96 * 128) <= 0.7
 
 

@@ -39,7 +39,7 @@ MIDDLE_BPP = 0.04
 """Where one rate is enough, as in figures 4.1, 4.6 and 4.7; the nearest one that there is."""
 NOTES = (
     "Wavelet 9/7, five levels; the map's transform continues linearly at edges (order 1), the picture's "
-    "symmetrically (order 0). Edges are selected by what they pay.",
+    "symmetrically (order 0). Edges are selected by rate and distortion.",
     "Rates of maps are those of whole files, edges, header and checksum included. All pixels count, those of "
     "filled holes too; decoded maps are not rounded.",
 )

@@ -28,7 +28,7 @@ def map_table(name: str, rates: Sequence[float], curves: Mapping[str, Sequence[M
         told = "-" if thesis is None else f"{thesis[0]:.2f} to {thesis[1]:.2f}"
         cells = (f"{theirs.psnr_db:.2f}", f"{ours.psnr_db:.2f}", f"{ours.psnr_db - theirs.psnr_db:+.2f}")
         rows.append((f"{rate:g}", *cells, f"{ours.edges_bpp:.4f}", str(ours.edges.count()), told))
-    caption = f"{name}: whole files, header and edges included; edges are those that pay for their bits"
+    caption = f"{name}: whole files, header and edges included; edges are those that are worth their bits"
     return Table(f"{name}: depth map (figure 4.8a)", caption, head, tuple(rows))
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dvc.dibr.layered.masks_that_pay import best_mask
+from dvc.dibr.layered.mask_selection import best_mask
 
 
 def profit_of(mask: np.ndarray, profit: np.ndarray, edge_cost: float) -> float:

@@ -35,9 +35,9 @@ def best_mask(profit: Floats, edge_cost: float, region_cost: float) -> Mask:
         beside += between
         beside += np.roll(between, 1, axis)
     total = np.bincount(labels[chosen], (profit - edge_cost * beside)[chosen], minlength=number)
-    pays = total > region_cost
-    pays[0] = False
-    return np.asarray(pays[labels])
+    worth = total > region_cost
+    worth[0] = False
+    return np.asarray(worth[labels])
 
 
 def _minimum_cut(profit: Floats) -> Mask:
