@@ -72,7 +72,18 @@ def stages(change: Change, root: Path) -> list[tuple[str, ...]]:
 
 def failed(tree: Path, tests: Sequence[str], limit_s: float) -> bool | None:
     """Tell whether tests fail; None if they take too long."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not slow", "-p", "no:cacheprovider"]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-x",
+        "-q",
+        "-m",
+        "not slow",
+        "-p",
+        "no:cacheprovider",
+        "--timeout=60",
+    ]
     environment = {**os.environ, "PYTHONPATH": str(tree), "DVC_REGENERATE": "0"}
     with subprocess.Popen(
         [*command, *tests],

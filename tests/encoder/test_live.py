@@ -12,7 +12,7 @@ from dvc.errors import FeedbackError
 from dvc.feedback import KEEP_ALIVE, DecoderEndpoint, EncoderEndpoint, connect, listen
 from dvc.video import Frame
 from encoder import live
-from encoder.live import await_decoder, serve
+from encoder.live import await_decoder, greet, serve
 from encoder.session import EncoderSession
 from tests.clips import moving_texture
 
@@ -51,6 +51,18 @@ def test_a_peer_without_a_hello_is_turned_away_in_time(words: bytes, monkeypatch
     assert 0.4 < taken_s < 5.0
     assert len(said) == 1
     assert "no hello for 0.5 s" in said[0]
+
+
+def test_a_hello_in_pieces_is_taken() -> None:
+    """As long as it is whole in time."""
+    with listen("127.0.0.1") as listener:
+        peer = connect(listener.host, listener.port)
+        connection = listener.accept()
+        slow = threading.Thread(target=lambda: [peer.send(HELLO[:2]), time.sleep(0.1), peer.send(HELLO[2:])])
+        slow.start()
+        with connection, peer:
+            assert greet(connection, CONFIG).greeted
+            slow.join()
 
 
 def test_no_frame_is_taken_before_the_hello() -> None:

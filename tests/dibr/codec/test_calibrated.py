@@ -1,12 +1,15 @@
 """Views of general cameras: labels a pixel of parallax apart, and what is refused."""
 
+from contextlib import nullcontext
 from itertools import pairwise
 
 import cv2
 import numpy as np
 import pytest
 
+from dvc.array_files import MAX_LABELS
 from dvc.calibration.cameras import Camera
+from dvc.dibr.codec import calibrated
 from dvc.dibr.codec.calibrated import depths_of_points, labels_of_depths, views_of_cameras
 from dvc.dibr.codec.memory import check_memory
 from dvc.dibr.codec.views import Views
@@ -45,6 +48,19 @@ def test_a_step_is_at_most_a_pixel_of_parallax(translation: list[float]) -> None
     assert 0.7 < max(steps) <= 1.0 + 1e-6
     assert inverse[0] == 0.0
     assert inverse[-1] == pytest.approx(1.0 / 3.0)
+
+
+@pytest.mark.parametrize(("parallax_px", "refused"), [(MAX_LABELS - 1.0, False), (MAX_LABELS - 0.9, True)])
+def test_parallax_of_as_many_labels_as_there_may_be(
+    parallax_px: float, refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Labels a pixel apart reach just so far."""
+    monkeypatch.setattr(calibrated, "_largest_parallax", lambda *_: parallax_px)
+    views = views_of(
+        camera("a", [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), camera("b", [0.0, 0.0, 0.0], [1.0, 0.0, 0.0])
+    )
+    with pytest.raises(ConfigError, match="labels a pixel apart") if refused else nullcontext():
+        assert labels_of_depths(views, 3.0, np.inf).num_labels == MAX_LABELS
 
 
 def test_labels_may_be_counted_and_are_limited() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sfm.estimation import degeneracy
 from sfm.estimation.degeneracy import MotionClass, classify_motion, gric
 from sfm.estimation.homography import HomographyEstimator
 from sfm.model import Correspondences
@@ -79,6 +80,15 @@ def test_sampson_distance_of_a_translation() -> None:
     identity = estimator.scale.matrices()
     model = identity[1] @ np.linalg.inv(identity[0])
     np.testing.assert_allclose(estimator.residuals(model[None]), np.sqrt(0.5) * 10.0)
+
+
+def test_spread_is_across_the_longest_direction() -> None:
+    """Of a band of points anywhere: half its width, whichever way it runs; none of a line."""
+    x, y = np.meshgrid(np.arange(300.0), [-3.0, 3.0])
+    band = np.stack([x.ravel(), y.ravel()], axis=1)
+    turned = band @ np.array([[0.8, 0.6], [-0.6, 0.8]]) + [500.0, -200.0]
+    assert degeneracy._spread(turned) == pytest.approx(3.0)
+    assert degeneracy._spread(turned[:300]) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_gric_counts_parameters_and_truncates() -> None:
