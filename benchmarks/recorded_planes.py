@@ -112,12 +112,8 @@ def _decoded(reader: StreamReader) -> Iterator[GroupTask]:
     for chain in stream_tasks(reader.config, reader):
         group = None
         for task in chain:
-            group = decoder.decode(following(task, group), _no_encoder)
+            group = decoder.decode(following(task, group))
             yield task
-
-
-def _no_encoder(request: slepian_wolf.ParityRequest) -> Bits:
-    raise ValueError(f"a stream answers for itself, asked for {request}")
 
 
 def record(stream: Path, output: Path) -> int:

@@ -1,18 +1,14 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures, whose key frames are decoded already."""
 
 import time
-from collections import deque
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import replace
-
-import numpy as np
-from numpy.typing import NDArray
 
 from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.extrapolation import TrackedExtrapolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
-from decoder.tasks import DecodedFrame, DecodedGroup, GroupTask
+from decoder.tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
 from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
@@ -25,7 +21,6 @@ from dvc.wynerziv.hierarchy import Around, group_order, levels, reference_distan
 from dvc.wynerziv.priors import LearnedPriors
 from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder, disagreement
 
-Bits = NDArray[np.uint8]
 Points = PointTracks | FeaturePoints | None
 Known = dict[int, ReferenceFrame]
 GroupCoroutine = Generator[Sequence[ParityRequest] | None, tuple[Place, Bits] | None, DecodedGroup]
@@ -68,18 +63,17 @@ class GroupDecoder:
         self._decoder = frames or WynerZivDecoder(config)
         self._no_feedback = no_feedback or NoFeedbackDecoder(config)
 
-    def decode(self, task: GroupTask, ask: Answer) -> DecodedGroup:
-        """Decode a group."""
-        steps, waiting = self.steps(task), deque[ParityRequest]()
+    def decode(self, task: GroupTask) -> DecodedGroup:
+        """Decode a group of a stream, whose record answers what is asked."""
+        steps, sources = self.steps(task), dict[int, Answer]()
+        answer: tuple[Place, Bits] | None = None
         try:
-            requests = next(steps)
             while True:
-                waiting.extend(requests or ())
-                answer = None
-                if waiting:
-                    request = waiting.popleft()
-                    answer = (request.frame, request.plane), ask(request)
-                requests = steps.send(answer)
+                requests, answer = steps.send(answer), None
+                for request in requests or ():  # one at a time
+                    if request.frame not in sources:
+                        sources = {request.frame: self._source(task, request.frame)}
+                    answer = (request.frame, request.plane), sources[request.frame](request)
         except StopIteration as stop:
             group: DecodedGroup = stop.value
             return group
@@ -89,7 +83,7 @@ class GroupDecoder:
         return [len(level) for level in _order(task, self._config)]
 
     def steps(self, task: GroupTask) -> GroupCoroutine:
-        """Decode a group as a coroutine; something is yielded where the task is of no stream."""
+        """Decode a group as a coroutine; one frame after the other where the record answers."""
         if not task.record.wyner_ziv:
             return DecodedGroup.of(task, [])
         if task.before is None:
@@ -101,14 +95,13 @@ class GroupDecoder:
         frames: list[DecodedFrame] = []
         priors = self._decoder.new_priors()
         for level in _order(task, self._config):
-            if task.form is None:
-                yield None
+            yield None
             learned = [LearnedPriors.mean([priors]) for _ in level[1:]] + [priors]
             steps = [
                 self._frame(task, known, points, place, own)
                 for place, own in zip(level, learned, strict=True)
             ]
-            decoded = yield from slepian_wolf.together(steps)
+            decoded = yield from slepian_wolf.together(steps, len(steps) if task.form is None else 1)
             priors = LearnedPriors.mean(learned)
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
             frames += decoded
@@ -120,7 +113,7 @@ class GroupDecoder:
     def _frame(
         self, task: GroupTask, known: Known, points: Points, place: tuple[int, Around], priors: LearnedPriors
     ) -> FrameCoroutine:
-        """Decode one frame, from a stream without any request."""
+        """Decode one frame, without any request where its record holds what an encoder chose."""
         (index, around), started = place, time.perf_counter()
         prediction = self._predict(task, known, points, index, around)
         payload = task.record.wyner_ziv[index - task.first_index]
@@ -130,11 +123,8 @@ class GroupDecoder:
             quantization = self._decoder.layout.read_header(payload)
             slope = self._config.wyner_ziv.lambda_between(reference_distance(around))
             recorder = PunctureRecorder()
-            steps = recorder.watch(self._decoder.decode(index, quantization, prediction, priors, slope))
-            if task.form is None:
-                frame = yield from steps
-            else:
-                frame = slepian_wolf.drive(steps, self._answer(task.form, payload))
+            steps = self._decoder.decode(index, quantization, prediction, priors, slope)
+            frame = yield from recorder.watch(steps)
             frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
         return replace(frame, decode_s=time.perf_counter() - started)
 
@@ -147,10 +137,10 @@ class GroupDecoder:
         usable = [known[k] for k in _usable(known, (around[0], around[1]), self._config.gop.references)]
         return self._method.predict(usable, points, [index])[0]
 
-    def _answer(self, form: Form, payload: bytes) -> Answer:
-        """Return who answers the requests for a frame of a stream."""
-        layout = self._decoder.layout
-        if form is Form.BUFFERED:
+    def _source(self, task: GroupTask, index: int) -> Answer:
+        """Return what answers the requests for a frame of a stream."""
+        layout, payload = self._decoder.layout, task.record.wyner_ziv[index - task.first_index]
+        if task.form is Form.BUFFERED:
             return BufferedFrame(layout, payload, num_codes(self._config.turbo.family)).answer
         return PuncturedFrame(layout, payload).answer
 

@@ -10,8 +10,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 
-from decoder.parallel import DecodingProcess
-from decoder.tasks import Answered, DecodedGroup, GroupTask, following
+from decoder.processes import DecodingProcess
+from decoder.tasks import GroupTask
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import (
@@ -113,66 +113,68 @@ class HeldRequests:
         return requests
 
 
-class GroupsInFlight:
-    """Groups of pictures that are decoded at the same time, and what they ask for."""
+class LiveGroups:
+    """The groups of a live encoder; see `decoder.scheduler.GroupSource`."""
 
     def __init__(
-        self,
-        source: LiveSource,
-        processes: Sequence[DecodingProcess],
-        task_of: Callable[[Gop], GroupTask],
-        stop: Readable | None = None,
+        self, source: LiveSource, task_of: Callable[[Gop], GroupTask], stop: Readable | None = None
     ) -> None:
-        self._stop = [] if stop is None else [stop]
         self._source, self._endpoint = source, source.endpoint
-        self._processes = processes
         self._task_of = task_of
+        self._stop = [] if stop is None else [stop]
+        self._events: list[Event] = []
         self._held = HeldRequests()
         self._holding: set[DecodingProcess] = set()  # whose requests these are
-        self._asked: dict[Place, tuple[int, DecodingProcess]] = {}  # held or sent
-        self._chained: dict[int, GroupTask] = {}  # wait for the last frame of the group before
-        self._ends: dict[int, DecodedGroup] = {}  # have it
-        self._outcomes: dict[int, DecodedGroup | Exception] = {}
+        self._num_asked = 0  # held or sent
         self._damaged = False
-
-    def decode(self) -> Iterator[DecodedGroup]:
-        """Decode what the encoder sends."""
-        for _ in range(max_open_gops(self._source.config)):
+        for _ in range(max_open_gops(source.config)):
             self._endpoint.send_next_gop()
-        number, failure = 0, None
-        while not self._endpoint.finished and failure is None:
-            try:
-                self._source.flush()
-                self._go_on()
-            except (FeedbackError, KeyboardInterrupt) as err:
-                failure = err  # after what is decoded already
-            while (outcome := self._outcomes.pop(number, None)) is not None:
-                if isinstance(outcome, Exception):
-                    raise outcome
-                yield outcome
-                number += 1
-                self._endpoint.send_next_gop()
-        if failure is not None:
-            raise failure
-        self._source.flush()
 
-    def _go_on(self) -> None:
-        """Wait until something comes, from the encoder or from a process, and pass it on."""
+    @property
+    def finished(self) -> bool:
+        """Whether the encoder has said so."""
+        return self._endpoint.finished
+
+    def received(self) -> Iterator[GroupTask | ParityAnswer | BitstreamError]:
+        """Read what the encoder has sent."""
+        events, self._events = self._events, []
+        for event in events:
+            match event:
+                case Gop() if not self._damaged:
+                    try:
+                        yield self._task_of(event)
+                    except BitstreamError as err:
+                        self._damaged = True
+                        yield err
+                case ParityAnswer(frame, plane):
+                    self._held.answered((frame, plane))
+                    self._num_asked -= 1
+                    yield event
+
+    def wait(self, processes: Sequence[DecodingProcess]) -> Iterator[DecodingProcess]:
+        """Wait for the encoder, for processes or for the end of a pause; then send requests."""
+        self._source.flush()
         connection = self._source.connection
-        idle = not any(process.num_running for process in self._processes)
-        patient = len(self._asked) == len(self._held) and not idle
-        for ready in connection.wait([*self._processes, *self._stop], patient, self._held_s()):
+        idle = not any(process.num_running for process in processes)
+        patient = self._num_asked == len(self._held) and not idle
+        for ready in connection.wait([*processes, *self._stop], patient, self._held_s()):
             if ready in self._stop:
                 raise KeyboardInterrupt
             if ready is connection:
-                for event in self._source.receive():
-                    self._take(event)
+                self._events += self._source.receive()
             else:
-                self._pass_on(ready)
+                yield ready
+                self._held.stepped(ready.step_s)
         if self._held_s() == 0.0:
             self._endpoint.send_requests(self._held.take())
             self._source.flush()  # not only when whoever takes the frames comes back
             self._holding.clear()
+
+    def ask(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
+        """Hold requests until they are sent together."""
+        self._num_asked += len(requests)
+        self._held.add(requests)
+        self._holding |= {process} if requests else set()
 
     def _held_s(self) -> float | None:
         """Return how much longer requests are held, if any are."""
@@ -180,41 +182,10 @@ class GroupsInFlight:
             return None
         return self._held.left_s(min(process.num_pending for process in self._holding))
 
-    def _take(self, event: Event) -> None:
-        match event:
-            case Gop(number) if not self._damaged:
-                try:
-                    task = self._task_of(event)
-                except BitstreamError as err:
-                    self._outcomes[number], self._damaged = err, True
-                    return
-                if number == 0 or task.before is not None:
-                    self._submit(task)
-                elif number - 1 in self._ends:
-                    self._submit(following(task, self._ends.pop(number - 1)))
-                else:
-                    self._chained[number] = task
-            case ParityAnswer(frame, plane, bits):
-                self._held.answered((frame, plane))
-                number, process = self._asked.pop((frame, plane))
-                process.submit(Answered(number, (frame, plane), bits))
+    def decoded(self, number: int) -> None:
+        """Let the encoder forget a group."""
+        self._endpoint.send_gop_done(number)
 
-    def _submit(self, task: GroupTask) -> None:
-        min(self._processes, key=lambda process: process.num_running).submit(task)
-
-    def _pass_on(self, process: DecodingProcess) -> None:
-        number, outcome = process.receive()
-        self._held.stepped(process.step_s)
-        if isinstance(outcome, DecodedGroup):
-            self._outcomes[number] = outcome
-            self._endpoint.send_gop_done(number)
-            if outcome.key is None:
-                self._ends[number] = outcome
-            if number + 1 in self._chained:
-                self._submit(following(self._chained.pop(number + 1), self._ends.pop(number)))
-        elif isinstance(outcome, Exception):
-            self._outcomes[number] = outcome
-        else:
-            self._held.add(outcome)
-            self._holding |= {process} if outcome else set()
-            self._asked |= {(request.frame, request.plane): (number, process) for request in outcome}
+    def taken(self) -> None:
+        """Let the encoder send another group."""
+        self._endpoint.send_next_gop()

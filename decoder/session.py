@@ -1,10 +1,9 @@
 """The decoder of figure 5.1: stream or connection in; decoded groups of pictures, and what they cost, out."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack
 
-from decoder.live import GroupsInFlight, LiveSource
-from decoder.parallel import decode_groups, decoding_process
+from decoder.live import LiveGroups, LiveSource
+from decoder.scheduler import CHAINS_PER_PROCESS, GroupsInFlight, StreamGroups
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import CodecConfig, encode_config
@@ -47,9 +46,10 @@ def decode_stream(
     num_frames = reader.num_frames if frames is None else len(frames)
     limits.check_frames(num_frames, reader.num_bytes, config.video)
     gop = config.gop
-    num_waiting = (jobs + 2) * gop.length + (jobs - 1) * gop.intra_period
+    num_waiting = (CHAINS_PER_PROCESS * jobs + 1) * gop.length + (jobs - 1) * gop.intra_period
     limits.check_memory(config.video, min(num_waiting, num_frames) if num_frames else num_waiting, jobs)
-    return decode_groups(stream_tasks(config, reader, frames, limits), jobs)
+    chains = stream_tasks(config, reader, frames, limits)
+    return GroupsInFlight(StreamGroups(chains, jobs), jobs).decode()
 
 
 def stream_tasks(
@@ -131,10 +131,8 @@ def decode_live(
         limits.check_live_frames(task.last_index + 1)
         return task
 
-    with ExitStack() as stack:
-        processes = [stack.enter_context(decoding_process()) for _ in range(jobs)]
-        groups = GroupsInFlight(source, processes, _task, stop)
-        yield from groups.decode()
+    yield from GroupsInFlight(LiveGroups(source, _task, stop), jobs).decode()
+    source.flush()
 
 
 class _Tasks:

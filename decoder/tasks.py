@@ -15,6 +15,8 @@ from dvc.slepian_wolf import Place
 from dvc.stream import Form, GopRecord
 from dvc.video import Frame
 
+Bits = NDArray[np.uint8]
+
 
 @dataclass(frozen=True)
 class GroupTask:
@@ -33,13 +35,18 @@ class GroupTask:
         """Display position of its last frame."""
         return self.first_index + self.record.num_frames - 1
 
+    @property
+    def follows(self) -> bool:
+        """Whether it is predicted from the group before, which no key frame ends."""
+        return self.before is None and self.number > 0
+
 
 class Answered(NamedTuple):
     """Bits that were asked for while a group is decoded."""
 
     number: int  # number of the group
     place: Place  # numbers of the frame and of the plane
-    bits: NDArray[np.uint8]  # the bits
+    bits: Bits
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def decode(path: str) -> None:
         for chain in stream_tasks(reader.config, reader):
             group = None
             for task in chain:
-                group = decoder.decode(pickle.loads(pickle.dumps(following(task, group))), None)
+                group = decoder.decode(pickle.loads(pickle.dumps(following(task, group))))
 
 
 def encode(*arguments: str) -> None:

@@ -63,7 +63,7 @@ def test_a_small_stream_is_decoded_in_little_time_and_memory(tmp_path: Path) -> 
     program = (
         "import resource, sys, decoder.__main__\n"
         "assert decoder.__main__.main(sys.argv[1:]) == 0\n"
-        "from decoder.parallel import stop_idle_processes\n"
+        "from decoder.processes import stop_idle_processes\n"
         "stop_idle_processes()\n"
         "both = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN\n"
         "print(max(resource.getrusage(who).ru_maxrss for who in both))\n"

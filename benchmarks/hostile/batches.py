@@ -14,7 +14,7 @@ from types import FrameType
 
 from benchmarks.hostile.attempts import Kind, kinds
 from benchmarks.hostile.workers import forked_workers
-from decoder.parallel import stop_idle_processes
+from decoder.processes import stop_idle_processes
 from dvc import cli
 from dvc.errors import DvcError
 

@@ -23,7 +23,6 @@ from decoder.session import stream_tasks
 from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame, following
 from dvc.config import MAX_GOP_LENGTH, NUM_BANDS, CodecConfig
-from dvc.slepian_wolf import ParityRequest
 from dvc.stream import StreamReader, StreamWriter
 from dvc.video import Frame, open_video
 from dvc.wynerziv import bitplanes, noise, transform
@@ -123,11 +122,6 @@ def _planes(frame: EncodedFrame, band: int) -> NDArray[np.uint8]:
     return ((frame.words[chosen // 64] >> shifts[:, None]) & np.uint64(1)).astype(np.uint8)
 
 
-def _nobody(request: ParityRequest) -> NDArray[np.uint8]:
-    """Refuse requests, of which the no-feedback form has none."""
-    raise ValueError(f"a request without feedback: {request}")
-
-
 def _learned_bits(band: LearnedBand, numbers: NDArray[np.int64]) -> float:
     """Return the ideal code length of numbers by the scales that they themselves would teach."""
     for _ in range(LEARNING_STEPS):
@@ -168,7 +162,7 @@ def record(clip: str, qp: int, num_frames: int) -> list[RecordedFrame]:
             for chain in stream_tasks(config, reader):
                 before = None
                 for task in chain:
-                    before = decoder.decode(following(task, before), _nobody)
+                    before = decoder.decode(following(task, before))
     return list(known.values())
 
 

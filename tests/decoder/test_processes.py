@@ -6,17 +6,18 @@ import subprocess
 import sys
 import threading
 import time
-from collections import deque
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from itertools import repeat
 from pathlib import Path
 
 import pytest
 
-from decoder import parallel
-from decoder.parallel import decode_groups, decoding_process
+from decoder import processes
+from decoder.processes import DecodingProcess, decoding_process
 from decoder.session import decode_stream, stream_tasks
+from decoder.tasks import DecodedGroup, GroupTask
 from dvc.errors import DvcError
 from dvc.stream import StreamReader
 
@@ -36,6 +37,17 @@ with StreamReader({path!r}) as reader:
 def digests(reader: StreamReader) -> list[str]:
     """Return what the program above prints."""
     return [f"{group.first_index} {group.record.digest}" for group in decode_stream(reader.config, reader)]
+
+
+def outcome_of(process: DecodingProcess, task: GroupTask) -> DecodedGroup:
+    """Let a process decode a group."""
+    process.submit(task)
+    number, outcome = process.receive()
+    assert number == task.number
+    if isinstance(outcome, Exception):
+        raise outcome
+    assert isinstance(outcome, DecodedGroup)
+    return outcome
 
 
 def test_a_program_that_has_loaded_libraries_decodes_alike() -> None:
@@ -62,7 +74,7 @@ def test_no_more_processes_wait_than_are_worth_it() -> None:
     """Many processes of one run do not stay for the life of the program."""
     with ExitStack() as stack:
         lent = [stack.enter_context(decoding_process()) for _ in range(4)]
-    assert len(parallel._idle) == 2
+    assert len(processes._idle) == 2
     assert sum(process.alive for process in lent) == 2
 
 
@@ -80,8 +92,8 @@ def test_a_killed_process_is_said_and_replaced() -> None:
     with decoding_process() as process:
         threading.Timer(0.3, process.kill).start()
         with pytest.raises(DvcError, match="decoding process was killed"):
-            deque(map(process.decode, repeat(task)), maxlen=0)
-    assert process not in parallel._idle
+            list(map(partial(outcome_of, process), repeat(task)))
+    assert process not in processes._idle
     with StreamReader(STREAM) as reader:
         assert len(digests(reader)) == 2
 
@@ -92,16 +104,16 @@ def test_a_fault_is_told_with_its_place() -> None:
         _, [task] = stream_tasks(reader.config, reader)
     with decoding_process() as process:
         with pytest.raises(RuntimeError) as caught:
-            process.decode(replace(task, record=None))  # type: ignore[arg-type]
+            outcome_of(process, replace(task, record=None))  # type: ignore[arg-type]
         assert "decoder/group.py" in caught.value.__notes__[0]
-        assert process.decode(task).record.digest == task.record.digest
+        assert outcome_of(process, task).record.digest == task.record.digest
 
 
 def test_processes_end_with_the_program() -> None:
     """Where a program is killed, what it started does not live on, even in the middle of a group."""
     program = (
         "import os, signal, time\n"
-        "from decoder.parallel import decoding_process\n"
+        "from decoder.processes import DecodingProcess, decoding_process\n"
         "with decoding_process() as process:\n"
         "    print(process._process.pid, flush=True)\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
@@ -121,23 +133,18 @@ def test_leaving_early_ends_what_is_running() -> None:
         groups = decode_stream(reader.config, reader)
         assert next(groups).first_index == 0
         groups.close()
-    assert not any(process.num_running for process in parallel._idle)
-
-
-def test_no_groups_need_no_answer() -> None:
-    """Nothing is decoded where there is nothing."""
-    assert list(decode_groups([], 1)) == []
+    assert not any(process.num_running for process in processes._idle)
 
 
 def test_features_that_are_not_there_are_no_news(
     capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What OpenCV says of features that it is to do without, but does not have, reaches no terminal."""
-    environment = parallel.baseline_environment() | {"OPENCV_CPU_DISABLE": "AVX,NO-SUCH-FEATURE"}
-    monkeypatch.setattr(parallel, "baseline_environment", lambda: environment)
-    monkeypatch.setattr(parallel, "_idle", [])
+    environment = processes.baseline_environment() | {"OPENCV_CPU_DISABLE": "AVX,NO-SUCH-FEATURE"}
+    monkeypatch.setattr(processes, "baseline_environment", lambda: environment)
+    monkeypatch.setattr(processes, "_idle", [])
     with StreamReader(STREAM) as reader:
         assert len(digests(reader)) == 2
-    for process in parallel._idle:
+    for process in processes._idle:
         process.stop()
     assert capfd.readouterr().err == ""

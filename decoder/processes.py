@@ -1,4 +1,4 @@
-"""Groups of pictures decoded in processes of their own, whose libraries do not depend on the processor.
+"""Processes that decode groups of pictures, whose libraries do not depend on the processor.
 
 What a decoder predicts decides what it asks for, so a punctured stream can only be decoded where the very
 same predictions are made. Libraries choose their code by the processor when they load: the processes are
@@ -11,16 +11,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing import Pipe
-from threading import Event, Lock
+from threading import Lock
 
-from decoder.tasks import Answered, DecodedGroup, GroupTask, following
+from decoder.tasks import Answered, DecodedGroup, GroupTask
 from dvc.environment import baseline_environment
-from dvc.errors import BitstreamError, DvcError
+from dvc.errors import DvcError
 from dvc.slepian_wolf import ParityRequest
 
 Outcome = Sequence[ParityRequest] | DecodedGroup | Exception
@@ -48,15 +46,6 @@ class DecodingProcess:
                 )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-    def decode(self, task: GroupTask) -> DecodedGroup:
-        """Decode a group of a stream."""
-        self.submit(task)
-        _, outcome = self.receive()
-        if isinstance(outcome, Exception):
-            raise outcome
-        assert isinstance(outcome, DecodedGroup)
-        return outcome
 
     def submit(self, message: GroupTask | Answered) -> None:
         """Begin a group, besides those that are under way, or go on with one."""
@@ -141,89 +130,3 @@ def decoding_process() -> Iterator[DecodingProcess]:
                 _idle.append(process)
         if not kept:
             process.stop()
-
-
-Chain = Sequence[GroupTask]
-"""Consecutive groups, each but the first predicted from the one before it."""
-_Outcomes = deque[Future[DecodedGroup]]
-
-
-def decode_groups(chains: Iterable[Chain], jobs: int) -> Iterator[DecodedGroup]:
-    """Decode groups of pictures; the same bytes for any number of jobs."""
-    pending: deque[_Outcomes] = deque()
-    decoding = _Decoding()
-    with ThreadPoolExecutor(jobs) as executor:
-        try:
-            for outcomes in _submitted(chains, executor, decoding):
-                pending.append(outcomes)
-                while pending and (len(pending) > jobs + 1 or pending[0][0].done()):
-                    yield _next(pending)
-            while pending:
-                yield _next(pending)
-        finally:
-            decoding.give_up()
-            executor.shutdown(wait=False, cancel_futures=True)
-            decoding.kill()
-
-
-def _next(pending: deque[_Outcomes]) -> DecodedGroup:
-    group = pending[0].popleft().result()
-    if not pending[0]:
-        pending.popleft()
-    return group
-
-
-class _Decoding:
-    """Decodes chains in processes until it is given up."""
-
-    def __init__(self) -> None:
-        self._lent: set[DecodingProcess] = set()
-        self._closed = Event()
-
-    def give_up(self) -> None:
-        self._closed.set()
-
-    def kill(self) -> None:
-        for process in tuple(self._lent):
-            process.kill()
-
-    def run(self, chain: Chain, outcomes: Sequence[Future[DecodedGroup]]) -> None:
-        """Decode one group after the other; the first that fails is the last."""
-        if not any(task.record.wyner_ziv for task in chain):
-            for task, outcome in zip(chain, outcomes, strict=True):
-                outcome.set_result(DecodedGroup.of(task, []))
-            return
-        remaining = iter(outcomes)
-        outcome = next(remaining)
-        try:
-            with decoding_process() as process:
-                self._lent.add(process)
-                try:
-                    for group in self._groups(chain, process):
-                        outcome.set_result(group)
-                        outcome = next(remaining, outcome)
-                finally:
-                    self._lent.discard(process)
-        except Exception as err:
-            outcome.set_exception(err)
-
-    def _groups(self, chain: Chain, process: DecodingProcess) -> Iterator[DecodedGroup]:
-        group = None
-        for task in chain:
-            if self._closed.is_set():
-                raise DvcError("decoding was given up")
-            group = process.decode(following(task, group))
-            yield group
-
-
-def _submitted(chains: Iterable[Chain], executor: Executor, decoding: _Decoding) -> Iterator[_Outcomes]:
-    """Start the chains; damage of the stream waits its turn like the outcome of a group."""
-    try:
-        for chain in chains:
-            outcomes = [Future[DecodedGroup]() for _ in chain]
-            executor.submit(decoding.run, chain, outcomes)
-            yield deque(outcomes)
-    except BitstreamError as err:
-        damage: Future[DecodedGroup] = Future()
-        damage.set_exception(err)
-        yield deque([damage])
