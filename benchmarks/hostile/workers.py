@@ -4,7 +4,6 @@ import multiprocessing
 import os
 import resource
 import subprocess
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import Pipe, forkserver
@@ -13,10 +12,12 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import decoder.parallel
+import decoder.processes
 from decoder import worker
+from decoder.group import GroupDecoder
 from decoder.session import stream_tasks
 from decoder.tasks import DecodedGroup, GroupTask, following
+from dvc.config import decode_config
 from dvc.environment import baseline_environment
 from dvc.stream import StreamReader
 
@@ -25,7 +26,7 @@ _WARMING = ("2d-qp-buffered", "2d-classical-buffered", "3d-te-no-feedback", "3d-
 _LOADED = "benchmarks.hostile.loaded"
 
 
-class ForkedProcess(decoder.parallel.DecodingProcess):
+class ForkedProcess(decoder.processes.DecodingProcess):
     """A decoding process that is there at once."""
 
     def __init__(self) -> None:
@@ -68,14 +69,14 @@ def forked_workers() -> Iterator[None]:
     """Let decoding processes be forked while a block runs."""
     with (
         patch.dict(os.environ, baseline_environment()),
-        patch.object(decoder.parallel, "DecodingProcess", ForkedProcess),
+        patch.object(decoder.processes, "DecodingProcess", ForkedProcess),
     ):
         multiprocessing.set_forkserver_preload([_LOADED])
         forkserver.ensure_running()
         try:
             yield
         finally:
-            decoder.parallel.stop_idle_processes()
+            decoder.processes.stop_idle_processes()
 
 
 def load_kernels() -> None:
@@ -89,10 +90,4 @@ def load_kernels() -> None:
 
 
 def _decoded(task: GroupTask) -> DecodedGroup:
-    levels = deque[worker.NextLevel]()
-    groups = worker._Groups(worker.LevelTurns(levels.append))
-    outcome = groups.go_on(task)
-    while levels:
-        outcome = groups.go_on(levels.popleft())
-    assert isinstance(outcome, DecodedGroup)
-    return outcome
+    return GroupDecoder(decode_config(task.config)).decode(task)
