@@ -79,7 +79,7 @@ def mutate_pieces(data: bytes, rng: np.random.Generator) -> bytes:
         case _:
             piece = replace(piece, picture=replace(picture, data=mutate(picture.data, rng)))
     pieces[number] = piece
-    return encode_stream(stream.canvas, stream.kind, stream.places, pieces)
+    return encode_stream(stream.canvas, stream.kind, stream.rectangles, pieces)
 
 
 def damaged_pieces(number: int) -> bytes:
@@ -110,6 +110,6 @@ def try_pieces(damaged: bytes) -> str:
 def _has_a_piece(data: bytes, length: int) -> bool:
     """Whether the first piece of a stream is whole where it is cut."""
     stream = decode_stream(data)
-    alone = encode_stream(stream.canvas, stream.kind, stream.places[:1], stream.pieces[:1])
-    header = encode_stream(stream.canvas, stream.kind, stream.places[:1], [None])
+    alone = encode_stream(stream.canvas, stream.kind, stream.rectangles[:1], stream.pieces[:1])
+    header = encode_stream(stream.canvas, stream.kind, stream.rectangles[:1], [None])
     return length >= stream.num_header_bytes + len(alone) - len(header)

@@ -69,7 +69,7 @@ class Decoded:
 
     @property
     def step(self) -> float:
-        """Distance of the disparities that are told apart."""
+        """Distance of the disparities that are distinguished."""
         return self.header.labels.step / 2.0**self.resolution
 
 
@@ -93,7 +93,7 @@ def decode(stream: Stream, num_layers: int | None = None, resolution: int = 0) -
     Raises
     ------
     BitstreamError
-        If not even the first layer can have been written; what is wrong with later ones is told as damage.
+        If not even the first layer can have been written; damage to later ones is reported.
     ConfigError
         If there are not so many layers or levels.
     """

@@ -1,4 +1,4 @@
-"""Memory that encoding takes, told before it is taken."""
+"""Memory that encoding takes, estimated before it is taken."""
 
 from dvc.errors import ConfigError
 

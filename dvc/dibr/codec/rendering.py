@@ -28,7 +28,7 @@ class DecodedViews(Protocol):
 
     @property
     def step(self) -> float:
-        """Distance of the disparities that are told apart; 0: all are."""
+        """Distance of the disparities that are distinguished; 0: all are."""
 
     @property
     def damage(self) -> str | None:

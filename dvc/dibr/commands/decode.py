@@ -171,8 +171,8 @@ def _layered(arguments: argparse.Namespace, stream: "LayeredStream") -> dict[str
     decoded = decode_pieces(arguments.path, stream)
     with atomic_folder(arguments.out) as folder:
         write_pieces(folder, decoded.scene)
-    told = {"num_decoded": len(decoded.scene.pieces), "damage": decoded.damage}
-    return layered_figures(stream) | told
+    entries = {"num_decoded": len(decoded.scene.pieces), "damage": decoded.damage}
+    return layered_figures(stream) | entries
 
 
 def _quality(arguments: argparse.Namespace, decoded: "DecodedDepthImage") -> dict[str, Any]:

@@ -171,29 +171,30 @@ def quality(
     from dvc.dibr.codec.views import luma
     from dvc.metrics import psnr_db
 
-    told: dict[str, float | None] = {}
+    entries: dict[str, float | None] = {}
     if found is not None:
         error = np.abs(decoded.depth - found.depth)[found.known]
         peak, mse = float(np.ptp(found.depth[found.known])), float(np.mean(error**2))
-        told["psnr_depth_db"] = 10.0 * math.log10(peak**2 / mse) if mse and peak else None
-        told["largest_error_depth"] = float(error.max())
+        entries["psnr_depth_db"] = 10.0 * math.log10(peak**2 / mse) if mse and peak else None
+        entries["largest_error_depth"] = float(error.max())
     if picture is not None and decoded.picture is not None:
         value = psnr_db(luma(decoded.picture), luma(picture))
-        told["psnr_image_db"] = value if math.isfinite(value) else None
-    return told
+        entries["psnr_image_db"] = value if math.isfinite(value) else None
+    return entries
 
 
-def report(arguments: argparse.Namespace, told: dict[str, Any]) -> None:
+def report(arguments: argparse.Namespace, entries: dict[str, Any]) -> None:
     """Write figures where they are wanted."""
     import sys
 
     if arguments.json is not None:
-        cli.write_json(arguments.json, told)
+        cli.write_json(arguments.json, entries)
     if arguments.json == "-" or arguments.quiet:
         return
     names = {"psnr_depth_db": "depth", "psnr_image_db": "image"}
-    known = [f"{name} {told[key]:.2f} dB" for key, name in names.items() if told.get(key) is not None]
-    share = f"{8 * told['stream_bytes']} bits, {told['bits']['edges']} of them {told['edge_elements']} edges"
+    known = [f"{name} {entries[key]:.2f} dB" for key, name in names.items() if entries.get(key) is not None]
+    bits, edges = 8 * entries["stream_bytes"], entries["bits"]["edges"]
+    share = f"{bits} bits, {edges} of them {entries['edge_elements']} edges"
     sys.stdout.write(
-        "; ".join([f"{arguments.out}: {told['bpp']:.4f} bits per pixel, {share}", *known]) + "\n"
+        "; ".join([f"{arguments.out}: {entries['bpp']:.4f} bits per pixel, {share}", *known]) + "\n"
     )

@@ -67,6 +67,6 @@ def run(arguments: argparse.Namespace) -> int:
     image = DepthImage(found.depth, scale, luma(picture) if is_gray else picture)
     options = PictureOptions(arguments.order_image, arguments.depth_share)
     encoded = depth_images.encode(arguments, image, options)
-    told = depth_images.figures(encoded, decode(encoded.stream), found, picture)
-    depth_images.report(arguments, told)
+    entries = depth_images.figures(encoded, decode(encoded.stream), found, picture)
+    depth_images.report(arguments, entries)
     return 0

@@ -41,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     share = "part of the bits that edges and depth have, more if masks need it; default: %(default)s"
     parser.add_argument("--depth-share", type=parse_share, default=0.2, metavar="S", help=share)
     keep = (
-        "what is coded: as much as is worth its bits in views from other places, at least the reference view "
+        "what is coded: as much as is worth its bits in other views, at least the reference view "
         "with its disparities, or all as it is; default: %(default)s"
     )
     parser.add_argument("--keep", choices=KEEP, default=KEEP[0], help=keep)
@@ -70,15 +70,16 @@ def run(arguments: argparse.Namespace) -> int:
     encoded, coded = _encode(arguments, scene)
     with atomic_output(arguments.out) as temporary:
         temporary.write_bytes(encoded.data)
-    told = figures(encoded, coded, scene)
+    entries = figures(encoded, coded, scene)
     if arguments.json is not None:
-        cli.write_json(arguments.json, told)
+        cli.write_json(arguments.json, entries)
     if arguments.json != "-" and not arguments.quiet:
         names = {"psnr_disparity_db": "disparity", "psnr_image_db": "colour", "psnr_views_db": "views"}
-        known = [f"{name} {told[key]:.2f} dB" for key, name in names.items() if told[key] is not None]
+        known = [f"{name} {entries[key]:.2f} dB" for key, name in names.items() if entries[key] is not None]
         text = (
-            f"{told['num_pieces']} {told['kind']} of {told['num_given']}, {told['bpp']:.4f} bits per pixel, "
-            f"{told['bits']['edges']} of {8 * told['stream_bytes']} bits for masks and edges"
+            f"{entries['num_pieces']} {entries['kind']} of {entries['num_given']}, "
+            f"{entries['bpp']:.4f} bits per pixel, "
+            f"{entries['bits']['edges']} of {8 * entries['stream_bytes']} bits for masks and edges"
         )
         sys.stdout.write("; ".join([f"{arguments.out}: {text}", *known]) + "\n")
     return 0
@@ -125,7 +126,7 @@ def figures(encoded: "EncodedPieces", coded: "Pieces", scene: "Pieces") -> dict[
     disparity = [np.float64(one.disparity[one.mask]) - other.disparity[other.mask] for one, other in pairs]
     known = [other.disparity[other.mask] for _, other in pairs]
     extent = float(np.ptp(np.concatenate(known))) if known else 0.0
-    views = [luma_from(found, place) - luma_from(scene, place) for place in viewpoints_of(scene)]
+    views = [luma_from(found, viewpoint) - luma_from(scene, viewpoint) for viewpoint in viewpoints_of(scene)]
     return {
         "stream_bytes": len(encoded.data),
         "bpp": 8 * len(encoded.data) / (frame.width * frame.height),

@@ -30,16 +30,16 @@ def run(arguments: argparse.Namespace) -> int:
     cli.check_outputs([*arguments.streams, *truths], [*out, *json_files(arguments)])
     with ExitStack() as stack:
         folder = stack.enter_context(atomic_folder(arguments.out)) if out else None
-        told = {}
+        entries = {}
         for path in arguments.streams:
-            told[path] = stream_quality(path, arguments)
-            warn(path, told[path]["damage"])
+            entries[path] = stream_quality(path, arguments)
+            warn(path, entries[path]["damage"])
         if folder is not None:
-            write_page(folder, told, _table(told))
+            write_page(folder, entries, _table(entries))
     if arguments.json is not None:
-        cli.write_json(arguments.json, told)
+        cli.write_json(arguments.json, entries)
     if arguments.json != "-" and not arguments.quiet:
-        sys.stdout.write(markdown(_table(told)))
+        sys.stdout.write(markdown(_table(entries)))
     return 0
 
 
@@ -60,27 +60,27 @@ def stream_quality(path: str, arguments: argparse.Namespace) -> dict[str, Any]:
     with naming(path):
         figures = stream_figures(stream, Path(path).stat().st_size)
     shape = figures["height"], figures["width"]
-    told = {"kind": figures.get("kind", "views" if isinstance(stream, Stream) else "map")}
-    told |= {name: figures[name] for name in ("stream_bytes", "bpp", "width", "height", "damage")}
+    entries = {"kind": figures.get("kind", "views" if isinstance(stream, Stream) else "map")}
+    entries |= {name: figures[name] for name in ("stream_bytes", "bpp", "width", "height", "damage")}
     picture = None if truth_image is None else read_truth(truth_image, shape)
     if not isinstance(stream, DepthImageStream):
         if truth_depth is not None:
             raise ConfigError(f"{path}: --truth-depth is for streams of one depth map")
         is_of_views = isinstance(stream, Stream)
-        told["bits"] = _bits_of_views(figures) if is_of_views else figures["bits"]
+        entries["bits"] = _bits_of_views(figures) if is_of_views else figures["bits"]
         if picture is not None:
             with naming(path):
                 found = psnr_db(luma(_reference_of(stream)), luma(picture))
-            told["psnr_image_db"] = found if found < float("inf") else None
-        return told
+            entries["psnr_image_db"] = found if found < float("inf") else None
+        return entries
     depth = None if truth_depth is None else read_true_depth(truth_depth)
     if depth is not None and depth.depth.shape != shape:
         size = f"{depth.depth.shape[1]}x{depth.depth.shape[0]}"
         raise ConfigError(f"{truth_depth}: {size}, but {path} is {shape[1]}x{shape[0]}")
-    told |= {"bits": figures["bits"], "edge_elements": figures["edge_elements"]}
+    entries |= {"bits": figures["bits"], "edge_elements": figures["edge_elements"]}
     with naming(path):
         decoded = decoder.decode(stream)
-    return told | quality(decoded, depth, picture)
+    return entries | quality(decoded, depth, picture)
 
 
 def _reference_of(stream: "Stream | LayeredStream") -> Any:
@@ -103,7 +103,7 @@ def _bits_of_views(figures: dict[str, Any]) -> dict[str, int]:
     return {"header": 8 * figures["stream_bytes"] - image - depth, "edges": 0, "depth": depth, "image": image}
 
 
-def _table(told: dict[str, dict[str, Any]]) -> "Table":
+def _table(entries: dict[str, dict[str, Any]]) -> "Table":
     from dvc.page.gallery import Table
 
     head = ("stream", "bytes", "bpp", *(f"{part} [bits]" for part in PARTS), "depth [dB]", "image [dB]")
@@ -116,7 +116,7 @@ def _table(told: dict[str, dict[str, Any]]) -> "Table":
             _decibels(one.get("psnr_depth_db")),
             _decibels(one.get("psnr_image_db")),
         )
-        for path, one in told.items()
+        for path, one in entries.items()
     ]
     caption = "Bits by part as far as they are there; PSNR of maps, with their range as peak, and of luma"
     return Table("Streams", caption, head, tuple(rows))

@@ -128,19 +128,19 @@ def layered_figures(stream: "LayeredStream") -> dict[str, Any]:
     canvas = stream.canvas
     bits = {"header": 8 * stream.num_header_bytes, "edges": 0, "depth": 0, "image": 0}
     pieces = []
-    for place, piece in zip(stream.places, stream.pieces, strict=False):
-        told = place._asdict()
+    for rectangle, piece in zip(stream.rectangles, stream.pieces, strict=False):
+        entries = rectangle._asdict()
         if piece is not None and piece.picture is not None:
             parts = part_bytes(piece)
             parts["header"] -= RESTORED_BYTES
-            told |= {"bits": {name: 8 * size for name, size in parts.items()}}
+            entries |= {"bits": {name: 8 * size for name, size in parts.items()}}
             bits = {name: bits[name] + 8 * size for name, size in parts.items()}
-        pieces.append(told)
+        pieces.append(entries)
     return {
         "width": canvas.frame.width,
         "height": canvas.frame.height,
         "kind": stream.kind.name.lower(),
-        "num_pieces": len(stream.places),
+        "num_pieces": len(stream.rectangles),
         "canvas": {"width": canvas.shape[1], "height": canvas.shape[0]},
         "frame": canvas.frame._asdict(),
         "disparities": canvas.labels._asdict(),

@@ -44,7 +44,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the subcommand takes."""
     add_stream(parser)
     where = parser.add_mutually_exclusive_group(required=True)
-    view = "place on the lattice, or the number of a view of the stream"
+    view = "position on the lattice, or the number of a view of the stream"
     where.add_argument("--view", type=parse_view, metavar="M,N|K", help=view)
     path = "two or more views: render on the way from one to the next"
     where.add_argument("--path", dest="route", nargs="+", type=parse_view, metavar="M,N|K", help=path)

@@ -52,8 +52,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_memory(parser)
     add_layers(parser)
     truth = (
-        "pictures taken at the views of the stream, in their order, or with the place before them: the page "
-        "tells PSNR there"
+        "pictures taken at the views of the stream, in their order, or with their positions before them, "
+        "where the page shows PSNR"
     )
     parser.add_argument("--truth", nargs="+", default=[], metavar="[M,N=|K=]VIEW", help=truth)
     add_json(parser)
@@ -82,18 +82,18 @@ def run(arguments: argparse.Namespace) -> int:
         cli.write_json(arguments.json, figures)
     if arguments.json != "-" and not arguments.quiet:
         known = [f"{value:.2f} dB" for value in caption.qualities if value is not None]
-        told = f"; PSNR {', '.join(known)}" if known else ""
+        quality = f"; PSNR {', '.join(known)}" if known else ""
         sys.stdout.write(
-            f"{arguments.out}: {figures['page_bytes']} bytes, {figures['sources']} sources{told}\n"
+            f"{arguments.out}: {figures['page_bytes']} bytes, {figures['sources']} sources{quality}\n"
         )
     return 0
 
 
 def _truth(text: str) -> "tuple[LatticePosition | int | None, str]":
-    """Place, if any, and file of a picture; a name that looks like both needs its folder before it."""
-    place, equals, path = text.partition("=")
+    """Rectangle, if any, and file of a picture; a name that looks like both needs its folder before it."""
+    position, equals, path = text.partition("=")
     try:
-        return (parse_view(place), path) if equals and path else (None, text)
+        return (parse_view(position), path) if equals and path else (None, text)
     except argparse.ArgumentTypeError:
         return None, text
 
@@ -180,14 +180,14 @@ def _halvings(decoded: "DecodedViews") -> int:
 def _placed(
     viewpoints: "Sequence[Viewpoint]", truths: "list[tuple[LatticePosition | int | None, str]]"
 ) -> "list[tuple[Viewpoint, str]]":
-    """Viewpoints of pictures; those without a place are of the views in their order."""
+    """Viewpoints of pictures; those without a position are of the views in their order."""
     placed: list[tuple[Viewpoint, str]] = []
     number = 0
-    for place, path in truths:
-        if place is None and number >= len(viewpoints):
+    for position, path in truths:
+        if position is None and number >= len(viewpoints):
             raise ConfigError(f"--truth {path}: the stream has {len(viewpoints)} views")
-        placed.append((viewpoint_of(viewpoints, number if place is None else place), path))
-        number += place is None
+        placed.append((viewpoint_of(viewpoints, number if position is None else position), path))
+        number += position is None
     if len({viewpoint for viewpoint, _ in placed}) < len(placed):
         raise ConfigError("--truth: two pictures of one view")
     return placed

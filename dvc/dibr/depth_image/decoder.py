@@ -62,12 +62,12 @@ class DecodedDepthImage:
 
     @property
     def viewpoints(self) -> tuple[Viewpoint, ...]:
-        """The place of the picture."""
+        """The viewpoint of the picture."""
         return (ORIGIN,)
 
     @property
     def step(self) -> float:
-        """Distance of the disparities that are told apart: all are."""
+        """Distance of the disparities that are distinguished: all are."""
         return 0.0
 
     @property

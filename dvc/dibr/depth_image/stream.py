@@ -178,22 +178,22 @@ def _is_moderate(scale: DepthScale) -> bool:
     return are_small and scale.extent >= 0.0
 
 
-def _depth_places(num_depth: int, num_picture: int, length: int) -> NDArray[np.bool_]:
+def _is_depth(num_depth: int, num_picture: int, length: int) -> NDArray[np.bool_]:
     """Which of the first bytes of both are the depth's."""
     ends = np.arange(length + 1, dtype=np.int64) * num_depth
     return np.diff(ends // max(num_depth + num_picture, 1)) > 0
 
 
 def _interleave(depth: bytes, picture: bytes) -> bytes:
-    places = _depth_places(len(depth), len(picture), len(depth) + len(picture))
-    mixed = np.empty(len(places), np.uint8)
-    mixed[places] = np.frombuffer(depth, np.uint8)
-    mixed[~places] = np.frombuffer(picture, np.uint8)
+    is_depth = _is_depth(len(depth), len(picture), len(depth) + len(picture))
+    mixed = np.empty(len(is_depth), np.uint8)
+    mixed[is_depth] = np.frombuffer(depth, np.uint8)
+    mixed[~is_depth] = np.frombuffer(picture, np.uint8)
     return mixed.tobytes()
 
 
 def _separate(mixed: bytes, num_depth: int, num_picture: int) -> tuple[bytes, bytes]:
     """Take apart as many of the bytes as there are."""
-    places = _depth_places(num_depth, num_picture, len(mixed))
+    is_depth = _is_depth(num_depth, num_picture, len(mixed))
     found = np.frombuffer(mixed, np.uint8)
-    return found[places].tobytes(), found[~places].tobytes()
+    return found[is_depth].tobytes(), found[~is_depth].tobytes()

@@ -174,12 +174,12 @@ def add_child_l(values, prediction, cost, merge, candidates, transformed, loose,
     if is_loose:
         distance_transform(loose, tear, loose)
     for d in range(labels):
-        place = d + prediction
-        inside = min(max(place, 0), labels - 1)
-        beyond = np.float32(abs(place - inside))
+        shifted = d + prediction
+        inside = min(max(shifted, 0), labels - 1)
+        beyond = np.float32(abs(shifted - inside))
         best = loose[inside] + tear * beyond
-        if place == inside:
-            best = min(best, values[place] + cost[ZERO])
+        if shifted == inside:
+            best = min(best, values[shifted] + cost[ZERO])
         if is_linear:
             best = min(best, transformed[inside] + slope * beyond + cost[NONZERO])
         full[d] += best
@@ -194,8 +194,8 @@ def shifted_sum(values, prediction, flat):
             flat[d] += values[d]
         return
     for d in range(labels):
-        place = d + prediction
-        flat[d] = flat[d] + values[place] if 0 <= place < labels else INF
+        shifted = d + prediction
+        flat[d] = flat[d] + values[shifted] if 0 <= shifted < labels else INF
 
 
 @kernel
@@ -381,11 +381,11 @@ def flat_s(flat, predictions, m, n, low, total):
                 high = predictions[2 * m, 2 * n + 1]
                 column = d - (high >> 1) + (high if c == 0 else 0)
             for r in range(min(2, height - 2 * m)):
-                place = column
+                shifted = column
                 if 2 * m + 1 < height:
                     high = predictions[2 * m + 1, 2 * n + c]
-                    place = column - (high >> 1) + (high if r == 0 else 0)
-                error += flat[2 * m + r, 2 * n + c, place] if 0 <= place < labels else INF
+                    shifted = column - (high >> 1) + (high if r == 0 else 0)
+                error += flat[2 * m + r, 2 * n + c, shifted] if 0 <= shifted < labels else INF
         total[d - low] = error
 
 
@@ -583,7 +583,7 @@ def look_around_l(labels, parents, i, j, predicted, around):
 
 @kernel
 def look_around_s(labels, parents, i, j, mean, around):
-    """Look at what lies on both sides of two samples that are about to be told apart."""
+    """Look at what lies on both sides of two samples that are about to be separated."""
     forget(around)
     m, n = i // 2, j // 2
     if i % 2 == 1:  # a vertical difference

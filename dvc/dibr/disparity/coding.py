@@ -151,14 +151,14 @@ def _code_roots(coder: RangeCoder, tree: WaveletTree, previous: WaveletTree | No
         state = coder.room_for(roots.size * MAX_DECISIONS)
         _kernels.code_differences(state, counts, roots, previous.roots)
         return np.clip(roots, 0, tree.num_labels - 1)
-    for place, label in np.ndenumerate(roots):
-        roots[place] = coder.uniform(tree.num_labels, int(label))
+    for index, label in np.ndenumerate(roots):
+        roots[index] = coder.uniform(tree.num_labels, int(label))
     return roots
 
 
 _FIRST_COUNT = 4.0  # as if each context had been met so often
 _FIRST_WEIGHT = 0.6
-_FLAGS = 0.15, 0.45, 0.6, 0.45, 0.6  # by place
+_FLAGS = 0.15, 0.45, 0.6, 0.45, 0.6  # by kind
 _ZEROS = 0.15, 0.4, 0.45, 0.35, 0.4
 _MERGE, _DISTANCE = 0.6, 0.5
 

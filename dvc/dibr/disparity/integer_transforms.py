@@ -2,7 +2,7 @@
 
 Level 0 is the map itself; each node of level j has up to two (or 2 x 2) children in level j - 1, fewer at odd
 borders. High-pass coefficients of one level lie where the samples of that level lie: in L each sample has its
-own, in S those at even places (even in both directions) are not used and are 0.
+own, in S those at even positions (even in both directions) are not used and are 0.
 
 References
 ----------

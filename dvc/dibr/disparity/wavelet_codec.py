@@ -1,7 +1,7 @@
 """Disparity maps as wavelet trees: the best one for its bits, and its bytes.
 
 The costs of the dynamic programming and the statistics of the code follow from each other: from an optimum,
-what coefficients cost in the places where they are, and from these costs the next optimum, a few times. Where
+what coefficients cost where they are, and from these costs the next optimum, a few times. Where
 it is known what maps cause when other views are rendered from them, differences of labels may cost more than
 their bits, as those open holes, and labels that cover a hole less: by how much is tried.
 """

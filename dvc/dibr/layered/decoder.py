@@ -35,7 +35,7 @@ class DecodedPieces:
 
     @property
     def viewpoints(self) -> tuple[Viewpoint, ...]:
-        """The place of the reference view."""
+        """The viewpoint of the reference view."""
         return (depth_image.ORIGIN,)
 
 
@@ -59,7 +59,7 @@ def decode(stream: LayeredStream) -> DecodedPieces:
     """
     pieces: list[Sprite] = []
     damage = stream.damage
-    for number, (place, piece) in enumerate(zip(stream.places, stream.pieces, strict=False), 1):
+    for number, (rectangle, piece) in enumerate(zip(stream.rectangles, stream.pieces, strict=False), 1):
         if piece is None:
             nothing = np.zeros((0, 0, 3), np.uint8)
             pieces.append(Sprite(0, 0, nothing[..., 0] > 0, nothing, nothing[..., 0].astype(np.float32)))
@@ -67,13 +67,15 @@ def decode(stream: LayeredStream) -> DecodedPieces:
         try:
             found = depth_image.decode(piece)
         except BitstreamError as err:
-            damage = f"piece {number} of {len(stream.places)}: {err}"
+            damage = f"piece {number} of {len(stream.rectangles)}: {err}"
             break
         assert found.mask is not None
         assert found.picture is not None
         colour = np.broadcast_to(found.picture.reshape(*found.mask.shape, -1), (*found.mask.shape, 3))
         disparity = np.where(found.mask, found.disparity, 0.0).astype(np.float32)
-        pieces.append(Sprite(place.left, place.top, found.mask, colour * found.mask[..., None], disparity))
+        pieces.append(
+            Sprite(rectangle.left, rectangle.top, found.mask, colour * found.mask[..., None], disparity)
+        )
     if not any(piece.mask.any() for piece in pieces) and damage is not None:
         raise BitstreamError(f"not one piece can be decoded: {damage}")
     return DecodedPieces(Pieces(stream.canvas, stream.kind, tuple(pieces)), damage)

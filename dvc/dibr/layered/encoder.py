@@ -23,7 +23,7 @@ from dvc.dibr.edges.chain_code import EdgeCode
 from dvc.dibr.edges.masks import border
 from dvc.dibr.layered.pieces import Pieces
 from dvc.dibr.layered.rate import Choices, allot
-from dvc.dibr.layered.stream import Place, encode_header, encode_stream, piece_bytes
+from dvc.dibr.layered.stream import Rectangle, encode_header, encode_stream, piece_bytes
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.codec import ReferenceCode, multipliers_around
 from dvc.dibr.reference.header import ReferenceHeader
@@ -151,7 +151,7 @@ def encode_to_size(
     data = encode_stream(
         scene.canvas,
         scene.kind,
-        [place_of(piece) for piece in scene.pieces],
+        [rectangle_of(piece) for piece in scene.pieces],
         [next(found) if piece.mask.any() else None for piece in scene.pieces],
     )
     assert len(data) <= max_bytes, "the overhead was counted"
@@ -171,10 +171,10 @@ def mask_bytes(scene: Pieces) -> int:
     return sum(len(code_edges(border(mask), None, mask).data) for mask in masks)
 
 
-def place_of(piece: Sprite) -> Place:
+def rectangle_of(piece: Sprite) -> Rectangle:
     """Return where a piece lies."""
     height, width = piece.mask.shape
-    return Place(piece.left, piece.top, width, height) if piece.mask.any() else Place(0, 0, 0, 0)
+    return Rectangle(piece.left, piece.top, width, height) if piece.mask.any() else Rectangle(0, 0, 0, 0)
 
 
 def _codings(scene: Pieces, options: LayeredOptions, weights: Sequence[float]) -> list[_Coding]:
@@ -208,9 +208,9 @@ def _scale_of(piece: Sprite, whole: DepthScale) -> DepthScale:
 
 def _overhead(scene: Pieces, codings: Sequence[_Coding], max_bytes: int) -> int:
     """Bytes that are neither edges nor code, at most."""
-    places = [place_of(piece) for piece in scene.pieces]
+    rectangles = [rectangle_of(piece) for piece in scene.pieces]
     header = len(
-        encode_header(scene.canvas, scene.kind, places, [max_bytes if p.width else 0 for p in places])
+        encode_header(scene.canvas, scene.kind, rectangles, [max_bytes if p.width else 0 for p in rectangles])
     )
     nothing = PlaneCode(ReferenceHeader(0, 0), 0, bytes(max_bytes))
     total = header

@@ -74,14 +74,14 @@ def layers_of(pieces: Pieces) -> LayeredDepthImage:
     disparity = np.zeros(shape, np.float32)
     for layer, piece in enumerate(pieces.pieces):
         mask, values = piece.mask, piece.disparity
-        place = (layer, *piece.slices)
+        index = (layer, *piece.slices)
         if layer:
             before = (layer - 1, *piece.slices)
             mask = mask & (votes[before] > 0)
             values = np.minimum(values, np.nextafter(disparity[before], np.float32(-np.inf)))
-        votes[place] = mask
-        disparity[place] = np.where(mask, values, np.float32(0.0))
-        colour[place] = piece.colour * mask[..., None]
+        votes[index] = mask
+        disparity[index] = np.where(mask, values, np.float32(0.0))
+        colour[index] = piece.colour * mask[..., None]
     return LayeredDepthImage(pieces.canvas, colour, disparity, votes)
 
 

@@ -96,7 +96,7 @@ class _Trials:
     ) -> None:
         self.viewpoints: list[LatticePosition] = viewpoints_of(scene)
         self.left = MOST_TRIALS
-        self._views: list[Floats] = [luma_from(scene, place) for place in self.viewpoints]
+        self._views: list[Floats] = [luma_from(scene, viewpoint) for viewpoint in self.viewpoints]
         self._max_bytes, self._options, self._advance = max_bytes, options, advance
 
     def of(self, simplified: Simplified) -> SelectedPieces:
@@ -108,8 +108,8 @@ class _Trials:
         )
         decoded = decode(decode_stream(encoded.data)).scene
         errors = [
-            float(np.mean((luma_from(decoded, place) - view) ** 2))
-            for place, view in zip(self.viewpoints, self._views, strict=True)
+            float(np.mean((luma_from(decoded, viewpoint) - view) ** 2))
+            for viewpoint, view in zip(self.viewpoints, self._views, strict=True)
         ]
         return SelectedPieces(encoded, simplified.scene, float(np.mean(errors)))
 

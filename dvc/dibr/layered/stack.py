@@ -42,24 +42,24 @@ class Worth(NamedTuple):
 def stack_of(scene: Pieces) -> Stack:
     """Sort the values of pieces."""
     height, width = scene.canvas.shape
-    places, colours, disparities = [], [], []
+    offsets, colours, disparities = [], [], []
     for piece in scene.pieces:
         rows, columns = np.nonzero(piece.mask)
-        places.append((rows + piece.top) * width + columns + piece.left)
+        offsets.append((rows + piece.top) * width + columns + piece.left)
         colours.append(piece.colour[piece.mask])
         disparities.append(piece.disparity[piece.mask])
-    place, disparity = np.concatenate(places), np.concatenate(disparities)
-    order = np.lexsort((-disparity, place))
-    place = place[order]
-    first = np.flatnonzero(np.concatenate([[True], place[1:] != place[:-1]]))
-    layer = np.arange(len(place)) - np.repeat(first, np.diff(np.append(first, len(place))))
+    offset, disparity = np.concatenate(offsets), np.concatenate(disparities)
+    order = np.lexsort((-disparity, offset))
+    offset = offset[order]
+    first = np.flatnonzero(np.concatenate([[True], offset[1:] != offset[:-1]]))
+    layer = np.arange(len(offset)) - np.repeat(first, np.diff(np.append(first, len(offset))))
     shape = int(layer.max()) + 1, height * width
     stack = Stack(
         scene.canvas, np.zeros((*shape, 3), np.uint8), np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
     )
-    stack.colour[layer, place] = np.concatenate(colours)[order]
-    stack.disparity[layer, place] = disparity[order]
-    stack.occupied[layer, place] = True
+    stack.colour[layer, offset] = np.concatenate(colours)[order]
+    stack.disparity[layer, offset] = disparity[order]
+    stack.occupied[layer, offset] = True
     size = shape[0], height, width
     return Stack(
         scene.canvas,
@@ -103,7 +103,7 @@ def worth_of(stack: Stack, alone: Pieces, viewpoints: Sequence[LatticePosition])
         picture = luma(picture_of(filled(drawn, viewpoint))).astype(np.float64)
         error = (picture - luma_from(alone, viewpoint)) ** 2
         known = drawn.piece >= 0
-        place = drawn.piece[known], drawn.rows[known], drawn.columns[known]
-        np.add.at(worth.saved, place, error[known] / len(viewpoints))
-        np.add.at(worth.seen, place, 1.0 / len(viewpoints))
+        index = drawn.piece[known], drawn.rows[known], drawn.columns[known]
+        np.add.at(worth.saved, index, error[known] / len(viewpoints))
+        np.add.at(worth.seen, index, 1.0 / len(viewpoints))
     return worth

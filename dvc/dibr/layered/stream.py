@@ -39,7 +39,7 @@ _SIZE_AT = 6
 """Where the size is in the stream of a piece; before it magic, version and flags."""
 
 
-class Place(NamedTuple):
+class Rectangle(NamedTuple):
     """Where a piece lies in the canvas."""
 
     left: int  # column and row of its first pixel
@@ -54,7 +54,7 @@ class LayeredStream:
 
     canvas: Canvas  # where the pieces are
     kind: Kind  # what they are
-    places: tuple[Place, ...]  # of all pieces
+    rectangles: tuple[Rectangle, ...]  # of all pieces
     # those that are there, the last one perhaps cut; None: an empty layer
     pieces: tuple[DepthImageStream | None, ...]
     num_header_bytes: int = 0  # of the header
@@ -62,11 +62,11 @@ class LayeredStream:
 
 
 def encode_stream(
-    canvas: Canvas, kind: Kind, places: Sequence[Place], pieces: Sequence[DepthImageStream | None]
+    canvas: Canvas, kind: Kind, rectangles: Sequence[Rectangle], pieces: Sequence[DepthImageStream | None]
 ) -> bytes:
     """Return the bytes of a stream."""
     parts = [b"" if piece is None else piece_bytes(piece) for piece in pieces]
-    header = encode_header(canvas, kind, places, [len(part) for part in parts])
+    header = encode_header(canvas, kind, rectangles, [len(part) for part in parts])
     return header + b"".join(parts)
 
 
@@ -76,7 +76,7 @@ def piece_bytes(piece: DepthImageStream) -> bytes:
     return data[_SIZE_AT - 1 : _SIZE_AT] + data[_SIZE_AT + _SIZE.size :]
 
 
-def encode_header(canvas: Canvas, kind: Kind, places: Sequence[Place], sizes: Sequence[int]) -> bytes:
+def encode_header(canvas: Canvas, kind: Kind, rectangles: Sequence[Rectangle], sizes: Sequence[int]) -> bytes:
     """Return the header of a stream."""
     name = canvas.reference.encode()
     if canvas.shape[0] * canvas.shape[1] > MAX_PIXELS or len(name) > MAX_NAME_BYTES:
@@ -94,35 +94,37 @@ def encode_header(canvas: Canvas, kind: Kind, places: Sequence[Place], sizes: Se
         len(name),
     )
     data += name + (b"" if matrix is None else _MATRIX.pack(*matrix.ravel()))
-    data += encode_varint(len(places))
-    for place, size in zip(places, sizes, strict=True):
-        data += b"".join(map(encode_varint, (*place, size)))
+    data += encode_varint(len(rectangles))
+    for rectangle, size in zip(rectangles, sizes, strict=True):
+        data += b"".join(map(encode_varint, (*rectangle, size)))
     return data + zlib.crc32(data).to_bytes(_CHECK_BYTES, "little")
 
 
 def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
     """Read a stream, or the beginning of one."""
-    canvas, kind, places, sizes, start = _decode_header(data)
+    canvas, kind, rectangles, sizes, start = _decode_header(data)
     size = canvas.shape[0] * canvas.shape[1]
-    held = sum(place.width * place.height for place in places)
-    held = size * len(places) if kind is Kind.LAYERS else held  # layers are written as large as the canvas
+    held = sum(rectangle.width * rectangle.height for rectangle in rectangles)
+    held = (
+        size * len(rectangles) if kind is Kind.LAYERS else held
+    )  # layers are written as large as the canvas
     check_extent(Extent(size, held, size + held), len(data), max_mib)
     pieces: list[DepthImageStream | None] = []
     position, damage = start, None
-    for number, (place, size) in enumerate(zip(places, sizes, strict=True), 1):
+    for number, (rectangle, size) in enumerate(zip(rectangles, sizes, strict=True), 1):
         part = data[position : position + size]
         position += size
-        if not place.width:
+        if not rectangle.width:
             pieces.append(None)
             continue
         prefix = MAGIC + bytes([depth_image.FORMAT_VERSION]) + part[:1]
         try:
-            piece = depth_image.decode_stream(prefix + _SIZE.pack(*place[2:]) + part[1:], math.inf)
+            piece = depth_image.decode_stream(prefix + _SIZE.pack(*rectangle[2:]) + part[1:], math.inf)
             if not piece.masked or piece.picture is None:
                 raise BitstreamError("no mask or no picture")
         except BitstreamError as err:
             cut = f"the stream ends after {len(data)} of {start + sum(sizes)} bytes"
-            damage = cut if position > len(data) else f"piece {number} of {len(places)}: {err}"
+            damage = cut if position > len(data) else f"piece {number} of {len(rectangles)}: {err}"
             break
         pieces.append(piece)
         if piece.damage is not None:
@@ -130,13 +132,13 @@ def decode_stream(data: bytes, max_mib: float | None = None) -> LayeredStream:
             break
     if damage is None and position < len(data):
         damage = f"{len(data) - position} bytes follow"
-    if not any(pieces) and any(place.width for place in places):
+    if not any(pieces) and any(rectangle.width for rectangle in rectangles):
         raise BitstreamError(f"not one piece is whole: {damage}")
-    return LayeredStream(canvas, kind, tuple(places), tuple(pieces), start, damage)
+    return LayeredStream(canvas, kind, tuple(rectangles), tuple(pieces), start, damage)
 
 
-def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Place], list[int], int]:
-    """Read canvas, places and sizes, and tell where the pieces begin."""
+def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Rectangle], list[int], int]:
+    """Read canvas, rectangles and sizes, and tell where the pieces begin."""
     if not data.startswith(MAGIC[: max(len(data), 1)]):
         raise BitstreamError("not a stream of texture and depth: it does not begin with DIBR")
     try:
@@ -166,23 +168,23 @@ def _decode_header(data: bytes) -> tuple[Canvas, Kind, list[Place], list[int], i
         raise BitstreamError("the header of the stream is cut or damaged")
     canvas = _canvas(values, name, matrix)
     rows = np.array(fields, object).reshape(-1, 5).tolist()
-    places = [Place(*row[:4]) for row in rows]
-    if values[1] != FORMAT_VERSION or values[2] > 3 or not _are_inside(places, canvas):
+    rectangles = [Rectangle(*row[:4]) for row in rows]
+    if values[1] != FORMAT_VERSION or values[2] > 3 or not _are_inside(rectangles, canvas):
         raise BitstreamError("the header of the stream cannot have been written")
-    return canvas, kind, places, [row[4] for row in rows], position + _CHECK_BYTES
+    return canvas, kind, rectangles, [row[4] for row in rows], position + _CHECK_BYTES
 
 
-def _are_inside(places: Sequence[Place], canvas: Canvas) -> bool:
-    """Whether all places are in the canvas, and not more than decoders want to hold."""
+def _are_inside(rectangles: Sequence[Rectangle], canvas: Canvas) -> bool:
+    """Whether all rectangles are in the canvas, and not more than decoders want to hold."""
     height, width = canvas.shape
     inside = all(
-        place.left + place.width <= width
-        and place.top + place.height <= height
-        and (place.width > 0) == (place.height > 0)
-        for place in places
+        rectangle.left + rectangle.width <= width
+        and rectangle.top + rectangle.height <= height
+        and (rectangle.width > 0) == (rectangle.height > 0)
+        for rectangle in rectangles
     )
     most = max(MAX_PIXELS, MAX_LAYERS * height * width)
-    return inside and sum(place.width * place.height for place in places) <= most
+    return inside and sum(rectangle.width * rectangle.height for rectangle in rectangles) <= most
 
 
 def _canvas(values: tuple[int | float, ...], name: bytes, matrix: np.ndarray | None) -> Canvas:
@@ -194,12 +196,12 @@ def _canvas(values: tuple[int | float, ...], name: bytes, matrix: np.ndarray | N
         canvas = Canvas(
             (int(height), int(width)), frame, labels, float(rest[7]), reference, int(rest[8]), matrix
         )
-        told = {
+        entries = {
             "width": width, "height": height, "frame": frame._asdict(), "disparities": labels._asdict(),
             "resolution": canvas.resolution, "reference": reference, "num_cameras": canvas.num_cameras,
             "world_from_rectified": None if matrix is None else matrix.tolist(),
         }  # fmt: skip
-        read_canvas(Entry(Path("header"), told))
+        read_canvas(Entry(Path("header"), entries))
     except (DvcError, UnicodeDecodeError):
         raise BitstreamError("the header of the stream cannot have been written") from None
     if canvas.shape[0] * canvas.shape[1] > MAX_PIXELS:

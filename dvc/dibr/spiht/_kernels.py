@@ -22,7 +22,7 @@ FIRST, STRIDE, ROWS, COLUMNS, KIND, LEVEL, COMPONENT, ABOVE, BELOW = range(9)
 NONE = -1
 LOW_BAND, HORIZONTAL, VERTICAL, DIAGONAL = range(4)
 
-# `Run.fields`: ends of the two chains of `Run.links`, lengths of `Run.sets` and `Run.opening`, the place, and
+# `Run.fields`: ends of the two chains of `Run.links`, lengths of `Run.sets` and `Run.opening`, position,
 # how many decisions were coded.
 PENDING, PENDING_END, SIGNIFICANT, SIGNIFICANT_END, SETS, OPENING, STOPPED, PLANE, DECISIONS = range(9)
 NUM_FIELDS = 9
@@ -98,7 +98,7 @@ def gather_below(bands, values, below, deeper):
 
 @kernel
 def parent_at(bands, band, row, column):
-    """Return the parent of a place in a band, or 0."""
+    """Return the parent of a coefficient in a band, or 0."""
     if band[ABOVE] == NONE:
         return 0
     above = bands[band[ABOVE]]
@@ -109,8 +109,8 @@ def parent_at(bands, band, row, column):
 @kernel
 def _place(band, i):
     """Return row and column of a node in its band."""
-    place, stride = np.uint32(i - band[FIRST]), np.uint32(band[STRIDE])  # division of 64 bits is slow
-    row = np.int64(place // stride)
+    offset, stride = np.uint32(i - band[FIRST]), np.uint32(band[STRIDE])  # division of 64 bits is slow
+    row = np.int64(offset // stride)
     return row, i - band[FIRST] - row * band[STRIDE]
 
 

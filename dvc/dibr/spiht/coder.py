@@ -37,7 +37,7 @@ class EmbeddedCode:
     """Coefficients as bytes."""
 
     data: bytes  # any part from the beginning is the code of an approximation
-    num_planes: int  # bit planes; the reader must be told
+    num_planes: int  # bit planes; the reader must know
     bits: NDArray[np.float64]  # lengths, increasing
     squared_error: NDArray[np.float64]  # of the coefficients, in squared steps, once that many bits are read
 

@@ -1,6 +1,6 @@
 """Zerotrees: coefficients of one or several pyramids as trees from coarse to fine, in one array of nodes.
 
-A coefficient's children are those of the same orientation in the four places below it, in the next finer
+A coefficient's children are those of the same orientation in the four positions below it, in the next finer
 scale. Where a scale has an odd number of rows or columns, the last ones belong to the last parent, so that
 nothing is padded. Coefficients of the low band, and those above which there is none, are roots. Positions
 that a mask leaves out are never coded, nor are sets of them.

@@ -76,7 +76,7 @@ class SceneResult:
             "curves": {name: [point.to_dict() for point in points] for name, points in self.curves.items()},
             "against_quadtree": gains,
             "layered": {name: [point.to_dict() for point in points] for name, points in self.layered.items()},
-            "decomposition": {told: point.to_dict() for told, point in self.decompositions.items()},
+            "decomposition": {label: point.to_dict() for label, point in self.decompositions.items()},
             "pair": [point.to_dict() for point in self.pair_points],
             "peers": {name: [_peer_dict(one) for one in found] for name, found in self.peers.items()},
         }
@@ -118,8 +118,8 @@ def measure_scene(
         result.layered[method.name.lower()] = points
         advance(1)
     multiplier = chosen[result.middle]
-    for told, num_levels in EARLY_LEVELS.items():
-        result.decompositions[told] = stopped_early(views, labels, multiplier, num_levels)
+    for label, num_levels in EARLY_LEVELS.items():
+        result.decompositions[label] = stopped_early(views, labels, multiplier, num_levels)
         advance(1)
     if with_peers:
         _measure_peers(result)
@@ -177,8 +177,8 @@ def _rate_distortion(result: SceneResult) -> dict[str, bytes]:
 def _layers(result: SceneResult) -> dict[str, bytes]:
     lines = []
     for method, points in result.layered.items():
-        told = tables.TITLES[method]
-        lines += [_line(told, result.curves[method]), _line(f"{told}, {NUM_LAYERS} quality layers", points)]
+        label = tables.TITLES[method]
+        lines += [_line(label, result.curves[method]), _line(f"{label}, {NUM_LAYERS} quality layers", points)]
     title = f"{result.scene.name}: quality layers"
     return line_plot(lines, title, "rate [bits per pixel of the reference]", "PSNR by (3.1) [dB]")
 

@@ -43,8 +43,8 @@ def resolution_levels(encoded: Encoded, labels: DisparityLabels) -> Picture:
             break
         pair = decode(stream, resolution=level).pairs[0]
         rows, columns = pair.picture.shape[:2]
-        told = f"level {level}: {columns}x{rows}"
-        tops.append(with_title(_enlarged(pair.picture, (height, width)), told))
+        label = f"level {level}: {columns}x{rows}"
+        tops.append(with_title(_enlarged(pair.picture, (height, width)), label))
         full = coloured(pair.disparity * 2.0**level, labels)
         bottoms.append(with_title(_enlarged(full, (height, width)), f"disparity, level {level}"))
     return in_rows([*tops, *bottoms], len(tops))
@@ -83,8 +83,8 @@ def rendered_panels(views: Views, points: Sequence[Point], view: int) -> Picture
 def decompositions(points: Mapping[str, Point], labels: DisparityLabels) -> Picture:
     """Draw disparities by decomposition."""
     panels = [
-        with_title(coloured(point.pair.disparity, labels), f"{told}: {point.quality.pooled_db:.2f} dB")
-        for told, point in points.items()
+        with_title(coloured(point.pair.disparity, labels), f"{label}: {point.quality.pooled_db:.2f} dB")
+        for label, point in points.items()
     ]
     return in_rows(panels, len(panels))
 

@@ -16,20 +16,20 @@ DOCUMENT, VALUES, PAGE = "streams.md", "streams.json", "index.html"
 _QUALITIES = {"psnr_image_db": "Picture", "psnr_depth_db": "Depth map"}
 
 
-def lines_of(told: Mapping[str, dict[str, Any]], quality: str) -> list[Line]:
+def lines_of(label: Mapping[str, dict[str, Any]], quality: str) -> list[Line]:
     """Return the points of streams by kind, in the order of their rates."""
     points: dict[str, list[tuple[float, float]]] = {}
-    for one in told.values():
+    for one in label.values():
         if one.get(quality) is not None:
             points.setdefault(one["kind"], []).append((one["bpp"], one[quality]))
     return [Line(kind, *zip(*sorted(found), strict=True)) for kind, found in points.items()]
 
 
-def write_page(folder: Path, told: Mapping[str, dict[str, Any]], table: Table) -> None:
+def write_page(folder: Path, label: Mapping[str, dict[str, Any]], table: Table) -> None:
     """Write curves and table."""
     drawn, groups = [], []
     for quality, title in _QUALITIES.items():
-        lines = lines_of(told, quality)
+        lines = lines_of(label, quality)
         if not lines:
             continue
         name = title.lower().replace(" ", "-")
@@ -41,6 +41,6 @@ def write_page(folder: Path, told: Mapping[str, dict[str, Any]], table: Table) -
         groups.append(Group(title, (Shown(title, np.asarray(picture, np.uint8)),)))
     text = "\n".join(["# Streams\n", markdown(table), *drawn])
     (folder / DOCUMENT).write_text(text, encoding="utf-8")
-    cli.write_json(folder / VALUES, dict(told))
+    cli.write_json(folder / VALUES, dict(label))
     if groups:
         write_gallery(folder / PAGE, Gallery("Streams", "Quality by rate.", groups, [table]))

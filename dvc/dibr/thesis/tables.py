@@ -50,8 +50,8 @@ def gains_table(by_scene: Mapping[str, Curves]) -> Table:
             if found is not None:
                 gains.setdefault(method, []).append(found[0])
             thesis = THESIS_GAINS_DB.get(scene, {}).get(method)
-            told = NOTHING if thesis is None else f"{thesis:+.2f}"
-            rows.append((scene, TITLES[method], *cells, told))
+            label = NOTHING if thesis is None else f"{thesis:+.2f}"
+            rows.append((scene, TITLES[method], *cells, label))
     rows += [
         ("mean", TITLES[method], f"{sum(values) / len(values):+.2f}", "", "")
         for method, values in gains.items()
@@ -68,9 +68,9 @@ def share_table(by_scene: Mapping[str, Curves]) -> Table:
         for method in ("l", "s"):
             for rate, thesis in THESIS_MULTIPLIERS.items() if method in curves else ():
                 point = min(curves[method], key=lambda one: abs(math.log(one.reference_bpp / rate)))
-                told = f"about {thesis:.0e} at {rate:g} bpp"
+                label = f"about {thesis:.0e} at {rate:g} bpp"
                 bpp, share = f"{point.reference_bpp:.3f}", f"{100.0 * point.share:.1f}"
-                rows.append((scene, TITLES[method], bpp, f"{point.multiplier:.2e}", told, share))
+                rows.append((scene, TITLES[method], bpp, f"{point.multiplier:.2e}", label, share))
     caption = "Split of the rate; the thesis reports 13 to 23 % but for very low rates"
     return Table("Share of the disparities (figure 3.15)", caption, head, tuple(rows), 2)
 
@@ -83,9 +83,9 @@ def layers_table(by_scene: Mapping[str, Curves], layered: Mapping[str, Curves]) 
         for method, points in curves.items():
             loss = worst_loss(points, by_scene[scene][method])
             thesis = THESIS_LAYER_LOSS_DB.get(scene, {}).get(method)
-            told = NOTHING if thesis is None else f"{thesis:.2f}"
+            label = NOTHING if thesis is None else f"{thesis:.2f}"
             cost = NOTHING if loss is None else f"{loss:.2f}"
-            rows.append((scene, TITLES[method], str(len(points)), cost, told))
+            rows.append((scene, TITLES[method], str(len(points)), cost, label))
     caption = "Loss of PSNR by (3.1) at equal rates against files of one layer"
     return Table("Quality layers (figure 3.14)", caption, head, tuple(rows), 2)
 
@@ -96,13 +96,13 @@ def decomposition_table(by_scene: Mapping[str, Mapping[str, Point]]) -> Table:
     rows = [
         (
             scene,
-            told,
+            label,
             f"{point.rate_bpp:.3f}",
             str(point.disparity_bytes),
             f"{point.quality.pooled_db:.2f}",
         )
         for scene, points in by_scene.items()
-        for told, point in points.items()
+        for label, point in points.items()
     ]
     caption = "L transform at one lambda: down to one pixel, or stopped earlier"
     return Table("Decomposition", caption, head, tuple(rows), 2)

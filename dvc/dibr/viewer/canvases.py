@@ -87,8 +87,8 @@ def _bounds_of_canvas(scene: Scene, canvas: Canvas) -> Bounds:
     for axis, size in ((1, scene.shape[1]), (0, scene.shape[0])):
         needed = [np.zeros(1)]
         for piece in scene.sources[0].pieces:
-            place = np.nonzero(piece.mask)[axis] + (piece.top, piece.left)[axis]
-            beyond = place - np.clip(place, 0, size - 1)
+            position = np.nonzero(piece.mask)[axis] + (piece.top, piece.left)[axis]
+            beyond = position - np.clip(position, 0, size - 1)
             disparity = piece.disparity[piece.mask]
             counts = (beyond != 0) & (np.abs(disparity) >= canvas.labels.step)
             needed.append(beyond[counts] / disparity[counts])

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.dibr.viewer.scene import Piece, Scene, Source, is_whole, places_of, seen_of, unit_of
+from dvc.dibr.viewer.scene import Piece, Scene, Source, is_whole, positions_of, seen_of, unit_of
 from dvc.files import atomic_output
 from dvc.multiview.camera_array import LatticePosition
 from dvc.multiview.viewpoints import CalibratedViewpoint
@@ -73,11 +73,11 @@ def write_page(path: str | Path, scene: Scene, caption: Caption) -> None:
 def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
     """Return what the programs of the page are told."""
     lowest, _ = scene.range
-    places = places_of(scene.viewpoints)
-    qualities = caption.qualities or (None,) * len(places)
+    positions = positions_of(scene.viewpoints)
+    qualities = caption.qualities or (None,) * len(positions)
     views = [
-        {"m": float(place[0]), "n": float(place[1]), "psnr_db": quality}
-        for place, quality in zip(places, qualities, strict=True)
+        {"m": float(position[0]), "n": float(position[1]), "psnr_db": quality}
+        for position, quality in zip(positions, qualities, strict=True)
     ]
     return {
         "name": Path(caption.title).stem,
@@ -89,7 +89,7 @@ def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
         "highest": lowest + scene.extent,
         "bounds": scene.bounds._asdict(),
         "views": views,
-        "cameras": _cameras(scene, places),
+        "cameras": _cameras(scene, positions),
         "sources": [
             _source_values(source, index == 0 and is_whole(source, scene.shape))
             for index, source in enumerate(scene.sources)
@@ -98,7 +98,7 @@ def scene_values(scene: Scene, caption: Caption) -> dict[str, Any]:
     }
 
 
-def _cameras(scene: Scene, places: Floats) -> dict[str, Any] | None:
+def _cameras(scene: Scene, positions: Floats) -> dict[str, Any] | None:
     """Where calibrated cameras stand and look; None on a lattice."""
     views = [view for view in scene.viewpoints if isinstance(view, CalibratedViewpoint)]
     if not views:
@@ -108,8 +108,8 @@ def _cameras(scene: Scene, places: Floats) -> dict[str, Any] | None:
         "origin": views[0].centre.tolist(),
         "axes": axes.ravel().tolist(),
         "views": [
-            {"place": place.tolist(), **_camera_values(view)}
-            for place, view in zip(places, views, strict=True)
+            {"position": position.tolist(), **_camera_values(view)}
+            for position, view in zip(positions, views, strict=True)
         ],
     }
 
@@ -125,7 +125,7 @@ def _camera_values(view: CalibratedViewpoint) -> dict[str, Any]:
 def _source_values(source: Source, is_still: bool) -> dict[str, Any]:
     viewpoint = source.viewpoint
     return {
-        "place": list(viewpoint) if isinstance(viewpoint, LatticePosition) else None,
+        "position": list(viewpoint) if isinstance(viewpoint, LatticePosition) else None,
         "camera": _camera_values(viewpoint) if isinstance(viewpoint, CalibratedViewpoint) else None,
         "pieces": [_piece_values(piece, is_still) for piece in source.pieces],
     }

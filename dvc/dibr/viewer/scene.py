@@ -145,9 +145,12 @@ def continued(picture: NDArray[np.uint8], mask: Mask) -> NDArray[np.uint8]:
 def is_whole(source: Source, shape: tuple[int, int]) -> bool:
     """Tell whether a source is one piece that is all of its view."""
     first = source.pieces[0]
-    place = first.left, first.top
+    position = first.left, first.top
     return (
-        len(source.pieces) == 1 and first.mask.shape == shape and place == (0, 0) and bool(first.mask.all())
+        len(source.pieces) == 1
+        and first.mask.shape == shape
+        and position == (0, 0)
+        and bool(first.mask.all())
     )
 
 
@@ -167,7 +170,7 @@ def seen_of(source: Source, shape: tuple[int, int]) -> NDArray[np.uint8]:
     return picture
 
 
-def places_of(viewpoints: Sequence[Viewpoint]) -> Floats:
+def positions_of(viewpoints: Sequence[Viewpoint]) -> Floats:
     """Return where viewpoints are, as the viewer moves."""
     first = viewpoints[0]
     if isinstance(first, LatticePosition):
@@ -186,8 +189,8 @@ def unit_of(viewpoints: Sequence[Viewpoint]) -> float:
 
 def _bounds(viewpoints: Sequence[Viewpoint]) -> Bounds:
     """A bit beyond the lattice of several views."""
-    places = places_of(viewpoints)[:, :2]
-    (left, top), (right, bottom) = places.min(axis=0), places.max(axis=0)
+    positions = positions_of(viewpoints)[:, :2]
+    (left, top), (right, bottom) = positions.min(axis=0), positions.max(axis=0)
     beyond = BEYOND * max(float(right - left), float(bottom - top))
     return Bounds(float(left) - beyond, float(right) + beyond, float(top) - beyond, float(bottom) + beyond)
 

@@ -25,7 +25,7 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         write_pieces(Path(name), scene)
     camera = reconstruction_of(SCENE, square_lattice(1), LABELS).array[1]
     write_png(Path("view.png"), camera.image[:, :, ::-1])
-    Path("place").write_text(f"{camera.position.m:g},{camera.position.n:g}")
+    Path("position").write_text(f"{camera.position.m:g},{camera.position.n:g}")
 
 
 @pytest.mark.parametrize("kind", ["layers", "sprites"])
@@ -50,7 +50,7 @@ def test_folders_are_coded_decoded_rendered_and_shown(kind: str, capsys: pytest.
         assert [one.num_values for one in read_sprites("d").sprites] == [
             one.num_values for one in read_sprites(kind).sprites
         ]
-    view = ("--view", Path("place").read_text(), "--truth", "view.png")
+    view = ("--view", Path("position").read_text(), "--truth", "view.png")
     rendered = answer(capsys, "render", "a.dibr", *view, "--out", "out.png")
     assert rendered["psnr_db"] > 28
     assert run("render", "a.dibr", "--path", "0,0", "1,0", "--frames", "2", "--out", "p.y4m", "--quiet") == 0

@@ -43,7 +43,7 @@ def best(name: str, max_bytes: int) -> SelectedPieces:
 def views_mse(data: bytes, scene: Pieces) -> float:
     """Squared error of the views around."""
     found = decode(decode_stream(data)).scene
-    errors = [luma_from(found, place) - luma_from(scene, place) for place in viewpoints_of(scene)]
+    errors = [luma_from(found, viewpoint) - luma_from(scene, viewpoint) for viewpoint in viewpoints_of(scene)]
     return float(np.mean(np.square(errors)))
 
 
@@ -76,8 +76,14 @@ def test_the_reference_view_alone_is_worth_the_picture_with_its_map(max_bytes: i
     pieces = encode_to_size(reference, max_bytes + header)
     found, expected = decode(decode_stream(pieces.data)).scene, decode_image(coded.stream)
     errors = []
-    for view_of in (lambda place: render_pieces(found, place), lambda place: render(expected, place)):
-        views = [luma(picture_of(view_of(place))) - luma_from(scene, place) for place in viewpoints_of(scene)]
+    for view_of in (
+        lambda viewpoint: render_pieces(found, viewpoint),
+        lambda viewpoint: render(expected, viewpoint),
+    ):
+        views = [
+            luma(picture_of(view_of(viewpoint))) - luma_from(scene, viewpoint)
+            for viewpoint in viewpoints_of(scene)
+        ]
         errors.append(float(np.mean(np.square(views))))
     assert 10.0 * np.log10(errors[0] / errors[1]) <= 0.05
 
@@ -150,8 +156,8 @@ def test_what_is_kept_lies_behind_what_is_before_it() -> None:
     image = layers_of(simplified.scene)
     for piece, mask in zip(simplified.scene.pieces, image.occupied, strict=True):
         assert piece.num_values == mask.sum(), "nothing needs to be moved or left out"
-        place = piece.slices
-        known = stack.occupied[0][place] & piece.mask
+        index = piece.slices
+        known = stack.occupied[0][index] & piece.mask
         assert known.any()
     behind = image.occupied[1:]
     assert (image.disparity[1:] < image.disparity[:-1])[behind].all()

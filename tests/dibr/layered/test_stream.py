@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from dvc.dibr.layered.decoder import decode
 from dvc.dibr.layered.encoder import encode_to_size
 from dvc.dibr.layered.pieces import Kind, Pieces
-from dvc.dibr.layered.stream import LayeredStream, Place, decode_stream, encode_header, encode_stream
+from dvc.dibr.layered.stream import LayeredStream, Rectangle, decode_stream, encode_header, encode_stream
 from dvc.errors import BitstreamError, ConfigError
 from dvc.stereo.layers.canvas import Frame
 from tests.dibr.layered.scenes import canvas_of, odd_sprites, sprite_of
@@ -34,12 +34,12 @@ def two_alike() -> LayeredStream:
 
 def test_streams_come_back() -> None:
     first = two_alike()
-    again = decode_stream(encode_stream(first.canvas, first.kind, first.places, first.pieces))
-    assert again.places == first.places == (Place(0, 0, 6, 5),) * 2
+    again = decode_stream(encode_stream(first.canvas, first.kind, first.rectangles, first.pieces))
+    assert again.rectangles == first.rectangles == (Rectangle(0, 0, 6, 5),) * 2
     assert [piece.depth.data for piece in again.pieces if piece] == [
         piece.depth.data for piece in first.pieces if piece
     ]
-    assert again.num_header_bytes == len(encode_header(CANVAS, Kind.SPRITES, again.places, (1, 1)))
+    assert again.num_header_bytes == len(encode_header(CANVAS, Kind.SPRITES, again.rectangles, (1, 1)))
 
 
 @pytest.mark.parametrize(
@@ -62,18 +62,18 @@ def test_canvases_that_cannot_be_are_refused(canvas) -> None:
         decode_stream(encode_header(canvas, Kind.LAYERS, [], []))
 
 
-@pytest.mark.parametrize("place", [Place(15, 0, 6, 5), Place(0, 8, 6, 5), Place(0, 0, 0, 5)])
-def test_places_beyond_the_canvas_are_refused(place: Place) -> None:
+@pytest.mark.parametrize("rectangle", [Rectangle(15, 0, 6, 5), Rectangle(0, 8, 6, 5), Rectangle(0, 0, 0, 5)])
+def test_rectangles_beyond_the_canvas_are_refused(rectangle: Rectangle) -> None:
     with pytest.raises(BitstreamError, match="cannot have been written"):
-        decode_stream(encode_header(CANVAS, Kind.LAYERS, [place], [10]))
+        decode_stream(encode_header(CANVAS, Kind.LAYERS, [rectangle], [10]))
 
 
 def test_more_pieces_than_there_may_be_are_refused() -> None:
     for kind, size in ((Kind.LAYERS, (2, 2)), (Kind.SPRITES, (2**12, 2**12))):
-        places = [Place(0, 0, *size)] * 9
+        rectangles = [Rectangle(0, 0, *size)] * 9
         canvas = canvas_of(size)
         with pytest.raises(BitstreamError, match="cannot have been written"):
-            decode_stream(encode_header(canvas, kind, places, [1] * 9))
+            decode_stream(encode_header(canvas, kind, rectangles, [1] * 9))
 
 
 def test_other_versions_and_files_are_refused() -> None:
@@ -96,7 +96,7 @@ def test_damage_behind_right_checksums_is_refused_or_some_picture(data) -> None:
     content[position] ^= data.draw(st.integers(1, 255))
     pieces = list(stream.pieces)
     pieces[number] = replace(piece, edges=bytes(content))
-    changed = encode_stream(stream.canvas, stream.kind, stream.places, pieces)
+    changed = encode_stream(stream.canvas, stream.kind, stream.rectangles, pieces)
     try:
         found = decode(decode_stream(changed))
     except BitstreamError:

@@ -16,7 +16,7 @@ from dvc.dibr.edges import chain_code
 from dvc.dibr.edges.chain_code import EdgeCode
 from dvc.dibr.layered import stream as layered
 from dvc.dibr.layered.pieces import Kind
-from dvc.dibr.layered.stream import Place
+from dvc.dibr.layered.stream import Rectangle
 from dvc.dibr.reference import codec as reference_codec
 from dvc.dibr.reference.header import ReferenceHeader
 from dvc.dibr.spiht import _kernels as kernels
@@ -112,10 +112,10 @@ def test_depth_maps_are_refused_alike():
 @pytest.mark.parametrize("kind", list(Kind))
 def test_pieces_are_refused_alike(kind):
     canvas = Canvas((2048, 2048), Frame(0, 0, 2048, 2048), LABELS, 1.0, "a", 2)
-    data = layered.encode_stream(canvas, kind, [Place(0, 0, 0, 0)], [None])
+    data = layered.encode_stream(canvas, kind, [Rectangle(0, 0, 0, 0)], [None])
     with pytest.raises(BitstreamError, match="too few"):
         layered.decode_stream(data)
-    assert layered.decode_stream(data, MAX_MIB).places == (Place(0, 0, 0, 0),)
+    assert layered.decode_stream(data, MAX_MIB).places == (Rectangle(0, 0, 0, 0),)
 
 
 def test_more_chains_than_their_bytes_can_hold_are_refused():

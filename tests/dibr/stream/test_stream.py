@@ -103,9 +103,9 @@ def test_a_cut_anywhere_leaves_whole_layers_or_an_error():
 
 def test_any_flipped_byte_is_noticed():
     data = encode_stream(_header(), LAYERS)
-    for place in range(len(data)):
+    for position in range(len(data)):
         flipped = bytearray(data)
-        flipped[place] ^= 0x15
+        flipped[position] ^= 0x15
         try:
             found = decode_stream(bytes(flipped))
         except BitstreamError:
@@ -150,9 +150,9 @@ def test_cameras_that_are_not_finite_are_refused():
         decode_header(bytes(data))
 
 
-@pytest.mark.parametrize("place", [1e13, -1.7e38, np.inf, np.nan])
-def test_cameras_that_are_nowhere_are_refused(place):
+@pytest.mark.parametrize("position", [1e13, -1.7e38, np.inf, np.nan])
+def test_cameras_that_are_nowhere_are_refused(position):
     """Positions that no lattice has would make rendering run over nothing for ever."""
-    data = encode_header(_header(viewpoints=(LatticePosition(0.0, place), *POSITIONS[1:])))
+    data = encode_header(_header(viewpoints=(LatticePosition(0.0, position), *POSITIONS[1:])))
     with pytest.raises(BitstreamError, match="nowhere"):
         decode_header(data)

@@ -11,7 +11,7 @@ from dvc.dibr.viewer.canvases import scene_of_layers, scene_of_sprites
 from dvc.dibr.viewer.scene import (
     Bounds,
     is_whole,
-    places_of,
+    positions_of,
     scene_of_picture,
     scene_of_stream,
     seen_of,
@@ -45,9 +45,9 @@ def test_calibrated_cameras_have_places_in_the_plane_of_the_first() -> None:
     """The farthest camera is one unit away, and inverse depth at infinity is 0."""
     decoded = decode(decode_stream((GOLDEN / "calibrated.dibr").read_bytes()))
     scene = scene_of_stream(decoded)
-    places = places_of(scene.viewpoints)
-    np.testing.assert_allclose(places[0], 0.0)
-    assert np.linalg.norm(places, axis=1).max() == pytest.approx(1.0)
+    positions = positions_of(scene.viewpoints)
+    np.testing.assert_allclose(positions[0], 0.0)
+    assert np.linalg.norm(positions, axis=1).max() == pytest.approx(1.0)
     assert scene.infinity == 0.0
 
 
@@ -64,7 +64,7 @@ def test_a_picture_alone_has_bounds_by_its_parallax() -> None:
 
 
 def test_layers_are_pieces_in_the_frame_of_the_reference() -> None:
-    """What other cameras see lies at negative places, and colours go on a little beyond each mask."""
+    """What other cameras see lies at negative positions, and colours go on a little beyond each mask."""
     image = layered_depth_image(reconstruction_of(SCENE, square_lattice(1), LABELS))
     scene = scene_of_layers(image)
     (source,) = scene.sources

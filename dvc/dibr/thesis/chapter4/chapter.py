@@ -132,8 +132,8 @@ def _drawn(result: MaterialResult) -> dict[str, Picture]:
 def _plotted(result: MaterialResult) -> dict[str, dict[str, bytes]]:
     name = result.material.name
     lines = [
-        Line(told, [point.rate_bpp for point in points], [point.psnr_db for point in points])
-        for told, points in result.curves.items()
+        Line(label, [point.rate_bpp for point in points], [point.psnr_db for point in points])
+        for label, points in result.curves.items()
     ]
     plots = {"4.8a": line_plot(lines, f"{name}: depth map", "rate of the file [bits per pixel]", "PSNR [dB]")}
     if points := result.picture_points:
@@ -218,8 +218,8 @@ def _compared(result: MaterialResult) -> Group:
     shown = [Shown("original", pictures.coloured(material.depth, material))]
     for name, points in result.curves.items():
         point = points[result.middle]
-        told = f"{point.psnr_db:.2f} dB"
-        shown.append(Shown(name, pictures.coloured(point.depth, material), told))
+        label = f"{point.psnr_db:.2f} dB"
+        shown.append(Shown(name, pictures.coloured(point.depth, material), label))
     return Group(f"{material.name}, maps at {result.rates[result.middle]:g} bits per pixel", tuple(shown))
 
 

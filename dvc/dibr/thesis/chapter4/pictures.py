@@ -45,8 +45,8 @@ def coloured(depth: Plane, material: Material) -> Picture:
 
 def input_data(material: Material, edges: EdgeMaps) -> Picture:
     """Draw figure 4.1: the map and the picture with shared edges."""
-    told = f"depth map, {edges.count()} edges"
-    panels = [with_title(with_edges(coloured(material.depth, material), edges), told)]
+    label = f"depth map, {edges.count()} edges"
+    panels = [with_title(with_edges(coloured(material.depth, material), edges), label)]
     if material.picture is not None:
         panels.append(with_title(with_edges(material.picture, edges), "picture, the same edges"))
     return in_rows(panels, len(panels))
@@ -66,7 +66,7 @@ def decoded_maps(material: Material, points: Mapping[str, MapPoint]) -> Picture:
     """Draw figure 4.7: decoded maps, and below each its magnified middle."""
     maps = {"original": material.depth}
     maps |= {f"{name}: {point.psnr_db:.2f} dB": point.depth for name, point in points.items()}
-    tops = [with_title(coloured(depth, material), told) for told, depth in maps.items()]
+    tops = [with_title(coloured(depth, material), label) for label, depth in maps.items()]
     bottoms = [_middle(coloured(depth, material)) for depth in maps.values()]
     return in_rows([*tops, *bottoms], len(maps))
 

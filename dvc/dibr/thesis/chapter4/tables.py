@@ -25,9 +25,9 @@ def map_table(name: str, rates: Sequence[float], curves: Mapping[str, Sequence[M
     rows = []
     for rate, theirs, ours in zip(rates, curves[STANDARD], curves[SHAPE_ADAPTIVE], strict=True):
         thesis = THESIS_MAP_DB.get((name, rate))
-        told = "-" if thesis is None else f"{thesis[0]:.2f} to {thesis[1]:.2f}"
+        label = "-" if thesis is None else f"{thesis[0]:.2f} to {thesis[1]:.2f}"
         cells = (f"{theirs.psnr_db:.2f}", f"{ours.psnr_db:.2f}", f"{ours.psnr_db - theirs.psnr_db:+.2f}")
-        rows.append((f"{rate:g}", *cells, f"{ours.edges_bpp:.4f}", str(ours.edges.count()), told))
+        rows.append((f"{rate:g}", *cells, f"{ours.edges_bpp:.4f}", str(ours.edges.count()), label))
     caption = f"{name}: whole files, header and edges included; edges are those that are worth their bits"
     return Table(f"{name}: depth map (figure 4.8a)", caption, head, tuple(rows))
 

@@ -18,9 +18,9 @@ const Decoding = (() => {
     const bytes = await inflated(bytesOf(piece.codes)), values = new Float32Array(count);
     for (let row = 0; row < height; row++) {
       for (let column = 0, code = 0; column < width; column++) {
-        const place = row * width + column;
-        code = (code + 256 * bytes[place] + bytes[count + place]) & 0xffff;
-        values[place] = code === 0 ? -1 : Math.max(lowest - infinity + (code - 1) * unit, 0);
+        const position = row * width + column;
+        code = (code + 256 * bytes[position] + bytes[count + position]) & 0xffff;
+        values[position] = code === 0 ? -1 : Math.max(lowest - infinity + (code - 1) * unit, 0);
       }
     }
     return values;
@@ -58,7 +58,7 @@ const Decoding = (() => {
   };
 
   const source = async (data, scene, still) => ({
-    place: data.place,
+    position: data.position,
     camera: data.camera,
     pieces: await Promise.all(data.pieces.map(async (piece) => {
       const values = await nearness(piece, scene.infinity);

@@ -25,10 +25,10 @@ class Renderer {
     }
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(program));
-    const places = new Map();
+    const positions = new Map();
     const at = (name) => {
-      if (!places.has(name)) places.set(name, gl.getUniformLocation(program, name));
-      return places.get(name);
+      if (!positions.has(name)) positions.set(name, gl.getUniformLocation(program, name));
+      return positions.get(name);
     };
     return { program, at };
   }

@@ -29,7 +29,7 @@ vec2 motion(vec2 position, float nearness) {
   return here.xy / here.z - flat_there.xy / flat_there.z;
 }
 
-void place(vec2 position, float nearness) {
+void position(vec2 position, float nearness) {
   vec3 at = moved(position, nearness);
   float depth = EMPTY * at.z + (1.0 - EMPTY) * nearness / u_reach;
   gl_Position = vec4(2.0 * (at.xy + 0.5 * at.z) / u_size - at.z, 2.0 * depth - at.z, at.z);
@@ -50,7 +50,7 @@ void main() {
   if (!u_by_cells) {
     int width = textureSize(u_nearness, 0).x;
     ivec2 pixel = ivec2(gl_VertexID % width, gl_VertexID / width);
-    place(vec2(pixel), texelFetch(u_nearness, pixel, 0).r);
+    position(vec2(pixel), texelFetch(u_nearness, pixel, 0).r);
     return;
   }
   // Vertices 0 to 5 are the whole cell, and then six of each corner's own piece.
@@ -74,13 +74,13 @@ void main() {
   gl_Position = NOWHERE;
   if (gl_VertexID < 6) {
     int k = order[gl_VertexID];
-    if (!torn) place(vec2(a_cell + corner(k)), nearness[k]);
+    if (!torn) position(vec2(a_cell + corner(k)), nearness[k]);
     return;
   }
   int own = (gl_VertexID - 6) / 6, part = order[(gl_VertexID - 6) % 6];
   if (torn && nearness[own] >= 0.0) {
     vec2 inward = vec2(corner(part));  // of the piece, from its least column and row
     vec2 first = vec2(a_cell) + vec2(corner(own)) * PIECE_PX;
-    place(first + inward * PIECE_PX, nearness[own]);
+    position(first + inward * PIECE_PX, nearness[own]);
   }
 }

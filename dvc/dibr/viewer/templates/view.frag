@@ -98,8 +98,8 @@ Shown filled(vec2 start) {
 }
 
 vec3 hatched() {
-  float place = fract((gl_FragCoord.x + gl_FragCoord.y) / u_stripe_px);
-  return place < 0.5 ? vec3(0.10, 0.10, 0.12) : vec3(0.93, 0.45, 0.10);
+  float position = fract((gl_FragCoord.x + gl_FragCoord.y) / u_stripe_px);
+  return position < 0.5 ? vec3(0.10, 0.10, 0.12) : vec3(0.93, 0.45, 0.10);
 }
 
 void main() {
@@ -110,8 +110,8 @@ void main() {
   if (here.nearness < 0.0) {
     colour = vec4(hatched(), 1.0);
   } else if (u_show_depth) {
-    float place = clamp((here.nearness - u_range.x) / (u_range.y - u_range.x), 0.0, 1.0);
-    colour = vec4(texture(u_palette, vec2((place * 255.0 + 0.5) / 256.0, 0.5)).rgb, 1.0);
+    float position = clamp((here.nearness - u_range.x) / (u_range.y - u_range.x), 0.0, 1.0);
+    colour = vec4(texture(u_palette, vec2((position * 255.0 + 0.5) / 256.0, 0.5)).rgb, 1.0);
   } else {
     colour = vec4(here.colour, 1.0);
   }

@@ -32,14 +32,14 @@ const Warps = (() => {
 
   // A camera at (m, n) among calibrated ones: at each of them it is that one, between them a mean of all.
   const cameraAt = (cameras, m, n) => {
-    const away = cameras.views.map(({ place }) => (place[0] - m) ** 2 + (place[1] - n) ** 2);
+    const away = cameras.views.map(({ position }) => (position[0] - m) ** 2 + (position[1] - n) ** 2);
     const there = away.findIndex((value) => value < 1e-12);
     const weights = away.map((value, k) => (there < 0 ? 1 / value : Number(k === there)));
     const total = weights.reduce((sum, weight) => sum + weight, 0);
     const mean = (values) => values[0].map((_, k) =>
       values.reduce((sum, value, view) => sum + weights[view] / total * value[k], 0));
     if (there >= 0) return cameras.views[there];
-    const forward = mean(cameras.views.map(({ place }) => [place[2]]))[0];
+    const forward = mean(cameras.views.map(({ position }) => [position[2]]))[0];
     const offset = apply(transposed(cameras.axes), [m, n, forward]);
     return {
       intrinsic: mean(cameras.views.map(({ intrinsic }) => intrinsic)),
@@ -76,7 +76,7 @@ const Warps = (() => {
         shift = apply(seen, way);
         distance = Math.hypot(...way);
       } else {
-        const way = [source.place[0] - m, source.place[1] - n];
+        const way = [source.position[0] - m, source.position[1] - n];
         turn = IDENTITY.slice();
         shift = [...way, 0];
         distance = Math.hypot(...way);
