@@ -19,7 +19,7 @@ DESCRIPTION = """\
 Code layers or sprites with depth, each as a picture with its disparities and its mask, by wavelets that stop
 at the border of the mask. Views from near by show what is hidden in the reference view as well.
 """
-KEEP = "paying", "all"
+KEEP = "auto", "all"
 EXAMPLES = """\
   dvc-stereo layers surfaces --out layers
   dvc-dibr encode-layers layers layers.dibr --bpp 0.5
