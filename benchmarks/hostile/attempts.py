@@ -145,12 +145,12 @@ def _of_stream(good: Good, num_pixels: int, jobs: int = 1) -> Kind:
     return Kind(partial(damaged_stream, good), partial(try_stream, good, jobs=jobs), num_pixels)
 
 
-def _made(codec: str, form: str, allocated: bool = False) -> Kind:
+def _made(codec: str, form: str, allocated: bool = False, jobs: int = 1) -> Kind:
     def good() -> tuple[bytes, list[list[Luma]]]:
         made = material(codec, allocated)
         return getattr(made, form), made.groups
 
-    return _of_stream(good, 7 * (24 * 32 if codec == "2d" else 48 * 64))
+    return _of_stream(good, 7 * (24 * 32 if codec == "2d" else 48 * 64), jobs)
 
 
 def _live(attempt: Callable[[str, bytes], str], codec: str) -> Kind:
@@ -194,7 +194,7 @@ def kinds() -> dict[str, Kind]:
         "lossless-keys": _of_stream(partial(frozen, "2d-lossless-keys-buffered"), small),
         "classical": _of_stream(partial(frozen, "2d-classical-buffered"), small),
         "long-delay": _of_stream(partial(frozen, "2d-long-delay-buffered"), small),
-        "jobs": _of_stream(partial(frozen, "2d-hierarchical-buffered"), small, jobs=2),
+        "jobs": _made("2d", "buffered", jobs=2),
         "payloads": _payloads(),
         "headers": _headers(),
         "to-decoder": _live(try_decoder, "2d"),

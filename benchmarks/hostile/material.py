@@ -45,7 +45,10 @@ def material(codec: str = "2d", allocated: bool = False) -> Material:
     height, width, low = (24, 32, 40) if codec == "2d" else (48, 64, 0)
     noise = np.random.default_rng(1).integers(low, 256 - low, (9, height + 32, width + 32))
     texture = np.mean([np.roll(plane, (i // 3, i % 3), (0, 1)) for i, plane in enumerate(noise)], axis=0)
-    frames = [Frame(texture[t : t + height, t : t + width].astype(np.uint8)) for t in range(7)]
+    frames = [
+        Frame(texture[t : t + height, t : t + width].astype(np.uint8))
+        for t in range(_num_frames(codec, allocated))
+    ]
     config = _config(codec, VideoConfig(width, height, 25, 1, luma_only=True), allocated)
     file, punctured = io.BytesIO(), io.BytesIO()
     EncoderSession(config).write(frames, file, lambda _: None)
@@ -57,6 +60,11 @@ def material(codec: str = "2d", allocated: bool = False) -> Material:
             writer.write_gop(record)
         writer.close()
     return Material(frames, config, file.getvalue(), punctured.getvalue(), groups)
+
+
+def _num_frames(codec: str, allocated: bool) -> int:
+    """Return frames of two groups of pictures, or of three where P type ones are among them."""
+    return 3 if codec == "2d" else 7 if allocated else 4
 
 
 def _config(codec: str, video: VideoConfig, allocated: bool) -> CodecConfig:

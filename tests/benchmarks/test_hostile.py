@@ -31,7 +31,7 @@ from dvc.errors import BitstreamError
 from dvc.feedback.messages import TYPES
 from dvc.stream import RecordType, StreamReader
 
-NUM_GOPS = 4
+NUM_GOPS = 2
 FINDS = Path(__file__).parents[1] / "golden" / "finds"
 
 
