@@ -9,11 +9,13 @@ MAX_FRAMES = 1_000_000
 """Nine hours at 30 frames a second."""
 MAX_MEMORY_MIB = 8192
 """Pictures of 3840x2160 pixels, in one process."""
-PX_PER_BYTE = 1024, 8192
-"""Most pixels that a byte of a stream may stand for: two for every byte of the stream, within these bounds.
+MAX_PX_PER_BYTE = 8192
+BYTES2_PER_PX = 1200
+"""Most pixels that a byte of a stream may stand for are the square of its bytes over this, and at most that.
 
-Identical frames at the coarsest quality have 1,500 a byte in streams of 1 kB, and what moves 1 to 100. Frames
-without any plane have 5 bytes and can be predicted from anything: a short stream must not hold many of them.
+Frames of 176x144 take a fifth of a second each, so that 600 bytes, which may be seven of them, are decoded in
+three seconds. Frames that move have 1 to 100 pixels a byte, identical ones at the coarsest quality 1,000 in
+1 kB, and those without any plane, which can be predicted from anything, have 5 bytes.
 """
 DECODER_BYTES = 250 * 2**20
 """Memory of a decoder with its process, whatever the pictures."""
@@ -34,9 +36,8 @@ class Limits:
         """Refuse a stream of so many bytes for its number of frames."""
         limit = MAX_FRAMES if self.max_frames is None else self.max_frames
         if self.max_frames is None:
-            least, most = PX_PER_BYTE
-            num_px = num_bytes * min(max(2 * num_bytes, least), most)
-            limit = min(limit, max(num_px // (video.width * video.height), 2))
+            num_px = num_bytes * min(num_bytes**2 // BYTES2_PER_PX, MAX_PX_PER_BYTE)
+            limit = min(limit, max(num_px // (video.width * video.height), 1))
         _check_frames(num_frames, limit, f" of {video.width}x{video.height} in {num_bytes} bytes")
 
     def check_live_frames(self, num_frames: int) -> None:
