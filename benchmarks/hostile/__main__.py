@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks.hostile.attempts import kinds
-from benchmarks.hostile.batches import GOOD, KINDS, run_batch, run_kind, summary
+from benchmarks.hostile.batches import GOOD, KINDS, run_batch, run_kind, stop, summary
 from dvc import cli
 
 PROG = "python -m benchmarks.hostile"
@@ -59,8 +59,12 @@ def _run(arguments: argparse.Namespace) -> int:
         ThreadPoolExecutor(arguments.jobs) as pool,
     ):
         work = [pool.submit(run_kind, kind, arguments.first, arguments.count, progress) for kind in chosen]
-        for kind, outcomes in zip(chosen, work, strict=True):
-            harmful += _tell(kind, outcomes.result(), arguments.finds)
+        try:
+            for kind, outcomes in zip(chosen, work, strict=True):
+                harmful += _tell(kind, outcomes.result(), arguments.finds)
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            stop()
     return cli.EXIT_BAD_INPUT if harmful else 0
 
 

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from tempfile import TemporaryFile
-from threading import Timer
+from threading import Event, Timer
 from types import FrameType
 
 from benchmarks.hostile.attempts import Kind, kinds
@@ -25,6 +25,8 @@ GOOD = frozenset({"refused", "decoded"})
 
 KINDS = tuple(kinds())
 Advance = Callable[[int], None]
+_running: list[subprocess.Popen[str]] = []
+_stopping = Event()
 
 
 def max_seconds(num_pixels: int) -> float:
@@ -98,7 +100,7 @@ def _outcome(kind: Kind, number: int) -> str:
 def run_kind(kind: str, first: int, count: int, advance: Advance = lambda _: None) -> dict[int, str]:
     """Try mutations in a child process, and in another one where that does not survive them."""
     outcomes: dict[int, str] = {}
-    while len(outcomes) < count:
+    while len(outcomes) < count and not _stopping.is_set():
         number = first + len(outcomes)
         found, ended = _child(kind, number, count - len(outcomes), advance)
         outcomes |= dict(enumerate(found, number))
@@ -115,6 +117,7 @@ def _child(kind: str, first: int, count: int, advance: Advance) -> tuple[list[st
     outcomes: list[str] = []
     with TemporaryFile() as said:
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, text=True) as process:
+            _running.append(process)
             assert process.stdout is not None
             watchdog = Watchdog(process.kill)
             for line in process.stdout:
@@ -122,10 +125,18 @@ def _child(kind: str, first: int, count: int, advance: Advance) -> tuple[list[st
                 advance(1)
                 watchdog.feed(STALLED_S + 10 * max_seconds(kinds()[kind].num_pixels))
             watchdog.stop()
+            _running.remove(process)
         said.seek(0)
         last = said.read().decode(errors="replace").strip().rpartition("\n")[2]
     hung = "hang: the process had to be killed"
     return outcomes, hung if watchdog.barked else f"crash: status {process.returncode} {last}"
+
+
+def stop() -> None:
+    """End all processes, and begin no others."""
+    _stopping.set()
+    for process in list(_running):
+        process.kill()
 
 
 class Watchdog:
