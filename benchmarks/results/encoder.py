@@ -61,6 +61,14 @@ def later_frames_ms(cpu_s: Callable[[int], float], lengths: tuple[int, int]) -> 
     return 1000.0 * (long - short) / (lengths[1] - lengths[0])
 
 
+def anchor_frame_ms(video: Path, folder: Path, setting: Setting) -> float:
+    """Return the processor time of x264 superfast for a frame of a clip that is played again and again."""
+    lengths = setting.choose(LENGTHS, QUICK_LENGTHS)
+    looped_video = looped(video, folder / "looped.mkv", lengths[1])
+    run = partial(anchor_cpu_s, looped_video, folder, PEERS[0])
+    return statistics.median(later_frames_ms(run, lengths) for _ in range(REPETITIONS))
+
+
 @cache
 def times_ms(setting: Setting) -> dict[str, dict[str, float]]:
     """Run encoders in turn, again and again; return medians of the times of a frame by clip."""

@@ -3,10 +3,10 @@
 import subprocess
 import sys
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
-from benchmarks.results.encoder import anchor_cpu_s, later_frames_ms, own_cpu_s
+from benchmarks.results.encoder import anchor_frame_ms, later_frames_ms, own_cpu_s
 from benchmarks.results.harness import Measured, Setting, clip_source, mean_of, report_of, run_module
 from dvc.errors import DvcError
 
@@ -58,8 +58,10 @@ def _runs(setting: Setting) -> dict[str, tuple[float, bool]]:
         runs = {n: live_run(video, folder, ["--luma-only", "--frames", str(n)]) for n in lengths}
         taken_s = {n: run.encoder_cpu_s for n, run in runs.items()}
         ours_ms = later_frames_ms(taken_s.__getitem__, lengths)
-        theirs_ms = later_frames_ms(partial(anchor_cpu_s, video, folder, "x264-superfast"), lengths)
-        found[clip] = ours_ms / theirs_ms, all(run.same_as_file for run in runs.values())
+        found[clip] = (
+            ours_ms / anchor_frame_ms(video, folder, setting),
+            all(run.same_as_file for run in runs.values()),
+        )
     return found
 
 
