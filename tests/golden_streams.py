@@ -77,7 +77,7 @@ GOLDEN = [
     scene("te-qp", (104, 88), "-te --gop 3 --min-gop 3 --qp 26 --intra-period 1"),
     Golden("3d-te-p-type", (104, 88), 7, "--codec 3d-te --gop 3 --qp 35 --intra-period 8", "depth", True),
     Golden(
-        "3d-te-no-feedback",
+        "3d-te",
         (104, 88),
         7,
         "--gop 3 --qp 35 --luma-only --intra-period 8 --no-feedback",

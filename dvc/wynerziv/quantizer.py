@@ -22,12 +22,21 @@ from dvc.wynerziv import _kernels
 DC_RANGE = 1024.0
 STEP_INDEX_BITS = 6
 _STEPS_PER_OCTAVE = 6
+_IN_OCTAVE = (
+    1.0,
+    1.122462048309373,
+    1.2599210498948732,
+    1.4142135623730951,
+    1.5874010519681996,
+    1.7817974362806785,
+)
+"""Powers of two, written down: those of C libraries differ in their last digits."""
 _MAX_STEP_INDEX = (1 << STEP_INDEX_BITS) - 1
 
 
 def step_from_index(index: int) -> float:
     """Return the step that an index stands for; inverse of `index_of_step`."""
-    return float(2.0 ** (index / _STEPS_PER_OCTAVE))
+    return math.ldexp(_IN_OCTAVE[index % _STEPS_PER_OCTAVE], index // _STEPS_PER_OCTAVE)
 
 
 def index_of_step(step: float) -> int:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from dvc._jit import python_twin
 from dvc.wynerziv import _kernels, bitplanes, quantizer
+from dvc.wynerziv.noise import GAINS, GAINS_PER_OCTAVE
 from tests.reference import wynerziv_planes as reference
 
 levels_strategy = st.sampled_from([2, 4, 8, 16, 32, 64, 128, 256])
@@ -138,3 +139,16 @@ def test_bins_that_do_not_exist_have_no_width() -> None:
     """The planes of an AC band can spell one bin too many; its interval is empty."""
     lower, upper = bitplanes.prefix_borders(np.array([7]), 0, quantizer.bin_edges(8, 3.0))
     assert lower[0] == upper[0] == 12.0
+
+
+def test_steps_are_the_same_with_every_c_library() -> None:
+    """Six steps an octave, whose octaves are exactly twice as large."""
+    steps = [quantizer.step_from_index(index) for index in range(64)]
+    np.testing.assert_allclose(steps, 2.0 ** (np.arange(64) / 6), rtol=1e-15)
+    assert all(later == 2.0 * step for step, later in zip(steps, steps[6:], strict=False))
+
+
+def test_gains_are_the_same_with_every_c_library() -> None:
+    """Three gains an octave, whose octaves are exactly twice as large."""
+    np.testing.assert_allclose(GAINS, 2.0 ** (np.arange(-6, 16) / GAINS_PER_OCTAVE), rtol=1e-15)
+    assert np.array_equal(GAINS[GAINS_PER_OCTAVE:], 2.0 * GAINS[:-GAINS_PER_OCTAVE])

@@ -183,7 +183,8 @@ class RangePosterior:
         self, share: float, surplus_bits: float, max_bias: float, new_bias: float
     ) -> list[tuple[int, Positions]]:
         """Choose what to ask next at once, of several orders."""
-        unknown = float(_kernels.remaining_entropy(self._all_odds()))
+        # Rounded: the last digit of a library's logarithm must not decide.
+        unknown = round(_kernels.remaining_entropy(self._all_odds()) * 2.0**16) / 2.0**16
         wanted = max(share * unknown + surplus_bits, MIN_BATCH)
         found, told = self._divisions_that_tell(wanted, max_bias)
         if found and (not surplus_bits or told >= wanted):
