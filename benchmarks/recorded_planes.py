@@ -29,7 +29,7 @@ from dvc.config import TURBO_FAMILIES
 from dvc.slepian_wolf.results import PlaneCoroutine
 from dvc.stream import Form, StreamReader
 from dvc.wynerziv import priors
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.quantizer import FrameLayout
 
 Bits = NDArray[np.uint8]
 SEED = 1

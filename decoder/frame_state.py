@@ -8,8 +8,8 @@ from scipy.ndimage import uniform_filter
 
 from decoder.side_information.protocol import Prediction
 from decoder.side_information.weighting import fuse
-from dvc.wynerziv import noise, reconstruction, transform
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv import noise, transform
+from dvc.wynerziv.quantizer import FrameLayout
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class KnownBand:
 
     def reconstruct(self, side_information: Array) -> Array:
         """Return the conditional mean of each coefficient."""
-        return reconstruction.conditional_mean(self.lower, self.upper, side_information, self.scale)
+        return noise.conditional_mean(self.lower, self.upper, side_information, self.scale)
 
     def error(self, side_information: Array) -> Array:
         """Return the expected magnitude of truth minus prediction."""

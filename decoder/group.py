@@ -16,10 +16,9 @@ from dvc.errors import BitstreamError
 from dvc.slepian_wolf import Answer, ParityRequest, Place, num_codes
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
-from dvc.wynerziv.buffered import BufferedFrame
 from dvc.wynerziv.hierarchy import Around, group_order, levels, reference_distance
+from dvc.wynerziv.payloads import BufferedFrame, PuncturedFrame, PunctureRecorder, disagreement
 from dvc.wynerziv.priors import LearnedPriors
-from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder, disagreement
 
 Points = PointTracks | FeaturePoints | None
 Known = dict[int, ReferenceFrame]

@@ -114,7 +114,7 @@ class HeldRequests:
 
 
 class LiveGroups:
-    """The groups of a live encoder; see `decoder.scheduler.GroupSource`."""
+    """The groups of a live encoder; see `decoder.processes.GroupSource`."""
 
     def __init__(
         self, source: LiveSource, task_of: Callable[[Gop], GroupTask], stop: Readable | None = None

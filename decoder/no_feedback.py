@@ -20,11 +20,11 @@ from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf.ldpc.belief_propagation import DecodedBlock, NumberPriors, decode_block
 from dvc.video import Frame
-from dvc.wynerziv import bitplanes, noise, transform
+from dvc.wynerziv import noise, quantizer, transform
 from dvc.wynerziv.candidates import credible_intervals
-from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.no_feedback import BLOCKS, NoFeedbackFrame, SentBlock
+from dvc.wynerziv.quantizer import FrameLayout
 
 START_GAINS = 1.0, 1.6, 2.5, 4.0
 """Of the scales that a prediction promises, tried one after the other until a block is found: where they are
@@ -86,10 +86,10 @@ class NoFeedbackDecoder:
         for place, (band, prior) in enumerate(zip(bands, priors, strict=True)):
             edges, planes = quantization.edges(band), quantization.planes[band]
             if decoded.success:
-                prefix = bitplanes.from_planes(decoded.bits[first : first + depths[band]])
+                prefix = quantizer.from_planes(decoded.bits[first : first + depths[band]])
                 first += depths[band]
                 ideal_bits.append(prior.ideal_bits(prefix))
-                borders = bitplanes.prefix_borders(prefix, planes - depths[band], edges)
+                borders = quantizer.prefix_borders(prefix, planes - depths[band], edges)
             else:
                 borders = credible_intervals(edges, planes, prior, decoded.beliefs[place])
             self._set_known(band, borders, scales[band].ravel(), state)

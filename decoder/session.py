@@ -1,9 +1,12 @@
 """The decoder of figure 5.1: stream or connection in; decoded groups of pictures, and what they cost, out."""
 
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from multiprocessing.connection import wait
+from typing import Any, cast
 
 from decoder.live import LiveGroups, LiveSource
-from decoder.scheduler import CHAINS_PER_PROCESS, GroupsInFlight, StreamGroups
+from decoder.processes import DecodingProcess, GroupsInFlight
 from decoder.side_information.protocol import ReferenceFrame
 from decoder.tasks import DecodedGroup, GroupTask, naming_group
 from dvc.config import CodecConfig, encode_config
@@ -12,7 +15,11 @@ from dvc.feedback import Gop, max_open_gops
 from dvc.feedback.transport import Readable
 from dvc.keyframes import KeyFrameDecoder
 from dvc.limits import Limits
+from dvc.slepian_wolf import ParityRequest
 from dvc.stream import Form, GopRecord, StreamReader
+
+CHAINS_PER_PROCESS = 2
+"""One that a process is at, and one that it goes on with while whoever takes the frames is busy."""
 
 
 def decode_stream(
@@ -133,6 +140,49 @@ def decode_live(
 
     yield from GroupsInFlight(LiveGroups(source, _task, stop), jobs).decode()
     source.flush()
+
+
+class StreamGroups:
+    """The groups of a stream, given chain by chain: consecutive ones, each predicted from that before it."""
+
+    def __init__(self, chains: Iterable[Sequence[GroupTask]], jobs: int) -> None:
+        self._chains = iter(chains)
+        self._max_open = CHAINS_PER_PROCESS * jobs
+        self._open: deque[int] = deque()  # groups of open chains that have not been taken
+        self.finished = False
+
+    def received(self) -> Iterator[GroupTask | BitstreamError]:
+        """Read as many chains as there is room for."""
+        while not self.finished and len(self._open) < self._max_open:
+            try:
+                chain = next(self._chains, ())
+            except BitstreamError as err:
+                self.finished = True
+                yield err
+                return
+            self.finished = not chain
+            if chain:
+                self._open.append(len(chain))
+                yield from chain
+
+    def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
+        """Wait for processes, where any is at work."""
+        busy: list[Any] = [process for process in processes if process.num_running]
+        return cast(list[DecodingProcess], wait(busy)) if busy else []
+
+    def ask(self, requests: Sequence[ParityRequest], process: DecodingProcess) -> None:
+        """Refuse requests, of which none come: records answer them."""
+        assert not requests, process
+
+    def decoded(self, number: int) -> None:
+        """Do nothing: nobody waits for it."""
+
+    def taken(self) -> None:
+        """Make room once the last group of a chain is taken."""
+        if self._open:
+            self._open[0] -= 1
+            if not self._open[0]:
+                self._open.popleft()
 
 
 class _Tasks:

@@ -19,9 +19,9 @@ from decoder.tasks import BandCost, DecodedFrame
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.video import Frame
-from dvc.wynerziv import bitplanes, noise, transform
-from dvc.wynerziv.layout import FrameLayout, Quantization
+from dvc.wynerziv import noise, quantizer, transform
 from dvc.wynerziv.priors import LearnedPriors
+from dvc.wynerziv.quantizer import FrameLayout, Quantization
 from dvc.wynerziv.refinement import Refinement, expected_refinement
 
 Array = NDArray[np.float64]
@@ -152,7 +152,7 @@ class _Frame:
         refined = not state.known
         predicted, scale = state.predicted[band].ravel(), state.scale(band).ravel()
         prefix = np.zeros(self.layout.num_bits, dtype=np.int64)
-        lower, upper = bitplanes.prefix_borders(prefix, planes, edges)
+        lower, upper = quantizer.prefix_borders(prefix, planes, edges)
         gain, results = state.gain, []
         for plane in range(planes):
             missing = planes - plane - 1
@@ -161,12 +161,12 @@ class _Frame:
                 worth = expected_refinement(prefix, missing + 1, edges, predicted, scale * gain, depth)
                 if not _pays(worth, self.plane_decoder.cost, slope):
                     break
-            middle, _ = bitplanes.prefix_borders(2 * prefix + 1, missing, edges)
+            middle, _ = quantizer.prefix_borders(2 * prefix + 1, missing, edges)
             place, borders = (quantization.first_plane[band] + plane, band, plane), (lower, middle, upper)
             result = yield from self._decode_plane(place, borders, predicted, scale * gain, state)
             results.append(result)
             prefix = 2 * prefix + result.bits
-            lower, upper = bitplanes.prefix_borders(prefix, missing, edges)
+            lower, upper = quantizer.prefix_borders(prefix, missing, edges)
             if plane < NUM_FITTED_PLANES or missing == 0:
                 gain = noise.fit_gain(lower, upper, predicted, scale, gain if missing else state.gain)
             if refined and missing and np.mean(upper - lower) < REFINING_WIDTH * gain * np.mean(scale):
@@ -210,6 +210,6 @@ class _Frame:
             for place in places:
                 results[place - first] = check.corrected[place]
             if places:
-                prefix = bitplanes.from_planes(np.stack([result.bits for result in results]))
+                prefix = quantizer.from_planes(np.stack([result.bits for result in results]))
                 missing = quantization.planes[band] - len(results)
-                state.correct(band, *bitplanes.prefix_borders(prefix, missing, quantization.edges(band)))
+                state.correct(band, *quantizer.prefix_borders(prefix, missing, quantization.edges(band)))

@@ -11,7 +11,7 @@ from dvc.config import CodecConfig
 from dvc.memory import peak_resident_bytes
 from dvc.slepian_wolf import CRC_BITS
 from dvc.video import Frame
-from dvc.wynerziv.buffered import EncodedFrame
+from dvc.wynerziv.payloads import EncodedFrame
 from dvc.wynerziv.transform import NUM_BANDS, band_shape
 from encoder._kernels import HALF_BLOCK_PX, QUARTER_HALF_BLOCK_PX
 from encoder.clock import coding_time_s

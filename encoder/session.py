@@ -9,9 +9,9 @@ from dvc.keyframes import KeyFrameEncoder
 from dvc.stream import GopRecord, StreamWriter
 from dvc.tracks import encode_points
 from dvc.video import Frame
-from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.hierarchy import reference_distances
+from dvc.wynerziv.payloads import EncodedFrame
 from encoder.block_matching import PointTrackerSettings
 from encoder.clock import coding_time_s
 from encoder.corners import CornerDetector

@@ -14,9 +14,9 @@ from dvc.keyframes import FAST_DECISIONS
 from dvc.stream import Form
 from dvc.video import Frame
 from dvc.wynerziv import quantizer, transform
-from dvc.wynerziv.buffered import EncodedFrame, transform_frame
 from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.payloads import EncodedFrame, transform_frame
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group
 from encoder.intra_decision import MAX_ESTIMATED_SHARE
 from encoder.rate_control.controller import RateController

@@ -121,3 +121,13 @@ def test_no_module_hides_one_of_the_standard_library() -> None:
     top_level = {name.rpartition(".")[2] for name in all_imports()} - {"__main__"}
     assert top_level & {"io", "struct", "types", "queue", "random", "signal", "code"} == set()
     assert not set(PACKAGES) & set(sys.stdlib_module_names)
+
+
+def test_a_frame_passes_few_modules() -> None:
+    """At most 8 at the encoder and 12 at the decoder, all of which exist."""
+    text = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")
+    for side, most in (("encoder", 8), ("decoder", 12)):
+        table = text.partition(f"| at the {side} |")[2].partition("\n\n")[0]
+        modules = [line.split("`")[1] for line in table.splitlines()[2:]]
+        assert 0 < len(modules) <= most
+        assert all((ROOT / module).is_file() for module in modules)

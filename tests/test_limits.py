@@ -17,7 +17,7 @@ from dvc.keyframes import KeyFrameDecoder, KeyFrameEncoder
 from dvc.limits import MAX_FRAMES, Limits
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.quantizer import FrameLayout
 
 
 def bomb(width: int, height: int, gop: int, num_gops: int) -> bytes:

@@ -25,10 +25,10 @@ from decoder.tasks import DecodedFrame, following
 from dvc.config import MAX_GOP_LENGTH, NUM_BANDS, CodecConfig
 from dvc.stream import StreamReader, StreamWriter
 from dvc.video import Frame, open_video
-from dvc.wynerziv import bitplanes, noise, transform
-from dvc.wynerziv.buffered import EncodedFrame
+from dvc.wynerziv import noise, quantizer, transform
 from dvc.wynerziv.learned_scales import LearnedBand
 from dvc.wynerziv.no_feedback import BLOCKS
+from dvc.wynerziv.payloads import EncodedFrame
 from encoder import options
 from encoder.rate_control.controller import RateController
 from encoder.rate_control.needs import NEEDS, OCTAVES, Needs
@@ -95,14 +95,14 @@ def _costs(record: RecordedFrame, band: int, state: FrameState, truth: Floats) -
     """Record what the planes of a band cost and leave; return what those that pay tell of it."""
     quantization = record.encoded.quantization
     planes, edges = quantization.planes[band], quantization.edges(band)
-    numbers = bitplanes.from_planes(_planes(record.encoded, band))
+    numbers = quantizer.from_planes(_planes(record.encoded, band))
     predicted, scale = state.predicted[band], state.scale(band)
     bits, squares = np.zeros(planes + 1), np.empty(planes + 1)
     squares[0] = ((truth - predicted) ** 2).sum()
     best, least = None, float(squares[0])
     for depth in range(1, planes + 1):
         prefix = numbers >> (planes - depth)
-        lower, upper = bitplanes.prefix_borders(prefix, planes - depth, edges)
+        lower, upper = quantizer.prefix_borders(prefix, planes - depth, edges)
         gain = noise.fit_gain(lower, upper, predicted.ravel(), scale.ravel(), state.gain)
         known = KnownBand.of(lower, upper, scale.ravel() * gain, predicted.shape)
         squares[depth] = ((truth - known.reconstruct(predicted)) ** 2).sum()

@@ -17,8 +17,8 @@ from dvc.bits import BitReader, pack_bits
 from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf.ldpc.graph import Sparsity, SyndromeGraph, syndrome
-from dvc.wynerziv.buffered import EncodedFrame
-from dvc.wynerziv.layout import FrameLayout, Quantization, plane_digits, read_planes
+from dvc.wynerziv.payloads import EncodedFrame
+from dvc.wynerziv.quantizer import FrameLayout, Quantization, plane_digits, read_planes
 
 Bits = NDArray[np.uint8]
 

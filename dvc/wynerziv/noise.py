@@ -7,6 +7,8 @@ then from the bands and bit planes decoded so far, whose true interval is known.
 
 References
 ----------
+[Kubasov2007] D. Kubasov, J. Nayak, C. Guillemot, "Optimal reconstruction in Wyner-Ziv video coding with
+multiple side information", MMSP 2007, Eq. (6): the conditional mean.
 [Brites2008] C. Brites, F. Pereira, "Correlation noise modeling for efficient pixel and transform domain
 Wyner-Ziv video coding", IEEE Trans. Circuits Syst. Video Technol. 18(9), 2008, Eqs. (9)-(16).
 """
@@ -17,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from dvc.wynerziv.quantizer import power_of_two
+
 Array = NDArray[np.float64]
 
 MIN_SCALE = 0.3
@@ -26,8 +30,8 @@ FLAT = 4.0
 OUTLIER_PROBABILITY = 2e-4
 """Share of a uniform distribution mixed into the Laplacian: side information has outliers."""
 GAINS_PER_OCTAVE = 3
-GAINS = np.ldexp([[1.0, 1.2599210498948732, 1.5874010519681996]], np.arange(-2, 6)[:, None]).ravel()[:22]
-"""Factors tried when a scale is fitted to what has been decoded: third parts of octaves."""
+GAINS = np.array([power_of_two(6 * third // GAINS_PER_OCTAVE) for third in range(-6, 16)])
+"""Factors tried when a scale is fitted to what has been decoded."""
 
 
 def _frame_scale(residual: Array) -> Array:
@@ -116,3 +120,18 @@ def fit_gain(
     for number, gain in enumerate(GAINS):
         scores[number] -= strength * _kernels.logarithm(gain / expected) ** 2
     return float(GAINS[int(np.argmax(scores))])
+
+
+def conditional_mean(lower: Array, upper: Array, side_information: Array, scale: Array) -> Array:
+    """Return E[x | lower <= x < upper, y] under a Laplacian about y."""
+    from dvc.wynerziv import _kernels
+
+    mean = np.empty_like(lower)
+    _kernels.conditional_mean(
+        lower.reshape(-1),
+        upper.reshape(-1),
+        side_information.reshape(-1),
+        scale.reshape(-1),
+        mean.reshape(-1),
+    )
+    return mean

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter
 
 from dvc.config import ZIGZAG
 from dvc.slepian_wolf import NeighbourCoupling
-from dvc.wynerziv import noise, reconstruction
+from dvc.wynerziv import noise
 
 Array = NDArray[np.float64]
 Bits = NDArray[np.uint8]
@@ -135,7 +135,7 @@ class LearnedPriors:
         shape = self._shape
         llr = _bounded(noise.bit_llr(lower, middle, upper, side_information, scale))
         slope = _slope(borders, side_information, scale)
-        error = reconstruction.conditional_mean(lower, upper, side_information, scale) - side_information
+        error = noise.conditional_mean(lower, upper, side_information, scale) - side_information
         around = slope * _neighbours(error.reshape(shape)).ravel()
         ramp = np.zeros_like(llr) if dc_error is None else slope * _ramp(dc_error, band).ravel()
         inputs = _bounded(np.stack([llr, llr / (1.0 + np.abs(llr)), around, ramp]))
@@ -143,8 +143,8 @@ class LearnedPriors:
         corrected = np.zeros_like(llr)
         for weight, term in zip(weights, inputs, strict=True):
             corrected += weight * term
-        jump = reconstruction.conditional_mean(middle, upper, side_information, scale)
-        jump -= reconstruction.conditional_mean(lower, middle, side_information, scale)
+        jump = noise.conditional_mean(middle, upper, side_information, scale)
+        jump -= noise.conditional_mean(lower, middle, side_information, scale)
         along, across, spread = self._coupled[number].values
         upright, lying = _orientation(band)
         corrected = _bounded(corrected)

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from dvc.config import CodecConfig
 from dvc.video.frames import Plane
-from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.hierarchy import group_order, reference_distance
 from dvc.wynerziv.no_feedback import BLOCKS, SentPlanes, encode_payload, syndrome_length
+from dvc.wynerziv.payloads import EncodedFrame
 from encoder.groups import Group
 from encoder.rate_control.needs import Choice, NeedEstimator
 from encoder.rate_control.sampled_blocks import BlockErrors, BlockSampler, RateControlWork

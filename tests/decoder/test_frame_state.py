@@ -7,7 +7,7 @@ from decoder.frame_state import INITIAL_GAIN, FrameState, KnownBand
 from decoder.side_information.protocol import Prediction
 from dvc.config import CodecConfig, VideoConfig
 from dvc.wynerziv import transform
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.quantizer import FrameLayout
 from tests.clips import moving_texture
 
 HEIGHT, WIDTH = 32, 48

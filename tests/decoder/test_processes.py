@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -15,11 +16,13 @@ from pathlib import Path
 import pytest
 
 from decoder import processes
-from decoder.processes import DecodingProcess, decoding_process
-from decoder.session import decode_stream, stream_tasks
+from decoder.processes import DecodingProcess, GroupsInFlight, decoding_process
+from decoder.session import CHAINS_PER_PROCESS, StreamGroups, decode_stream, stream_tasks
 from decoder.tasks import DecodedGroup, GroupTask
-from dvc.errors import DvcError
-from dvc.stream import StreamReader
+from dvc.errors import BitstreamError, DvcError
+from dvc.stream import Form, GopRecord, StreamReader
+from dvc.video import Frame
+from tests.clips import moving_texture
 
 STREAM = Path(__file__).parents[1] / "golden" / "streams" / "3d-td-all-punctured.dvc"
 
@@ -148,3 +151,54 @@ def test_features_that_are_not_there_are_no_news(
     for process in processes._idle:
         process.stop()
     assert capfd.readouterr().err == ""
+
+
+KEY: Frame = moving_texture(1, 16, 16)[0]
+
+
+def chain(number: int) -> list[GroupTask]:
+    """Return a group that is a key frame."""
+    return [GroupTask(b"", number, number, None, KEY, GopRecord(1, b"x"), Form.BUFFERED)]
+
+
+def damaged(count: int, seen: list[int]) -> Iterator[Sequence[GroupTask]]:
+    """Give some groups, and then what is wrong with the stream; note what was given."""
+    for number in range(count):
+        seen.append(number)
+        yield chain(number)
+    raise BitstreamError("broken")
+
+
+def test_nothing_is_decoded_where_there_is_nothing() -> None:
+    """No process is started for that."""
+    assert list(GroupsInFlight(StreamGroups([], 1), 1).decode()) == []
+
+
+@pytest.mark.parametrize("jobs", [1, 3])
+def test_damage_comes_after_the_groups_before_it(jobs: int) -> None:
+    """And no more is read of a stream than there is room for."""
+    seen: list[int] = []
+    groups = GroupsInFlight(StreamGroups(damaged(20, seen), jobs), jobs).decode()
+    assert next(groups).first_index == 0
+    assert seen == list(range(CHAINS_PER_PROCESS * jobs))
+    found = []
+    with pytest.raises(BitstreamError, match="broken"):
+        found.extend(group.first_index for group in groups)
+    assert found == list(range(1, 20))
+
+
+class Interrupted(StreamGroups):
+    """A source that is interrupted while it waits."""
+
+    def wait(self, processes: Sequence[DecodingProcess]) -> list[DecodingProcess]:
+        """Wait in vain."""
+        raise KeyboardInterrupt
+
+
+def test_what_is_decoded_comes_before_an_interrupt() -> None:
+    """Whatever waits is given up."""
+    open_end = GroupTask(b"", 2, 2, None, None, GopRecord(1, b"", b"", (b"x",)), Form.BUFFERED)
+    groups = GroupsInFlight(Interrupted([chain(0), chain(1), [open_end]], 2), 2).decode()
+    assert [next(groups).first_index, next(groups).first_index] == [0, 1]
+    with pytest.raises(KeyboardInterrupt):
+        next(groups)

@@ -21,8 +21,8 @@ from dvc.metrics import psnr_db
 from dvc.slepian_wolf import CRC_BITS, Answer, drive, num_codes
 from dvc.video import Frame
 from dvc.wynerziv import transform
-from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame, quantize_frame
-from dvc.wynerziv.layout import FrameLayout, Quantization
+from dvc.wynerziv.payloads import BufferedFrame, EncodedFrame, quantize_frame
+from dvc.wynerziv.quantizer import FrameLayout, Quantization
 from encoder.wyner_ziv import WynerZivEncoder
 from tests.clips import moving_texture
 from tests.reference.wynerziv_planes import quantize

@@ -9,7 +9,7 @@ from dvc.config import GopConfig, Live, VideoConfig, codec_config
 from dvc.errors import ConfigError
 from dvc.tracks import PointTracks
 from dvc.video import Frame
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder import intra_decision
 from encoder.groups import Group
 from encoder.intra_decision import (

@@ -15,7 +15,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.wynerziv import quantizer
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder.groups import Group
 from encoder.wyner_ziv import RateControlledEncoder, wyner_ziv_encoder
 from tests.clips import moving_texture

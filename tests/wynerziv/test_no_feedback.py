@@ -12,8 +12,6 @@ from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf.ldpc.graph import syndrome
 from dvc.wynerziv import quantizer
-from dvc.wynerziv.buffered import EncodedFrame, quantize_frame
-from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.no_feedback import (
     NoFeedbackFrame,
     SentPlanes,
@@ -21,6 +19,8 @@ from dvc.wynerziv.no_feedback import (
     length_code,
     syndrome_length,
 )
+from dvc.wynerziv.payloads import EncodedFrame, quantize_frame
+from dvc.wynerziv.quantizer import FrameLayout
 
 SETTINGS = TurboConfig()
 LAYOUT = FrameLayout(24, 32, True, (0,) * 16, 16)

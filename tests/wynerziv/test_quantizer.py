@@ -1,12 +1,15 @@
 """Scalar quantisers and bit planes: borders, bins, digits."""
 
+import math
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc._jit import python_twin
-from dvc.wynerziv import _kernels, bitplanes, quantizer
+from dvc.wynerziv import _kernels, quantizer
 from dvc.wynerziv.noise import GAINS, GAINS_PER_OCTAVE
 from tests.reference import wynerziv_planes as reference
 
@@ -108,11 +111,11 @@ def test_zero_is_a_third_into_its_bin_at_every_depth(band: int, planes: int, mis
 def test_planes_are_binary_digits(count: int, values: list[int]) -> None:
     """Planes hold the digits of the bins, most significant first, and spell them again."""
     bins = np.array(values, dtype=np.int64) % 2**count
-    planes = bitplanes.to_planes(bins, count)
+    planes = quantizer.to_planes(bins, count)
     assert planes.dtype == np.uint8
     assert planes.T.tolist() == [reference.binary_digits(number, count) for number in bins.tolist()]
-    np.testing.assert_array_equal(bitplanes.from_planes(planes), bins)
-    np.testing.assert_array_equal(bitplanes.from_planes(planes[:1]), bins >> (count - 1))
+    np.testing.assert_array_equal(quantizer.from_planes(planes), bins)
+    np.testing.assert_array_equal(quantizer.from_planes(planes[:1]), bins >> (count - 1))
 
 
 @given(levels_strategy, st.integers(0, 2**32 - 1))
@@ -122,11 +125,11 @@ def test_prefix_borders_close_in_on_the_bin(levels: int, seed: int) -> None:
     edges = quantizer.bin_edges(levels, 60.0 * 2 / levels)
     bins = reference.quantize(coefficients, edges)
     count = levels.bit_length() - 1
-    planes = bitplanes.to_planes(bins, count)
+    planes = quantizer.to_planes(bins, count)
     widths = [np.full(30, np.inf)]
     for known in range(count + 1):
-        prefix = bitplanes.from_planes(planes[:known])
-        lower, upper = bitplanes.prefix_borders(prefix, count - known, edges)
+        prefix = quantizer.from_planes(planes[:known])
+        lower, upper = quantizer.prefix_borders(prefix, count - known, edges)
         assert (lower <= coefficients).all()
         assert (coefficients <= upper).all()
         assert (upper - lower <= widths[-1]).all()
@@ -135,17 +138,28 @@ def test_prefix_borders_close_in_on_the_bin(levels: int, seed: int) -> None:
     np.testing.assert_array_equal(upper, edges[bins + 1])
 
 
+def test_powers_of_two_are_the_nearest_numbers() -> None:
+    """By exact arithmetic: what lies half-way to the next numbers is too small and too large."""
+    for sixths in range(-30, 70):
+        power = quantizer.power_of_two(sixths)
+        below, above = (Fraction(math.nextafter(power, end)) for end in (0.0, math.inf))
+        least, most = ((Fraction(power) + other) / 2 for other in (below, above))
+        assert least**6 <= Fraction(2) ** sixths <= most**6
+
+
+def test_every_step_has_its_index() -> None:
+    """Roundings on the way to a step do not lead to the next one."""
+    for index in range(64):
+        step = quantizer.step_from_index(index)
+        assert quantizer.index_of_step(step) == quantizer.index_of_step(step * (1 + 1e-12)) == index
+        assert quantizer.index_of_step(step * (1 - 1e-12)) == index
+        assert quantizer.index_of_step(1.001 * step) == min(index + 1, 63)
+
+
 def test_bins_that_do_not_exist_have_no_width() -> None:
     """The planes of an AC band can spell one bin too many; its interval is empty."""
-    lower, upper = bitplanes.prefix_borders(np.array([7]), 0, quantizer.bin_edges(8, 3.0))
+    lower, upper = quantizer.prefix_borders(np.array([7]), 0, quantizer.bin_edges(8, 3.0))
     assert lower[0] == upper[0] == 12.0
-
-
-def test_steps_are_the_same_with_every_c_library() -> None:
-    """Six steps an octave, whose octaves are exactly twice as large."""
-    steps = [quantizer.step_from_index(index) for index in range(64)]
-    np.testing.assert_allclose(steps, 2.0 ** (np.arange(64) / 6), rtol=1e-15)
-    assert all(later == 2.0 * step for step, later in zip(steps, steps[6:], strict=False))
 
 
 def test_gains_are_the_same_with_every_c_library() -> None:

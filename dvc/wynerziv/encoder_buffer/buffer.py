@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from dvc.slepian_wolf import ParityEncoder, RequestTable
 from dvc.slepian_wolf.crc import POLYNOMIALS
 from dvc.slepian_wolf.requests import SLOT
-from dvc.wynerziv.buffered import EncodedFrame
 from dvc.wynerziv.encoder_buffer import _kernels
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.payloads import EncodedFrame
+from dvc.wynerziv.quantizer import FrameLayout
 
 PATIENCE = 64
 """Messages answered since a frame was last asked for, from which on its parity gives way to others."""

@@ -7,8 +7,8 @@ import numpy as np
 
 from benchmarks.searches.rate_needs import _fit_bits, fit
 from dvc.wynerziv import quantizer
-from dvc.wynerziv.buffered import quantize_frame
-from dvc.wynerziv.layout import FrameLayout
+from dvc.wynerziv.payloads import quantize_frame
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder.rate_control.needs import NEEDS, OCTAVES, frame_costs
 from encoder.rate_control.sampled_blocks import BlockErrors
 

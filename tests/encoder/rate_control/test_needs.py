@@ -8,9 +8,9 @@ import pytest
 from dvc._jit import python_twin
 from dvc.config import Qp, VideoConfig, codec_config
 from dvc.wynerziv import quantizer
-from dvc.wynerziv.buffered import quantize_frame
-from dvc.wynerziv.layout import FrameLayout
 from dvc.wynerziv.no_feedback import syndrome_length
+from dvc.wynerziv.payloads import quantize_frame
+from dvc.wynerziv.quantizer import FrameLayout
 from encoder.rate_control import _kernels
 from encoder.rate_control.needs import NEEDS, Choice, NeedEstimator, frame_costs, length_of
 from encoder.rate_control.sampled_blocks import BlockErrors

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from dvc import slepian_wolf
 from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.slepian_wolf.requests import SLOT
-from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame
 from dvc.wynerziv.encoder_buffer import buffer
 from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
-from dvc.wynerziv.layout import FrameLayout
-from tests.wynerziv.test_buffered import MATRICES, encoded_frame, layout_of, layouts
+from dvc.wynerziv.payloads import BufferedFrame, EncodedFrame
+from dvc.wynerziv.quantizer import FrameLayout
+from tests.wynerziv.test_payloads import MATRICES, encoded_frame, layout_of, layouts
 
 FAMILIES = ("adaptive", "cascade")
 SLOTS = (2, 0)

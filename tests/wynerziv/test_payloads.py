@@ -14,10 +14,15 @@ from dvc.config import MAX_BAND_PLANES, DiscoverMatrix, VideoConfig, WynerZivCon
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import ParityRequest, drive
 from dvc.slepian_wolf.cascade.orders import bit_orders
-from dvc.wynerziv import _kernels, bitplanes, quantizer, transform
-from dvc.wynerziv.buffered import BufferedFrame, EncodedFrame, quantize_frame
-from dvc.wynerziv.layout import FrameLayout
-from dvc.wynerziv.punctured import PuncturedFrame, PunctureRecorder
+from dvc.wynerziv import _kernels, quantizer, transform
+from dvc.wynerziv.payloads import (
+    BufferedFrame,
+    EncodedFrame,
+    PuncturedFrame,
+    PunctureRecorder,
+    quantize_frame,
+)
+from dvc.wynerziv.quantizer import FrameLayout
 from tests.reference import wynerziv_planes as reference
 
 CODES = slepian_wolf.family("adaptive")
@@ -117,7 +122,7 @@ def test_quantized_words_hold_the_digits_of_the_bins(layout: FrameLayout, seed: 
         edges = quantization.edges(band)
         first, count = quantization.first_plane[band], quantization.planes[band]
         bins = reference.quantize(bands[band], edges)
-        np.testing.assert_array_equal(planes[first : first + count], bitplanes.to_planes(bins, count))
+        np.testing.assert_array_equal(planes[first : first + count], quantizer.to_planes(bins, count))
 
 
 def hard_frames() -> list[np.ndarray]:
