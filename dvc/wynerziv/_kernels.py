@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel, kernel
 
 _LOG2E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10
@@ -14,9 +14,16 @@ _NARROW = 1e-3  # width of an interval, in scales, below which a Laplacian is co
 _HALVINGS = 5  # 32 probabilities above the share of outliers have a product that is a normal number
 
 
+@inlined_kernel
+def transform_four(a, b, c, d):
+    """Transform four numbers: one side of the 4x4 integer transform, not scaled."""
+    outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c
+    return outer + inner, 2 * outer_odd + inner_odd, outer - inner, outer_odd - 2 * inner_odd
+
+
 @kernel
-def _butterfly(first, second, third, fourth):
-    """Transform four samples, or sums of them, of every block in place; int16, which holds all of them."""
+def transform_lines(first, second, third, fourth):
+    """Do what `transform_four` does to four lines, in place; int16, which holds samples and sums of them."""
     for n in range(first.size):
         a, b, c, d = first[n], second[n], third[n], fourth[n]
         outer, outer_odd = np.int16(a + d), np.int16(a - d)
@@ -38,9 +45,9 @@ def transform_samples(quads, order, core, extremes):
             first[x], second[x] = quad & np.uint32(255), (quad >> np.uint32(8)) & np.uint32(255)
             third[x], fourth[x] = (quad >> np.uint32(16)) & np.uint32(255), quad >> np.uint32(24)
     for x in range(4):
-        _butterfly(core[order[0, x]], core[order[1, x]], core[order[2, x]], core[order[3, x]])
+        transform_lines(core[order[0, x]], core[order[1, x]], core[order[2, x]], core[order[3, x]])
     for y in range(4):
-        _butterfly(core[order[y, 0]], core[order[y, 1]], core[order[y, 2]], core[order[y, 3]])
+        transform_lines(core[order[y, 0]], core[order[y, 1]], core[order[y, 2]], core[order[y, 3]])
         for x in range(4):
             line = core[order[y, x]]
             least = greatest = line[0]
@@ -59,16 +66,11 @@ def transform_blocks(samples, scale, order, bands):
         for x in range(4):
             a, b = samples[y0, x0 + x], samples[y0 + 1, x0 + x]
             c, d = samples[y0 + 2, x0 + x], samples[y0 + 3, x0 + x]
-            outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c
-            half[0, x], half[1, x] = outer + inner, 2 * outer_odd + inner_odd
-            half[2, x], half[3, x] = outer - inner, outer_odd - 2 * inner_odd
+            half[0, x], half[1, x], half[2, x], half[3, x] = transform_four(a, b, c, d)
         for y in range(4):
-            a, b, c, d = half[y, 0], half[y, 1], half[y, 2], half[y, 3]
-            outer, inner, outer_odd, inner_odd = a + d, b + c, a - d, b - c
-            bands[order[y, 0], block] = (outer + inner) * scale[y, 0]
-            bands[order[y, 1], block] = (2 * outer_odd + inner_odd) * scale[y, 1]
-            bands[order[y, 2], block] = (outer - inner) * scale[y, 2]
-            bands[order[y, 3], block] = (outer_odd - 2 * inner_odd) * scale[y, 3]
+            a, b, c, d = transform_four(half[y, 0], half[y, 1], half[y, 2], half[y, 3])
+            bands[order[y, 0], block], bands[order[y, 1], block] = a * scale[y, 0], b * scale[y, 1]
+            bands[order[y, 2], block], bands[order[y, 3], block] = c * scale[y, 2], d * scale[y, 3]
 
 
 @kernel

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
+from dvc.wynerziv._kernels import transform_four, transform_lines
 
 NEAREST = 3  # points whose motion is blended
 _NEAR = 16.0  # squared distance, in pixels, up to which they count alike
@@ -193,17 +194,6 @@ def subtract_moved(words, motion, grid, spacing, lines):
 
 
 @inlined_kernel
-def _transform_columns(block):
-    """Do the vertical half of the integer 4x4 transform on four lines, in place."""
-    for x in range(block.shape[1]):
-        a, b, c, d = block[0, x], block[1, x], block[2, x], block[3, x]
-        outer, inner = np.int16(a + d), np.int16(b + c)
-        high, low = np.int16(a - d), np.int16(b - c)
-        block[0, x], block[2, x] = np.int16(outer + inner), np.int16(outer - inner)
-        block[1, x], block[3, x] = np.int16(np.int16(high + high) + low), np.int16(high - np.int16(low + low))
-
-
-@inlined_kernel
 def _add_squares(line, squares):
     """Do the horizontal half of the transform on one line; add up squares of the four coefficients."""
     for part in range(squares.shape[1]):
@@ -226,7 +216,8 @@ def energies(lines, grid, weights, order, share, means):
     for row in range(grid[0]):
         squares[:] = 0.0
         for top in range(0, SIDE, 4):
-            _transform_columns(lines[row, top : top + 4])
+            part = lines[row, top : top + 4]
+            transform_lines(part[0], part[1], part[2], part[3])
             for y in range(4):
                 _add_squares(lines[row, top + y], squares[y])
         for y in range(4):
@@ -256,53 +247,41 @@ def block_errors(words, references, noises, positions, sampling, bands, residual
 
 
 @inlined_kernel
-def _transform(block, y0, x0, half, core):
-    """Write the integer core of the 4x4 transform of a part of a block."""
-    for x in range(4):
-        a, b = block[y0, x0 + x], block[y0 + 1, x0 + x]
-        c, d = block[y0 + 2, x0 + x], block[y0 + 3, x0 + x]
-        half[0, x], half[1, x] = a + b + c + d, 2 * (a - d) + b - c
-        half[2, x], half[3, x] = a - b - c + d, a - d - 2 * (b - c)
-    for y in range(4):
-        a, b, c, d = half[y, 0], half[y, 1], half[y, 2], half[y, 3]
-        core[y, 0], core[y, 1] = a + b + c + d, 2 * (a - d) + b - c
-        core[y, 2], core[y, 3] = a - b - c + d, a - d - 2 * (b - c)
-
-
-@inlined_kernel
-def _intra_part(image, y0, x0, block, half, core, line, column):
+def _intra_part(image, y0, x0, half, core, line, column):
     """Write the transform of a part of a block, and of the lines of samples to its left and above it."""
     above, left = np.uintp(max(y0 - 1, 0)), np.uintp(max(x0 - 1, 0))
-    for y in range(4):
-        for x in range(4):
-            block[y, x] = np.int32(image[np.uintp(y0 + y), np.uintp(x0 + x)])
-    _transform(block, 0, 0, half, core)
-    a, b = np.int32(image[np.uintp(y0), left]), np.int32(image[np.uintp(y0 + 1), left])
+    y, x = np.uintp(y0), np.uintp(x0)
+    for k in range(4):
+        a, b = np.int32(image[y, np.uintp(x0 + k)]), np.int32(image[np.uintp(y0 + 1), np.uintp(x0 + k)])
+        c, d = (
+            np.int32(image[np.uintp(y0 + 2), np.uintp(x0 + k)]),
+            np.int32(image[np.uintp(y0 + 3), np.uintp(x0 + k)]),
+        )
+        half[0, k], half[1, k], half[2, k], half[3, k] = transform_four(a, b, c, d)
+    for k in range(4):
+        core[k, 0], core[k, 1], core[k, 2], core[k, 3] = transform_four(
+            half[k, 0], half[k, 1], half[k, 2], half[k, 3]
+        )
+    a, b = np.int32(image[y, left]), np.int32(image[np.uintp(y0 + 1), left])
     c, d = np.int32(image[np.uintp(y0 + 2), left]), np.int32(image[np.uintp(y0 + 3), left])
-    line[0], line[1], line[2], line[3] = (
-        a + b + c + d,
-        2 * (a - d) + b - c,
-        a - b - c + d,
-        a - d - 2 * (b - c),
-    )
-    a, b = np.int32(image[above, np.uintp(x0)]), np.int32(image[above, np.uintp(x0 + 1)])
+    line[0], line[1], line[2], line[3] = transform_four(a, b, c, d)
+    a, b = np.int32(image[above, x]), np.int32(image[above, np.uintp(x0 + 1)])
     c, d = np.int32(image[above, np.uintp(x0 + 2)]), np.int32(image[above, np.uintp(x0 + 3)])
-    column[0], column[1] = a + b + c + d, 2 * (a - d) + b - c
-    column[2], column[3] = a - b - c + d, a - d - 2 * (b - c)
+    column[0], column[1], column[2], column[3] = transform_four(a, b, c, d)
     return line[0] + column[0]
 
 
 @kernel
 def intra_errors(image, corners, step, rounding, scale, order, errors):
     """Write the mean squared error of quantised intra residuals, by blocks and bands."""
-    half, core, block = np.empty((4, 4), np.int32), np.empty((4, 4), np.int32), np.empty((4, 4), np.int32)
+    half, core = np.empty((4, 4), np.int32), np.empty((4, 4), np.int32)
     whole, predicted = np.empty((4, 4, 4)), np.zeros((DIRECTIONS, 4, 4, 4))
     line, column, totals = np.empty(4, np.int32), np.empty(4, np.int32), np.empty(DIRECTIONS)
     for k in range(corners.shape[0]):
         totals[:] = 0.0
         for part in range(4):
             y0, x0 = corners[k, 0] + 4 * (part // 2), corners[k, 1] + 4 * (part % 2)
-            around = _intra_part(image, y0, x0, block, half, core, line, column)
+            around = _intra_part(image, y0, x0, half, core, line, column)
             for y in range(4):
                 for x in range(4):
                     whole[part, y, x] = scale[y, x] * core[y, x]

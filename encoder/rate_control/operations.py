@@ -28,9 +28,9 @@ def moved(num_moved: float) -> Operations:
 
 
 def core() -> Operations:
-    """Count the 4x4 transform of a part of a block, without sums that are used twice."""
-    line = Operations(adds=4 * 3, multiplies=2, bytes=2 * BLOCK * 4)
-    return line.times(2 * BLOCK)
+    """Count the 4x4 transform of a part of a block."""
+    line = Operations(adds=4 * 2, multiplies=2, bytes=BLOCK * 4)
+    return (line + Operations(bytes=BLOCK)).times(BLOCK) + (line + Operations(bytes=4 * BLOCK)).times(BLOCK)
 
 
 def residual(num_blocks: float) -> Operations:
@@ -49,9 +49,8 @@ def residual(num_blocks: float) -> Operations:
 def intra_noise(num_intra: float) -> Operations:
     """Count what quantisation leaves of blocks of key frames, predicted in the best of three directions."""
     directions, edge = _kernels.DIRECTIONS, 2 * BLOCK - 1
-    copied = Operations(bytes=1 + 4).times(_SAMPLES)
     lines = (
-        Operations(adds=4 * 3, multiplies=2, bytes=4 + 4 * 4).times(2) + Operations(adds=1, bytes=2 * 4)
+        Operations(adds=4 * 2, multiplies=2, bytes=4 + 4 * 4).times(2) + Operations(adds=1, bytes=2 * 4)
     ).times(_PARTS)
     whole = Operations(multiplies=1, bytes=4 + 8).times(_SAMPLES)
     predicted = Operations(multiplies=2, bytes=4 + 8).times(2 * _SAMPLES / BLOCK) + Operations(
@@ -61,7 +60,7 @@ def intra_noise(num_intra: float) -> Operations:
     chosen = Operations(compares=1, bytes=2 * 8).times(directions - 1)
     error = Operations(adds=4, multiplies=3, compares=1, bytes=2 * 8).times(_SAMPLES)
     mean = Operations(multiplies=1, bytes=8).times(NUM_BANDS)
-    parts = copied + core().times(_PARTS) + lines + whole + predicted
+    parts = core().times(_PARTS) + lines + whole + predicted
     return (parts + size + chosen + error + mean).times(num_intra)
 
 
