@@ -30,6 +30,9 @@ SCALE = np.outer(_NORM, _NORM)
 BAND_SCALE: NDArray[np.float64] = SCALE.ravel()[list(ZIGZAG)]
 """The same by band."""
 
+transform_four, transform_lines = _kernels.transform_four, _kernels.transform_lines
+"""One side of the core, for compiled callers: of four numbers, or of four lines in place."""
+
 
 def band_shape(height: int, width: int) -> tuple[int, int]:
     """Return how many rows and columns of 4x4 blocks cover a frame."""

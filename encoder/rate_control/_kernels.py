@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
-from dvc.wynerziv._kernels import transform_four, transform_lines
+from dvc.wynerziv.transform import transform_four, transform_lines
 
 NEAREST = 3  # points whose motion is blended
 _NEAR = 16.0  # squared distance, in pixels, up to which they count alike
