@@ -59,10 +59,10 @@ def _cost(band: int, results: list[slepian_wolf.PlaneResult]) -> BandCost:
     return BandCost(band, ideal_bits, sum(result.parity_bits + result.crc_bits for result in results))
 
 
-def _pays(worth: Refinement, cost: slepian_wolf.PlaneCost, slope: float) -> bool:
-    """Tell whether the next plane of a band, or the next few together, save `slope` for every bit."""
+def _is_worth_its_rate(worth: Refinement, cost: slepian_wolf.PlaneCost, multiplier: float) -> bool:
+    """Tell whether the next plane of a band, or the next few together, save `multiplier` for every bit."""
     ahead = enumerate(zip(worth.bits, worth.saved, strict=True), 1)
-    return any(saved > slope * cost.bits(bits, planes) for planes, (bits, saved) in ahead)
+    return any(saved > multiplier * cost.bits(bits, planes) for planes, (bits, saved) in ahead)
 
 
 class WynerZivDecoder:
@@ -89,12 +89,12 @@ class WynerZivDecoder:
         quantization: Quantization,
         prediction: Prediction,
         priors: LearnedPriors,
-        slope: float = 0.0,
+        multiplier: float = 0.0,
     ) -> FrameCoroutine:
         """Decode one frame."""
         planes = self._idle.pop() if self._idle else self._new_plane_decoder()
         frame = _Frame(self._config, self.layout, planes, priors, index)
-        decoded = yield from frame.decode(quantization, prediction, slope)
+        decoded = yield from frame.decode(quantization, prediction, multiplier)
         self._idle.append(planes)
         return decoded
 
@@ -113,14 +113,14 @@ class _Frame:
     priors: LearnedPriors
     index: int
 
-    def decode(self, quantization: Quantization, prediction: Prediction, slope: float) -> FrameCoroutine:
+    def decode(self, quantization: Quantization, prediction: Prediction, multiplier: float) -> FrameCoroutine:
         settings = self.config.wyner_ziv
         state = FrameState(self.layout, prediction, settings.noise_model)
         decoded: dict[int, list[slepian_wolf.PlaneResult]] = {}
         check = slepian_wolf.FrameCheck()
         last = len(quantization.bands) - 1
         for position, band in enumerate(quantization.bands):
-            decoded[band] = yield from self._decode_band(band, quantization, state, slope)
+            decoded[band] = yield from self._decode_band(band, quantization, state, multiplier)
             if position == last:
                 check = yield from self.plane_decoder.check(self.index)
                 self._correct(check, decoded, quantization, state)
@@ -145,7 +145,7 @@ class _Frame:
         )
 
     def _decode_band(
-        self, band: int, quantization: Quantization, state: FrameState, slope: float
+        self, band: int, quantization: Quantization, state: FrameState, multiplier: float
     ) -> Generator[slepian_wolf.ParityRequest, Bits, list[slepian_wolf.PlaneResult]]:
         edges = quantization.edges(band)
         planes, shape = quantization.planes[band], self.layout.band_shape
@@ -156,10 +156,10 @@ class _Frame:
         gain, results = state.gain, []
         for plane in range(planes):
             missing = planes - plane - 1
-            if slope > 0:
+            if multiplier > 0:
                 depth = min(missing + 1, LOOK_AHEAD)
                 worth = expected_refinement(prefix, missing + 1, edges, predicted, scale * gain, depth)
-                if not _pays(worth, self.plane_decoder.cost, slope):
+                if not _is_worth_its_rate(worth, self.plane_decoder.cost, multiplier):
                     break
             middle, _ = quantizer.prefix_borders(2 * prefix + 1, missing, edges)
             place, borders = (quantization.first_plane[band] + plane, band, plane), (lower, middle, upper)

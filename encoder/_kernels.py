@@ -173,13 +173,13 @@ def move_as_nearest(points, ends, squares, velocity):
 
 
 @inlined_kernel
-def lead(first_x, first_y, j, begin, leaders):
-    """Let point `j`, which was found, lead the points from `begin` on to which no other started nearer."""
-    for k in range(begin, leaders.size):
+def offer_motion(first_x, first_y, j, begin, nearest_found):
+    """Make point `j`, which was found, the nearest found of points from `begin` on, where it is."""
+    for k in range(begin, nearest_found.size):
         i = np.uintp(k)
         dx, dy = np.int32(first_x[i] - first_x[j]), np.int32(first_y[i] - first_y[j])
         square = np.int32(np.int32(dx * dx) + np.int32(dy * dy))
-        leaders[i] = min(leaders[i], (np.int64(square) << 20) + j)
+        nearest_found[i] = min(nearest_found[i], (np.int64(square) << 20) + j)
 
 
 @inlined_kernel
@@ -210,13 +210,13 @@ def coarse_to_fine_search(matching, quarter, i, last, spirals, around):
 
 
 @kernel
-def leaders_of(first_x, first_y, found):
-    """What `lead` makes of the points that are found already."""
-    leaders = np.full(found.size, UNKNOWN << 20)
+def nearest_found_of(first_x, first_y, found):
+    """Return the nearest found point of each, by squared distance and number."""
+    nearest_found = np.full(found.size, UNKNOWN << 20)
     for j in range(found.size):
         if found[j]:
-            lead(first_x, first_y, j, 0, leaders)
-    return leaders
+            offer_motion(first_x, first_y, j, 0, nearest_found)
+    return nearest_found
 
 
 @kernel
@@ -227,21 +227,21 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
     candidates = np.empty((3, 2), np.int64)
     around = np.empty(8, np.int64)
     first_x, first_y = first[:, 0].astype(np.int32), first[:, 1].astype(np.int32)
-    leaders = leaders_of(first_x, first_y, found)
+    nearest_found = nearest_found_of(first_x, first_y, found)
     num_found, coarse_searches = np.int64(found.sum()), 0
     for i in range(alive.size):
         if found[i] or not alive[i]:
             continue
-        led = leaders[i] < UNKNOWN << 20
-        j = leaders[i] & (1 << 20) - 1
+        has_neighbour = nearest_found[i] < UNKNOWN << 20
+        j = nearest_found[i] & (1 << 20) - 1
         for axis in range(2):
             candidates[0, axis] = last[i, axis]
             candidates[1, axis] = last[i, axis] + velocity[i, axis]
-            motion = position[j, axis] - last[j, axis] if led else velocity[i, axis]
+            motion = position[j, axis] - last[j, axis] if has_neighbour else velocity[i, axis]
             candidates[2, axis] = last[i, axis] + motion
         x, y, sad = best_candidate(matching, i, candidates)
         if sad > small[i]:
-            if led and not is_within(image, candidates[2, 0], candidates[2, 1], HALF_BLOCK_PX):
+            if has_neighbour and not is_within(image, candidates[2, 0], candidates[2, 1], HALF_BLOCK_PX):
                 continue  # it has left with its neighbours
             x, y, sad = spiral_search(matching, x, y, HALF_BLOCK_PX, i, small[i], spirals[0])
         if sad < UNKNOWN:
@@ -255,7 +255,7 @@ def track_frame(matching, quarter, points, movement, spirals, max_coarse_searche
             num_found += 1
             for k in range(4):
                 beside[i, k] = around[(3, 4, 1, 6)[k]]
-            lead(first_x, first_y, i, i + 1, leaders)
+            offer_motion(first_x, first_y, i, i + 1, nearest_found)
     return num_found
 
 

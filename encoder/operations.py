@@ -99,7 +99,7 @@ def block_comparison(half_side_px: int = HALF_BLOCK_PX) -> Operations:
     return pair.times(_VECTOR_PX * rows)
 
 
-def leading() -> Operations:
+def spatial_candidates() -> Operations:
     """Count whether a point that was found shows another one where to look."""
     return Operations(adds=2 + 1 + 1, multiplies=2, logic=1, compares=1, bytes=4 * 4 + 2 * 8)
 
@@ -166,7 +166,7 @@ def stages(work: Work) -> Mapping[str, Operations]:
         "quantiser and planes": quantisation(per_band * work.num_coded_bands),
         "check bits": check_bits(work.num_words, work.num_rows, work.crc_bits),
         "corners": corners(work.num_corner_samples),
-        "block matching": compared + leading().times(work.num_pairs),
+        "block matching": compared + spatial_candidates().times(work.num_pairs),
         "coding of tracks": regression(work.num_positions),
         "syndromes": syndrome(work.num_syndrome_sums, work.num_syndrome_places),
     }

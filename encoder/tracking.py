@@ -29,7 +29,7 @@ class PointTracker:
         self._num_points = num_points
         self._subpixel_bits = subpixel_bits
         self._settings = settings or PointTrackerSettings()
-        self._led: tuple[Integers, NDArray[np.bool_]] | None = None
+        self._last_moved: tuple[Integers, NDArray[np.bool_]] | None = None
         self._num_before = 0
         self.work = TrackingWork() if work is None else work
 
@@ -54,7 +54,7 @@ class PointTracker:
         self._num_before = matching.num_alive
         self._follow(matching, luma, self._settings.max_coarse_searches)
         if matching.num_alive:
-            self._led = matching.velocity, matching.alive
+            self._last_moved = matching.velocity, matching.alive
         self.work.num_frames += 1
         self.work.cpu_s += coding_time_s() - started
 
@@ -121,8 +121,8 @@ class PointTracker:
     def _last_motion(self) -> Integers:
         """Return the median motion into the last frame where any point was found; at first, none."""
         median = np.zeros(2, np.int64)
-        if self._led:
-            _kernels.median_motion(*self._led, median)
+        if self._last_moved:
+            _kernels.median_motion(*self._last_moved, median)
         return median
 
     def _follow(self, matching: BlockMatchingTracker, luma: Plane, max_coarse_searches: int) -> None:

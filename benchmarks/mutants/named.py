@@ -21,7 +21,7 @@ NAMED = (
     Named("encoder", "_PARALLAX_WEIGHT =", "0.08", "0.02"),
     Named("encoder", "MIN_WORTH =", "1.5", "2.0"),
     Named("encoder", "BITS_PER_BIT =", "1.6", "1.3"),
-    Named("encoder", "REFERENCE_MARGIN =", "0.15", "0.3"),
+    Named("encoder", "REFERENCE_RATE_MARGIN =", "0.15", "0.3"),
     Named("encoder", "beyond =", "0.5", "0.25"),
     Named("dvc/config", "LAMBDA_PER_KEY_LAMBDA =", "4.0", "8.0"),
     Named(

@@ -44,8 +44,8 @@ MAX_GUESSED_SHARE = 0.5
 TRUST = 2.0
 """How much larger the scene's expected error may be than what block motion finds, for equal shares, where
 tracks tell the camera."""
-DOUBT = 0.25
-"""How much aligned block motion is doubted where it is far from what several hypotheses of the scene say."""
+DISAGREEMENT_WEIGHT = 0.25
+"""How much aligned block motion is distrusted where it is far from several hypotheses of the scene."""
 
 
 def fuse(hypotheses: Floats, decoded: Mapping[int, Floats]) -> tuple[Floats, Floats]:
@@ -83,7 +83,9 @@ def blend_guessed(block_motion: Prediction, rendered: Interpolation, temporal_po
 
 def blend_tracked(block_motion: Prediction, rendered: Interpolation) -> Prediction:
     """Blend a prediction from tracks alone with a scene whose camera they tell, by their expected errors."""
-    share = scene_share(block_motion, rendered, TRUST, doubt=DOUBT if rendered.hypotheses else 0.0)
+    share = scene_share(
+        block_motion, rendered, TRUST, disagreement_weight=DISAGREEMENT_WEIGHT if rendered.hypotheses else 0.0
+    )
     ours, theirs = neighbourhood(rendered.expected_error), inconsistency(block_motion)
     return replace(
         block_motion,
@@ -126,14 +128,14 @@ def scene_share(
     rendered: Interpolation,
     trust: float = 1.0,
     bound: float = 1.0,
-    doubt: float = 0.0,
+    disagreement_weight: float = 0.0,
 ) -> Floats:
     """Weigh the scene's prediction against that of block motion, pixel by pixel."""
     theirs, ours = inconsistency(block_motion), neighbourhood(rendered.expected_error)
     weight = theirs**2 * trust**2
-    if doubt > 0.0:
+    if disagreement_weight > 0.0:
         distance = neighbourhood((rendered.luma - block_motion.luma) ** 2)
-        weight = weight + doubt * np.maximum(distance - USUAL_DISAGREEMENT * weight, 0.0)
+        weight = weight + disagreement_weight * np.maximum(distance - USUAL_DISAGREEMENT * weight, 0.0)
     floor = np.sqrt(weight * (1.0 / bound - 1.0))
     share: Floats = weight / (weight + np.maximum(ours, floor) ** 2)
     return share

@@ -38,7 +38,7 @@ class EstimatedRate:
     """Shorter: P-type frames that rest on P-type frames need more than can be estimated."""
 
     def __post_init__(self) -> None:
-        """Refuse margins that make no sense."""
+        """Refuse rate margins that make no sense."""
         check_range("rate_margin_percent", self.rate_margin_percent, 0, MAX_RATE_MARGIN_PERCENT)
 
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 from dvc.config import MAX_GOP_LENGTH
 
 Around = tuple[int, int | None]
-"""Display positions of the nearest reference before a frame, and of that after it; none after an p_type."""
+"""Display positions of the nearest references before a frame and after it; none after a P-type frame."""
 
 
 def decoding_order(before: int, after: int, hierarchical: bool) -> list[tuple[int, tuple[int, int]]]:

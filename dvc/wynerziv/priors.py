@@ -146,7 +146,7 @@ class LearnedPriors:
         jump = noise.conditional_mean(middle, upper, side_information, scale)
         jump -= noise.conditional_mean(lower, middle, side_information, scale)
         along, across, spread = self._coupled[number].values
-        upright, lying = _orientation(band)
+        vertical, horizontal = _orientation(band)
         corrected = _bounded(corrected)
         coupling = NeighbourCoupling(
             corrected.reshape(shape),
@@ -154,7 +154,7 @@ class LearnedPriors:
             slope.reshape(shape),
             ((jump / scale) ** 2).reshape(shape),
             _widening(borders, side_information, scale).reshape(shape),
-            np.array([along if lying else across, along if upright else across, spread]),
+            np.array([along if horizontal else across, along if vertical else across, spread]),
         )
         return PlanePrior(corrected, coupling, place, inputs)
 
@@ -221,9 +221,9 @@ def _coupled_inputs(prior: PlanePrior, bits: Bits) -> Array:
     sides, ends = shift[1:-1, :-2] + shift[1:-1, 2:], shift[:-2, 1:-1] + shift[2:, 1:-1]
     surprise = np.pad(coupling.surprise * deviation, 1)
     spread = surprise[1:-1, :-2] + surprise[1:-1, 2:] + surprise[:-2, 1:-1] + surprise[2:, 1:-1]
-    upright, lying = _orientation(prior.place[0])
-    along = sides * lying + ends * upright
-    across = sides * (not lying) + ends * (not upright)
+    vertical, horizontal = _orientation(prior.place[0])
+    along = sides * horizontal + ends * vertical
+    across = sides * (not horizontal) + ends * (not vertical)
     terms = (
         coupling.slope * along,
         coupling.slope * across,

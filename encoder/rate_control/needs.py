@@ -25,16 +25,16 @@ CODE_RATIO = 1.12, 4.0
 """Length of the shortest syndrome that serves over the ideal code length: for long blocks, and what is added
 over the root of the bits of short ones."""
 BITS_PER_BIT = 1.6
-"""What a bit of ideal code length costs, where planes are chosen: syndrome and margin."""
+"""What a bit of ideal code length costs, where planes are chosen: syndrome and rate margin."""
 MIN_WORTH = 1.0, 1.5
 """How much more each of `BLOCKS` must be expected to save than it costs: what seems to save much was often
 misjudged."""
-MARGIN_BITS = 0.08
-"""What the margin is of besides the length, for each bit of a plane: small needs are expected the least
+RATE_MARGIN_BITS = 0.08
+"""What the rate margin is of besides the length, for each bit of a plane: small needs are expected the least
 reliably."""
-REFERENCE_MARGIN = 0.15
-"""By which power of what their bits are worth margins of frames that predict others are larger: where one of
-these is short, so are those that rest on it."""
+REFERENCE_RATE_MARGIN = 0.15
+"""Power of what their bits are worth by which rate margins of frames that predict others are larger: where
+one of these is short, so are those that rest on it."""
 REFINED_SHARE = 0.15
 """Of the squared residual of the other bands: what planes of DC save there, at most, since they tell how the
 prediction must move."""
@@ -89,7 +89,9 @@ class NeedEstimator:
         if not errors.residual.size:  # too small a picture to tell
             errors = BlockErrors(np.full((16, 1), _UNKNOWN, np.float32), np.zeros((16, 1), np.float32))
         multiplier = self._config.wyner_ziv.lambda_between(distance)
-        share = (self._config.wyner_ziv.lambda_wz / multiplier) ** REFERENCE_MARGIN if multiplier else 1.0
+        share = (
+            (self._config.wyner_ziv.lambda_wz / multiplier) ** REFERENCE_RATE_MARGIN if multiplier else 1.0
+        )
         costs = frame_costs(quantization, errors, num_bits)
         depths, codes = np.empty_like(costs.planes), []
         for bands, worth, needs in zip(_BANDS, MIN_WORTH, NEEDS, strict=True):
@@ -97,7 +99,7 @@ class NeedEstimator:
             size = num_bits * num_planes
             need = length_of(bits, needs, distance)
             usual, length = (
-                min(need + share * margin * (need + MARGIN_BITS * num_bits), 1.1 * size)
+                min(need + share * margin * (need + RATE_MARGIN_BITS * num_bits), 1.1 * size)
                 for margin in (EstimatedRate.rate_margin_percent / 100.0, self._margin)
             )
             if size > MAX_BLOCK_BITS or saved < worth * multiplier * (usual + BLOCK_BITS):

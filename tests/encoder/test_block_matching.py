@@ -91,17 +91,17 @@ def test_descents_stop_in_time(max_steps: int) -> None:
 @pytest.mark.parametrize("twin", [False, True])
 @pytest.mark.parametrize("seed", range(3))
 def test_points_follow_the_nearest_that_is_found(seed: int, twin: bool) -> None:
-    """The leader is the nearest point that was found, the first of equals, whatever the order was."""
-    lead = python_twin(_kernels.lead) if twin else _kernels.lead
+    """The first of equals, whatever the order was in which points were found."""
+    offer = python_twin(_kernels.offer_motion) if twin else _kernels.offer_motion
     rng = np.random.default_rng(seed)
     first = rng.integers(0, [6, 16384], (30, 2))
-    found, leaders = np.zeros(30, np.bool_), np.full(30, _kernels.UNKNOWN << 20)
+    found, nearest = np.zeros(30, np.bool_), np.full(30, _kernels.UNKNOWN << 20)
     x, y = (np.ascontiguousarray(component, np.int32) for component in first.T)
     for j in rng.permutation(30)[:12].tolist():
         found[j] = True
-        lead(x, y, j, 0, leaders)
-        expected = [reference.leader(first, found, i) for i in range(30)]
-        assert (leaders & (1 << 20) - 1).tolist() == expected
+        offer(x, y, j, 0, nearest)
+        expected = [reference.nearest_found(first, found, i) for i in range(30)]
+        assert (nearest & (1 << 20) - 1).tolist() == expected
 
 
 @pytest.mark.parametrize("twin", [False, True])

@@ -92,13 +92,15 @@ def test_block_comparison(half_side_px: int) -> None:
     assert counts.tolist() == [1, side**2]
 
 
-def test_leading() -> None:
+def test_spatial_candidates() -> None:
     """A point that was found is compared with all that are left."""
     tally, places = Tally(), RNG.integers(0, 200, (2, 9)).astype(np.int32)
-    leaders = np.full(9, _kernels.UNKNOWN << 20)
-    given = (*(Data(line, tally) for line in places), 2, 3, Data(leaders, tally))
-    assert counted(_kernels.lead, tally, *given, scratch=False) == operations.leading().times(6)
-    assert (leaders[3:] < _kernels.UNKNOWN << 20).all()
+    nearest_found = np.full(9, _kernels.UNKNOWN << 20)
+    given = (*(Data(line, tally) for line in places), 2, 3, Data(nearest_found, tally))
+    assert counted(
+        _kernels.offer_motion, tally, *given, scratch=False
+    ) == operations.spatial_candidates().times(6)
+    assert (nearest_found[3:] < _kernels.UNKNOWN << 20).all()
 
 
 def harris(luma: Data, tally: Tally) -> Data:

@@ -42,7 +42,7 @@ def spiral_search(
     return best
 
 
-def leader(first: NDArray[np.int64], found: NDArray[np.bool_], i: int) -> int:
+def nearest_found(first: NDArray[np.int64], found: NDArray[np.bool_], i: int) -> int:
     """Return which point that is found started nearest to another, the first of equals; -1 if none."""
     squares = ((first - first[i]) ** 2).sum(axis=1)
     return int(np.argmin(np.where(found, squares, 2**40))) if found.any() else -1

@@ -48,7 +48,7 @@ def test_distances_of_a_group_of_eight() -> None:
 def test_p_type_frames_come_first_and_know_only_what_is_before_them(
     before: int, length: int, hierarchical: bool, distance: int
 ) -> None:
-    """The last frame is an p_type, none is farther than allowed, and all other frames follow."""
+    """The last frame is a P-type frame, none is farther than allowed, and all other frames follow."""
     last = before + length
     order = p_type_order(before, last, hierarchical, distance)
     assert sorted(index for index, _ in order) == list(range(before + 1, last + 1))

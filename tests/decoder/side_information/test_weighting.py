@@ -120,5 +120,7 @@ def test_block_motion_is_doubted_where_it_is_far_from_the_scene() -> None:
     for offset, doubted in ((1.0, False), (60.0, True)):
         luma = rendered.luma + offset
         block_motion = Prediction(luma, None, (luma, luma), "mci")
-        plain, doubting = (scene_share(block_motion, rendered, doubt=doubt) for doubt in (0.0, 0.25))
-        assert (doubting > plain + 0.4).all() if doubted else np.array_equal(doubting, plain)
+        plain, weighed = (
+            scene_share(block_motion, rendered, disagreement_weight=weight) for weight in (0.0, 0.25)
+        )
+        assert (weighed > plain + 0.4).all() if doubted else np.array_equal(weighed, plain)
