@@ -67,14 +67,13 @@ def costs(path: Path, qp: int, num_frames: int) -> Iterator[Cost]:
                             fields[first + after - 1] = field
                     first += record.num_frames
         with StreamReader(stream) as reader:
-            groups = list(decode_stream(reader.config, reader))
-    key_bits = np.mean([8 * len(group.record.key) for group in groups if group.key is not None])
+            decoded = list(decode_stream(reader.config, reader))
+    key_bits = np.mean([8 * len(group.record.key) for group in decoded if group.key is not None])
     side_px = max(session.config.video.width, session.config.video.height)
-    for group in groups:
-        for frame in group.wyner_ziv:
-            if frame.index in fields:
-                share = 8 * len(frame.punctured) / float(key_bits)
-                yield Cost(path.stem, side_px, fields[frame.index], share)
+    for frame in (frame for group in decoded for frame in group.wyner_ziv):
+        if frame.index in fields:
+            share = 8 * len(frame.punctured) / float(key_bits)
+            yield Cost(path.stem, side_px, fields[frame.index], share)
 
 
 def fit(found: Sequence[Cost]) -> Floats:
