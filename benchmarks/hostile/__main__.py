@@ -8,12 +8,13 @@ is written to a folder by ``--finds``; what lies in `tests/golden/finds` is trie
 import argparse
 import secrets
 import sys
+from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 from benchmarks.hostile.attempts import kinds
-from benchmarks.hostile.batches import GOOD, KINDS, run_batch, run_kind, stop, summary
+from benchmarks.hostile.batches import GOOD, KINDS, Try, run, run_batch, stop
 from dvc import cli
 
 PROG = "python -m benchmarks.hostile"
@@ -23,6 +24,8 @@ EXAMPLES = """\
   python -m benchmarks.hostile --kind buffered --first 4711 --count 1   one mutation again
 """
 _MOST = 10**9
+_FEW = 100
+"""Mutations of a kind for which no process is worth its start."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,14 +42,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args(argv)
     if arguments.child:
-        for outcome in run_batch(arguments.kind[0], _numbers(arguments)):
+        tries = [(kind, int(number)) for kind, number in map(str.split, sys.stdin)]
+        for outcome in run_batch(tries):
             print(outcome, flush=True)
         return 0
     return cli.run(PROG, lambda: _run(arguments))
-
-
-def _numbers(arguments: argparse.Namespace) -> range:
-    return range(arguments.first, arguments.first + arguments.count)
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -54,31 +54,38 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.first = secrets.randbelow(_MOST)
         print(f"--first {arguments.first}")
     harmful, chosen = 0, arguments.kind or KINDS
+    num_parts = len(chosen) if arguments.count > _FEW else min(arguments.jobs, len(chosen))
+    numbers = range(arguments.first, arguments.first + arguments.count)
+    parts = [[(kind, n) for kind in chosen[k::num_parts] for n in numbers] for k in range(num_parts)]
     with (
         cli.progress_bar("mutations", arguments.count * len(chosen)) as progress,
         ThreadPoolExecutor(arguments.jobs) as pool,
     ):
-        work = [pool.submit(run_kind, kind, arguments.first, arguments.count, progress) for kind in chosen]
+        work = {pool.submit(run, part, progress): part for part in parts}
         try:
-            for kind, outcomes in zip(chosen, work, strict=True):
-                harmful += _tell(kind, outcomes.result(), arguments.finds)
-        finally:
+            for done in as_completed(work):
+                harmful += _tell(work[done], done.result(), arguments.finds)
+        except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             stop()
+            raise
     return cli.EXIT_BAD_INPUT if harmful else 0
 
 
-def _tell(kind: str, outcomes: dict[int, str], finds: Path | None) -> int:
-    """Print outcomes, and keep what did harm; return how many did."""
-    counts, failures = summary(outcomes)
-    good = (f"{count} {text}" for text, count in counts.most_common() if text in GOOD)
-    print(f"{kind}: " + ", ".join(good), flush=True)
-    for number, text in failures.items():
-        print(f"  {number}: {text}", flush=True)
-        if finds is not None:
-            (finds / kind).mkdir(parents=True, exist_ok=True)
-            (finds / kind / f"{number}.bin").write_bytes(kinds()[kind].damaged(number))
-    return len(failures)
+def _tell(tries: Sequence[Try], outcomes: Sequence[str], finds: Path | None) -> int:
+    """Print outcomes by kinds, and keep what did harm; return how many did."""
+    found = list(zip(tries, outcomes, strict=True))
+    for chosen in dict.fromkeys(kind for kind, _ in tries):
+        counts = Counter(text for (kind, _), text in found if kind == chosen and text in GOOD)
+        good = ", ".join(f"{count} {text}" for text, count in counts.most_common())
+        print(f"{chosen}: {good}", flush=True)
+        for (kind, number), text in found:
+            if kind == chosen and text not in GOOD:
+                print(f"  {number}: {text}", flush=True)
+                if finds is not None:
+                    (finds / kind).mkdir(parents=True, exist_ok=True)
+                    (finds / kind / f"{number}.bin").write_bytes(kinds()[kind].damaged(number))
+    return sum(text not in GOOD for text in outcomes)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import traceback
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from tempfile import TemporaryFile
@@ -18,13 +17,15 @@ from decoder.processes import stop_idle_processes
 from dvc import cli
 from dvc.errors import DvcError
 
-COMPILING_S, STALLED_S = 900.0, 60.0
+COMPILING_S, STALLED_S = 900.0, 120.0
 """How long a process may say nothing: at first, when it may compile all kernels, and later."""
 GOOD = frozenset({"refused", "decoded"})
 """Outcomes that are no failure."""
 
 KINDS = tuple(kinds())
 Advance = Callable[[int], None]
+Try = tuple[str, int]
+"""A kind, and the number of a mutation."""
 _running: list[subprocess.Popen[str]] = []
 _stopping = Event()
 
@@ -67,14 +68,17 @@ def _limited_memory(most: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
 
 
-def run_batch(kind: str, numbers: Sequence[int]) -> Iterator[str]:
+def run_batch(tries: Sequence[Try]) -> Iterator[str]:
     """Try mutations in this process, and tell what each does."""
-    chosen = kinds()[kind]
+    before = None
     with forked_workers():
-        with suppress(Exception):
-            chosen.outcome(chosen.damaged(numbers[0]))  # loads kernels, and makes what is mutated
-        stop_idle_processes()  # others inherit the limit
-        for number in numbers:
+        for kind, number in tries:
+            chosen = kinds()[kind]
+            if kind != before:
+                with suppress(Exception):
+                    chosen.outcome(chosen.damaged(number))  # loads kernels, and makes what is mutated
+                stop_idle_processes()  # others inherit the limit
+                before = kind
             outcome = _outcome(chosen, number)
             # Kernels that nothing has called before take time and memory as well: only once.
             yield outcome if outcome in GOOD else _outcome(chosen, number)
@@ -97,30 +101,33 @@ def _outcome(kind: Kind, number: int) -> str:
         return f"traceback: {type(err).__name__} in {place.name}: {cli.one_line(err)}"
 
 
-def run_kind(kind: str, first: int, count: int, advance: Advance = lambda _: None) -> dict[int, str]:
+def run(tries: Sequence[Try], advance: Advance = lambda _: None) -> list[str]:
     """Try mutations in a child process, and in another one where that does not survive them."""
-    outcomes: dict[int, str] = {}
-    while len(outcomes) < count and not _stopping.is_set():
-        number = first + len(outcomes)
-        found, ended = _child(kind, number, count - len(outcomes), advance)
-        outcomes |= dict(enumerate(found, number))
-        if len(outcomes) < count:
-            outcomes[first + len(outcomes)] = ended
+    outcomes: list[str] = []
+    while len(outcomes) < len(tries) and not _stopping.is_set():
+        found, ended = _child(tries[len(outcomes) :], advance)
+        outcomes += found
+        if len(outcomes) < len(tries):
+            outcomes.append(ended)
             advance(1)
     return outcomes
 
 
-def _child(kind: str, first: int, count: int, advance: Advance) -> tuple[list[str], str]:
+def _child(tries: Sequence[Try], advance: Advance) -> tuple[list[str], str]:
     """Return outcomes of a process as far as it came, and how it ended."""
-    command = [sys.executable, "-m", "benchmarks.hostile", "--kind", kind, "--child"]
-    command += ["--first", str(first), "--count", str(count)]
+    command = [sys.executable, "-m", "benchmarks.hostile", "--child"]
     outcomes: list[str] = []
-    with TemporaryFile() as said:
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=said, text=True) as process:
+    with TemporaryFile("w+") as asked, TemporaryFile() as said:
+        asked.writelines(f"{kind} {number}\n" for kind, number in tries)
+        asked.seek(0)
+        with subprocess.Popen(
+            command, stdin=asked, stdout=subprocess.PIPE, stderr=said, text=True
+        ) as process:
             _running.append(process)
             assert process.stdout is not None
             watchdog = Watchdog(process.kill)
             for line in process.stdout:
+                kind, _ = tries[len(outcomes)]
                 outcomes.append(line.rstrip("\n"))
                 advance(1)
                 watchdog.feed(STALLED_S + 10 * max_seconds(kinds()[kind].num_pixels))
@@ -161,8 +168,3 @@ class Watchdog:
     def _wake(self) -> None:
         self.barked = True
         self._bark()
-
-
-def summary(outcomes: dict[int, str]) -> tuple[Counter[str], dict[int, str]]:
-    """Count outcomes."""
-    return Counter(outcomes.values()), {n: text for n, text in sorted(outcomes.items()) if text not in GOOD}

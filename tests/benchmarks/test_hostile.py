@@ -4,7 +4,7 @@ import io
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext, suppress
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +13,7 @@ from threading import Event
 import numpy as np
 import pytest
 
+import benchmarks.hostile.__main__ as main
 from benchmarks.hostile import (
     attempts,
     batches,
@@ -170,7 +171,7 @@ def test_harm_is_told() -> None:
     assert outcomes[0].startswith("hang")
     assert outcomes[1].startswith("allocation")
     assert "ZeroDivisionError" in outcomes[2]
-    assert set(batches.summary(outcomes)[1]) == {0, 1, 2, 3}
+    assert not batches.GOOD & set(outcomes.values())
 
 
 def test_time_and_memory_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,13 +186,33 @@ def test_time_and_memory_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_crash_counts_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a process ends in a mutation, that is a crash, and the next process goes on after it."""
 
-    def child(_kind: str, first: int, count: int, _advance: batches.Advance) -> tuple[list[str], str]:
-        return ["refused"] * (min(5, first + count) - first if first <= 5 else count), "crash: status -11"
+    def child(tries: Sequence[batches.Try], _advance: batches.Advance) -> tuple[list[str], str]:
+        before = [number for _, number in tries].index(5) if ("colour", 5) in tries else len(tries)
+        return ["refused"] * before, "crash: status -11"
 
     monkeypatch.setattr(batches, "_child", child)
-    counts, failures = batches.summary(batches.run_kind("buffered", 0, 300))
-    assert failures == {5: "crash: status -11"}
-    assert counts["refused"] == 299
+    outcomes = batches.run([("colour", number) for number in range(300)])
+    assert outcomes == ["refused"] * 5 + ["crash: status -11"] + ["refused"] * 294
+
+
+def test_command_tells_outcomes_by_kinds(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """What did harm is told by its number, and kept; then the exit status is not 0."""
+
+    def run(tries: Sequence[batches.Try], _advance: batches.Advance) -> list[str]:
+        return ["hang" if each == ("cameras", 7) else "refused" for each in tries]
+
+    monkeypatch.setattr(main, "run", run)
+    options = ["--kind", "cameras", "--kind", "layers", "--first", "6", "--finds", str(tmp_path)]
+    assert main.main([*options, "--count", "3"]) == 2
+    assert capsys.readouterr().out == "cameras: 2 refused\n  7: hang\nlayers: 3 refused\n"
+    kept = tmp_path / "cameras" / "7.bin"
+    assert kept.read_bytes() == attempts.kinds()["cameras"].damaged(7)
+    assert list(tmp_path.glob("*/*")) == [kept]
+    monkeypatch.undo()
+    assert main.main(["--kind", "cameras", "--count", "3"]) == 0
+    assert capsys.readouterr().out.startswith("cameras: ")
 
 
 def test_a_process_that_says_nothing_is_killed() -> None:
