@@ -24,8 +24,8 @@ _MOTION_WEIGHT = 1.5  # of the longer side of the picture
 _PARALLAX_WEIGHT = 0.08  # per pixel
 _LOSS_WEIGHT = 2.0
 """Set by hand on twelve P-type frames of box, desk and river at QP 30 and 34, above the costs rather than
-below them. `benchmarks.searches.p_type_shares` fits them: box, desk, river, QP 34, 17 frames give 0.12,
-2.94, 0.13 and 1.24, by six P-type frames; those in use are off by +0.00, +0.09 and +0.14 key frames."""
+below them. `benchmarks.searches.p_type_shares` fits them: box, desk and river, QP 34, 33 frames give 0.14,
+2.40, 0.14 and 0.94, by twelve P-type frames; those in use are off by +0.04, +0.14 and +0.15 key frames."""
 MAX_SHARE = 1.1
 """Of the bits of a key frame, that the P-type frames of a group may be estimated to cost: they also serve as
 the middle frame of the group, which would be a Wyner-Ziv frame anyway."""
