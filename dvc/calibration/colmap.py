@@ -86,7 +86,10 @@ def _quiet() -> Iterator[None]:
 
 
 def _views(model: Any, names: Sequence[str], sizes: Sequence[Size], source: str) -> CalibratedViews:
-    images = {Path(image.name).name: image for image in model.images.values() if image.has_pose}
+    try:
+        images = {Path(image.name).name: image for image in model.images.values() if image.has_pose}
+    except UnicodeDecodeError as err:
+        raise DvcError(f"{source}: a picture has a name that is no text") from err
     cameras = []
     for name, size in zip(names, sizes, strict=True):
         if name not in images:
