@@ -115,7 +115,7 @@ def _from_middlebury(
     values: dict[str, str] = dict(re.findall(r"^\s*(\w+)\s*=\s*(.*?)\s*$", text, flags=re.MULTILINE))
     try:
         intrinsics = [
-            np.array([row.split() for row in values[key].strip("[]").split(";")], dtype=np.float64)
+            _matrix([row.split() for row in values[key].strip("[]").split(";")], (3, 3))
             for key in ("cam0", "cam1")
         ]
         baseline = float(values["baseline"])
@@ -128,7 +128,7 @@ def _from_middlebury(
         if size != declared:
             raise ConfigError(f"{name}: {size[0]}x{size[1]}, but {path} is for {declared[0]}x{declared[1]}")
     cameras = [
-        camera_from_matrices(name, K.reshape(3, 3), np.eye(3), np.array([-k * baseline, 0.0, 0.0]), size)
+        camera_from_matrices(name, K, np.eye(3), np.array([-k * baseline, 0.0, 0.0]), size)
         for k, (name, K, size) in enumerate(zip(names, intrinsics, sizes, strict=True))
     ]
     depths = [focal * baseline / (limit + doffs) for limit in limits if limit + doffs > 0.0]
