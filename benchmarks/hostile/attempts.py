@@ -69,8 +69,10 @@ def try_stream(good: Good | None, damaged: bytes, jobs: int = 1) -> str:
                 if done < intact and not all(map(np.array_equal, group, groups[done])):
                     return "an undamaged group decodes to other frames"
                 done += 1
-    except BitstreamError:
+    except BitstreamError as err:
         outcome = "refused"
+        if "allows more" in str(err):  # before anything is decoded, for what is declared
+            return outcome
     return outcome if done >= intact else f"an undamaged group is lost: {done} of {intact} decoded"
 
 
