@@ -13,7 +13,7 @@ from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
 from dvc.errors import BitstreamError
-from dvc.slepian_wolf import Answer, ParityRequest, Place, num_codes
+from dvc.slepian_wolf import Answer, ParityRequest, Place
 from dvc.stream import Form, GopRecord
 from dvc.tracks import FeaturePoints, PointTracks, decode_points, decode_tracks
 from dvc.wynerziv.hierarchy import Around, group_order, levels, reference_distance
@@ -140,7 +140,7 @@ class GroupDecoder:
         """Return what answers the requests for a frame of a stream."""
         layout, payload = self._decoder.layout, task.record.wyner_ziv[index - task.first_index]
         if task.form is Form.BUFFERED:
-            return BufferedFrame(layout, payload, num_codes(self._config.turbo.family)).answer
+            return BufferedFrame(layout, payload, slepian_wolf.plane_coder(self._config).num_codes).answer
         return PuncturedFrame(layout, payload).answer
 
     def _received(self, tracks: bytes, num_frames: int) -> Points:

@@ -45,7 +45,7 @@ class NoFeedbackDecoder:
         if not self._layout.embedded:
             raise BitstreamError("a no-feedback stream has embedded bins")
         settings = self._config.wyner_ziv
-        received = NoFeedbackFrame.read(self._layout, payload, self._config.turbo)
+        received = NoFeedbackFrame.read(self._layout, payload, self._config.seed)
         state = FrameState(self._layout, prediction, settings.noise_model)
         num_failed, costs = 0, []
         for number, block in enumerate(received.blocks):

@@ -8,7 +8,7 @@ bands, and the side information is refined and fused with what it was at first.
 """
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,20 +35,6 @@ NUM_FITTED_PLANES = 5
 """Planes of a band after which the scale is fitted again; later planes tell little."""
 LOOK_AHEAD = 2
 """Planes of a band that are looked at together before the next is given up."""
-REQUESTS = slepian_wolf.SlepianWolfSettings(
-    initial_rate=0.9,
-    early_rate=1.0,
-    early_step=0.05,
-    step=0.02,
-    progress=0.95,
-    min_step_bits=3,
-    stuck_errors=0.98,
-    stuck_step=0.03,
-    stuck_iterations=2,
-    search_work=0.0,
-    uncoded_entropy=0.9,
-)
-"""Coarser steps than those that cost the fewest bits, and no search: a trade of rate for decoding time."""
 
 
 FrameCoroutine = Generator[slepian_wolf.ParityRequest, Bits, DecodedFrame]
@@ -71,12 +57,7 @@ class WynerZivDecoder:
     def __init__(self, config: CodecConfig) -> None:
         self.layout = FrameLayout.of(config)
         self._config = config
-        self._settings = replace(
-            REQUESTS,
-            family=config.turbo.family,
-            batch=config.turbo.batch_percent / 100,
-            batch_bits=config.turbo.batch_bits,
-        )
+        self._coder = slepian_wolf.plane_coder(config)
         self._idle: list[slepian_wolf.PlaneDecoder] = []
 
     def new_priors(self) -> LearnedPriors:
@@ -92,15 +73,11 @@ class WynerZivDecoder:
         multiplier: float = 0.0,
     ) -> FrameCoroutine:
         """Decode one frame."""
-        planes = self._idle.pop() if self._idle else self._new_plane_decoder()
+        planes = self._idle.pop() if self._idle else self._coder.decoder(self.layout.num_bits)
         frame = _Frame(self._config, self.layout, planes, priors, index)
         decoded = yield from frame.decode(quantization, prediction, multiplier)
         self._idle.append(planes)
         return decoded
-
-    def _new_plane_decoder(self) -> slepian_wolf.PlaneDecoder:
-        seed = self._config.turbo.interleaver_seed
-        return slepian_wolf.plane_decoder(self._settings, self.layout.num_bits, seed)
 
 
 @dataclass(frozen=True)
@@ -139,7 +116,7 @@ class _Frame:
             num_requests=check.num_requests + sum(result.num_requests for result in results),
             crc_bits=check.crc_bits + sum(result.crc_bits for result in results),
             parity_bits=sum(result.parity_bits for result in results),
-            num_failed_planes=sum(not result.success for result in results) + (not check.success),
+            num_failed_planes=int(not check.success),
             num_skipped_planes=quantization.num_planes - len(results),
             band_costs=tuple(_cost(band, planes) for band, planes in decoded.items() if planes),
         )

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dvc import cli
 from dvc.config import (
+    CODERS,
     DEFAULT_CODEC,
+    DEFAULT_CODER,
     DEFAULT_QP,
     KEY_FRAME_CHOICES,
     MAX_GOP_LENGTH,
@@ -19,10 +21,11 @@ from dvc.config import (
     MAX_TRACKS_BPP,
     NOISE_MODELS,
     REFERENCES,
-    TURBO_FAMILIES,
     VARIANTS,
+    CascadeConfig,
     CodecConfig,
     CodecVariant,
+    CoderConfig,
     Delivery,
     DiscoverMatrix,
     EstimatedRate,
@@ -32,7 +35,6 @@ from dvc.config import (
     ParityBuffer,
     Qp,
     Quality,
-    TurboConfig,
     VideoConfig,
     WynerZivConfig,
     codec_config,
@@ -229,15 +231,17 @@ def _add_coding(group: argparse._ArgumentGroup) -> None:
     _add_groups(group)
     _add_quality(group)
     add(
-        "--turbo",
-        choices=TURBO_FAMILIES,
-        help=f"codes of the bit planes; default: {TurboConfig.family}",
+        "--coder",
+        choices=CODERS,
+        default=DEFAULT_CODER,
+        help="codes of the bit planes, where a decoder asks: parities of ranges that it chooses, or punctured"
+        " turbo codes as in the thesis; default: %(default)s",
     )
     add(
         "--long-delay",
         action="store_true",
         help="for a live decoder that is far away: it asks for more at once, so that less often is waited for"
-        " answers, for some percent of the rate; with --turbo cascade, the default",
+        " answers, for some percent of the rate; with --coder cascade",
     )
     add("--luma-only", action="store_true", help="code no chroma")
     add(
@@ -407,19 +411,18 @@ def _configuration(arguments: argparse.Namespace, info: "VideoInfo", delivery: D
         ),
         key=_key(arguments),
         wyner_ziv={"noise_model": arguments.noise_model},
-        turbo=_turbo(arguments),
+        coder=_coder(arguments),
         tracks=_given(num_points=arguments.points, subpixel_bits=arguments.subpixel),
         seed=arguments.seed,
     )
 
 
-def _turbo(arguments: argparse.Namespace) -> dict[str, Any]:
-    chosen = _given(family=arguments.turbo) | {"interleaver_seed": arguments.seed}
+def _coder(arguments: argparse.Namespace) -> CoderConfig:
     if not arguments.long_delay:
-        return chosen
-    if arguments.turbo not in (None, TurboConfig.family):
-        raise ConfigError(f"--long-delay is for --turbo {TurboConfig.family}, not for {arguments.turbo}")
-    return chosen | {"batch_percent": LONG_DELAY_PERCENT, "batch_bits": LONG_DELAY_BITS}
+        return CODERS[arguments.coder]()
+    if arguments.coder != DEFAULT_CODER:
+        raise ConfigError(f"--long-delay is for --coder {DEFAULT_CODER}, not for {arguments.coder}")
+    return CascadeConfig(LONG_DELAY_PERCENT, LONG_DELAY_BITS)
 
 
 def _key(arguments: argparse.Namespace) -> dict[str, Any]:

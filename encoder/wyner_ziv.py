@@ -37,7 +37,7 @@ class WynerZivEncoder:
     def __init__(self, config: CodecConfig) -> None:
         self.work = RateControlWork()
         self._layout = FrameLayout.of(config)
-        self._encoders = slepian_wolf.parity_encoders(config.turbo.family, config.turbo.interleaver_seed)
+        self._coder = slepian_wolf.plane_coder(config)
 
     def encode(self, frame: Frame, step: float = 1.0) -> EncodedFrame:
         """Encode one frame; parity is computed when it is asked for."""
@@ -56,13 +56,13 @@ class WynerZivEncoder:
 
     def encoder_buffer(self, num_slots: int) -> EncoderBuffer:
         """Return what answers requests for frames of this configuration."""
-        return EncoderBuffer(self._layout, self._encoders, num_slots)
+        return EncoderBuffer(self._layout, self._coder, num_slots)
 
     def _transformed(self, frame: Frame, step: float, memory: NDArray[np.int16] | None) -> EncodedFrame:
         """Transform a frame; its planes are packed when they are needed."""
         step_index = quantizer.index_of_step(step)
         quantization, packing = transform_frame(self._layout, frame.luma, step_index, memory)
-        return EncodedFrame(self._layout, quantization, packing, self._encoders)
+        return EncodedFrame(self._layout, quantization, packing, self._coder)
 
 
 class LiveEncoder(WynerZivEncoder):

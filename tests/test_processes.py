@@ -177,18 +177,18 @@ def scene_clip(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("codec", "references", "gop", "turbo"),
+    ("codec", "references", "gop", "coder"),
     [
-        ("3d", "keys", 3, "adaptive"),
+        ("3d", "keys", 3, "turbo"),
         ("3d-te", "hierarchical", 6, "cascade"),
-        ("3d-td", "all", 3, "adaptive"),
+        ("3d-td", "all", 3, "turbo"),
     ],
 )
 def test_scene_prediction_is_the_same_in_every_form(
-    folder: Path, scene_clip: Path, codec: str, references: str, gop: int, turbo: str
+    folder: Path, scene_clip: Path, codec: str, references: str, gop: int, coder: str
 ) -> None:
     """3D side information: any number of jobs, a punctured decoding and a live run agree to the bit."""
-    coding = ["--gop", gop, "--references", references, "--turbo", turbo]
+    coding = ["--gop", gop, "--references", references, "--coder", coder]
     if codec == DEFAULT_CODEC:
         coding += ["--qp", 20]  # some planes pay, others do not
     else:

@@ -11,7 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hostile.workers import STREAMS
-from dvc.config import CodecConfig, DiscoverMatrix, GopConfig, Live, Qp, Quality, VideoConfig, codec_config
+from dvc.config import (
+    CascadeConfig,
+    CodecConfig,
+    CoderConfig,
+    DiscoverMatrix,
+    GopConfig,
+    Live,
+    Qp,
+    Quality,
+    TurboConfig,
+    VideoConfig,
+    codec_config,
+)
 from dvc.feedback import Connection, connect, listen
 from dvc.stream import GopRecord, StreamReader, StreamWriter
 from dvc.video import Frame
@@ -71,8 +83,8 @@ def _config(codec: str, video: VideoConfig, allocated: bool) -> CodecConfig:
     """Return a configuration of short groups of pictures; by allocation there are P type ones among them."""
     if codec == "2d":
         quality: Quality = Qp(28) if allocated else DiscoverMatrix(2)
-        coder = {} if allocated else {"family": "classical"}
-        return codec_config(video, codec, quality, key={"qp": 36}, turbo=coder)
+        coder: CoderConfig = CascadeConfig() if allocated else TurboConfig()
+        return codec_config(video, codec, quality, key={"qp": 36}, coder=coder)
     gop = GopConfig(3, "hierarchical", *((2, 6) if allocated else (0, 0)))
     return codec_config(video, codec, Qp(34) if allocated else DiscoverMatrix(1), gop=gop, key={"qp": 36})
 

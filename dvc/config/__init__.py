@@ -4,6 +4,13 @@ from dvc.config.codec import (
     CodecConfig,
     codec_config,
 )
+from dvc.config.coders import (
+    CODERS,
+    DEFAULT_CODER,
+    CascadeConfig,
+    CoderConfig,
+    TurboConfig,
+)
 from dvc.config.delivery import (
     MAX_RATE_MARGIN_PERCENT,
     Delivery,
@@ -41,14 +48,12 @@ from dvc.config.sections import (
     REFERENCES,
     SFM_BACKENDS,
     TRACKS_KINDS,
-    TURBO_FAMILIES,
     ZIGZAG,
     GeometryConfig,
     GopConfig,
     KeyFrameConfig,
     SideInformationConfig,
     TracksConfig,
-    TurboConfig,
     VideoConfig,
     WynerZivConfig,
     key_lambda,
@@ -66,7 +71,9 @@ from dvc.config.variants import (
 )
 
 __all__ = [
+    "CODERS",
     "DEFAULT_CODEC",
+    "DEFAULT_CODER",
     "DEFAULT_QP",
     "DISCOVER_LEVELS",
     "FALLBACKS",
@@ -91,11 +98,12 @@ __all__ = [
     "REFERENCES",
     "SFM_BACKENDS",
     "TRACKS_KINDS",
-    "TURBO_FAMILIES",
     "VARIANTS",
     "ZIGZAG",
+    "CascadeConfig",
     "CodecConfig",
     "CodecVariant",
+    "CoderConfig",
     "Delivery",
     "DiscoverMatrix",
     "EstimatedRate",

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from dvc.config.coders import CascadeConfig, CoderConfig
 from dvc.config.delivery import Delivery, EstimatedRate, ParityBuffer
 from dvc.config.fields import Section, check_choice, check_range
 from dvc.config.quality import Qp, Quality
@@ -19,7 +20,6 @@ from dvc.config.sections import (
     KeyFrameConfig,
     SideInformationConfig,
     TracksConfig,
-    TurboConfig,
     VideoConfig,
     WynerZivConfig,
 )
@@ -43,8 +43,8 @@ class CodecConfig(Section):
         Key frames.
     wyner_ziv : WynerZivConfig
         Quantisers, and decoding of the bands.
-    turbo : TurboConfig
-        Coding of bit planes.
+    coder : CoderConfig
+        Coding of bit planes, where a decoder asks: settings of the coder that is chosen.
     side_information : SideInformationConfig
         Prediction at the decoder.
     geometry : GeometryConfig
@@ -52,7 +52,7 @@ class CodecConfig(Section):
     tracks : TracksConfig
         Points that are sent.
     seed : int
-        Of all randomness but the interleavers.
+        Of everything random.
     """
 
     video: VideoConfig
@@ -60,7 +60,7 @@ class CodecConfig(Section):
     gop: GopConfig = GopConfig()
     key: KeyFrameConfig = KeyFrameConfig()
     wyner_ziv: WynerZivConfig = WynerZivConfig()
-    turbo: TurboConfig = TurboConfig()
+    coder: CoderConfig = CascadeConfig()
     side_information: SideInformationConfig = SideInformationConfig()
     geometry: GeometryConfig = GeometryConfig()
     tracks: TracksConfig = TracksConfig()
@@ -115,7 +115,7 @@ def codec_config(
         "gop": _gop_config(codec, delivery, overrides.get("gop"), uses_p_type),
         "key": KeyFrameConfig(quality.key_qp),
         "wyner_ziv": quality.wyner_ziv,
-        "turbo": TurboConfig(),
+        "coder": CascadeConfig(),
         "side_information": variant.side_information,
         "geometry": GeometryConfig(),
         "tracks": variant.tracks,

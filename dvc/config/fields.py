@@ -4,10 +4,10 @@ import base64
 import binascii
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, fields
 from functools import cache
 from types import MappingProxyType
-from typing import Any, Self, get_type_hints
+from typing import Any, Self, TypeGuard, get_type_hints
 
 from dvc.errors import ConfigError
 
@@ -50,7 +50,7 @@ def _check_type(name: str, value: object, hint: Any) -> None:
         good = type(value) is float and math.isfinite(value)
         expected = "a finite number"
     else:
-        good = type(value) is hint
+        good = isinstance(value, hint) if _is_section(hint) else type(value) is hint
         expected = f"of type {hint.__name__}"
     if not good:
         raise ConfigError(f"`{name}` must be {expected}, got {shown(value)}")
@@ -78,9 +78,18 @@ class Section:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
         """Rebuild the section from JSON-safe values; fields that are left out take their defaults."""
-        built = _build(cls, values, "configuration")
+        return cls.build(values, "configuration")
+
+    @classmethod
+    def build(cls, values: Any, name: str) -> Self:
+        """Build the section from a dictionary of JSON values or of the fields themselves."""
+        built = _build(cls, values, name)
         assert isinstance(built, cls)
         return built
+
+
+def _is_section(hint: Any) -> TypeGuard[type[Section]]:
+    return isinstance(hint, type) and issubclass(hint, Section)
 
 
 def _to_json(value: Any) -> Any:
@@ -116,6 +125,6 @@ def _build(section: Any, values: Any, name: str) -> Any:
             continue
         hint, value = hints[field.name], values[field.name]
         arguments[field.name] = (
-            _build(hint, value, field.name) if is_dataclass(hint) else _from_json(field.name, value, hint)
+            hint.build(value, field.name) if _is_section(hint) else _from_json(field.name, value, hint)
         )
     return section(**arguments)

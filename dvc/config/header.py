@@ -11,6 +11,7 @@ from operator import attrgetter
 from typing import Any
 
 from dvc.config.codec import CodecConfig
+from dvc.config.coders import CODERS, DEFAULT_CODER, CoderConfig
 from dvc.config.fields import type_hints_of
 from dvc.config.sections import MAX_PARAMETER_SETS_BYTES
 from dvc.errors import BitstreamError, ConfigError
@@ -35,10 +36,9 @@ FIELD_NUMBERS = {
     "wyner_ziv.lambda_wz": 26,
     "wyner_ziv.lambda_percent": 27,
     "wyner_ziv.priors": 28,
-    "turbo.family": 40,
-    "turbo.interleaver_seed": 41,
-    "turbo.batch_percent": 42,
-    "turbo.batch_bits": 43,
+    "coder.name": 40,
+    "coder.batch_percent": 41,
+    "coder.batch_bits": 42,
     "side_information.method": 56,
     "side_information.track_corrections": 57,
     "side_information.fallback": 58,
@@ -58,10 +58,14 @@ _MAX_TUPLE_LENGTH = 64
 @cache
 def _leaf(path: str) -> tuple[Any, Any]:
     """Return the type of a field and its default, `MISSING` if it has none."""
+    if path == "coder.name":
+        return str, DEFAULT_CODER
     section: Any = CodecConfig
     *parents, name = path.split(".")
     for parent in parents:
         section = type_hints_of(section)[parent]
+    if section is CoderConfig:
+        section = next(coder for coder in CODERS.values() if name in type_hints_of(coder))
     (field,) = (field for field in fields(section) if field.name == name)
     return type_hints_of(section)[name], field.default
 
@@ -105,6 +109,12 @@ def _decode_value(data: bytes, position: int, hint: Any) -> tuple[Any, int]:
     return value, position
 
 
+def _value(config: CodecConfig, path: str, default: Any) -> Any:
+    """Return the value of a field; a coder has not the fields of others."""
+    *parents, name = path.split(".")
+    return getattr(attrgetter(".".join(parents))(config) if parents else config, name, default)
+
+
 def encode_config(config: CodecConfig) -> bytes:
     """Write a configuration for a stream header; inverse of `decode_config`.
 
@@ -125,8 +135,9 @@ def encode_config(config: CodecConfig) -> bytes:
 
     parts = []
     for path, number in FIELD_NUMBERS.items():
-        value = attrgetter(path)(config)
-        if value != _leaf(path)[1]:
+        default = _leaf(path)[1]
+        value = _value(config, path, default)
+        if value != default:
             parts.append(encode_varint(number) + _encode_value(value))
     return b"".join(parts)
 

@@ -11,7 +11,6 @@ REFERENCES = ("keys", "hierarchical", "all")
 TRACKS_KINDS = ("none", "encoder", "decoder")
 FALLBACKS = ("block-motion", "tracks")
 SFM_BACKENDS = ("native", "colmap")
-TURBO_FAMILIES = ("adaptive", "classical", "cascade")
 NOISE_MODELS = ("frame", "band", "coefficient", "local")
 PRIORS = ("laplacian", "learned")
 NUM_BANDS = 16
@@ -210,27 +209,6 @@ class WynerZivConfig(Section):
             Step in coefficient units; 1 where nothing sets it.
         """
         return STEP_PER_ROOT_LAMBDA * math.sqrt(self.lambda_between(distance)) or 1.0
-
-
-@dataclass(frozen=True)
-class TurboConfig(Section):
-    """Slepian-Wolf coding of the bit planes."""
-
-    family: str = "cascade"  # set of turbo codes that the decoder chooses from, or parities of ranges
-    interleaver_seed: int = 0
-    # With parities of ranges, what the answers to a request are to tell, in percent of what is not known of
-    # the plane; 0: as little as costs the fewest bits, in the most requests.
-    batch_percent: int = 0
-    # Bits that they are to tell beyond that share; above 0, orders that are not in use yet help with it.
-    batch_bits: int = 0
-
-    def _check_values(self) -> None:
-        check_choice("family", self.family, TURBO_FAMILIES)
-        check_range("interleaver_seed", self.interleaver_seed, 0, 2**31 - 1)
-        check_range("batch_percent", self.batch_percent, 0, 100)
-        check_range("batch_bits", self.batch_bits, 0, 1000 if self.batch_percent else 0)
-        if self.batch_percent and self.family != "cascade":
-            raise ConfigError("`batch_percent` is for parities of ranges, family `cascade`")
 
 
 @dataclass(frozen=True)

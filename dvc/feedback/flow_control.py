@@ -12,7 +12,7 @@ import numpy as np
 from dvc.config import CodecConfig
 from dvc.feedback import _kernels
 from dvc.feedback.messages import MAX_ANSWER_BITS
-from dvc.slepian_wolf import CASCADE, CRC_BITS, KINDS, RequestTable, num_codes
+from dvc.slepian_wolf import CRC_BITS, KINDS, RequestTable, plane_coder
 from dvc.slepian_wolf.requests import SLOT
 
 MAX_OPEN_GOPS = 32
@@ -53,18 +53,18 @@ class FlowControl:
         self.ended = False
         self._has_p_type = config.gop.p_type_distance > 0
         num_planes = sum(config.wyner_ziv.max_planes)
-        by_positions = config.turbo.family == CASCADE
+        coder = plane_coder(config)
         limits = {
             "crc": CRC_BITS,
             "parity": config.video.num_blocks,
             "uncoded": config.video.num_blocks,
-            "joint": num_planes * CRC_BITS if by_positions else 0,
+            "joint": num_planes * CRC_BITS if coder.by_positions else 0,
         }
         self._rules = _kernels.Rules(
             config.gop.length,
             np.array([limits[kind] for kind in KINDS]),
             CRC_BITS,
-            num_codes(config.turbo.family),
+            coder.num_codes,
         )
         self._num_gops = 0
         self.num_slots = max_open_gops(config) * config.gop.length

@@ -1,6 +1,9 @@
 """Compiled loops of what coders of planes share: words of bits, checks, priors; no validation, no I/O."""
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
 
@@ -30,7 +33,7 @@ _L0, _L1, _L2, _L3, _L4, _L5, _L6 = (
         -0.017029610589036435,
     )
 )
-_MAX_SPREAD = 2.0  # that surprises of neighbours count as together
+_MAX_SPREAD = 2.0  # that excess energies of neighbours count as together
 
 
 @kernel
@@ -87,15 +90,28 @@ def crc_words(words, polynomial, width, register):
             fed = dividend[start:stop]
             for lag in range(nearest, width + 1):
                 if (polynomial >> (width - lag)) & 1:
-                    place = dividend[start + lag * power : stop + lag * power]
+                    reached = dividend[start + lag * power : stop + lag * power]
                     for n in range(fed.size):
-                        place[n] ^= fed[n]
+                        reached[n] ^= fed[n]
             start = stop
     register[:] = dividend[words.size :]
 
 
 @kernel
-def _surprise(magnitude, prob_wrong, info):
+def joint_check(checks, planes, polynomial):
+    """CRC over the check bits of planes, one plane after the other, a word a bit; `checks`: (W, width)."""
+    width = checks.shape[1]
+    words, register = np.empty(planes.size * width, np.uint64), np.empty(width, np.uint64)
+    for k in range(planes.size):
+        row, shift = planes[k] // 64, np.uint64(63 - planes[k] % 64)
+        for n in range(width):
+            words[k * width + n] = (checks[row, n] >> shift) & np.uint64(1)
+    crc_words(words, polynomial, width, register)
+    return register
+
+
+@kernel
+def _bit_information(magnitude, prob_wrong, info):
     """Write -log(1 - p) of every bit, p the probability that its sign is wrong, and p itself."""
     bit_probabilities(magnitude, info, prob_wrong)
     for i in range(magnitude.size):
@@ -108,7 +124,7 @@ def prior_entropy(llr):
     magnitude = np.abs(llr)
     prob_wrong = np.empty(llr.size, np.float32)
     info = np.empty(llr.size, np.float32)
-    _surprise(magnitude, prob_wrong, info)
+    _bit_information(magnitude, prob_wrong, info)
     total = 0.0
     for i in range(llr.size):
         total += info[i] + magnitude[i] * prob_wrong[i]
@@ -121,7 +137,7 @@ def prior_information(llr, decisions):
     magnitude = np.abs(llr)
     prob_wrong = np.empty(llr.size, np.float32)
     info = np.empty(llr.size, np.float32)
-    _surprise(magnitude, prob_wrong, info)
+    _bit_information(magnitude, prob_wrong, info)
     total = 0.0
     for i in range(llr.size):
         total += info[i]
@@ -130,11 +146,21 @@ def prior_information(llr, decisions):
     return total * _BITS_PER_NAT
 
 
+class Lattice(NamedTuple):
+    """Bits that depend on their neighbours; all of shape (rows, columns), but `weights` of shape (3,)."""
+
+    alone: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    slope: NDArray[np.float64]
+    excess: NDArray[np.float64]
+    widening: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+
 @kernel
-def add_neighbours(deviation, alone, shift, slope, surprise, widening, weights, causal, llr):
-    """Write LLRs with what is believed of neighbours added; all (rows, columns) float64 but `weights` (3,).
-    Write LLRs with what is believed of neighbours added; all (rows, columns) float64 but `weights` (3,).
-    """
+def add_neighbours(lattice, deviation, causal, llr):
+    """Write LLRs with what is believed of neighbours added; `deviation` and `llr`: (rows, columns)."""
+    alone, shift, slope, excess, widening, weights = lattice
     rows, columns = alone.shape
     for r in range(rows):
         for c in range(columns):
@@ -143,6 +169,6 @@ def add_neighbours(deviation, alone, shift, slope, surprise, widening, weights, 
                 y, x = r - (k == 1) + (k == 3), c - (k == 0) + (k == 2)
                 if 0 <= y < rows and 0 <= x < columns:
                     moved += weights[k & 1] * (shift[y, x] * deviation[y, x])
-                    spread += surprise[y, x] * deviation[y, x]
+                    spread += excess[y, x] * deviation[y, x]
             spread = min(max(spread, -_MAX_SPREAD), _MAX_SPREAD)
             llr[r, c] = alone[r, c] + slope[r, c] * moved + widening[r, c] * (weights[2] * spread)

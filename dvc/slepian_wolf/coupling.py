@@ -1,4 +1,4 @@
-"""Bits on a lattice that depend on their neighbours: what beliefs of these tell of each."""
+"""Bits on a lattice that depend on their neighbours: LLRs of each, given beliefs of these."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,14 +14,12 @@ Bits = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class NeighbourCoupling:
-    """A plane as an Ising model: a bit says by how much its neighbours are shifted, and how far they spread.
-    A plane as an Ising model: a bit says by how much its neighbours are shifted, and how far they spread.
-    """
+    """A plane as an Ising model: a bit gives the shift of its neighbours, and how far they spread."""
 
     alone: Array  # LLR log p(0) / p(1) of each bit where nothing is known of its neighbours
-    shift: Array  # what a bit of 1, in place of 0, tells of the values of its neighbours
-    slope: Array  # by how much the LLR changes with what neighbours tell so
-    # square of what a bit tells so of its own value, in squared scales; where there is more of it than was to
+    shift: Array  # by how much a bit of 1, in place of 0, shifts the values of its neighbours
+    slope: Array  # by how much the LLR changes with the shift by neighbours
+    # square of the shift of a bit's own value, in squared scales; where there is more of it than was to
     # be expected, values of neighbours spread further
     energy: Array
     widening: Array  # by how much the LLR changes with the energy of neighbours beyond what was expected
@@ -36,8 +34,8 @@ class NeighbourCoupling:
         return one.reshape(self.alone.shape).astype(np.float64)
 
     @cached_property
-    def surprise(self) -> Array:
-        """Energy beyond what was expected that a bit of 1 tells, in place of 0; shape (rows, columns)."""
+    def excess_energy(self) -> Array:
+        """Energy beyond what was expected of a bit of 1, in place of 0; shape (rows, columns)."""
         return self.energy * (1.0 - 2.0 * self.probability_alone)
 
     def llr_given(self, probability: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -51,8 +49,8 @@ class NeighbourCoupling:
     def _llr(self, probability: NDArray[np.floating] | Bits, causal: bool) -> NDArray[np.float32]:
         deviation = probability.astype(np.float64).reshape(self.alone.shape) - self.probability_alone
         llr = np.empty_like(self.alone)
-        _kernels.add_neighbours(
-            deviation, self.alone, self.shift, self.slope, self.surprise, self.widening, self.weights,
-            causal, llr,
-        )  # fmt: skip
+        lattice = _kernels.Lattice(
+            self.alone, self.shift, self.slope, self.excess_energy, self.widening, self.weights
+        )
+        _kernels.add_neighbours(lattice, deviation, causal, llr)
         return llr.ravel().astype(np.float32)

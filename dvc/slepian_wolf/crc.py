@@ -1,5 +1,7 @@
 """Cyclic redundancy checks over bit planes, all planes of a frame together."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,8 +12,10 @@ POLYNOMIALS = {8: 0x07, 12: 0x80F, 16: 0x1021, 24: 0x864CFB, 32: 0x04C11DB7}
 """Generator without its leading term, by number of check bits; registers start at zero."""
 CRC_BITS = 16
 """Check bits of every plane that encoders compute."""
-divide_words = _kernels.crc_words
-"""What `crc_words` calls, for compiled callers: words, a polynomial and its number of bits, the result."""
+joint_check_of_words: Callable[[NDArray[np.uint64], NDArray[np.int64], int], NDArray[np.uint64]] = (
+    _kernels.joint_check
+)
+"""What encoders check planes together by; for compiled callers, too."""
 
 
 def crc_words(words: NDArray[np.uint64], num_bits: int) -> NDArray[np.uint64]:

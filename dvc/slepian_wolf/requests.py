@@ -73,7 +73,7 @@ class RequestTable(NamedTuple):
 Answer = Callable[[ParityRequest], Bits]
 """Turns a request into bits: ndarray of shape (count,), uint8."""
 Place = tuple[int, int]
-"""Numbers of a frame, and of a plane in it: at most one request for a plane waits for its answer."""
+"""Index of a frame, and of a plane in it: at most one request for a plane waits for its answer."""
 Result = TypeVar("Result")
 
 
@@ -117,6 +117,6 @@ def together(
     for number in range(len(coroutines)):
         requests += _advance(number, None)
         while len(waiting) > (0 if number + 1 == len(coroutines) else at_a_time - 1):
-            place, bits = yield requests
-            requests = _advance(waiting.pop(place), bits)
+            position, bits = yield requests
+            requests = _advance(waiting.pop(position), bits)
     return [results[number] for number in range(len(coroutines))]

@@ -23,7 +23,6 @@ class PlaneResult:
     """A decoded plane and what it cost; uncoded bits count as parity."""
 
     bits: Bits
-    success: bool
     num_requests: int
     crc_bits: int
     parity_bits: int

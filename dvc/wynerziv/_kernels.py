@@ -103,15 +103,6 @@ def pack_uniform(core, scale, step, origins, num_planes, words):
 
 
 @kernel
-def take_planes(words, planes, bits):
-    """Write the bits of planes (P, N), each in a word of its own; `pack_uniform` tells where planes stand."""
-    for i in range(planes.size):
-        row, shift = words[planes[i] >> 6], np.uint64(63 - (planes[i] & 63))
-        for n in range(row.size):
-            bits[i, n] = (row[n] >> shift) & np.uint64(1)
-
-
-@kernel
 def pack_dead_zone(core, scale, step, num_planes, first_plane, words):
     """Quantise an AC band (doubled zero bin) and put its planes into `words`."""
     max_number = (1 << (num_planes - 1)) - 1

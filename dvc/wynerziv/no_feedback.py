@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc.bits import BitReader, pack_bits
-from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf.ldpc.graph import Sparsity, SyndromeGraph, syndrome
 from dvc.wynerziv.payloads import EncodedFrame
@@ -61,9 +60,7 @@ class SentPlanes:
     # code of the length of the syndrome of each of `BLOCKS`; 0 where none of its planes is sent
     length_codes: tuple[int, ...]
 
-    def graph(
-        self, block: int, quantization: Quantization, num_bits: int, settings: TurboConfig
-    ) -> SyndromeGraph | None:
+    def graph(self, block: int, quantization: Quantization, num_bits: int, seed: int) -> SyndromeGraph | None:
         """Return the code of a block."""
         first, depths = quantization.first_plane, self.depths
         bands = [range(first[band], first[band] + depths[band]) for band in BLOCKS[block] if depths[band]]
@@ -71,15 +68,15 @@ class SentPlanes:
         length = syndrome_length(self.length_codes[block])
         if not (length and planes):
             return None
-        return SyndromeGraph(num_bits, planes, length, settings.interleaver_seed, SPARSITY[block])
+        return SyndromeGraph(num_bits, planes, length, seed, SPARSITY[block])
 
 
-def encode_payload(frame: EncodedFrame, sent: SentPlanes, settings: TurboConfig) -> bytes:
+def encode_payload(frame: EncodedFrame, sent: SentPlanes, seed: int) -> bytes:
     """Pack what is sent of a frame; inverse of `NoFeedbackFrame.read`."""
     digits = plane_digits(sent.depths) + "".join(f"{code:0{LENGTH_CODE_BITS}b}" for code in sent.length_codes)
     parts = [np.frombuffer(digits.encode(), np.uint8) & np.uint8(1)]
     blocks = (
-        sent.graph(block, frame.quantization, frame.layout.num_bits, settings) for block in range(len(BLOCKS))
+        sent.graph(block, frame.quantization, frame.layout.num_bits, seed) for block in range(len(BLOCKS))
     )
     graphs = [graph for graph in blocks if graph is not None]
     if graphs:
@@ -107,7 +104,7 @@ class NoFeedbackFrame:
     blocks: tuple[SentBlock | None, ...]  # each of `BLOCKS`; None where nothing was sent of it
 
     @classmethod
-    def read(cls, layout: FrameLayout, payload: bytes, settings: TurboConfig) -> Self:
+    def read(cls, layout: FrameLayout, payload: bytes, seed: int) -> Self:
         """Unpack a payload; inverse of `encode_payload`."""
         quantization = layout.read_header(payload)
         reader = BitReader(payload[len(quantization.header) :])
@@ -118,7 +115,7 @@ class NoFeedbackFrame:
         sent = SentPlanes(depths, codes)
         blocks: list[SentBlock | None] = []
         for number in range(len(BLOCKS)):
-            graph = sent.graph(number, quantization, layout.num_bits, settings)
+            graph = sent.graph(number, quantization, layout.num_bits, seed)
             if graph is not None and graph.size > MAX_BLOCK_BITS:
                 raise BitstreamError(f"a block of {graph.size} bits, at most {MAX_BLOCK_BITS} are allowed")
             if graph is None:

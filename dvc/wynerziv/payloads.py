@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dvc import slepian_wolf
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import ParityRequest
+from dvc.slepian_wolf.crc import POLYNOMIALS, joint_check_of_words
 from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.quantizer import FrameLayout, Quantization
 
@@ -98,14 +99,14 @@ class EncodedFrame:
         layout: FrameLayout,
         quantization: Quantization,
         words: Words | Packing,
-        encoders: Sequence[slepian_wolf.ParityEncoder],
+        coder: slepian_wolf.PlaneCoder | None = None,
     ) -> None:
         self.layout, self.quantization = layout, quantization
         self.header = quantization.header
         self.num_packed_bands = 0
         self._packing: Packing | None = words if callable(words) else lambda _: words
         self._num_planes = quantization.num_planes
-        self._encoders = encoders
+        self._coder = coder  # none, where nothing of the frame is asked for
 
     @property
     def words(self) -> Words:
@@ -130,25 +131,23 @@ class EncodedFrame:
                 check[:] = slepian_wolf.crc_words(row, self.layout.crc_bits)
         return self._words
 
-    def _encode(self, code: int, parity: Words) -> None:
-        for row, released in zip(self.words, parity, strict=True):
-            self._encoders[code](row, released)
-
     def joint_check(self, planes: Sequence[int]) -> Bits:
         """Return check bits of several planes together."""
         checks = self._checks if self.num_packed_bands else self.checks
-        bits = np.empty((len(planes), checks.shape[1]), np.uint64)
-        _kernels.take_planes(checks, np.array(planes, np.int64), bits)
-        return slepian_wolf.joint_check(bits)
+        polynomial = POLYNOMIALS[checks.shape[1]]
+        return joint_check_of_words(checks, np.array(planes, np.int64), polynomial).astype(np.uint8)
 
     def buffered_payload(self) -> bytes:
         """Pack the header and everything that may be asked; inverse of `BufferedFrame`."""
+        assert self._coder is not None
         num_rows, num_bits = self.words.shape
         first = self.checks.shape[1] + num_bits
-        words = np.empty((num_rows, first + len(self._encoders) * num_bits), np.uint64)
+        words = np.empty((num_rows, first + self._coder.num_codes * num_bits), np.uint64)
         np.concatenate([self.checks, self.words], axis=1, out=words[:, :first])
-        for code in range(len(self._encoders)):
-            self._encode(code, words[:, first + code * num_bits : first + (code + 1) * num_bits])
+        for code in range(self._coder.num_codes):
+            parity = words[:, first + code * num_bits : first + (code + 1) * num_bits]
+            for row, released in zip(self.words, parity, strict=True):
+                self._coder.encode(code, row, released)
         size = -(-self._num_planes // 8)
         return self.header + words.T.astype(">u8", order="C").view(np.uint8)[:, :size].tobytes()
 

@@ -214,13 +214,13 @@ def _ramp(dc_error: Array, band: int) -> Array:
 
 
 def _coupled_inputs(prior: PlanePrior, bits: Bits) -> Array:
-    """Return what neighbours along and across, and their surprise, tell where all bits are known."""
+    """Return what neighbours along and across, and their excess energy, tell where all bits are known."""
     coupling = prior.coupling
     deviation = bits.reshape(coupling.alone.shape) - coupling.probability_alone
     shift = np.pad(coupling.shift * deviation, 1)
     sides, ends = shift[1:-1, :-2] + shift[1:-1, 2:], shift[:-2, 1:-1] + shift[2:, 1:-1]
-    surprise = np.pad(coupling.surprise * deviation, 1)
-    spread = surprise[1:-1, :-2] + surprise[1:-1, 2:] + surprise[:-2, 1:-1] + surprise[2:, 1:-1]
+    excess = np.pad(coupling.excess_energy * deviation, 1)
+    spread = excess[1:-1, :-2] + excess[1:-1, 2:] + excess[:-2, 1:-1] + excess[2:, 1:-1]
     vertical, horizontal = _orientation(prior.place[0])
     along = sides * horizontal + ends * vertical
     across = sides * (not horizontal) + ends * (not vertical)

@@ -52,7 +52,7 @@ class RateController:
         payloads = [b""] * len(frames)
         for chosen in self.choices(group, frames):
             frame, sent = frames[chosen.number], chosen.choice.sent
-            payloads[chosen.number] = encode_payload(frame, sent, self._config.turbo)
+            payloads[chosen.number] = encode_payload(frame, sent, self._config.seed)
             self._count(sent, frame.layout.num_bits)
         return tuple(payloads)
 

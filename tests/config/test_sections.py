@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dvc.bits import encode_varint
 from dvc.config import (
     DISCOVER_LEVELS,
     FIELD_NUMBERS,
@@ -20,9 +21,9 @@ from dvc.config import (
     REFERENCES,
     SFM_BACKENDS,
     TRACKS_KINDS,
-    TURBO_FAMILIES,
     VARIANTS,
     ZIGZAG,
+    CascadeConfig,
     CodecConfig,
     DiscoverMatrix,
     EstimatedRate,
@@ -55,8 +56,8 @@ def configs(draw: st.DrawFn) -> CodecConfig:
     side = st.integers(1, 4096)
     rate = st.integers(1, 2**31 - 1)
     level = st.sampled_from([0, 2, 4, 8, 16, 32, 64, 128, 256])
-    references, family = draw(st.sampled_from(REFERENCES)), draw(st.sampled_from(TURBO_FAMILIES))
-    batch_percent = draw(st.integers(0, 100)) if family == "cascade" else 0
+    references, batch_percent = draw(st.sampled_from(REFERENCES)), draw(st.integers(0, 100))
+    cascade = CascadeConfig(batch_percent, draw(st.integers(0, 1000)) if batch_percent else 0)
     return CodecConfig(
         VideoConfig(draw(side), draw(side), draw(rate), draw(rate), draw(st.booleans())),
         draw(st.sampled_from(list(VARIANTS))),
@@ -72,12 +73,7 @@ def configs(draw: st.DrawFn) -> CodecConfig:
             lambda_percent=tuple(draw(st.lists(st.integers(1, 100), max_size=8))),
             priors=draw(st.sampled_from(PRIORS)),
         ),
-        TurboConfig(
-            family,
-            draw(st.integers(0, 2**31 - 1)),
-            batch_percent=batch_percent,
-            batch_bits=draw(st.integers(0, 1000)) if batch_percent else 0,
-        ),
+        draw(st.sampled_from([TurboConfig(), cascade])),
         SideInformationConfig(draw(st.from_regex(r"[a-z0-9_-]{1,32}", fullmatch=True))),
         GeometryConfig(draw(st.sampled_from(SFM_BACKENDS)), draw(st.floats(0, 100))),
         TracksConfig(
@@ -112,7 +108,7 @@ def test_field_numbers_cover_all_fields_once() -> None:
             found += paths(value, f"{field.name}.") if is_dataclass(value) else [prefix + field.name]
         return found
 
-    assert sorted(paths(DEFAULT)) == sorted(FIELD_NUMBERS)
+    assert sorted([*paths(DEFAULT), "coder.name"]) == sorted(FIELD_NUMBERS)
     assert list(FIELD_NUMBERS.values()) == sorted(set(FIELD_NUMBERS.values()))
 
 
@@ -136,11 +132,18 @@ def test_zigzag_and_matrices_follow_the_standard() -> None:
     assert one_by_one == (8, 7, 2, 1) + 12 * (0,)
 
 
-def test_turbo_families_exist() -> None:
-    """Every family that a configuration accepts is one that planes can be coded with."""
-    from dvc.slepian_wolf import num_codes
-
-    assert all(num_codes(name) for name in TURBO_FAMILIES)
+def test_a_coder_has_its_own_settings_only() -> None:
+    """Settings of another coder are refused, in a table as in a header."""
+    turbo = replace(DEFAULT, coder=TurboConfig())
+    assert turbo.to_dict()["coder"] == {"name": "turbo"}
+    values = turbo.to_dict() | {"coder": {"name": "turbo", "batch_percent": 3}}
+    with pytest.raises(ConfigError, match="`coder` has no field 'batch_percent'"):
+        CodecConfig.from_dict(values)
+    batched = encode_config(replace(DEFAULT, coder=CascadeConfig(3)))
+    number = bytes([FIELD_NUMBERS["coder.batch_percent"]])
+    named = encode_varint(FIELD_NUMBERS["coder.name"]) + encode_varint(5) + b"turbo"
+    with pytest.raises(BitstreamError, match="`coder` has no field 'batch_percent'"):
+        decode_config(batched.replace(number + b"\x03", named + number + b"\x03"))
 
 
 def test_key_qp_follows_the_quantiser() -> None:
@@ -188,8 +191,9 @@ def test_sizes_of_planes() -> None:
         ("geometry", "path_regularity", float("inf"), "finite"),
         ("geometry", "path_regularity", 2**1328, "finite number, got a number of 1329 bits"),
         ("geometry", "path_regularity", -1, "from 0.0"),
-        ("turbo", "family", "ldpc", "one of adaptive, classical, cascade, got 'ldpc'"),
-        ("turbo", "interleaver_seed", -1, "`interleaver_seed`"),
+        ("coder", "name", "ldpc", "one of cascade, turbo, got 'ldpc'"),
+        ("coder", "batch_percent", 101, "`batch_percent` must be from 0 to 100"),
+        ("coder", "batch_bits", 4, "`batch_bits` must be from 0 to 0"),
         ("side_information", "method", "../x", "`method`"),
         ("side_information", "method", "", "`method`"),
         ("side_information", "method", "m" * 33, "`method`"),

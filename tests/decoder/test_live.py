@@ -15,7 +15,7 @@ from benchmarks.slow_link import slow_link
 from decoder.live import HELD_SHARE, HeldRequests, LiveSource
 from decoder.session import decode_live, decode_stream
 from decoder.tasks import DecodedGroup
-from dvc.config import CodecConfig, Delivery, Live, Qp, VideoConfig, codec_config
+from dvc.config import CascadeConfig, CodecConfig, Delivery, Live, Qp, VideoConfig, codec_config
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback import MAX_OPEN_GOPS, Connection, EncoderEndpoint, connect, listen, max_open_gops
 from dvc.limits import Limits
@@ -37,7 +37,7 @@ def configuration(**gop: int) -> CodecConfig:
         Qp(32),
         gop={"length": 4, "references": "hierarchical"} | gop,
         key={"qp": 36},
-        turbo={"batch_percent": 50, "batch_bits": 4},
+        coder=CascadeConfig(50, 4),
     )
 
 

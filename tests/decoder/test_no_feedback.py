@@ -17,9 +17,7 @@ from dvc.wynerziv.quantizer import FrameLayout
 from tests.clips import moving_texture
 
 HEIGHT, WIDTH = 96, 128
-CONFIG = codec_config(
-    VideoConfig(WIDTH, HEIGHT, 25, 1, luma_only=True), "2d", Qp(32), turbo={"interleaver_seed": 1}
-)
+CONFIG = codec_config(VideoConfig(WIDTH, HEIGHT, 25, 1, luma_only=True), "2d", Qp(32), seed=1)
 LAYOUT = FrameLayout.of(CONFIG)
 LUMA = next(iter(moving_texture(1, HEIGHT, WIDTH))).luma
 QUANTIZATION, WORDS = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(24.0))
@@ -29,7 +27,7 @@ DEPTHS = (QUANTIZATION.planes[0],) + (0,) * 15
 def payload(share: float) -> bytes:
     """Encode the frame: the DC band with so many syndrome bits for each of its bits."""
     sent = SentPlanes(DEPTHS, (length_code(share * DEPTHS[0] * LAYOUT.num_bits), 0))
-    return encode_payload(EncodedFrame(LAYOUT, QUANTIZATION, WORDS, ()), sent, CONFIG.turbo)
+    return encode_payload(EncodedFrame(LAYOUT, QUANTIZATION, WORDS), sent, CONFIG.seed)
 
 
 def decoded(data: bytes, noise: float) -> DecodedFrame:

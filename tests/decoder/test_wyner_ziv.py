@@ -9,8 +9,8 @@ from decoder.side_information.protocol import Prediction
 from decoder.tasks import DecodedFrame
 from decoder.wyner_ziv import WynerZivDecoder
 from dvc.config import (
+    CODERS,
     NOISE_MODELS,
-    TURBO_FAMILIES,
     CodecConfig,
     DiscoverMatrix,
     VideoConfig,
@@ -18,7 +18,7 @@ from dvc.config import (
     codec_config,
 )
 from dvc.metrics import psnr_db
-from dvc.slepian_wolf import CRC_BITS, Answer, drive, num_codes
+from dvc.slepian_wolf import CRC_BITS, Answer, drive, plane_coder
 from dvc.video import Frame
 from dvc.wynerziv import transform
 from dvc.wynerziv.payloads import BufferedFrame, EncodedFrame, quantize_frame
@@ -30,12 +30,13 @@ from tests.reference.wynerziv_planes import quantize
 HEIGHT, WIDTH = 30, 44
 
 
-def config_of(q: int, **turbo: object) -> CodecConfig:
+def config_of(q: int, coder: str = "turbo") -> CodecConfig:
     return codec_config(
         VideoConfig(WIDTH, HEIGHT, 25, 1),
         "2d",
         DiscoverMatrix(q),
-        turbo={"family": "adaptive", "interleaver_seed": 1, **turbo},
+        coder=CODERS[coder](),
+        seed=1,
     )
 
 
@@ -51,7 +52,7 @@ def decode(
 
 def answering(config: CodecConfig, encoded: EncodedFrame) -> Answer:
     """Return what answers requests for a frame."""
-    codes = num_codes(config.turbo.family)
+    codes = plane_coder(config).num_codes
     return BufferedFrame(encoded.layout, encoded.buffered_payload(), codes).answer
 
 
@@ -79,10 +80,10 @@ def original() -> Frame:
 
 
 @pytest.mark.parametrize("q", [1, 4, 8])
-@pytest.mark.parametrize("family", TURBO_FAMILIES)
-def test_every_bin_is_decoded(original: Frame, q: int, family: str) -> None:
+@pytest.mark.parametrize("coder", CODERS)
+def test_every_bin_is_decoded(original: Frame, q: int, coder: str) -> None:
     """All bit planes arrive, and reconstruction keeps (nearly all) coefficients in their bins."""
-    config = config_of(q, family=family)
+    config = config_of(q, coder)
     decoded = decode(config, original, noisy_prediction(original, 4.0))
     assert decoded.num_failed_planes == 0
     quantization, _ = quantize_frame(FrameLayout.of(config), original.luma)
@@ -95,7 +96,7 @@ def test_every_bin_is_decoded(original: Frame, q: int, family: str) -> None:
         band for band, planes in enumerate(config.wyner_ziv.max_planes) if planes
     ]
     assert 0 < ideal < paid <= decoded.parity_bits + decoded.crc_bits
-    assert (paid == decoded.parity_bits + decoded.crc_bits) == (family != "cascade")
+    assert (paid == decoded.parity_bits + decoded.crc_bits) == (coder != "cascade")
 
 
 @pytest.mark.parametrize("noise", [0.5, 3.0, 10.0])
@@ -221,17 +222,17 @@ def test_a_frame_may_be_left_as_predicted(original: Frame) -> None:
     np.testing.assert_array_equal(decoded.frame.luma, decoded.side_information)
 
 
-def _learning(config: CodecConfig, family: str) -> CodecConfig:
+def _learning(config: CodecConfig, coder: str) -> CodecConfig:
     learned = replace(config.wyner_ziv, priors="learned")
-    return replace(config, wyner_ziv=learned, turbo=replace(config.turbo, family=family))
+    return replace(config, wyner_ziv=learned, coder=CODERS[coder]())
 
 
-@pytest.mark.parametrize("family", TURBO_FAMILIES)
-def test_learned_priors_decode_the_same_bins(original: Frame, family: str) -> None:
+@pytest.mark.parametrize("coder", CODERS)
+def test_learned_priors_decode_the_same_bins(original: Frame, coder: str) -> None:
     """Priors change what planes cost, not what they are, with codes that know of neighbours or do not."""
     prediction = noisy_prediction(original, 5.0)
     plain = decode(embedded_config(), original, prediction, 8.0)
-    learned = decode(_learning(embedded_config(), family), original, prediction, 8.0)
+    learned = decode(_learning(embedded_config(), coder), original, prediction, 8.0)
     assert learned.num_failed_planes == 0
     np.testing.assert_array_equal(learned.frame.luma, plain.frame.luma)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dvc.config import (
+    CODERS,
     CodecConfig,
     DiscoverMatrix,
     EstimatedRate,
@@ -23,14 +24,14 @@ from tests.clips import moving_texture
 FRAMES = moving_texture(3, 32, 48, (3.0, 5.0))
 
 
-def config_of(quality: Quality, family: str = "cascade") -> CodecConfig:
-    return codec_config(VideoConfig(48, 32, 25, 1), quality=quality, turbo={"family": family})
+def config_of(quality: Quality, coder: str = "cascade") -> CodecConfig:
+    return codec_config(VideoConfig(48, 32, 25, 1), quality=quality, coder=CODERS[coder]())
 
 
-@pytest.mark.parametrize(("quality", "family"), [(Qp(30), "cascade"), (DiscoverMatrix(4), "classical")])
-def test_frames_of_a_group_are_those_coded_alone(quality: Quality, family: str) -> None:
+@pytest.mark.parametrize(("quality", "coder"), [(Qp(30), "cascade"), (DiscoverMatrix(4), "turbo")])
+def test_frames_of_a_group_are_those_coded_alone(quality: Quality, coder: str) -> None:
     """In every order and with every step, and whether planes are packed at once or when they are needed."""
-    config = config_of(quality, family)
+    config = config_of(quality, coder)
     steps = [config.wyner_ziv.step(distance) for distance in (2, 8, 4)]
     at_once, as_needed = wyner_ziv_encoder(config, ParityBuffer()), wyner_ziv_encoder(config, EstimatedRate())
     together = at_once.encode_group(FRAMES, steps)

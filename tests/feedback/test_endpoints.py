@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc.config import DiscoverMatrix, VideoConfig, codec_config, encode_config
+from dvc.config import DiscoverMatrix, TurboConfig, VideoConfig, codec_config, encode_config
 from dvc.errors import FeedbackError
 from dvc.feedback import (
     KEEP_ALIVE,
@@ -42,7 +42,7 @@ from dvc.slepian_wolf import ParityRequest, RequestTable
 from dvc.stream import GopRecord
 
 CONFIG = codec_config(
-    VideoConfig(176, 144, 15, 1), "2d", DiscoverMatrix(4), gop={"length": 4}, turbo={"family": "adaptive"}
+    VideoConfig(176, 144, 15, 1), "2d", DiscoverMatrix(4), gop={"length": 4}, coder=TurboConfig()
 )
 NUM_BITS = 1584
 NUM_CRC_BITS = 16

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc.bits import decode_varint, encode_varint
-from dvc.config import CodecConfig, DiscoverMatrix, VideoConfig, codec_config
+from dvc.config import CodecConfig, DiscoverMatrix, TurboConfig, VideoConfig, codec_config
 from dvc.errors import BitstreamError, FeedbackError
 from dvc.feedback.endpoints import DecoderEndpoint, EncoderEndpoint
 from dvc.feedback.flow_control import FlowControl
@@ -20,7 +20,7 @@ from dvc.stream import GopRecord
 
 VIDEO = VideoConfig(176, 144, 15, 1)
 CONFIG = codec_config(VIDEO, "2d", DiscoverMatrix(4))
-TURBO = codec_config(VIDEO, "2d", DiscoverMatrix(4), turbo={"family": "adaptive"})
+TURBO = codec_config(VIDEO, "2d", DiscoverMatrix(4), coder=TurboConfig())
 NUM_BITS = VIDEO.num_blocks
 NUM_PLANES = sum(CONFIG.wyner_ziv.max_planes)
 

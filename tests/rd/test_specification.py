@@ -51,13 +51,13 @@ def test_any_text_is_numbers_or_refused(text: str) -> None:
 
 def test_options_are_sorted_and_flags_true() -> None:
     """NAME=VALUE and NAME give sorted pairs."""
-    assert parse_options(["turbo=classical", "adaptive"]) == (
+    assert parse_options(["coder=turbo", "adaptive"]) == (
         ("adaptive", "true"),
-        ("turbo", "classical"),
+        ("coder", "turbo"),
     )
 
 
-@pytest.mark.parametrize("word", ["wz-q=3", "quiet", "=x", "--turbo=classical", "Turbo", "json=x"])
+@pytest.mark.parametrize("word", ["wz-q=3", "quiet", "=x", "--coder=turbo", "Turbo", "json=x"])
 def test_options_of_the_experiment_itself_are_refused(word: str) -> None:
     """An option that the experiment sets, or that is none, raises ConfigError."""
     with pytest.raises(ConfigError, match="cannot be given"):

@@ -7,13 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dvc.config import CascadeConfig
 from dvc.slepian_wolf import NeighbourCoupling, PlaneResult, drive
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
-from dvc.slepian_wolf.cascade.reconciliation import CascadeSettings, PlaneReconciliation
-from tests.reference.cascade_exchange import SEED, Bits, PlaneSource
+from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation
+from tests.coders import SEED, coder_of
+from tests.reference.plane_exchange import Bits, PlaneSource
 from tests.reference.wynerziv_priors import coupled_llr
 
-SETTINGS = CascadeSettings()
+SETTINGS = CascadeConfig()
 
 
 def random_coupling(rng: np.random.Generator, shape: tuple[int, int], size: float) -> NeighbourCoupling:
@@ -28,7 +30,7 @@ def alike(weight: float, alone: np.ndarray) -> NeighbourCoupling:
 
 
 def exchange(bits: Bits, llr: np.ndarray, coupling: NeighbourCoupling | None) -> PlaneResult:
-    source = PlaneSource(bits[None])
+    source = PlaneSource(bits[None], coder_of("cascade"))
     plane = PlaneReconciliation(llr, SETTINGS, (0, 0), coupling)
     return drive(plane.decode(RangePosterior(bits.size, SEED)), source.answer)
 

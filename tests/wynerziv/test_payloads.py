@@ -14,7 +14,10 @@ from dvc.config import MAX_BAND_PLANES, DiscoverMatrix, VideoConfig, WynerZivCon
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf import ParityRequest, drive
 from dvc.slepian_wolf.cascade.orders import bit_orders
-from dvc.wynerziv import _kernels, quantizer, transform
+from dvc.slepian_wolf.crc import POLYNOMIALS, joint_check_of_words
+from dvc.slepian_wolf.turbo.codes import CLASSICAL
+from dvc.slepian_wolf.turbo.encoder import encode_planes
+from dvc.wynerziv import _kernels, bitplanes, quantizer, transform
 from dvc.wynerziv.payloads import (
     BufferedFrame,
     EncodedFrame,
@@ -23,9 +26,8 @@ from dvc.wynerziv.payloads import (
     quantize_frame,
 )
 from dvc.wynerziv.quantizer import FrameLayout
+from tests.coders import coder_of
 from tests.reference import wynerziv_planes as reference
-
-CODES = slepian_wolf.family("adaptive")
 
 
 def layout_of(height: int, width: int, levels: tuple[int, ...] | None) -> FrameLayout:
@@ -53,11 +55,9 @@ def random_luma(layout: FrameLayout, seed: int) -> np.ndarray:
     return np.clip(rng.normal(rng.uniform(0, 255), rng.uniform(1, 90), shape), 0, 255).astype(np.uint8)
 
 
-def encoded_frame(
-    layout: FrameLayout, seed: int, step_index: int = 16, family: str = "adaptive"
-) -> EncodedFrame:
+def encoded_frame(layout: FrameLayout, seed: int, step_index: int = 16, coder: str = "turbo") -> EncodedFrame:
     quantization, words = quantize_frame(layout, random_luma(layout, seed), step_index)
-    return EncodedFrame(layout, quantization, words, slepian_wolf.parity_encoders(family, 1))
+    return EncodedFrame(layout, quantization, words, coder_of(coder))
 
 
 def uncoded_planes(frame: EncodedFrame) -> np.ndarray:
@@ -156,12 +156,12 @@ def test_embedded_bins_are_those_of_the_formula(step_index: int) -> None:
 @given(layouts, st.integers(0, 2**32 - 1), st.data())
 def test_buffered_payload_answers_by_positions(layout: FrameLayout, seed: int, data: st.DataObject) -> None:
     """Parities of ranges, and check bits of several planes, are those of the planes."""
-    frame = encoded_frame(layout, seed, family="cascade")
-    buffered = BufferedFrame(layout, frame.buffered_payload(), slepian_wolf.num_codes("cascade"))
+    frame = encoded_frame(layout, seed, coder="cascade")
+    buffered = BufferedFrame(layout, frame.buffered_payload(), coder_of("cascade").num_codes)
     planes = uncoded_planes(frame)
     for _ in range(4 if len(planes) else 0):
         plane = data.draw(st.integers(0, len(planes) - 1))
-        order = data.draw(st.integers(0, slepian_wolf.num_codes("cascade") - 1))
+        order = data.draw(st.integers(0, coder_of("cascade").num_codes - 1))
         positions = data.draw(st.sets(st.integers(0, layout.num_bits - 1), min_size=1))
         where = tuple(sorted(positions))
         request = ParityRequest(0, plane, "parity", order, 0, len(where), where)
@@ -178,12 +178,12 @@ def test_answers_are_the_codes_of_the_planes() -> None:
     """Check and parity bits are those of `dvc.slepian_wolf` for the plane alone."""
     layout = layout_of(16, 20, MATRICES[7])
     frame = encoded_frame(layout, 5)
-    buffered = BufferedFrame(layout, frame.buffered_payload(), len(CODES))
+    buffered = BufferedFrame(layout, frame.buffered_payload(), 1)
     planes = uncoded_planes(frame)
-    parity = slepian_wolf.encode_planes(planes, CODES[1], 1)
+    parity = encode_planes(planes, CLASSICAL, 1)
     check = slepian_wolf.crc(planes, layout.crc_bits)
     for plane in (0, 6, len(planes) - 1):
-        whole = ParityRequest(0, plane, "parity", 1, 0, layout.num_bits)
+        whole = ParityRequest(0, plane, "parity", 0, 0, layout.num_bits)
         np.testing.assert_array_equal(buffered.answer(whole), parity[plane])
         whole = ParityRequest(0, plane, "crc", 0, 0, layout.crc_bits)
         np.testing.assert_array_equal(buffered.answer(whole), check[plane])
@@ -198,7 +198,7 @@ def test_buffered_payload_of_another_size_is_refused(change: int) -> None:
     payload = encoded_frame(layout, 0).buffered_payload()
     wrong = payload[:-1] if change < 0 else payload + b"\0"
     with pytest.raises(BitstreamError, match="expected"):
-        BufferedFrame(layout, wrong, len(CODES))
+        BufferedFrame(layout, wrong, 1)
 
 
 @given(st.lists(st.integers(0, 30), max_size=8), st.integers(0, 2**32 - 1))
@@ -257,12 +257,11 @@ def test_quantising_kernels_equal_their_twins(levels: int, twin: bool) -> None:
         assert got == digits
 
 
-def test_planes_are_taken_from_words() -> None:
-    """Wherever they stand, by the kernel and by its Python."""
-    words = np.random.default_rng(4).integers(0, 2**64, (2, 9), dtype=np.uint64)
+def test_joint_check_of_words_is_that_of_bits() -> None:
+    """Wherever planes stand, by the kernel and by its Python."""
+    words = np.random.default_rng(4).integers(0, 2**64, (2, 16), dtype=np.uint64)
     planes = np.array([0, 3, 63, 64, 100])
-    expected = [(words[p // 64] >> np.uint64(63 - p % 64)) & np.uint64(1) for p in planes.tolist()]
-    for kernel in (_kernels.take_planes, python_twin(_kernels.take_planes)):
-        bits = np.zeros((5, 9), np.uint64)
-        kernel(words, planes, bits)
-        np.testing.assert_array_equal(bits, expected)
+    bits = [(words[p // 64] >> np.uint64(63 - p % 64)) & np.uint64(1) for p in planes.tolist()]
+    expected = slepian_wolf.joint_check(np.stack(bits))
+    for kernel in (joint_check_of_words, python_twin(joint_check_of_words)):
+        np.testing.assert_array_equal(kernel(words, planes, POLYNOMIALS[16]), expected)

@@ -1,20 +1,13 @@
 """Compiled loops of reconciliation: beliefs passed between bits and ranges of known parity; no validation.
 
-Orders are numbered k, positions in an order j, bits n. Where not said otherwise, arrays are:
-
-orders, ranks : (K, N) uint32, bit at each position and position of each bit.
-last, first : (K, N) int32, end of the range that holds a position; start of the range that ends there.
-prefix : (K, N) uint8, parity of errors up to the end of a range.
-prior : (N,) float64, odds that a bit differs from its first decision.
-messages : (N, K) float64, factors on these odds, one from each order's range.
-pending, mass : (K, N) float64 at ends of ranges, by how much beliefs of its bits have changed since they were
-    passed on; the expected errors in it then.
-stale : (K, N) uint8 at ends of ranges, whether it is to be found out again where to divide it.
+Orders are numbered k, positions in an order j, bits n.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dvc._jit import kernel
 
@@ -23,16 +16,37 @@ _SMALL_CHANGE = 1e-4  # of the expected errors in a range, that need not be pass
 _NEGLIGIBLE_CHANGE = 2e-6  # of the probability of a single bit
 _SMALL_ODDS = 1.0 / 64
 _NO_DIVISION = 2.0
-_HASH, _MIX = 0x9E3779B97F4A7C15, 0x94D049BB133111EB
+_HASH, _MIX = 0x9E3779B97F4A7C15, 0x94D049BB133111EB  # of SplitMix64
+
+
+class Beliefs(NamedTuple):
+    """What is known of a plane, by the ranges into which orders of its bits are divided."""
+
+    orders: NDArray[np.uint32]  # (K, N), bit at each position
+    ranks: NDArray[np.uint32]  # (K, N), position of each bit
+    last: NDArray[np.int32]  # (K, N), end of the range that holds a position
+    first: NDArray[np.int32]  # (K, N), start of the range that ends there
+    prefix: NDArray[np.uint8]  # (K, N), parity of errors up to the end of a range
+    prior: NDArray[np.float64]  # (N,), odds that a bit differs from its first decision
+    messages: NDArray[np.float64]  # (N, K), factors on these odds, one from each order's range
+    # (K, N) at ends of ranges: by how much beliefs of its bits have changed since they were passed on, the
+    # errors expected in it then, and whether it is to be found out again where to divide it
+    pending: NDArray[np.float64]
+    expected: NDArray[np.float64]
+    stale: NDArray[np.uint8]
+    # (K, N) at ends of ranges: after which position to divide, and 2 |p - 1/2| of the parity there
+    division: NDArray[np.int32]
+    bias: NDArray[np.float64]
+    work: NDArray[np.float64]  # (3, N)
 
 
 @kernel
-def _other_odds(prior, messages, bit, order, num_orders):
+def _other_odds(beliefs, bit, order, num_orders):
     """Return the odds of an error by all but one of the orders."""
-    odds = prior[bit]
+    odds = beliefs.prior[bit]
     for k in range(num_orders):
         if k != order:
-            odds *= messages[bit, k]
+            odds *= beliefs.messages[bit, k]
     return odds
 
 
@@ -57,16 +71,16 @@ def _is_odd(prefix, order, start, end):
 
 
 @kernel
-def _pass_range(orders, ranks, last, prefix, prior, messages, pending, order, span, num_orders, work):
-    """Bring the messages of one range, ``span = (start, end)``, up to date; mark what depends on them."""
-    start, end = span
-    odds, soft, others = work[0], work[1], work[2]
-    behind = -1.0 if _is_odd(prefix, order, start, end) else 1.0
-    mass = 0.0
+def _pass_range(beliefs, order, start, end, num_orders):
+    """Bring the messages of one range up to date; mark what depends on them; return the errors expected."""
+    orders, ranks, last, messages = beliefs.orders, beliefs.ranks, beliefs.last, beliefs.messages
+    odds, soft, others = beliefs.work[0], beliefs.work[1], beliefs.work[2]
+    behind = -1.0 if _is_odd(beliefs.prefix, order, start, end) else 1.0
+    expected = 0.0
     for j in range(end, start - 1, -1):
-        odds[j] = _other_odds(prior, messages, orders[order, j], order, num_orders)
+        odds[j] = _other_odds(beliefs, orders[order, j], order, num_orders)
         soft[j] = _soft(odds[j])
-        mass += 0.5 - 0.5 * soft[j]
+        expected += 0.5 - 0.5 * soft[j]
         others[j] = behind
         behind *= soft[j]
     before = 1.0
@@ -81,39 +95,26 @@ def _pass_range(orders, ranks, last, prefix, prior, messages, pending, order, sp
             continue
         for k in range(num_orders):
             if k != order:
-                pending[k, last[k, ranks[k, bit]]] += change
-    return mass
+                beliefs.pending[k, last[k, ranks[k, bit]]] += change
+    return expected
 
 
 @kernel
-def propagate(
-    orders, ranks, last, prefix, prior, messages, pending, mass, stale, num_orders, max_sweeps, share, work
-):
+def propagate(beliefs, num_orders, max_sweeps, share):
     """Pass beliefs through ranges where more than a `share` has changed; return the sweeps done."""
-    num_bits = prior.size
+    last, pending, expected = beliefs.last, beliefs.pending, beliefs.expected
+    num_bits = beliefs.prior.size
     for sweep in range(max_sweeps):
         quiet = True
         for k in range(num_orders):
             start = 0
             while start < num_bits:
                 end = last[k, start]
-                if pending[k, end] > share * mass[k, end] + _SMALL_CHANGE:
+                if pending[k, end] > share * expected[k, end] + _SMALL_CHANGE:
                     quiet = False
                     pending[k, end] = 0.0
-                    stale[k, end] = 1
-                    mass[k, end] = _pass_range(
-                        orders,
-                        ranks,
-                        last,
-                        prefix,
-                        prior,
-                        messages,
-                        pending,
-                        k,
-                        (start, end),
-                        num_orders,
-                        work,
-                    )
+                    beliefs.stale[k, end] = 1
+                    expected[k, end] = _pass_range(beliefs, k, start, end, num_orders)
                 start = end + 1
         if quiet:
             return sweep
@@ -121,8 +122,9 @@ def propagate(
 
 
 @kernel
-def replace_prior(prior, new, ranks, last, odds, pending, num_orders):
+def replace_prior(beliefs, new, odds, num_orders):
     """Replace prior odds, and mark what depends on those that change; `odds` are those by all beliefs."""
+    prior, last, ranks = beliefs.prior, beliefs.last, beliefs.ranks
     for n in range(prior.size):
         factor = new[n] / prior[n]
         changed = odds[n] * factor
@@ -130,23 +132,24 @@ def replace_prior(prior, new, ranks, last, odds, pending, num_orders):
         prior[n], odds[n] = new[n], changed
         if change >= _NEGLIGIBLE_CHANGE:
             for k in range(num_orders):
-                pending[k, last[k, ranks[k, n]]] += change
+                beliefs.pending[k, last[k, ranks[k, n]]] += change
 
 
 @kernel
-def odds_of_errors(prior, messages, num_orders, odds):
+def odds_of_errors(beliefs, num_orders, odds):
     """Write the odds that each bit differs from its first decision, by all orders."""
-    for n in range(prior.size):
-        odds[n] = _other_odds(prior, messages, n, num_orders, num_orders)
+    for n in range(odds.size):
+        odds[n] = _other_odds(beliefs, n, num_orders, num_orders)
 
 
 @kernel
-def divide(order, positions, parities, last, first, prefix, pending, mass, stale):
+def divide(beliefs, order, positions, parities):
     """Let ranges of an order end at further positions, where the parity of errors so far is known."""
+    last, first, pending, expected = beliefs.last, beliefs.first, beliefs.pending, beliefs.expected
     for i in range(positions.size):
         cut = positions[i]
         end = last[order, cut]
-        prefix[order, cut] = parities[i]
+        beliefs.prefix[order, cut] = parities[i]
         if cut < end:
             start = first[order, end]
             first[order, cut] = start
@@ -154,20 +157,20 @@ def divide(order, positions, parities, last, first, prefix, pending, mass, stale
             for j in range(start, cut + 1):
                 last[order, j] = cut
         pending[order, cut] = pending[order, end] = 1.0
-        mass[order, cut] = mass[order, end] = 0.0
-        stale[order, cut] = stale[order, end] = 1
+        expected[order, cut] = expected[order, end] = 0.0
+        beliefs.stale[order, cut] = beliefs.stale[order, end] = 1
 
 
 @kernel
-def _best_division(orders, prefix, prior, messages, order, start, end, num_orders, work):
+def _best_division(beliefs, order, start, end, num_orders):
     """Return after which position the parity is nearest to a fair coin, and 2 |p - 1/2| there."""
-    soft, behind = work[0], work[1]
+    soft, behind = beliefs.work[0], beliefs.work[1]
     product = 1.0
     for j in range(end, start - 1, -1):
-        soft[j] = _soft(_other_odds(prior, messages, orders[order, j], order, num_orders))
+        soft[j] = _soft(_other_odds(beliefs, beliefs.orders[order, j], order, num_orders))
         behind[j] = product
         product *= soft[j]
-    sign = -1.0 if _is_odd(prefix, order, start, end) else 1.0
+    sign = -1.0 if _is_odd(beliefs.prefix, order, start, end) else 1.0
     # P(even) - P(odd) of the part before is (before + sign * behind) / (1 + sign * product).
     total = 1.0 + sign * product
     best, at = _NO_DIVISION * total, end
@@ -181,48 +184,46 @@ def _best_division(orders, prefix, prior, messages, order, start, end, num_order
 
 
 @kernel
-def find_divisions(orders, prefix, last, prior, messages, stale, num_orders, division, bias, work):
-    """Bring `division` (K, N) int32 and `bias` (K, N) up to date at the ends of all stale ranges."""
-    num_bits = prior.size
+def find_divisions(beliefs, num_orders):
+    """Find out again where to divide all stale ranges."""
     for k in range(num_orders):
         start = 0
-        while start < num_bits:
-            end = last[k, start]
-            if stale[k, end]:
-                stale[k, end] = 0
-                division[k, end], bias[k, end] = _best_division(
-                    orders, prefix, prior, messages, k, start, end, num_orders, work
-                )
+        while start < beliefs.prior.size:
+            end = beliefs.last[k, start]
+            if beliefs.stale[k, end]:
+                beliefs.stale[k, end] = 0
+                at, bias = _best_division(beliefs, k, start, end, num_orders)
+                beliefs.division[k, end], beliefs.bias[k, end] = at, bias
             start = end + 1
 
 
 @kernel
-def choose_divisions(last, order, division, bias, max_bias, positions):
-    """Collect the divisions of an order with at most this bias; return how many, and what they tell."""
-    count, told = 0, 0.0
+def choose_divisions(beliefs, order, max_bias, positions):
+    """Collect the divisions of an order with at most this bias; return how many, and their information."""
+    last, bias = beliefs.last, beliefs.bias
+    count, information = 0, 0.0
     start = 0
     while start < last.shape[1]:
         end = last[order, start]
         if bias[order, end] <= max_bias:
-            positions[count] = division[order, end]
+            positions[count] = beliefs.division[order, end]
             count += 1
-            told += 1.0 - bias[order, end] * bias[order, end]
+            information += 1.0 - bias[order, end] * bias[order, end]
         start = end + 1
-    return count, told
+    return count, information
 
 
 @kernel
-def least_bias(last, bias, num_orders):
-    """Return the least bias of any division, and its order."""
-    best, at = _NO_DIVISION, 0
+def least_bias(beliefs, num_orders):
+    """Return the least bias of any division."""
+    best = _NO_DIVISION
     for k in range(num_orders):
         start = 0
-        while start < last.shape[1]:
-            end = last[k, start]
-            if bias[k, end] < best:
-                best, at = bias[k, end], k
+        while start < beliefs.last.shape[1]:
+            end = beliefs.last[k, start]
+            best = min(best, beliefs.bias[k, end])
             start = end + 1
-    return best, at
+    return best
 
 
 @kernel
@@ -253,23 +254,25 @@ def remaining_entropy(odds):
 
 
 @kernel
-def num_unsatisfied(orders, last, prefix, odds, num_orders):
+def num_unsatisfied(beliefs, odds, num_orders):
     """Count the ranges whose parity is not that of the decisions."""
+    orders, last = beliefs.orders, beliefs.last
     count = 0
     for k in range(num_orders):
         parity, start = np.uint8(0), 0
         for j in range(odds.size):
             parity ^= np.uint8(odds[orders[k, j]] > 1.0)
             if last[k, j] == j:
-                if (parity == 1) != _is_odd(prefix, k, start, j):
+                if (parity == 1) != _is_odd(beliefs.prefix, k, start, j):
                     count += 1
                 parity, start = np.uint8(0), j + 1
     return count
 
 
 @kernel
-def range_keys(orders, last, num_orders, keys):
-    """Give each bit a number (uint64) that tells in which ranges it lies."""
+def range_keys(beliefs, num_orders, keys):
+    """Give each bit a number (uint64) that depends on the ranges in which it lies."""
+    orders, last = beliefs.orders, beliefs.last
     keys[:] = np.uint64(0)
     for k in range(num_orders):
         for j in range(keys.size):

@@ -6,18 +6,22 @@ information says how likely each bit is wrong, and beliefs say what all parities
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.slepian_wolf import _kernels
+from dvc.config import CascadeConfig
 from dvc.slepian_wolf.cascade.posterior import Positions, RangePosterior
 from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.crc import POLYNOMIALS, crc
+from dvc.slepian_wolf.crc import CRC_BITS, crc
+from dvc.slepian_wolf.llr import bounded_llr, entropy_bits, ideal_bits
 from dvc.slepian_wolf.requests import Bits, Kind, ParityRequest, ask
 from dvc.slepian_wolf.results import PlaneCoroutine, PlaneResult
 
+ERROR_EXPONENT = 8
+"""A plane is accepted by itself when the odds against it are below 2 to minus this."""
+UNCODED_ENTROPY = 0.95
+"""Bits of entropy per bit from which on a plane is asked for as it is."""
 WORTH_ASKING = 0.36
 """Greatest 2 |p - 1/2| of an answer that is asked for as long as others of an order tell as much."""
 RANGE_BIAS = 0.2
@@ -30,32 +34,7 @@ SWEEPS, LAST_SWEEPS = 2, 40
 """Sweeps of beliefs after an answer, and before decisions are checked."""
 CHANGE, LAST_CHANGE = 0.1, 0.02
 """Share of the errors expected in a range that a change must be to be passed on, then and there."""
-LEAST_DOUBT = 2.0**-60
-
-
-@dataclass(frozen=True)
-class CascadeSettings:
-    """How sure the decoder must be of a plane."""
-
-    crc_bits: int = 16  # check bits that the encoder computes per plane
-    error_exponent: float = 14.0  # accept a plane when the odds against it are below 2 ** -error_exponent
-    max_prior_llr: float = 9.0  # side information is never taken for surer than this
-    uncoded_entropy: float = 0.95  # bits per bit of prior from which parities cannot pay
-    # What the answers to a request are to tell, as a share of what is not known: few requests, which are
-    # about several orders at once; 0: many, each about one order, and only what tells much.
-    batch: float = 0.0
-    # Bits that they are to tell beyond that share; above 0, also by orders that are not in use yet.
-    batch_bits: float = 0.0
-
-    def __post_init__(self) -> None:
-        if self.crc_bits not in POLYNOMIALS:
-            raise ValueError(f"`crc_bits` must be one of {sorted(POLYNOMIALS)}, got {self.crc_bits}")
-        if not 0 < self.max_prior_llr <= 40:
-            raise ValueError(f"`max_prior_llr` must be within 0..40, got {self.max_prior_llr}")
-        if not 0 <= self.batch <= 1:
-            raise ValueError(f"`batch` must be within 0..1, got {self.batch}")
-        if not 0 <= self.batch_bits < math.inf:
-            raise ValueError(f"`batch_bits` must be a number from 0 on, got {self.batch_bits}")
+LEAST_PROBABILITY = 2.0**-60
 
 
 Question = list[tuple[int, Positions]]
@@ -68,40 +47,38 @@ class PlaneReconciliation:
     def __init__(
         self,
         llr_ch: NDArray[np.floating],
-        settings: CascadeSettings,
-        place: tuple[int, int] = (0, 0),
+        settings: CascadeConfig,
+        position: tuple[int, int] = (0, 0),
         coupling: NeighbourCoupling | None = None,
     ) -> None:
-        llr = np.asarray(llr_ch, np.float32)
-        if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
-            raise ValueError(f"`llr_ch` must be a vector of numbers, got shape {llr.shape}")
-        self._llr = np.clip(llr, -settings.max_prior_llr, settings.max_prior_llr)
-        self._settings = settings
-        self._place = place
+        self._llr = bounded_llr(llr_ch)
+        # What the answers to a request are to tell: a share of what is not known, and bits beyond.
+        self._batch, self._batch_bits = settings.batch_percent / 100, float(settings.batch_bits)
+        self._position = position
         self._coupling = coupling
-        self._entropy_bits = float(_kernels.prior_entropy(self._llr))
+        self._entropy_bits = entropy_bits(self._llr)
         self._check = np.zeros(0, np.uint8)
         self._answers: list[tuple[int, Positions, Bits]] = []
         self._fetched: Bits | None = None
         self._num_parity = 0
         self._num_requests = 0
         self._sweeps = 0
-        self._surprises = 0
+        self._restarts = 0
 
     def decode(self, posterior: RangePosterior) -> PlaneCoroutine:
         """Decode the plane as a coroutine: it yields requests and is sent the bits."""
-        if self._entropy_bits >= self._settings.uncoded_entropy * self._llr.size:
+        if self._entropy_bits >= UNCODED_ENTROPY * self._llr.size:
             return (yield from self._fetch())
         posterior.start(self._llr, self._coupling)
-        return (yield from self._go_on(posterior, math.ceil(self._settings.error_exponent)))
+        return (yield from self._go_on(posterior, ERROR_EXPONENT))
 
     def correct(self, posterior: RangePosterior) -> PlaneCoroutine:
         """Decode the plane again, and let all check bits confirm it; nothing is asked for twice."""
         posterior.start(self._llr, self._coupling)
         for order, positions, bits in self._answers:
             posterior.add_answers(order, positions, bits)
-        yield from self._request_check(self._settings.crc_bits)
-        return (yield from self._go_on(posterior, self._settings.crc_bits))
+        yield from self._request_check(CRC_BITS)
+        return (yield from self._go_on(posterior, CRC_BITS))
 
     def _go_on(self, posterior: RangePosterior, exponent: int) -> PlaneCoroutine:
         while True:
@@ -117,17 +94,17 @@ class PlaneReconciliation:
     def _next_question(self, posterior: RangePosterior) -> Question:
         """Choose what to ask as long as answers tell much."""
         self._sweeps += posterior.propagate(SWEEPS, CHANGE)
-        if posterior.num_orders and posterior.couple(self._settings.max_prior_llr):
+        if posterior.num_orders and posterior.couple():
             self._sweeps += posterior.propagate(SWEEPS, CHANGE)
         question = self._worth_asking(posterior)
         if not question and posterior.num_orders and posterior.rescale():
             self._sweeps += posterior.propagate(SWEEPS, CHANGE)
             question = self._worth_asking(posterior)
-        return question if question or self._settings.batch else _only(posterior.new_order(RANGE_BIAS))
+        return question if question or self._batch else _only(posterior.new_order(RANGE_BIAS))
 
     def _worth_asking(self, posterior: RangePosterior) -> Question:
-        if self._settings.batch:
-            return posterior.batch(self._settings.batch, self._settings.batch_bits, WORTH_ASKING, RANGE_BIAS)
+        if self._batch:
+            return posterior.batch(self._batch, self._batch_bits, WORTH_ASKING, RANGE_BIAS)
         return _only(posterior.divisions(WORTH_ASKING))
 
     def _last_question(self, posterior: RangePosterior) -> Question:
@@ -137,9 +114,9 @@ class PlaneReconciliation:
             question = posterior.best_divisions()
         if question is None:
             # Beliefs are wrong but sure, so that they cannot say where to ask.
-            self._surprises += 1
+            self._restarts += 1
             posterior.restart()
-            question = posterior.partition(min(FIRST_PARTITION << self._surprises, self._llr.size))
+            question = posterior.partition(min(FIRST_PARTITION << self._restarts, self._llr.size))
         return _only(question)
 
     def _accept(self, posterior: RangePosterior, exponent: int) -> Generator[ParityRequest, Bits, bool]:
@@ -150,13 +127,13 @@ class PlaneReconciliation:
         decisions = posterior.decisions
         if not self._checks(decisions):
             return False
-        mantissa, doubt = math.frexp(max(posterior.doubt(), LEAST_DOUBT))
-        wanted = exponent + doubt - (mantissa == 0.5)  # the logarithm of the doubt, rounded up
-        yield from self._request_check(min(wanted, self._settings.crc_bits))
+        mantissa, power = math.frexp(max(posterior.residual_errors(), LEAST_PROBABILITY))
+        wanted = exponent + power - (mantissa == 0.5)  # the logarithm of the errors left, rounded up
+        yield from self._request_check(min(wanted, CRC_BITS))
         return self._checks(decisions)
 
     def _checks(self, bits: Bits) -> bool:
-        return bool((crc(bits, self._settings.crc_bits)[: self._check.size] == self._check).all())
+        return bool((crc(bits, CRC_BITS)[: self._check.size] == self._check).all())
 
     def _request_check(self, wanted: int) -> Generator[ParityRequest, Bits, None]:
         missing = wanted - self._check.size
@@ -166,8 +143,8 @@ class PlaneReconciliation:
 
     def _ask(self, posterior: RangePosterior, question: Question) -> Generator[ParityRequest, Bits, None]:
         first = question[0][0]
-        places = [(order - first) * self._llr.size + positions for order, positions in question]
-        wanted = tuple(np.concatenate(places).tolist())
+        behind = [(order - first) * self._llr.size + positions for order, positions in question]
+        wanted = tuple(np.concatenate(behind).tolist())
         bits = yield from self._request("parity", first, self._num_parity, len(wanted), wanted)
         self._num_parity += len(wanted)
         start = 0
@@ -187,22 +164,20 @@ class PlaneReconciliation:
         self, kind: Kind, code: int, start: int, count: int, positions: tuple[int, ...] = ()
     ) -> Generator[ParityRequest, Bits, Bits]:
         self._num_requests += 1
-        return (yield from ask(ParityRequest(*self._place, kind, code, start, count, positions)))
+        return (yield from ask(ParityRequest(*self._position, kind, code, start, count, positions)))
 
     def _result(self, bits: Bits) -> PlaneResult:
         llr = self._llr
         if self._coupling is not None:
-            limit = self._settings.max_prior_llr
-            llr = np.clip(self._coupling.llr_in_sequence(bits), -limit, limit)
+            llr = bounded_llr(self._coupling.llr_in_sequence(bits))
         return PlaneResult(
             bits.copy(),
-            True,
             self._num_requests,
             self._check.size,
             self._num_parity,
             self._sweeps,
             self._entropy_bits,
-            float(_kernels.prior_information(llr, bits)),
+            ideal_bits(llr, bits),
         )
 
 

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dvc.slepian_wolf.turbo import _kernels
 from dvc.slepian_wolf.turbo.codes import TurboCode
-from dvc.slepian_wolf.turbo.interleaver import copy_layout
+from dvc.slepian_wolf.turbo.interleaver import interleaved, section_starts
 from dvc.slepian_wolf.turbo.puncturing import release_order
 from dvc.slepian_wolf.turbo.siso import LaneDecoder, lane_layout
 from dvc.slepian_wolf.turbo.trellis import trellis
@@ -23,8 +23,8 @@ class TurboDecoder:
         The code.
     num_bits : int
         Length N of the planes.
-    interleaver_seed : int
-        Seed that encoder and decoder share.
+    seed : int
+        Of the interleaver.
 
     Attributes
     ----------
@@ -36,29 +36,22 @@ class TurboDecoder:
         Whether the decisions, encoded again, agree with every parity bit received.
     """
 
-    def __init__(self, code: TurboCode, num_bits: int, interleaver_seed: int) -> None:
-        self.code = code
+    def __init__(self, code: TurboCode, num_bits: int, seed: int) -> None:
         self.num_bits = num_bits
-        self.interleaver_seed = interleaver_seed
-        self._layout = copy_layout(code, num_bits, interleaver_seed)
-        self._starts = np.array(self._layout.section_starts, np.int64)
-        self._order = release_order(code, num_bits)
+        self._bit_at_step = interleaved(num_bits, seed)
+        self._starts = section_starts(num_bits)
+        self._order = release_order(num_bits, code.period)
         self._trellis = trellis(code.feedback, code.feedforward)
-        lanes = lane_layout((*self._layout.section_starts, self._layout.num_steps))
+        lanes = lane_layout((*self._starts.tolist(), self._bit_at_step.size))
         self._siso = LaneDecoder(code.feedback, code.feedforward, lanes)
         self._bit_of_cell = np.full(self._siso.llr_a.size, num_bits, np.uint32)  # cells that pad lanes: bit N
-        self._bit_of_cell[lanes.cell_of_step] = self._layout.bit_at_step
-        self._parity = np.full(self._layout.num_steps, -1, np.int8)
+        self._bit_of_cell[lanes.cell_of_step] = self._bit_at_step
+        self._parity = np.full(self._bit_at_step.size, -1, np.int8)
         self._llr_ch = np.zeros(num_bits + 1, np.float32)
         self._llr = np.zeros(num_bits + 1, np.float32)
         self.decisions: NDArray[np.uint8] = np.zeros(num_bits, np.uint8)
         self.num_parity = 0
         self.parity_satisfied = True
-
-    @property
-    def llr(self) -> NDArray[np.float32]:
-        """A posteriori LLRs of the bits, shape (N,), float32; a view of the decoder's state."""
-        return self._llr[:-1]
 
     @property
     def expected_errors(self) -> float:
@@ -132,18 +125,7 @@ class TurboDecoder:
         return max_iterations
 
     def polish(self, num_iterations: int) -> int:
-        """Go on decoding, even where all parity is satisfied, to see how sure the decisions become.
-
-        Parameters
-        ----------
-        num_iterations : int
-            Iterations to do.
-
-        Returns
-        -------
-        int
-            Iterations done.
-        """
+        """Go on decoding, even where all parity is satisfied, to see how sure the decisions become."""
         for _ in range(num_iterations):
             self._pass()
         return num_iterations
@@ -171,7 +153,7 @@ class TurboDecoder:
         table = self._trellis
         self.parity_satisfied = _kernels.satisfies(
             self.decisions,
-            self._layout.bit_at_step,
+            self._bit_at_step,
             self._starts,
             table.next_state,
             table.output,

@@ -1,237 +1,149 @@
-"""Slepian-Wolf decoding of one bit plane: what to request, when to stop; no I/O."""
+"""Decoding of one bit plane by turbo codes: what to request, when to stop; no I/O."""
 
 import math
-from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from collections.abc import Generator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.slepian_wolf import _kernels
-from dvc.slepian_wolf.crc import POLYNOMIALS, crc
+from dvc.slepian_wolf.crc import CRC_BITS, crc
+from dvc.slepian_wolf.llr import bounded_llr, entropy_bits, ideal_bits
 from dvc.slepian_wolf.requests import Bits, Kind, ParityRequest, ask
 from dvc.slepian_wolf.results import PlaneCoroutine, PlaneResult
-from dvc.slepian_wolf.turbo.codes import choose_code, family
 from dvc.slepian_wolf.turbo.decoder import TurboDecoder
-from dvc.slepian_wolf.turbo.elimination import Solution, ordered_statistics, parity_equations, solve
-from dvc.slepian_wolf.turbo.interleaver import num_segments
 
-UNCODED_ALLOWANCE_BITS = 8
-"""Planes whose entropy and check come this close to their length, or closer, are sent uncoded."""
-SEARCH_COMPETITORS = 1.0
-"""Competing codewords to be expected near a plane found by a search."""
-NEIGHBOUR_COMPETITORS = 2.0
-"""The same for its neighbours."""
+UNCODED_ENTROPY = 0.9
+"""Bits of entropy per bit from which on a plane is asked for as it is."""
+FIRST_CHECK_BITS = 8
+"""Check bits that are asked for at once, as many as planes have in [Artigas2007]; then more if needed."""
+ERROR_EXPONENT = 15.0
+"""A plane is accepted when the odds against it are below 2 to minus this."""
 SURE_ERRORS = 2.0**-6
 """Expected errors up to which decisions are sure; with more, iterations go on before they are judged."""
 POLISH_ITERATIONS = 4
-SEARCH_SPACING = 1.02
-"""Growth of the parity from one search by ordered statistics to the next."""
 
-
-@dataclass(frozen=True)
-class SlepianWolfSettings:
-    """How the decoder asks for bits and what it believes."""
-
-    family: str = "adaptive"  # codes that encoder and decoder share
-    crc_bits: int = 16  # check bits that the encoder computes per plane
-    first_crc_bits: int = 8  # of these, how many are requested at once; more only where the plane is in doubt
-    error_exponent: float = 15.0  # accept a plane when the odds against it are below 2 ** -error_exponent
-    max_prior_llr: float = 9.0  # side information is never taken for surer than this
-    batch: float = 0.0  # with parities of ranges, what answers are to tell; see `CascadeSettings`
-    batch_bits: float = 0.0
-    uncoded_entropy: float = 0.93  # bits per bit of prior from which parity cannot pay
-    initial_rate: float = 0.75  # first parity request, as a share of the prior's entropy
-    step: float = 0.01  # further requests, as a share of the prior's entropy or of what was received
-    early_step: float = 0.03  # the same, as long as less than `early_rate` of the entropy was received
-    early_rate: float = 0.95
-    # The same, where more than `late_rate` of the entropy shows that the prior is wrong.
-    late_step: float = 0.04
-    late_rate: float = 1.6
-    min_step_bits: int = 1  # least further request, where this is no more than `early_step` of the entropy
-    # A plane of which more errors than this share of the prior's are left is stuck: then requests are at
-    # least `stuck_step` of what was received, and blocks of iterations are `stuck_iterations` long.
-    stuck_errors: float = 0.97
-    stuck_step: float = 0.01
-    stuck_iterations: int = 4
-    iterations: int = 4  # after a request; as many again while they cut the expected errors to `progress`
-    progress: float = 0.9
-    max_iterations: int = 30
-    search_work: float = 4e6  # word operations that one search by ordered statistics may cost
-
-    def __post_init__(self) -> None:
-        if self.crc_bits not in POLYNOMIALS or not 0 < self.first_crc_bits <= self.crc_bits:
-            raise ValueError(f"`crc_bits` must be one of {sorted(POLYNOMIALS)} and hold `first_crc_bits`")
-        if self.max_prior_llr <= 0 or not 0 <= self.initial_rate <= 2:
-            raise ValueError("`max_prior_llr` must be positive and `initial_rate` within 0..2")
-        if not all(0 < step <= 1 for step in (self.step, self.early_step, self.late_step, self.stuck_step)):
-            raise ValueError("`step`, `early_step`, `late_step` and `stuck_step` must be within 0..1")
-        if not all(1 <= count <= self.max_iterations for count in (self.iterations, self.stuck_iterations)):
-            raise ValueError("`iterations` and `stuck_iterations` must be within 1..`max_iterations`")
+# What is asked for, and how long is iterated: a trade of rate for time (`benchmarks/searches/coders.py`).
+FIRST_REQUEST = 0.9
+"""First parity, as a share of the entropy."""
+STEP, LATE_STEP, LATE = 0.02, 0.04, 1.6
+"""Further parity, as a share of what was received or of the entropy; with `LATE` of it, which shows that side
+information deceives, more."""
+MIN_STEP_BITS = 3
+ITERATIONS, MAX_ITERATIONS, PROGRESS = 4, 30, 0.95
+"""Iterations after a request, and again while they cut the expected errors to this share."""
+STUCK_ERRORS, STUCK_STEP, STUCK_ITERATIONS = 0.98, 0.03, 2
+"""The same for a plane of which this share of the errors is left that were expected at first."""
 
 
 class _Plane:
     """State of one plane while it is decoded."""
 
-    def __init__(
-        self,
-        place: tuple[int, int],
-        llr_ch: NDArray[np.float32],
-        entropy_bits: float,
-        code: int,
-        settings: SlepianWolfSettings,
-    ) -> None:
-        self.place = place
-        self.llr_ch = llr_ch
-        self.entropy_bits = entropy_bits
-        self.code = code
-        self.settings = settings
-        self.num_bits = llr_ch.size
-        self.num_requests = 0
-        self.iterations = 0
+    def __init__(self, position: tuple[int, int], llr: NDArray[np.float32]) -> None:
+        self.position, self.llr, self.num_bits = position, llr, llr.size
+        self.entropy_bits = entropy_bits(llr)
+        self.num_requests = self.iterations = self.num_uncoded = 0
         self.stuck = False
-        self.check = np.zeros(0, np.uint8)
-        self.parity = np.zeros(0, np.uint8)
+        self.check, self.parity = np.zeros(0, np.uint8), np.zeros(0, np.uint8)
 
     def request(self, kind: Kind, start: int, count: int) -> Generator[ParityRequest, Bits, Bits]:
         self.num_requests += 1
-        return (yield from ask(ParityRequest(*self.place, kind, self.code, start, count)))
+        return (yield from ask(ParityRequest(*self.position, kind, 0, start, count)))
 
     def request_check(self, count: int) -> Generator[ParityRequest, Bits, None]:
         """Request check bits until there are `count` of them."""
         new = yield from self.request("crc", self.check.size, count - self.check.size)
         self.check = np.concatenate([self.check, new])
 
-    def request_parity(self, count: int) -> Generator[ParityRequest, Bits, Bits]:
-        count = min(count, self.num_bits - self.parity.size)
+    def request_parity(self) -> Generator[ParityRequest, Bits, Bits]:
+        count = min(self.next_count(), self.num_bits - self.parity.size)
         new = yield from self.request("parity", self.parity.size, count)
         self.parity = np.concatenate([self.parity, new])
         return new
 
+    def fetch(self) -> PlaneCoroutine:
+        """Ask for the bits themselves."""
+        bits = yield from self.request("uncoded", 0, self.num_bits)
+        self.num_uncoded = self.num_bits
+        return self.result(bits)
+
     def next_count(self) -> int:
         """Return how many parity bits to request next."""
-        settings, received = self.settings, self.parity.size
+        received, entropy = self.parity.size, self.entropy_bits
         if received == 0:
-            wanted = settings.initial_rate * self.entropy_bits
-        elif received < settings.early_rate * self.entropy_bits:
-            wanted = settings.early_step * self.entropy_bits
-        else:
-            step = settings.late_step if received > settings.late_rate * self.entropy_bits else settings.step
-            wanted = step * max(received, self.entropy_bits)
-        if received and self.stuck:
-            wanted = max(wanted, settings.stuck_step * max(received, self.entropy_bits))
-        if received:
-            wanted = max(
-                wanted, min(settings.min_step_bits, math.ceil(settings.early_step * self.entropy_bits))
-            )
-        return max(1, int(wanted))
+            return max(1, int(FIRST_REQUEST * entropy))
+        step = LATE_STEP if received > LATE * entropy else STUCK_STEP if self.stuck else STEP
+        return max(MIN_STEP_BITS, int(step * max(received, entropy)))
 
     def checks(self, bits: Bits) -> bool:
-        return bool((crc(bits, self.settings.crc_bits)[: self.check.size] == self.check).all())
+        return bool((crc(bits, CRC_BITS)[: self.check.size] == self.check).all())
 
-    def missing_evidence(self, bits: Bits, competitors: float) -> float:
+    def missing_evidence(self, bits: Bits, expected_errors: float) -> float:
         """Return how many more bits must agree before a plane that satisfies all parity is accepted."""
         # Quantised costs and whole exponents: the last digit of a library's logarithm must not decide.
-        cost = math.ceil(float(_kernels.prior_information(self.llr_ch, bits)) * 16) / 16
+        cost = math.ceil(ideal_bits(self.llr, bits) * 16) / 16
         likelier = cost if cost > 30 else math.log2(max(2.0**cost - 1, 2.0**-60))
-        mantissa, exponent = math.frexp(max(competitors, 2.0**-60))
+        mantissa, exponent = math.frexp(max(expected_errors, 2.0**-60))
         near = exponent - (mantissa == 0.5)  # the logarithm, rounded up
-        return self.settings.error_exponent + max(likelier - self.parity.size, near) - self.check.size
+        return ERROR_EXPONENT + max(likelier - self.parity.size, near) - self.check.size
 
-    def accept(self, bits: Bits, competitors: float) -> Generator[ParityRequest, Bits, bool]:
-        """Say whether a plane that satisfies all parity is right; ask for check bits where in doubt."""
+    def accept(self, bits: Bits, expected_errors: float) -> Generator[ParityRequest, Bits, bool]:
+        """Say whether a plane that satisfies all parity is right; ask for check bits where that is open."""
         if not self.checks(bits):
             return False
-        missing = math.ceil(self.missing_evidence(bits, competitors))
+        missing = math.ceil(self.missing_evidence(bits, expected_errors))
         if missing <= 0:
             return True
-        if self.check.size + missing > self.settings.crc_bits:
+        if self.check.size + missing > CRC_BITS:
             return False
         yield from self.request_check(self.check.size + missing)
         return self.checks(bits)
 
-    def result(self, bits: Bits, success: bool) -> PlaneResult:
+    def result(self, bits: Bits) -> PlaneResult:
         return PlaneResult(
             bits.copy(),
-            success,
             self.num_requests,
             self.check.size,
-            self.parity.size,
+            self.parity.size + self.num_uncoded,
             self.iterations,
             self.entropy_bits,
-            float(_kernels.prior_information(self.llr_ch, bits)),
+            ideal_bits(self.llr, bits),
         )
 
 
 def decode_plane(
-    llr_ch: NDArray[np.floating],
-    decoder_for_code: Callable[[int], TurboDecoder],
-    settings: SlepianWolfSettings,
-    place: tuple[int, int] = (0, 0),
+    llr_ch: NDArray[np.floating], decoder: TurboDecoder, position: tuple[int, int] = (0, 0)
 ) -> PlaneCoroutine:
     """Decode one bit plane as a coroutine: it yields requests and is sent the bits."""
-    llr = np.asarray(llr_ch, np.float32)
-    if llr.ndim != 1 or llr.size < 1 or np.isnan(llr).any():
-        raise ValueError(f"`llr_ch` must be a vector of numbers, got shape {llr.shape}")
-    llr = np.clip(llr, -settings.max_prior_llr, settings.max_prior_llr)
-    entropy_bits = float(_kernels.prior_entropy(llr))
-    code = choose_code(family(settings.family), entropy_bits / llr.size)
-    plane = _Plane(place, llr, entropy_bits, code, settings)
-    if entropy_bits + settings.crc_bits > settings.uncoded_entropy * llr.size + UNCODED_ALLOWANCE_BITS:
-        plane.code = 0
-        plane.parity = yield from plane.request("uncoded", 0, llr.size)
-        return plane.result(plane.parity, True)
-    yield from plane.request_check(settings.first_crc_bits)
-    decisions = (llr < 0).astype(np.uint8)
+    plane = _Plane(position, bounded_llr(llr_ch))
+    if plane.entropy_bits >= UNCODED_ENTROPY * plane.num_bits:
+        return (yield from plane.fetch())
+    yield from plane.request_check(FIRST_CHECK_BITS)
+    decisions = (plane.llr < 0).astype(np.uint8)
     if (yield from plane.accept(decisions, 0.0)):
-        return plane.result(decisions, True)
-    return (yield from _decode_by_parity(plane, decoder_for_code(code)))
+        return plane.result(decisions)
+    return (yield from _decode_by_parity(plane, decoder))
 
 
 def _decode_by_parity(plane: _Plane, decoder: TurboDecoder) -> PlaneCoroutine:
-    """Request parity until iterations, or a search, find a plane that can be accepted."""
-    decoder.start(plane.llr_ch)
-    prior_errors = decoder.expected_errors
-    last_search = 0
+    """Request parity until iterations find a plane that can be accepted, or all of it has not helped."""
+    decoder.start(plane.llr)
+    first_errors = decoder.expected_errors
     while plane.parity.size < plane.num_bits:
-        decoder.add_parity((yield from plane.request_parity(plane.next_count())))
+        decoder.add_parity((yield from plane.request_parity()))
         plane.iterations += _iterate(plane, decoder)
-        plane.stuck = decoder.expected_errors > plane.settings.stuck_errors * prior_errors
+        plane.stuck = decoder.expected_errors > STUCK_ERRORS * first_errors
         if decoder.parity_satisfied:
             if decoder.expected_errors > SURE_ERRORS:
                 plane.iterations += decoder.polish(POLISH_ITERATIONS)
             if (yield from plane.accept(decoder.decisions, decoder.expected_errors)):
-                return plane.result(decoder.decisions, True)
-        if _is_worth_a_search(plane, last_search):
-            last_search = plane.parity.size
-            found = yield from _search(plane, decoder)
-            if found is not None:
-                return plane.result(found, True)
-    return (yield from _solve(plane, decoder))
-
-
-def _search(plane: _Plane, decoder: TurboDecoder) -> Generator[ParityRequest, Bits, Bits | None]:
-    """Look for an acceptable plane that iterations miss; what a search finds is trusted less."""
-    equations = parity_equations(decoder.code, plane.num_bits, decoder.interleaver_seed)[: plane.parity.size]
-    planes = ordered_statistics(equations, plane.parity, plane.llr_ch, decoder.llr)
-    if planes is None:
-        return None
-    if not decoder.parity_satisfied:  # neighbours help where iterations are stuck in a wrong codeword
-        planes = planes[:1]
-    for number, bits in enumerate(planes):
-        if (yield from plane.accept(bits, NEIGHBOUR_COMPETITORS if number else SEARCH_COMPETITORS)):
-            return np.asarray(bits)
-    return None
+                return plane.result(decoder.decisions)
+    return (yield from plane.fetch())
 
 
 def _iterate(plane: _Plane, decoder: TurboDecoder) -> int:
     """Iterate in blocks as long as that makes the decisions surer; return the iterations done."""
-    settings = plane.settings
-    block, progress = settings.iterations, settings.progress
-    if plane.stuck:
-        block, progress = settings.stuck_iterations, settings.stuck_errors
-    done = 0
-    left = settings.max_iterations
+    block, progress = (STUCK_ITERATIONS, STUCK_ERRORS) if plane.stuck else (ITERATIONS, PROGRESS)
+    done, left = 0, MAX_ITERATIONS
     before = decoder.expected_errors
     while left > 0:
         done += decoder.iterate(min(left, block))
@@ -241,54 +153,3 @@ def _iterate(plane: _Plane, decoder: TurboDecoder) -> int:
             break
         before = after
     return done
-
-
-def _is_worth_a_search(plane: _Plane, last_search: int) -> bool:
-    received = plane.parity.size
-    if num_segments(plane.num_bits) > 1 or received < max(plane.entropy_bits, SEARCH_SPACING * last_search):
-        return False
-    return received**2 * (plane.num_bits / 64) <= plane.settings.search_work
-
-
-def _solve(plane: _Plane, decoder: TurboDecoder) -> PlaneCoroutine:
-    """Solve the equations of all N parity bits; check bits settle what they leave open."""
-    segments = num_segments(plane.num_bits)
-    bits = np.empty(plane.num_bits, np.uint8)
-    open_choices = [np.zeros((0, plane.num_bits), np.uint8)]
-    for segment in range(segments):
-        part = slice(segment, None, segments)
-        parity = plane.parity[part]
-        equations = parity_equations(decoder.code, parity.size, decoder.interleaver_seed)
-        solution = solve(equations, parity, decoder.llr[part])
-        if solution is None:
-            return plane.result(decoder.decisions, False)
-        bits[part] = solution.bits
-        choices = np.zeros((len(solution.free), plane.num_bits), np.uint8)
-        choices[:, part] = solution.free
-        open_choices.append(choices)
-    free = np.concatenate(open_choices)
-    while True:
-        chosen = _choose(bits, free, plane)
-        if chosen is None or plane.check.size == plane.settings.crc_bits:
-            return plane.result(
-                bits if chosen is None else chosen.bits, chosen is not None and not len(chosen.free)
-            )
-        if not len(chosen.free):
-            return plane.result(chosen.bits, True)
-        yield from plane.request_check(min(plane.settings.crc_bits, plane.check.size + len(chosen.free)))
-
-
-def _choose(bits: Bits, free: Bits, plane: _Plane) -> Solution | None:
-    """Use the check bits received to settle free bits; the check is linear."""
-    size = plane.check.size
-    wanted = crc(bits, plane.settings.crc_bits)[:size] ^ plane.check
-    weights = crc(free, plane.settings.crc_bits)[:, :size]  # of the choices in each check bit
-    equations = np.zeros((size, (len(free) // 64 + 1) * 64), np.uint8)
-    equations[:, : len(free)] = weights.T
-    words = np.packbits(equations, axis=1, bitorder="little").view(np.dtype("<u8")).astype(np.uint64)
-    solution = solve(words, wanted, np.ones(len(free), np.float32))
-    if solution is None:
-        return None
-    settled = bits ^ (free[solution.bits == 1].sum(axis=0) & 1).astype(np.uint8)
-    combinations = (solution.free.astype(np.int64) @ free & 1).astype(np.uint8)
-    return Solution(settled, combinations)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import inlined_kernel, kernel
-from dvc.slepian_wolf.crc import divide_words
+from dvc.slepian_wolf.crc import joint_check_of_words
 from dvc.slepian_wolf.requests import CODE, COUNT, KIND, KINDS, LAST, PLANE, SLOT, START
 
 _CRC, _PARITY, _JOINT = (KINDS.index(kind) for kind in ("crc", "parity", "joint"))
@@ -91,19 +91,6 @@ def _append(bit, num_written, packed):
 
 
 @kernel
-def _joint_check(checks, planes, polynomial):
-    """CRC over the check bits of planes, one plane after the other, a word a bit; `checks`: (W, width)."""
-    width = checks.shape[1]
-    words, register = np.empty(planes.size * width, np.uint64), np.empty(width, np.uint64)
-    for k in range(planes.size):
-        row, shift = planes[k] // 64, np.uint64(63 - planes[k] % 64)
-        for n in range(width):
-            words[k * width + n] = (checks[row, n] >> shift) & np.uint64(1)
-    divide_words(words, polynomial, width, register)
-    return register
-
-
-@kernel
 def answer_requests(rows, positions, first_row, last_row, frames, written, packed):
     """Write the bits that requests before `last_row` want behind those `written`; return their number."""
     places, parity = frames.places, frames.parity
@@ -121,7 +108,7 @@ def answer_requests(rows, positions, first_row, last_row, frames, written, packe
         elif kind == _PARITY:
             section = parity[places[slot, row, code]]
         if kind == _JOINT:
-            register = _joint_check(frames.checks[slot], chosen, frames.polynomial)
+            register = joint_check_of_words(frames.checks[slot], chosen, frames.polynomial)
             for k in range(count):
                 written = _append(register[k], written, packed)
         elif chosen.size:

@@ -1,11 +1,9 @@
 """Answers to many requests at once: what a live encoder holds of the frames that its decoder works at."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc.slepian_wolf import ParityEncoder, RequestTable
+from dvc.slepian_wolf import PlaneCoder, RequestTable
 from dvc.slepian_wolf.crc import POLYNOMIALS
 from dvc.slepian_wolf.requests import SLOT
 from dvc.wynerziv.encoder_buffer import _kernels
@@ -22,9 +20,9 @@ asked for longest ago gives way, and is computed again when it is needed."""
 class EncoderBuffer:
     """Frames of which bits may be asked for; parity of a code is computed when it is first asked for."""
 
-    def __init__(self, layout: FrameLayout, encoders: Sequence[ParityEncoder], num_slots: int) -> None:
-        self._encoders = encoders
-        num_rows, num_codes = -(-sum(layout.max_planes) // 64), len(encoders)
+    def __init__(self, layout: FrameLayout, coder: PlaneCoder, num_slots: int) -> None:
+        self._coder = coder
+        num_rows, num_codes = -(-sum(layout.max_planes) // 64), coder.num_codes
         per_frame = num_rows * num_codes
         num_places = min(num_slots * per_frame, max(per_frame, MAX_PARITY_BYTES // (8 * layout.num_bits)))
         self._frames = _kernels.HeldFrames(
@@ -73,14 +71,14 @@ class EncoderBuffer:
 
     def _room_for_missing(self, num_requests: int) -> NDArray[np.int64]:
         """Return room for a list of the parity that so many requests may need."""
-        if len(self._missing) < num_requests * len(self._encoders):
-            self._missing = np.empty((num_requests * len(self._encoders), 4), np.int64)
+        if len(self._missing) < num_requests * self._coder.num_codes:
+            self._missing = np.empty((num_requests * self._coder.num_codes, 4), np.int64)
         return self._missing
 
     def _compute(self, missing: NDArray[np.int64]) -> None:
         """Compute parity; `missing` (n, 4) has slot, row, code and place of each."""
         for slot, row, code, place in missing.tolist():
-            self._encoders[code](self._frames.words[slot, row], self._frames.parity[place])
+            self._coder.encode(code, self._frames.words[slot, row], self._frames.parity[place])
 
     def _refuse_other_planes(self, table: RequestTable, number: int) -> None:
         request = table.requests()[number]

@@ -114,8 +114,8 @@ def test_bits_beyond_a_share_bring_in_a_new_order() -> None:
     assert all((np.diff(positions) > 0).all() for _, positions in beyond)
 
 
-def test_doubt_counts_pairs_that_no_parity_shows() -> None:
-    """Pairs of bits in the same ranges of all orders are the doubt that is left; others are none."""
+def test_residual_errors_count_pairs_that_no_parity_shows() -> None:
+    """Pairs of bits in the same ranges of all orders are the errors that are left; others are none."""
     beliefs = RangePosterior(64, SEED)
     llr = np.full(64, 6.0, np.float32)
     beliefs.start(llr)
@@ -123,14 +123,14 @@ def test_doubt_counts_pairs_that_no_parity_shows() -> None:
     tell(beliefs, bits, 0, 31, 63)
     beliefs.propagate(10, 0.0)
     pairs = 2 * (32 * 31 / 2) * np.exp(-12.0)
-    assert beliefs.doubt() - beliefs.expected_errors == pytest.approx(pairs, rel=1e-4)
+    assert beliefs.residual_errors() - beliefs.expected_errors == pytest.approx(pairs, rel=1e-4)
     tell(beliefs, bits, 1, 31)
     beliefs.propagate(10, 0.0)
     orders, _ = bit_orders(64, SEED)
     halves = [{int(bit) for bit in orders[k, part]} for k in (0, 1) for part in (slice(32), slice(32, 64))]
     sizes = [len(a & b) for a in halves[:2] for b in halves[2:]]
     pairs = sum(n * (n - 1) / 2 for n in sizes) * np.exp(-12.0)
-    assert beliefs.doubt() - beliefs.expected_errors == pytest.approx(pairs, rel=1e-4)
+    assert beliefs.residual_errors() - beliefs.expected_errors == pytest.approx(pairs, rel=1e-4)
 
 
 def test_prior_learns_how_many_errors_there_are() -> None:
@@ -169,13 +169,13 @@ def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch) -> None:
             log.append((question[0], question[1].tolist()))
             tell(beliefs, bits, question[0], *question[1].tolist())
             log.append(beliefs.rescale())
-            log.append((beliefs.doubt(), beliefs.is_satisfied(), beliefs._all_odds().tolist()))
+            log.append((beliefs.residual_errors(), beliefs.is_satisfied(), beliefs._all_odds().tolist()))
         return log
 
     compiled = course()
     for name in dir(_kernels):
         function = getattr(_kernels, name)
-        if callable(function) and name != "kernel":
+        if hasattr(function, "py_func"):
             monkeypatch.setattr(posterior._kernels, name, python_twin(function))
     with np.errstate(all="ignore"):
         assert course() == compiled

@@ -6,24 +6,25 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from dvc import slepian_wolf
+from dvc.config import CODERS, CascadeConfig
 from dvc.slepian_wolf import ParityRequest, RequestTable
+from dvc.slepian_wolf.cascade.coder import CascadeCoder
 from dvc.slepian_wolf.requests import SLOT
 from dvc.wynerziv.encoder_buffer import buffer
 from dvc.wynerziv.encoder_buffer.buffer import EncoderBuffer
 from dvc.wynerziv.payloads import BufferedFrame, EncodedFrame
 from dvc.wynerziv.quantizer import FrameLayout
+from tests.coders import coder_of
 from tests.wynerziv.test_payloads import MATRICES, encoded_frame, layout_of, layouts
 
-FAMILIES = ("adaptive", "cascade")
 SLOTS = (2, 0)
 
 
-def drawn_request(frame: EncodedFrame, number: int, family: str, data: st.DataObject) -> ParityRequest:
+def drawn_request(frame: EncodedFrame, number: int, coder: str, data: st.DataObject) -> ParityRequest:
     """Return a request for bits that a frame has."""
     layout, num_planes = frame.layout, frame.quantization.num_planes
     plane, code = data.draw(st.integers(0, num_planes - 1)), data.draw(st.integers(0, 3))
-    kinds = ["crc", "uncoded", "parity"] + ["joint"] * (family == "cascade")
+    kinds = ["crc", "uncoded", "parity"] + ["joint"] * (coder == "cascade")
     kind = data.draw(st.sampled_from(kinds))
     positions: tuple[int, ...] = ()
     size = layout.num_bits if kind in ("parity", "uncoded") else layout.crc_bits
@@ -32,8 +33,8 @@ def drawn_request(frame: EncodedFrame, number: int, family: str, data: st.DataOb
     if kind == "joint":
         chosen = data.draw(st.sets(st.integers(plane, num_planes - 1))) | {plane}
         positions = tuple(sorted(chosen))
-    elif kind == "parity" and family == "cascade":
-        last = layout.num_bits * (slepian_wolf.num_codes(family) - code) - 1
+    elif kind == "parity" and coder == "cascade":
+        last = layout.num_bits * (coder_of(coder).num_codes - code) - 1
         chosen = data.draw(st.sets(st.integers(0, last), min_size=1))
         positions, count = tuple(sorted(chosen)), len(chosen)
     return ParityRequest(number, plane, kind, code, start, count, positions)
@@ -47,27 +48,27 @@ def table_of(requests: list[ParityRequest]) -> RequestTable:
 
 @pytest.mark.parametrize("max_parity_bytes", [1, buffer.MAX_PARITY_BYTES])
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(layouts, st.sampled_from(FAMILIES), st.integers(0, 2**32 - 1), st.data())
+@given(layouts, st.sampled_from(list(CODERS)), st.integers(0, 2**32 - 1), st.data())
 def test_many_answers_are_those_of_the_buffered_form(
     monkeypatch: pytest.MonkeyPatch,
     max_parity_bytes: int,
     layout: FrameLayout,
-    family: str,
+    coder: str,
     seed: int,
     data: st.DataObject,
 ) -> None:
     """Any requests for two frames, together, get the bits that buffered payloads have for each."""
     monkeypatch.setattr(buffer, "MAX_PARITY_BYTES", max_parity_bytes)
-    frames = [encoded_frame(layout, seed + number, family=family) for number in range(2)]
-    codes = slepian_wolf.num_codes(family)
+    frames = [encoded_frame(layout, seed + number, coder=coder) for number in range(2)]
+    codes = coder_of(coder).num_codes
     buffered = [BufferedFrame(layout, frame.buffered_payload(), codes) for frame in frames]
-    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders(family, 1), 3)
+    opened = EncoderBuffer(layout, coder_of(coder), 3)
     for slot, frame in zip(SLOTS, frames, strict=True):
         opened.enter(slot, frame)
     coded = [number for number, frame in enumerate(frames) if frame.quantization.num_planes]
     for _ in range(2 if coded else 0):
         numbers = data.draw(st.lists(st.sampled_from(coded), min_size=1, max_size=5))
-        requests = [drawn_request(frames[number], number, family, data) for number in numbers]
+        requests = [drawn_request(frames[number], number, coder, data) for number in numbers]
         bits = np.unpackbits(np.frombuffer(opened.answer(table_of(requests)), np.uint8))
         expected = np.concatenate([buffered[request.frame].answer(request) for request in requests])
         np.testing.assert_array_equal(bits[: expected.size], expected)
@@ -78,13 +79,13 @@ def test_many_answers_are_those_of_the_buffered_form(
 def test_a_slot_holds_one_frame_after_the_other() -> None:
     """Nothing of the frame before is left: parity that was computed of it is not that of the next."""
     layout = layout_of(16, 20, MATRICES[7])
-    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders("cascade", 1), 3)
+    opened = EncoderBuffer(layout, coder_of("cascade"), 3)
     table = table_of([ParityRequest(0, 3, "parity", 2, 0, 20, tuple(range(20)))])
     found = []
     for seed in range(2):
-        frame = encoded_frame(layout, seed, family="cascade")
+        frame = encoded_frame(layout, seed, coder="cascade")
         opened.enter(SLOTS[0], frame)
-        payload = BufferedFrame(layout, frame.buffered_payload(), slepian_wolf.num_codes("cascade"))
+        payload = BufferedFrame(layout, frame.buffered_payload(), coder_of("cascade").num_codes)
         found.append(opened.answer(table))
         expected = payload.answer(table.requests()[0])
         np.testing.assert_array_equal(np.unpackbits(np.frombuffer(found[-1], np.uint8))[:20], expected)
@@ -95,12 +96,12 @@ def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.Monk
     """It takes as many places as frames are asked for at a time, and comes back where it is needed again."""
     monkeypatch.setattr(buffer, "PATIENCE", 2)
     layout = layout_of(16, 20, MATRICES[7])
-    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
-    frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
+    opened = EncoderBuffer(layout, coder_of("cascade"), 8)
+    frames = [encoded_frame(layout, seed, coder="cascade") for seed in range(8)]
     for slot, frame in enumerate(frames):
         opened.enter(slot, frame)
     for slot in [0, 1, 2, 3, 4, 5, 6, 7, 0, 7, 6, 0, 1]:
-        payload = BufferedFrame(layout, frames[slot].buffered_payload(), slepian_wolf.num_codes("cascade"))
+        payload = BufferedFrame(layout, frames[slot].buffered_payload(), coder_of("cascade").num_codes)
         request = ParityRequest(0, 3, "parity", 2, 0, 20, tuple(range(20)))
         table = RequestTable.of([request])
         table.rows[:, SLOT] = slot
@@ -111,11 +112,11 @@ def test_parity_of_frames_that_are_out_of_use_gives_way(monkeypatch: pytest.Monk
 
 def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPatch) -> None:
     """Requests for all frames, in one message, are answered where there is room for three of them."""
-    layout, codes = layout_of(16, 20, MATRICES[7]), slepian_wolf.num_codes("cascade")
+    layout, codes = layout_of(16, 20, MATRICES[7]), coder_of("cascade").num_codes
     room = 3 * codes * 8 * layout.num_bits
     monkeypatch.setattr(buffer, "MAX_PARITY_BYTES", room)
-    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders("cascade", 1), 8)
-    frames = [encoded_frame(layout, seed, family="cascade") for seed in range(8)]
+    opened = EncoderBuffer(layout, coder_of("cascade"), 8)
+    frames = [encoded_frame(layout, seed, coder="cascade") for seed in range(8)]
     for slot, frame in enumerate(frames):
         opened.enter(slot, frame)
     buffered = [BufferedFrame(layout, frame.buffered_payload(), codes) for frame in frames]
@@ -132,22 +133,18 @@ def test_parity_of_all_frames_stays_within_its_room(monkeypatch: pytest.MonkeyPa
 
 def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where there is no room, it is computed again for these alone; it is not for others."""
-    layout, codes = layout_of(16, 20, MATRICES[7]), slepian_wolf.num_codes("cascade")
+    layout, codes = layout_of(16, 20, MATRICES[7]), coder_of("cascade").num_codes
     monkeypatch.setattr(buffer, "MAX_PARITY_BYTES", 2 * codes * 8 * layout.num_bits)
     computed: list[int] = []
 
-    def counting(encoder: slepian_wolf.ParityEncoder) -> slepian_wolf.ParityEncoder:
-        def compute(words: NDArray[np.uint64], parity: NDArray[np.uint64]) -> None:
+    class Counting(CascadeCoder):
+        def encode(self, code: int, words: NDArray[np.uint64], parity: NDArray[np.uint64]) -> None:
             computed[-1] += 1
-            encoder(words, parity)
+            super().encode(code, words, parity)
 
-        return compute
-
-    opened = EncoderBuffer(
-        layout, [counting(encoder) for encoder in slepian_wolf.parity_encoders("cascade", 1)], 3
-    )
+    opened = EncoderBuffer(layout, Counting(CascadeConfig(), 1), 3)
     for slot in range(3):
-        opened.enter(slot, encoded_frame(layout, slot, family="cascade"))
+        opened.enter(slot, encoded_frame(layout, slot, coder="cascade"))
     for slot in [0, 1, 0, 2, 0, 1, 1]:
         last = codes * layout.num_bits - 1
         table = RequestTable.of([ParityRequest(0, 3, "parity", 0, 0, 2, (0, last))])
@@ -167,8 +164,8 @@ def test_parity_of_frames_asked_for_longest_ago_gives_way(monkeypatch: pytest.Mo
 def test_planes_that_a_frame_lacks_are_refused(refused: ParityRequest, text: str) -> None:
     """What other frames of the layout may have, but this one has not, raises `ValueError`."""
     layout = layout_of(16, 16, None)
-    opened = EncoderBuffer(layout, slepian_wolf.parity_encoders("cascade", 1), 3)
-    frame = encoded_frame(layout, 0, step_index=40, family="cascade")
+    opened = EncoderBuffer(layout, coder_of("cascade"), 3)
+    frame = encoded_frame(layout, 0, step_index=40, coder="cascade")
     assert 8 < frame.quantization.num_planes <= 41
     opened.enter(SLOTS[0], frame)
     with pytest.raises(ValueError, match=text):

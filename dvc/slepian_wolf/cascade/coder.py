@@ -1,23 +1,23 @@
-"""The planes of a frame: each is decoded until it is likely right, then all are checked together.
+"""Cascade: each plane is decoded until it is likely right, then all of a frame are checked together.
 
-Check bits that leave no doubt of one plane cost more than a plane of low entropy itself.
+Check bits that make sure of one plane cost more than a plane of low entropy itself.
 """
 
 from collections.abc import Generator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dvc.config import CascadeConfig
+from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, prefix_parities
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
-from dvc.slepian_wolf.cascade.reconciliation import CascadeSettings, PlaneReconciliation
+from dvc.slepian_wolf.cascade.reconciliation import PlaneReconciliation
 from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.crc import crc, joint_check
+from dvc.slepian_wolf.crc import CRC_BITS, crc, joint_check
+from dvc.slepian_wolf.protocol import Words
 from dvc.slepian_wolf.requests import Bits, ParityRequest, ask
 from dvc.slepian_wolf.results import FrameCheck, PlaneCoroutine, PlaneCost, PlaneResult
 
-PLANE_EXPONENT = 8.0
-"""Each plane is accepted by itself when the odds against it are below 2 to minus this."""
 SEARCH_BITS = 6
 """Check bits of half of the planes that are asked for, to find one that is wrong."""
 
@@ -27,21 +27,21 @@ class CascadeDecoder:
 
     cost = PlaneCost(1.06, 6.0)
 
-    def __init__(self, settings: CascadeSettings, num_bits: int, seed: int) -> None:
-        self._settings = replace(settings, error_exponent=PLANE_EXPONENT)
+    def __init__(self, settings: CascadeConfig, num_bits: int, seed: int) -> None:
+        self._settings = settings
         self._posterior = RangePosterior(num_bits, seed)
         self._planes: dict[int, tuple[PlaneReconciliation, PlaneResult]] = {}
 
     def decode(
         self,
         llr_ch: NDArray[np.floating],
-        place: tuple[int, int] = (0, 0),
+        position: tuple[int, int] = (0, 0),
         coupling: NeighbourCoupling | None = None,
     ) -> PlaneCoroutine:
         """Decode a plane as a coroutine: it yields requests and is sent the bits."""
-        plane = PlaneReconciliation(llr_ch, self._settings, place, coupling)
+        plane = PlaneReconciliation(llr_ch, self._settings, position, coupling)
         result = yield from plane.decode(self._posterior)
-        self._planes[place[1]] = plane, result
+        self._planes[position[1]] = plane, result
         return result
 
     def check(self, frame: int = 0) -> Generator[ParityRequest, Bits, FrameCheck]:
@@ -49,33 +49,32 @@ class CascadeDecoder:
         planes, self._planes = self._planes, {}
         if not planes:
             return FrameCheck()
-        check = _JointCheck(frame, self._settings.crc_bits, {p: planes[p][1].bits for p in planes})
+        check = _JointCheck(frame, {p: planes[p][1].bits for p in planes})
         corrected: dict[int, PlaneResult] = {}
         suspects, search_bits = sorted(planes), SEARCH_BITS
-        while not (success := (yield from check.holds(sorted(planes), self._settings.crc_bits))) and suspects:
+        while not (success := (yield from check.holds(sorted(planes), CRC_BITS))) and suspects:
             number = yield from check.find(suspects, search_bits)
             suspects.remove(number)
             corrected[number] = yield from planes[number][0].correct(self._posterior)
             check.set_bits(number, corrected[number].bits)
             if np.array_equal(corrected[number].bits, planes[number][1].bits):
-                search_bits = self._settings.crc_bits  # a wrong plane must have passed for right
+                search_bits = CRC_BITS  # a wrong plane must have passed for right
         return FrameCheck(corrected, check.num_requests, check.num_bits, success)
 
 
 class _JointCheck:
     """Compares check bits of sets of planes with those of the encoder."""
 
-    def __init__(self, frame: int, crc_bits: int, bits: dict[int, Bits]) -> None:
+    def __init__(self, frame: int, bits: dict[int, Bits]) -> None:
         self._frame = frame
-        self._crc_bits = crc_bits
-        self._checks = {plane: crc(own, crc_bits) for plane, own in bits.items()}
+        self._checks = {plane: crc(own, CRC_BITS) for plane, own in bits.items()}
         self._answers: dict[tuple[int, ...], Bits] = {}
         self._charged: dict[int, int] = {}  # bits that were asked for by the first of their planes
         self.num_requests = 0
         self.num_bits = 0
 
     def set_bits(self, plane: int, bits: Bits) -> None:
-        self._checks[plane] = crc(bits, self._crc_bits)
+        self._checks[plane] = crc(bits, CRC_BITS)
 
     def holds(self, planes: list[int], count: int) -> Generator[ParityRequest, Bits, bool]:
         """Say whether the check of some planes is the encoder's, which is asked for where it is not known."""
@@ -99,3 +98,21 @@ class _JointCheck:
             holds = yield from self.holds(half, count)
             suspects = suspects[len(suspects) // 2 :] if holds else half
         return suspects[0]
+
+
+class CascadeCoder:
+    """Parities of ranges of several orders of the bits, which the decoder chooses."""
+
+    num_codes = NUM_ORDERS
+    by_positions = True
+
+    def __init__(self, settings: CascadeConfig, seed: int) -> None:
+        self._settings, self._seed = settings, seed
+
+    def encode(self, code: int, words: Words, parity: Words) -> None:
+        """Compute the parities of all that comes first in one of the orders, of up to 64 planes."""
+        prefix_parities(words, code, self._seed, parity)
+
+    def decoder(self, num_bits: int) -> CascadeDecoder:
+        """Return a decoder of planes."""
+        return CascadeDecoder(self._settings, num_bits, self._seed)

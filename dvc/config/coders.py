@@ -1,0 +1,63 @@
+"""Coders of bit planes that a decoder asks, each with settings of its own."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+from dvc.config.fields import Section, check_choice, check_range
+
+
+@dataclass(frozen=True)
+class CoderConfig(Section):
+    """Settings of the coder of bit planes; its name stands beside them in results and streams."""
+
+    @property
+    def name(self) -> str:
+        """One of `CODERS`."""
+        return next(name for name, coder in CODERS.items() if type(self) is coder)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the name and the settings as JSON-safe values; inverse of `from_dict`."""
+        return {"name": self.name, **super().to_dict()}
+
+    @classmethod
+    def build(cls, values: Any, name: str) -> Self:
+        """Build the settings of the coder that is named, by default `DEFAULT_CODER`."""
+        if cls is not CoderConfig or not isinstance(values, dict):
+            return super().build(values, name)
+        coder = values.get("name", DEFAULT_CODER)
+        check_choice("coder", coder, CODERS)
+        own = {key: value for key, value in values.items() if key != "name"}
+        built = CODERS[coder].build(own, name)
+        assert isinstance(built, cls)
+        return built
+
+
+@dataclass(frozen=True)
+class CascadeConfig(CoderConfig):
+    """Parities of ranges that the decoder chooses.
+
+    Attributes
+    ----------
+    batch_percent : int
+        What the answers to a request are to tell, in percent of what is not known of the plane; 0: as little
+        as costs the fewest bits, in the most requests.
+    batch_bits : int
+        Bits that they are to tell beyond that share; above 0, orders that are not in use yet help with it.
+    """
+
+    batch_percent: int = 0
+    batch_bits: int = 0
+
+    def _check_values(self) -> None:
+        check_range("batch_percent", self.batch_percent, 0, 100)
+        check_range("batch_bits", self.batch_bits, 0, 1000 if self.batch_percent else 0)
+
+
+@dataclass(frozen=True)
+class TurboConfig(CoderConfig):
+    """The classical pair of recursive convolutional codes, punctured; it has no settings."""
+
+
+CODERS: dict[str, type[CoderConfig]] = {"cascade": CascadeConfig, "turbo": TurboConfig}
+"""All coders by name."""
+DEFAULT_CODER = "cascade"

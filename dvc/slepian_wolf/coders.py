@@ -1,0 +1,24 @@
+"""All coders of planes that a decoder asks, by their configuration."""
+
+from dvc.config import CascadeConfig, CodecConfig
+from dvc.slepian_wolf.cascade.coder import CascadeCoder
+from dvc.slepian_wolf.protocol import PlaneCoder
+from dvc.slepian_wolf.turbo.coder import TurboCoder
+
+
+def plane_coder(config: CodecConfig) -> PlaneCoder:
+    """Return the coder of planes of a configuration.
+
+    Parameters
+    ----------
+    config : CodecConfig
+        Its section `coder` holds the settings.
+
+    Returns
+    -------
+    PlaneCoder
+        The coder.
+    """
+    if isinstance(config.coder, CascadeConfig):
+        return CascadeCoder(config.coder, config.seed)
+    return TurboCoder(config.seed)

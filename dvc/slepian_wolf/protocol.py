@@ -1,0 +1,88 @@
+"""What a coder of bit planes is to an encoder, which answers, and to a decoder, which asks."""
+
+from collections.abc import Generator
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dvc.slepian_wolf.coupling import NeighbourCoupling
+from dvc.slepian_wolf.requests import Bits, ParityRequest
+from dvc.slepian_wolf.results import FrameCheck, PlaneCoroutine, PlaneCost
+
+Words = NDArray[np.uint64]
+
+
+class PlaneDecoder(Protocol):
+    """Decodes the planes of one frame after another."""
+
+    @property
+    def cost(self) -> PlaneCost:
+        """What planes are expected to cost."""
+
+    def decode(
+        self,
+        llr_ch: NDArray[np.floating],
+        position: tuple[int, int],
+        coupling: NeighbourCoupling | None = None,
+    ) -> PlaneCoroutine:
+        """Decode a plane as a coroutine: it yields requests and is sent the bits.
+
+        Parameters
+        ----------
+        llr_ch : ndarray of shape (N,), float
+            Side information as LLR log p(0) / p(1) of every bit.
+        position : tuple of two int
+            Index of the frame, and of the plane in it.
+        coupling : NeighbourCoupling, optional
+            How bits depend on each other, where they do; a coder may leave that aside.
+        """
+
+    def check(self, frame: int) -> Generator[ParityRequest, Bits, FrameCheck]:
+        """Check the planes of a frame together, and correct those that are wrong, as a coroutine.
+
+        Parameters
+        ----------
+        frame : int
+            Index of the frame.
+        """
+
+
+class PlaneCoder(Protocol):
+    """Codes bit planes: what an encoder computes of them, and who decodes them.
+
+    Attributes
+    ----------
+    num_codes : int
+        Kinds of parity of a plane, each as long as the plane.
+    by_positions : bool
+        Whether a decoder names the bits of parity that it wants; else they are released in order.
+    """
+
+    @property
+    def num_codes(self) -> int: ...
+
+    @property
+    def by_positions(self) -> bool: ...
+
+    def encode(self, code: int, words: Words, parity: Words) -> None:
+        """Compute one kind of parity of up to 64 planes, bit p of each word that of plane p.
+
+        Parameters
+        ----------
+        code : int
+            Index of the kind.
+        words : ndarray of shape (N,), uint64
+            The planes.
+        parity : ndarray of shape (N,), uint64
+            Receives their parity, in order of release.
+        """
+
+    def decoder(self, num_bits: int) -> PlaneDecoder:
+        """Return a decoder of planes.
+
+        Parameters
+        ----------
+        num_bits : int
+            Length N of the planes.
+        """
