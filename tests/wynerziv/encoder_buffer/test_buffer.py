@@ -23,7 +23,8 @@ SLOTS = (2, 0)
 def drawn_request(frame: EncodedFrame, number: int, coder: str, data: st.DataObject) -> ParityRequest:
     """Return a request for bits that a frame has."""
     layout, num_planes = frame.layout, frame.quantization.num_planes
-    plane, code = data.draw(st.integers(0, num_planes - 1)), data.draw(st.integers(0, 3))
+    plane = data.draw(st.integers(0, num_planes - 1))
+    code = data.draw(st.integers(0, min(3, coder_of(coder).num_codes - 1)))
     kinds = ["crc", "uncoded", "parity"] + ["joint"] * (coder == "cascade")
     kind = data.draw(st.sampled_from(kinds))
     positions: tuple[int, ...] = ()
