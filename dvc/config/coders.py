@@ -34,18 +34,12 @@ class CoderConfig(Section):
 
 @dataclass(frozen=True)
 class CascadeConfig(CoderConfig):
-    """Parities of ranges that the decoder chooses.
+    """Parities of ranges that the decoder chooses."""
 
-    Attributes
-    ----------
-    batch_percent : int
-        What the answers to a request are to tell, in percent of what is not known of the plane; 0: as little
-        as costs the fewest bits, in the most requests.
-    batch_bits : int
-        Bits that they are to tell beyond that share; above 0, orders that are not in use yet help with it.
-    """
-
+    # Information that the answers to a request are to have, in percent of what is not known of the plane; 0:
+    # as little as costs the fewest bits, in the most requests.
     batch_percent: int = 0
+    # Bits of it beyond that share; above 0, orders that are not in use yet help with it.
     batch_bits: int = 0
 
     def _check_values(self) -> None:

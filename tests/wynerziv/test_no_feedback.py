@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dvc import slepian_wolf
-from dvc.config import TurboConfig
 from dvc.errors import BitstreamError
 from dvc.slepian_wolf.ldpc.graph import syndrome
 from dvc.wynerziv import quantizer
@@ -22,7 +21,7 @@ from dvc.wynerziv.no_feedback import (
 from dvc.wynerziv.payloads import EncodedFrame, quantize_frame
 from dvc.wynerziv.quantizer import FrameLayout
 
-SETTINGS = TurboConfig()
+SEED = 0
 LAYOUT = FrameLayout(24, 32, True, (0,) * 16, 16)
 LUMA = np.random.default_rng(1).integers(0, 256, (24, 32), dtype=np.uint8)
 QUANTIZATION, WORDS = quantize_frame(LAYOUT, LUMA, quantizer.index_of_step(20.0))
@@ -46,12 +45,12 @@ def depths(dc: int, *others: int) -> tuple[int, ...]:
 )
 def test_round_trip(sent: SentPlanes) -> None:
     """Planes, check bits and syndromes come back; a block without syndrome is none."""
-    payload = encode_payload(FRAME, sent, SETTINGS)
-    frame = NoFeedbackFrame.read(LAYOUT, payload, SETTINGS)
+    payload = encode_payload(FRAME, sent, SEED)
+    frame = NoFeedbackFrame.read(LAYOUT, payload, SEED)
     assert frame.quantization == QUANTIZATION
     assert frame.sent == sent
     for number, block in enumerate(frame.blocks):
-        graph = sent.graph(number, QUANTIZATION, LAYOUT.num_bits, SETTINGS)
+        graph = sent.graph(number, QUANTIZATION, LAYOUT.num_bits, SEED)
         if graph is None:
             assert block is None
             continue
@@ -80,10 +79,10 @@ def test_lengths_are_told_on_a_fine_scale() -> None:
 def test_a_cut_payload_is_refused(cut: int) -> None:
     """Wherever it ends too early."""
     sent = SentPlanes(depths(4, 3), (length_code(60), length_code(60)))
-    payload = encode_payload(FRAME, sent, SETTINGS)
+    payload = encode_payload(FRAME, sent, SEED)
     assert cut < len(payload)
     with pytest.raises(BitstreamError):
-        NoFeedbackFrame.read(LAYOUT, payload[:cut], SETTINGS)
+        NoFeedbackFrame.read(LAYOUT, payload[:cut], SEED)
 
 
 def test_planes_that_a_band_does_not_have_are_refused() -> None:
@@ -91,11 +90,11 @@ def test_planes_that_a_band_does_not_have_are_refused() -> None:
     too_many = SentPlanes(depths(QUANTIZATION.planes[0] + 1), (0, 0))
     payload = QUANTIZATION.header
     with pytest.raises(BitstreamError, match="more bit planes of a band are sent than it has"):
-        NoFeedbackFrame.read(LAYOUT, encode_payload(FRAME, too_many, SETTINGS), SETTINGS)
-    none = encode_payload(FRAME, SentPlanes(depths(0), (0, 0)), SETTINGS)
+        NoFeedbackFrame.read(LAYOUT, encode_payload(FRAME, too_many, SEED), SEED)
+    none = encode_payload(FRAME, SentPlanes(depths(0), (0, 0)), SEED)
     assert none.startswith(payload)
     with pytest.raises(BitstreamError, match="left over"):
-        NoFeedbackFrame.read(LAYOUT, none + b"\0", SETTINGS)
+        NoFeedbackFrame.read(LAYOUT, none + b"\0", SEED)
 
 
 @given(st.binary(max_size=80), st.booleans())
@@ -103,7 +102,7 @@ def test_any_bytes_are_read_or_refused(data: bytes, after_header: bool) -> None:
     """Nothing but a frame or a `BitstreamError` comes of them."""
     payload = QUANTIZATION.header + data if after_header else data
     try:
-        frame = NoFeedbackFrame.read(LAYOUT, payload, SETTINGS)
+        frame = NoFeedbackFrame.read(LAYOUT, payload, SEED)
     except BitstreamError:
         return
     assert frame.syndrome_bits + frame.check_bits <= 8 * len(payload)
@@ -121,4 +120,4 @@ def test_blocks_that_would_take_all_memory_are_refused() -> None:
         ).tobytes()
     )
     with pytest.raises(BitstreamError, match="a block of"):
-        NoFeedbackFrame.read(layout, payload + bytes(20), SETTINGS)
+        NoFeedbackFrame.read(layout, payload + bytes(20), SEED)

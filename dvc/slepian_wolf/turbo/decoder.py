@@ -15,26 +15,7 @@ MAX_CHANNEL_LLR = 24.0
 
 
 class TurboDecoder:
-    """Decoder of one bit plane after another with one code; keeps its messages while parity arrives.
-
-    Parameters
-    ----------
-    code : TurboCode
-        The code.
-    num_bits : int
-        Length N of the planes.
-    seed : int
-        Of the interleaver.
-
-    Attributes
-    ----------
-    decisions : ndarray of shape (N,), uint8
-        Hard decisions.
-    num_parity : int
-        Parity bits received.
-    parity_satisfied : bool
-        Whether the decisions, encoded again, agree with every parity bit received.
-    """
+    """Decoder of one bit plane after another with one code; keeps its messages while parity arrives."""
 
     def __init__(self, code: TurboCode, num_bits: int, seed: int) -> None:
         self.num_bits = num_bits
@@ -59,18 +40,7 @@ class TurboDecoder:
         return float(_kernels.sum_of_error_probabilities(self._llr[:-1]))
 
     def start(self, llr_ch: ArrayLike) -> None:
-        """Begin a new plane.
-
-        Parameters
-        ----------
-        llr_ch : array_like of shape (N,), float
-            Side information as LLR log p(0) / p(1) of every bit.
-
-        Raises
-        ------
-        ValueError
-            If the shape is wrong or a value is not a number.
-        """
+        """Begin a new plane."""
         llr = np.asarray(llr_ch, np.float32)
         if llr.shape != (self.num_bits,) or np.isnan(llr).any():
             raise ValueError(f"`llr_ch` must be {self.num_bits} numbers, got shape {llr.shape}")
@@ -82,18 +52,7 @@ class TurboDecoder:
         self.parity_satisfied = True
 
     def add_parity(self, bits: NDArray[np.uint8]) -> None:
-        """Take the next parity bits in order of release; they are free of errors.
-
-        Parameters
-        ----------
-        bits : ndarray of shape (n,), uint8
-            Each element 0 or 1.
-
-        Raises
-        ------
-        ValueError
-            If there are more bits than can be released, or a value other than 0 and 1.
-        """
+        """Take the next parity bits in order of release; they are free of errors."""
         bits = np.asarray(bits)
         end = self.num_parity + bits.size
         if bits.ndim != 1 or end > self._order.size or (bits.size and (bits.min() < 0 or bits.max() > 1)):
@@ -106,18 +65,7 @@ class TurboDecoder:
         self._check_parity()
 
     def iterate(self, max_iterations: int) -> int:
-        """Go on decoding until all received parity is satisfied or the iterations are used up.
-
-        Parameters
-        ----------
-        max_iterations : int
-            Most iterations, each one pass over the whole trellis.
-
-        Returns
-        -------
-        int
-            Iterations done.
-        """
+        """Go on decoding until all received parity is satisfied or the iterations are used up."""
         for done in range(1, max_iterations + 1):
             self._pass()
             if self.parity_satisfied:
