@@ -76,11 +76,14 @@ def test_lengths_in_sequence_are_those_of_a_code() -> None:
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 10**6), st.floats(0.0, 6.0))
 @settings(max_examples=40, deadline=None)
 def test_garbage_couplings_end_exactly(rows: int, columns: int, seed: int, size: float) -> None:
-    """Couplings that have nothing to do with the bits cost bits, never the plane."""
+    """Couplings that have nothing to do with the bits cost bits; all check bits make sure of the plane."""
     rng = np.random.default_rng(seed)
     bits = rng.integers(0, 2, rows * columns, dtype=np.uint8)
     coupling = random_coupling(rng, (rows, columns), size)
-    result = exchange(bits, coupling.alone.ravel(), coupling)
+    source, posterior = PlaneSource(bits[None], coder_of("cascade")), RangePosterior(bits.size, SEED)
+    plane = PlaneReconciliation(coupling.alone.ravel(), SETTINGS, (0, 0), coupling)
+    drive(plane.decode(posterior), source.answer)
+    result = drive(plane.correct(posterior), source.answer)
     np.testing.assert_array_equal(result.bits, bits)
     assert result.parity_bits <= 2 * bits.size
 

@@ -17,7 +17,7 @@ from dvc.slepian_wolf.cascade.orders import bit_orders
 from dvc.slepian_wolf.crc import POLYNOMIALS, joint_check_of_words
 from dvc.slepian_wolf.turbo.codes import CLASSICAL
 from dvc.slepian_wolf.turbo.encoder import encode_planes
-from dvc.wynerziv import _kernels, bitplanes, quantizer, transform
+from dvc.wynerziv import _kernels, quantizer, transform
 from dvc.wynerziv.payloads import (
     BufferedFrame,
     EncodedFrame,
