@@ -331,7 +331,7 @@ def test_strangers_end_nothing(folder: Path, clip: Path, buffered: Run) -> None:
 
 @contextmanager
 def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
-    """Encoder and decoder of a live run whose source halts after four frames; the first is decoded.
+    """Encoder and decoder of a live run whose source halts after four frames; three are decoded.
 
     The fourth is a Wyner-Ziv frame whose group has no end yet.
     """
@@ -345,7 +345,7 @@ def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], s
     outputs = [name if name.startswith("--") else folder / name for name in names]
     with encoder, start("decoder", "--connect", address, *outputs) as decoder:
         video = folder / f"{names[0]}.part"
-        wait_for(lambda: video.exists() and frames_of(video))
+        wait_for(lambda: video.exists() and len(frames_of(video)) == 3)
         try:
             yield encoder, decoder
         finally:

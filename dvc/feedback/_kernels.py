@@ -35,7 +35,6 @@ class OpenFrames(NamedTuple):
 
     gops: NDArray[np.int64]  # first frame and number of frames of each open group
     requested: NDArray[np.int32]  # bits, by kinds
-    codes: NDArray[np.int32]  # the code of the parity; -1: none
     awaited: NDArray[np.int32]  # bits that are asked for and have not come
 
 
@@ -127,7 +126,7 @@ def _fault_of_positions(row, chosen, rules):
 @kernel
 def enter_requests(rows, positions, frames, rules, in_turn):
     """Enter requests, and find where frames are held; return the first at fault, and its fault."""
-    requested, codes, awaited = frames.requested, frames.codes, frames.awaited
+    requested, awaited = frames.requested, frames.awaited
     start = 0
     for n in range(rows.shape[0]):
         row = rows[n]
@@ -137,7 +136,7 @@ def enter_requests(rows, positions, frames, rules, in_turn):
         slot = _slot_of(row[FRAME], frames.gops, rules.gop_length)
         row[SLOT] = slot
         fault = 0
-        if not 0 <= plane < codes.shape[1]:
+        if not 0 <= plane < awaited.shape[1]:
             fault = NO_PLANE
         elif slot < 0:
             fault = NO_FRAME
@@ -152,11 +151,8 @@ def enter_requests(rows, positions, frames, rules, in_turn):
             fault = OUT_OF_TURN
         elif not 1 <= row[COUNT] <= rules.limits[kind] - before:
             fault = TOO_MANY
-        elif kind != UNCODED:
-            other = rules.limits[JOINT] == 0 and codes[slot, plane] >= 0 and codes[slot, plane] != code
-            if other or not 0 <= code < rules.num_codes:
-                fault = NO_CODE
-            codes[slot, plane] = code
+        elif kind != UNCODED and not 0 <= code < rules.num_codes:
+            fault = NO_CODE
         fault = fault or _fault_of_positions(row, chosen, rules)
         if fault:
             return n, fault

@@ -72,7 +72,6 @@ class FlowControl:
         self._frames = _kernels.OpenFrames(
             np.zeros((max_open_gops(config), 2), np.int64),
             np.zeros((*planes, len(KINDS)), np.int32),
-            np.full(planes, -1, np.int32),
             np.zeros(planes, np.int32),
         )
         self._waiting: deque[RequestTable] = deque()
@@ -112,7 +111,7 @@ class FlowControl:
             raise ValueError(f"group of pictures {number} has no key frame")
         row = self._free.pop()
         slots = slice(row * self._rules.gop_length, (row + 1) * self._rules.gop_length)
-        self._frames.requested[slots], self._frames.codes[slots] = 0, -1
+        self._frames.requested[slots] = 0
         self._frames.gops[row] = self.num_frames, num_frames - (not without_key)
         self._open[number] = _OpenGop(row, slots)
         self.num_credits -= 1
@@ -139,7 +138,7 @@ class FlowControl:
         request = table.requests()[number]
         kind, count, start, positions = request.kind, request.count, request.start, request.positions
         where = f"plane {request.plane} of frame {request.frame}"
-        num_planes = self._frames.codes.shape[1]
+        num_planes = self._frames.awaited.shape[1]
         if fault == _kernels.NO_PLANE:
             return f"plane {request.plane}, there are {num_planes}"
         slot = int(table.rows[number, SLOT])

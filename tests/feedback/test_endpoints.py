@@ -110,10 +110,10 @@ class Decoder:
     @staticmethod
     def requests(frame: int, plane: int) -> Iterator[ParityRequest]:
         if plane == 0:
-            yield ParityRequest(frame, plane, "crc", 1, 0, 8)
-            yield ParityRequest(frame, plane, "parity", 1, 0, 300)
-            yield ParityRequest(frame, plane, "parity", 1, 300, NUM_BITS - 300)
-            yield ParityRequest(frame, plane, "crc", 1, 8, NUM_CRC_BITS - 8)
+            yield ParityRequest(frame, plane, "crc", 0, 0, 8)
+            yield ParityRequest(frame, plane, "parity", 0, 0, 300)
+            yield ParityRequest(frame, plane, "parity", 0, 300, NUM_BITS - 300)
+            yield ParityRequest(frame, plane, "crc", 0, 8, NUM_CRC_BITS - 8)
         else:
             yield ParityRequest(frame, plane, "uncoded", 0, 0, NUM_BITS)
 
@@ -336,16 +336,13 @@ def test_decoder_refuses_a_breach_of_the_protocol(messages: list[Message], text:
     assert "\n" not in str(caught.value)
 
 
-def test_code_of_a_plane_stays() -> None:
-    """A plane is decoded with one code, but its bits may be asked for uncoded in the end."""
-    encoder, decoder = opened()
-    for request in (ParityRequest(1, 0, "crc", 1, 0, 8), ParityRequest(1, 0, "uncoded", 0, 0, 9)):
-        decoder.send_requests([request])
-        assert asked(encoder.receive(decoder.bytes_to_send())) == [request]
-        encoder.send_answers(bytes(-(-request.count // 8)))
-        decoder.receive(encoder.bytes_to_send())
-    with pytest.raises(ValueError, match="code 0 for plane 0 of frame 1"):
-        decoder.send_requests([ParityRequest(1, 0, "parity", 0, 0, 9)])
+def test_turbo_codes_are_one() -> None:
+    """Bits of another code are not asked for; uncoded bits have none."""
+    _, decoder = opened()
+    decoder.send_requests([ParityRequest(1, 0, "crc", 0, 0, 8)])
+    for kind in ("crc", "parity"):
+        with pytest.raises(ValueError, match="code 1 for plane 1 of frame 1"):
+            decoder.send_requests([ParityRequest(1, 1, kind, 1, 0, 9)])
 
 
 @pytest.mark.parametrize(
