@@ -1,5 +1,6 @@
 """Encoder and decoder as real processes: files, pipes of one machine, failing disks and failing peers."""
 
+import fcntl
 import json
 import os
 import resource
@@ -7,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,7 +16,7 @@ from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pytest
@@ -331,7 +333,7 @@ def test_strangers_end_nothing(folder: Path, clip: Path, buffered: Run) -> None:
 
 @contextmanager
 def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
-    """Encoder and decoder of a live run whose source halts after four frames; three are decoded.
+    """Encoder and decoder of a live run whose source halts after four frames; the first is decoded.
 
     The fourth is a Wyner-Ziv frame whose group has no end yet.
     """
@@ -345,12 +347,19 @@ def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], s
     outputs = [name if name.startswith("--") else folder / name for name in names]
     with encoder, start("decoder", "--connect", address, *outputs) as decoder:
         video = folder / f"{names[0]}.part"
-        wait_for(lambda: video.exists() and len(frames_of(video)) == 3)
+        wait_for(lambda: video.exists() and frames_of(video))
+        wait_for(lambda: not num_unread(encoder.stdin))
         try:
             yield encoder, decoder
         finally:
             decoder.kill()
             encoder.kill()
+
+
+def num_unread(pipe: IO[str] | None) -> int:
+    """Return how many bytes of a pipe its reader has not taken."""
+    assert pipe is not None
+    return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder)
 
 
 def frames_of(path: Path) -> list[Frame]:
