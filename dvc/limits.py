@@ -17,6 +17,8 @@ Frames of 176x144 take a fifth of a second each, so that 600 bytes, which may be
 three seconds. Frames that move have 1 to 100 pixels a byte, identical ones at the coarsest quality 1,000 in
 1 kB, and those without any plane, which can be predicted from anything, have 5 bytes.
 """
+FREE_PX = 100_000
+"""Pixels that any stream may declare: decoding them takes little, and flat pictures hardly have a byte."""
 DECODER_BYTES = 250 * 2**20
 """Memory of a decoder with its process, whatever the pictures."""
 DECODING_BYTES_PER_PX = 400
@@ -37,7 +39,7 @@ class Limits:
         limit = MAX_FRAMES if self.max_frames is None else self.max_frames
         if self.max_frames is None:
             num_px = num_bytes * min(num_bytes**2 // BYTES2_PER_PX, MAX_PX_PER_BYTE)
-            limit = min(limit, max(num_px // (video.width * video.height), 1))
+            limit = min(limit, max(max(num_px, FREE_PX) // (video.width * video.height), 1))
         _check_frames(num_frames, limit, f" of {video.width}x{video.height} in {num_bytes} bytes")
 
     def check_live_frames(self, num_frames: int) -> None:

@@ -115,7 +115,7 @@ def test_pieces_are_refused_alike(kind):
     data = layered.encode_stream(canvas, kind, [Rectangle(0, 0, 0, 0)], [None])
     with pytest.raises(BitstreamError, match="too few"):
         layered.decode_stream(data)
-    assert layered.decode_stream(data, MAX_MIB).places == (Rectangle(0, 0, 0, 0),)
+    assert layered.decode_stream(data, MAX_MIB).rectangles == (Rectangle(0, 0, 0, 0),)
 
 
 def test_more_chains_than_their_bytes_can_hold_are_refused():
