@@ -35,8 +35,11 @@ def save_pictures(
         "key": f"{PICTURES_FOLDER}/{task.name}-key.png",
     }
     (folder / PICTURES_FOLDER).mkdir(exist_ok=True)
-    if not (folder / str(names["original"])).is_file():
-        _write(folder / str(names["original"]), _luma(task.source.path, frame))
+    original = folder / str(names["original"])
+    if not original.is_file():  # it is that of other points, too, which may come to it at the same time
+        own = original.with_name(f"{task.name}-original.png")
+        _write(own, _luma(task.source.path, frame))
+        own.replace(original)
     _write(folder / str(names["decoded"]), _luma(decoded, index))
     if predicted is not None and key_index is not None:
         _write(folder / str(names["predicted"]), _luma(predicted, index))
