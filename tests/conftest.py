@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from dvc.video import Frame, chroma_shape
 from dvc.video.frames import Plane
@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# The first call of a compiled kernel can take seconds.
-settings.register_profile("dvc", deadline=None, derandomize=True)
+# The first call of a compiled kernel can take seconds, and so can anything on a busy machine.
+settings.register_profile(
+    "dvc", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("dvc")
 
 

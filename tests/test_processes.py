@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -348,7 +348,7 @@ def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], s
     with encoder, start("decoder", "--connect", address, *outputs) as decoder:
         video = folder / f"{names[0]}.part"
         wait_for(lambda: video.exists() and frames_of(video))
-        wait_for(lambda: not num_unread(encoder.stdin))
+        wait_for(lambda: is_waiting_for_more(encoder))
         try:
             yield encoder, decoder
         finally:
@@ -356,10 +356,12 @@ def halted(folder: Path, *names: str) -> Iterator[tuple[subprocess.Popen[str], s
             encoder.kill()
 
 
-def num_unread(pipe: IO[str] | None) -> int:
-    """Return how many bytes of a pipe its reader has not taken."""
-    assert pipe is not None
-    return int.from_bytes(fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)), sys.byteorder)
+def is_waiting_for_more(reader: subprocess.Popen[str]) -> bool:
+    """Tell whether a process has taken all bytes of its standard input, and sleeps."""
+    assert reader.stdin is not None
+    num_unread = int.from_bytes(fcntl.ioctl(reader.stdin, termios.FIONREAD, bytes(4)), sys.byteorder)
+    state = Path(f"/proc/{reader.pid}/stat").read_text().rpartition(")")[2].split()[0]
+    return num_unread == 0 and state == "S"
 
 
 def frames_of(path: Path) -> list[Frame]:
