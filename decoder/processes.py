@@ -20,7 +20,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from multiprocessing import Pipe
-from threading import Lock
+from threading import RLock
 from typing import Protocol
 
 from decoder.tasks import Answered, DecodedGroup, GroupTask
@@ -107,10 +107,14 @@ class DecodingProcess:
         self.kill()
         self._process.wait()
         self._connection.close()
+        _started.discard(self)
 
 
+# All that are not stopped: where whoever was lent one is collected as garbage, the process comes back, and
+# must not be collected with it, which closes its connection.
+_started: set[DecodingProcess] = set()
 _idle: list[DecodingProcess] = []
-_lock = Lock()
+_lock = RLock()  # a collection may happen anywhere
 
 
 @atexit.register
@@ -129,6 +133,7 @@ def decoding_process() -> Iterator[DecodingProcess]:
         process.stop()
         process = None
     process = process or DecodingProcess()
+    _started.add(process)
     try:
         yield process
     finally:

@@ -24,7 +24,7 @@ Bits = NDArray[np.uint8]
 MAX_INPUT = 12.0
 """Bound on the magnitude of all terms of an LLR."""
 MAX_SPREAD = 2.0
-"""Bound on the surprises of the neighbours together."""
+"""Bound on the excess energies of the neighbours together."""
 SHIFT = 0.5
 """Shift of the prediction, in scales, by which the slope of an LLR is measured, both ways."""
 WIDENING = 1.3
@@ -75,7 +75,7 @@ def _alone(*values: float) -> _Weights:
 
 
 def _coupled(*values: float) -> _Weights:
-    """Weights of neighbours along and across the edges that a band stands for, and of their surprise."""
+    """Weights of neighbours along and across the edges that a band stands for, and of their excess energy."""
     return _Weights.of(*values, least=(-0.2, -0.5, -0.1), most=(0.8, 0.8, 0.3))
 
 
@@ -85,7 +85,7 @@ class PlanePrior:
 
     llr: Array  # LLR log p(0) / p(1) of each bit
     coupling: NeighbourCoupling  # how bits depend on their neighbours
-    place: tuple[int, int]  # the band, and which of its planes
+    position: tuple[int, int]  # the band, and which of its planes
     inputs: Array  # terms of the LLR
 
 
@@ -123,14 +123,14 @@ class LearnedPriors:
 
     def plane(
         self,
-        place: tuple[int, int],
+        position: tuple[int, int],
         borders: tuple[Array, Array, Array],
         side_information: Array,
         scale: Array,
         dc_error: Array | None,
     ) -> PlanePrior:
         """Return the prior of the next plane of a band."""
-        band, number = place[0], _class_of(*place)
+        band, number = position[0], _class_of(*position)
         lower, middle, upper = borders
         shape = self._shape
         llr = _bounded(noise.bit_llr(lower, middle, upper, side_information, scale))
@@ -156,11 +156,11 @@ class LearnedPriors:
             _widening(borders, side_information, scale).reshape(shape),
             np.array([along if horizontal else across, along if vertical else across, spread]),
         )
-        return PlanePrior(corrected, coupling, place, inputs)
+        return PlanePrior(corrected, coupling, position, inputs)
 
     def learn(self, prior: PlanePrior, bits: Bits) -> None:
         """Learn from a plane that is decoded."""
-        number = _class_of(*prior.place)
+        number = _class_of(*prior.position)
         self._alone[number].learn(prior.inputs, np.zeros_like(prior.llr), bits)
         self._coupled[number].learn(_coupled_inputs(prior, bits), prior.llr, bits)
 
@@ -221,7 +221,7 @@ def _coupled_inputs(prior: PlanePrior, bits: Bits) -> Array:
     sides, ends = shift[1:-1, :-2] + shift[1:-1, 2:], shift[:-2, 1:-1] + shift[2:, 1:-1]
     excess = np.pad(coupling.excess_energy * deviation, 1)
     spread = excess[1:-1, :-2] + excess[1:-1, 2:] + excess[:-2, 1:-1] + excess[2:, 1:-1]
-    vertical, horizontal = _orientation(prior.place[0])
+    vertical, horizontal = _orientation(prior.position[0])
     along = sides * horizontal + ends * vertical
     across = sides * (not horizontal) + ends * (not vertical)
     terms = (

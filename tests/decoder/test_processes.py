@@ -1,5 +1,6 @@
 """Processes that decode: what is lent comes back, and what dies is said."""
 
+import gc
 import os
 import signal
 import subprocess
@@ -137,6 +138,28 @@ def test_leaving_early_ends_what_is_running() -> None:
         assert next(groups).first_index == 0
         groups.close()
     assert not any(process.num_running for process in processes._idle)
+
+
+def test_a_user_that_is_collected_gives_its_process_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was lent to a generator in a cycle of garbage decodes on, for the next one."""
+    monkeypatch.setattr(processes, "_idle", [])
+    with StreamReader(STREAM) as reader:
+        _, [task] = stream_tasks(reader.config, reader)
+
+    def user() -> Iterator[list[object]]:
+        cycle: list[object] = []
+        with decoding_process():
+            yield cycle
+
+    abandoned = user()
+    next(abandoned).append(abandoned)
+    del abandoned
+    gc.collect()
+    [process] = processes._idle
+    try:
+        assert outcome_of(process, task).record.digest == task.record.digest
+    finally:
+        process.stop()
 
 
 def test_features_that_are_not_there_are_no_news(

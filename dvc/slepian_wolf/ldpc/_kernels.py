@@ -13,10 +13,10 @@ PAIRS = np.array([(0, 1), (0, 2), (1, 2)])
 
 
 @inlined_kernel
-def _find_edges(places, start, num_edges, num_checks, edges):
-    """Write the syndrome bits of one bit of a plane, by its places modulo their number: all distinct."""
+def _find_edges(positions, start, num_edges, num_checks, edges):
+    """Write the syndrome bits of one bit of a plane, by its positions modulo their number: all distinct."""
     for j in range(num_edges):
-        check = start[j] + places[j]
+        check = start[j] + positions[j]
         if check >= num_checks:
             check -= num_checks
         k = 0
@@ -30,21 +30,21 @@ def _find_edges(places, start, num_edges, num_checks, edges):
 
 
 @kernel
-def _reduced(places, num_thrice, num_checks, reduced, num_edges):
-    """Write all places modulo the number of syndrome bits, and in how many of them each bit takes part."""
-    last = places.shape[1] - 1
-    for n in range(places.shape[0]):
-        num_edges[n] = places.shape[1] if places[n, last] < num_thrice else last
-        for j in range(places.shape[1]):
-            reduced[n, j] = places[n, j] % num_checks
+def _reduced(positions, num_thrice, num_checks, reduced, num_edges):
+    """Write all positions modulo the number of syndrome bits, and in how many of them each bit takes part."""
+    last = positions.shape[1] - 1
+    for n in range(positions.shape[0]):
+        num_edges[n] = positions.shape[1] if positions[n, last] < num_thrice else last
+        for j in range(positions.shape[1]):
+            reduced[n, j] = positions[n, j] % num_checks
 
 
 @kernel
-def list_edges(places, starts, num_thrice, num_checks, edges):
+def list_edges(positions, starts, num_thrice, num_checks, edges):
     """Write the syndrome bits of all bits of a block; -1 in place of one that a bit has not."""
     edges[:] = -1
-    reduced, num_edges = np.empty(places.shape, np.int64), np.empty(places.shape[0], np.int64)
-    _reduced(places, num_thrice, num_checks, reduced, num_edges)
+    reduced, num_edges = np.empty(positions.shape, np.int64), np.empty(positions.shape[0], np.int64)
+    _reduced(positions, num_thrice, num_checks, reduced, num_edges)
     for i in range(edges.shape[0]):
         for n in range(edges.shape[1]):
             _find_edges(reduced[n], starts[i], num_edges[n], num_checks, edges[i, n])
@@ -52,7 +52,7 @@ def list_edges(places, starts, num_thrice, num_checks, edges):
 
 @inlined_kernel
 def _fold(row, order, num_placed, folded):
-    """Add up the words at the first places of an order, modulo 2, all around as many as `folded` has."""
+    """Add up the words at the first positions of an order, modulo 2, all around as many as `folded` has."""
     size = np.int64(folded.size)
     for r in range(size):
         folded[r] = row[np.uintp(order[r])] if r < num_placed else np.uint64(0)
@@ -72,11 +72,11 @@ def _add_plane(folded, start, mask, sums):
 
 
 @inlined_kernel
-def _separate(start, places, num_edges, reduced, edges, sums):
-    """Take back what was added of a bit where its places meet; add it to the syndrome bits that it has."""
+def _separate(start, positions, num_edges, reduced, edges, sums):
+    """Take back what was added of a bit where its positions meet; add it to the syndrome bits that it has."""
     num_checks = np.uint32(sums.size)
     for j in range(num_edges):
-        reduced[j] = np.uint32(places[j]) % num_checks
+        reduced[j] = np.uint32(positions[j]) % num_checks
         sums[np.uint32(start[j] + reduced[j]) % num_checks] ^= np.uint8(1)
     _find_edges(reduced, start, num_edges, sums.size, edges)
     for j in range(num_edges):
@@ -85,27 +85,27 @@ def _separate(start, places, num_edges, reduced, edges, sums):
 
 @kernel
 def _separate_all(line, shift, start, orders, num_thrice, sums):
-    """Correct the sums of a plane for all its ones of which two places meet."""
-    num_bits, num_orders = orders.places.shape
+    """Correct the sums of a plane for all its ones of which two positions meet."""
+    num_bits, num_orders = orders.positions.shape
     reduced, edges = np.empty(num_orders, np.int64), np.empty(num_orders, np.int64)
     for pair in range(PAIRS.shape[0]):
         j, k = PAIRS[pair]
         difference = (start[k] - start[j]) % sums.size  # and all others that this is the remainder of
         lowest = difference - (difference + num_bits - 1) // sums.size * sums.size
         for apart in range(lowest + num_bits - 1, 2 * num_bits - 1, sums.size):
-            for place in range(orders.first[pair, apart], orders.first[pair, apart + 1]):
-                n = np.uintp(orders.by_difference[pair, place])
+            for position in range(orders.first[pair, apart], orders.first[pair, apart + 1]):
+                n = np.uintp(orders.by_difference[pair, position])
                 if (line[n] >> shift) & np.uint64(1):
-                    places = orders.places[n]
-                    num_edges = num_orders if places[num_orders - 1] < num_thrice else num_orders - 1
-                    met_before = pair and (start[0] + places[0] - start[1] - places[1]) % sums.size == 0
+                    positions = orders.positions[n]
+                    num_edges = num_orders if positions[num_orders - 1] < num_thrice else num_orders - 1
+                    met_before = pair and (start[0] + positions[0] - start[1] - positions[1]) % sums.size == 0
                     if k < num_edges and not met_before:
-                        _separate(start, places, num_edges, reduced, edges, sums)
+                        _separate(start, positions, num_edges, reduced, edges, sums)
 
 
 @kernel
 def add_orders(row, shifts, starts, bits, num_thrice, folded, sums):
-    """Add planes of a row of words to the syndrome as if no two places of a bit met."""
+    """Add planes of a row of words to the syndrome as if no two positions of a bit met."""
     last, eight = bits.shape[0] - 1, np.empty(folded.size, np.uint8)
     for j in range(bits.shape[0]):
         _fold(row, bits[j], num_thrice if j == last else row.size, folded)
@@ -144,11 +144,11 @@ def sort_edges(edges, num_checks, first, edge_of):
             first[edges[e] + 1] += 1
     for c in range(num_checks):
         first[c + 1] += first[c]
-    place = first[:num_checks].copy()
+    position = first[:num_checks].copy()
     for e in range(edges.size):
         if edges[e] >= 0:
-            edge_of[place[edges[e]]] = e
-            place[edges[e]] += 1
+            edge_of[position[edges[e]]] = e
+            position[edges[e]] += 1
 
 
 @inlined_kernel
@@ -228,16 +228,16 @@ def update_checks(syndrome, first, edge_of, certainties, odds, messages):
     num_wrong = 0
     for c in range(syndrome.size):
         parity, product = syndrome[c], 1.0
-        for place in range(first[c], first[c + 1]):
-            edge = edge_of[place]
+        for position in range(first[c], first[c + 1]):
+            edge = edge_of[position]
             parity ^= np.uint8(odds[edge // num_edges] > 1.0)
-            before[place] = product
+            before[position] = product
             product *= heard[edge]
         num_wrong += parity
         after = -1.0 if syndrome[c] else 1.0
-        for place in range(first[c + 1] - 1, first[c] - 1, -1):
-            edge = edge_of[place]
-            certainty = min(max(before[place] * after, -_MAX_CERTAINTY), _MAX_CERTAINTY)
+        for position in range(first[c + 1] - 1, first[c] - 1, -1):
+            edge = edge_of[position]
+            certainty = min(max(before[position] * after, -_MAX_CERTAINTY), _MAX_CERTAINTY)
             told[edge] = (1.0 - certainty) / (1.0 + certainty)
             after *= heard[edge]
     return num_wrong

@@ -41,9 +41,9 @@ class NumberPriors:
 
     def ideal_bits(self, numbers: NDArray[np.int64]) -> float:
         """Return the ideal code length of numbers."""
-        places = numbers - self.lowest
-        among = (places >= 0) & (places < self.counts)
-        likely = self.probabilities[np.arange(numbers.size), np.where(among, places, 0)]
+        positions = numbers - self.lowest
+        among = (positions >= 0) & (positions < self.counts)
+        likely = self.probabilities[np.arange(numbers.size), np.where(among, positions, 0)]
         likelihood = np.where(among, likely.astype(np.float64), 0.0) + self.outliers / (1 << self.depth)
         return float(-np.log2(likelihood).sum())
 

@@ -78,8 +78,8 @@ class SyndromeGraph:
     def edges(self) -> NDArray[np.int32]:
         """List the syndrome bits of every bit."""
         edges = np.empty((len(self.planes), self.num_bits, NUM_EDGES), np.int32)
-        places = bit_places(self.num_bits, self.seed)
-        _kernels.list_edges(places, self.starts, self.num_thrice, self.num_checks, edges)
+        positions = bit_positions(self.num_bits, self.seed)
+        _kernels.list_edges(positions, self.starts, self.num_thrice, self.num_checks, edges)
         return edges
 
 
@@ -90,19 +90,19 @@ def _start_keys(seed: int, num_rows: int) -> NDArray[np.uint64]:
 
 
 @lru_cache(maxsize=8)
-def bit_places(num_bits: int, seed: int) -> NDArray[np.int32]:
+def bit_positions(num_bits: int, seed: int) -> NDArray[np.int32]:
     """Return where each bit of a plane stands in the orders in which they meet syndrome bits."""
-    places = np.stack([random_permutation((seed << 8) + j, num_bits) for j in range(NUM_EDGES)], axis=1)
-    places.flags.writeable = False
-    return places
+    positions = np.stack([random_permutation((seed << 8) + j, num_bits) for j in range(NUM_EDGES)], axis=1)
+    positions.flags.writeable = False
+    return positions
 
 
 class BitOrders(NamedTuple):
     """The orders in which bits of a plane meet syndrome bits, and which bits may meet one twice."""
 
-    places: NDArray[np.int32]  # place of each bit in each order
-    bits: NDArray[np.int32]  # bit at each place
-    # bits by the difference of their places in the first and the second order of each of `PAIRS`
+    positions: NDArray[np.int32]  # position of each bit in each order
+    bits: NDArray[np.int32]  # bit at each position
+    # bits by the difference of their positions in the first and the second order of each of `PAIRS`
     by_difference: NDArray[np.int32]
     # those of difference d are at ``first[d + N - 1]`` and the following, up to ``first[d + N]``
     first: NDArray[np.int32]
@@ -111,12 +111,12 @@ class BitOrders(NamedTuple):
 @lru_cache(maxsize=8)
 def bit_orders(num_bits: int, seed: int) -> BitOrders:
     """Return the orders in which bits of a plane meet syndrome bits."""
-    places = bit_places(num_bits, seed)
-    differences = (places[:, _kernels.PAIRS[:, 0]] - places[:, _kernels.PAIRS[:, 1]]).T
+    positions = bit_positions(num_bits, seed)
+    differences = (positions[:, _kernels.PAIRS[:, 0]] - positions[:, _kernels.PAIRS[:, 1]]).T
     by_difference = differences.argsort(axis=1, kind="stable").astype(np.int32)
     counts = [np.bincount(line + num_bits, minlength=2 * num_bits) for line in differences]
     first = np.cumsum(counts, axis=1).astype(np.int32)
-    return BitOrders(places, places.T.argsort(axis=1).astype(np.int32), by_difference, first)
+    return BitOrders(positions, positions.T.argsort(axis=1).astype(np.int32), by_difference, first)
 
 
 def syndrome(words: Words, graph: SyndromeGraph) -> Bits:
