@@ -72,7 +72,7 @@ class DecodedFrame:
     crc_bits: int  # bits received
     parity_bits: int
     num_failed_planes: int  # planes that could not be verified
-    num_skipped_planes: int  # planes that were not asked for, since they would not have paid
+    num_skipped_planes: int  # planes that were not asked for, not being worth their rate
     band_costs: tuple[BandCost, ...] = ()  # cost of each band of which planes were asked for
     punctured: bytes = b""  # payload of the punctured form
     decode_s: float = 0.0  # wall-clock time, in seconds

@@ -113,6 +113,17 @@ def test_documents_name_modules_that_exist(document: Path) -> None:
     assert missing == []
 
 
+def test_documented_fields_are_written() -> None:
+    """Every field of results that docs/rd.md names stands in the code, as it is or as a kind and what is common."""
+    text = (ROOT / "docs" / "rd.md").read_text(encoding="utf-8")
+    packages = [ROOT / package for package in ("dvc", "encoder", "decoder", "benchmarks")]
+    code = "\n".join(path.read_text() for package in packages for path in package.rglob("*.py"))
+    words = set(re.findall(r"\w+", code))
+    fields = set(re.findall(r"`([a-z]+(?:_[a-z0-9]+)+)`", text))
+    assert len(fields) > 40
+    assert {field for field in fields - words if f"_{field.partition('_')[2]}" not in words} == set()
+
+
 def test_structure_has_every_package() -> None:
     """Every package, and every one in it, is a row of docs/structure.md, and no others are."""
     text = (ROOT / "docs" / "structure.md").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What the motion of a whole frame has in common: how far all points are from even motion.
+"""What the motion of a whole frame has in common: how far all points are from constant velocity.
 
 A camera that is held by hand is as far from its even path as all points of the frame agree that it is. So
 this is found first, with no regard to which point is which: the difference from the predicted to the received
@@ -75,7 +75,7 @@ class ReceivedPoints:
 
 
 def affine_terms(first: Floats, second: Floats) -> Floats:
-    """Return what the deviation of a point from even motion is linear in."""
+    """Return what the deviation of a point from constant velocity is linear in."""
     place, motion = 0.5 * (first + second), second - first
     place = place - np.median(place, axis=0)
     motion = motion - np.median(motion, axis=0)
@@ -91,7 +91,7 @@ def register(
     frames: Sequence[ReceivedPoints],
     settings: RegistrationSettings,
 ) -> Floats:
-    """Find how far points are from even motion in each frame, as an affine map of place and motion."""
+    """Find how far points are from constant velocity in each frame, as an affine map of position and motion."""
     searches = [
         _FrameSearch(first, second, float(t), received, settings)
         for t, received in zip(temporal_positions, frames, strict=True)

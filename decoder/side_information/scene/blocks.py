@@ -1,7 +1,7 @@
 """Method `blocks`: blocks of the wanted frame, each with a depth searched along its epipolar lines.
 
 A candidate depth puts a block into both key frames, and the two are compared. The search covers all depths of
-the scene, pays for leaving its start, is kept smooth by semi-global inference on the grid of blocks, and ends
+the scene, costs leaving its start, is kept smooth by semi-global inference on the grid of blocks, and ends
 with a golden section, except where depth does not move the block. It starts from the depth of the key frames,
 which also tells what is occluded: blocks that one key frame does not see have nothing to compare and keep
 their start.
