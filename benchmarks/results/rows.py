@@ -56,7 +56,7 @@ ROWS = (
     _against_anchor("svtav1-6", "SVT-AV1 preset 6, random access"),
     _against_anchor("x265-medium", "x265 medium, B frames"),
     _against_anchor("x264-slower", "x264 slower, B frames"),
-    _against_anchor("x264-medium", "x264 medium, B frames"),
+    _against_anchor("x264-medium", "x264 medium, B frames", 0.0),
     _against_anchor("x264-ippp", "x264 medium without B frames, one reference", 10.0),
     _against_anchor("x264-superfast", "x264 superfast without B frames, one reference"),
     _against_anchor("x264-ippp-16", "the same with medium and an intra frame every 16", -15.0),
