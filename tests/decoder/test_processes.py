@@ -142,6 +142,7 @@ def test_leaving_early_ends_what_is_running() -> None:
 
 def test_a_user_that_is_collected_gives_its_process_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """What was lent to a generator in a cycle of garbage decodes on, for the next one."""
+    gc.collect()  # what other tests have left
     monkeypatch.setattr(processes, "_idle", [])
     with StreamReader(STREAM) as reader:
         _, [task] = stream_tasks(reader.config, reader)

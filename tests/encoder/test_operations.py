@@ -213,7 +213,7 @@ def test_syndrome() -> None:
     found = counted(syndrome_kernels.add_orders, tally, Data(row, tally), *given)
     model = operations.syndrome(len(planes) * graph.num_checks, num_bits)
     assert astuple(found) == pytest.approx(astuple(model), rel=0.05)
-    places = (graph.starts[:, None] + orders.places) % graph.num_checks
+    places = (graph.starts[:, None] + orders.positions) % graph.num_checks
     expected = np.zeros_like(sums)
     for shift, own in zip(shifts, places, strict=True):
         for j in range(own.shape[1]):
