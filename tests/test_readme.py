@@ -114,7 +114,7 @@ def test_documents_name_modules_that_exist(document: Path) -> None:
 
 
 def test_documented_fields_are_written() -> None:
-    """Every field of results that docs/rd.md names stands in the code, as it is or as a kind and what is common."""
+    """Every field of results in docs/rd.md stands in the code, whole or behind what varies."""
     text = (ROOT / "docs" / "rd.md").read_text(encoding="utf-8")
     packages = [ROOT / package for package in ("dvc", "encoder", "decoder", "benchmarks")]
     code = "\n".join(path.read_text() for package in packages for path in package.rglob("*.py"))

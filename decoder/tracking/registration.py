@@ -91,7 +91,7 @@ def register(
     frames: Sequence[ReceivedPoints],
     settings: RegistrationSettings,
 ) -> Floats:
-    """Find how far points are from constant velocity in each frame, as an affine map of position and motion."""
+    """Find how far points are from constant velocity in each frame: affine in position and motion."""
     searches = [
         _FrameSearch(first, second, float(t), received, settings)
         for t, received in zip(temporal_positions, frames, strict=True)

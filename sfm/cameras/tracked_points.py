@@ -1,4 +1,4 @@
-"""Points of the scene, and where tracks, or for want of them constant velocity, see them between key frames."""
+"""Points of the scene, and where tracks, or else constant velocity, see them between key frames."""
 
 from dataclasses import dataclass
 
