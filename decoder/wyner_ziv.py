@@ -95,14 +95,16 @@ class _Frame:
         state = FrameState(self.layout, prediction, settings.noise_model)
         decoded: dict[int, list[slepian_wolf.PlaneResult]] = {}
         check = slepian_wolf.FrameCheck()
-        last = len(quantization.bands) - 1
+        last, is_new = len(quantization.bands) - 1, False
         for position, band in enumerate(quantization.bands):
             decoded[band] = yield from self._decode_band(band, quantization, state, multiplier)
+            is_new = is_new or bool(decoded[band])
             if position == last:
                 check = yield from self.plane_decoder.check(self.index)
                 self._correct(check, decoded, quantization, state)
-            if position in REFINE_AFTER or position == last:
+            if is_new and (position in REFINE_AFTER or position == last):
                 state.refine()
+                is_new = False
         results = [result for planes in decoded.values() for result in planes]
         refiner = state.prediction.refiner
         chroma = prediction.chroma if refiner is None else refiner.chroma()

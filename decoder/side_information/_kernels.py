@@ -43,6 +43,75 @@ class Searched(NamedTuple):
 
 
 @kernel
+def _six_taps(a, b, c, d, e, f):
+    return (a + f) - 5 * (b + e) + 20 * (c + d)
+
+
+@kernel
+def _half_samples(padded, across, rows):
+    """Write `rows` (2, 2, H + 1, W + 1): whole and half rows, at whole and half columns, as H.264 does."""
+    height, width = rows.shape[2:]
+    for y in range(across.shape[0]):
+        line = padded[y]
+        for x in range(across.shape[1]):
+            across[y, x] = _six_taps(
+                np.int16(line[x]), np.int16(line[x + 1]), np.int16(line[x + 2]),
+                np.int16(line[x + 3]), np.int16(line[x + 4]), np.int16(line[x + 5]),
+            )  # fmt: skip
+    for y in range(height):
+        a, b, c, d, e, f = (
+            padded[y],
+            padded[y + 1],
+            padded[y + 2],
+            padded[y + 3],
+            padded[y + 4],
+            padded[y + 5],
+        )
+        for x in range(width):
+            rows[0, 0, y, x] = c[x + 2]
+            down = _six_taps(
+                np.int32(a[x + 2]), np.int32(b[x + 2]), np.int32(c[x + 2]),
+                np.int32(d[x + 2]), np.int32(e[x + 2]), np.int32(f[x + 2]),
+            )  # fmt: skip
+            rows[1, 0, y, x] = min(max((down + 16) >> 5, 0), 255)
+            rows[0, 1, y, x] = min(max((np.int32(across[y + 2, x]) + 16) >> 5, 0), 255)
+            both = _six_taps(
+                np.int32(across[y, x]), np.int32(across[y + 1, x]), np.int32(across[y + 2, x]),
+                np.int32(across[y + 3, x]), np.int32(across[y + 4, x]), np.int32(across[y + 5, x]),
+            )  # fmt: skip
+            rows[1, 1, y, x] = min(max((both + 512) >> 10, 0), 255)
+
+
+@kernel
+def _mean(first, second, mean):
+    for x in range(mean.size):
+        mean[x] = (np.uint16(first[x]) + np.uint16(second[x]) + np.uint16(1)) >> np.uint16(1)
+
+
+@kernel
+def quarter_samples(padded, planes):
+    """Write phase planes (4, 4, H, W) of a plane that is padded by two samples before, and four behind."""
+    height, width = planes.shape[2:]
+    across = np.empty((height + 6, width + 1), np.int16)
+    rows = np.empty((2, 2, height + 1, width + 1), np.uint8)
+    _half_samples(padded, across, rows)
+    line = np.empty((2, width + 1), np.uint8)
+    for y in range(height):
+        for phase in range(4):
+            for half in range(2):
+                first = rows[phase >> 1, half, y]
+                second = rows[1, half, y] if phase == 1 else rows[0, half, y + 1]
+                if phase & 1:
+                    _mean(first, second, line[half])
+                else:
+                    line[half] = first
+            planes[phase, 0, y] = line[0, :width]
+            planes[phase, 2, y] = line[1, :width]
+            _mean(line[0], line[1], planes[phase, 1, y])
+            _mean(line[1], line[0, 1:], planes[phase, 3, y])
+
+
+@kernel
 def block_sad(planes_a, row_a, column_a, planes_b, row_b, column_b, size, limit):
     """Sum of absolute differences of two blocks, positions in quarter samples of the padded planes."""
     plane_a = planes_a[row_a & 3, column_a & 3]
@@ -126,30 +195,66 @@ def bilateral_sad(pair, instant, row, column, dv, dh, window, limit):
 
 
 @kernel
-def refine_bilateral(pair, instant, blocks, steps, candidates, vectors):
-    """Choose displacements among `candidates` and their surroundings by the bilateral difference."""
+def neighbourhood(field, i, j, vectors):
+    """Write a vector and its eight neighbours, the border repeated: (9, 2)."""
+    last_row, last_column = field.shape[0] - 1, field.shape[1] - 1
+    vectors[0] = field[i, j]
+    count = 1
+    for dy in range(-1, 2):
+        for dx in range(-1, 2):
+            if dy != 0 or dx != 0:
+                vectors[count] = field[min(max(i + dy, 0), last_row), min(max(j + dx, 0), last_column)]
+                count += 1
+
+
+@kernel
+def vector_median(field, median):
+    """Write the vector of each 3x3 neighbourhood that has the least sum of distances to the others."""
+    vectors = np.empty((9, 2), np.int64)
+    for i in range(field.shape[0]):
+        for j in range(field.shape[1]):
+            neighbourhood(field, i, j, vectors)
+            least, best = np.int64(1) << 62, 0
+            for k in range(9):
+                total = np.int64(0)
+                for m in range(9):
+                    total += abs(vectors[k, 0] - vectors[m, 0]) + abs(vectors[k, 1] - vectors[m, 1])
+                if total < least:
+                    least, best = total, k
+            median[i, j] = vectors[best]
+
+
+@kernel
+def refine_bilateral(pair, instant, blocks, steps, fields, vectors):
+    """Choose displacements, and their surroundings, by the bilateral difference: of a field, or its medians."""
+    field, medians = fields
     margin, block, window = blocks
     radius, step, smoothness = steps
     height, width = pair.before.shape[2], pair.before.shape[3]
     border = (window - block) // 2
+    candidates = np.zeros((11, 2), np.int64)  # the last one is no motion
     for i in range(vectors.shape[0]):
         for j in range(vectors.shape[1]):
             row = clamp_position(4 * (margin + i * block - border), window, height)
             column = clamp_position(4 * (margin + j * block - border), window, width)
+            neighbourhood(medians, i, j, candidates)
+            candidates[9] = field[i, j]
             best = np.int64(1) << 41
-            best_v, best_h = candidates[i, j, 0, 0], candidates[i, j, 0, 1]
-            for k in range(candidates.shape[2]):
-                dv, dh = candidates[i, j, k, 0], candidates[i, j, k, 1]
-                cost = smoothness_cost(candidates[i, j], dv, dh, smoothness)
-                cost += bilateral_sad(pair, instant, row, column, dv, dh, window, best)
+            best_v, best_h = candidates[0, 0], candidates[0, 1]
+            for k in range(11):
+                dv, dh = candidates[k, 0], candidates[k, 1]
+                cost = smoothness_cost(candidates, dv, dh, smoothness)
+                if cost < best:
+                    cost += bilateral_sad(pair, instant, row, column, dv, dh, window, best - cost)
                 if cost < best:
                     best, best_v, best_h = cost, dv, dh
             centre_v, centre_h = best_v, best_h
             for v in range(-radius, radius + 1):
                 for h in range(-radius, radius + 1):
                     dv, dh = centre_v + v * step, centre_h + h * step
-                    cost = smoothness_cost(candidates[i, j], dv, dh, smoothness)
-                    cost += bilateral_sad(pair, instant, row, column, dv, dh, window, best)
+                    cost = smoothness_cost(candidates, dv, dh, smoothness)
+                    if cost < best:
+                        cost += bilateral_sad(pair, instant, row, column, dv, dh, window, best - cost)
                     if cost < best:
                         best, best_v, best_h = cost, dv, dh
             vectors[i, j, 0] = best_v
@@ -234,6 +339,28 @@ def search_target(searched, reference, blocks, steps, offsets, costs):
 
 
 @kernel
+def block_offsets(positions, block, limit, offsets):
+    """Write the median displacement of every block, in quarter samples; the border of the frame repeats."""
+    height, width = positions.shape[:2]
+    down, across = np.empty(block * block), np.empty(block * block)
+    half = block * block // 2
+    for i in range(offsets.shape[0]):
+        for j in range(offsets.shape[1]):
+            for k in range(block * block):
+                y, x = min(i * block + k // block, height - 1), min(j * block + k % block, width - 1)
+                down[k] = min(max(positions[y, x, 1] - y, -limit), limit)
+                across[k] = min(max(positions[y, x, 0] - x, -limit), limit)
+            for axis, values in enumerate((down, across)):
+                for k in range(1, block * block):
+                    value, m = values[k], k
+                    while m > 0 and values[m - 1] > value:
+                        values[m] = values[m - 1]
+                        m -= 1
+                    values[m] = value
+                offsets[i, j, axis] = np.int64(np.floor(2.0 * (values[half - 1] + values[half]) + 0.5))
+
+
+@kernel
 def accumulate_blocks(planes, margin, block, taper, offsets, weights, total, total_weight):
     """Add blocks' displaced reference into `total`, tapered by an overlapping window twice their side."""
     height, width = planes.shape[2], planes.shape[3]
@@ -286,17 +413,21 @@ def fusion_weights(moments, ridge, floor, weights):
 
 
 @kernel
-def correction_field(points, residuals, reach_px, prior, noise_px2, field):
-    """Write what residuals at scattered points tell of every pixel: `field` (H, W, 2), in pixels."""
+def correction_field(points, residuals, reach, prior, noise_px2, field):
+    """Write what residuals at scattered points tell of every place of a lattice: `field` (H, W, 2), in pixels."""
+    near = np.empty(points.shape[0], np.int64)
     for y in range(field.shape[0]):
+        count = 0
+        for n in range(points.shape[0]):
+            near[count] = n
+            count += abs(points[n, 1] - y) < reach
         for x in range(field.shape[1]):
             total, squares = 0.0, 0.0
             sum_x, sum_y, sum_of_squares = 0.0, 0.0, 0.0
-            for n in range(points.shape[0]):
+            for k in range(count):
+                n = near[k]
                 dx, dy = points[n, 0] - x, points[n, 1] - y
-                rest = 1.0 - (dx * dx + dy * dy) / (reach_px * reach_px)
-                if rest <= 0.0:
-                    continue
+                rest = max(1.0 - (dx * dx + dy * dy) / (reach * reach), 0.0)
                 weight = rest * rest * rest
                 u, v = residuals[n, 0], residuals[n, 1]
                 total += weight
@@ -316,3 +447,19 @@ def correction_field(points, residuals, reach_px, prior, noise_px2, field):
                 share = total / (total + prior) * (1.0 - chance / signal)
                 field[y, x, 0] = share * mean_x
                 field[y, x, 1] = share * mean_y
+
+
+@kernel
+def add_between_nodes(nodes, step, positions):
+    """Add a field that is given every `step` pixels, and bilinear between, to `positions` (H, W, 2)."""
+    last_row, last_column = nodes.shape[0] - 1, nodes.shape[1] - 1
+    for y in range(positions.shape[0]):
+        i, below = y // step, (y % step) / step
+        upper, lower = nodes[i], nodes[min(i + 1, last_row)]
+        for x in range(positions.shape[1]):
+            j, right = x // step, (x % step) / step
+            k = min(j + 1, last_column)
+            for axis in range(2):
+                first = upper[j, axis] + below * (lower[j, axis] - upper[j, axis])
+                second = upper[k, axis] + below * (lower[k, axis] - upper[k, axis])
+                positions[y, x, axis] += first + right * (second - first)

@@ -19,6 +19,8 @@ NOISE_PX2 = 0.1
 """Squared error of a residual that rounded tracks make."""
 MAX_RESIDUAL_PX = 6.0
 """Residuals beyond it are lost tracks, or points at a step of depth."""
+LATTICE_PX = 4
+"""Distance of the places where a field is computed."""
 MIN_NUM_POINTS = 3
 """Points of which residuals can agree."""
 
@@ -38,16 +40,19 @@ def track_residuals(
     return points[near], residuals[near]
 
 
-def correction_field(
+def add_correction(
+    positions: Floats,
     points: Floats,
     residuals: Floats,
-    shape: tuple[int, ...],
     reach_px: float = REACH_PX,
     noise_px2: float = NOISE_PX2,
 ) -> Floats:
-    """Spread residuals over a frame, as far as they agree."""
-    field = np.zeros((shape[0], shape[1], 2))
+    """Add to positions what residuals at scattered points agree on, bilinear between places of a lattice."""
+    moved = positions.copy()
     if len(points) >= MIN_NUM_POINTS:
-        arguments = np.ascontiguousarray(points), np.ascontiguousarray(residuals)
-        _kernels.correction_field(*arguments, reach_px, PRIOR, noise_px2, field)
-    return field
+        rows, columns = (-(-(side - 1) // LATTICE_PX) + 1 for side in positions.shape[:2])
+        nodes = np.empty((rows, columns, 2))
+        arguments = np.ascontiguousarray(points / LATTICE_PX), np.ascontiguousarray(residuals)
+        _kernels.correction_field(*arguments, reach_px / LATTICE_PX, PRIOR, noise_px2, nodes)
+        _kernels.add_between_nodes(nodes, LATTICE_PX, moved)
+    return moved

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from decoder.side_information.block_motion.alignment import homography_positions, whole_frame_motion
-from decoder.side_information.residual_fields import correction_field, track_residuals
+from decoder.side_information.residual_fields import add_correction, track_residuals
 from dvc.multiview.sampling import sample
 
 Floats = NDArray[np.float64]
@@ -22,8 +22,6 @@ REACHES_PX = (160.0, 80.0, 40.0)
 """Distances from which residuals say nothing, from field to field."""
 MAX_RESIDUAL_PX = 12.0
 """Residuals beyond it are lost tracks, or points on something else."""
-LATTICE_PX = 4
-"""Distance of the places where these fields are computed."""
 NOISE_PX2 = 0.2
 """Squared error of a residual that tracks rounded to half pixels make."""
 DISPLACEMENT_WINDOW = 33
@@ -59,31 +57,10 @@ def warp_by_tracks(reference: Luma, points: Floats, matches: Floats) -> TrackedW
     positions = homography_positions(whole_frame_motion(points, matches), shape)
     for reach_px in REACHES_PX:
         found = track_residuals(points, matches, positions, MAX_RESIDUAL_PX)
-        positions = positions + _smooth_field(*found, shape, reach_px)
+        positions = add_correction(positions, *found, reach_px, NOISE_PX2)
     luma, moved = sample(reference, positions), _displacement(positions)
     inside = _coverage(positions)
     return TrackedWarp(luma, positions, inside, moved, _expected_error(luma, inside, moved))
-
-
-def _smooth_field(points: Floats, residuals: Floats, shape: tuple[int, ...], reach_px: float) -> Floats:
-    """Spread residuals over a frame; between the points of a lattice the field is bilinear."""
-    coarse = tuple(-(-(side - 1) // LATTICE_PX) + 1 for side in shape)
-    nodes = correction_field(points / LATTICE_PX, residuals, coarse, reach_px / LATTICE_PX, NOISE_PX2)
-    for axis in (0, 1):
-        nodes = _between_nodes(nodes, shape[axis], axis)
-    return nodes
-
-
-def _between_nodes(nodes: Floats, length: int, axis: int) -> Floats:
-    """Interpolate linearly along one axis of a lattice."""
-    places = np.arange(length)
-    spread = [1, 1, 1]
-    spread[axis] = length
-    share = (places % LATTICE_PX / LATTICE_PX).reshape(spread)
-    first = nodes.take(places // LATTICE_PX, axis)
-    second = nodes.take(np.minimum(places // LATTICE_PX + 1, nodes.shape[axis] - 1), axis)
-    between: Floats = first + share * (second - first)
-    return between
 
 
 def _displacement(positions: Floats) -> Floats:

@@ -16,6 +16,8 @@ Floats = NDArray[np.float64]
 
 EMPTY = -1e30
 """Inverse depth where nothing was drawn."""
+PADDING = 3
+"""Samples on each side of an image that is interpolated."""
 CONSISTENT, OUTSIDE, OCCLUDED = 0, 1, 2
 """Visibility of a point in another view: see `dvc.multiview.depth_maps.Visibility`."""
 OUTSIDE_WEIGHT, OCCLUDED_WEIGHT, EDGE_WEIGHT = 1e-6, 1e-4, 0.02
@@ -132,39 +134,61 @@ def rasterise_triangle(a, b, c, nearest):
 
 
 @kernel
-def cubic_weights(s, weights):
+def cubic_weights(s):
     """Six-point cubic convolution of fourth order at fraction s (Keys 1981)."""
-    for k in range(6):
-        d = abs(s - (k - 2))
-        if d < 1.0:
-            weights[k] = (4.0 / 3.0 * d - 7.0 / 3.0) * d * d + 1.0
-        elif d < 2.0:
-            weights[k] = ((-7.0 / 12.0 * d + 3.0) * d - 59.0 / 12.0) * d + 2.5
-        else:
-            weights[k] = ((1.0 / 12.0 * d - 2.0 / 3.0) * d + 1.75) * d - 1.5
+    t = np.float32(s)
+    first, third = t + np.float32(1.0), np.float32(1.0) - t
+    fourth = np.float32(1.0) + third
+    return (
+        _far(first + np.float32(1.0)),
+        _middle(first),
+        _near(t),
+        _near(third),
+        _middle(fourth),
+        _far(fourth + np.float32(1.0)),
+    )
 
 
 @kernel
-def sample_image(image, positions, samples):
-    """Interpolate an image at positions (x, y); the border repeats."""
-    height, width = image.shape
-    wx, wy = np.empty(6), np.empty(6)
+def _near(d):
+    return (np.float32(4.0 / 3.0) * d - np.float32(7.0 / 3.0)) * d * d + np.float32(1.0)
+
+
+@kernel
+def _middle(d):
+    return ((np.float32(-7.0 / 12.0) * d + np.float32(3.0)) * d - np.float32(59.0 / 12.0)) * d + np.float32(
+        2.5
+    )
+
+
+@kernel
+def _far(d):
+    return ((np.float32(1.0 / 12.0) * d - np.float32(2.0 / 3.0)) * d + np.float32(1.75)) * d - np.float32(1.5)
+
+
+@kernel
+def sample_image(padded, positions, samples):
+    """Interpolate at positions (x, y) an image that is `PADDING` wider on all sides; its border repeats."""
+    height, width = padded.shape[0] - 2 * PADDING, padded.shape[1] - 2 * PADDING
     for i in range(positions.shape[0]):
         for j in range(positions.shape[1]):
             x = min(max(positions[i, j, 0], 0.0), width - 1.0)
             y = min(max(positions[i, j, 1], 0.0), height - 1.0)
-            x0, y0 = int(np.floor(x)), int(np.floor(y))
-            cubic_weights(x - x0, wx)
-            cubic_weights(y - y0, wy)
-            total = 0.0
+            left, top = int(x), int(y)
+            down, across = cubic_weights(y - top), cubic_weights(x - left)
+            a = b = c = d = e = f = np.float32(0.0)
             for k in range(6):
-                row = min(max(y0 + k - 2, 0), height - 1)
-                line = 0.0
-                for m in range(6):
-                    column = min(max(x0 + m - 2, 0), width - 1)
-                    line += wx[m] * image[row, column]
-                total += wy[k] * line
-            samples[i, j] = total
+                line, weight = padded[top + k + PADDING - 2], down[k]
+                column = left + PADDING - 2
+                a += weight * line[column]
+                b += weight * line[column + 1]
+                c += weight * line[column + 2]
+                d += weight * line[column + 3]
+                e += weight * line[column + 4]
+                f += weight * line[column + 5]
+            total = (across[0] * a + across[1] * b) + (across[2] * c + across[3] * d)
+            total += across[4] * e + across[5] * f
+            samples[i, j] = min(max(total, np.float32(0.0)), np.float32(255.0))
 
 
 @kernel
@@ -359,6 +383,7 @@ def check_consistency(depth, other, there, back, tolerance, visibility):
                     a, b, _ = warp_point(back, u, v, other[i, j])
                     if abs(a - x) + abs(b - y) <= tolerance:
                         visibility[y, x] = CONSISTENT
+                        break
 
 
 @kernel
@@ -659,39 +684,55 @@ def visibility_weights(positions, depth, visibility, back, halo, tolerance, weig
 
 
 @kernel
+def _weights_of_neighbours(window, by_level, by_place):
+    """Tabulate weights of differences of level, and of places in the window."""
+    radius, levels, _, _ = window
+    for difference in range(by_level.size):
+        r = difference / levels
+        by_level[difference] = 1.0 / ((1.0 + r * r) * (1.0 + r * r))
+    for i in range(-radius, radius + 1):
+        for j in range(-radius, radius + 1):
+            by_place[i + radius, j + radius] = 1.0 / (1.0 + 2.0 * (i * i + j * j) / (radius * radius))
+
+
+@kernel
 def guided_median(depth, trust, image, chosen, window, other, median):
-    """Replace the chosen depths by the median of their neighbourhood, weighted by likeness of level."""
-    radius, sigma, low, step = window
+    """Replace the chosen depths by the median of every second neighbour, weighted by likeness of level."""
+    radius, _, low, step = window
     height, width = depth.shape
-    bins = np.zeros(256)
-    sums = np.zeros(256)
+    by_level, by_place = np.empty(256), np.empty((2 * radius + 1, 2 * radius + 1))
+    _weights_of_neighbours(window, by_level, by_place)
+    bins, sums, number = np.zeros(256), np.zeros(256), np.empty((height, width), np.uint8)
+    for y in range(height):
+        for x in range(width):
+            number[y, x] = min(max(int((depth[y, x] - low) / step), 0), 255)
     for y in range(height):
         for x in range(width):
             median[y, x] = depth[y, x]
             if not chosen[y, x]:
                 continue
-            bins[:] = 0.0
-            sums[:] = 0.0
-            total = 0.0
+            first = last = np.int64(number[y, x])
+            total, level = 0.0, np.int64(image[y, x])
+            left, right = max(x - radius, 0), min(x + radius + 1, width)
             for i in range(max(y - radius, 0), min(y + radius + 1, height)):
-                for j in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    r = (image[i, j] - image[y, x]) / sigma
-                    far = (i - y) * (i - y) + (j - x) * (j - x)
-                    weight = trust[i, j] / (
-                        (1.0 + r * r) * (1.0 + r * r) * (1.0 + 2.0 * far / (radius * radius))
-                    )
-                    k = min(max(int((depth[i, j] - low) / step), 0), 255)
+                for j in range(left + ((left + x + i + y) & 1), right, 2):
+                    weight = trust[i, j] * by_level[abs(image[i, j] - level)]
+                    weight *= by_place[i - y + radius, j - x + radius]
+                    k = np.int64(number[i, j])
+                    first, last = min(first, k), max(last, k)
                     bins[k] += weight
                     sums[k] += weight * depth[i, j]
                     total += weight
-            reached, k = bins[0], 0
-            while reached < 0.5 * total and k < 255:
+            reached, k = bins[first], first
+            while reached < 0.5 * total and k < last:
                 k += 1
                 reached += bins[k]
             if bins[k] > 0.0:
                 value = sums[k] / bins[k]
                 if not is_transparent(other, x, y, value):
                     median[y, x] = value
+            bins[first : last + 1] = 0.0
+            sums[first : last + 1] = 0.0
 
 
 @kernel

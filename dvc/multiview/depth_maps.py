@@ -33,6 +33,8 @@ TRACK_RADIUS_PX = 8.0
 """How far around a known point its depth is taken where the views do not agree on one: half a macroblock."""
 SLOPE_RADIUS_PX = 8
 """Radius in which the slope of a surface is measured: wide against the steps of the hypotheses."""
+SLOPE_SPACING_PX = 2
+"""Distance of the points that it is measured with."""
 MAX_CONTINUATION_PX = 40.0
 """How far slopes are continued; farther away their error would be larger than that of constant depth."""
 MEDIAN_RADIUS_PX = 5
@@ -114,8 +116,7 @@ def estimate_depths(
     ]
     visible = [_checked(sides[k], swept[k], swept[1 - k][0]) for k in (0, 1)]
     maps = [_with_points(swept[k][0], visible[k], known[k]) for k in (0, 1)]
-    for _ in range(2):  # the second time, what is continued in one view limits the other
-        maps = [_continued(sides[k], maps[k], maps[1 - k]) for k in (0, 1)]
+    maps = [_continued(sides[k], maps[k], maps[1 - k]) for k in (0, 1)]
     maps = [_aligned(sides[k], maps[k], maps[1 - k]) for k in (0, 1)]
     first_view, second_view = (
         DepthView(side.luma, camera, depth, discontinuities(depth.inverse_depth, side.there), side.there)
@@ -181,7 +182,8 @@ def _with_points(depth: Floats, visibility: NDArray[np.int8], known: KnownDepth 
 
 def _continued(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
     """Continue the consistent planes over the rest."""
-    slopes = Slopes(SLOPE_RADIUS_PX, 0.03 * float(np.ptp(own.inverse_depth)), MAX_CONTINUATION_PX)
+    limit = 0.03 * float(np.ptp(own.inverse_depth))
+    slopes = Slopes(SLOPE_RADIUS_PX, limit, MAX_CONTINUATION_PX, SLOPE_SPACING_PX)
     seen = (SeenDepth(depth.inverse_depth, depth.visibility) for depth in (own, other))
     luma, warps = side.luma.astype(np.float64), (side.there, side.back)
     filled = continue_surfaces(next(seen), luma, next(seen), warps, slopes, AGREEMENT_PX)
@@ -198,7 +200,7 @@ def _aligned(side: _Side, own: DepthMap, other: DepthMap) -> DepthMap:
     _kernels.guided_median(
         depth,
         np.where(reliable, 1.0, 0.3),
-        side.luma.astype(np.float64),
+        side.luma,
         jump | ~reliable,
         _kernels.Median(MEDIAN_RADIUS_PX, MEDIAN_LEVELS, depth.min(), span / 255.0),
         _kernels.OtherView(side.there, side.back, other.inverse_depth, other.visibility, AGREEMENT_PX),

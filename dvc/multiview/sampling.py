@@ -9,7 +9,8 @@ Floats = NDArray[np.float64]
 
 
 def sample(plane: NDArray[np.uint8], positions: Floats) -> Floats:
-    """Interpolate a plane by cubic convolution of fourth order (six points); the border repeats."""
+    """Interpolate a plane by cubic convolution of fourth order (six points), in single precision."""
     samples = np.empty(positions.shape[:2])
-    _kernels.sample_image(plane, positions, samples)
-    return np.clip(samples, 0.0, 255.0)
+    padded = np.pad(plane, _kernels.PADDING, mode="edge").astype(np.float32)
+    _kernels.sample_image(padded, positions, samples)
+    return samples

@@ -17,38 +17,10 @@ Luma = NDArray[np.uint8]
 
 def phase_planes(plane: Luma, margin: int = MARGIN) -> NDArray[np.uint8]:
     """Interpolate a plane at quarter samples as H.264 does: six taps for half samples, then means of two."""
-    padded = np.pad(plane.astype(np.int32), margin + 4, mode="edge")
-    half = np.empty((2, padded.shape[0] - 6, 2, padded.shape[1] - 6), np.int32)
-    horizontal = _six_taps(padded, axis=1)
-    half[0, :, 0] = padded[3:-3, 3:-3]
-    half[0, :, 1] = (horizontal[3:-3] + 16) >> 5
-    half[1, :, 0] = (_six_taps(padded, axis=0)[:, 3:-3] + 16) >> 5
-    half[1, :, 1] = (_six_taps(horizontal, axis=0) + 512) >> 10
-    dense = np.clip(half, 0, 255).transpose(1, 0, 2, 3).astype(np.uint16)
+    padded = np.pad(plane, ((margin + 2, margin + 4), (margin + 2, margin + 4)), mode="edge")
     planes = np.empty((4, 4, plane.shape[0] + 2 * margin, plane.shape[1] + 2 * margin), np.uint8)
-    for py in range(4):
-        rows = _mean_of_two(dense, py, axis=0)
-        for px in range(4):
-            planes[py, px] = _mean_of_two(rows, px, axis=1)
+    _kernels.quarter_samples(padded, planes)
     return planes
-
-
-def _mean_of_two(dense: NDArray[np.uint16], phase: int, axis: int) -> NDArray[np.uint16]:
-    """Phase of a grid at half samples along one axis: (y, half y, half x, x) to (y, half x, x) to (y, x)."""
-    if axis == 0:
-        first, second = dense[1:-1, phase >> 1], dense[1:-1, 1] if phase == 1 else dense[2:, 0]
-    else:
-        first, second = dense[:, phase >> 1, 1:-1], dense[:, 1, 1:-1] if phase == 1 else dense[:, 0, 2:]
-    mean = (first + second + 1) >> 1 if phase & 1 else first
-    return mean.astype(np.uint16, copy=False)
-
-
-def _six_taps(samples: NDArray[np.int32], axis: int) -> NDArray[np.int32]:
-    samples = np.moveaxis(samples, axis, 0)
-    count = samples.shape[0] - 6
-    taps = [samples[k : k + count] for k in range(1, 7)]
-    filtered = taps[0] - 5 * taps[1] + 20 * taps[2] + 20 * taps[3] - 5 * taps[4] + taps[5]
-    return np.moveaxis(filtered, 0, axis)
 
 
 def low_pass(plane: Luma) -> Luma:

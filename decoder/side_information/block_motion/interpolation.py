@@ -108,18 +108,9 @@ def split_field(field: Offsets, position: Fraction) -> tuple[Offsets, Offsets]:
 
 def vector_median(field: Offsets) -> Offsets:
     """Replace each vector by that of its 3x3 neighbourhood of the least sum of distances to the others."""
-    candidates = _neighbourhood(field)
-    distances = np.abs(candidates[:, :, :, None] - candidates[:, :, None]).sum(axis=(-2, -1))
-    best = distances.argmin(axis=-1)
-    return np.take_along_axis(candidates, best[..., None, None], axis=2)[:, :, 0]
-
-
-def _neighbourhood(field: Offsets) -> Offsets:
-    """Each vector (first) and its eight neighbours: (rows, columns, 9, 2)."""
-    padded = np.pad(field, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    rows, columns = field.shape[:2]
-    shifts = [(1, 1), *((y, x) for y in range(3) for x in range(3) if (y, x) != (1, 1))]
-    return np.stack([padded[y : y + rows, x : x + columns] for y, x in shifts], axis=2)
+    median = np.empty_like(field)
+    _kernels.vector_median(field, median)
+    return median
 
 
 def _forward_field(before: Luma, after: Luma, shape: tuple[int, ...], radius: int) -> Offsets:
@@ -143,13 +134,9 @@ class _LevelSearch:
         self, before: Luma, after: Luma, field: Offsets, block: int, window: int, step: int, smoothness: int
     ) -> Offsets:
         blocks, steps = _kernels.Blocks(MARGIN, block, window), _kernels.Steps(2, step, smoothness)
-        zero = np.zeros((*field.shape[:2], 1, 2), dtype=np.int64)
+        pair = _kernels.Pair(before, after)
         for _ in range(2):
-            candidates = np.concatenate(
-                [_neighbourhood(vector_median(field)), field[:, :, None], zero], axis=2
-            )
-            found = np.empty_like(field)
-            pair = _kernels.Pair(before, after)
-            _kernels.refine_bilateral(pair, self._position, blocks, steps, candidates, found)
+            found, median = np.empty_like(field), vector_median(field)
+            _kernels.refine_bilateral(pair, self._position, blocks, steps, (field, median), found)
             field = found
         return field

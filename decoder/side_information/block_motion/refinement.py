@@ -50,13 +50,13 @@ class Search(NamedTuple):
     halved: bool = False  # at half the resolution, where all of these count half samples
 
 
-_FINE = (Search(4, 12, 2, 2), Search(4, 12, 1, 1))
+_FINE = (Search(4, 12, 1, 2), Search(4, 12, 1, 1))
 SEARCHES = (
-    (Search(4, 12, 10, 4, halved=True), *_FINE),
+    (Search(4, 12, 10, 4, halved=True), Search(4, 12, 2, 2), Search(4, 12, 1, 1)),
     (Search(4, 8, 6, 4, halved=True), *_FINE),
     (Search(4, 8, 3, 4, halved=True), *_FINE),
-    (Search(4, 12, 4, 2), Search(4, 12, 1, 1)),
-    (Search(4, 8, 2, 1),),
+    (Search(4, 12, 2, 4), *_FINE),
+    (Search(4, 8, 1, 1),),
 )
 """Searches of the first, second, ... and all later calls: the more is known, the less there is to search."""
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.side_information.protocol import Interpolation
-from decoder.side_information.residual_fields import correction_field, track_residuals
+from decoder.side_information.residual_fields import add_correction, track_residuals
 from dvc.multiview.sampling import sample
 
 Floats = NDArray[np.float64]
@@ -25,7 +25,7 @@ def corrected(
         keys, (before, after), rendered.positions, rendered.weights, rendered.compensated, strict=True
     ):
         points, residuals = track_residuals(wanted, there, positions)
-        place = positions + correction_field(points, residuals, key.shape)
+        place = add_correction(positions, points, residuals)
         change = sample(key, place) - sample(key, positions)
         luma = luma + weight * change
         compensated.append(np.clip(old + change, 0.0, 255.0))

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.side_information import _kernels
 from decoder.side_information.block_motion.refinement import BLOCK, BlockRefiner
 from decoder.side_information.protocol import Interpolation, Prediction
 from dvc.multiview.cameras import PixelFrame
@@ -101,13 +102,9 @@ def block_offsets(interpolation: Interpolation, block: int = 4) -> tuple[NDArray
 
 def _offsets(position: Floats, block: int) -> NDArray[np.int64]:
     height, width = position.shape[:2]
-    rows, columns = np.indices((height, width))
-    limit = 4.0 * max(height, width)
-    motion = np.clip(np.stack([position[..., 1] - rows, position[..., 0] - columns], axis=-1), -limit, limit)
-    spare = ((0, -height % block), (0, -width % block), (0, 0))
-    padded = np.pad(motion, spare, mode="edge")
-    cells = padded.reshape(padded.shape[0] // block, block, padded.shape[1] // block, block, 2)
-    return np.floor(4.0 * np.median(cells, axis=(1, 3)) + 0.5).astype(np.int64)
+    offsets = np.empty((-(-height // block), -(-width // block), 2), np.int64)
+    _kernels.block_offsets(position, block, 4.0 * max(height, width), offsets)
+    return offsets
 
 
 def completed(

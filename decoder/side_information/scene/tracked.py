@@ -127,20 +127,22 @@ class TrackedSceneInterpolation:
         where = group.geometry.positions
         tracks = where(around[0].index), where(instant), where(around[1].index)
         rendered, reason = self._rendered(group, around, instant, tracks)
-        alone = self._without_scene(around, instant, tracks)
-        if rendered is None:
-            return replace(alone, success=False, reason=reason)
-        return completed(blend_tracked(alone, rendered), rendered, frames, self.name)
+        alone, warped = self._without_scene(around, instant, tracks)
+        if rendered is not None:
+            return completed(blend_tracked(alone, rendered), rendered, frames, self.name)
+        if warped is not None:
+            alone = completed(alone, warped, frames, alone.method)
+        return replace(alone, success=False, reason=reason)
 
     def _without_scene(
         self,
         around: tuple[ReferenceFrame, ReferenceFrame],
         instant: int,
         tracks: tuple[Floats, Floats, Floats],
-    ) -> Prediction:
-        """Predict a frame from tracks alone."""
+    ) -> tuple[Prediction, Interpolation | None]:
+        """Predict a frame from tracks alone; return where its pixels come from, if that is to be completed."""
         if self._settings.fallback == "block-motion":
-            return self._aligned.predict(around, instant, tracks)
+            return self._aligned.predict(around, instant, tracks), None
         warped = interpolate_by_tracks(around, instant, tracks)
         prediction = Prediction(
             warped.luma,
@@ -150,7 +152,7 @@ class TrackedSceneInterpolation:
             expected_error=warped.expected_error,
             alternatives=warped.hypotheses,
         )
-        return completed(prediction, warped, (around[0].frame, around[1].frame), METHOD)
+        return prediction, warped
 
     def _rendered(
         self,
