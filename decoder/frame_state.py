@@ -36,10 +36,10 @@ class KnownBand:
         """Return the conditional mean of each coefficient."""
         return noise.conditional_mean(self.lower, self.upper, side_information, self.scale)
 
-    def error(self, side_information: Array) -> Array:
-        """Return the expected magnitude of truth minus prediction."""
+    def error(self, reconstructed: Array, side_information: Array) -> Array:
+        """Return the expected magnitude of truth minus prediction, relative to its mean."""
         floor = ERROR_FLOOR * np.minimum(self.upper - self.lower, 4.0 * self.scale)
-        error: Array = np.abs(self.reconstruct(side_information) - side_information) + floor
+        error: Array = np.abs(reconstructed - side_information) + floor
         return error / float(error.mean())
 
 
@@ -50,6 +50,7 @@ class FrameState:
         self._layout = layout
         self._model = model
         self.known: dict[int, KnownBand] = {}
+        self._activity: dict[int, Array] = {}
         self.gain = INITIAL_GAIN
         self._first = [transform.forward(luma) for luma in (prediction.luma, *prediction.alternatives)]
         self.expected_error = None
@@ -69,6 +70,7 @@ class FrameState:
         luma = transform.inverse(self.predicted, self._layout.height, self._layout.width)
         self.prediction = replace(prediction, luma=luma)
         self.bands = self.predicted.copy()
+        self._activity.clear()
         for band, known in self.known.items():
             self.bands[band] = known.reconstruct(self.predicted[band])
 
@@ -79,14 +81,22 @@ class FrameState:
         if not self.known:
             return noise.shaped(base, texture, self.expected_error)
         activity = np.zeros_like(base)
-        for other, known in self.known.items():
-            activity += _smoothed(known.error(self.predicted[other]))
+        for other in self.known:
+            activity += self._activity_of(other)
         local = np.sqrt(base * base.mean() * (activity / len(self.known)))
         return noise.shaped(local, texture, None)
+
+    def _activity_of(self, band: int) -> Array:
+        """Return the errors of a known band, smoothed; found once for each prediction."""
+        if band not in self._activity:
+            error = self.known[band].error(self.bands[band], self.predicted[band])
+            self._activity[band] = _smoothed(error)
+        return self._activity[band]
 
     def set_known(self, band: int, known: KnownBand) -> None:
         """Enter a band that has been decoded."""
         self.known[band] = known
+        self._activity.pop(band, None)
         self.bands[band] = known.reconstruct(self.predicted[band])
 
     def dc_error(self) -> Array | None:

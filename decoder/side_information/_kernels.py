@@ -226,7 +226,7 @@ def vector_median(field, median):
 
 @kernel
 def refine_bilateral(pair, instant, blocks, steps, fields, vectors):
-    """Choose displacements, and their surroundings, by the bilateral difference: of a field, or its medians."""
+    """Choose displacements of a field, or its medians, and steps from them by the bilateral difference."""
     field, medians = fields
     margin, block, window = blocks
     radius, step, smoothness = steps
@@ -414,7 +414,7 @@ def fusion_weights(moments, ridge, floor, weights):
 
 @kernel
 def correction_field(points, residuals, reach, prior, noise_px2, field):
-    """Write what residuals at scattered points tell of every place of a lattice: `field` (H, W, 2), in pixels."""
+    """Write what residuals at scattered points tell of each place of a lattice: `field` (H, W, 2), pixels."""
     near = np.empty(points.shape[0], np.int64)
     for y in range(field.shape[0]):
         count = 0

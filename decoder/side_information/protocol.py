@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from dvc.video import Frame
 
 if TYPE_CHECKING:  # frames go from process to process without what makes them
-    from dvc.multiview.depth_maps import DepthView, Known
+    from dvc.multiview.depth_maps import DepthMap, DepthView, Known
     from dvc.tracks import FeaturePoints, PointTracks
     from sfm.model import Model
 
@@ -190,6 +190,8 @@ class Interpolation(NamedTuple):
         Expected absolute error, in luma levels.
     hypotheses : tuple of ndarray of shape (H, W), float64
         The predictions that it was fused from; none where there was only one.
+    depth : DepthMap or None
+        Depth of the frame, where the model has a dense one.
     """
 
     luma: Floats
@@ -198,6 +200,7 @@ class Interpolation(NamedTuple):
     positions: tuple[Floats, ...]
     expected_error: Floats
     hypotheses: tuple[Floats, ...] = ()
+    depth: "DepthMap | None" = None
 
 
 class SceneInterpolator(Protocol):

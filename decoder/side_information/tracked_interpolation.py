@@ -53,8 +53,9 @@ def interpolate_by_tracks(
     around: tuple[ReferenceFrame, ReferenceFrame],
     instant: int,
     points: tuple[Floats, Floats, Floats],
+    moves: bool = True,
 ) -> Interpolation:
-    """Predict a frame between two references."""
+    """Predict a frame between two references; with block motion, where there is nothing better."""
     before, wanted, after = points
     warps = (
         warp_by_tracks(around[0].frame.luma, wanted, before),
@@ -65,7 +66,7 @@ def interpolate_by_tracks(
     both = np.minimum(warps[0].coverage, warps[1].coverage)
     aligned = _filled(*warps), _filled(*warps[::-1])
     warped = _weighted(aligned, warps, shares)
-    moved = _weighted(_block_motion(aligned, warps, distances), warps, shares)
+    moved = _weighted(_block_motion(aligned, warps, distances), warps, shares) if moves else warped
     misfit = USUAL_MISFIT * moved.difference + NOISE
     share = np.floor(both) * np.maximum(1.0 - misfit / np.maximum(warped.difference, NOISE), 0.0)
     luma = warped.luma + share * (moved.luma - warped.luma)
@@ -75,7 +76,14 @@ def interpolate_by_tracks(
     limit = 2.0 * error
     compensated = tuple(luma + np.clip(warp.luma - luma, -limit, limit) for warp in warps)
     positions = tuple(warp.positions for warp in warps)
-    return Interpolation(luma, compensated, warped.weights, positions, error, (warped.luma, moved.luma))
+    return Interpolation(
+        luma,
+        compensated,
+        warped.weights,
+        positions,
+        error,
+        (warped.luma, moved.luma) if moves else (warped.luma,),
+    )
 
 
 def _error_shares(

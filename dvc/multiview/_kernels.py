@@ -98,6 +98,26 @@ def warp_grid(warp, depth, origin, step, positions):
 
 
 @kernel
+def discontinuities(depth, warp, tolerance_px, found):
+    """Mark the cells of a grid of pixels whose corners do not move alike."""
+    height, width = depth.shape
+    motion = np.empty((2, width, 2))
+    for y in range(height):
+        below, above = motion[y & 1], motion[1 - (y & 1)]
+        for x in range(width):
+            u, v, _ = warp_point(warp, x, y, depth[y, x])
+            below[x, 0], below[x, 1] = u - x, v - y
+        if y == 0:
+            continue
+        for x in range(width - 1):
+            spread = 0.0
+            for axis in range(2):
+                a, b, c, d = above[x, axis], above[x + 1, axis], below[x, axis], below[x + 1, axis]
+                spread = max(spread, max(a, b, c, d) - min(a, b, c, d))
+            found[y - 1, x] = spread > tolerance_px
+
+
+@kernel
 def rasterise(positions, skipped, nearest):
     """Draw the triangles of a grid but for skipped cells; `nearest` keeps the largest inverse depth."""
     for i in range(positions.shape[0] - 1):

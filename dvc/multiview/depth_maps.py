@@ -17,7 +17,7 @@ from dvc.multiview import _kernels
 from dvc.multiview.cameras import ViewPair
 from dvc.multiview.continuation import SeenDepth, Slopes, continue_surfaces
 from dvc.multiview.plane_sweep import GRADIENT_SWEEP, SweepSettings, depth_hypotheses, sweep
-from dvc.multiview.warping import inverse_warp, warp_grid, warp_matrix
+from dvc.multiview.warping import inverse_warp, warp_matrix
 
 Floats = NDArray[np.float64]
 Luma = NDArray[np.uint8]
@@ -87,6 +87,7 @@ class KnownDepth(NamedTuple):
     depth: DepthMap | None  # as earlier pairs of views have shown it
     points: Floats  # known points (x, y) in pixels, inside the frame
     inverse_depth: Floats  # inverse depth of each
+    is_settled: bool = False  # whether the depth is taken as it is, and not found anew
 
 
 Known = tuple[KnownDepth | None, KnownDepth | None]
@@ -112,7 +113,9 @@ def estimate_depths(
     back = inverse_warp(there)
     sides = (_Side(first, there, back), _Side(second, back, there))
     swept = [
-        _swept(sides[k], sides[1 - k].luma, pair.inverse_depth_ranges[k], known[k], settings) for k in (0, 1)
+        _settled(known[k])
+        or _swept(sides[k], sides[1 - k].luma, pair.inverse_depth_ranges[k], known[k], settings)
+        for k in (0, 1)
     ]
     visible = [_checked(sides[k], swept[k], swept[1 - k][0]) for k in (0, 1)]
     maps = [_with_points(swept[k][0], visible[k], known[k]) for k in (0, 1)]
@@ -127,12 +130,17 @@ def estimate_depths(
 
 def discontinuities(inverse_depth: Floats, warp: Floats) -> Mask:
     """Find the cells of a grid of pixels whose corners do not move together."""
-    moved = warp_grid(warp, inverse_depth)
-    rows, columns = np.indices(inverse_depth.shape)
-    motion = moved[..., :2] - np.stack([columns, rows], axis=-1)
-    corners = np.stack([motion[:-1, :-1], motion[:-1, 1:], motion[1:, :-1], motion[1:, 1:]])
-    found: Mask = (corners.max(axis=0) - corners.min(axis=0)).max(axis=-1) > DISCONTINUITY_PX
+    height, width = inverse_depth.shape
+    found = np.empty((height - 1, width - 1), np.bool_)
+    _kernels.discontinuities(inverse_depth, warp, DISCONTINUITY_PX, found)
     return found
+
+
+def _settled(known: KnownDepth | None) -> tuple[Floats, Floats] | None:
+    """Inverse depth that is not to be found anew, and that nothing doubts."""
+    if known is None or known.depth is None or not known.is_settled:
+        return None
+    return known.depth.inverse_depth, np.full(known.depth.inverse_depth.shape, np.inf)
 
 
 def _swept(

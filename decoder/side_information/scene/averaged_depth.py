@@ -41,7 +41,8 @@ class AveragedDepthInterpolator:
     ) -> None:
         self._fine = DepthInterpolator(model, first, second, known)
         self._stiff = None
-        if relative_parallax(model) >= MIN_PARALLAX:
+        settled = all(one is not None and one.depth is not None and one.is_settled for one in known)
+        if not settled and relative_parallax(model) >= MIN_PARALLAX:
             self._stiff = DepthInterpolator(model, first, second, known, CENSUS_SWEEP)
         self.views = self._fine.views
 

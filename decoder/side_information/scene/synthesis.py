@@ -46,7 +46,8 @@ def interpolate(
         compensated.append(sample(key.luma, warped))
         weights.append(visibility_weights(key, warped))
         positions.append(warped[..., :2])
-    return blend(compensated, weights, positions, depth.reliable, temporal_position)
+    blended = blend(compensated, weights, positions, depth.reliable, temporal_position)
+    return blended._replace(depth=depth)
 
 
 def blend(

@@ -33,12 +33,15 @@ from decoder.side_information.scene.untracked import SceneInterpolation
 from decoder.side_information.tracked_interpolation import METHOD, interpolate_by_tracks
 from decoder.side_information.weighting import blend_tracked
 from dvc.config import CodecConfig
-from dvc.multiview.depth_maps import DepthMap
-from dvc.multiview.rendering import render_depth
+from dvc.multiview.depth_maps import DepthMap, KnownDepth
 from dvc.tracks import FeaturePoints, PointTracks
 from sfm.cameras.rebasing import Rebased
 
 Floats = NDArray[np.float64]
+
+SETTLED_DISTANCE = 4
+"""Between references not more frames apart, depth that they have from others is not found anew: that comes of
+longer baselines."""
 
 
 class _Pair(NamedTuple):
@@ -56,6 +59,7 @@ class _Group(NamedTuple):
     ends: tuple[ReferenceFrame, ReferenceFrame]
     geometry: GroupGeometry
     depths: dict[int, DepthMap]
+    points: dict[int, KnownDepth]
 
 
 class TrackedSceneInterpolation:
@@ -69,7 +73,7 @@ class TrackedSceneInterpolation:
         self._aligned = AlignedBlockMotion()
         self._untracked = SceneInterpolation(interpolator, config)
         self._corrects = config.side_information.track_corrections
-        self._remembers = config.gop.references == "all"
+        self._remembers = config.gop.references != "keys"
         self._groups: dict[tuple[int, int], _Group] = {}
         self._pair: _Pair | None = None
 
@@ -109,7 +113,7 @@ class TrackedSceneInterpolation:
         how = self._geometry_config
         reconstruction = reconstruct(*keys, backend=how.backend, seed=self._seed)
         geometry = estimate_geometry(reconstruction, keys, points, ends[0].index, how.path_regularity)
-        group = _Group(ends, geometry, {})
+        group = _Group(ends, geometry, {}, {})
         self._groups[ends[0].index, ends[1].index] = group
         return group
 
@@ -127,7 +131,7 @@ class TrackedSceneInterpolation:
         where = group.geometry.positions
         tracks = where(around[0].index), where(instant), where(around[1].index)
         rendered, reason = self._rendered(group, around, instant, tracks)
-        alone, warped = self._without_scene(around, instant, tracks)
+        alone, warped = self._without_scene(around, instant, tracks, rendered is None)
         if rendered is not None:
             return completed(blend_tracked(alone, rendered), rendered, frames, self.name)
         if warped is not None:
@@ -139,11 +143,12 @@ class TrackedSceneInterpolation:
         around: tuple[ReferenceFrame, ReferenceFrame],
         instant: int,
         tracks: tuple[Floats, Floats, Floats],
+        moves: bool,
     ) -> tuple[Prediction, Interpolation | None]:
-        """Predict a frame from tracks alone; return where its pixels come from, if that is to be completed."""
+        """Predict a frame from tracks alone; say where its pixels come from, if that is to be completed."""
         if self._settings.fallback == "block-motion":
             return self._aligned.predict(around, instant, tracks), None
-        warped = interpolate_by_tracks(around, instant, tracks)
+        warped = interpolate_by_tracks(around, instant, tracks, moves)
         prediction = Prediction(
             warped.luma,
             None,
@@ -177,7 +182,7 @@ class TrackedSceneInterpolation:
         if self._corrects:
             rendered = corrected(rendered, (before.frame.luma, after.frame.luma), tracks)
         if self._remembers:
-            _remember(group, pair, camera, instant)
+            _remember(group, pair, instant, rendered)
         return rendered, ""
 
     def _between(self, group: _Group, around: tuple[ReferenceFrame, ReferenceFrame]) -> _Pair | None:
@@ -189,7 +194,9 @@ class TrackedSceneInterpolation:
         if rebased is None:
             return None
         depths = tuple(
-            group.geometry.known_depth(index)._replace(depth=group.depths.get(index))
+            _known_points(group, index)._replace(
+                depth=group.depths.get(index), is_settled=after.index - before.index <= SETTLED_DISTANCE
+            )
             for index in (before.index, after.index)
         )
         interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma, (depths[0], depths[1]))
@@ -197,9 +204,16 @@ class TrackedSceneInterpolation:
         return self._pair
 
 
-def _remember(group: _Group, pair: _Pair, camera: Floats, instant: int) -> None:
-    """Keep the depth of three frames for those that are decoded later."""
-    views = pair.interpolator.views
-    for reference, view in zip((pair.before, pair.after), views, strict=True):
-        group.depths[reference.index] = view.depth
-    group.depths[instant] = render_depth(views, camera, pair.rebased.model.pixel_frame)
+def _known_points(group: _Group, index: int) -> KnownDepth:
+    """Return the depth of the points that one frame sees; found once."""
+    if index not in group.points:
+        group.points[index] = group.geometry.known_depth(index)
+    return group.points[index]
+
+
+def _remember(group: _Group, pair: _Pair, instant: int, rendered: Interpolation) -> None:
+    """Keep the depth of three frames, where there is none yet, for those that are decoded later."""
+    for reference, view in zip((pair.before, pair.after), pair.interpolator.views, strict=True):
+        group.depths.setdefault(reference.index, view.depth)
+    if rendered.depth is not None:
+        group.depths[instant] = rendered.depth
