@@ -1,25 +1,20 @@
 """Points on a Dask cluster: the workers measure, this process writes; a point of a lost worker runs again."""
 
-import logging
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from dvc import cli
+from dvc.cluster import OTHER_CODE, connected, failure
 from dvc.errors import DvcError
 from dvc.rd.measure import measure
 from dvc.rd.points import Task
 from dvc.rd.processes import ProcessGroup
-from dvc.rd.provenance import codec_digest, input_digest
+from dvc.rd.provenance import input_digest
 from dvc.rd.sources import default_cache, find_source
+from dvc.versions import codec_digest
 
-if TYPE_CHECKING:
-    from distributed import Client
-
-CONNECT_S = 10.0
-WORKERS_S = 30.0
 _SCRATCH = ".running"
 
 
@@ -34,10 +29,9 @@ class Measured:
 
 def measure_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[tuple[Task, Measured | str]]:
     """Measure points on the workers of a Dask cluster."""
-    with _connect(address) as client:
+    with connected(address, tasks[0].code.digest) as client:
         from distributed import as_completed
 
-        _check_workers(client, address, tasks[0].code.digest)
         futures = {
             client.submit(_measure_here, task, key=f"{task.name}-{task.identity}", pure=False): task
             for task in tasks
@@ -49,51 +43,18 @@ def measure_on_cluster(tasks: Sequence[Task], address: str) -> Iterator[tuple[Ta
             client.cancel(list(futures))
 
 
-def _connect(address: str) -> "Client":
-    try:
-        from distributed import Client
-    except ImportError as err:
-        raise DvcError("--dask needs the package `distributed`: pip install 'dvc3d[dask]'") from err
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    try:
-        return Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError, ImportError) as err:
-        raise DvcError(f"no Dask scheduler answers at {address!r}: {err}") from err
-
-
-def _check_workers(client: "Client", address: str, digest: str) -> None:
-    """Refuse a cluster without workers, and workers that would measure another codec."""
-    try:
-        client.wait_for_workers(1, timeout=WORKERS_S)
-    except TimeoutError as err:
-        raise DvcError(f"the Dask cluster at {address!r} has no workers") from err
-    try:
-        digests = client.run(codec_digest)
-    except ImportError as err:
-        raise DvcError(f"a worker of the Dask cluster cannot load the codec: {err}") from err
-    for worker, other in digests.items():
-        if other != digest:
-            raise DvcError(
-                f"worker {worker} has another version of the code ({other[:12]}, not {digest[:12]})"
-            )
-
-
 def _outcome(future: Any) -> Measured | str:
     error = future.exception()
-    if error is None:
-        measured: Measured = future.result()
-        return measured
-    if isinstance(error, (DvcError, OSError)):
-        return cli.one_line(error)
-    if type(error).__name__ == "KilledWorker":
-        return "several workers were lost while they measured this point"
-    return cli.one_line(f"{type(error).__name__}: {error}")
+    if error is not None:
+        return failure(error, "measured this point")
+    measured: Measured = future.result()
+    return measured
 
 
 def _measure_here(task: Task) -> Measured:
     """Measure a point on this worker, in folders of its own; depends on nothing but the point."""
     if codec_digest() != task.code.digest:
-        raise DvcError("the worker has another version of the code")
+        raise DvcError(OTHER_CODE)
     with tempfile.TemporaryDirectory(prefix="dvc3d-") as name:
         folder = Path(name)
         scratch = folder / _SCRATCH

@@ -13,7 +13,7 @@ from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.pictures import save_pictures
 from dvc.rd.points import SCHEMA, Task
 from dvc.rd.processes import ProcessGroup, ProcessTimes
-from dvc.rd.provenance import library_versions
+from dvc.versions import library_versions
 
 _STREAM, _PUNCTURED = "stream.dvc", "punctured.dvc"
 _VIDEO, _AGAIN, _PREDICTED = "decoded.y4m", "again.y4m", "predicted.y4m"

@@ -7,8 +7,9 @@ from typing import Any
 from dvc.config import VARIANTS
 from dvc.rd.anchors.codecs import ANCHOR_CODECS
 from dvc.rd.anchors.version import anchors_digest
-from dvc.rd.provenance import CodeVersion, library_versions, values_digest
+from dvc.rd.provenance import CodeVersion, values_digest
 from dvc.rd.sources import Source
+from dvc.versions import library_versions
 
 SCHEMA = "dvc3d-rd-point/1"
 """Of the result of a point."""

@@ -1,4 +1,4 @@
-"""Where a result comes from: version of the code, libraries, contents of the input."""
+"""Where a result comes from: version of the code, contents of the input."""
 
 import hashlib
 import json
@@ -6,14 +6,13 @@ import subprocess
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from importlib import metadata, util
+from importlib import util
 from pathlib import Path
 
 import dvc
-from dvc.rd.source_digest import Sources
+from dvc.versions import codec_digest
 
 _CODEC_PACKAGES = ("dvc", "encoder", "decoder", "sfm")
-_LIBRARIES = ("av", "numba", "numpy", "opencv-python-headless", "scipy")
 _CHUNK_BYTES = 2**20
 
 
@@ -32,23 +31,6 @@ class CodeVersion:
 def code_version() -> CodeVersion:
     """Find out which code would run."""
     return CodeVersion(version=dvc.__version__, commit=_commit(Path(dvc.__file__)), digest=codec_digest())
-
-
-def codec_digest() -> str:
-    """Digest the code of encoder and decoder as it is now; experiments are no part of it."""
-    return Sources().digest([("encoder", ""), ("decoder", "")])
-
-
-@cache
-def library_versions() -> dict[str, str]:
-    """List the libraries that take part in coding."""
-    versions = {}
-    for name in _LIBRARIES:
-        try:
-            versions[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return versions
 
 
 def package_sources(name: str) -> list[Path]:

@@ -15,9 +15,10 @@ from dvc.files import atomic_output
 from dvc.rd.measure import measure
 from dvc.rd.points import Point, Task
 from dvc.rd.processes import ProcessGroup, Stopped
-from dvc.rd.provenance import code_version, codec_digest
+from dvc.rd.provenance import code_version
 from dvc.rd.results import POINTS_FOLDER, finished, write_result
 from dvc.rd.sources import Source, find_source
+from dvc.versions import codec_digest
 
 if TYPE_CHECKING:
     from dvc.rd.cluster import Measured

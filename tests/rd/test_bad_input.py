@@ -20,8 +20,9 @@ from dvc.rd.__main__ import main
 from dvc.rd.point_result import PointResult
 from dvc.rd.points import Point, Task
 from dvc.rd.processes import ProcessGroup, Stopped
-from dvc.rd.provenance import CodeVersion, codec_digest
+from dvc.rd.provenance import CodeVersion
 from dvc.rd.results import POINTS_FOLDER
+from dvc.versions import codec_digest
 from dvc.video import Frame, create_video
 from tests.rd.made_up import result_data
 

@@ -135,7 +135,7 @@ def test_a_cluster_that_is_not_there(
     clip: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An address where nobody answers is one line and status 2, like a missing package."""
-    monkeypatch.setattr(cluster, "CONNECT_S", 0.2)
+    monkeypatch.setattr("dvc.cluster.CONNECT_S", 0.2)
     arguments = ["run", str(clip), "--gop", "1", "--key-qp", "40", "--out", str(tmp_path), "--dask"]
     assert main([*arguments, "tcp://127.0.0.1:1"]) == 2
     assert main([*arguments, "no address"]) == 2

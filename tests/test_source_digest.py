@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from dvc.rd import source_digest
-from dvc.rd.provenance import codec_digest
-from dvc.rd.source_digest import Place, Sources
+from dvc import source_digest
+from dvc.source_digest import Place, Sources
+from dvc.versions import codec_digest
 
 Edit = Callable[[str, str, str], None]
 FILES = {
@@ -122,6 +122,6 @@ def test_encoder_and_decoder_are_reached() -> None:
 
 def test_digests_are_the_same_in_other_processes() -> None:
     """Neither the order of sets nor addresses play a part."""
-    program = "from dvc.rd.provenance import codec_digest; print(codec_digest())"
+    program = "from dvc.versions import codec_digest; print(codec_digest())"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == codec_digest()
