@@ -5,7 +5,7 @@ import re
 import socket
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -18,6 +18,8 @@ from dvc.limits import MAX_MEMORY_MIB
 
 if TYPE_CHECKING:
     from decoder.output import DecodedOutput
+    from decoder.session import Reader
+    from decoder.tasks import DecodedGroup
     from dvc.config import CodecConfig
     from dvc.limits import Limits
 
@@ -29,6 +31,7 @@ EXAMPLES = """\
   dvc-decode street.dvc out.mkv --punctured small.dvc           also write the stream that was really needed
   dvc-decode street.dvc part.mkv --frames 40:48                 frames 40 to 47, no more groups than they need
   dvc-decode day-0003.dvc.part day.mkv --unfinished             what a recording holds that was cut off
+  dvc-decode recording day.mkv --dask tcp://127.0.0.1:8786      all segments in a folder, on a Dask cluster
   dvc-decode --connect 127.0.0.1:5000 out.mkv                   decode live from `dvc-encode --serve`
 """
 
@@ -39,7 +42,8 @@ def _parser() -> argparse.ArgumentParser:
         "files",
         metavar="INPUT OUTPUT",
         nargs="+",
-        help="stream (.dvc) and video to write (.y4m, .mkv, .mp4); with --connect the video alone",
+        help="stream (.dvc), or folder of a recording's segments, and video to write (.y4m, .mkv, .mp4); with"
+        " --connect the video alone",
     )
     cli.add_live(
         parser.add_argument_group("live"), "--connect", "decode live from `dvc-encode --serve HOST:PORT`"
@@ -53,8 +57,13 @@ def _parser() -> argparse.ArgumentParser:
         help="decode frames A to B-1, counted from 0, and only the groups of pictures that they need (files"
         " only); A: means to the end, :B from the beginning",
     )
-    jobs = "processes that decode at the same time"
-    cli.add_integer(parser, "--jobs", (1, 256), jobs, default=1)
+    where = parser.add_mutually_exclusive_group()
+    cli.add_integer(where, "--jobs", (1, 256), "processes that decode at the same time", default=1)
+    where.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="decode on the workers of a Dask cluster, such as tcp://127.0.0.1:8786 (files only)",
+    )
     _add_endings(parser)
     _add_limits(parser)
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -171,19 +180,20 @@ def _decode(arguments: argparse.Namespace) -> int:
     for option in ("unfinished", "salvage"):
         if arguments.connect and getattr(arguments, option):
             raise ConfigError(f"--{option} is for files, not for --connect, which keeps what was decoded")
+    if arguments.connect and arguments.dask:
+        raise ConfigError("--dask is for files, not for --connect, whose encoder waits for one decoder")
     outputs = [arguments.files[-1], arguments.punctured, arguments.side_information_video, arguments.json]
     inputs = [*arguments.files[:-1], *([arguments.reference] if arguments.reference else [])]
     cli.check_outputs(inputs, [name for name in outputs if name not in (None, "-")])
-    with compiling_ahead(KERNELS, arguments.jobs):
+    with nullcontext() if arguments.dask else compiling_ahead(KERNELS, arguments.jobs):
         return _decode_live(arguments) if arguments.connect else _decode_file(arguments)
 
 
 def _decode_file(arguments: argparse.Namespace) -> int:
-    from decoder.session import decode_stream
-    from dvc.stream import Form, StreamReader
+    from dvc.stream import Form, open_stream
 
     path = arguments.files[0]
-    with _naming(path), StreamReader(path, unfinished=arguments.unfinished) as reader:
+    with _naming(path), open_stream(path, unfinished=arguments.unfinished) as reader:
         config = _with_choices(reader.config, arguments)
         if config != reader.config and reader.form == Form.PUNCTURED:
             raise ConfigError(
@@ -195,7 +205,7 @@ def _decode_file(arguments: argparse.Namespace) -> int:
             )
         wanted = None if arguments.frames is None else _wanted(arguments.frames, reader.index.num_frames)
         with ExitStack() as stack:
-            groups = decode_stream(config, reader, arguments.jobs, wanted, _limits(arguments))
+            groups = _decoded(config, reader, wanted, arguments, stack)
             form = Form.NO_FEEDBACK if reader.form == Form.NO_FEEDBACK else Form.PUNCTURED
             output = _output(config, arguments, stack, wanted, form)
             failure = output.consume(groups, arguments.quiet, arguments.salvage)
@@ -204,6 +214,27 @@ def _decode_file(arguments: argparse.Namespace) -> int:
         if reader.missing is not None:
             sys.stderr.write(f"{PROG}: {cli.one_line(f'{path}: unfinished: {reader.missing}')}\n")
     return 0
+
+
+def _decoded(
+    config: "CodecConfig",
+    reader: "Reader",
+    wanted: range | None,
+    arguments: argparse.Namespace,
+    stack: ExitStack,
+) -> "Iterator[DecodedGroup]":
+    """Decode on this machine, or on a cluster."""
+    limits = _limits(arguments)
+    if arguments.dask is None:
+        from decoder.session import decode_stream
+
+        return decode_stream(config, reader, arguments.jobs, wanted, limits)
+    from decoder.cluster import decode_on_cluster
+    from dvc.cluster import connected
+    from dvc.versions import codec_digest
+
+    client = stack.enter_context(connected(arguments.dask, codec_digest()))
+    return stack.enter_context(closing(decode_on_cluster(config, reader, client, wanted, limits)))
 
 
 def _wanted(frames: slice, num_frames: int) -> range:

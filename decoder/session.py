@@ -16,15 +16,16 @@ from dvc.feedback.transport import Readable
 from dvc.keyframes import KeyFrameDecoder
 from dvc.limits import Limits
 from dvc.slepian_wolf import ParityRequest
-from dvc.stream import Form, GopRecord, StreamReader
+from dvc.stream import Form, GopRecord, RecordingReader, StreamReader
 
+Reader = StreamReader | RecordingReader
 CHAINS_PER_PROCESS = 2
 """One that a process is at, and one that it goes on with while whoever takes the frames is busy."""
 
 
 def decode_stream(
     config: CodecConfig,
-    reader: StreamReader,
+    reader: Reader,
     jobs: int = 1,
     frames: range | None = None,
     limits: Limits | None = None,
@@ -35,8 +36,8 @@ def decode_stream(
     ----------
     config : CodecConfig
         The stream's configuration, or that with the decoder's own choice of side information.
-    reader : StreamReader
-        The stream, buffered or punctured.
+    reader : StreamReader or RecordingReader
+        The stream, or the segments of a recording.
     jobs : int, optional
         Processes that decode groups at the same time.
     frames : range, optional
@@ -50,17 +51,24 @@ def decode_stream(
         In display order; it raises `BitstreamError` where the stream is damaged, after all groups before.
     """
     limits = limits or Limits()
+    check_stream(config, reader, jobs, frames, limits)
+    chains = stream_tasks(config, reader, frames, limits)
+    return GroupsInFlight(StreamGroups(chains, jobs), jobs).decode()
+
+
+def check_stream(
+    config: CodecConfig, reader: Reader, jobs: int, frames: range | None, limits: Limits
+) -> None:
+    """Refuse a stream of too many frames, or with too large ones for so many processes."""
     num_frames = reader.num_frames if frames is None else len(frames)
     limits.check_frames(num_frames, reader.num_bytes, config.video)
     gop = config.gop
     num_waiting = (CHAINS_PER_PROCESS * jobs + 1) * gop.length + (jobs - 1) * gop.intra_period
     limits.check_memory(config.video, min(num_waiting, num_frames) if num_frames else num_waiting, jobs)
-    chains = stream_tasks(config, reader, frames, limits)
-    return GroupsInFlight(StreamGroups(chains, jobs), jobs).decode()
 
 
 def stream_tasks(
-    config: CodecConfig, reader: StreamReader, frames: range | None = None, limits: Limits | None = None
+    config: CodecConfig, reader: Reader, frames: range | None = None, limits: Limits | None = None
 ) -> Iterator[list[GroupTask]]:
     """Read a stream, and decode its key frames."""
     limits = limits or Limits()
@@ -91,7 +99,7 @@ def stream_tasks(
         yield chain
 
 
-def _start(config: CodecConfig, reader: StreamReader, frame: int) -> tuple[int, int]:
+def _start(config: CodecConfig, reader: Reader, frame: int) -> tuple[int, int]:
     """Return number and first frame of the group with which to start, to decode a frame."""
     back = config.gop.intra_period + config.gop.length if config.gop.intra_period else 0
     group = max(reader.index.gop_of(max(frame - back, 0)) - 1, 0)  # for its key frame

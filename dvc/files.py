@@ -4,6 +4,7 @@ import errno
 import fcntl
 import io
 import os
+import re
 import secrets
 import shutil
 import zlib
@@ -88,6 +89,12 @@ def growing_output(path: Path) -> Iterator[SyncedFile]:
 def _concerns(err: OSError, temporary: Path) -> bool:
     """Tell whether an error is about a file that is being written."""
     return err.errno in _NO_ROOM or str(temporary) in (err.filename, err.filename2)
+
+
+def natural_key(path: Path) -> list[tuple[int, int, str]]:
+    """Order names with the numbers in them as numbers: ``2.png`` before ``10.png``."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]
 
 
 def sync(path: Path) -> None:

@@ -3,6 +3,7 @@
 from dvc.stream.gop import GopBits, GopRecord, decode_gop, encode_gop, gop_bits
 from dvc.stream.index import IndexEntry, StreamIndex
 from dvc.stream.reader import StreamReader
+from dvc.stream.recording import RecordingReader, open_stream
 from dvc.stream.records import FORMAT_VERSION, MAGIC, MAX_RECORD_BYTES, Form, RecordType
 from dvc.stream.writer import StreamWriter
 
@@ -15,10 +16,12 @@ __all__ = [
     "GopRecord",
     "IndexEntry",
     "RecordType",
+    "RecordingReader",
     "StreamIndex",
     "StreamReader",
     "StreamWriter",
     "decode_gop",
     "encode_gop",
     "gop_bits",
+    "open_stream",
 ]

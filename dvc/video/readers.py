@@ -1,6 +1,5 @@
 """Open videos: raw files and folders of images here, everything else through FFmpeg."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
@@ -11,6 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from dvc.errors import VideoError
+from dvc.files import natural_key
 from dvc.video.containers import (
     consistent_frames,
     is_device,
@@ -200,7 +200,7 @@ def _open_folder(request: Request, folder: Path) -> FrameStream:
         raise VideoError(f"{folder}: cannot be read ({err.strerror})") from err
     images = [f for f in entries if f.suffix.lower() in IMAGE_SUFFIXES and not f.name.startswith(".")]
     count = request.count_of(len(images), "images")
-    chosen = sorted(images, key=_natural_key)[request.start : request.start + count]
+    chosen = sorted(images, key=natural_key)[request.start : request.start + count]
     first = read_image(chosen[0])
     notices = conversion_notices(first)
     if request.frame_rate is None:
@@ -216,9 +216,3 @@ def _open_folder(request: Request, folder: Path) -> FrameStream:
     request.check_size(info)
     pictures = chain([(chosen[0], first)], ((f, read_image(f)) for f in chosen[1:]))
     return FrameStream(info, consistent_frames(pictures, info), lambda: None)
-
-
-def _natural_key(path: Path) -> list[tuple[int, int, str]]:
-    """Order names with the numbers in them as numbers."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]
