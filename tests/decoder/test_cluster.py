@@ -1,0 +1,322 @@
+"""Decoding on a Dask cluster: two worker processes, one of which is killed; order, bounds, refusals."""
+
+import io
+import json
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+from distributed import Client, LocalCluster
+
+import decoder.__main__ as decoder
+from decoder import cluster
+from decoder.cluster import DecodedChain, decode_chain, decode_on_cluster
+from decoder.session import CHAINS_PER_PROCESS, decode_stream, stream_tasks
+from decoder.tasks import DecodedGroup, GroupTask
+from dvc.config import DiscoverMatrix, VideoConfig, codec_config
+from dvc.errors import BitstreamError, DvcError
+from dvc.stream import GopRecord, StreamReader, StreamWriter
+from dvc.versions import codec_digest, library_versions
+from encoder.session import EncoderSession
+from tests.clips import moving_texture
+
+CONFIG = codec_config(VideoConfig(96, 64, 25, 1), "2d", DiscoverMatrix(4), gop={"length": 3}, key={"qp": 30})
+NUM_CHAINS = 9
+PATIENCE_S = 60
+
+
+@pytest.fixture(scope="module")
+def stream() -> bytes:
+    """Return a buffered stream of nine chains, the first of which is a key frame alone."""
+    file = io.BytesIO()
+    EncoderSession(CONFIG).write(moving_texture(3 * NUM_CHAINS - 2, 64, 96), file, lambda _: None)
+    return file.getvalue()
+
+
+@pytest.fixture(scope="module")
+def recording(stream: bytes, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with that stream as two segments."""
+    folder = tmp_path_factory.mktemp("recording")
+    for number in (2, 10):
+        (folder / f"day-{number}.dvc").write_bytes(stream)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def workers() -> Iterator[LocalCluster]:
+    """Start a scheduler and two worker processes of one thread each."""
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+    ) as started:
+        yield started
+
+
+def decoded(stream: bytes, client: object) -> Generator[DecodedGroup]:
+    """Decode a stream on a cluster, or what stands for one."""
+    reader = StreamReader(io.BytesIO(stream))
+    return decode_on_cluster(reader.config, reader, cast(Client, client))
+
+
+def contents(groups: list[DecodedGroup]) -> list[bytes]:
+    """Return all that is decoded, without times."""
+    return [
+        pickle.dumps([group.first_index, group.record, *(plane.tobytes() for plane in planes(group))])
+        for group in groups
+    ]
+
+
+def planes(group: DecodedGroup) -> Iterator[Any]:
+    for frame in group.frames:
+        yield from (frame.luma, *(frame.chroma or ()))
+
+
+def kill_a_worker_at_work(client: Client) -> int:
+    """Kill the process of a worker that decodes, or that has something decoded; return its process id."""
+    pids = client.run(os.getpid)
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline:
+        for held in (client.processing(), client.has_what()):
+            if at_work := [worker for worker, keys in held.items() if keys]:
+                os.kill(pids[at_work[0]], signal.SIGKILL)
+                return int(pids[at_work[0]])
+        time.sleep(0.01)
+    raise TimeoutError("no worker was at work")
+
+
+def test_a_killed_worker_changes_nothing(stream: bytes, workers: LocalCluster) -> None:
+    """A worker process dies while it decodes: its chains run again, and all comes back in order."""
+    reader = StreamReader(io.BytesIO(stream))
+    expected = contents(list(decode_stream(reader.config, reader, 2)))
+    killed, found = 0, []
+    with Client(workers.scheduler_address, set_as_default=False) as client:
+        for group in decoded(stream, client):
+            found.append(group)
+            if len(found) == 2:
+                killed = kill_a_worker_at_work(client)
+        client.wait_for_workers(2, timeout=PATIENCE_S)
+        assert killed not in client.run(os.getpid).values()
+    assert len(found) == NUM_CHAINS
+    assert contents(found) == expected
+
+
+def run(*arguments: object) -> int:
+    return decoder.main([*map(str, arguments), "--quiet"])
+
+
+def report_of(path: Path) -> dict[str, Any]:
+    """Return a report without times."""
+    report = cast(dict[str, Any], json.loads(path.read_text()))
+    for entry in (report, *report["per_frame"]):
+        entry.pop("decode_s", None)
+    return report
+
+
+def test_a_recording_is_decoded_to_the_same_files(
+    recording: Path, workers: LocalCluster, tmp_path: Path
+) -> None:
+    """Video, punctured stream and report of a folder of segments are those of two jobs."""
+    for name, where in (("jobs", ("--jobs", 2)), ("dask", ("--dask", workers.scheduler_address))):
+        outputs = (
+            tmp_path / f"{name}.y4m",
+            "--punctured",
+            tmp_path / f"{name}.dvc",
+            "--json",
+            tmp_path / name,
+        )
+        assert run(recording, *outputs, *where) == 0
+    for suffix in (".y4m", ".dvc"):
+        assert (tmp_path / f"dask{suffix}").read_bytes() == (tmp_path / f"jobs{suffix}").read_bytes()
+    report = report_of(tmp_path / "dask")
+    assert report == report_of(tmp_path / "jobs")
+    assert report["frames"] == 2 * (3 * NUM_CHAINS - 2)
+    part = (tmp_path / "part.y4m", "--frames", "24:27", "--dask", workers.scheduler_address)
+    assert run(recording, *part) == 0
+    size = 3 * 96 * 64 // 2 + len(b"FRAME\n")
+    whole = (tmp_path / "dask.y4m").read_bytes()
+    head = whole.index(b"\n") + 1
+    assert (tmp_path / "part.y4m").read_bytes()[head:] == whole[head + 24 * size : head + 27 * size]
+
+
+def test_what_a_chain_ends_with_has_its_place(stream: bytes, workers: LocalCluster) -> None:
+    """Damage that a worker meets is raised after all groups before it, and names its group."""
+    reader = StreamReader(io.BytesIO(stream))
+    records = list(reader)
+    bad = GopRecord(3, records[3].key, b"", (records[3].wyner_ziv[0], b""))
+    file = io.BytesIO()
+    with StreamWriter(file, reader.config, "buffered") as writer:
+        for record in (*records[:3], bad, *records[3:]):
+            writer.write_gop(record)
+    found: list[int] = []
+    with Client(workers.scheduler_address, set_as_default=False) as client:
+        groups = decoded(file.getvalue(), client)
+        with pytest.raises(BitstreamError, match="group of pictures 3: "):
+            found.extend(group.first_index for group in groups)
+    assert found == [0, 1, 4]
+
+
+class Kept:
+    """A cluster that notes what it is given, and decodes it when it is asked for."""
+
+    class Future:
+        """One chain."""
+
+        def __init__(self, given: tuple[Any, ...]) -> None:
+            self.given, self.asked = given, False
+
+        def exception(self, timeout: float) -> None:
+            """Say that it went well."""
+
+        def result(self) -> DecodedChain:
+            """Decode it."""
+            self.asked = True
+            return decode_chain(*self.given)
+
+    def __init__(self, num_threads: int) -> None:
+        self.num_threads = num_threads
+        self.futures: list[Kept.Future] = []
+        self.cancelled: list[Kept.Future] = []
+        self.most_open = 0
+
+    def nthreads(self) -> dict[str, int]:
+        """Return threads of workers."""
+        return {"one": self.num_threads - 1, "other": 1}
+
+    def submit(self, function: object, *given: Any, key: str) -> "Kept.Future":
+        """Take a chain."""
+        assert function is decode_chain
+        assert key
+        self.futures.append(Kept.Future(given))
+        self.most_open = max(self.most_open, sum(not future.asked for future in self.futures))
+        return self.futures[-1]
+
+    def cancel(self, futures: list["Kept.Future"]) -> None:
+        """Note what nobody wants."""
+        self.cancelled += futures
+
+
+def test_no_worker_gets_more_than_its_chain(stream: bytes) -> None:
+    """A task is the groups of one chain and a digest; there are no more than the threads have use for."""
+    client = Kept(3)
+    groups = list(decoded(stream, client))
+    assert client.most_open == 3 * CHAINS_PER_PROCESS < NUM_CHAINS == len(groups)
+    chains = [future.given[0] for future in client.futures]
+    assert [[task.number for task in chain] for chain in chains] == [[k] for k in range(NUM_CHAINS)]
+    frame_bytes = 3 * 96 * 64 // 2
+    for (task,), record in zip(chains, StreamReader(io.BytesIO(stream)), strict=True):
+        assert isinstance(task, GroupTask)
+        assert task.record == record
+        most = len(record.key) + sum(map(len, record.wyner_ziv)) + 2 * frame_bytes + 2000
+        assert len(pickle.dumps(task)) < most
+    assert {len(future.given) for future in client.futures} == {2}
+    assert client.cancelled == []
+
+
+def test_what_is_given_up_is_cancelled(stream: bytes) -> None:
+    """Whoever takes no more groups leaves nothing on the cluster, and no more of the stream is read."""
+    client = Kept(1)
+    groups = decoded(stream, client)
+    next(groups)
+    groups.close()
+    assert len(client.futures) == CHAINS_PER_PROCESS + 1
+    assert client.cancelled == client.futures[1:]
+
+
+def test_a_chain_that_nobody_wants_ends(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A worker looks whether its task was cancelled while it waits for the decoding process."""
+    monkeypatch.setattr(cluster, "POLL_S", 0.0)
+    monkeypatch.setattr(cluster, "_is_wanted", lambda: lambda: False)
+    reader = StreamReader(io.BytesIO(stream))
+    *_, chain = stream_tasks(reader.config, reader)
+    ended = decode_chain(chain, codec_digest())
+    assert ended.groups == []
+    assert "nobody wants" in str(ended.failure)
+
+
+def test_a_worker_with_other_code_decodes_nothing(stream: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither other code on its disk nor code that was changed since it was loaded will do."""
+    reader = StreamReader(io.BytesIO(stream))
+    chain = next(stream_tasks(reader.config, reader))
+    assert "another version of the code" in str(decode_chain(chain, "f" * 32).failure)
+    digest = codec_digest()
+    assert decode_chain(chain, digest).failure is None
+    monkeypatch.setattr(cluster, "_loaded_digest", lambda: "e" * 32)
+    assert isinstance(decode_chain(chain, digest).failure, DvcError)
+
+
+def test_an_interrupt_leaves_nothing_on_the_cluster(
+    recording: Path, workers: LocalCluster, tmp_path: Path
+) -> None:
+    """Ctrl-C ends the command as usual; its chains are gone, and so is its output."""
+    arguments = [recording, tmp_path / "o.y4m", "--dask", workers.scheduler_address]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "decoder", *map(str, arguments)], stderr=subprocess.PIPE, text=True
+    )
+    with Client(workers.scheduler_address, set_as_default=False) as client:
+        _wait_until(lambda: any(client.processing().values()))
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=PATIENCE_S)
+        assert (process.returncode, said) == (130, "dvc-decode: interrupted\n")
+        _wait_until(lambda: not any(client.processing().values()))
+        _wait_until(lambda: not any(client.has_what().values()))
+    assert list(tmp_path.iterdir()) == []
+
+
+def _wait_until(condition: Any) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_clusters_that_cannot_decode_are_refused(
+    recording: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No scheduler, no workers, no package, a live encoder: a line each, status 2, and no output."""
+    monkeypatch.setattr("dvc.cluster.CONNECT_S", 0.2)
+    monkeypatch.setattr("dvc.cluster.WORKERS_S", 0.2)
+    output = tmp_path / "o.y4m"
+    assert run(recording, output, "--dask", "tcp://127.0.0.1:1") == 2
+    assert run(output, "--connect", "127.0.0.1:1", "--dask", "tcp://127.0.0.1:1") == 2
+    with LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as empty:
+        assert run(recording, output, "--dask", empty.scheduler_address) == 2
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert run(recording, output, "--dask", "tcp://127.0.0.1:1") == 2
+    lines = capfd.readouterr().err.splitlines()
+    words = (
+        "no Dask scheduler answers at 'tcp://127.0.0.1:1'",
+        "--dask is for files, not for --connect",
+        "has no workers",
+        "pip install 'dvc3d[dask]'",
+    )
+    assert len(lines) == len(words)
+    assert all(word in line for word, line in zip(words, lines, strict=True))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_workers_with_other_code_are_refused(
+    recording: Path,
+    workers: LocalCluster,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Workers whose code, or a library of which, is another one are named before anything is decoded."""
+    arguments = (recording, tmp_path / "o.y4m", "--dask", workers.scheduler_address)
+    with monkeypatch.context() as patch:
+        patch.setattr("dvc.versions.codec_digest", lambda: "f" * 32)
+        assert run(*arguments) == 2
+    with monkeypatch.context() as patch:
+        patch.setitem(library_versions(), "numpy", "99.0")
+        assert run(*arguments) == 2
+    code, library = capfd.readouterr().err.splitlines()
+    assert "has another version of the code" in code
+    assert "has numpy" in library
+    assert "not 99.0" in library
+    assert list(tmp_path.iterdir()) == []
