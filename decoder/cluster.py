@@ -95,16 +95,21 @@ class _ChainsInFlight:
                 self._futures.append(self._client.submit(decode_chain, chain, self._digest, key=key))
 
     def _result(self, future: "Future[DecodedChain]") -> DecodedChain:
-        while True:
-            with suppress(TimeoutError):
-                future.exception(timeout=PATIENCE_S)
-                break
-            require_workers(self._client)
         try:
+            while not self._has_ended(future):
+                require_workers(self._client)
             chain: DecodedChain = future.result()
         except Exception as err:
             raise DvcError(failure(err, "decoded the same groups of pictures")) from err
         return chain
+
+    @staticmethod
+    def _has_ended(future: "Future[DecodedChain]") -> bool:
+        """Wait for a chain, for a while."""
+        with suppress(TimeoutError):
+            future.exception(timeout=PATIENCE_S)
+            return True
+        return False
 
 
 def decode_chain(chain: Sequence[GroupTask], digest: str) -> DecodedChain:

@@ -26,7 +26,8 @@ def connected(address: str, digest: str) -> Iterator["Client"]:
         from distributed import Client
     except ImportError as err:
         raise DvcError("--dask needs the package `distributed`: pip install 'dvc3d[dask]'") from err
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, ImportError) as err:
@@ -70,4 +71,6 @@ def failure(error: BaseException, work: str) -> str:
         return cli.one_line(error)
     if type(error).__name__ == "KilledWorker":
         return f"several workers were lost while they {work}"
+    if type(error).__name__ == "FutureCancelledError":
+        return "the Dask scheduler was lost"
     return cli.one_line(f"{type(error).__name__}: {error}")
