@@ -1,14 +1,17 @@
 """Decoding of the Wyner-Ziv frames of one group of pictures, whose key frames are decoded already."""
 
 import time
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
+from threading import Lock
 
 from decoder.no_feedback import NoFeedbackDecoder
 from decoder.side_information.extrapolation import TrackedExtrapolation
 from decoder.side_information.methods import METHODS
 from decoder.side_information.protocol import Prediction, ReferenceFrame
 from decoder.tasks import Bits, DecodedFrame, DecodedGroup, GroupTask
+from decoder.team import Team
 from decoder.wyner_ziv import FrameCoroutine, WynerZivDecoder
 from dvc import slepian_wolf
 from dvc.config import CodecConfig
@@ -22,9 +25,11 @@ from dvc.wynerziv.priors import LearnedPriors
 
 Points = PointTracks | FeaturePoints | None
 Known = dict[int, ReferenceFrame]
-GroupCoroutine = Generator[Sequence[ParityRequest] | None, tuple[Place, Bits] | None, DecodedGroup]
+GroupCoroutine = Generator[
+    Sequence[ParityRequest] | ReferenceFrame | None, tuple[Place, Bits] | None, DecodedGroup
+]
 """Yields further requests, maybe no more, and is sent the answer to any one that waits; or None before a
-level of frames, which begins when None is sent."""
+level of frames, which begins when None is sent; or the last frame, which the next group needs, once."""
 
 
 def _usable(known: Iterable[int], around: tuple[int, int], references: str) -> list[int]:
@@ -50,6 +55,7 @@ class GroupDecoder:
         config: CodecConfig,
         frames: WynerZivDecoder | None = None,
         no_feedback: NoFeedbackDecoder | None = None,
+        team: Team | None = None,
     ) -> None:
         method = config.side_information.method
         if method not in METHODS:
@@ -61,18 +67,19 @@ class GroupDecoder:
         self._extrapolation = TrackedExtrapolation()
         self._decoder = frames or WynerZivDecoder(config)
         self._no_feedback = no_feedback or NoFeedbackDecoder(config)
+        self._team = team or Team()
+        self._predicting = Lock()  # a method keeps what it knows of the group
 
-    def decode(self, task: GroupTask) -> DecodedGroup:
-        """Decode a group of a stream, whose record answers what is asked."""
-        steps, sources = self.steps(task), dict[int, Answer]()
-        answer: tuple[Place, Bits] | None = None
+    def decode(
+        self, task: GroupTask, take_last: Callable[[ReferenceFrame], object] = lambda _: None
+    ) -> DecodedGroup:
+        """Decode a group of a stream, whose record answers what is asked; hand on its last frame early."""
+        steps = self.steps(task)
         try:
             while True:
-                requests, answer = steps.send(answer), None
-                for request in requests or ():  # one at a time
-                    if request.frame not in sources:
-                        sources = {request.frame: self._source(task, request.frame)}
-                    answer = (request.frame, request.plane), sources[request.frame](request)
+                last = next(steps)
+                if isinstance(last, ReferenceFrame):
+                    take_last(last)
         except StopIteration as stop:
             group: DecodedGroup = stop.value
             return group
@@ -82,7 +89,7 @@ class GroupDecoder:
         return [len(level) for level in _order(task, self._config)]
 
     def steps(self, task: GroupTask) -> GroupCoroutine:
-        """Decode a group as a coroutine; one frame after the other where the record answers."""
+        """Decode a group as a coroutine, which asks for nothing where the record answers."""
         if not task.record.wyner_ziv:
             return DecodedGroup.of(task, [])
         if task.before is None:
@@ -100,10 +107,20 @@ class GroupDecoder:
                 self._frame(task, known, points, place, own)
                 for place, own in zip(level, learned, strict=True)
             ]
-            decoded = yield from slepian_wolf.together(steps, len(steps) if task.form is None else 1)
+            if task.form is None:
+                decoded = yield from slepian_wolf.together(steps)
+            else:
+                decoded = self._team.run(
+                    [
+                        partial(self._answered, task, index, frame)
+                        for (index, _), frame in zip(level, steps, strict=True)
+                    ]
+                )
             priors = LearnedPriors.mean(learned)
             known |= {frame.index: ReferenceFrame(frame.index, frame.frame) for frame in decoded}
             frames += decoded
+            if decoded[-1].index == task.last_index:
+                yield known[task.last_index]
         group = DecodedGroup.of(task, sorted(frames, key=lambda frame: frame.index))
         if task.form is Form.PUNCTURED:
             _check_agreement(group.record, task.record)
@@ -114,7 +131,8 @@ class GroupDecoder:
     ) -> FrameCoroutine:
         """Decode one frame, without any request where its record holds what an encoder chose."""
         (index, around), started = place, time.perf_counter()
-        prediction = self._predict(task, known, points, index, around)
+        with self._predicting:
+            prediction = self._predict(task, known, points, index, around)
         payload = task.record.wyner_ziv[index - task.first_index]
         if task.form is Form.NO_FEEDBACK:
             frame = self._no_feedback.decode(index, payload, prediction)
@@ -126,6 +144,17 @@ class GroupDecoder:
             frame = yield from recorder.watch(steps)
             frame = replace(frame, punctured=recorder.payload(payload[: len(quantization.header)]))
         return replace(frame, decode_s=time.perf_counter() - started)
+
+    def _answered(self, task: GroupTask, index: int, frame: FrameCoroutine) -> DecodedFrame:
+        """Decode a frame of a stream."""
+        source: Answer | None = None
+
+        def answer(request: ParityRequest) -> Bits:
+            nonlocal source
+            source = source or self._source(task, index)
+            return source(request)
+
+        return slepian_wolf.drive(frame, answer)
 
     def _predict(
         self, task: GroupTask, known: Known, points: Points, index: int, around: Around

@@ -19,17 +19,19 @@ import time
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from multiprocessing import Pipe
 from threading import RLock
 from typing import Protocol
 
-from decoder.tasks import Answered, DecodedGroup, GroupTask
+from decoder.side_information.protocol import ReferenceFrame
+from decoder.tasks import Answered, Cores, DecodedGroup, GroupTask
 from dvc.environment import baseline_environment
 from dvc.errors import BitstreamError, DvcError
 from dvc.feedback import ParityAnswer
 from dvc.slepian_wolf import ParityRequest, Place
 
-Outcome = Sequence[ParityRequest] | DecodedGroup | Exception
+Outcome = Sequence[ParityRequest] | ReferenceFrame | DecodedGroup | Exception
 _MAX_IDLE = 2  # processes kept for the next sequence: they take about a second to start, and some memory
 
 
@@ -38,7 +40,8 @@ class DecodingProcess:
 
     def __init__(self) -> None:
         self.num_running = self.num_pending = 0
-        self.step_s = self._began_s = 0.0
+        self._num_cores = 1
+        self.step_s = self.began_s = 0.0
         self._connection, other = Pipe()
         command = [sys.executable, "-P", "-m", "decoder.worker", str(other.fileno())]
         # Whoever starts the process ends it; an interrupt from the terminal is not for it.
@@ -59,12 +62,21 @@ class DecodingProcess:
         """Begin a group, besides those that are under way, or go on with one."""
         self.num_running += isinstance(message, GroupTask)
         if not self.num_pending:
-            self._began_s = time.monotonic()
+            self.began_s = time.monotonic()
         self.num_pending += 1
+        self._send(message)
+
+    def _send(self, message: GroupTask | Answered | Cores) -> None:
         try:
             self._connection.send(message)
         except OSError as err:
             raise self._death() from err
+
+    def use(self, num_cores: int) -> None:
+        """Let it use some cores from now on."""
+        if num_cores != self._num_cores:
+            self._num_cores = num_cores
+            self._send(Cores(num_cores))
 
     def receive(self) -> tuple[int, Outcome]:
         """Wait for what a group asks for, or comes to."""
@@ -75,7 +87,7 @@ class DecodingProcess:
         self.num_running -= isinstance(outcome, DecodedGroup | Exception)
         self.num_pending -= answers  # not a level that was begun by itself
         now_s = time.monotonic()
-        self.step_s, self._began_s = now_s - self._began_s, now_s
+        self.step_s, self.began_s = now_s - self.began_s, now_s
         return number, outcome
 
     def fileno(self) -> int:
@@ -175,7 +187,8 @@ class GroupsInFlight:
         self._source, self._jobs = source, jobs
         self._stack = ExitStack()
         self._processes: list[DecodingProcess] = []
-        self._latest: DecodingProcess | None = None  # that got the last group
+        self._following: dict[int, GroupTask] = {}  # groups that wait for the last frame of the one before
+        self._lasts: dict[int, ReferenceFrame] = {}  # such frames of groups that are followed by none yet
         self._asked: dict[Place, tuple[int, DecodingProcess]] = {}
         self._order: deque[int] = deque()  # of groups that are not handed on
         self._outcomes: dict[int, DecodedGroup | Exception] = {}
@@ -207,7 +220,6 @@ class GroupsInFlight:
 
     def _start_received(self) -> None:
         """Hand on to processes what the source has."""
-        tasks: list[GroupTask] = []
         for received in self._source.received():
             if isinstance(received, ParityAnswer):
                 place = received.frame, received.plane
@@ -218,23 +230,42 @@ class GroupsInFlight:
             self._order.append(number)
             if isinstance(received, BitstreamError):
                 self._outcomes[number] = received
-            elif received.record.wyner_ziv:
-                tasks.append(received)
-            else:
+            elif not received.record.wyner_ziv:
                 self._end(number, DecodedGroup.of(received, []))
-        num_running = sum(process.num_running for process in self._processes)
-        while len(self._processes) < min(self._jobs, num_running + len(tasks)):
+            elif not received.follows:
+                self._begin(received)
+            elif number - 1 in self._lasts:
+                self._begin(replace(received, before=self._lasts.pop(number - 1)))
+            else:
+                self._following[number] = received
+
+    def _begin(self, task: GroupTask) -> None:
+        """Hand on a group to the process that has least to do, or to a new one."""
+        idle = [process for process in self._processes if not process.num_running]
+        if not idle and len(self._processes) < self._jobs:
             self._processes.append(self._stack.enter_context(decoding_process()))
-        for task in tasks:
-            if self._latest is None or not task.follows:
-                self._latest = min(self._processes, key=lambda process: process.num_running)
-            self._latest.submit(task)
+        process = min(self._processes, key=lambda process: (process.num_running, process.began_s))
+        process.submit(task)
+        self._share_cores()
+
+    def _share_cores(self) -> None:
+        """Let processes that are at work use the cores of those that are not."""
+        busy = [process for process in self._processes if process.num_running]
+        for process in busy:
+            process.use(max(self._jobs // len(busy), 1))
 
     def _pass_on(self, process: DecodingProcess) -> None:
         """Take what a process has: further requests, or how a group ended."""
         number, outcome = process.receive()
         if isinstance(outcome, DecodedGroup | Exception):
             self._end(number, outcome)
+            self._share_cores()
+        elif isinstance(outcome, ReferenceFrame):
+            following = self._following.pop(number + 1, None)
+            if following is None:
+                self._lasts[number] = outcome
+            else:
+                self._begin(replace(following, before=outcome))
         else:
             self._asked |= {(request.frame, request.plane): (number, process) for request in outcome}
             self._source.ask(outcome, process)

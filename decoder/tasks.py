@@ -49,6 +49,12 @@ class Answered(NamedTuple):
     bits: Bits
 
 
+class Cores(NamedTuple):
+    """How many cores a process may use from now on."""
+
+    number: int
+
+
 @dataclass(frozen=True)
 class BandCost:
     """What the decoded planes of a band of one frame cost."""

@@ -1,11 +1,12 @@
 """The process in which groups of pictures are decoded: `decoder.processes` starts it and talks to it.
 
 Tasks come through the connection whose file descriptor is the only argument and, if the encoder is live,
-answers to requests. What goes back has the number of its group: requests, and at last the decoded group or
-the exception that it ended with. Groups of a stream, whose records answer, are decoded one after the other.
-Of a live encoder any number are under way: while some wait for answers, another that can go on does, first of
-all the one with the most to be decoded after what it is at. Of frames that are decoded at the same time there
-are no more than memory is for, however many groups are open.
+answers to requests. What goes back has the number of its group: requests, the last frame of a group that no
+key frame ends as soon as it is decoded, and at last the decoded group or the exception that it ended with.
+Groups of a stream, whose records answer, are decoded one after the other. Of a live encoder any number are
+under way: while some wait for answers, another that can go on does, first of all the one with the most to be
+decoded after what it is at. Of frames that are decoded at the same time there are no more than memory is for,
+however many groups are open.
 """
 
 import heapq
@@ -13,7 +14,8 @@ import os
 import sys
 import traceback
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from itertools import count
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
@@ -21,7 +23,8 @@ from threading import Thread
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from decoder.side_information.protocol import ReferenceFrame
-from decoder.tasks import Answered, Bits, DecodedGroup, GroupTask, naming_group
+from decoder.tasks import Answered, Bits, Cores, GroupTask, naming_group
+from decoder.team import Team
 from dvc.config import decode_config
 from dvc.errors import DvcError
 from dvc.slepian_wolf import Place
@@ -35,7 +38,7 @@ MAX_ACTIVE_PX = 3 << 22
 
 
 class NextLevel(NamedTuple):
-    """The turn of a group to begin, since the one before it is decoded, or of its next level of frames."""
+    """The turn of a group to begin its next level of frames."""
 
     number: int
 
@@ -46,9 +49,14 @@ Message = TypeVar("Message", bound=GroupTask | Answered | NextLevel)
 def serve(connection: "Connection[Any, Any]") -> None:
     """Decode groups until nobody wants any."""
     received: SimpleQueue[Any] = SimpleQueue()
-    Thread(target=_receive, args=(connection, received), daemon=True).start()
+    team = Team()
+    Thread(target=_receive, args=(connection, received, team), daemon=True).start()
     _import_opencv_quietly()
-    groups = _Groups(LevelTurns(received.put), received.put)
+
+    def hand_on(number: int, last: ReferenceFrame) -> None:
+        connection.send((number, last, False))
+
+    groups = _Groups(LevelTurns(received.put), hand_on, team)
     for message in longest_way_first(received, groups.levels_left):
         try:
             with naming_group(message.number):
@@ -113,33 +121,27 @@ class _Group:
 class _Groups:
     """Groups that are under way; their decoders are kept for others of the same configuration."""
 
-    def __init__(self, turns: LevelTurns, begin: Callable[[NextLevel], object]) -> None:
-        self._turns, self._begin_later = turns, begin
+    def __init__(
+        self, turns: LevelTurns, hand_on: Callable[[int, ReferenceFrame], object], team: Team
+    ) -> None:
+        self._turns, self._hand_on, self._team = turns, hand_on, team
         self._config = b""
         self._frames: WynerZivDecoder | None = None
         self._idle: list[GroupDecoder] = []
         self._running: dict[int, _Group] = {}
-        self._following: dict[int, GroupTask] = {}  # wait for the last frame of the group before
-        self._ends: dict[int, ReferenceFrame] = {}  # last frames of groups that no key frame ends
 
     def levels_left(self, message: GroupTask | Answered | NextLevel) -> int:
         """Return how many levels of its group are decoded from that of a message on."""
-        if isinstance(message, GroupTask) or message.number in self._following:
-            return sys.maxsize  # a group begins at once
+        if isinstance(message, GroupTask):
+            return sys.maxsize  # begins at once
         group = self._running.get(message.number)
         return group.levels_left if group else 0
 
     def go_on(self, message: GroupTask | Answered | NextLevel) -> object:
         """Begin a group, or go on with it; return further requests, or the decoded group."""
         if isinstance(message, GroupTask):
-            self._ends.pop(message.number, None)  # of another sequence
-            if not message.follows:
-                return self._begin(message)
-            self._following[message.number] = message
+            return self._begin(message)
         number = message.number
-        if number in self._following:
-            before = self._ends.pop(number - 1, None)
-            return () if before is None else self._begin(replace(self._following.pop(number), before=before))
         answer = (message.place, message.bits) if isinstance(message, Answered) else None
         return self._advance(number, self._running.pop(number), answer)
 
@@ -147,35 +149,32 @@ class _Groups:
         """Begin a group; of a stream, decode it."""
         decoder = self._decoder(task.config)
         if task.form is not None:
-            return self._ended(task.number, decoder, decoder.decode(task))
+            group = decoder.decode(task, partial(self._hand_on, task.number))
+            self._idle.append(decoder)
+            return group
         video, sizes = decode_config(task.config).video, decoder.level_sizes(task)
-        group = _Group(decoder, decoder.steps(task), video.width * video.height, sizes, len(sizes) + 1)
-        return self._advance(task.number, group, None)
+        running = _Group(decoder, decoder.steps(task), video.width * video.height, sizes, len(sizes) + 1)
+        return self._advance(task.number, running, None)
 
     def _advance(self, number: int, group: _Group, answer: tuple[Place, Bits] | None) -> object:
         """Go on with a group of a live encoder."""
         try:
             requests = group.steps.send(answer)
+            if isinstance(requests, ReferenceFrame):
+                self._hand_on(number, requests)
+                requests = group.steps.send(None)
         except BaseException as err:
             self._turns.end(number)
             if not isinstance(err, StopIteration):
                 raise
-            return self._ended(number, group.decoder, err.value)
+            self._idle.append(group.decoder)
+            return err.value
         self._running[number] = group
         if requests is None:
             group.levels_left -= 1
             num_frames = group.level_sizes[-group.levels_left]
             self._turns.wait(number, group.levels_left, num_frames * group.frame_px)
         return requests or ()
-
-    def _ended(self, number: int, decoder: "GroupDecoder", group: DecodedGroup) -> DecodedGroup:
-        """Keep what others need of a group that is decoded."""
-        self._idle.append(decoder)
-        if group.key is None:
-            self._ends[number] = group.last
-            if number + 1 in self._following:
-                self._begin_later(NextLevel(number + 1))
-        return group
 
     def _decoder(self, config: bytes) -> "GroupDecoder":
         from decoder.group import GroupDecoder
@@ -184,14 +183,20 @@ class _Groups:
         if config != self._config:
             self._config, self._idle = config, []
             self._frames = WynerZivDecoder(decode_config(config))
-        return self._idle.pop() if self._idle else GroupDecoder(decode_config(config), self._frames)
+        if self._idle:
+            return self._idle.pop()
+        return GroupDecoder(decode_config(config), self._frames, team=self._team)
 
 
-def _receive(connection: "Connection[Any, Any]", received: "SimpleQueue[Any]") -> None:
+def _receive(connection: "Connection[Any, Any]", received: "SimpleQueue[Any]", team: Team) -> None:
     """Take what comes; end the process, whatever it does, where nobody is left who wants it."""
     try:
         while True:
-            received.put(connection.recv())
+            message = connection.recv()
+            if isinstance(message, Cores):
+                team.resize(message.number)
+            else:
+                received.put(message)
     except (EOFError, OSError):
         os._exit(0)
 

@@ -73,7 +73,10 @@ class WynerZivDecoder:
         multiplier: float = 0.0,
     ) -> FrameCoroutine:
         """Decode one frame."""
-        planes = self._idle.pop() if self._idle else self._coder.decoder(self.layout.num_bits)
+        try:  # of several threads
+            planes = self._idle.pop()
+        except IndexError:
+            planes = self._coder.decoder(self.layout.num_bits)
         frame = _Frame(self._config, self.layout, planes, priors, index)
         decoded = yield from frame.decode(quantization, prediction, multiplier)
         self._idle.append(planes)

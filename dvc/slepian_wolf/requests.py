@@ -98,9 +98,9 @@ def drive(coroutine: Generator[ParityRequest, Bits, Result], answer: Answer) -> 
 
 
 def together(
-    coroutines: Sequence[Generator[ParityRequest, Bits, Result]], at_a_time: int
+    coroutines: Sequence[Generator[ParityRequest, Bits, Result]],
 ) -> Generator[Sequence[ParityRequest], tuple[Place, Bits], list[Result]]:
-    """Run coroutines of different frames, some at a time: none of these waits for the answers of another."""
+    """Run coroutines of different frames side by side: none of them waits for the answers of another."""
     results: dict[int, Result] = {}
     waiting: dict[Place, int] = {}
 
@@ -113,10 +113,8 @@ def together(
         waiting[request.frame, request.plane] = number
         return [request]
 
-    requests: list[ParityRequest] = []
-    for number in range(len(coroutines)):
-        requests += _advance(number, None)
-        while len(waiting) > (0 if number + 1 == len(coroutines) else at_a_time - 1):
-            position, bits = yield requests
-            requests = _advance(waiting.pop(position), bits)
+    requests = [request for number in range(len(coroutines)) for request in _advance(number, None)]
+    while waiting:
+        position, bits = yield requests
+        requests = _advance(waiting.pop(position), bits)
     return [results[number] for number in range(len(coroutines))]

@@ -85,7 +85,7 @@ def test_p_type_frames_are_as_good_as_key_frames(groups: list[DecodedGroup], fra
 def test_chains_decode_alike_in_any_number_of_processes(
     stream: bytes, groups: list[DecodedGroup], jobs: int
 ) -> None:
-    """What depends on each other stays together."""
+    """A group begins where the last frame of the one before is known, wherever that is."""
     assert planes_of(decoded(stream, jobs)) == planes_of(groups)
 
 

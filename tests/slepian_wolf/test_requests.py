@@ -31,7 +31,7 @@ def answer(request: ParityRequest) -> Bits:
 @given(st.lists(st.lists(st.integers(1, 9), max_size=5), max_size=5), st.randoms(use_true_random=False))
 def test_any_order_of_answers_gives_the_same(several: list[list[int]], random: object) -> None:
     """Side by side each comes to what it comes to alone, whichever of those that wait is answered next."""
-    steps = together([asking(frame, counts) for frame, counts in enumerate(several)], len(several))
+    steps = together([asking(frame, counts) for frame, counts in enumerate(several)])
     waiting: list[ParityRequest] = []
     try:
         waiting += next(steps)
@@ -47,7 +47,7 @@ def test_any_order_of_answers_gives_the_same(several: list[list[int]], random: o
 
 def test_wrong_answers_are_refused() -> None:
     """Bits that are too many reach the coroutine that asked, which refuses them."""
-    steps = together([asking(0, [3])], 1)
+    steps = together([asking(0, [3])])
     assert len(next(steps)) == 1
     with pytest.raises(ValueError, match="expected 3 uncoded bits"):
         steps.send(((0, 0), np.zeros(4, np.uint8)))

@@ -53,12 +53,19 @@ class _Pair(NamedTuple):
     interpolator: SceneInterpolator
 
 
+class _FoundDepth(NamedTuple):
+    """Depth of a frame, and the references by which it was found."""
+
+    rank: tuple[int, int]  # how far apart they are, and minus the first: the greatest counts, in any order
+    depth: DepthMap
+
+
 class _Group(NamedTuple):
     """Geometry between two frames, and the depth of frames between them as far as it was found by it."""
 
     ends: tuple[ReferenceFrame, ReferenceFrame]
     geometry: GroupGeometry
-    depths: dict[int, DepthMap]
+    depths: dict[int, _FoundDepth]
     points: dict[int, KnownDepth]
 
 
@@ -194,26 +201,28 @@ class TrackedSceneInterpolation:
         if rebased is None:
             return None
         depths = tuple(
-            _known_points(group, index)._replace(
-                depth=group.depths.get(index), is_settled=after.index - before.index <= SETTLED_DISTANCE
-            )
-            for index in (before.index, after.index)
+            _known_depth(group, index, after.index - before.index) for index in (before.index, after.index)
         )
         interpolator = self._build(rebased.model, before.frame.luma, after.frame.luma, (depths[0], depths[1]))
         self._pair = _Pair(before, after, rebased, interpolator)
         return self._pair
 
 
-def _known_points(group: _Group, index: int) -> KnownDepth:
-    """Return the depth of the points that one frame sees; found once."""
+def _known_depth(group: _Group, index: int, distance: int) -> KnownDepth:
+    """Return what longer distances than that of two references have told of the depth of one of them."""
     if index not in group.points:
         group.points[index] = group.geometry.known_depth(index)
-    return group.points[index]
+    found = group.depths.get(index)
+    depth = found.depth if found is not None and found.rank[0] > distance else None
+    return group.points[index]._replace(depth=depth, is_settled=distance <= SETTLED_DISTANCE)
 
 
 def _remember(group: _Group, pair: _Pair, instant: int, rendered: Interpolation) -> None:
-    """Keep the depth of three frames, where there is none yet, for those that are decoded later."""
-    for reference, view in zip((pair.before, pair.after), pair.interpolator.views, strict=True):
-        group.depths.setdefault(reference.index, view.depth)
-    if rendered.depth is not None:
-        group.depths[instant] = rendered.depth
+    """Keep the depth of three frames for those that are decoded later."""
+    views = pair.interpolator.views
+    depths = {pair.before.index: views[0].depth, pair.after.index: views[1].depth, instant: rendered.depth}
+    rank = pair.after.index - pair.before.index, -pair.before.index
+    for index, depth in depths.items():
+        known = group.depths.get(index)
+        if depth is not None and (known is None or known.rank < rank):
+            group.depths[index] = _FoundDepth(rank, depth)
