@@ -39,7 +39,7 @@ from sfm.cameras.rebasing import Rebased
 
 Floats = NDArray[np.float64]
 
-SETTLED_DISTANCE = 4
+SETTLED_DISTANCE = 2
 """Between references not more frames apart, depth that they have from others is not found anew: that comes of
 longer baselines."""
 
@@ -138,7 +138,9 @@ class TrackedSceneInterpolation:
         where = group.geometry.positions
         tracks = where(around[0].index), where(instant), where(around[1].index)
         rendered, reason = self._rendered(group, around, instant, tracks)
-        alone, warped = self._without_scene(around, instant, tracks, rendered is None)
+        alone, warped = self._without_scene(
+            around, instant, tracks, rendered is None or group.geometry.model is None
+        )
         if rendered is not None:
             return completed(blend_tracked(alone, rendered), rendered, frames, self.name)
         if warped is not None:
