@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dvc._jit import kernel
+from dvc._jit import inlined_kernel, kernel
 
 _ZERO, _ONE = np.float32(0.0), np.float32(1.0)
 _LOG2E = np.float32(1.4426950408889634)
@@ -37,14 +37,20 @@ _MAX_SPREAD = 2.0  # that excess energies of neighbours count as together
 
 
 @kernel
+def odds_of_zero(llr):
+    """Return exp(llr); float32, |llr| < 80."""
+    x = llr * _LOG2E
+    whole = np.floor(x)
+    f = x - whole
+    power = np.int32((np.int32(whole) + np.int32(127)) << np.int32(23)).view(np.float32)
+    return (_E0 + f * (_E1 + f * (_E2 + f * (_E3 + f * _E4)))) * power
+
+
+@kernel
 def bit_probabilities(llr, prob0, prob1):
     """Turn LLRs into p(0) and p(1): prob1 = 1 / (1 + exp(llr)); flat float32 arrays, |llr| < 80."""
     for i in range(llr.size):
-        x = llr[i] * _LOG2E
-        whole = np.floor(x)
-        f = x - whole
-        power = np.int32((np.int32(whole) + np.int32(127)) << np.int32(23)).view(np.float32)
-        odds = (_E0 + f * (_E1 + f * (_E2 + f * (_E3 + f * _E4)))) * power
+        odds = odds_of_zero(llr[i])
         q = _ONE / (_ONE + odds)
         prob1[i] = q
         prob0[i] = odds * q
@@ -157,18 +163,25 @@ class Lattice(NamedTuple):
     weights: NDArray[np.float64]
 
 
+@inlined_kernel
+def llr_of(lattice, deviation, r, c, causal):
+    """Return the LLR of a bit with what is believed of neighbours added; `deviation`: (rows, columns)."""
+    alone, shift, slope, excess, widening, weights = lattice
+    rows, columns = alone.shape
+    moved = spread = 0.0
+    for k in range(2 if causal else 4):
+        y, x = r - (k == 1) + (k == 3), c - (k == 0) + (k == 2)
+        if 0 <= y < rows and 0 <= x < columns:
+            moved += weights[k & 1] * (shift[y, x] * deviation[y, x])
+            spread += excess[y, x] * deviation[y, x]
+    spread = min(max(spread, -_MAX_SPREAD), _MAX_SPREAD)
+    return alone[r, c] + slope[r, c] * moved + widening[r, c] * (weights[2] * spread)
+
+
 @kernel
 def add_neighbours(lattice, deviation, causal, llr):
     """Write LLRs with what is believed of neighbours added; `deviation` and `llr`: (rows, columns)."""
-    alone, shift, slope, excess, widening, weights = lattice
-    rows, columns = alone.shape
+    rows, columns = llr.shape
     for r in range(rows):
         for c in range(columns):
-            moved = spread = 0.0
-            for k in range(2 if causal else 4):
-                y, x = r - (k == 1) + (k == 3), c - (k == 0) + (k == 2)
-                if 0 <= y < rows and 0 <= x < columns:
-                    moved += weights[k & 1] * (shift[y, x] * deviation[y, x])
-                    spread += excess[y, x] * deviation[y, x]
-            spread = min(max(spread, -_MAX_SPREAD), _MAX_SPREAD)
-            llr[r, c] = alone[r, c] + slope[r, c] * moved + widening[r, c] * (weights[2] * spread)
+            llr[r, c] = llr_of(lattice, deviation, r, c, causal)

@@ -38,6 +38,13 @@ class NeighbourCoupling:
         """Energy beyond what was expected of a bit of 1, in place of 0; shape (rows, columns)."""
         return self.energy * (1.0 - 2.0 * self.probability_alone)
 
+    @cached_property
+    def lattice(self) -> _kernels.Lattice:
+        """The same for kernels."""
+        return _kernels.Lattice(
+            self.alone, self.shift, self.slope, self.excess_energy, self.widening, self.weights
+        )
+
     def llr_given(self, probability: NDArray[np.floating]) -> NDArray[np.float32]:
         """Return the LLR of each bit, given what is believed of its neighbours."""
         return self._llr(probability, causal=False)
@@ -49,8 +56,5 @@ class NeighbourCoupling:
     def _llr(self, probability: NDArray[np.floating] | Bits, causal: bool) -> NDArray[np.float32]:
         deviation = probability.astype(np.float64).reshape(self.alone.shape) - self.probability_alone
         llr = np.empty_like(self.alone)
-        lattice = _kernels.Lattice(
-            self.alone, self.shift, self.slope, self.excess_energy, self.widening, self.weights
-        )
-        _kernels.add_neighbours(lattice, deviation, causal, llr)
+        _kernels.add_neighbours(self.lattice, deviation, causal, llr)
         return llr.ravel().astype(np.float32)

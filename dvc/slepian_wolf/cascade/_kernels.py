@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dvc._jit import kernel
+from dvc.slepian_wolf._kernels import llr_of, odds_of_zero
 
 _SURE = 1.0 - 1e-6  # no range makes a bit surer than this
 _SMALL_CHANGE = 1e-4  # of the expected errors in a range, that need not be passed on
 _NEGLIGIBLE_CHANGE = 2e-6  # of the probability of a single bit
+_NEGLIGIBLE_BELIEF = 1e-3  # change of the probability of a bit that its neighbours need not know of
 _SMALL_ODDS = 1.0 / 64
 _NO_DIVISION = 2.0
 _HASH, _MIX = 0x9E3779B97F4A7C15, 0x94D049BB133111EB  # of SplitMix64
@@ -38,6 +40,17 @@ class Beliefs(NamedTuple):
     division: NDArray[np.int32]
     bias: NDArray[np.float64]
     work: NDArray[np.float64]  # (3, N)
+
+
+class Coupled(NamedTuple):
+    """What is known of bits that depend on their neighbours."""
+
+    alone: NDArray[np.float64]  # (rows, columns), probability of a 1 where nothing is known of neighbours
+    deviation: NDArray[np.float64]  # (rows, columns), what is believed less that
+    decided: NDArray[np.uint8]  # (N,), first decisions
+    llr: NDArray[np.float32]  # (N,), LLRs that priors follow from
+    bound: NDArray[np.float32]  # (1,), of their magnitude
+    marks: NDArray[np.uint8]  # (N,)
 
 
 @kernel
@@ -122,17 +135,51 @@ def propagate(beliefs, num_orders, max_sweeps, share):
 
 
 @kernel
-def replace_prior(beliefs, new, odds, num_orders):
-    """Replace prior odds, and mark what depends on those that change; `odds` are those by all beliefs."""
+def _note_beliefs(coupled, odds):
+    """Note which bits are believed otherwise than before, and mark them and their neighbours."""
+    deviation, marks = coupled.deviation.ravel(), coupled.marks
+    alone, columns = coupled.alone.ravel(), coupled.deviation.shape[1]
+    marks[:] = 0
+    for n in range(odds.size):
+        wrong = odds[n] / (1.0 + odds[n])
+        found = (1.0 - wrong if coupled.decided[n] else wrong) - alone[n]
+        if abs(found - deviation[n]) > _NEGLIGIBLE_BELIEF:
+            deviation[n] = found
+            column = n % columns
+            marks[n - columns if n >= columns else n] = 1
+            marks[n + columns if n + columns < odds.size else n] = 1
+            marks[n - 1 if column else n] = 1
+            marks[n + 1 if column + 1 < columns else n] = 1
+
+
+@kernel
+def couple(beliefs, num_orders, lattice, coupled, odds, scale, least_change):
+    """Let prior odds follow from what is believed of neighbours, and mark what depends on them.
+
+    Return how many change, and by how much the errors to be expected by the prior alone do.
+    """
     prior, last, ranks = beliefs.prior, beliefs.last, beliefs.ranks
-    for n in range(prior.size):
-        factor = new[n] / prior[n]
-        changed = odds[n] * factor
+    columns = coupled.deviation.shape[1]
+    count, more = 0, 0.0
+    _note_beliefs(coupled, odds)
+    for n in range(odds.size):
+        if not coupled.marks[n]:
+            continue
+        found = np.float32(llr_of(lattice, coupled.deviation, n // columns, n % columns, False))
+        llr = min(max(found, -coupled.bound[0]), coupled.bound[0])
+        if abs(llr - coupled.llr[n]) < least_change:
+            continue
+        before = prior[n] / scale
+        alone = 1.0 / np.float64(odds_of_zero(-llr if coupled.decided[n] else llr))
+        coupled.llr[n], prior[n] = llr, alone * scale
+        more += alone / (1.0 + alone) - before / (1.0 + before)
+        changed = odds[n] * (alone / before)
         change = _change_of_probability(min(odds[n], changed), max(odds[n], changed))
-        prior[n], odds[n] = new[n], changed
-        if change >= _NEGLIGIBLE_CHANGE:
-            for k in range(num_orders):
-                beliefs.pending[k, last[k, ranks[k, n]]] += change
+        odds[n] = changed
+        count += 1
+        for k in range(num_orders):
+            beliefs.pending[k, last[k, ranks[k, n]]] += change
+    return count, more
 
 
 @kernel

@@ -9,7 +9,7 @@ from dvc.slepian_wolf import _kernels as shared_kernels
 from dvc.slepian_wolf.cascade import _kernels
 from dvc.slepian_wolf.cascade.orders import bit_orders
 from dvc.slepian_wolf.coupling import NeighbourCoupling
-from dvc.slepian_wolf.llr import bounded_llr
+from dvc.slepian_wolf.llr import MAX_LLR
 
 Bits = NDArray[np.uint8]
 Positions = NDArray[np.int64]
@@ -53,8 +53,8 @@ class RangePosterior:
         self._keys = np.empty(num_bits, np.uint64)
         self._first_decisions: Bits = np.zeros(num_bits, np.uint8)
         self._decided_prefix: dict[int, Bits] = {}  # parities of the first decisions in an order
-        self._llr = np.zeros(num_bits, np.float32)
         self._coupling: NeighbourCoupling | None = None
+        self._coupled: _kernels.Coupled | None = None
         self._odds = np.zeros(num_bits)
         self._odds_known = False
         self._expected = 0.0
@@ -85,8 +85,16 @@ class RangePosterior:
     def start(self, llr_ch: NDArray[np.float32], coupling: NeighbourCoupling | None = None) -> None:
         """Begin a new plane."""
         self._first_decisions = (llr_ch < 0).astype(np.uint8)
-        self._coupling = coupling
-        self._llr = llr_ch
+        self._coupling, self._coupled = coupling, None
+        if coupling is not None:
+            self._coupled = _kernels.Coupled(
+                coupling.probability_alone,
+                deviation=np.zeros(coupling.alone.shape),
+                decided=self._first_decisions,
+                llr=llr_ch.copy(),
+                bound=np.array([MAX_LLR], np.float32),
+                marks=np.empty(self.num_bits, np.uint8),
+            )
         beliefs = self._beliefs
         beliefs.prior[:] = self._prior_odds(llr_ch)
         self._odds_known = False
@@ -146,19 +154,14 @@ class RangePosterior:
 
     def couple(self) -> bool:
         """Let the prior of each bit follow from what is believed of its neighbours."""
-        if self._coupling is None:
+        if self._coupling is None or self._coupled is None:
             return False
-        odds = self._all_odds()
-        wrong = odds / (1.0 + odds)
-        probability = np.where(self._first_decisions, 1.0 - wrong, wrong)
-        llr = bounded_llr(self._coupling.llr_given(probability))
-        if np.abs(llr - self._llr).max() < MIN_COUPLED_CHANGE:
-            return False
-        self._llr = llr
-        prior = self._prior_odds(llr)
-        self._expected, scaled = float(_kernels.expected_errors(prior)[0]), prior * self._scale
-        _kernels.replace_prior(self._beliefs, scaled, odds, self.num_orders)
-        return True
+        count, more = _kernels.couple(
+            self._beliefs, self.num_orders, self._coupling.lattice, self._coupled, self._all_odds(),
+            self._scale, MIN_COUPLED_CHANGE,
+        )  # fmt: skip
+        self._expected += more
+        return bool(count)
 
     def restart(self) -> None:
         """Forget all beliefs but the prior and the parities."""

@@ -9,6 +9,8 @@ from dvc._jit import python_twin
 from dvc.slepian_wolf.cascade import _kernels, posterior
 from dvc.slepian_wolf.cascade.orders import NUM_ORDERS, bit_orders, prefix_parities
 from dvc.slepian_wolf.cascade.posterior import RangePosterior
+from dvc.slepian_wolf.coupling import NeighbourCoupling
+from dvc.slepian_wolf.llr import bounded_llr
 from tests.reference.cascade_beliefs import Range, exact_odds, probability_odd
 
 SEED = 1
@@ -29,6 +31,15 @@ def tell(beliefs: RangePosterior, bits: np.ndarray, order: int, *positions: int)
     orders, _ = bit_orders(bits.size, SEED)
     parities = np.bitwise_xor.accumulate(bits[orders[order]])[list(positions)]
     beliefs.add_answers(order, np.array(positions), parities)
+
+
+def random_coupling(
+    rng: np.random.Generator, shape: tuple[int, int], size: float, llr: np.ndarray
+) -> NeighbourCoupling:
+    """Return a coupling of any bits that have these LLRs alone."""
+    shift, slope, energy, widening = rng.normal(0.0, size, (4, *shape))
+    alone = llr.astype(np.float64).reshape(shape)
+    return NeighbourCoupling(alone, shift, slope, energy**2, widening, rng.normal(0.0, 0.3, 3))
 
 
 def ranges_of(bits: np.ndarray, llr_sign: np.ndarray, order: int, *ends: int) -> list[Range]:
@@ -148,6 +159,29 @@ def test_prior_learns_how_many_errors_there_are() -> None:
     assert beliefs.expected_errors > 1.2 * before
 
 
+def test_priors_follow_neighbours() -> None:
+    """Priors are those of LLRs with neighbours added, but for less than a change that is used."""
+    rng = np.random.default_rng(4)
+    bits = rng.integers(0, 2, 600, dtype=np.uint8)
+    llr = (rng.normal(2.0, 2.0, 600) * (1 - 2.0 * bits)).astype(np.float32)
+    coupling = random_coupling(rng, (20, 30), 1.0, llr)
+    beliefs = RangePosterior(600, SEED)
+    beliefs.start(bounded_llr(llr), coupling)
+    decided = beliefs.decisions
+    tell(beliefs, bits, 0, *range(4, 600, 5))
+    for turn in range(3):
+        beliefs.propagate(10, 0.01)
+        odds = beliefs._all_odds()
+        believed = np.where(decided, 1.0 / (1.0 + odds), odds / (1.0 + odds))
+        assert beliefs.couple() or turn
+        prior = beliefs._beliefs.prior.copy()
+        wanted = np.abs(bounded_llr(coupling.llr_given(believed)) - np.where(decided, 1, -1) * np.log(prior))
+        assert np.quantile(wanted, 0.9) < 0.05
+        assert wanted.max() < posterior.MIN_COUPLED_CHANGE + 0.02
+        first = np.sum(prior / (1.0 + prior))
+        assert beliefs._expected == pytest.approx(first, rel=1e-6)
+
+
 @pytest.mark.nojit
 def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compiled and as Python, a plane is asked for the same and believed the same, to the last bit."""
@@ -155,14 +189,15 @@ def test_kernels_equal_their_twins(monkeypatch: pytest.MonkeyPatch) -> None:
     num_bits = 200
     bits = rng.integers(0, 2, num_bits, dtype=np.uint8)
     llr = (rng.normal(2.0, 2.0, num_bits) * (1 - 2.0 * bits)).astype(np.float32)
+    coupling = random_coupling(rng, (10, 20), 1.0, llr)
 
     @np.errstate(over="ignore")  # hashes wrap around, of which plain Python warns
     def course() -> list[object]:
         beliefs = RangePosterior(num_bits, SEED)
-        beliefs.start(llr)
+        beliefs.start(llr, coupling)
         log: list[object] = []
         for _ in range(12):
-            log.append(beliefs.propagate(3, 0.02))
+            log.append((beliefs.propagate(3, 0.02), beliefs.couple()))
             question = beliefs.divisions(0.4) or beliefs.new_order(0.3) or beliefs.best_divisions()
             if question is None:
                 break
