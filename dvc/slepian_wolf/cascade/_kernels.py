@@ -15,7 +15,7 @@ from dvc.slepian_wolf._kernels import llr_of, odds_of_zero
 _SURE = 1.0 - 1e-6  # no range makes a bit surer than this
 _SMALL_CHANGE = 1e-4  # of the expected errors in a range, that need not be passed on
 _NEGLIGIBLE_CHANGE = 2e-6  # of the probability of a single bit
-_NEGLIGIBLE_BELIEF = 1e-3  # change of the probability of a bit that its neighbours need not know of
+_NEGLIGIBLE_BELIEF = 2e-4  # change of the probability of a bit that its neighbours need not know of
 _SMALL_ODDS = 1.0 / 64
 _NO_DIVISION = 2.0
 _HASH, _MIX = 0x9E3779B97F4A7C15, 0x94D049BB133111EB  # of SplitMix64
