@@ -9,6 +9,8 @@ from dvc.wynerziv.noise import OUTLIER_PROBABILITY
 
 Array = NDArray[np.float64]
 
+NUM_SAMPLES = 1500
+"""Coefficients of a band that are looked at, at least, where it has more: every so many, an odd number."""
 PARTS = 2**20
 """Entropies and errors are rounded, coefficient by coefficient, to this part of a bit and a squared unit."""
 
@@ -31,15 +33,13 @@ def expected_refinement(
     """Return what the next planes of a band are expected to cost and to save."""
     from dvc.wynerziv import _kernels
 
+    # Odd, and so, most often, without a divisor in common with the columns of a frame.
+    step = (prefix.size // NUM_SAMPLES - 1) | 1 if prefix.size > NUM_SAMPLES else 1
+    sample, predicted, spread = (
+        np.ascontiguousarray(values[::step]) for values in (prefix, side_information, scale)
+    )
     sums = np.zeros((2, depth), np.int64)
     _kernels.refinement(
-        prefix,
-        missing_planes,
-        edges,
-        side_information,
-        scale,
-        OUTLIER_PROBABILITY,
-        float(PARTS),
-        sums,
+        sample, missing_planes, edges, predicted, spread, OUTLIER_PROBABILITY, float(PARTS), sums
     )
-    return Refinement(*sums / PARTS)
+    return Refinement(*sums * (prefix.size / sample.size / PARTS))
